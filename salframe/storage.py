@@ -1,0 +1,106 @@
+"""Files that are never half written, and the content-addressed cache."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+import zipfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from salframe.config import digest
+from salframe.errors import DataError
+
+
+@contextmanager
+def atomic_path(path: Path) -> Iterator[Path]:
+    """A temporary path beside `path`, of the same suffix; renamed to it when the block ends well, removed when it does not."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.stem}-{os.getpid()}-{time.monotonic_ns()}{path.suffix}")
+    try:
+        yield temporary
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file atomically."""
+    with atomic_path(path) as temporary:
+        temporary.write_text(text)
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Write JSON atomically, indented, keys in the order given; NaN is refused."""
+    write_text(path, json.dumps(value, indent=2, allow_nan=False) + "\n")
+
+
+def read_json(path: Path) -> Any:
+    """Read JSON. Raises DataError where the file is missing or is no JSON."""
+    try:
+        return json.loads(path.read_text())
+    except OSError as error:
+        raise DataError(f"cannot read {path}: {error.strerror}") from None
+    except ValueError as error:
+        raise DataError(f"{path} is not JSON: {error}") from None
+
+
+def write_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
+    """Write named arrays to a compressed .npz, atomically."""
+    with atomic_path(path) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(file, **arrays)  # type: ignore[arg-type]  # numpy's stub takes no mapping here
+
+
+def read_arrays(path: Path) -> dict[str, np.ndarray]:
+    """Read named arrays from .npz, never unpickling. Raises DataError."""
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            return dict(archive)
+    except OSError as error:
+        raise DataError(f"cannot read {path}: {error.strerror or error}") from None
+    except (ValueError, zipfile.BadZipFile, EOFError) as error:
+        raise DataError(f"{path} is not an array archive: {error}") from None
+
+
+def cache_home() -> Path:
+    """Where salframe keeps what it can make again: $SALFRAME_CACHE, else the user's cache folder."""
+    if "SALFRAME_CACHE" in os.environ:
+        return Path(os.environ["SALFRAME_CACHE"])
+    from platformdirs import user_cache_path
+
+    return user_cache_path("salframe", appauthor=False)
+
+
+class Cache:
+    """Named arrays by the content of their key; the seconds that computing took stay with them.
+
+    A damaged entry is computed again.
+    """
+
+    def __init__(self, directory: Path | None = None) -> None:
+        self.directory = cache_home() / "descriptions" if directory is None else directory
+
+    def _path(self, key: Any) -> Path:
+        name = digest(key)
+        return self.directory / name[:2] / f"{name}.npz"
+
+    def get(self, key: Any) -> tuple[dict[str, np.ndarray], float] | None:
+        """The arrays of `key` (JSON-serialisable) and the seconds it took to compute them when they were, or None."""
+        path = self._path(key)
+        if not path.exists():
+            return None
+        try:
+            arrays = read_arrays(path)
+            return arrays, float(arrays.pop("_seconds"))
+        except (DataError, KeyError):
+            path.unlink(missing_ok=True)
+            return None
+
+    def put(self, key: Any, arrays: Mapping[str, np.ndarray], seconds: float) -> None:
+        """Keep arrays and the seconds they took."""
+        write_arrays(self._path(key), {**arrays, "_seconds": np.float64(seconds)})
