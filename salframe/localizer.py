@@ -127,7 +127,7 @@ class Localizer(Component):
         arrays = {f"{i}/{name}": array for i, description in enumerate(descriptions) for name, array in description.items()}
         write_arrays(directory / "descriptions.npz", arrays)
 
-    def read_descriptions(self, directory: Path, count: int) -> list[Description]:
+    def read_descriptions(self, directory: Path, count: int) -> Sequence[Description]:
         """Read what `write_descriptions` wrote, `count` descriptions in order."""
         descriptions: list[dict[str, np.ndarray]] = [{} for _ in range(count)]
         for key, array in read_arrays(directory / "descriptions.npz").items():

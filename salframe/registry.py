@@ -17,7 +17,6 @@ from salframe.errors import PluginFailed, SalframeError, UnknownName
 from salframe.roles import ROLES, Component
 
 hookspec = pluggy.HookspecMarker("salframe")
-hookimpl = pluggy.HookimplMarker("salframe")
 
 
 class _Hooks:
@@ -49,7 +48,7 @@ class Registry:
         """Import one plugin and take its components in; what goes wrong is kept in `failures`, never raised."""
         package = entry_point.dist.name if entry_point.dist else entry_point.value
         try:
-            plugin = entry_point.load()
+            plugin: Any = entry_point.load()
             self._manager.register(plugin, name=f"{package}:{entry_point.name}")
             for implementation in self._manager.hook.salframe_components.get_hookimpls():
                 if implementation.plugin is plugin:

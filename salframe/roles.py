@@ -43,7 +43,7 @@ class Dataset(Component):
     def fingerprint(self) -> str:
         """Changes whenever any frame's content or any truth does; part of every cache key."""
 
-    def prepare(self, progress: Callable[[int, int], None]) -> None:  # noqa: B027  (nothing to prepare is the common case)
+    def prepare(self, progress: Callable[[int, int], None]) -> None:
         """Do what takes long and can be resumed (render, index) before the first fold; `progress(done, total)`."""
 
     @abstractmethod

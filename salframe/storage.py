@@ -103,4 +103,4 @@ class Cache:
 
     def put(self, key: Any, arrays: Mapping[str, np.ndarray], seconds: float) -> None:
         """Keep arrays and the seconds they took."""
-        write_arrays(self._path(key), {**arrays, "_seconds": np.float64(seconds)})
+        write_arrays(self._path(key), {**arrays, "_seconds": np.array(seconds)})

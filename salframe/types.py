@@ -216,7 +216,7 @@ class SaliencyGraph:
         _array(self, "size_m", np.float64, n, 3)
         _array(self, "yaw_rad", np.float64, n)
         edges = _array(self, "edges", np.int64, None, 2)
-        if len(edges) and not (0 <= edges[:, 0].min() and (edges[:, 0] < edges[:, 1]).all() and edges[:, 1].max() < n):
+        if len(edges) and not (edges[:, 0].min() >= 0 and (edges[:, 0] < edges[:, 1]).all() and edges[:, 1].max() < n):
             raise DataError(f"SaliencyGraph.edges must be pairs a < b of nodes below {n}")
 
     def __len__(self) -> int:

@@ -1,0 +1,12 @@
+"""The method: volumetric saliency, graph matching, positioning, and the localizer made of them."""
+
+import salframe
+from salframe_graphs.localizer import SaliencyGraphLocalizer
+from salframe_graphs.matching import TripletMatcher
+from salframe_graphs.positioning import LeastSquaresPositioner, RobustPositioner
+from salframe_graphs.saliency import VolumetricSaliency
+
+
+@salframe.hookimpl
+def salframe_components():
+    return [VolumetricSaliency, TripletMatcher, RobustPositioner, LeastSquaresPositioner, SaliencyGraphLocalizer]

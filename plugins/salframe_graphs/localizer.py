@@ -1,0 +1,88 @@
+"""The localizer `saliency-graph`: detector, saliency, graph, matcher and positioner in a row."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from pydantic import Field
+
+from salframe.config import ComponentConfig, identity, slot
+from salframe.graph import GraphConfig, build_graph, graph_from_arrays, graph_to_arrays, pack_graph, read_graphs, write_graphs
+from salframe.localizer import Description, Localizer, rank_places
+from salframe.registry import registry
+from salframe.types import Localization, MapFrame, Panorama, SaliencyGraph
+
+
+class SaliencyGraphLocalizer(Localizer):
+    """Places as 360-degree saliency graphs: matched for the place, aligned for the pose."""
+
+    name = "saliency-graph"
+    version = "1"
+
+    class Config(ComponentConfig):
+        detector: slot("detector", "annotations")  # type: ignore[valid-type]
+        saliency: slot("saliency", "volumetric")  # type: ignore[valid-type]
+        graph: GraphConfig = GraphConfig()
+        matcher: slot("matcher", "triplet")  # type: ignore[valid-type]
+        positioner: slot("positioner", "robust")  # type: ignore[valid-type]
+        top_k: int = Field(20, ge=1, description="map graphs that the matcher ranks")
+        min_score: float = Field(0.0, ge=0, description="a best match below this score is no answer")
+
+    def __init__(self, config: ComponentConfig | None = None) -> None:
+        super().__init__(config)
+        self._detector = registry().build("detector", self.config.detector)
+        self._saliency = registry().build("saliency", self.config.saliency)
+        self._matcher = registry().build("matcher", self.config.matcher)
+        self._positioner = registry().build("positioner", self.config.positioner)
+
+    @property
+    def needs(self) -> frozenset[str]:
+        return self._detector.needs
+
+    def describe_identity(self) -> dict:
+        stages = {name: identity(getattr(self.config, name)) for name in ("detector", "saliency")}
+        return {"localizer": self.name, "version": self.version, **stages, "graph": self.config.graph.model_dump(mode="json")}
+
+    def graph(self, panorama: Panorama) -> SaliencyGraph:
+        """The panorama's 360-degree saliency graph."""
+        detections = self._detector.detect(panorama)
+        return build_graph(detections, self._saliency.score(detections), self.config.graph)
+
+    def describe(self, panorama: Panorama) -> Description:
+        return graph_to_arrays(self.graph(panorama))
+
+    def index(self, descriptions: Sequence[Description], frames: Sequence[MapFrame]) -> None:
+        self._graphs = [graph_from_arrays(description) for description in descriptions]
+        self._map_frames = list(frames)
+        self._vocabulary = {label: i for i, label in enumerate(sorted({label for graph in self._graphs for label in graph.labels}))}
+        self._index = self._matcher.index(self._graphs)
+
+    def match(self, description: Description) -> Localization:
+        query = graph_from_arrays(description)
+        if not len(query):
+            return Localization((), None, "no-objects")
+        matches = self._matcher.match(query, self._index, self.config.top_k)
+        if not matches:
+            return Localization((), None, "no-match")
+        if matches[0].score < self.config.min_score:
+            return Localization((), None, "low-score")
+        scores = np.full(len(self._map_frames), -np.inf)
+        scores[[match.scene for match in matches]] = [match.score for match in matches]
+        best, pairs = matches[0].scene, matches[0].pairs
+        weights = query.saliency[pairs[:, 0]]
+        pose = self._positioner.solve(query.centroid_m[pairs[:, 0]], self._graphs[best].centroid_m[pairs[:, 1]], weights)
+        places = rank_places(self._map_frames, scores)
+        if pose.T_reference_query is None:
+            return Localization(places, None, "no-pose")
+        return Localization(places, self._map_frames[best].T_world_pano @ pose.T_reference_query, "ok", pose.covariance)
+
+    def scene_bytes(self, description: Description) -> int:
+        return len(pack_graph(graph_from_arrays(description), self._vocabulary))
+
+    def write_descriptions(self, directory: Path, descriptions: Sequence[Description]) -> None:
+        write_graphs(directory / "graphs.parquet", [graph_from_arrays(description) for description in descriptions])
+
+    def read_descriptions(self, directory: Path, count: int) -> Sequence[Description]:
+        return [graph_to_arrays(graph) for graph in read_graphs(directory / "graphs.parquet", count)]

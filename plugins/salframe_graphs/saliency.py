@@ -1,0 +1,34 @@
+"""Volumetric saliency (method.md 2; paper section "360-degree Saliency Graph")."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from salframe.boxes import LEAST_SIDE_M
+from salframe.roles import SaliencyModel
+from salframe.types import Detections
+
+
+class VolumetricSaliency(SaliencyModel):
+    """Share of the volume of all objects: S_b = V_b / sum(V), V_b the convex hull's."""
+
+    name = "volumetric"
+    version = "1"
+
+    def score(self, detections: Detections) -> np.ndarray:
+        volume = object_volumes_m3(detections)
+        return volume / volume.sum() if len(volume) else volume
+
+
+def object_volumes_m3(detections: Detections) -> np.ndarray:
+    """(N,) float64 m^3: the convex hull of an object's points; the upright box where they are flat or too few, or where only boxes are known."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    volume = detections.size_m.prod(1)
+    for i, points in enumerate(detections.points_m or ()):
+        if len(points) >= 4 and detections.size_m[i].min() > LEAST_SIDE_M:
+            try:
+                volume[i] = ConvexHull(points).volume
+            except QhullError:  # coplanar, but not along a side of the box
+                continue
+    return volume

@@ -1,0 +1,78 @@
+"""Geometric verification of many candidate graphs at once (method.md 3, step 4)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Verified:
+    """The best pose of each of K candidates and what it explains.
+
+    consistency (K,) sums the kernel over the query's nodes, weighted; yaw_rad (K,), shift_m (K, 2): query frame to map frame, NaN where there is none;
+    kernel (K, n, m): 1 for node pairs that coincide under that pose, down to 0 at the tolerance.
+    """
+
+    consistency: np.ndarray
+    yaw_rad: np.ndarray
+    shift_m: np.ndarray
+    kernel: np.ndarray
+
+
+def verify(
+    query_xy: np.ndarray, map_xy: np.ndarray, similarity: np.ndarray, tolerance_m: np.ndarray, weights: np.ndarray,
+    largest_shift_m: float, most_hypotheses: int = 120,
+) -> Verified:  # fmt: skip
+    """Two-point hypotheses from alike nodes, each scored by all alike nodes.
+
+    query_xy (n, 2), map_xy (K, m, 2) metres; similarity (K, n, m), 0 where two nodes cannot be the same; tolerance_m (K, n, m); weights (n,).
+    A pose further than largest_shift_m from the map frame is none. Per candidate the `most_hypotheses` with the most similar pairs are tried.
+    """
+    candidates, n, m = similarity.shape
+    pair_k, pair_i, pair_j = np.nonzero(similarity)
+    value = similarity[pair_k, pair_i, pair_j]
+    first, second = _two_pairs(pair_k, candidates)
+    i1, i2, j1, j2, k = pair_i[first], pair_i[second], pair_j[first], pair_j[second], pair_k[first]
+    query_edge, map_edge = query_xy[i2] - query_xy[i1], map_xy[k, j2] - map_xy[k, j1]
+    query_length, map_length = np.hypot(*query_edge.T), np.hypot(*map_edge.T)
+    slack = tolerance_m[k, i1, j1] + tolerance_m[k, i2, j2]
+    possible = (i1 != i2) & (j1 != j2) & (np.abs(query_length - map_length) < slack) & (np.minimum(query_length, map_length) > 0.3)
+    rank = np.where(possible, value[first] + value[second] + 0.1 * np.minimum(query_length, 4.0), -np.inf)
+    chosen = _best_per_candidate(rank, k, most_hypotheses)
+    k, i1, j1, i2, j2 = k[chosen], i1[chosen], j1[chosen], i2[chosen], j2[chosen]
+    yaw = np.arctan2(map_edge[chosen, 1], map_edge[chosen, 0]) - np.arctan2(query_edge[chosen, 1], query_edge[chosen, 0])
+    c, s = np.cos(yaw), np.sin(yaw)
+    rotation_t = np.stack([np.stack([c, s], 1), np.stack([-s, c], 1)], 1)
+    middle = (query_xy[i1] + query_xy[i2]) / 2
+    shift = (map_xy[k, j1] + map_xy[k, j2]) / 2 - (middle[:, None] @ rotation_t)[:, 0]
+    near = np.hypot(*shift.T) < largest_shift_m
+    k, rotation_t, shift, yaw = k[near], rotation_t[near], shift[near], yaw[near]
+    moved = query_xy @ rotation_t + shift[:, None]
+    squared = ((moved[:, :, None] - map_xy[k][:, None]) ** 2).sum(-1)
+    kernel = np.maximum(1 - squared / tolerance_m[k] ** 2, 0) * similarity[k]
+    support = kernel.max(2) @ weights
+    best = _best_per_candidate(support, k, 1)
+    result = Verified(np.zeros(candidates), np.full(candidates, np.nan), np.full((candidates, 2), np.nan), np.zeros((candidates, n, m)))
+    result.consistency[k[best]], result.yaw_rad[k[best]], result.shift_m[k[best]] = support[best], yaw[best], shift[best]
+    result.kernel[k[best]] = kernel[best]
+    return result
+
+
+def _two_pairs(candidate: np.ndarray, candidates: int) -> tuple[np.ndarray, np.ndarray]:
+    """Positions of every two node pairs of the same candidate; `candidate` (P,) is sorted."""
+    starts = np.searchsorted(candidate, np.arange(candidates + 1))
+    blocks = [np.triu_indices(high - low, 1) for low, high in pairwise(starts)]
+    first = [a + low for (a, _), low in zip(blocks, starts[:-1], strict=True)]
+    second = [b + low for (_, b), low in zip(blocks, starts[:-1], strict=True)]
+    return np.concatenate(first), np.concatenate(second)
+
+
+def _best_per_candidate(value: np.ndarray, candidate: np.ndarray, most: int) -> np.ndarray:
+    """Positions of the `most` largest finite values of each candidate, ties in order."""
+    order = np.lexsort((-value, candidate))
+    order = order[np.isfinite(value[order])]
+    starts = np.searchsorted(candidate[order], candidate[order])
+    return order[np.arange(len(order)) - starts < most]
