@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
-from typing import Any
+from typing import Any, cast
 
 import pluggy
 
@@ -52,7 +52,7 @@ class Registry:
             self._manager.register(plugin, name=f"{package}:{entry_point.name}")
             for implementation in self._manager.hook.salframe_components.get_hookimpls():
                 if implementation.plugin is plugin:
-                    for component in implementation.function():
+                    for component in cast(list, implementation.function()):
                         self.add(component, package)
         except Exception as error:  # any exception of a plugin is the plugin's; it must not stop the others
             self.failures.append(Failure(entry_point.name, package, " ".join(f"{type(error).__name__}: {error}".split())))

@@ -1,0 +1,75 @@
+"""Ways to run independent pieces of work: in this process, or each in a process of its own."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from functools import partial
+from typing import Any
+
+from pydantic import Field
+
+import salframe
+from salframe.config import ComponentConfig
+from salframe.roles import Component, Engine
+
+
+class Inline(Engine):
+    """In this process, one after the other; for debuggers. Peak memory is not measured."""
+
+    name = "inline"
+    version = "1"
+
+    def map(self, function: Callable[[Any], Any], items: Sequence[Any]) -> Iterator[Any]:
+        for item in items:
+            try:
+                yield function(item)
+            except Exception as error:
+                yield error
+
+
+class Processes(Engine):
+    """Each piece of work in a fresh process."""
+
+    name = "processes"
+    version = "1"
+
+    class Config(ComponentConfig):
+        workers: int = Field(1, ge=1, description="how many at a time; more than 1 makes the measured times compete for the machine")
+
+    def map(self, function: Callable[[Any], Any], items: Sequence[Any]) -> Iterator[Any]:
+        with ThreadPoolExecutor(self.config.workers) as threads:
+            try:
+                yield from threads.map(partial(_alone, function), items)
+            except BaseException:  # interrupted: the threads would otherwise wait for their processes to finish
+                for child in multiprocessing.active_children():
+                    child.terminate()
+                raise
+
+
+def _alone(function: Callable[[Any], Any], item: Any) -> Any:
+    """function(item) in a pool of one: a pool that breaks takes no other item with it."""
+    try:
+        with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"), initializer=_die_with_parent) as pool:
+            return pool.submit(function, item).result()
+    except Exception as error:
+        return error
+
+
+def _die_with_parent() -> None:
+    """A killed parent must not leave a worker that goes on writing into a run folder."""
+
+    def wait() -> None:
+        if (parent := multiprocessing.parent_process()) is not None:
+            parent.join()
+            os._exit(1)
+
+    threading.Thread(target=wait, daemon=True).start()
+
+
+@salframe.hookimpl
+def salframe_components() -> list[type[Component]]:
+    return [Inline, Processes]

@@ -1,0 +1,78 @@
+"""compare, ablate, evaluate: methods side by side."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from salframe.evaluate import Comparison
+
+DataDir = Annotated[Path | None, typer.Option(help="Folder that holds the dataset's files (its `root`).")]
+Set = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY.PATH=VALUE",
+                 help="Change a setting: data.KEY, engine.KEY, METHOD.KEY of one method, or KEY of every method that has it."),
+]  # fmt: skip
+Name = Annotated[str | None, typer.Option(help="Name of the run folder; the dataset's name unless given.")]
+Runs = Annotated[Path, typer.Option(help="Folder that holds the runs.")]
+EngineName = Annotated[str, typer.Option("--engine", help="How the methods are run: see `salframe plugins`.")]
+Seed = Annotated[int, typer.Option(help="Seed of the confidence intervals.")]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+
+
+def compare(
+    methods: Annotated[str, typer.Option(help="Methods, comma-separated: presets or localizers.")] = "proposed,objects",
+    data: Annotated[str, typer.Option(help="A dataset preset, a dataset, or a folder with a manifest.json.")] = "house-12",
+    data_dir: DataDir = None, overrides: Set = None, name: Name = None, runs: Runs = Path("runs"), engine: EngineName = "processes",
+    seed: Seed = 0, as_json: Json = False,
+) -> None:  # fmt: skip
+    """Run methods on the same queries and print what they reach and cost. Run it again to resume."""
+    from salframe.compare import compare as run
+
+    wanted = [method.strip() for method in methods.split(",") if method.strip()]
+    _show(lambda progress: run(wanted, data, data_dir=data_dir, overrides=overrides or (), name=name, runs=runs, engine=engine, seed=seed,
+                               progress=progress), as_json)  # fmt: skip
+
+
+def ablate(
+    file: Annotated[Path, typer.Argument(help="A YAML file with `method:` and `vary:`, or the name of a shipped ablation.")],
+    data: Annotated[str | None, typer.Option(help="Another dataset than the file's.")] = None,
+    data_dir: DataDir = None, overrides: Set = None, name: Name = None, runs: Runs = Path("runs"), engine: EngineName = "processes",
+    seed: Seed = 0, as_json: Json = False,
+) -> None:  # fmt: skip
+    """Run every combination of the values under `vary:` as a method of its own, in one table."""
+    from salframe.compare import ablate as run
+
+    _show(lambda progress: run(file, data=data, data_dir=data_dir, overrides=overrides or (), name=name, runs=runs, engine=engine, seed=seed,
+                               progress=progress), as_json)  # fmt: skip
+
+
+def evaluate(run: Annotated[Path, typer.Argument(help="A run folder.")], as_json: Json = False) -> None:
+    """Measure a run again from its recorded answers; runs no method."""
+    from salframe.evaluate import evaluate as measure
+
+    _show(lambda progress: measure(run), as_json)
+
+
+def _show(run: Callable[..., Comparison], as_json: bool) -> None:
+    """Run with progress bars on stderr, print the table or JSON on stdout; exit 1 where nothing was measured or something crashed."""
+    from salframe.cli.tables import Bars, print_comparison
+
+    try:
+        with Bars() as bars:
+            comparison = run(bars.update)
+    except KeyboardInterrupt:
+        print("interrupted: run the same command again to resume", file=sys.stderr)
+        raise typer.Exit(130) from None
+    if as_json:
+        print(json.dumps(comparison.to_json(), indent=2))
+    else:
+        print_comparison(comparison)
+    if comparison.crashed or not comparison.measured:
+        raise typer.Exit(1)

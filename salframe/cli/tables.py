@@ -1,0 +1,92 @@
+"""Progress bars and tables in the terminal."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from rich import box
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+if TYPE_CHECKING:
+    from salframe.evaluate import Comparison
+
+
+class Bars:
+    """A progress bar on stderr for each thing that is told of."""
+
+    def __init__(self) -> None:
+        columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+        self._progress = Progress(*columns, console=Console(stderr=True), transient=True)
+        self._tasks: dict[str, TaskID] = {}
+
+    def update(self, what: str, done: int, total: int) -> None:
+        """Set the bar of `what`, a new one where it has none yet."""
+        if what not in self._tasks:
+            self._tasks[what] = self._progress.add_task(what, total=total)
+        self._progress.update(self._tasks[what], completed=done, total=total)
+
+    def __enter__(self) -> Bars:
+        self._progress.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._progress.stop()
+
+
+UNITS = ("B", "kB", "MB", "GB")
+HEADINGS = ("accuracy %\n(95 %)", "R@5\n%", "median\npose error", "pose within\n.25/.5/1 m %", "bytes\n/scene", "describe\nms", "query\nms", "p")
+
+
+def print_comparison(comparison: Comparison) -> None:
+    """The table of a comparison, 100 columns wide, what its columns do not say in notes below, and where the run lies."""
+    console = Console()
+    if not console.is_terminal:
+        console = Console(width=100)
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    table.add_column("method", overflow="fold")
+    for heading in HEADINGS:
+        table.add_column(heading, justify="right", no_wrap=True)
+    notes = []
+    for row in comparison.rows:
+        label = escape(row["method"])
+        if row["accuracy"] is None:
+            table.add_row(label, "-", *[""] * (len(HEADINGS) - 1), style="dim")
+        else:
+            table.add_row(label, *_cells(row))
+        failures = ", ".join(f"{count} {status}" for status, count in row["status"].items() if status != "ok")
+        if said := "; ".join(part for part in (row["reason"], failures) if part):
+            notes.append(f"{row['method']}: {said}")
+    console.print(table)
+    for note in notes:
+        console.print(note, style="dim", markup=False, highlight=False)
+    console.print(f"run: {comparison.run}", markup=False, highlight=False, soft_wrap=True)
+
+
+def _cells(row: dict[str, Any]) -> list[str]:
+    accuracy = f"{row['accuracy'] * 100:.1f} ({row['accuracy_low'] * 100:.0f}-{row['accuracy_high'] * 100:.0f})"
+    pose = "-" if row["median_translation_m"] is None else f"{row['median_translation_m']:.2f} m {row['median_rotation_deg']:.1f}°"
+    recalls = (row["recall_025m_2deg"], row["recall_05m_5deg"], row["recall_1m_10deg"])
+    within = "-" if recalls[0] is None else "/".join(f"{recall * 100:.0f}" for recall in recalls)
+    p_value = "" if row["p_value"] is None else f"{row['p_value']:.2g}"
+    return [
+        accuracy, f"{row['recall_at_5'] * 100:.0f}", pose, within, format_bytes(row["bytes_per_scene"]), _digits(row["describe_ms"]),
+        _digits(row["query_ms"]), p_value,
+    ]  # fmt: skip
+
+
+def format_bytes(size: float | None) -> str:
+    """A number of bytes in decimal units."""
+    if size is None:
+        return "-"
+    power = min(int(math.log(max(size, 1), 1000)), 3)
+    value = size / 1000**power
+    return f"{value:.1f} {UNITS[power]}" if power and value < 10 else f"{value:.0f} {UNITS[power]}"
+
+
+def _digits(value: float | None) -> str:
+    """Two significant digits, all of those before the point."""
+    return "-" if value is None else f"{value:.0f}" if value >= 10 else f"{value:.2g}"

@@ -1,0 +1,142 @@
+"""Methods side by side on one dataset: predict each in a process of its own, then evaluate."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from salframe.config import ComponentConfig, read_yaml
+from salframe.errors import ConfigError
+from salframe.evaluate import Comparison, measure
+from salframe.predict import describe_error, open_dataset, predict
+from salframe.presets import CONFIGS, Overrides, configure, dataset_settings, settings
+from salframe.registry import registry
+from salframe.runs import Outcome, Run, RunConfig
+from salframe.types import Fold
+
+POLL_SECONDS = 0.3
+
+Progress = Callable[[str, int, int], None]
+"""progress(what, done, total): `what` is the dataset's name while it is prepared, then a method's label."""
+
+
+def compare(
+    methods: Sequence[str], data: str = "house-12", *, data_dir: Path | None = None, overrides: Sequence[str] = (), name: str | None = None,
+    runs: Path = Path("runs"), engine: str = "processes", seed: int = 0, progress: Progress | None = None,
+) -> Comparison:  # fmt: skip
+    """Run methods (presets or localizers, by name) on a dataset and measure them; a run that was begun is resumed.
+
+    `data` is a preset, a dataset, or a folder with a manifest.json; `data_dir` sets the dataset's root; `overrides` are "key.path=value".
+    Raises SalframeError on names and settings that are wrong, before anything runs.
+    """
+    if not methods:
+        raise ConfigError("received no method, expected at least one")
+    contents = {method: settings("localizer", method) for method in methods}
+    given = Overrides(overrides, contents)
+    configs = {method: configure("localizer", method, contents[method], given.methods[method]) for method in methods}
+    return _run(configs, data, data_dir, given, name, runs, engine, seed, progress)
+
+
+def ablate(
+    file: Path, *, data: str | None = None, data_dir: Path | None = None, overrides: Sequence[str] = (), name: str | None = None,
+    runs: Path = Path("runs"), engine: str = "processes", seed: int = 0, progress: Progress | None = None,
+) -> Comparison:  # fmt: skip
+    """Run every combination of the values under `vary:` in a YAML file as a method of its own, labelled `method[key=value]`.
+
+    The file holds `method:` (or `methods:`), `vary:` (dotted key -> list of values), and may hold `data:` and `set:` (dotted key -> value).
+    Raises ConfigError on other keys.
+    """
+    plan = _read_ablation(file)
+    methods = [plan["method"]] if "method" in plan else plan["methods"]
+    contents = {method: settings("localizer", method) for method in methods}
+    given = Overrides([*(f"{key}={json.dumps(value)}" for key, value in plan.get("set", {}).items()), *overrides], contents)
+    configs = {}
+    for method in methods:
+        for values in itertools.product(*plan["vary"].values()):
+            choice = dict(zip(plan["vary"], values, strict=True))
+            label = f"{method}[{','.join(f'{key}={_spell(value)}' for key, value in choice.items())}]"
+            varied = Overrides([f"{key}={json.dumps(value)}" for key, value in choice.items()], {method: contents[method]})
+            if varied.data or varied.engine:
+                raise ConfigError(f"{file}: vary holds {', '.join(choice)}, expected keys of the method: a run has one dataset and one engine")
+            configs[label] = configure("localizer", method, contents[method], [*given.methods[method], *varied.methods[method]])
+    return _run(configs, data or plan.get("data", "house-12"), data_dir, given, name or file.stem, runs, engine, seed, progress)
+
+
+def _spell(value: Any) -> str:
+    return value if isinstance(value, str) else json.dumps(value)
+
+
+def _read_ablation(file: Path) -> dict[str, Any]:
+    shipped = CONFIGS / "ablations" / f"{file}.yaml"
+    plan = read_yaml(file if file.exists() or not shipped.exists() else shipped)
+    known = {"method": str, "methods": list, "data": str, "set": dict, "vary": dict}
+    for key, value in plan.items():
+        if key not in known:
+            raise ConfigError(f"{file}: unknown key {key} (known: {', '.join(known)})")
+        if not isinstance(value, known[key]):
+            raise ConfigError(f"{file}: {key} is {value!r}, expected a {known[key].__name__}")
+    if ("method" in plan) == ("methods" in plan) or "vary" not in plan:
+        raise ConfigError(f"{file} holds {', '.join(plan) or 'nothing'}, expected method or methods, and vary")
+    for key, values in plan["vary"].items():
+        if not isinstance(values, list) or not values:
+            raise ConfigError(f"{file}: vary.{key} is {values!r}, expected a list of values")
+    return plan
+
+
+def _run(
+    methods: Mapping[str, ComponentConfig], data: str, data_dir: Path | None, given: Overrides, name: str | None, runs: Path,
+    engine: str, seed: int, progress: Progress | None,
+) -> Comparison:  # fmt: skip
+    data_name, content = dataset_settings(data, data_dir)
+    dataset_config = configure("dataset", data_name, content, given.data)
+    runner = registry().build("engine", configure("engine", engine, settings("engine", engine), given.engine))
+    run = Run.open(runs, name or data_name, RunConfig(dataset_config, methods, seed))
+    dataset = open_dataset(dataset_config, progress and partial(progress, data_name))
+    run.bind(dataset.fingerprint)
+    folds = dataset.folds()
+    todo = [label for label in methods if not _finished(run, label, folds)]
+    with _watch(run, folds, progress):
+        for label, result in zip(todo, runner.map(partial(predict, run.directory), todo), strict=True):
+            if isinstance(result, Exception):
+                run.end(label, Outcome("crashed", f"its process died ({describe_error(result)})"))
+    return measure(run, dataset)
+
+
+def _finished(run: Run, label: str, folds: Sequence[Fold]) -> bool:
+    outcome, answers = run.outcome(label), run.predictions(label)
+    keys = ((fold.id, query.id) for fold in folds for query in fold.queries)
+    return outcome is not None and outcome.status == "done" and all(key in answers and answers[key]["status"] != "crashed" for key in keys)
+
+
+@contextmanager
+def _watch(run: Run, folds: Sequence[Fold], progress: Progress | None) -> Iterator[None]:
+    """Tell the progress of each method while the block runs, by the rows in its folder: whatever engine runs it."""
+    if progress is None:
+        yield
+        return
+    frames = {frame.id for fold in folds for frame in (*fold.mapping, *fold.queries)}
+    total = len(frames) + sum(len(fold.queries) for fold in folds)
+    done = threading.Event()
+
+    def tell() -> None:
+        for label in run.config.methods:
+            progress(label, min(run.count_rows(label), total), total)
+
+    def poll() -> None:
+        while not done.wait(POLL_SECONDS):
+            tell()
+
+    thread = threading.Thread(target=poll, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        done.set()
+        thread.join()
+        tell()

@@ -1,0 +1,95 @@
+"""Names and settings from the command line: presets in configs/, registered components, `key.path=value` overrides."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from salframe.config import ComponentConfig, merge, nest, parse_override, read_yaml, validate
+from salframe.errors import ConfigError, UnknownName
+from salframe.registry import registry, unknown
+
+CONFIGS = Path(__file__).with_name("configs")
+FOLDERS = {"localizer": "methods", "dataset": "data"}
+WORDS = {"localizer": "method", "dataset": "dataset"}
+
+MANIFEST = "manifest.json"
+"""What makes a folder a dataset in the folder format."""
+
+
+def preset_names(role: str) -> list[str]:
+    """Names of the presets shipped for a role, sorted."""
+    return sorted(path.stem for path in (CONFIGS / FOLDERS[role]).glob("*.yaml")) if role in FOLDERS else []
+
+
+def names(role: str) -> list[str]:
+    """Every name that `settings` takes for a role: presets and registered components, sorted."""
+    return sorted({*preset_names(role), *registry().names(role)})
+
+
+def settings(role: str, name: str) -> dict[str, Any]:
+    """The settings a name stands for: those of a preset, or the bare component.
+
+    Raises UnknownName with the closest name, PluginFailed where a broken plugin may hold it.
+    """
+    if name in preset_names(role):
+        return read_yaml(CONFIGS / FOLDERS[role] / f"{name}.yaml")
+    try:
+        registry().get(role, name)
+    except UnknownName:
+        raise UnknownName(unknown(WORDS.get(role, role), name, names(role), registry().failures)) from None
+    return {"kind": name}
+
+
+def configure(role: str, name: str, content: Mapping[str, Any], overrides: Iterable[Mapping[str, Any]] = ()) -> ComponentConfig:
+    """The validated configuration of `content`, the settings that `name` stands for, with overrides laid on top. Raises ConfigError."""
+    for override in overrides:
+        content = merge(content, override)
+    return validate(registry().get(role, content.get("kind", name)).Config, content, name)
+
+
+def dataset_settings(data: str, data_dir: Path | None) -> tuple[str, dict[str, Any]]:
+    """The dataset's short name and settings: `data` is a name, or a folder with a manifest.json; `data_dir` sets its `root`."""
+    folder = Path(data)
+    if (folder / MANIFEST).exists():
+        name, content = folder.resolve().name, {**settings("dataset", "folder"), "root": str(folder.resolve())}
+    elif data not in names("dataset") and (folder.is_dir() or "/" in data):
+        raise UnknownName(f"{data} is no dataset: expected a folder with a {MANIFEST}, or one of {', '.join(names('dataset'))}")
+    else:
+        name, content = data, settings("dataset", data)
+    if data_dir is not None:
+        content = merge(content, {"root": str(data_dir.resolve())})
+    return name, content
+
+
+class Overrides:
+    """`--set key.path=value`, sorted by whom they are for.
+
+    `data.…` goes to the dataset, `engine.…` to the engine, `METHOD.…` to that method, anything else to every method that has such a key.
+    """
+
+    def __init__(self, texts: Iterable[str], methods: Mapping[str, Mapping[str, Any]]) -> None:
+        """`methods`: the settings of each method by name. Raises ConfigError on a key that no method has."""
+        self.data: list[dict[str, Any]] = []
+        self.engine: list[dict[str, Any]] = []
+        self.methods: dict[str, list[dict[str, Any]]] = {name: [] for name in methods}
+        for text in texts:
+            path, value = parse_override(text)
+            if path[0] in ("data", "engine"):
+                if len(path) == 1:
+                    raise ConfigError(f"received --set {text!r}, expected {path[0]}.key=value")
+                (self.data if path[0] == "data" else self.engine).append(nest(path[1:], value))
+            elif path[0] in methods and len(path) > 1:
+                self.methods[path[0]].append(nest(path[1:], value))
+            else:
+                takers = [name for name, content in methods.items() if path[0] in _keys(name, content)]
+                if not takers:
+                    known = sorted({key for name, content in methods.items() for key in _keys(name, content)})
+                    raise ConfigError(unknown("key", path[0], known) + f" No method of {', '.join(methods)} has it.")
+                for name in takers:
+                    self.methods[name].append(nest(path, value))
+
+
+def _keys(name: str, content: Mapping[str, Any]) -> list[str]:
+    return [key for key in registry().get("localizer", content.get("kind", name)).Config.model_fields if key != "kind"]

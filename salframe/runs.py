@@ -1,0 +1,185 @@
+"""Run folders: what was asked, what each method answered, and where it was asked. Finished work is never asked again."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from importlib import metadata
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+from urllib.parse import quote
+
+import yaml
+
+from salframe.config import ComponentConfig, digest, identity, read_yaml, validate
+from salframe.errors import ConfigError, DataError
+from salframe.registry import registry
+from salframe.storage import read_json, write_json, write_text
+
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class RunConfig:
+    """What a run asks: one dataset, methods by label, and the seed of its statistics."""
+
+    dataset: ComponentConfig
+    methods: Mapping[str, ComponentConfig]
+    seed: int = 0
+
+    def dump(self) -> dict[str, Any]:
+        """The content of config.yaml: every setting, defaults included."""
+        methods = {label: config.model_dump(mode="json") for label, config in self.methods.items()}
+        return {"seed": self.seed, "dataset": self.dataset.model_dump(mode="json"), "methods": methods}
+
+    @property
+    def hash8(self) -> str:
+        """Eight hex digits that change with any setting or component version."""
+        methods = {label: identity(config) for label, config in self.methods.items()}
+        return digest({"seed": self.seed, "dataset": identity(self.dataset), "methods": methods})[:8]
+
+    @classmethod
+    def load(cls, path: Path) -> RunConfig:
+        """Read config.yaml. Raises ConfigError on a missing or unknown key, UnknownName on a component that is not installed."""
+        content = read_yaml(path)
+        try:
+            dataset = _component("dataset", content["dataset"], f"{path}: dataset")
+            methods = {label: _component("localizer", settings, f"{path}: {label}") for label, settings in content["methods"].items()}
+            return cls(dataset, methods, content["seed"])
+        except KeyError as error:
+            raise ConfigError(f"{path} has no key {error}") from None
+
+
+def _component(role: str, settings: Mapping[str, Any], where: str) -> ComponentConfig:
+    return validate(registry().get(role, settings["kind"]).Config, settings, where)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a method's prediction ended: "done", "unavailable" or "crashed", and why or with which warnings."""
+
+    status: str
+    reason: str | None = None
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run folder and what was asked of it."""
+
+    directory: Path
+    config: RunConfig = field(repr=False)
+
+    @classmethod
+    def open(cls, runs: Path, name: str, config: RunConfig) -> Run:
+        """Make or resume runs/<name>-<hash8>. Raises ConfigError where the folder holds another configuration."""
+        if not name or "/" in name:
+            raise ConfigError(f"received the run name {name!r}, expected one without slashes")
+        directory = runs / f"{name}-{config.hash8}"
+        path = directory / "config.yaml"
+        text = yaml.safe_dump(config.dump(), sort_keys=False)
+        if not path.exists():
+            write_text(path, text)
+        elif read_yaml(path) != yaml.safe_load(text):
+            raise ConfigError(f"{path} was edited since the run began: restore it, or remove {directory} to start afresh")
+        return cls(directory, config)
+
+    @classmethod
+    def load(cls, directory: Path) -> Run:
+        """Open an existing run folder. Raises ConfigError where it is none."""
+        if not (directory / "config.yaml").exists():
+            raise ConfigError(f"{directory} is no run folder: it has no config.yaml")
+        return cls(directory, RunConfig.load(directory / "config.yaml"))
+
+    def folder(self, label: str) -> Path:
+        """The folder of a method. Labels are escaped, so that no two share one."""
+        return self.directory / quote(label, safe="[]=,; ")
+
+    def predictions(self, label: str) -> dict[tuple[str, str], Row]:
+        """Answers by (fold, query); of a query asked again, the last."""
+        return {(row["fold"], row["query"]): row for row in read_rows(self.folder(label) / "predictions.jsonl")}
+
+    def descriptions(self, label: str) -> dict[str, Row]:
+        """The cost of each described frame by its id: ms and bytes."""
+        return {row["frame"]: row for row in read_rows(self.folder(label) / "descriptions.jsonl")}
+
+    def count_rows(self, label: str) -> int:
+        """How many frames the method has described and queries it has answered so far."""
+        paths = (self.folder(label) / name for name in ("descriptions.jsonl", "predictions.jsonl"))
+        return sum(path.read_bytes().count(b"\n") for path in paths if path.exists())
+
+    def outcome(self, label: str) -> Outcome | None:
+        """How the method's prediction ended, None where it has not."""
+        path = self.folder(label) / "outcome.json"
+        return Outcome(**read_json(path)) if path.exists() else None
+
+    def end(self, label: str, outcome: Outcome) -> None:
+        """Keep how the method's prediction ended."""
+        write_json(self.folder(label) / "outcome.json", {"status": outcome.status, "reason": outcome.reason})
+
+    def bind(self, fingerprint: str) -> None:
+        """Tie the run to the dataset's content and write env.json. Raises DataError where the content is not what the run began with."""
+        path = self.directory / "env.json"
+        if not path.exists():
+            write_json(path, {"dataset_fingerprint": fingerprint, **environment()})
+        elif read_json(path)["dataset_fingerprint"] != fingerprint:
+            raise DataError(f"the dataset of {self.directory} has changed since the run began: give the run another --name, or remove it")
+
+
+def read_rows(path: Path) -> Iterator[Row]:
+    """The rows of a .jsonl file; none where it is missing. What follows the last newline was cut off by a kill, and is left out."""
+    if not path.exists():
+        return
+    for number, line in enumerate(path.read_bytes().split(b"\n")[:-1], 1):
+        try:
+            yield json.loads(line)
+        except ValueError:
+            raise DataError(f"{path}, line {number}, is not JSON: remove the line to have its query asked again") from None
+
+
+class RowWriter:
+    """Appends rows to a .jsonl file, each flushed at once; drops an unfinished last line first."""
+
+    def __init__(self, path: Path) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if path.exists():
+            os.truncate(path, path.read_bytes().rfind(b"\n") + 1)
+        self._file = path.open("a")
+
+    def append(self, row: Row) -> None:
+        """Append one row. Raises ValueError on NaN, which JSON has not."""
+        self._file.write(json.dumps(row, allow_nan=False) + "\n")
+        self._file.flush()
+
+    def __enter__(self) -> RowWriter:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None) -> None:
+        self._file.close()
+
+
+def environment() -> dict[str, Any]:
+    """Versions of salframe and what it needs, the components at hand, and the machine."""
+    requirements = metadata.requires("salframe") or []
+    packages = ["salframe", *(match.group() for text in requirements if (match := re.match(r"[\w.-]+", text)))]
+    return {
+        "python": platform.python_version(),
+        "packages": {name: version for name in packages if (version := installed_version(name))},
+        "plugins": [
+            {"role": component.role, "name": component.name, "version": component.version, "package": package}
+            for component, package in registry()
+        ],
+        "machine": {"platform": platform.platform(), "processor": platform.machine(), "cpus": os.cpu_count()},
+    }
+
+
+def installed_version(package: str) -> str | None:
+    """The version of an installed distribution, None where it is not installed."""
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return None

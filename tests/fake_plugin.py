@@ -1,0 +1,156 @@
+"""A tiny dataset and localizers that behave in known ways, for the tests of runs, metrics and the command line.
+
+The dataset is a row of rooms 4 m apart; the panorama of a frame is one pixel row that holds the room's number and the frame's yaw.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Sequence
+
+import numpy as np
+from pydantic import Field
+
+import salframe
+from salframe.config import ComponentConfig, digest
+from salframe.errors import DataError, WeightsMissing
+from salframe.geometry import pose_2d
+from salframe.localizer import Description, Localizer, rank_places
+from salframe.roles import Dataset
+from salframe.types import Fold, Frame, Localization, MapFrame, Panorama, Truth
+
+
+class Rooms(Dataset):
+    """Rooms in a row, two queries each; the panorama of a frame shows its room's number."""
+
+    name = "rooms"
+    version = "1"
+    provides = frozenset({"rgb"})
+
+    class Config(ComponentConfig):
+        rooms: int = Field(5, ge=0, description="how many rooms")
+        queries: int = Field(2, ge=0, description="queries a room")
+        posed: bool = True
+        broken: tuple[str, ...] = Field((), description="ids of frames whose image is corrupt")
+        leave_one_out: bool = False
+        root: str = ""
+
+    @property
+    def fingerprint(self) -> str:
+        return digest(self.config.model_dump(mode="json")) + os.environ.get("ROOMS_CONTENT", "")
+
+    def prepare(self, progress) -> None:
+        progress(self.config.rooms, self.config.rooms)
+
+    def _frame(self, room: int, query: int | None) -> Frame:
+        name = f"map-{room}" if query is None else f"query-{room}-{query}"
+        rgb = np.full((4, 8, 3), room, np.uint8)
+        rgb[..., 1] = 0 if query is None else query + 1
+
+        def load() -> Panorama:
+            if name in self.config.broken:
+                raise DataError(f"{name}.png is no image")
+            return Panorama(name, rgb)
+
+        return Frame(name, load, pose_2d(4.0 * room, 0, 0), f"room-{room}") if query is None else Frame(name, load)
+
+    def folds(self) -> Sequence[Fold]:
+        mapping = tuple(self._frame(room, None) for room in range(self.config.rooms))
+        queries = tuple(self._frame(room, query) for room in range(self.config.rooms) for query in range(self.config.queries))
+        if not self.config.leave_one_out:
+            return [Fold("all", mapping, queries)]
+        return [Fold(query.id, mapping, (query,)) for query in queries]
+
+    def truth(self, query_id: str) -> Truth:
+        _, room, query = query_id.split("-")
+        pose = pose_2d(4.0 * int(room) + 0.1 * (int(query) + 1), 0, 0) if self.config.posed else None
+        return Truth(f"room-{room}", pose)
+
+
+class Reader(Localizer):
+    """Reads the room's number off the image; `offset` makes it wrong by so many rooms."""
+
+    name = "reader"
+    version = "1"
+    needs = frozenset({"rgb"})
+
+    class Config(ComponentConfig):
+        offset: int = Field(0, description="rooms to be wrong by")
+        wrong_from: int = Field(99, description="be wrong from this room on")
+        fail_in: int = Field(-1, description="raise on queries of this room")
+        refuse_in: int = Field(-1, description="answer low-score in this room")
+        sleep_s: float = Field(0.0, description="seconds a query takes", ge=0)
+
+    def describe(self, panorama: Panorama) -> Description:
+        return {"room": panorama.rgb[0, 0, :2].astype(np.int64)}
+
+    def describe_identity(self):
+        return {"name": self.name}
+
+    def index(self, descriptions: Sequence[Description], frames: Sequence[MapFrame]) -> None:
+        self.frames, self.rooms = frames, np.array([d["room"][0] for d in descriptions])
+
+    def match(self, description: Description) -> Localization:
+        time.sleep(self.config.sleep_s)
+        room = int(description["room"][0])
+        if room == self.config.fail_in:
+            raise ValueError("this room is too much")
+        if room == self.config.refuse_in:
+            return Localization((), None, "low-score")
+        shift = self.config.offset if room < self.config.wrong_from else 1
+        scores = -np.abs(self.rooms - (room + shift)).astype(float)
+        places = rank_places(self.frames, scores)
+        best = next(frame for frame in self.frames if frame.id == places[0].frame)
+        return Localization(places, best.T_world_pano, "ok")
+
+
+class Greedy(Reader):
+    """Holds on to 200 MB while it matches."""
+
+    name = "greedy"
+
+    def match(self, description: Description) -> Localization:
+        self.hoard = np.ones(25_000_000)
+        return super().match(description)
+
+
+class Suicidal(Reader):
+    """Takes its process down, as a segmentation fault would."""
+
+    name = "suicidal"
+
+    def match(self, description: Description) -> Localization:
+        os.kill(os.getpid(), 9)
+        raise AssertionError
+
+
+class Unbuildable(Reader):
+    """Raises when the map is built."""
+
+    name = "unbuildable"
+
+    def index(self, descriptions: Sequence[Description], frames: Sequence[MapFrame]) -> None:
+        raise RuntimeError("no map for you")
+
+
+class Weightless(Reader):
+    """Its weights are never there."""
+
+    name = "weightless"
+
+    @classmethod
+    def check(cls, config: ComponentConfig) -> None:
+        raise WeightsMissing("weightless.pth is not at hand: salframe weights fetch weightless")
+
+
+class Ranger(Reader):
+    """Needs what the rooms do not have."""
+
+    name = "ranger"
+    needs = frozenset({"rgb", "range"})
+
+
+@salframe.hookimpl
+def salframe_components():
+    return [Rooms, Reader, Greedy, Suicidal, Unbuildable, Weightless, Ranger]
