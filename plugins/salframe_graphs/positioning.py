@@ -148,7 +148,7 @@ class LeastSquaresPositioner(Positioner):
 
     class Config(ComponentConfig):
         norms: Literal["squared", "literal"] = Field("squared", description="norms in b: squared as in the proof, or as the theorem prints them")
-        angle: Literal["atan2", "arccos"] = Field("atan2", description="turn of a node: signed, or the paper's difference of arccos, which drops the signs")
+        angle: Literal["atan2", "arccos"] = Field("atan2", description="turn of a node: signed, or the paper's arccos, which drops the sign")
         mean: Literal["circular", "arithmetic"] = Field("circular", description="mean of the turns: wrapping at 180 deg, or the paper's")
         largest_condition: float = Field(1e3, gt=1, description="condition number of B from which on the nodes count as collinear")
 

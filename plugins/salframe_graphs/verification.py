@@ -12,7 +12,7 @@ import numpy as np
 class Verified:
     """The best pose of each of K candidates and what it explains.
 
-    consistency (K,) sums the kernel over the query's nodes, weighted; yaw_rad (K,), shift_m (K, 2): query frame to map frame, NaN where there is none;
+    consistency (K,) sums the kernel over the query's nodes, weighted; yaw_rad (K,), shift_m (K, 2): query to map frame, NaN where there is none;
     kernel (K, n, m): 1 for node pairs that coincide under that pose, down to 0 at the tolerance.
     """
 

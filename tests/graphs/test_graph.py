@@ -1,0 +1,114 @@
+"""Boxes, saliency, graphs and their two forms on disk."""
+
+import numpy as np
+import pytest
+from salframe_graphs.saliency import VolumetricSaliency, object_volumes_m3
+
+from salframe.boxes import LEAST_SIDE_M, detections_from_points, upright_box
+from salframe.errors import DataError
+from salframe.graph import GraphConfig, box_distances, build_graph, pack_graph, read_graphs, unpack_graph, write_graphs
+from salframe.types import Detections
+
+
+def box_points(centre, size, yaw=0.0, count=4000, seed=0):
+    """Points of a solid box, its corners included."""
+    rng = np.random.default_rng(seed)
+    unit = np.concatenate([rng.uniform(-0.5, 0.5, (count, 3)), np.array(np.meshgrid(*[[-0.5, 0.5]] * 3)).reshape(3, 8).T])
+    c, s = np.cos(yaw), np.sin(yaw)
+    return ((unit * size) @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) + centre).astype(np.float32)
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.4, 1.3, 2.9])
+def test_upright_box_recovers_a_turned_box(yaw):
+    size, found = upright_box(box_points([3, -1, 0.5], [2.0, 0.8, 1.1], yaw))
+    np.testing.assert_allclose(size, [2.0, 0.8, 1.1], atol=1e-4)
+    assert np.abs(np.sin(found - yaw)) < 1e-3
+
+
+def test_flat_points_get_the_least_side():
+    points = box_points([2, 0, 1], [1.0, 0.0, 0.6])
+    assert upright_box(points)[0] == pytest.approx([1.0, LEAST_SIDE_M, 0.6], abs=1e-4)
+
+
+def test_volumes_against_closed_form():
+    """A full box, a tetrahedron (1/6 of its box), a flat picture (the least side thick)."""
+    tetrahedron = np.array([[0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3]], np.float32) + 4
+    found = detections_from_points(
+        ["a", "b", "c"], np.ones(3), [box_points([2, 1, 0], [1, 2, 0.5], 0.7), tetrahedron, box_points([2, 0, 1], [1.0, 0.0, 0.6])]
+    )
+    np.testing.assert_allclose(object_volumes_m3(found), [1.0, 1.0, 1.0 * LEAST_SIDE_M * 0.6], rtol=1e-4)
+    saliency = VolumetricSaliency().score(found)
+    assert saliency.sum() == pytest.approx(1)
+    assert saliency[0] == pytest.approx(saliency[1], rel=1e-3)
+
+
+def detections(centroids, sizes, labels=None):
+    n = len(centroids)
+    labels = labels or [f"object-{i}" for i in range(n)]
+    return Detections(labels, np.ones(n), np.array(centroids, float), np.array(sizes, float), np.zeros(n))
+
+
+def test_edges_follow_equation_1():
+    """Cubes of 1 m: surfaces 0.9 m apart are in context, 1.1 m apart are not; by centroids neither is."""
+    found = detections([[0, 0, 0], [1.9, 0, 0], [0, 2.1, 0]], np.ones((3, 3)))
+    graph = build_graph(found, np.array([0.5, 0.3, 0.2]), GraphConfig())
+    assert graph.edges.tolist() == [[0, 1]]
+    assert graph.weights == pytest.approx([np.sqrt(0.15)])
+    assert len(build_graph(found, np.array([0.5, 0.3, 0.2]), GraphConfig(distance="centroid")).edges) == 0
+
+
+def test_box_distance_is_euclidean_in_the_corner_and_over_height():
+    found = detections([[0, 0, 0], [4, 5, 0], [0, 0, 3]], np.ones((3, 3)))
+    assert box_distances(found)[0] == pytest.approx([0, 5, 2])
+
+
+def test_nodes_are_chosen_by_share_and_number():
+    found = detections([[1, 0, 0], [2, 0, 0], [3, 0, 0], [np.nan, 0, 0]], np.ones((4, 3)))
+    saliency = np.array([0.1, 0.5, 0.3, 0.1])
+    assert build_graph(found, saliency, GraphConfig()).labels == ("object-1", "object-2", "object-0")
+    assert build_graph(found, saliency, GraphConfig(min_share=0.2)).labels == ("object-1", "object-2")
+    assert build_graph(found, saliency, GraphConfig(top_k=1)).labels == ("object-1",)
+
+
+def test_orientation_of_nodes():
+    graph = build_graph(detections([[0, 2, 0], [0, 0, 3], [-1, 0, 1]], np.ones((3, 3))), np.array([0.5, 0.3, 0.2]), GraphConfig())
+    assert graph.azimuth_rad[0] == pytest.approx(np.pi / 2)
+    assert graph.polar_rad == pytest.approx([np.pi / 2, 0, np.pi / 4])
+    assert graph.range_m == pytest.approx([2, 3, np.sqrt(2)])
+
+
+@pytest.fixture
+def graph():
+    rng = np.random.default_rng(4)
+    found = detections(rng.uniform(-3, 3, (9, 3)), rng.uniform(0.3, 2, (9, 3)), list("abcabcabc"))
+    return build_graph(found, np.full(9, 1 / 9), GraphConfig())
+
+
+def test_packed_graph_is_small_and_read_back_to_the_millimetre(graph):
+    data = pack_graph(graph, {"a": 0, "b": 1, "c": 2})
+    assert len(data) == 2 + 18 * 9 + 5
+    back = unpack_graph(data, "abc")
+    assert back.labels == graph.labels
+    np.testing.assert_array_equal(back.edges, graph.edges)
+    np.testing.assert_allclose(back.centroid_m, graph.centroid_m, atol=0.00051)
+    np.testing.assert_allclose(back.size_m, graph.size_m, atol=0.00051)
+    np.testing.assert_allclose(back.saliency, graph.saliency, atol=1e-5)
+
+
+def test_packing_says_what_does_not_fit(graph):
+    with pytest.raises(DataError, match="label 'b' is not in the vocabulary"):
+        pack_graph(graph, {"a": 0, "c": 1})
+    with pytest.raises(DataError, match="received 20"):
+        unpack_graph(pack_graph(graph, {"a": 0, "b": 1, "c": 2})[:20], "abc")
+
+
+def test_graph_table_is_read_back_exactly(graph, tmp_path):
+    empty = build_graph(Detections.empty(), np.zeros(0), GraphConfig())
+    write_graphs(tmp_path / "graphs.parquet", [graph, empty, graph])
+    back = read_graphs(tmp_path / "graphs.parquet", 3)
+    assert [len(g) for g in back] == [9, 0, 9]
+    np.testing.assert_array_equal(back[2].edges, graph.edges)
+    np.testing.assert_array_equal(back[2].centroid_m, graph.centroid_m)
+    (tmp_path / "bad.parquet").write_bytes(b"PAR1 no")
+    with pytest.raises(DataError, match=r"bad\.parquet is not a table of graphs"):
+        read_graphs(tmp_path / "bad.parquet", 1)
