@@ -1,0 +1,113 @@
+"""From the official files of a building to its scenes: what a labelled RGB-D panorama would show at every viewpoint."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from salframe.config import digest
+from salframe.errors import DataError
+from salframe.types import Annotations, Detections
+from salframe_matterport.bearings import bearing, direction
+from salframe_matterport.readers import boxes_path, connectivity_path, read_boxes, read_connectivity
+from salframe_matterport.triangulation import triangulate
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A viewpoint and the objects it sees.
+
+    T_world_pano (4, 4); object_id (N,) int64, for triangulation and truth only; azimuth_rad, counter-clockwise from world +x, elevation_rad,
+    the angles spanned width_rad and height_rad, and range_m, each (N,).
+    """
+
+    id: str
+    place: str
+    T_world_pano: np.ndarray
+    object_id: np.ndarray
+    labels: tuple[str, ...]
+    keys: tuple[str, ...]
+    azimuth_rad: np.ndarray
+    elevation_rad: np.ndarray
+    width_rad: np.ndarray
+    height_rad: np.ndarray
+    range_m: np.ndarray
+
+    def annotations(self, yaw_rad: float) -> Annotations:
+        """The objects in the frame of an upright panorama that looks along `yaw_rad`, an azimuth in the world."""
+        azimuth = self.azimuth_rad - yaw_rad
+        # The width of a ball that spans this angle; bounded where an object reaches around the viewpoint.
+        width, height = (2 * self.range_m * np.sin(np.minimum(angle, np.pi) / 2) for angle in (self.width_rad, self.height_rad))
+        objects = Detections(
+            self.labels,
+            np.ones(len(self.labels)),
+            self.range_m[:, None] * direction(azimuth, self.elevation_rad),
+            np.stack([width, np.minimum(width, height), height], 1),
+            (azimuth + np.pi / 2) % np.pi,
+        )
+        return Annotations(objects=objects, keys=self.keys)
+
+
+def generator(*key: object) -> np.random.Generator:
+    """Random numbers that depend on the key alone."""
+    return np.random.default_rng(int(digest([str(part) for part in key])[:32], 16))
+
+
+def read_scenes(root: Path, scan: str, regions: Mapping[str, int], range_noise: float, seed: int) -> list[Scene]:
+    """The viewpoints of a building that see an object, in the order of its connectivity file.
+
+    regions: viewpoint -> region index. A range is the distance to the object's triangulated position, times a factor of which range_noise is the
+    standard deviation; for an object that was not triangulated it is drawn from the other ranges of the building, NaN where there are none.
+    Raises DataError on a missing or malformed file, or a viewpoint without a region.
+    """
+    poses = read_connectivity(connectivity_path(root, scan))
+    seen = {viewpoint: read_boxes(boxes_path(root, scan, viewpoint), viewpoint) for viewpoint in poses}
+    seen = {viewpoint: objects for viewpoint, objects in seen.items() if objects}
+    unplaced = sorted(seen.keys() - regions.keys())
+    if unplaced:
+        raise DataError(f"{len(unplaced)} viewpoints of {scan} have no region in vp2room_label.json, the first is {unplaced[0]}")
+
+    origin_m = np.array([poses[viewpoint][:3, 3] for viewpoint, objects in seen.items() for _ in objects]).reshape(-1, 3)
+    object_id = np.array([number for objects in seen.values() for number in objects], np.int64)
+    angles = np.array([bearing(b.view, b.box_px) for objects in seen.values() for b in objects.values()]).reshape(-1, 4)
+    distinct, target = np.unique(object_id, return_inverse=True)
+    position_m = triangulate(origin_m, direction(angles[:, 0], angles[:, 1]), target, len(distinct))
+    true_range_m = np.linalg.norm(position_m[target] - origin_m, axis=1)
+    triangulated_m = true_range_m[np.isfinite(true_range_m)]
+
+    scenes = []
+    first = 0
+    for viewpoint, objects in seen.items():
+        keys = [digest([scan, viewpoint, number])[:16] for number in objects]
+        # Sorted by a hash: neither the keys nor the order of the objects tells which are the same at another viewpoint.
+        order = sorted(range(len(keys)), key=keys.__getitem__)
+        rows = first + np.array(order)
+        range_m = np.full(len(rows), np.nan)
+        for i, row in enumerate(rows):
+            random = generator(seed, "range", scan, viewpoint, object_id[row])
+            if np.isfinite(true_range_m[row]):
+                range_m[i] = true_range_m[row] * np.exp(range_noise * random.standard_normal())
+            elif len(triangulated_m):
+                range_m[i] = random.choice(triangulated_m)
+        labels = [boxes.label for boxes in objects.values()]
+        azimuth_rad, elevation_rad, width_rad, height_rad = angles[rows].T
+        scenes.append(
+            Scene(
+                id=f"{scan}/{viewpoint}",
+                place=f"{scan}/region-{regions[viewpoint]}",
+                T_world_pano=poses[viewpoint],
+                object_id=object_id[rows],
+                labels=tuple(labels[i] for i in order),
+                keys=tuple(keys[i] for i in order),
+                azimuth_rad=azimuth_rad,
+                elevation_rad=elevation_rad,
+                width_rad=width_rad,
+                height_rad=height_rad,
+                range_m=range_m,
+            )
+        )
+        first += len(objects)
+    return scenes
