@@ -7,23 +7,54 @@ import json
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from salframe.config import ComponentConfig, read_yaml
 from salframe.errors import ConfigError
-from salframe.evaluate import Comparison, measure
+from salframe.evaluate import measure
 from salframe.predict import describe_error, open_dataset, predict
 from salframe.presets import CONFIGS, Overrides, configure, dataset_settings, settings
 from salframe.registry import registry
+from salframe.report import write_report
+from salframe.roles import Dataset
 from salframe.runs import Outcome, Run, RunConfig
+from salframe.storage import write_json
 from salframe.types import Fold
 
 POLL_SECONDS = 0.3
 
 Progress = Callable[[str, int, int], None]
 """progress(what, done, total): `what` is the dataset's name while it is prepared, then a method's label."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A run and its table: a row a method with the keys of evaluate.COLUMNS, None where a number is absent."""
+
+    run: Path
+    rows: tuple[dict[str, Any], ...]
+
+    @property
+    def report(self) -> Path:
+        """The report of the run."""
+        return self.run / "report.html"
+
+    @property
+    def measured(self) -> bool:
+        """Whether some method was measured."""
+        return any(row["accuracy"] is not None for row in self.rows)
+
+    @property
+    def crashed(self) -> bool:
+        """Whether some method raised or died, on a query or altogether."""
+        return any("crashed" in row["status"] for row in self.rows)
+
+    def to_json(self) -> dict[str, Any]:
+        """{"run": path, "rows": [...]}."""
+        return {"run": str(self.run), "rows": list(self.rows)}
 
 
 def compare(
@@ -68,6 +99,26 @@ def ablate(
     return _run(configs, data or plan.get("data", "house-12"), data_dir, given, name or file.stem, runs, engine, seed, progress)
 
 
+def evaluate(directory: Path) -> Comparison:
+    """Measure a run again from its answers and the dataset's truth, and write its metrics and report. Runs no method.
+
+    Raises ConfigError where `directory` is no run, DataError where the dataset is not the one the run was made on.
+    """
+    run = Run.load(directory)
+    dataset = open_dataset(run.config.dataset)
+    run.bind(dataset.fingerprint)
+    return _conclude(run, dataset)
+
+
+def _conclude(run: Run, dataset: Dataset) -> Comparison:
+    evaluation = measure(run, dataset)
+    for method in evaluation.methods:
+        write_json(run.folder(method.label) / "metrics.json", method.row)
+    comparison = Comparison(run.directory, tuple(method.row for method in evaluation.methods))
+    write_report(comparison.report, run.directory.name, evaluation, dataset.floors())
+    return comparison
+
+
 def _spell(value: Any) -> str:
     return value if isinstance(value, str) else json.dumps(value)
 
@@ -105,7 +156,7 @@ def _run(
         for label, result in zip(todo, runner.map(partial(predict, run.directory), todo), strict=True):
             if isinstance(result, Exception):
                 run.end(label, Outcome("crashed", f"its process died ({describe_error(result)})"))
-    return measure(run, dataset)
+    return _conclude(run, dataset)
 
 
 def _finished(run: Run, label: str, folds: Sequence[Fold]) -> bool:

@@ -1,17 +1,15 @@
-"""What a finished run has measured: answers against truth, as rows."""
+"""What a run has measured: the answers of its methods against the truth of its dataset. Runs no method."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from salframe.errors import DataError
 from salframe.metrics import Judged, count_statuses, judge, mcnemar_exact, summarize
-from salframe.predict import open_dataset
 from salframe.roles import Dataset
-from salframe.runs import Outcome, Run
-from salframe.storage import write_json
+from salframe.runs import Outcome, Row, Run
+from salframe.types import Truth
 
 COLUMNS = (
     "method", "queries", "accuracy", "accuracy_low", "accuracy_high", "recall_at_5", "median_translation_m", "median_rotation_deg",
@@ -20,52 +18,48 @@ COLUMNS = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Comparison:
-    """A finished run: a row a method with the keys of COLUMNS, None where a number is absent."""
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """One method of a run: its row with the keys of COLUMNS (None where a number is absent), its answers, and how they were judged.
 
-    run: Path
-    rows: tuple[dict[str, Any], ...]
-
-    @property
-    def measured(self) -> bool:
-        """Whether some method was measured."""
-        return any(row["accuracy"] is not None for row in self.rows)
-
-    @property
-    def crashed(self) -> bool:
-        """Whether some method raised or died, on a query or altogether."""
-        return any("crashed" in row["status"] for row in self.rows)
-
-    def to_json(self) -> dict[str, Any]:
-        """{"run": path, "rows": [...]}."""
-        return {"run": str(self.run), "rows": list(self.rows)}
-
-
-def evaluate(directory: Path) -> Comparison:
-    """Measure a run again from its answers and the dataset's truth, and write metrics.json. Runs no method.
-
-    Raises ConfigError where `directory` is no run, DataError where the dataset is not the one the run was made on.
+    `answers`: a row of predictions.jsonl a query, None where there is none. Only a method that is done has numbers.
     """
-    run = Run.load(directory)
-    dataset = open_dataset(run.config.dataset)
-    run.bind(dataset.fingerprint)
-    return measure(run, dataset)
+
+    row: dict[str, Any]
+    answers: tuple[Row | None, ...]
+    judged: Judged
+
+    @property
+    def label(self) -> str:
+        return self.row["method"]
+
+    @property
+    def done(self) -> bool:
+        """Whether the method was measured."""
+        return self.row["accuracy"] is not None
 
 
-def measure(run: Run, dataset: Dataset) -> Comparison:
-    """The rows of a run on its opened dataset. Raises DataError on a dataset without queries."""
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """A run's queries in the order of its dataset, their truth, and its methods in the order they were given."""
+
+    queries: tuple[str, ...]
+    truths: tuple[Truth, ...]
+    methods: tuple[Measured, ...]
+
+
+def measure(run: Run, dataset: Dataset) -> Evaluation:
+    """Judge every method of a run on its opened dataset. Raises DataError on a dataset without queries."""
     folds = dataset.folds()
     keys = [(fold.id, query.id) for fold in folds for query in fold.queries]
     if not keys:
         raise DataError(f"{dataset.name} has no query, expected at least one")
-    truths = [dataset.truth(query) for _, query in keys]
+    truths = tuple(dataset.truth(query) for _, query in keys)
     map_frames = {frame.id for fold in folds for frame in fold.mapping}
-    rows: list[dict[str, Any]] = []
-    first: Judged | None = None
+    methods: list[Measured] = []
     for label in run.config.methods:
         known = run.predictions(label)
-        answers = [known.get(key) for key in keys]
+        answers = tuple(known.get(key) for key in keys)
         judged = judge(answers, truths)
         outcome = run.outcome(label) or Outcome("unfinished", f"unfinished: {len(known)} of {len(keys)} queries answered")
         row: dict[str, Any] = {**dict.fromkeys(COLUMNS), "method": label, "queries": len(keys), "status": {}}
@@ -74,8 +68,7 @@ def measure(run: Run, dataset: Dataset) -> Comparison:
             row["status"] = count_statuses(judged.statuses)
         if outcome.status == "done":
             row |= summarize(judged, answers, run.descriptions(label), map_frames, run.config.seed)
-            row["p_value"] = mcnemar_exact(first.correct, judged.correct) if first else None
-            first = first or judged
-        rows.append(row)
-        write_json(run.folder(label) / "metrics.json", row)
-    return Comparison(run.directory, tuple(rows))
+            first = next((method for method in methods if method.done), None)
+            row["p_value"] = mcnemar_exact(first.judged.correct, judged.correct) if first else None
+        methods.append(Measured(row, answers, judged))
+    return Evaluation(tuple(query for _, query in keys), truths, tuple(methods))

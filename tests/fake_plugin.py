@@ -18,7 +18,7 @@ from salframe.errors import DataError, WeightsMissing
 from salframe.geometry import pose_2d
 from salframe.localizer import Description, Localizer, rank_places
 from salframe.roles import Dataset
-from salframe.types import Fold, Frame, Localization, MapFrame, Panorama, Truth
+from salframe.types import FloorMasks, Fold, Frame, Localization, MapFrame, Panorama, Truth
 
 
 class Rooms(Dataset):
@@ -61,6 +61,18 @@ class Rooms(Dataset):
         if not self.config.leave_one_out:
             return [Fold("all", mapping, queries)]
         return [Fold(query.id, mapping, (query,)) for query in queries]
+
+    def floors(self) -> Sequence[FloorMasks]:
+        """A corridor of rooms 4 m x 3 m, 0.2 m thick walls, a table in each."""
+        if not self.config.posed:
+            return ()
+        region = np.zeros((16, 20 * self.config.rooms), np.int32)
+        obstacle = np.zeros(region.shape, bool)
+        for room in range(self.config.rooms):
+            region[1:15, 20 * room + 1 : 20 * room + 19] = room + 1
+            obstacle[3:6, 20 * room + 12 : 20 * room + 16] = True
+        places = {room + 1: f"room-{room}" for room in range(self.config.rooms)}
+        return [FloorMasks((region > 0) & ~obstacle, region, obstacle, 0.2, (-2.0, 1.6), places)]
 
     def truth(self, query_id: str) -> Truth:
         _, room, query = query_id.split("-")

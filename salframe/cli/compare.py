@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from salframe.evaluate import Comparison
+    from salframe.compare import Comparison
 
 DataDir = Annotated[Path | None, typer.Option(help="Folder that holds the dataset's files (its `root`).")]
 Set = Annotated[
@@ -55,7 +55,7 @@ def ablate(
 
 def evaluate(run: Annotated[Path, typer.Argument(help="A run folder.")], as_json: Json = False) -> None:
     """Measure a run again from its recorded answers; runs no method."""
-    from salframe.evaluate import evaluate as measure
+    from salframe.compare import evaluate as measure
 
     _show(lambda progress: measure(run), as_json)
 

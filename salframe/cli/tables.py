@@ -12,7 +12,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextC
 from rich.table import Table
 
 if TYPE_CHECKING:
-    from salframe.evaluate import Comparison
+    from salframe.compare import Comparison
 
 
 class Bars:
@@ -63,7 +63,7 @@ def print_comparison(comparison: Comparison) -> None:
     console.print(table)
     for note in notes:
         console.print(note, style="dim", markup=False, highlight=False)
-    console.print(f"run: {comparison.run}", markup=False, highlight=False, soft_wrap=True)
+    console.print(f"report: {comparison.report}", markup=False, highlight=False, soft_wrap=True)
 
 
 def _cells(row: dict[str, Any]) -> list[str]:
