@@ -1,0 +1,172 @@
+"""Light that arrives from lamps and windows: lighting conditions, the lights that matter at a point, soft shadows."""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass
+
+import numpy as np
+
+from salframe_house.scene import Light, Scene
+from salframe_house.tracing import Tracer
+
+
+@dataclass(frozen=True)
+class Condition:
+    """A time of day. Intensities are relative to each other: the exposure adapts to the picture.
+
+    `window` is the radiance of a window's area, `lamp` that of a lamp of 0.36 m^2, `lamps_on` the share of lamps that are switched on,
+    `glow` scales the emission of their materials; zenith, horizon and ground are the radiance outdoors; `key` is the brightness that the
+    exposure aims at and `noise` the deviation of sensor noise, white being 1.
+    """
+
+    window: float
+    window_rgb: tuple[float, float, float]
+    lamp: float
+    lamp_rgb: tuple[float, float, float]
+    lamps_on: float
+    glow: float
+    zenith_rgb: tuple[float, float, float]
+    horizon_rgb: tuple[float, float, float]
+    ground_rgb: tuple[float, float, float]
+    key: float
+    noise: float = 0.0
+
+
+CONDITIONS = {
+    "day": Condition(
+        window=6.0, window_rgb=(0.93, 1.0, 1.09), lamp=7.0, lamp_rgb=(1.06, 1.0, 0.88), lamps_on=1.0, glow=1.5,
+        zenith_rgb=(1.5, 2.2, 3.4), horizon_rgb=(3.2, 3.6, 4.0), ground_rgb=(0.9, 1.0, 0.8), key=0.17,
+    ),
+    "evening": Condition(
+        window=0.12, window_rgb=(0.6, 0.9, 1.6), lamp=14.0, lamp_rgb=(1.12, 0.99, 0.78), lamps_on=1.0, glow=2.0,
+        zenith_rgb=(0.02, 0.035, 0.09), horizon_rgb=(0.09, 0.10, 0.16), ground_rgb=(0.015, 0.018, 0.025), key=0.14,
+    ),
+    "dim": Condition(
+        window=0.35, window_rgb=(0.8, 0.97, 1.25), lamp=8.0, lamp_rgb=(1.11, 0.99, 0.80), lamps_on=0.4, glow=1.5,
+        zenith_rgb=(0.06, 0.09, 0.17), horizon_rgb=(0.20, 0.22, 0.27), ground_rgb=(0.04, 0.045, 0.05), key=0.08, noise=0.008,
+    ),
+}
+
+INTERLEAVED = 16
+"""Points are shaded with one of so many sets of samples; together the sets are stratified, so averaging 4 x 4 points removes noise."""
+
+_CELL_M = 0.5
+_CANDIDATES = 8
+_REACH_M = 14.0
+_OFFSET_M = np.float32(0.004)
+_GOLDEN = np.array([0.7548776662466927, 0.5698402909980532])  # steps of the R2 low-discrepancy sequence
+
+
+def is_hollow(scene: Scene) -> np.ndarray:
+    """(F,) bool: the triangles that cast no shadow, being a lamp, a shining surface or glass."""
+    shines = np.array([m.emission > 0 or m.texture == "glass" for m in scene.materials])[scene.material_index]
+    lamps = {light.instance_id for light in scene.lights} - {0}
+    return shines | np.isin(scene.instance_id, list(lamps))
+
+
+def lights_on(lights: tuple[Light, ...], condition: Condition) -> np.ndarray:
+    """(L,) bool: which lights shine. Windows all do; which lamps do is fixed by where they stand, and a room keeps its first lamp."""
+    first_lamp: dict[str, int] = {}
+    for index, light in enumerate(lights):
+        if light.kind == "lamp":
+            first_lamp.setdefault(light.room, index)
+    drawn = [zlib.crc32(np.array(light.position_m).tobytes()) < condition.lamps_on * 2**32 for light in lights]
+    kept = [light.kind == "window" or first_lamp[light.room] == index for index, light in enumerate(lights)]
+    return np.array(drawn, bool) | np.array(kept, bool)
+
+
+class Lights:
+    """The lights of a building under one condition, and for every half metre of floor those that can be seen from there.
+
+    Looking candidates up by place bounds the cost of a point, however many rooms the building has.
+    """
+
+    def __init__(self, scene: Scene, condition: Condition, tracer: Tracer):
+        self._tracer = tracer
+        on = [light for light, shines in zip(scene.lights, lights_on(scene.lights, condition), strict=True) if shines]
+        # The last light is dark: it fills the places of cells that see fewer lights.
+        self._centre_m = np.array([light.position_m for light in on] + [(0, 0, -1e3)], np.float32)
+        self._edges_m = np.array([(light.edge_u_m, light.edge_v_m) for light in on] + [np.eye(3)[:2] * 1e-3], np.float32)
+        normal = np.cross(self._edges_m[:, 0], self._edges_m[:, 1])
+        area_m2 = np.linalg.norm(normal, axis=1)
+        normal /= area_m2[:, None]
+        lamp = np.array([light.kind == "lamp" for light in on] + [False])
+        normal[lamp & (normal[:, 2] > 0)] *= -1
+        self._normal, self._two_sided = normal, ~lamp
+        # Larger lamps are brighter, but not in proportion to their area.
+        intensity = np.where(lamp, condition.lamp * np.sqrt(0.36 * area_m2), condition.window * area_m2)
+        intensity[-1] = 0
+        self._intensity = intensity.astype(np.float32)
+        self._radius_sq_m2 = (area_m2 / np.pi).astype(np.float32)
+        self._color = np.where(lamp[:, None], condition.lamp_rgb, condition.window_rgb).astype(np.float32)
+        self._low_m = scene.vertices_m.min(axis=0).astype(np.float64)
+        self._candidates = self._seen_by_cells(scene.vertices_m.max(axis=0) - self._low_m)
+
+    def _seen_by_cells(self, size_m: np.ndarray) -> np.ndarray:
+        """(rows along y, columns along x, _CANDIDATES) int32 lights that some point of each cell sees, strongest first."""
+        self._shape = rows, columns = tuple(np.ceil(size_m[1::-1] / _CELL_M).astype(int) + 1)
+        # Points spread over a little more than the cell and over most of the height.
+        spread = (np.arange(1, 9)[:, None] * np.append(_GOLDEN, 0.438)) % 1
+        offset = (spread - [0.5, 0.5, 0]) * [1.6 * _CELL_M, 1.6 * _CELL_M, 0.8 * size_m[2]] + [_CELL_M / 2, _CELL_M / 2, 0.1 * size_m[2]]
+        row, column = np.mgrid[:rows, :columns]
+        corner = np.stack([column.ravel(), row.ravel(), np.zeros(rows * columns)], axis=1) * _CELL_M + self._low_m
+        strength = np.zeros((rows * columns, len(self._centre_m)), np.float32)
+        for light in range(len(self._centre_m) - 1):
+            cells = np.flatnonzero(np.linalg.norm(corner[:, :2] - self._centre_m[light, :2], axis=1) < _REACH_M)
+            points = (corner[cells, None] + offset).reshape(-1, 3).astype(np.float32)
+            seen = ~self._tracer.blocked(points, np.broadcast_to(self._centre_m[light], points.shape).copy())
+            distance_sq = np.sum((points - self._centre_m[light]) ** 2, axis=1)
+            received = self._intensity[light] * seen / (distance_sq + self._radius_sq_m2[light])
+            strength[cells, light] = received.reshape(len(cells), -1).max(axis=1)
+        count = min(_CANDIDATES, strength.shape[1])
+        best = np.argsort(-strength, axis=1, kind="stable")[:, :count]
+        best[np.take_along_axis(strength, best, axis=1) <= 0] = len(self._centre_m) - 1
+        return best.reshape(rows, columns, count).astype(np.int32)
+
+    def direct(self, point_m: np.ndarray, normal: np.ndarray, sample_set: np.ndarray, samples: int) -> np.ndarray:
+        """(N, 3) float32 irradiance that reaches points straight from the lights, with soft shadows.
+
+        What each light would give unshadowed is computed in closed form; `samples` shadow rays a point are shared out over the lights in
+        proportion to it. `sample_set` (N,) int in [0, INTERLEAVED) chooses the set of samples of each point.
+        """
+        cell = (point_m[:, 1::-1] - self._low_m[1::-1].astype(np.float32)) / np.float32(_CELL_M)
+        row, column = np.clip(cell.astype(np.int32), 0, np.array(self._shape) - 1).T
+        light = self._candidates[row, column]
+        unshadowed = self._unshadowed(point_m, normal, light)
+        share = np.cumsum(unshadowed, axis=1)
+        total = share[:, -1]
+        start_m = point_m + normal * _OFFSET_M
+        received = np.zeros((len(point_m), 3), np.float32)
+        for sample in range(samples):
+            order = sample * INTERLEAVED + sample_set
+            threshold = (order + 0.5).astype(np.float32) / np.float32(samples * INTERLEAVED) * total
+            chosen = np.minimum((share <= threshold[:, None]).sum(axis=1), light.shape[1] - 1)
+            chosen = light[np.arange(len(light)), chosen]
+            across = (order[:, None] * _GOLDEN % 1 - 0.5).astype(np.float32)
+            edges_m = self._edges_m[chosen]
+            end_m = self._centre_m[chosen] + edges_m[:, 0] * across[:, :1] + edges_m[:, 1] * across[:, 1:]
+            faces = np.einsum("ij,ij->i", end_m - start_m, normal) > 0
+            lit = np.zeros(len(point_m), bool)
+            asked = np.flatnonzero(faces & (total > 0))
+            lit[asked] = ~self._tracer.blocked(start_m[asked], end_m[asked])
+            received[lit] += self._color[chosen[lit]]
+        return received * (total / np.float32(samples))[:, None]
+
+    def _unshadowed(self, point_m: np.ndarray, normal: np.ndarray, light: np.ndarray) -> np.ndarray:
+        """(N, K) float32 irradiance from the K candidate lights of each point, each taken for a disc of its area."""
+        received = np.empty(light.shape, np.float32)
+        for k in range(light.shape[1]):
+            chosen = light[:, k]
+            way = self._centre_m[chosen] - point_m
+            distance_sq = np.einsum("ij,ij->i", way, way)
+            distance = np.sqrt(distance_sq)
+            radius_sq = self._radius_sq_m2[chosen]
+            leaving = -np.einsum("ij,ij->i", way, self._normal[chosen]) / distance
+            leaving = np.where(self._two_sided[chosen], np.abs(leaving), np.maximum(leaving, 0))
+            arriving = np.einsum("ij,ij->i", way, normal) / distance
+            # A light partly under the horizon of the surface fades out instead of ending at its centre.
+            softness = np.sqrt(radius_sq / (distance_sq + radius_sq))
+            arriving = np.where(arriving > softness, arriving, np.maximum(arriving + softness, 0) ** 2 / (4 * softness))
+            received[:, k] = self._intensity[chosen] * arriving * leaving / (distance_sq + radius_sq)
+        return received

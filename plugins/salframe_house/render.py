@@ -1,0 +1,210 @@
+"""Equirectangular pictures of a scene: range and instances exactly, colour with soft shadows and indirect light."""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from salframe.errors import DataError
+from salframe.geometry import equirectangular_rays, rays_to_pixels
+from salframe_house.albedo import SurfaceColor
+from salframe_house.bounce import Bounce
+from salframe_house.lighting import CONDITIONS, Condition, Lights, is_hollow, lights_on
+from salframe_house.scene import Scene
+from salframe_house.shading import IrradianceGrid
+from salframe_house.tracing import Surface, Tracer
+
+_DIRECT_STEP, _DIRECT_SAMPLES = 2, 3
+_INDIRECT_STEP, _INDIRECT_RAYS = 4, 16
+_SPECULAR_DEPTH = 4  # panes and mirrors that a line of sight may pass or meet
+_GLASS_RGB = np.array([0.86, 0.90, 0.89], np.float32)
+_SCREEN_GLOW = 0.6  # displays shine alike at all times of day
+_LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class Rendering:
+    """A rendered panorama: rgb (H, 2H, 3) uint8 sRGB; range_m (H, 2H) float32 along the ray, NaN where nothing;
+    instance_id (H, 2H) int32, 0 for structure."""
+
+    rgb: np.ndarray
+    range_m: np.ndarray
+    instance_id: np.ndarray
+
+
+class Renderer:
+    """Renders panoramas of one scene under one lighting.
+
+    The same scene, lighting, height and pose give the same bytes. Raises DataError on an unknown lighting or texture and on a height
+    that is no multiple of 4.
+    """
+
+    def __init__(self, scene: Scene, lighting: Literal["day", "evening", "dim"], height: int = 512):
+        if height % _INDIRECT_STEP or height <= 0:
+            raise DataError(f"a panorama's height of {height}, expected a positive multiple of {_INDIRECT_STEP}")
+        self._scene, self._height = scene, height
+        self._tracer = Tracer(scene, is_hollow(scene))
+        self._color = SurfaceColor(scene)
+        texture = np.array([m.texture for m in scene.materials])[scene.material_index]
+        self._look = scene.instance_id.astype(np.int64) * len(scene.materials) + scene.material_index
+        self._mirror, self._glass = texture == "mirror", texture == "glass"
+        self._light(lighting)
+
+    def relit(self, lighting: Literal["day", "evening", "dim"]) -> Renderer:
+        """A renderer of the same scene under another lighting, which shares the geometry and textures of this one."""
+        other = object.__new__(Renderer)
+        other.__dict__.update(self.__dict__)
+        other._light(lighting)
+        return other
+
+    def _light(self, lighting: str) -> None:
+        if lighting not in CONDITIONS:
+            raise DataError(f"unknown lighting '{lighting}', expected one of {', '.join(CONDITIONS)}")
+        scene, self._condition = self._scene, CONDITIONS[lighting]
+        self._lights = Lights(scene, self._condition, self._tracer)
+        on = lights_on(scene.lights, self._condition)
+        off = [light.instance_id for light, shines in zip(scene.lights, on, strict=True) if not shines and light.instance_id]
+        glow = [_SCREEN_GLOW if m.texture == "screen" else self._condition.glow for m in scene.materials]
+        emission = np.array([m.emission * g for m, g in zip(scene.materials, glow, strict=True)], np.float32)[scene.material_index]
+        emission[np.isin(scene.instance_id, off)] = 0
+        self._emission = emission
+
+    def geometry(self, T_world_pano: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Range_m (H, 2H) float32, NaN where nothing, and instance_id (H, 2H) int32, by one exact ray a pixel centre."""
+        return self._images(self._primary(T_world_pano))
+
+    def _images(self, surface: Surface) -> tuple[np.ndarray, np.ndarray]:
+        shape = self._height, 2 * self._height
+        instance_id = np.where(surface.hit, self._scene.instance_id[surface.triangle], 0).astype(np.int32)
+        return surface.range_m.reshape(shape), instance_id.reshape(shape)
+
+    def _primary(self, T_world_pano: np.ndarray) -> Surface:
+        direction = equirectangular_rays(self._height).reshape(-1, 3) @ T_world_pano[:3, :3].T.astype(np.float32)
+        return self._tracer.trace(T_world_pano[:3, 3], direction)
+
+    def render(self, T_world_pano: np.ndarray) -> Rendering:
+        """Colour, range and instances of the panorama at a pose (4, 4)."""
+        surface = self._primary(T_world_pano)
+        range_m, instance_id = self._images(surface)
+        irradiance = self._irradiance(surface, T_world_pano[:3, 3])
+        row, column = (a.ravel().astype(np.float32) for a in np.mgrid[:self._height, :2 * self._height])
+        radiance = self._radiance(surface, row, column, irradiance, T_world_pano)
+        exposure = self._exposure(radiance, surface)
+        edge = self._edges(surface)
+        display = _filmic(radiance * exposure)
+        display[edge] = self._supersampled(edge, exposure, irradiance, T_world_pano)
+        return Rendering(self._developed(display, T_world_pano), range_m, instance_id)
+
+    def _irradiance(self, surface: Surface, camera_m: np.ndarray) -> IrradianceGrid:
+        """Direct light on every second pixel plus indirect light from every fourth."""
+        coarse = IrradianceGrid(surface, self._height, _INDIRECT_STEP)
+        bounce = Bounce(self._tracer, self._lights, self._color.mean, camera_m)
+        coarse.fill(bounce.irradiance(coarse.point_m, coarse.normal, coarse.sample_set, _INDIRECT_RAYS))
+        fine = IrradianceGrid(surface, self._height, _DIRECT_STEP)
+        fine.fill(self._lights.direct(fine.point_m, fine.normal, fine.sample_set, _DIRECT_SAMPLES))
+        row, column = np.divmod(fine.index, 2 * self._height)
+        fine.add(coarse.at(row.astype(np.float32), column.astype(np.float32), surface.take(fine.index)))
+        return fine
+
+    def _radiance(
+        self, surface: Surface, row: np.ndarray, column: np.ndarray, irradiance: IrradianceGrid, pose: np.ndarray, depth: int = 0
+    ) -> np.ndarray:
+        """(N, 3) float32 linear radiance of what rays hit; row, column are where the panorama sees these points."""
+        albedo = self._color.albedo(surface, np.pi / self._height)
+        radiance = albedo * irradiance.at(row, column, surface) * np.float32(1 / np.pi)
+        shining = np.flatnonzero(self._emission[surface.triangle] > 0)
+        triangle = surface.triangle[shining]
+        radiance[shining] += self._emission[triangle, None] * albedo[shining] / self._color.mean[triangle].max(axis=1, keepdims=True)
+        radiance[~surface.hit] = _sky(surface.direction[~surface.hit], self._condition)
+        mirror = self._mirror[surface.triangle]
+        specular = np.flatnonzero((mirror | self._glass[surface.triangle]) & surface.hit)
+        if len(specular) and depth < _SPECULAR_DEPTH:
+            met, mirror = surface.take(specular), mirror[specular, None]
+            across = np.einsum("ij,ij->i", met.direction, met.normal)[:, None]
+            direction = np.where(mirror, met.direction - 2 * across * met.normal, met.direction)
+            beyond = self._tracer.trace(met.point_m + direction * np.float32(1e-3), direction)
+            beyond = replace(beyond, range_m=beyond.range_m + met.range_m)  # a pixel covers more, the longer its light has travelled
+            column, row = rays_to_pixels((beyond.point_m - pose[:3, 3]) @ pose[:3, :3], self._height)
+            seen = self._radiance(beyond, row.astype(np.float32) - 0.5, column.astype(np.float32) - 0.5, irradiance, pose, depth + 1)
+            radiance[specular] = seen * np.where(mirror, self._color.mean[met.triangle], _GLASS_RGB)
+        return radiance
+
+    def _edges(self, surface: Surface) -> np.ndarray:
+        """Positions of the pixels beside which another surface begins."""
+        shape = self._height, 2 * self._height
+        look = self._look[surface.triangle].reshape(shape)
+        normal = surface.normal.reshape(*shape, 3)
+        edge = np.zeros(shape, bool)
+        beside = np.roll(look, -1, 1) != look
+        beside |= np.einsum("ijk,ijk->ij", normal, np.roll(normal, -1, 1)) < 0.95
+        edge |= beside | np.roll(beside, 1, 1)
+        below = look[1:] != look[:-1]
+        below |= np.einsum("ijk,ijk->ij", normal[1:], normal[:-1]) < 0.95
+        edge[1:] |= below
+        edge[:-1] |= below
+        return np.flatnonzero(edge)
+
+    def _supersampled(self, pixel: np.ndarray, exposure: float, irradiance: IrradianceGrid, pose: np.ndarray) -> np.ndarray:
+        """(N, 3) tone-mapped colour of pixels, each the mean of 2 x 2 rays."""
+        row, column = (a.astype(np.float32) for a in np.divmod(pixel, 2 * self._height))
+        total = np.zeros((len(pixel), 3), np.float32)
+        for down, right in ((-0.25, -0.25), (-0.25, 0.25), (0.25, -0.25), (0.25, 0.25)):
+            sub_row, sub_column = row + np.float32(down), column + np.float32(right)
+            surface = self._tracer.trace(pose[:3, 3], self._rays(sub_row, sub_column) @ pose[:3, :3].T.astype(np.float32))
+            total += _filmic(self._radiance(surface, sub_row, sub_column, irradiance, pose) * exposure)
+        return total / 4
+
+    def _rays(self, row: np.ndarray, column: np.ndarray) -> np.ndarray:
+        azimuth = np.pi - np.float32(np.pi / self._height) * (column + 0.5)
+        elevation = np.pi / 2 - np.float32(np.pi / self._height) * (row + 0.5)
+        level = np.cos(elevation)
+        return np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=1).astype(np.float32)
+
+    def _exposure(self, radiance: np.ndarray, surface: Surface) -> float:
+        """What brings the picture's surfaces to the lighting's key, without letting bright ones wash out."""
+        lit = np.flatnonzero(surface.hit & (self._emission[surface.triangle] == 0) & ~self._glass[surface.triangle])[::7]
+        luminance = radiance[lit] @ _LUMINANCE
+        weight = np.cos(np.pi * ((lit // (2 * self._height) + 0.5) / self._height - 0.5))
+        if not len(lit) or luminance.max() <= 0:
+            return 1.0
+        middle = np.exp(np.average(np.log(luminance + 1e-3 * luminance.max()), weights=weight))
+        bright = np.percentile(luminance, 97)
+        return float(min(self._condition.key / middle, 5 * self._condition.key / bright))
+
+    def _developed(self, display: np.ndarray, pose: np.ndarray) -> np.ndarray:
+        """(H, 2H, 3) uint8 sRGB from tone-mapped linear values (H * 2H, 3) in [0, 1]."""
+        shape = self._height, 2 * self._height, 3
+        value = _SRGB[(display * (len(_SRGB) - 1)).astype(np.int32)].reshape(shape)
+        if self._condition.noise:
+            rng = np.random.default_rng(zlib.crc32(np.ascontiguousarray(pose, np.float64).tobytes()))
+            value = value + rng.standard_normal(shape[:2], np.float32)[..., None] * np.float32(255 * self._condition.noise)
+        return np.clip(value + np.float32(0.5), 0, 255).astype(np.uint8)
+
+
+def _filmic(radiance: np.ndarray) -> np.ndarray:
+    """Linear display values in [0, 1] of exposed radiance: a curve with a toe and a long shoulder (Narkowicz's fit of ACES, 2015)."""
+    a, b, c, d, e = (np.float32(x) for x in (2.51, 0.03, 2.43, 0.59, 0.14))
+    return np.clip(radiance * (a * radiance + b) / (radiance * (c * radiance + d) + e), 0, 1)
+
+
+def _srgb_table(size: int = 1 << 14) -> np.ndarray:
+    linear = np.linspace(0, 1, size)
+    return (255 * np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)).astype(np.float32)
+
+
+_SRGB = _srgb_table()
+
+
+def _sky(direction: np.ndarray, condition: Condition) -> np.ndarray:
+    """(N, 3) float32 radiance outdoors: a gradient over a skyline of hills and trees."""
+    azimuth = np.arctan2(direction[:, 1], direction[:, 0])
+    skyline = 0.05 + 0.03 * np.sin(5 * azimuth + 1) + 0.02 * np.sin(17 * azimuth) + 0.012 * np.sin(43 * azimuth + 2)
+    height = direction[:, 2]
+    zenith, horizon, ground = (np.array(rgb, np.float32) for rgb in (condition.zenith_rgb, condition.horizon_rgb, condition.ground_rgb))
+    sky = horizon + (zenith - horizon) * np.sqrt(np.clip(height, 0, 1))[:, None].astype(np.float32)
+    land = ground * (1 + 0.25 * np.sin(60 * azimuth + 25 * height) * np.clip(1 + 6 * height, 0, 1))[:, None].astype(np.float32)
+    above = np.clip((height - skyline) * 200, 0, 1)[:, None].astype(np.float32)  # over a third of a degree, not from one pixel to the next
+    return land + (sky - land) * above

@@ -1,0 +1,106 @@
+"""Rays against a scene's triangles: nearest surfaces and shadows, on embree."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from embreex.mesh_construction import TriangleMesh
+from embreex.rtcore_scene import EmbreeScene
+
+from salframe_house.scene import Scene
+
+_NOTHING = np.float32(1e30)  # embree's range where a ray hits nothing is 1e37
+_THREADS = 2  # embreex lets go of the interpreter while it traces
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """What N rays hit: flat arrays, one entry a ray, world frame.
+
+    direction (N, 3) float32 unit, of the rays; range_m (N,) float32, NaN where nothing was hit; triangle (N,) int32 into the scene, 0 where
+    nothing was hit; weight_u, weight_v (N,) float32 barycentric weights of its second and third corner; normal (N, 3) float32 unit, turned
+    towards the ray; point_m (N, 3) float32 where it hit, its origin where nothing was hit.
+    """
+
+    direction: np.ndarray
+    range_m: np.ndarray
+    triangle: np.ndarray
+    weight_u: np.ndarray
+    weight_v: np.ndarray
+    normal: np.ndarray
+    point_m: np.ndarray
+
+    @property
+    def hit(self) -> np.ndarray:
+        """(N,) bool: the ray hit something."""
+        return ~np.isnan(self.range_m)
+
+    def __len__(self) -> int:
+        return len(self.range_m)
+
+    def take(self, index: np.ndarray) -> Surface:
+        """The entries at these positions."""
+        return Surface(*(getattr(self, name)[index] for name in self.__dataclass_fields__))
+
+
+class Tracer:
+    """The triangles of a scene, ready for rays. One tracer serves every lighting of the scene.
+
+    `hollow` (F,) bool marks triangles that cast no shadow: what shines, the lamps around the lights, and window panes. A shadow ray ends
+    at the light inside of them, and would otherwise strike them.
+    """
+
+    def __init__(self, scene: Scene, hollow: np.ndarray):
+        self._surfaces = _embree_scene(scene.vertices_m, scene.triangles)
+        self._occluders = _embree_scene(scene.vertices_m, scene.triangles[~hollow])
+        corners = scene.vertices_m[scene.triangles].astype(np.float32)
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        self.normal = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+        self._pool = ThreadPoolExecutor(_THREADS)
+
+    def trace(self, origin_m: np.ndarray, direction: np.ndarray) -> Surface:
+        """The nearest surfaces along unit directions (N, 3) float32 from one origin (3,) or N origins (N, 3)."""
+        origin_m = np.ascontiguousarray(np.broadcast_to(np.asarray(origin_m, np.float32), direction.shape))
+        return _joined(list(self._pool.map(self._trace_part, *_halves(origin_m, direction))))
+
+    def _trace_part(self, origin_m: np.ndarray, direction: np.ndarray) -> Surface:
+        found = self._surfaces.run(origin_m, direction, query="INTERSECT", output=True)
+        range_m, triangle = found["tfar"], np.maximum(found["primID"], 0)
+        range_m[range_m > _NOTHING] = np.nan
+        normal = self.normal[triangle]
+        # Triangles are seen from either side: a normal is turned towards the ray.
+        away = np.einsum("ij,ij->i", normal, direction) > 0
+        normal[away] *= -1
+        point_m = origin_m + direction * np.nan_to_num(range_m)[:, None]
+        return Surface(direction, range_m, triangle, found["u"], found["v"], normal, point_m)
+
+    def blocked(self, start_m: np.ndarray, end_m: np.ndarray) -> np.ndarray:
+        """(N,) bool: something that casts shadows lies between the points (N, 3); within 2 cm of the end does not count."""
+        return np.concatenate(list(self._pool.map(self._blocked_part, *_halves(start_m, end_m))))
+
+    def _blocked_part(self, start_m: np.ndarray, end_m: np.ndarray) -> np.ndarray:
+        way = end_m - start_m
+        length_m = np.sqrt(np.einsum("ij,ij->i", way, way))
+        way /= np.maximum(length_m, 1e-6)[:, None]
+        reach_m = np.maximum(length_m - np.float32(0.02), 0)
+        return self._occluders.run(start_m, way, query="OCCLUDED", dists=reach_m) >= 0
+
+
+def _embree_scene(vertices_m: np.ndarray, triangles: np.ndarray) -> EmbreeScene:
+    scene = EmbreeScene(robust=True)  # without it, rays slip between triangles that share an edge
+    TriangleMesh(scene, vertices_m.astype(np.float32), triangles.astype(np.int32))
+    up = np.array([[0, 0, 1]], np.float32)
+    scene.run(up, up)  # builds the hierarchy now: two threads must not both do so at their first ray
+    return scene
+
+
+def _halves(*arrays: np.ndarray) -> list[list[np.ndarray]]:
+    """Each array cut into as many runs as there are threads."""
+    cuts = [np.array_split(array, _THREADS) for array in arrays]
+    return [[np.ascontiguousarray(part) for part in parts] for parts in cuts]
+
+
+def _joined(parts: list[Surface]) -> Surface:
+    return Surface(*(np.concatenate([getattr(part, name) for part in parts]) for name in Surface.__dataclass_fields__))
