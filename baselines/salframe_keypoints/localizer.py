@@ -1,0 +1,163 @@
+"""The localizer that every feature and matcher pair is run by."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import cv2
+import numpy as np
+from pydantic import Field
+
+from salframe.config import ComponentConfig
+from salframe.errors import RequirementMissing
+from salframe.localizer import Description, Localizer, rank_places
+from salframe.types import Localization, MapFrame, Panorama
+from salframe.weights import file_sha256
+from salframe_keypoints.loftr import Loftr
+from salframe_keypoints.pairs import Pair, View
+from salframe_keypoints.poses import robust_pose
+from salframe_keypoints.shortlist import Vlad, turned_similarity
+from salframe_keypoints.sift import Sift
+from salframe_keypoints.views import ViewRig, sample_nearest
+from salframe_keypoints.xfeat import XFeat
+
+PAIRS: dict[str, type[Pair]] = {"xfeat": XFeat, "sift": Sift, "loftr": Loftr}
+DESCRIBED_BY = {"pair", "views", "view_width_px", "view_height_px", "hfov_deg", "max_keypoints", "loftr_config"}
+"""The settings that a description depends on; the others matter to matching only."""
+
+EDGE_PX = 8
+"""Points this close to the end of a partial panorama describe that end rather than the scene; pixels of the panorama."""
+
+
+class Keypoints(Localizer):
+    """Keypoint matches between perspective views of panoramas, with a pose from matches whose map side has a range."""
+
+    name = "keypoints"
+    version = "1"
+    extra = "salframe[keypoints]"
+    weights = tuple(weights for pair in PAIRS.values() for weights in pair.weights)
+
+    class Config(ComponentConfig):
+        pair: Literal[tuple(PAIRS)] = Field("xfeat", description="features and their matcher")  # type: ignore[valid-type]
+        views: int = Field(6, ge=3, description="perspective views around the panorama")
+        view_width_px: int = Field(480, ge=64, le=4096)
+        view_height_px: int = Field(352, ge=64, le=4096)
+        hfov_deg: float = Field(90.0, gt=0, lt=150, description="horizontal field of view of each view")
+        max_keypoints: int = Field(512, ge=16, description="keypoints a view")
+        words: int = Field(32, ge=1, description="size of the vocabulary behind the global descriptor")
+        shortlist: int = Field(5, ge=1, description="map frames, best by the global descriptor, that are matched in full")
+        inlier_deg: float = Field(1.0, gt=0, description="a match agrees with a pose where its bearing is off by less than this")
+        hypotheses: int = Field(500, ge=1, description="three-point samples that poses are drawn from")
+        min_inliers: int = Field(12, ge=4, description="a pose with fewer agreeing matches is none")
+        checkpoint: Path | None = Field(None, description="local weights instead of the fetched ones: the file, or the folder that holds them")
+        loftr_config: dict[str, Any] = Field(
+            {"coarse": {"temp_bug_fix": True}}, description="what a LoFTR checkpoint changes in kornia's default_cfg; as given, the official one",
+        )  # fmt: skip
+        loftr_fine: bool = Field(True, description="false for a LoFTR checkpoint that has no fine stage")
+
+    def __init__(self, config: ComponentConfig | None = None) -> None:
+        super().__init__(config)
+        settings = self.config
+        self._rig = ViewRig(settings.views, settings.view_width_px, settings.view_height_px, np.deg2rad(settings.hfov_deg))
+        self._pair = PAIRS[settings.pair](settings)
+
+    @classmethod
+    def check(cls, config: ComponentConfig) -> None:
+        """Raises RequirementMissing or WeightsMissing for what this config's pair needs; `sift` needs neither."""
+        pair = PAIRS[config.pair]  # type: ignore[attr-defined]
+        absent = [package for package in pair.requires if importlib.util.find_spec(package) is None]
+        if absent:
+            raise RequirementMissing(f"{cls.name} pair {config.pair} needs {', '.join(absent)}, not installed: pip install '{cls.extra}'")
+        for weights in pair.weights:
+            weights.paths(config.checkpoint)  # type: ignore[attr-defined]
+
+    @property
+    def needs(self) -> frozenset[str]:
+        """Colour; range too where a pose is wanted, but not for the place."""
+        return frozenset({"rgb"})
+
+    def describe_identity(self) -> dict[str, Any]:
+        """The settings of the views and features, and the hashes of the networks."""
+        hashes = [file_sha256(path) for weights in self._pair.weights for path in weights.paths(self.config.checkpoint)]
+        settings = self.config.model_dump(mode="json", include=DESCRIBED_BY)
+        return {"localizer": self.name, "version": self.version, "settings": settings, "weights": hashes}
+
+    def describe(self, panorama: Panorama) -> Description:
+        """The points of all views one after the other, how many each view has, their features, and the range at each point.
+
+        points_px (K, 2); range_m (K,) float32, NaN where unknown; features, their rows of all views; point_count, feature_count (V,) int64.
+        """
+        views = self._pair.extract(self._rig.cut(panorama.rgb))
+        if panorama.valid is not None:
+            inside = cv2.erode(panorama.valid.astype(np.uint8), np.ones((2 * EDGE_PX + 1, 2 * EDGE_PX + 1), np.uint8)).astype(bool)
+            views = [self._pair.restrict(view, sample_nearest(inside, self._rig.bearings(i, view.points_px))) for i, view in enumerate(views)]
+        bearings = np.concatenate([self._rig.bearings(i, view.points_px) for i, view in enumerate(views)])
+        range_m = np.full(len(bearings), np.nan, np.float32)
+        if panorama.range_m is not None:
+            range_m = sample_nearest(panorama.range_m, bearings)
+        return {
+            "points_px": np.concatenate([view.points_px for view in views]),
+            "features": np.concatenate([view.features for view in views]),
+            "range_m": range_m,
+            "point_count": np.array([len(view.points_px) for view in views]),
+            "feature_count": np.array([len(view.features) for view in views]),
+        }
+
+    def index(self, descriptions: Sequence[Description], frames: Sequence[MapFrame]) -> None:
+        """Learn the vocabulary on the map's features, pool each view over it, and lift the points that have a range."""
+        self._map_frames = list(frames)
+        self._map_views = [_views(description) for description in descriptions]
+        self._map_points_m = [self._lift(description) for description in descriptions]
+        local = [[self._pair.retrieval_features(view) for view in views] for views in self._map_views]
+        self._vlad = Vlad([features for views in local for features in views], self.config.words)
+        self._map_pooled = np.stack([[self._vlad.pool(features) for features in views] for views in local])
+
+    def match(self, description: Description) -> Localization:
+        """Match the shortlist in full; a frame scores its agreeing matches plus its global similarity, which is below 1."""
+        views = _views(description)
+        pooled = np.stack([self._vlad.pool(self._pair.retrieval_features(view)) for view in views])
+        if not pooled.any():
+            return Localization((), None, "no-features")
+        similarity = turned_similarity(pooled, self._map_pooled)
+        scores = similarity.max(1).astype(np.float64)
+        best_pose, most = None, self.config.min_inliers - 1
+        for frame in np.argsort(-scores, kind="stable")[: self.config.shortlist]:
+            pose, support = self._verify(views, int(frame), int(similarity[frame].argmax()))
+            scores[frame] += support
+            if pose is not None and support > most:
+                best_pose, most = self._map_frames[frame].T_world_pano @ pose, support
+        return Localization(rank_places(self._map_frames, scores), best_pose, "no-pose" if best_pose is None else "ok")
+
+    def _verify(self, views: Sequence[View], frame: int, turn: int) -> tuple[np.ndarray | None, int]:
+        """T_map_query and how many matches agree with it, matching query view i with the frame's view i + turn.
+
+        Where the frame has no range there is no pose, and all matches count.
+        """
+        bearings, points = [], []
+        for i, view in enumerate(views):
+            j = (i + turn) % len(views)
+            pixels, matched = self._pair.match(view, self._map_views[frame][j])
+            bearings.append(self._rig.bearings(i, pixels))
+            points.append(self._map_points_m[frame][j][matched])
+        seen, points_m = np.concatenate(bearings), np.concatenate(points)
+        if not any(np.isfinite(view).any() for view in self._map_points_m[frame]):
+            return None, len(seen)
+        lifted = np.isfinite(points_m).all(1)
+        inlier_rad, rng = np.deg2rad(self.config.inlier_deg), np.random.default_rng(0)
+        pose, inliers = robust_pose(seen[lifted], points_m[lifted], inlier_rad, self.config.hypotheses, rng)
+        return pose, int(inliers.sum())
+
+    def _lift(self, description: Description) -> list[np.ndarray]:
+        """(K, 3) points of each view in the panorama frame, NaN where the range is unknown."""
+        ends = np.cumsum(description["point_count"])[:-1]
+        pixels, ranges = np.split(description["points_px"], ends), np.split(description["range_m"], ends)
+        return [self._rig.bearings(i, px) * range_m[:, None] for i, (px, range_m) in enumerate(zip(pixels, ranges, strict=True))]
+
+
+def _views(description: Description) -> list[View]:
+    points = np.split(description["points_px"], np.cumsum(description["point_count"])[:-1])
+    features = np.split(description["features"], np.cumsum(description["feature_count"])[:-1])
+    return [View(*parts) for parts in zip(points, features, strict=True)]

@@ -1,0 +1,50 @@
+"""A textured box room, ray-cast in closed form, so that every pose and range is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.ndimage import map_coordinates, zoom
+
+from salframe.geometry import equirectangular_rays
+from salframe.types import Frame, Panorama
+
+ROOM_M = np.array([[-3.0, -2.5, -1.5], [3.5, 2.0, 1.3]])
+TEXELS_PER_M = 60
+
+
+class BoxRoom:
+    """An empty box with a random texture on each wall: `seed` is the room."""
+
+    def __init__(self, seed: int) -> None:
+        rng = np.random.default_rng((seed, 360))
+        coarse = [zoom(rng.uniform(0, 255, (8 * n, 8 * n, 3)), (60 // n, 60 // n, 1), order=1) for n in (2, 4, 10)]
+        self._texture = [sum(np.roll(layer, rng.integers(0, 480, 2), (0, 1)) for layer in coarse) / 3 for _ in range(6)]
+
+    def panorama(self, name: str, T_world_pano: np.ndarray, height: int = 512, with_range: bool = True) -> Panorama:
+        """The panorama seen from a pose inside the room."""
+        rays = equirectangular_rays(height).astype(np.float64) @ T_world_pano[:3, :3].T
+        centre = T_world_pano[:3, 3]
+        with np.errstate(divide="ignore"):
+            distance = (np.where(rays > 0, ROOM_M[1], ROOM_M[0]) - centre) / rays
+        axis = distance.argmin(-1)
+        range_m = distance.min(-1)
+        hit = centre + rays * range_m[..., None]
+        wall = 2 * axis + (np.take_along_axis(rays, axis[..., None], -1)[..., 0] > 0)
+        rgb = np.zeros((*wall.shape, 3), np.uint8)
+        for i in range(6):
+            on = wall == i
+            uv = np.delete(hit[on], i // 2, axis=1) * TEXELS_PER_M
+            for channel in range(3):
+                rgb[on, channel] = map_coordinates(self._texture[i][..., channel], uv.T, order=1, mode="grid-wrap").clip(0, 255)
+        return Panorama(name, rgb, range_m.astype(np.float32) if with_range else None)
+
+    def frame(self, name: str, T_world_pano: np.ndarray, place: str | None = None, **options) -> Frame:
+        """A mapping frame where a place is given, else a query."""
+        panorama = self.panorama(name, T_world_pano, **options)
+        return Frame(name, lambda: panorama, None if place is None else T_world_pano, place)
+
+
+@pytest.fixture(scope="session")
+def rooms() -> list[BoxRoom]:
+    return [BoxRoom(seed) for seed in range(3)]

@@ -1,0 +1,121 @@
+"""Each adapter gives what the library gives when it is used plainly."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from salframe.errors import ConfigError, RequirementMissing, WeightsMissing
+from salframe.geometry import pose_2d
+from salframe_keypoints.localizer import PAIRS, Keypoints
+from salframe_keypoints.pairs import View
+from salframe_keypoints.views import ViewRig
+
+SHARED_DATA = Path(os.environ.get("SALFRAME_SHARED_DATA", Path(__file__).parents[2] / ".." / "shared" / "data"))
+DISTILLED = SHARED_DATA.parent / "weights" / "loftr_coarse_distilled.pt"
+DISTILLED_CONFIG = {
+    "resolution": [16, 4],
+    "resnetfpn": {"initial_dim": 8, "block_dims": [8, 16, 32, 32]},
+    "coarse": {"d_model": 32, "d_ffn": 32, "nhead": 1, "layer_names": ["self", "cross"] * 2},
+    "fine": {"d_model": 16, "d_ffn": 16, "nhead": 1},
+}
+
+
+def config(pair, **settings):
+    settings = Keypoints.Config(pair=pair, **settings)
+    try:
+        Keypoints.check(settings)
+    except (RequirementMissing, WeightsMissing) as error:
+        pytest.skip(str(error))
+    return settings
+
+
+@pytest.fixture(scope="module")
+def images(rooms):
+    """Two overlapping perspective views of one room, taken 0.5 m apart."""
+    rig = ViewRig(6, 480, 352, np.deg2rad(90))
+    first, second = (rooms[0].panorama("a", pose) for pose in (np.eye(4), pose_2d(0.4, 0.3, 0.2)))
+    return np.stack([rig.cut(first.rgb)[0], rig.cut(second.rgb)[0]])
+
+
+def test_sift_matches_are_those_of_opencv(images):
+    pair = PAIRS["sift"](config("sift"))
+    query, reference = pair.extract(images)
+    plain = cv2.SIFT_create(nfeatures=512)
+    (points_a, a), (points_b, b) = (plain.detectAndCompute(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), None) for image in images)
+    kept = [one for one, two in cv2.BFMatcher(cv2.NORM_L2).knnMatch(a[:512], b[:512], k=2) if one.distance < 0.8 * two.distance]
+    assert len(kept) > 50
+    expected = [(*points_a[match.queryIdx].pt, *points_b[match.trainIdx].pt) for match in kept]
+    pixels, position = pair.match(query, reference)
+    np.testing.assert_allclose(np.hstack([pixels, reference.points_px[position]]) - 0.5, expected, atol=1e-4)
+
+
+def test_xfeat_matches_are_those_of_kornia(images, monkeypatch):
+    settings = config("xfeat")
+    import torch
+    from kornia import feature
+    from kornia.feature import lightglue, xfeat
+
+    local = {path.name: path for path in PAIRS["xfeat"].weights[0].paths()}
+
+    def load_local(url, file_name, **options):  # kornia's own loading, without its download
+        return torch.load(local[file_name], weights_only=True)
+
+    monkeypatch.setattr(lightglue, "load_state_dict_from_url", load_local)
+    monkeypatch.setattr(xfeat, "load_state_dict_from_url", load_local)
+    plain, matcher = feature.XFeat.from_pretrained(top_k=512), feature.LightGlue("xfeat")
+    matcher.eval()
+    with torch.inference_mode():
+        found = plain.detectAndCompute(torch.from_numpy(images).permute(0, 3, 1, 2) / 255)
+        size = torch.tensor([[480, 352]])
+        sides = [{"keypoints": f["keypoints"][None].float(), "descriptors": f["descriptors"][None], "image_size": size} for f in found]
+        expected = matcher({"image0": sides[0], "image1": sides[1]})["matches"][0].numpy()
+
+    pair = PAIRS["xfeat"](settings)
+    query, reference = pair.extract(images)
+    np.testing.assert_array_equal(query.points_px - 0.5, found[0]["keypoints"].numpy())
+    exact = [View(view.points_px, f["descriptors"].numpy()) for view, f in zip((query, reference), found, strict=True)]
+    np.testing.assert_array_equal(pair.match_descriptors(*exact), expected)
+    # what is stored is float16: the same matches but for a few at the threshold
+    stored, plainly = set(map(tuple, pair.match_descriptors(query, reference))), set(map(tuple, expected))
+    assert len(plainly) > 100
+    assert len(stored & plainly) >= 0.97 * len(stored | plainly)
+
+
+@pytest.mark.skipif(not DISTILLED.exists(), reason=f"no {DISTILLED}")
+class TestLoftrCheckpoint:
+    settings = {"checkpoint": DISTILLED, "loftr_config": DISTILLED_CONFIG, "loftr_fine": False}
+
+    def test_a_coarse_checkpoint_matches_on_its_grid_as_kornia_does(self, images):
+        pair = PAIRS["loftr"](config("loftr", **self.settings))
+        coarse = {}
+        pair._model.coarse_matching.register_forward_hook(lambda module, inputs, output: coarse.update(inputs[2]))
+        query, reference = pair.extract(images)
+        pixels, position = pair.match(query, reference)
+        assert len(position) > 20
+        np.testing.assert_array_equal(reference.points_px[position], coarse["mkpts0_c"].numpy())
+        np.testing.assert_array_equal(pixels, coarse["mkpts1_c"].numpy())
+
+    def test_it_localizes(self, rooms):
+        localizer = Keypoints(config("loftr", **self.settings))
+        localizer.build([room.frame(f"m{i}", np.eye(4), f"room {i}") for i, room in enumerate(rooms)])
+        answer = localizer.localize(rooms[1].frame("query", pose_2d(0.4, -0.3, 2.0)))
+        assert answer.status == "ok"
+        assert answer.places[0].place == "room 1"
+        assert np.linalg.norm(answer.T_world_query[:2, 3] - (0.4, -0.3)) < 0.15  # cells of 16 pixels, 3 deg
+
+    def test_another_architecture_is_one_clear_line(self):
+        with pytest.raises(ConfigError, match="does not fit loftr_config and loftr_fine=True") as caught:
+            PAIRS["loftr"](config("loftr", **{**self.settings, "loftr_fine": True}))
+        assert "\n" not in str(caught.value)
+
+
+def test_a_file_that_is_no_loftr_checkpoint_is_one_clear_line(tmp_path):
+    torch = pytest.importorskip("torch")
+    torch.save({"state_dict": {"other.weight": torch.zeros(1)}}, tmp_path / "other.ckpt")
+    with pytest.raises(WeightsMissing, match="is no LoFTR checkpoint"):
+        PAIRS["loftr"](config("loftr", checkpoint=tmp_path / "other.ckpt"))

