@@ -1,0 +1,115 @@
+"""Where panoramas are taken: map frames in every room and doorway, queries a little way from them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
+
+from salframe_house.building import Building
+
+CAMERA_HEIGHT_M = 1.5
+CLEARANCE_M = 0.25
+REACH_M = 2.5  # every free point of a room lies this near a map frame
+SHIFT_M = (0.3, 1.1)  # of a query from its room's nearest map frame
+MEAN_SHIFT_M = 0.70
+_MEAN_TOLERANCE_M = 0.01
+_MAP_CLEARANCE_M = 0.40
+_HEIGHT_JITTER_M = 0.03
+_NORMAL_YAW_RAD = np.radians(16.6) * np.sqrt(np.pi / 2)  # deviation of a normal angle with mean absolute 16.6 deg
+
+
+@dataclass(frozen=True)
+class FrameSpec:
+    """A panorama to take. `place` is the room's id, or "transition-.." in a doorway; `yaw_rad` turns its x axis from the world's."""
+
+    id: str
+    role: Literal["map", "transition", "query"]
+    place: str
+    x_m: float
+    y_m: float
+    z_m: float
+    yaw_rad: float
+    lighting: str
+
+
+def choose_frames(building: Building, changed: Building, seed: int, queries_per_room: int = 3,
+                  query_yaw: Literal["uniform", "normal"] = "uniform") -> tuple[FrameSpec, ...]:
+    """Map and transition frames of a building by day, and queries of its changed version in the evening or in dim light.
+
+    Queries stand in free space, 0.3 to 1.1 m from the nearest map frame of their room; the mean of these shifts is within 0.01 m of 0.70 m. Their yaw
+    is uniform over the circle, or that of this map frame plus a normal angle of 16.6 deg mean absolute value.
+    """
+    rng = np.random.default_rng((building.seed, seed, 6))
+    frames = []
+    for room, points in _map_points(building).items():
+        frames += [_frame(f"map-{room}-{i}", "map", room, point, 0.0, rng.uniform(-np.pi, np.pi), "day") for i, point in enumerate(points)]
+    for number, door in enumerate(building.doors, 1):
+        name = f"transition-{number:02d}"
+        frames.append(_frame(name, "transition", name, door.centre_m, 0.0, rng.uniform(-np.pi, np.pi), "day"))
+    return (*frames, *_queries(frames, changed, rng, queries_per_room, query_yaw))
+
+
+def _frame(name: str, role: Literal["map", "transition", "query"], place: str, point_m, height_m: float, yaw_rad: float, lighting: str) -> FrameSpec:
+    return FrameSpec(name, role, place, round(float(point_m[0]), 4), round(float(point_m[1]), 4), round(CAMERA_HEIGHT_M + height_m, 4),
+                     round(float(yaw_rad), 6), lighting)
+
+
+def _map_points(building: Building) -> dict[str, np.ndarray]:
+    """Room id -> (N, 2) places in the open that are near all of its free floor: greedy medians, each then put in the middle of its share."""
+    open_space = building.free_space(_MAP_CLEARANCE_M, 0.1)
+    chosen = {}
+    for room, free in building.free_space(CLEARANCE_M, 0.1).items():
+        distance = cdist(open_space[room] if len(open_space[room]) else free, free)
+        centres = [int(distance.mean(1).argmin())]
+        while distance[centres].min(0).max() > REACH_M:
+            centres.append(int(np.minimum(distance, distance[centres].min(0)).mean(1).argmin()))
+            share = distance[centres].argmin(0)
+            centres = [int(distance[:, share == i].max(1).argmin()) for i in range(len(centres))]
+        chosen[room] = (open_space[room] if len(open_space[room]) else free)[centres]
+    return chosen
+
+
+def _queries(frames: list[FrameSpec], changed: Building, rng: np.random.Generator, per_room: int, yaw: Literal["uniform", "normal"]) -> list[FrameSpec]:
+    free = changed.free_space(CLEARANCE_M)
+    own = {room.id: [frame for frame in frames if frame.place == room.id] for room in changed.rooms}
+    rooms = [room.id for room in changed.rooms for _ in range(per_room)]
+    shift = {}
+    for room in own:
+        shift[room] = cKDTree([(f.x_m, f.y_m) for f in own[room]]).query(free[room])[0]
+        within = (shift[room] >= SHIFT_M[0]) & (shift[room] <= SHIFT_M[1])
+        if within.any():
+            free[room], shift[room] = free[room][within], shift[room][within]
+    chosen = [_near(shift[room], rng.uniform(*SHIFT_M), rng) for room in rooms]
+    _balance(rooms, chosen, shift, rng)
+    queries = []
+    for number, (room, index) in enumerate(zip(rooms, chosen, strict=True)):
+        point = free[room][index]
+        nearest = min(own[room], key=lambda frame: float(np.hypot(frame.x_m - point[0], frame.y_m - point[1])))
+        angle = rng.uniform(-np.pi, np.pi) if yaw == "uniform" else nearest.yaw_rad + rng.normal(0.0, _NORMAL_YAW_RAD)
+        height = rng.uniform(-_HEIGHT_JITTER_M, _HEIGHT_JITTER_M)
+        lighting = str(rng.choice(("evening", "dim")))
+        queries.append(_frame(f"query-{room}-{number % per_room}", "query", room, point, height, (angle + np.pi) % (2 * np.pi) - np.pi, lighting))
+    return queries
+
+
+def _near(shift_m: np.ndarray, wanted_m: float, rng: np.random.Generator) -> int:
+    """A random one of the points whose shift is about the wanted one, or that which comes nearest."""
+    close = np.flatnonzero(np.abs(shift_m - wanted_m) < 0.03)
+    return int(rng.choice(close)) if len(close) else int(np.abs(shift_m - wanted_m).argmin())
+
+
+def _balance(rooms: list[str], chosen: list[int], shift_m: dict[str, np.ndarray], rng: np.random.Generator) -> None:
+    """Draw random queries again, nearer or farther, until the mean shift is right: not all rooms have room for the larger shifts."""
+    values = np.array([shift_m[room][index] for room, index in zip(rooms, chosen, strict=True)])
+    for _ in range(200 * len(rooms)):
+        excess = values.mean() - MEAN_SHIFT_M
+        if abs(excess) <= _MEAN_TOLERANCE_M:
+            return
+        i = int(rng.integers(len(rooms)))
+        wanted = rng.uniform(SHIFT_M[0], values[i]) if excess > 0 else rng.uniform(values[i], SHIFT_M[1])
+        chosen[i] = _near(shift_m[rooms[i]], wanted, rng)
+        values[i] = shift_m[rooms[i]][chosen[i]]

@@ -1,0 +1,276 @@
+"""Where an object may stand: candidate poses beside walls, furniture and windows, and what rules them out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from salframe_house.furniture import CLASSES
+from salframe_house.layout import Door, Room, Window
+from salframe_house.object_class import ObjectClass, Size
+
+STANDING_HEIGHT_M = 1.5  # an obstacle on the floor begins below this; lamps and pictures hang above
+_FLAT_M = 0.05  # what is lower can be walked on
+_WALL_GAP_M = 0.02  # skirting
+_HUNG_GAP_M = 0.004
+_PASSAGE_M = 0.60
+_CELL_M = 0.05
+_TRIES = 48
+_CONTACT_M = 1e-4  # objects may touch
+_INWARD = ((1, 0), (-1, 0), (0, 1), (0, -1))  # of the walls: at low x, high x, low y, high y
+
+
+@dataclass(frozen=True)
+class PlacedObject:
+    """An object in the building: origin (x, y, z) at the middle of its base, front along `yaw_rad`, size_m along its own x, y, z.
+
+    Label, size, seed and `mirrored` (left and right exchanged) determine its mesh.
+    """
+
+    instance_id: int
+    label: str
+    room: str
+    x_m: float
+    y_m: float
+    z_m: float
+    yaw_rad: float
+    size_m: Size
+    seed: int
+    mirrored: bool = False
+
+    @property
+    def half_extent_m(self) -> tuple[float, float]:
+        """Half the extent of the footprint's bounding rectangle along world x and y."""
+        c, s = abs(np.cos(self.yaw_rad)), abs(np.sin(self.yaw_rad))
+        return (c * self.size_m[0] + s * self.size_m[1]) / 2, (s * self.size_m[0] + c * self.size_m[1]) / 2
+
+    @property
+    def bounds_m(self) -> np.ndarray:
+        """(2, 3) lowest and highest corner in the world."""
+        hx, hy = self.half_extent_m
+        return np.array([[self.x_m - hx, self.y_m - hy, self.z_m], [self.x_m + hx, self.y_m + hy, self.z_m + self.size_m[2]]])
+
+    @property
+    def is_obstacle(self) -> bool:
+        """Whether it stands in the way of someone walking."""
+        return self.z_m < STANDING_HEIGHT_M and self.size_m[2] > _FLAT_M
+
+    def carries(self, other: PlacedObject) -> bool:
+        """Whether `other` stands on this object."""
+        if other is self or abs(other.z_m - (self.z_m + self.size_m[2])) > 1e-3:
+            return False
+        low, high = self.bounds_m[:, :2]
+        return bool(low[0] <= other.x_m <= high[0] and low[1] <= other.y_m <= high[1])
+
+
+class RoomPlan:
+    """A room while it is furnished. `objects` holds what stands in it."""
+
+    def __init__(self, room: Room, doors: list[Door], windows: list[Window], objects: tuple[PlacedObject, ...] = ()):
+        self.room = room
+        self.windows = [window for window in windows if window.room == room.id]
+        self._low, self._high = np.array(room.low_m), np.array(room.high_m)
+        own_doors = [door for door in doors if room.id in door.rooms]
+        self._door_boxes = np.array([self._door_box(door) for door in own_doors]).reshape(-1, 2, 3)
+        self._door_points = np.array([box[:, :2].mean(0) for box in self._door_boxes]).reshape(-1, 2)
+        self._window_boxes = np.array([self._window_box(window) for window in self.windows]).reshape(-1, 2, 3)
+        self.objects: list[PlacedObject] = []
+        self._boxes = np.zeros((0, 2, 3))
+        for placed in objects:
+            self.add(placed)
+
+    def add(self, placed: PlacedObject) -> None:
+        """Put an object where it says it is."""
+        self.objects.append(placed)
+        self._boxes = np.concatenate([self._boxes, placed.bounds_m[None]])
+
+    def remove(self, placed: PlacedObject) -> None:
+        """Take an object away."""
+        index = self.objects.index(placed)
+        del self.objects[index]
+        self._boxes = np.delete(self._boxes, index, 0)
+
+    def place(self, label: str, seed: int, rng: np.random.Generator, instance_id: int = 0,
+              away_from: PlacedObject | None = None) -> PlacedObject | None:
+        """Find a valid place for an object, put it there and return it, or None where there is none among some random candidates.
+
+        With `away_from` the place is at least half a metre (half the room where that is less) from that object's.
+        """
+        kind = CLASSES[label]
+        for x, y, z, yaw, size in self._candidates(kind, kind.draw_size(seed), rng):
+            if away_from and np.hypot(x - away_from.x_m, y - away_from.y_m) < min(0.5, *(side / 2 for side in self.room.size_m)):
+                continue
+            placed = PlacedObject(instance_id, label, self.room.id, round(x, 4), round(y, 4), round(z, 4), round(yaw, 6), size, seed)
+            if z >= 0 and self._fits(placed, kind):
+                self.add(placed)
+                return placed
+        return None
+
+    def _door_box(self, door: Door) -> np.ndarray:
+        """The space that stays free before a door, in this room."""
+        along = "xy".index(door.axis)
+        side = 1 if door.rooms[1] == self.room.id else -1
+        face = (self._low if side > 0 else self._high)[along]
+        reach = face + side * min(0.95, 0.45 * self.room.size_m[along])
+        half = door.width_m / 2 + 0.08
+        low, high = np.array([0.0, 0.0, 0.0]), np.array([0.0, 0.0, 2.15])
+        low[along], high[along] = min(face, reach), max(face, reach)
+        low[1 - along], high[1 - along] = door.centre_m[1 - along] - half, door.centre_m[1 - along] + half
+        return np.array([low, high])
+
+    def _window_box(self, window: Window) -> np.ndarray:
+        """The space before a window that only curtains enter."""
+        inward = np.array(window.inward)
+        across = np.abs(inward[::-1]) * (window.width_m / 2 + 0.06)
+        ends = np.array([window.centre_m - across, window.centre_m + across + inward * 0.2, window.centre_m + inward * 0.2])
+        return np.array([[*ends.min(0), window.sill_m - 0.02], [*ends.max(0), window.head_m + 0.1]])
+
+    def _fits(self, placed: PlacedObject, kind: ObjectClass) -> bool:
+        box = placed.bounds_m
+        if (box[0, :2] < self._low).any() or (box[1, :2] > self._high).any() or box[1, 2] > self.room.height_m + _CONTACT_M:
+            return False
+        if _overlaps(box, self._boxes).any() or _overlaps(box, self._door_boxes).any():
+            return False
+        if kind.stand != "window" and _overlaps(box, self._window_boxes).any():
+            return False
+        if placed.z_m > 0 or placed.size_m[2] < _FLAT_M:
+            return True
+        return self._keeps_fronts_free(placed, kind) and self._keeps_passages(box)
+
+    def _keeps_fronts_free(self, placed: PlacedObject, kind: ObjectClass) -> bool:
+        front = _front_box(placed, kind)
+        for other, box in zip(self.objects, self._boxes, strict=True):
+            if other.z_m > 0 or other.size_m[2] < _FLAT_M:
+                continue
+            other_kind = CLASSES[other.label]
+            if kind.front_m and placed.label not in other_kind.partners and _overlaps(front, box[None])[0]:
+                return False
+            if other_kind.front_m and other.label not in kind.partners and _overlaps(placed.bounds_m, _front_box(other, other_kind)[None])[0]:
+                return False
+        return True
+
+    def _keeps_passages(self, box: np.ndarray) -> bool:
+        """Whether one can still walk between all doors, and nearly everywhere, with the object there."""
+        size = self._high - self._low
+        free = np.ones(np.maximum(np.round(size / _CELL_M).astype(int), 1), bool)
+        margin = int(_PASSAGE_M / 2 / _CELL_M)
+        free[:margin] = free[-margin:] = free[:, :margin] = free[:, -margin:] = False
+        blocking = [b for b, o in zip(self._boxes, self.objects, strict=True) if o.is_obstacle]
+        for low, high in (*blocking, box):
+            first = np.maximum(np.round((low[:2] - self._low - _PASSAGE_M / 2) / _CELL_M).astype(int), 0)
+            last = np.maximum(np.round((high[:2] - self._low + _PASSAGE_M / 2) / _CELL_M).astype(int), 0)
+            free[first[0]:last[0], first[1]:last[1]] = False
+        labels, count = ndimage.label(free)
+        if count == 0:
+            return False
+        cells = np.clip(((self._door_points - self._low) / _CELL_M).astype(int), 0, np.array(free.shape) - 1)
+        at_doors = labels[cells[:, 0], cells[:, 1]]
+        if (at_doors == 0).any() or len(set(at_doors.tolist())) > 1:
+            return False
+        return (labels == at_doors[0]).sum() >= 0.85 * free.sum() if len(at_doors) else True
+
+    def _candidates(self, kind: ObjectClass, size: Size, rng: np.random.Generator) -> Iterator[tuple[float, float, float, float, Size]]:
+        """Poses (x, y, z, yaw) and sizes worth trying, in random order."""
+        if kind.stand == "window":
+            for index in rng.permutation(len(self.windows)):
+                yield _over_window(size, self.windows[index])
+        elif kind.stand == "ceiling":
+            for x, y in self._ceiling_points(rng):
+                yield x, y, self.room.height_m - size[2], self._long_axis_yaw, size
+        elif kind.partners:
+            partners = [placed for placed in self.objects if placed.label in kind.partners]
+            for _ in range(_TRIES if partners else 0):
+                yield *_by_partner(kind, size, partners[rng.integers(len(partners))], rng), size
+        else:
+            if kind.stand == "sill":
+                for index in rng.permutation(len(self.windows)):
+                    yield *self._at_wall(size, _WALL_GAP_M, _INWARD.index(self.windows[index].inward), self.windows[index].centre_m), 0.0, size
+            for _ in range(_TRIES):
+                if kind.stand == "centre":
+                    yield *self._in_the_open(size, rng), size
+                else:
+                    yield *self._along_walls(kind, size, rng), size
+
+    @property
+    def _long_axis_yaw(self) -> float:
+        return 0.0 if self.room.size_m[1] >= self.room.size_m[0] else np.pi / 2
+
+    def _ceiling_points(self, rng: np.random.Generator) -> list[tuple[float, float]]:
+        """Regular places along the room's long axis, from the middle of the room outwards, then random ones."""
+        long = int(self.room.size_m[1] >= self.room.size_m[0])
+        spaces = max(1, round(self.room.size_m[long] / 5.5))
+        middle = np.array(self.room.centre_m)
+        points = np.tile(middle, (spaces, 1))
+        points[:, long] = self._low[long] + (np.arange(spaces) + 0.5) * self.room.size_m[long] / spaces
+        points = points[np.argsort(np.abs(points - middle).sum(1), kind="stable")]
+        spread = middle + rng.uniform(-0.3, 0.3, (8, 2)) * self.room.size_m
+        return [(float(x), float(y)) for x, y in np.concatenate([points, spread])]
+
+    def _in_the_open(self, size: Size, rng: np.random.Generator) -> tuple[float, float, float, float]:
+        turned = int(rng.integers(2))
+        slack = (self._high - self._low - (size[1::-1] if turned else size[:2])) / 2
+        x, y = np.array(self.room.centre_m) + slack * rng.uniform(-0.8, 0.8, 2)
+        return float(x), float(y), 0.0, turned * np.pi / 2 + rng.integers(2) * np.pi
+
+    def _along_walls(self, kind: ObjectClass, size: Size, rng: np.random.Generator) -> tuple[float, float, float, float]:
+        """Back to a wall; four in ten (corner furniture: nine) right in one of its ends."""
+        wall = int(rng.integers(4))
+        hung = kind.stand == "hung"
+        slack = np.array(self.room.size_m) / 2 - size[1] / 2 - _WALL_GAP_M
+        shift = rng.uniform(-1, 1) if hung or rng.random() > (0.9 if kind.stand == "corner" else 0.4) else rng.choice((-1.0, 1.0))
+        x, y, yaw = self._at_wall(size, _HUNG_GAP_M if hung else _WALL_GAP_M, wall, np.array(self.room.centre_m) + shift * slack)
+        return x, y, float(rng.uniform(*kind.base_m)) if hung else 0.0, yaw
+
+    def _at_wall(self, size: Size, gap: float, wall: int, beside_m: np.ndarray | tuple[float, float]) -> tuple[float, float, float]:
+        """Position and yaw with the back at a wall (an index of _INWARD), next to a point."""
+        inward = np.array(_INWARD[wall])
+        face = np.where(inward > 0, self._low, self._high)
+        point = np.where(inward != 0, face + inward * (size[0] / 2 + gap), beside_m)
+        return float(point[0]), float(point[1]), float(np.arctan2(inward[1], inward[0]))
+
+
+def _over_window(size: Size, window: Window) -> tuple[float, float, float, float, Size]:
+    """Where a curtain hangs, and its size: as wide as the window and a little more."""
+    x, y = np.array(window.centre_m) + np.array(window.inward) * (size[0] / 2 + 0.03)
+    yaw = float(np.arctan2(window.inward[1], window.inward[0]))
+    fitted = (size[0], round(window.width_m + 0.3, 3), round(window.head_m - window.sill_m + 0.22, 3))
+    return float(x), float(y), window.sill_m - 0.12, yaw, fitted
+
+
+def _by_partner(kind: ObjectClass, size: Size, partner: PlacedObject, rng: np.random.Generator) -> tuple[float, float, float, float]:
+    """In front of another object or around it, facing it; beside it, facing its way; or on top of it."""
+    half_x, half_y, gap = partner.size_m[0] / 2, partner.size_m[1] / 2, rng.uniform(*kind.gap_m)
+    turn, z = 0.0, 0.0
+    if kind.stand == "beside":
+        x, y = size[0] / 2 - half_x, rng.choice((-1, 1)) * (half_y + size[1] / 2 + gap)
+    elif kind.stand == "top":
+        x, y = (max(half - side / 2, 0.0) * rng.uniform(-0.9, 0.9) for half, side in zip((half_x, half_y), size, strict=False))
+        z = partner.z_m + partner.size_m[2]
+        if size[0] > partner.size_m[0] or size[1] > partner.size_m[1]:
+            z = -1.0  # does not fit on it
+    else:
+        turn = np.pi if kind.stand == "front" else rng.integers(4) * np.pi / 2
+        reach, width = (half_x, half_y) if np.cos(turn) ** 2 > 0.5 else (half_y, half_x)
+        shift = max(width - size[1] / 2, 0.0) * rng.uniform(-1, 1) * (0.4 if kind.stand == "front" else 1.0)
+        facing = np.array([np.cos(turn), np.sin(turn)])  # towards the partner, in its frame
+        x, y = -facing * (reach + size[0] / 2 + gap) + np.array([-facing[1], facing[0]]) * shift
+    c, s = np.cos(partner.yaw_rad), np.sin(partner.yaw_rad)
+    yaw = (partner.yaw_rad + turn + np.pi) % (2 * np.pi) - np.pi
+    return float(partner.x_m + c * x - s * y), float(partner.y_m + s * x + c * y), z, float(yaw)
+
+
+def _front_box(placed: PlacedObject, kind: ObjectClass) -> np.ndarray:
+    """(2, 3) the floor in front of an object that other furniture leaves free."""
+    c, s = np.cos(placed.yaw_rad), np.sin(placed.yaw_rad)
+    reach = placed.size_m[0] / 2 + kind.front_m
+    corners = np.array([(c * x - s * y, s * x + c * y) for x in (placed.size_m[0] / 2, reach) for y in (-placed.size_m[1] / 2, placed.size_m[1] / 2)])
+    corners += (placed.x_m, placed.y_m)
+    return np.array([[*corners.min(0), 0.0], [*corners.max(0), STANDING_HEIGHT_M]])
+
+
+def _overlaps(box: np.ndarray, boxes: np.ndarray) -> np.ndarray:
+    """(N,) bool: which boxes (N, 2, 3) share volume with a box (2, 3)."""
+    return ((box[0] < boxes[:, 1] - _CONTACT_M) & (box[1] > boxes[:, 0] + _CONTACT_M)).all(1)
