@@ -52,7 +52,7 @@ def slot(role: str, default: str) -> Any:
             raise ValueError(f"received {value!r}, expected the name of a {role} or a mapping with its settings")
         return validate(registry().get(role, value.get("kind", default)).Config, value, role)
 
-    return Annotated[SerializeAsAny[ComponentConfig], BeforeValidator(resolve), Field(default={}, validate_default=True)]
+    return Annotated[SerializeAsAny[ComponentConfig], BeforeValidator(resolve), Field(default={"kind": default}, validate_default=True)]
 
 
 def validate(model: type[ComponentConfig], settings: Mapping[str, Any], where: str) -> Any:

@@ -98,7 +98,8 @@ class Registry:
 def unknown(what: str, name: str, known: list[str], failures: list[Failure] | None = None) -> str:
     """The message for a name that nobody has: the closest one, and the list."""
     close = difflib.get_close_matches(name, known, 1)
-    message = f"unknown {what} {name!r}" + (f", did you mean {close[0]!r}?" if close else ".") + f" Known: {', '.join(known) or 'none'}."
+    listed = ", ".join(known[:30]) + (f", ... ({len(known)} in all)" if len(known) > 30 else "")
+    message = f"unknown {what} {name!r}" + (f", did you mean {close[0]!r}?" if close else ".") + f" Known: {listed or 'none'}."
     if failures:
         message += f" {len(failures)} plugin(s) failed to load (salframe doctor): {', '.join(f.plugin for f in failures)}."
     return message

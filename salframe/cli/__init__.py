@@ -6,7 +6,7 @@ import sys
 
 import typer
 
-from salframe.cli import compare
+from salframe.cli import compare, data, inspect, localize, weights
 from salframe.errors import SalframeError
 
 app = typer.Typer(
@@ -26,6 +26,13 @@ def _options(debug: bool = typer.Option(False, "--debug", help="Show the traceba
 app.command()(compare.compare)
 app.command()(compare.ablate)
 app.command()(compare.evaluate)
+app.command()(localize.build)
+app.command()(localize.localize)
+app.command()(inspect.plugins)
+app.command()(inspect.show)
+app.command()(inspect.doctor)
+app.add_typer(data.app, name="data")
+app.add_typer(weights.app, name="weights")
 
 
 def main() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from rich import box
@@ -20,7 +21,8 @@ class Bars:
 
     def __init__(self) -> None:
         columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-        self._progress = Progress(*columns, console=Console(stderr=True), transient=True)
+        console = Console(stderr=True)
+        self._progress = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
         self._tasks: dict[str, TaskID] = {}
 
     def update(self, what: str, done: int, total: int) -> None:
@@ -41,11 +43,25 @@ UNITS = ("B", "kB", "MB", "GB")
 HEADINGS = ("accuracy %\n(95 %)", "R@5\n%", "median\npose error", "pose within\n.25/.5/1 m %", "bytes\n/scene", "describe\nms", "query\nms", "p")
 
 
-def print_comparison(comparison: Comparison) -> None:
-    """The table of a comparison, 100 columns wide, what its columns do not say in notes below, and where the run lies."""
+def _console() -> Console:
+    """Stdout; 100 columns wide where that is a file or a pipe."""
     console = Console()
-    if not console.is_terminal:
-        console = Console(width=100)
+    return console if console.is_terminal else Console(width=100)
+
+
+def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """A plain table; the first column stays on one line."""
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for heading in headings:
+        table.add_column(heading, overflow="fold", no_wrap=heading is headings[0])
+    for row in rows:
+        table.add_row(*map(escape, row))
+    _console().print(table)
+
+
+def print_comparison(comparison: Comparison) -> None:
+    """The table of a comparison, what its columns do not say in notes below, and where the report lies."""
+    console = _console()
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     table.add_column("method", overflow="fold")
     for heading in HEADINGS:

@@ -1,0 +1,61 @@
+"""data list, data info, data render: what there is to localize in."""
+
+from __future__ import annotations
+
+import json
+from typing import Annotated
+
+import typer
+
+from salframe.cli.compare import DataDir, Json, Set
+
+app = typer.Typer(help="Look at datasets, and make the rendered ones.", no_args_is_help=True)
+Data = Annotated[str, typer.Argument(help="A dataset preset, a dataset, or a folder with a manifest.json.")]
+
+
+@app.command("list")
+def list_(as_json: Json = False) -> None:
+    """List datasets and their presets."""
+    from salframe.cli.tables import print_table
+    from salframe.presets import names, settings
+    from salframe.registry import registry
+
+    kinds = {name: settings("dataset", name)["kind"] for name in names("dataset")}
+    rows = [[name, kind, (registry().get("dataset", kind).__doc__ or "").strip().partition("\n")[0]] for name, kind in kinds.items()]
+    if as_json:
+        print(json.dumps([dict(zip(("name", "kind", "summary"), row, strict=True)) for row in rows], indent=2))
+    else:
+        print_table(("name", "dataset", ""), rows)
+
+
+@app.command()
+def info(data: Data, data_dir: DataDir = None, overrides: Set = None, as_json: Json = False) -> None:
+    """Count a dataset's folds, mapping frames, queries and places; renders it where that was not done."""
+    from salframe.cli.tables import Bars
+    from salframe.maps import find_dataset, mapping_frames
+
+    with Bars() as bars:
+        dataset = find_dataset(data, data_dir, overrides or (), bars.update)
+    folds, mapping = dataset.folds(), mapping_frames(dataset)
+    queries = {query.id for fold in folds for query in fold.queries}
+    facts = {
+        "name": dataset.name, "version": dataset.version, "provides": sorted(dataset.provides), "folds": len(folds),
+        "mapping_frames": len(mapping), "queries": len(queries), "mapped_places": len({frame.place for frame in mapping}),
+        "queried_places": len({dataset.truth(query).place for query in queries}), "fingerprint": dataset.fingerprint,
+    }  # fmt: skip
+    if as_json:
+        print(json.dumps(facts, indent=2))
+    else:
+        for key, value in facts.items():
+            print(f"{key.replace('_', ' ')}: {', '.join(value) if isinstance(value, list) else value}")
+
+
+@app.command()
+def render(data: Data, data_dir: DataDir = None, overrides: Set = None) -> None:
+    """Prepare a dataset now that `compare` would prepare when it first needs it; run it again to resume."""
+    from salframe.cli.tables import Bars
+    from salframe.maps import find_dataset
+
+    with Bars() as bars:
+        dataset = find_dataset(data, data_dir, overrides or (), bars.update)
+    print(f"{data} is ready: fingerprint {dataset.fingerprint}")

@@ -1,0 +1,58 @@
+"""weights list, weights fetch, weights where: the files of trained networks."""
+
+from __future__ import annotations
+
+import json
+from typing import Annotated
+
+import typer
+
+from salframe.cli.compare import Json
+
+app = typer.Typer(help="List, fetch and find the weights of networks. Nothing is downloaded unless you fetch it.", no_args_is_help=True)
+Name = Annotated[str, typer.Argument(help="As in `salframe weights list`.")]
+
+
+@app.command("list")
+def list_(as_json: Json = False) -> None:
+    """List the weights that components use, their licence, size and source, and whether they are at hand."""
+    from salframe.cli.tables import format_bytes, print_table
+    from salframe.errors import WeightsMissing
+    from salframe.registry import registry
+    from salframe.weights import list_weights
+
+    rows = []
+    for weights in list_weights(registry()):
+        try:
+            state = str(weights.paths()[0].parent)
+        except WeightsMissing:
+            state = "not at hand"
+        rows.append([weights.name, weights.licence, format_bytes(weights.size_bytes), str(weights.source), state])
+    headings = ("name", "licence", "size", "source", "where")
+    if as_json:
+        print(json.dumps([dict(zip(headings, row, strict=True)) for row in rows], indent=2))
+    else:
+        print_table(headings, rows)
+
+
+@app.command()
+def fetch(name: Name) -> None:
+    """Download weights into salframe's cache, unless they are at hand, and verify them."""
+    from salframe.cli.tables import Bars
+    from salframe.registry import registry
+    from salframe.weights import fetch as get
+
+    with Bars() as bars:
+        paths = get(name, registry(), lambda done, total: bars.update(f"{name} (kB)", done // 1000, total // 1000))
+    for path in paths:
+        print(path)
+
+
+@app.command()
+def where(name: Name) -> None:
+    """Print the paths of weights that are at hand."""
+    from salframe.registry import registry
+    from salframe.weights import where as find
+
+    for path in find(name, registry()):
+        print(path)
