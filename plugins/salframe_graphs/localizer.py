@@ -56,7 +56,6 @@ class SaliencyGraphLocalizer(Localizer):
     def index(self, descriptions: Sequence[Description], frames: Sequence[MapFrame]) -> None:
         self._graphs = [graph_from_arrays(description) for description in descriptions]
         self._map_frames = list(frames)
-        self._vocabulary = {label: i for i, label in enumerate(sorted({label for graph in self._graphs for label in graph.labels}))}
         self._index = self._matcher.index(self._graphs)
 
     def match(self, description: Description) -> Localization:
@@ -79,7 +78,8 @@ class SaliencyGraphLocalizer(Localizer):
         return Localization(places, self._map_frames[best].T_world_pano @ pose.T_reference_query, "ok", pose.covariance)
 
     def scene_bytes(self, description: Description) -> int:
-        return len(pack_graph(graph_from_arrays(description), self._vocabulary))
+        graph = graph_from_arrays(description)
+        return len(pack_graph(graph, {label: i for i, label in enumerate(graph.labels)}))
 
     def write_descriptions(self, directory: Path, descriptions: Sequence[Description]) -> None:
         write_graphs(directory / "graphs.parquet", [graph_from_arrays(description) for description in descriptions])
