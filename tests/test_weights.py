@@ -75,7 +75,7 @@ def test_a_download_with_another_hash_is_refused_and_leaves_nothing(served, tmp_
 def test_urls_that_do_not_answer_are_all_named(tmp_path):
     urls = ((tmp_path / "one").as_uri(), (tmp_path / "two").as_uri())
     weights = Weights("net", "MIT", (WeightsFile("net.pt", DIGEST, 1),), Download(urls))
-    with pytest.raises(WeightsMissing, match="download failed: .*one/net.pt: .*; .*two/net.pt: ") as caught:
+    with pytest.raises(WeightsMissing, match=r"download failed: .*one/net.pt: .*; .*two/net.pt: ") as caught:
         weights.fetch()
     assert "\n" not in str(caught.value)
 
@@ -85,7 +85,7 @@ def test_a_local_path_wins_and_its_hash_is_the_users_business(served, tmp_path):
     own.write_bytes(b"finetuned")
     assert served.paths(own) == (own,)
     assert served.paths(tmp_path / "server") == (tmp_path / "server" / "net.pt",)
-    with pytest.raises(WeightsMissing, match="no file .*/absent.pt"):
+    with pytest.raises(WeightsMissing, match=r"no file .*/absent\.pt"):
         served.paths(tmp_path / "absent.pt")
 
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from salframe_keypoints.localizer import PAIRS, Keypoints
 from scipy.ndimage import map_coordinates, zoom
 
+from salframe.errors import RequirementMissing, WeightsMissing
 from salframe.geometry import equirectangular_rays
 from salframe.types import Frame, Panorama
 
@@ -48,3 +50,22 @@ class BoxRoom:
 @pytest.fixture(scope="session")
 def rooms() -> list[BoxRoom]:
     return [BoxRoom(seed) for seed in range(3)]
+
+
+@pytest.fixture(scope="session")
+def configure():
+    """A config of the localizer; skips where what its pair needs is not here."""
+
+    def make(pair: str = "sift", **settings) -> Keypoints.Config:
+        config = Keypoints.Config(pair=pair, **settings)
+        try:
+            Keypoints.check(config)
+        except (RequirementMissing, WeightsMissing) as error:
+            pytest.skip(str(error))
+        if "torch" in PAIRS[pair].requires:
+            import torch
+
+            torch.set_num_threads(1)  # tests run side by side: threads that wait for each other cost more than they bring
+        return config
+
+    return make

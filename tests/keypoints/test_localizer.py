@@ -4,13 +4,13 @@ import importlib.util
 
 import numpy as np
 import pytest
+from salframe_keypoints.localizer import Keypoints
 
 from salframe.config import validate
 from salframe.errors import ConfigError, RequirementMissing, WeightsMissing
 from salframe.geometry import pose_2d, pose_errors
 from salframe.storage import Cache
 from salframe.types import Frame, Panorama
-from salframe_keypoints.localizer import Keypoints
 
 QUERY = pose_2d(0.6, -0.4, 2.2, z_m=0.05)
 
@@ -25,22 +25,20 @@ def query(rooms):
     return rooms[1].frame("query", QUERY)
 
 
-def make(pair="sift", **settings):
-    try:
-        return Keypoints(Keypoints.Config(pair=pair, **settings))
-    except (RequirementMissing, WeightsMissing) as error:
-        pytest.skip(str(error))
+@pytest.fixture(scope="module")
+def make(configure):
+    return lambda pair="sift", **settings: Keypoints(configure(pair, **settings))
 
 
 @pytest.fixture(scope="module")
-def sift(mapping):
+def sift(make, mapping):
     localizer = make()
     localizer.build(mapping)
     return localizer
 
 
 @pytest.mark.parametrize("pair", ["sift", "xfeat"])
-def test_the_room_is_found_and_the_pose_is_right_to_centimetres(pair, mapping, query):
+def test_the_room_is_found_and_the_pose_is_right_to_centimetres(make, pair, mapping, query):
     localizer = make(pair)
     localizer.build(mapping)
     answer = localizer.localize(query)
@@ -58,7 +56,7 @@ def test_the_same_query_has_the_same_answer(sift, query):
     np.testing.assert_array_equal(first.T_world_query, second.T_world_query)
 
 
-def test_a_saved_map_answers_alike(sift, query, tmp_path):
+def test_a_saved_map_answers_alike(make, sift, query, tmp_path):
     sift.save(tmp_path)
     loaded = make()
     loaded.load(tmp_path)
@@ -70,14 +68,14 @@ def test_only_the_map_needs_range(sift, rooms):
     assert pose_errors(answer.T_world_query, QUERY)[0] < 0.02
 
 
-def test_a_map_without_range_gives_the_place_and_no_pose(rooms, query):
+def test_a_map_without_range_gives_the_place_and_no_pose(make, rooms, query):
     localizer = make()
     localizer.build([room.frame(f"m{i}", np.eye(4), f"room {i}", with_range=False) for i, room in enumerate(rooms)])
     answer = localizer.localize(query)
     assert (answer.status, answer.T_world_query, answer.places[0].place) == ("no-pose", None, "room 1")
 
 
-def test_a_place_that_is_not_in_the_map_has_no_pose(sift, mapping, query):
+def test_a_place_that_is_not_in_the_map_has_no_pose(make, sift, mapping, query):
     localizer = make()
     localizer.build([mapping[0], mapping[2]])
     answer = localizer.localize(query)
@@ -91,7 +89,7 @@ def test_a_blank_panorama_has_no_features(sift):
     assert (answer.status, answer.places, answer.T_world_query) == ("no-features", (), None)
 
 
-def test_frames_off_the_shortlist_are_ranked_but_not_matched(mapping, query):
+def test_frames_off_the_shortlist_are_ranked_but_not_matched(make, mapping, query):
     localizer = make(shortlist=1)
     localizer.build(mapping)
     matched = []
@@ -103,7 +101,7 @@ def test_frames_off_the_shortlist_are_ranked_but_not_matched(mapping, query):
     assert [place.score > 1 for place in answer.places] == [True, False, False]
 
 
-def test_points_are_where_their_range_was_measured(mapping):
+def test_points_are_where_their_range_was_measured(make, mapping):
     localizer = make()
     description = localizer.describe(mapping[0].load())
     points = np.concatenate(localizer._lift(description)) + mapping[0].T_world_pano[:3, 3]
@@ -112,7 +110,7 @@ def test_points_are_where_their_range_was_measured(mapping):
     assert np.quantile(distance, 0.99) < 0.02  # half a pixel of the panorama on a slanted wall
 
 
-def test_nothing_is_described_outside_the_part_that_was_seen(mapping):
+def test_nothing_is_described_outside_the_part_that_was_seen(make, mapping):
     whole = mapping[0].load()
     valid = np.zeros(whole.range_m.shape, bool)
     valid[:, 256:768] = True  # the half ahead
@@ -125,7 +123,7 @@ def test_nothing_is_described_outside_the_part_that_was_seen(mapping):
     assert len(localizer.describe(whole)["range_m"]) > 1.5 * len(points)
 
 
-def test_descriptions_are_cached_by_what_they_depend_on(mapping, tmp_path):
+def test_descriptions_are_cached_by_what_they_depend_on(make, mapping, tmp_path):
     cache = Cache(tmp_path)
     description, seconds = make().describe_frame(mapping[0], cache, "rooms")
     again, remembered = make(min_inliers=20, shortlist=2).describe_frame(mapping[0], cache, "rooms")

@@ -8,12 +8,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-
-from salframe.errors import ConfigError, RequirementMissing, WeightsMissing
-from salframe.geometry import pose_2d
 from salframe_keypoints.localizer import PAIRS, Keypoints
 from salframe_keypoints.pairs import View
 from salframe_keypoints.views import ViewRig
+
+from salframe.errors import ConfigError, WeightsMissing
+from salframe.geometry import pose_2d
 
 SHARED_DATA = Path(os.environ.get("SALFRAME_SHARED_DATA", Path(__file__).parents[2] / ".." / "shared" / "data"))
 DISTILLED = SHARED_DATA.parent / "weights" / "loftr_coarse_distilled.pt"
@@ -23,15 +23,7 @@ DISTILLED_CONFIG = {
     "coarse": {"d_model": 32, "d_ffn": 32, "nhead": 1, "layer_names": ["self", "cross"] * 2},
     "fine": {"d_model": 16, "d_ffn": 16, "nhead": 1},
 }
-
-
-def config(pair, **settings):
-    settings = Keypoints.Config(pair=pair, **settings)
-    try:
-        Keypoints.check(settings)
-    except (RequirementMissing, WeightsMissing) as error:
-        pytest.skip(str(error))
-    return settings
+DISTILLED_SETTINGS = {"checkpoint": DISTILLED, "loftr_config": DISTILLED_CONFIG, "loftr_fine": False}
 
 
 @pytest.fixture(scope="module")
@@ -42,8 +34,8 @@ def images(rooms):
     return np.stack([rig.cut(first.rgb)[0], rig.cut(second.rgb)[0]])
 
 
-def test_sift_matches_are_those_of_opencv(images):
-    pair = PAIRS["sift"](config("sift"))
+def test_sift_matches_are_those_of_opencv(images, configure):
+    pair = PAIRS["sift"](configure("sift"))
     query, reference = pair.extract(images)
     plain = cv2.SIFT_create(nfeatures=512)
     (points_a, a), (points_b, b) = (plain.detectAndCompute(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), None) for image in images)
@@ -54,8 +46,8 @@ def test_sift_matches_are_those_of_opencv(images):
     np.testing.assert_allclose(np.hstack([pixels, reference.points_px[position]]) - 0.5, expected, atol=1e-4)
 
 
-def test_xfeat_matches_are_those_of_kornia(images, monkeypatch):
-    settings = config("xfeat")
+def test_xfeat_matches_are_those_of_kornia(images, configure, monkeypatch):
+    settings = configure("xfeat")
     import torch
     from kornia import feature
     from kornia.feature import lightglue, xfeat
@@ -88,10 +80,8 @@ def test_xfeat_matches_are_those_of_kornia(images, monkeypatch):
 
 @pytest.mark.skipif(not DISTILLED.exists(), reason=f"no {DISTILLED}")
 class TestLoftrCheckpoint:
-    settings = {"checkpoint": DISTILLED, "loftr_config": DISTILLED_CONFIG, "loftr_fine": False}
-
-    def test_a_coarse_checkpoint_matches_on_its_grid_as_kornia_does(self, images):
-        pair = PAIRS["loftr"](config("loftr", **self.settings))
+    def test_a_coarse_checkpoint_matches_on_its_grid_as_kornia_does(self, images, configure):
+        pair = PAIRS["loftr"](configure("loftr", **DISTILLED_SETTINGS))
         coarse = {}
         pair._model.coarse_matching.register_forward_hook(lambda module, inputs, output: coarse.update(inputs[2]))
         query, reference = pair.extract(images)
@@ -100,22 +90,22 @@ class TestLoftrCheckpoint:
         np.testing.assert_array_equal(reference.points_px[position], coarse["mkpts0_c"].numpy())
         np.testing.assert_array_equal(pixels, coarse["mkpts1_c"].numpy())
 
-    def test_it_localizes(self, rooms):
-        localizer = Keypoints(config("loftr", **self.settings))
+    def test_it_localizes(self, rooms, configure):
+        localizer = Keypoints(configure("loftr", **DISTILLED_SETTINGS))
         localizer.build([room.frame(f"m{i}", np.eye(4), f"room {i}") for i, room in enumerate(rooms)])
         answer = localizer.localize(rooms[1].frame("query", pose_2d(0.4, -0.3, 2.0)))
         assert answer.status == "ok"
         assert answer.places[0].place == "room 1"
         assert np.linalg.norm(answer.T_world_query[:2, 3] - (0.4, -0.3)) < 0.15  # cells of 16 pixels, 3 deg
 
-    def test_another_architecture_is_one_clear_line(self):
+    def test_another_architecture_is_one_clear_line(self, configure):
         with pytest.raises(ConfigError, match="does not fit loftr_config and loftr_fine=True") as caught:
-            PAIRS["loftr"](config("loftr", **{**self.settings, "loftr_fine": True}))
+            PAIRS["loftr"](configure("loftr", **{**DISTILLED_SETTINGS, "loftr_fine": True}))
         assert "\n" not in str(caught.value)
 
 
-def test_a_file_that_is_no_loftr_checkpoint_is_one_clear_line(tmp_path):
+def test_a_file_that_is_no_loftr_checkpoint_is_one_clear_line(configure, tmp_path):
     torch = pytest.importorskip("torch")
     torch.save({"state_dict": {"other.weight": torch.zeros(1)}}, tmp_path / "other.ckpt")
     with pytest.raises(WeightsMissing, match="is no LoFTR checkpoint"):
-        PAIRS["loftr"](config("loftr", checkpoint=tmp_path / "other.ckpt"))
+        PAIRS["loftr"](configure("loftr", checkpoint=tmp_path / "other.ckpt"))

@@ -2,10 +2,10 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+from salframe_keypoints.poses import robust_pose, solve_p3p
 from scipy.spatial.transform import Rotation
 
 from salframe.geometry import pose_errors
-from salframe_keypoints.poses import robust_pose, solve_p3p
 
 
 def scene(count, seed=0):

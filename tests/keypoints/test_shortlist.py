@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import numpy as np
-
 from salframe_keypoints.shortlist import Vlad, turned_similarity
 
 
