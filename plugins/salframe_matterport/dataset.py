@@ -94,6 +94,10 @@ class MatterportAnnotations(Dataset):
         except KeyError:
             raise DataError(f"{self.name} has no query {query_id!r}") from None
 
+    def scenes(self) -> dict[str, Scene]:
+        """Every scene by its id, with the ids of its objects: for evaluation, like `truth`, never for a localizer."""
+        return {scene.id: scene for scan in self._scans for scene in self._building(scan)}
+
     @cached_property
     def _regions(self) -> dict[str, dict[str, int]]:
         return read_regions(regions_path(self._root))

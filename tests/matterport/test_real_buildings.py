@@ -75,7 +75,7 @@ def test_one_query_in_twenty_shares_no_object_with_its_region(dataset):
     folds = dataset.folds()
     instances = {fold.id: set(dataset.truth(fold.queries[0].id).instances) for fold in folds}
     places = {fold.id: dataset.truth(fold.queries[0].id).place for fold in folds}
-    scenes = {scene.id: scene for scan in {fold.id.split("/")[0] for fold in folds} for scene in dataset._building(scan)}
+    scenes = dataset.scenes()
     lonely = sum(
         not any(instances[fold.id] & set(scenes[frame.id].object_id.tolist()) for frame in fold.mapping if frame.place == places[fold.id])
         for fold in folds
@@ -86,7 +86,7 @@ def test_one_query_in_twenty_shares_no_object_with_its_region(dataset):
 def test_shared_objects_give_the_relative_pose(dataset):
     """The frames fit together: two viewpoints that share objects agree on where they stand, up to range noise and bearings."""
     folds = dataset.folds()
-    scenes = {scene.id: scene for scan in {fold.id.split("/")[0] for fold in folds} for scene in dataset._building(scan)}
+    scenes = dataset.scenes()
     shift_m, turn_deg = [], []
     for fold in folds:
         truth, query = dataset.truth(fold.queries[0].id), fold.queries[0].load().annotations.objects.centroid_m
