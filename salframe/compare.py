@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-import json
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -12,15 +10,15 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from salframe.config import ComponentConfig, read_yaml
+from salframe.config import ComponentConfig, parse_override
 from salframe.errors import ConfigError
 from salframe.evaluate import measure
 from salframe.predict import describe_error, open_dataset, predict
-from salframe.presets import CONFIGS, Overrides, configure, dataset_settings, settings
+from salframe.presets import Overrides, configure, dataset_settings, settings
 from salframe.registry import registry
 from salframe.report import write_report
 from salframe.roles import Dataset
-from salframe.runs import Outcome, Run, RunConfig
+from salframe.runs import Outcome, Run
 from salframe.storage import write_json
 from salframe.types import Fold
 
@@ -69,85 +67,20 @@ def compare(
     if not methods:
         raise ConfigError("received no method, expected at least one")
     contents = {method: settings("localizer", method) for method in methods}
-    given = Overrides(overrides, contents)
+    given = Overrides(map(parse_override, overrides), contents)
     configs = {method: configure("localizer", method, contents[method], given.methods[method]) for method in methods}
-    return _run(configs, data, data_dir, given, name, runs, engine, seed, progress)
+    return run_methods(configs, data, data_dir, given, name, runs, engine, seed, progress)
 
 
-def ablate(
-    file: Path, *, data: str | None = None, data_dir: Path | None = None, overrides: Sequence[str] = (), name: str | None = None,
-    runs: Path = Path("runs"), engine: str = "processes", seed: int = 0, progress: Progress | None = None,
-) -> Comparison:  # fmt: skip
-    """Run every combination of the values under `vary:` in a YAML file as a method of its own, labelled `method[key=value]`.
-
-    The file holds `method:` (or `methods:`), `vary:` (dotted key -> list of values), and may hold `data:` and `set:` (dotted key -> value).
-    Raises ConfigError on other keys.
-    """
-    plan = _read_ablation(file)
-    methods = [plan["method"]] if "method" in plan else plan["methods"]
-    contents = {method: settings("localizer", method) for method in methods}
-    given = Overrides([*(f"{key}={json.dumps(value)}" for key, value in plan.get("set", {}).items()), *overrides], contents)
-    configs = {}
-    for method in methods:
-        for values in itertools.product(*plan["vary"].values()):
-            choice = dict(zip(plan["vary"], values, strict=True))
-            label = f"{method}[{','.join(f'{key}={_spell(value)}' for key, value in choice.items())}]"
-            varied = Overrides([f"{key}={json.dumps(value)}" for key, value in choice.items()], {method: contents[method]})
-            if varied.data or varied.engine:
-                raise ConfigError(f"{file}: vary holds {', '.join(choice)}, expected keys of the method: a run has one dataset and one engine")
-            configs[label] = configure("localizer", method, contents[method], [*given.methods[method], *varied.methods[method]])
-    return _run(configs, data or plan.get("data", "house-12"), data_dir, given, name or file.stem, runs, engine, seed, progress)
-
-
-def evaluate(directory: Path) -> Comparison:
-    """Measure a run again from its answers and the dataset's truth, and write its metrics and report. Runs no method.
-
-    Raises ConfigError where `directory` is no run, DataError where the dataset is not the one the run was made on.
-    """
-    run = Run.load(directory)
-    dataset = open_dataset(run.config.dataset)
-    run.bind(dataset.fingerprint)
-    return _conclude(run, dataset)
-
-
-def _conclude(run: Run, dataset: Dataset) -> Comparison:
-    evaluation = measure(run, dataset)
-    for method in evaluation.methods:
-        write_json(run.folder(method.label) / "metrics.json", method.row)
-    comparison = Comparison(run.directory, tuple(method.row for method in evaluation.methods))
-    write_report(comparison.report, run.directory.name, evaluation, dataset.floors())
-    return comparison
-
-
-def _spell(value: Any) -> str:
-    return value if isinstance(value, str) else json.dumps(value)
-
-
-def _read_ablation(file: Path) -> dict[str, Any]:
-    shipped = CONFIGS / "ablations" / f"{file}.yaml"
-    plan = read_yaml(file if file.exists() or not shipped.exists() else shipped)
-    known = {"method": str, "methods": list, "data": str, "set": dict, "vary": dict}
-    for key, value in plan.items():
-        if key not in known:
-            raise ConfigError(f"{file}: unknown key {key} (known: {', '.join(known)})")
-        if not isinstance(value, known[key]):
-            raise ConfigError(f"{file}: {key} is {value!r}, expected a {known[key].__name__}")
-    if ("method" in plan) == ("methods" in plan) or "vary" not in plan:
-        raise ConfigError(f"{file} holds {', '.join(plan) or 'nothing'}, expected method or methods, and vary")
-    for key, values in plan["vary"].items():
-        if not isinstance(values, list) or not values:
-            raise ConfigError(f"{file}: vary.{key} is {values!r}, expected a list of values")
-    return plan
-
-
-def _run(
+def run_methods(
     methods: Mapping[str, ComponentConfig], data: str, data_dir: Path | None, given: Overrides, name: str | None, runs: Path,
     engine: str, seed: int, progress: Progress | None,
 ) -> Comparison:  # fmt: skip
+    """Run configured methods by their label; `given` holds what was set of the dataset and the engine. Else as `compare`."""
     data_name, content = dataset_settings(data, data_dir)
     dataset_config = configure("dataset", data_name, content, given.data)
     runner = registry().build("engine", configure("engine", engine, settings("engine", engine), given.engine))
-    run = Run.open(runs, name or data_name, RunConfig(dataset_config, methods, seed))
+    run = Run.open(runs, name or data_name, dataset_config, methods, seed)
     dataset = open_dataset(dataset_config, progress and partial(progress, data_name))
     run.bind(dataset.fingerprint)
     folds = dataset.folds()
@@ -155,7 +88,7 @@ def _run(
     with _watch(run, folds, progress):
         for label, result in zip(todo, runner.map(partial(predict, run.directory), todo), strict=True):
             if isinstance(result, Exception):
-                run.end(label, Outcome("crashed", f"its process died ({describe_error(result)})"))
+                run.end(label, Outcome("crashed", describe_error(result)))
     return _conclude(run, dataset)
 
 
@@ -176,7 +109,7 @@ def _watch(run: Run, folds: Sequence[Fold], progress: Progress | None) -> Iterat
     done = threading.Event()
 
     def tell() -> None:
-        for label in run.config.methods:
+        for label in run.labels:
             progress(label, min(run.count_rows(label), total), total)
 
     def poll() -> None:
@@ -191,3 +124,23 @@ def _watch(run: Run, folds: Sequence[Fold], progress: Progress | None) -> Iterat
         done.set()
         thread.join()
         tell()
+
+
+def evaluate(directory: Path) -> Comparison:
+    """Measure a run again from its answers and the dataset's truth, and write its metrics and report. Runs no method.
+
+    Raises ConfigError where `directory` is no run, DataError where the dataset is not the one the run was made on.
+    """
+    run = Run.load(directory)
+    dataset = open_dataset(run.dataset())
+    run.bind(dataset.fingerprint)
+    return _conclude(run, dataset)
+
+
+def _conclude(run: Run, dataset: Dataset) -> Comparison:
+    evaluation = measure(run, dataset)
+    for method in evaluation.methods:
+        write_json(run.folder(method.label) / "metrics.json", method.row)
+    comparison = Comparison(run.directory, tuple(method.row for method in evaluation.methods))
+    write_report(comparison.report, run.directory.name, evaluation, dataset.floors())
+    return comparison

@@ -55,7 +55,7 @@ def slot(role: str, default: str) -> Any:
     return Annotated[SerializeAsAny[ComponentConfig], BeforeValidator(resolve), Field(default={"kind": default}, validate_default=True)]
 
 
-def validate(model: type[ComponentConfig], settings: Mapping[str, Any], where: str) -> Any:
+def validate(model: type[BaseModel], settings: Mapping[str, Any], where: str) -> Any:
     """An instance of `model`, or a ConfigError that names the key, what was received and what was expected."""
     try:
         return model.model_validate(settings)
@@ -66,6 +66,8 @@ def validate(model: type[ComponentConfig], settings: Mapping[str, Any], where: s
             if problem["type"] == "extra_forbidden":
                 known = ", ".join(name for name in model.model_fields if name != "kind")
                 problems.append(f"unknown key {key}" + (f" (known: {known})" if len(problem["loc"]) == 1 else ""))
+            elif problem["type"] == "missing":
+                problems.append(f"{key} is missing")
             elif isinstance(cause := problem.get("ctx", {}).get("error"), Exception):
                 problems.append(str(cause) if isinstance(cause, SalframeError) else f"{key}: {cause}")
             else:

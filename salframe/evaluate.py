@@ -57,7 +57,7 @@ def measure(run: Run, dataset: Dataset) -> Evaluation:
     truths = tuple(dataset.truth(query) for _, query in keys)
     map_frames = {frame.id for fold in folds for frame in fold.mapping}
     methods: list[Measured] = []
-    for label in run.config.methods:
+    for label in run.labels:
         known = run.predictions(label)
         answers = tuple(known.get(key) for key in keys)
         judged = judge(answers, truths)
@@ -67,7 +67,7 @@ def measure(run: Run, dataset: Dataset) -> Evaluation:
         if outcome.status in ("done", "crashed"):
             row["status"] = count_statuses(judged.statuses)
         if outcome.status == "done":
-            row |= summarize(judged, answers, run.descriptions(label), map_frames, run.config.seed)
+            row |= summarize(judged, answers, run.descriptions(label), map_frames, run.seed)
             first = next((method for method in methods if method.done), None)
             row["p_value"] = mcnemar_exact(first.judged.correct, judged.correct) if first else None
         methods.append(Measured(row, answers, judged))

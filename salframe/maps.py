@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from salframe.config import validate
+from salframe.config import parse_override, validate
 from salframe.errors import ConfigError, DataError, UnknownName
 from salframe.localizer import Localizer
 from salframe.predict import open_dataset
@@ -22,7 +22,7 @@ Progress = Callable[[str, int, int], None]
 
 def find_dataset(data: str, data_dir: Path | None = None, overrides: Sequence[str] = (), progress: Progress | None = None) -> Dataset:
     """The prepared dataset of a preset, a dataset's name or a folder; overrides are "data.key=value"."""
-    return _open(data, data_dir, Overrides(overrides, {}).data, progress)
+    return _open(data, data_dir, Overrides(map(parse_override, overrides), {}).data, progress)
 
 
 def _open(data: str, data_dir: Path | None, overrides: Sequence[Mapping[str, Any]], progress: Progress | None) -> Dataset:
@@ -54,7 +54,7 @@ def build_map(
     if output.exists() and not (output / "map.json").exists() and (not output.is_dir() or any(output.iterdir())):
         raise ConfigError(f"{output} holds something else than a map: name a new folder, or remove it")
     contents = {method: settings("localizer", method)}
-    given = Overrides(overrides, contents)
+    given = Overrides(map(parse_override, overrides), contents)
     localizer: Localizer = registry().build("localizer", configure("localizer", method, contents[method], given.methods[method]))
     dataset = _open(data, data_dir, given.data, progress)
     localizer.build(mapping_frames(dataset), Cache(), dataset.fingerprint, progress and partial(progress, method))

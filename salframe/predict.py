@@ -59,8 +59,8 @@ def _log_crash(run: Run, label: str, where: str) -> None:
 
 def _answer(run: Run, label: str) -> list[str]:
     """Answer the open queries; returns warnings."""
-    localizer: Localizer = registry().build("localizer", run.config.methods[label])
-    dataset = open_dataset(run.config.dataset)
+    localizer: Localizer = registry().build("localizer", run.method(label))
+    dataset = open_dataset(run.dataset())
     absent = sorted(localizer.needs - dataset.provides)
     if absent:
         raise InputMissing(f"needs {' and '.join(absent)}, which {dataset.name} does not have")

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from salframe.config import ComponentConfig, merge, nest, parse_override, read_yaml, validate
+from salframe.config import ComponentConfig, merge, nest, read_yaml, validate
 from salframe.errors import ConfigError, UnknownName
 from salframe.registry import registry, unknown
 
@@ -64,31 +64,33 @@ def dataset_settings(data: str, data_dir: Path | None) -> tuple[str, dict[str, A
 
 
 class Overrides:
-    """`--set key.path=value`, sorted by whom they are for.
+    """Settings given by dotted key, sorted by whom they are for: `data`, `engine`, and `methods` by name, each a list of nested mappings.
 
     `data.…` goes to the dataset, `engine.…` to the engine, `METHOD.…` to that method, anything else to every method that has such a key.
     """
 
-    def __init__(self, texts: Iterable[str], methods: Mapping[str, Mapping[str, Any]]) -> None:
-        """`methods`: the settings of each method by name. Raises ConfigError on a key that no method has."""
+    def __init__(self, given: Iterable[tuple[tuple[str, ...], Any]], methods: Mapping[str, Mapping[str, Any]]) -> None:
+        """`given`: (path, value) as parse_override gives it; `methods`: the settings by name. Raises ConfigError on a key nobody has."""
         self.data: list[dict[str, Any]] = []
         self.engine: list[dict[str, Any]] = []
         self.methods: dict[str, list[dict[str, Any]]] = {name: [] for name in methods}
-        for text in texts:
-            path, value = parse_override(text)
-            if path[0] in ("data", "engine"):
-                if len(path) == 1:
-                    raise ConfigError(f"received --set {text!r}, expected {path[0]}.key=value")
-                (self.data if path[0] == "data" else self.engine).append(nest(path[1:], value))
-            elif path[0] in methods and len(path) > 1:
-                self.methods[path[0]].append(nest(path[1:], value))
+        for path, value in given:
+            scope, rest = path[0], path[1:]
+            if scope in ("data", "engine") and rest:
+                (self.data if scope == "data" else self.engine).append(nest(rest, value))
+            elif scope in methods and rest:
+                self.methods[scope].append(nest(rest, value))
             else:
-                takers = [name for name, content in methods.items() if path[0] in _keys(name, content)]
-                if not takers:
-                    known = sorted({key for name, content in methods.items() for key in _keys(name, content)})
-                    raise ConfigError(unknown("key", path[0], known) + f" No method of {', '.join(methods)} has it.")
-                for name in takers:
-                    self.methods[name].append(nest(path, value))
+                self._give_all(path, value, methods)
+
+    def _give_all(self, path: tuple[str, ...], value: Any, methods: Mapping[str, Mapping[str, Any]]) -> None:
+        keys = {name: _keys(name, content) for name, content in methods.items()}
+        takers = [name for name in methods if path[0] in keys[name]]
+        if not takers:
+            known = sorted({"data", "engine", *methods, *(key for of_method in keys.values() for key in of_method)})
+            raise ConfigError(f"received the setting {'.'.join(path)}: {unknown('key', path[0], known)}")
+        for name in takers:
+            self.methods[name].append(nest(path, value))
 
 
 def _keys(name: str, content: Mapping[str, Any]) -> list[str]:

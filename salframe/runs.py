@@ -25,41 +25,6 @@ Row = dict[str, Any]
 
 
 @dataclass(frozen=True)
-class RunConfig:
-    """What a run asks: one dataset, methods by label, and the seed of its statistics."""
-
-    dataset: ComponentConfig
-    methods: Mapping[str, ComponentConfig]
-    seed: int = 0
-
-    def dump(self) -> dict[str, Any]:
-        """The content of config.yaml: every setting, defaults included."""
-        methods = {label: config.model_dump(mode="json") for label, config in self.methods.items()}
-        return {"seed": self.seed, "dataset": self.dataset.model_dump(mode="json"), "methods": methods}
-
-    @property
-    def hash8(self) -> str:
-        """Eight hex digits that change with any setting or component version."""
-        methods = {label: identity(config) for label, config in self.methods.items()}
-        return digest({"seed": self.seed, "dataset": identity(self.dataset), "methods": methods})[:8]
-
-    @classmethod
-    def load(cls, path: Path) -> RunConfig:
-        """Read config.yaml. Raises ConfigError on a missing or unknown key, UnknownName on a component that is not installed."""
-        content = read_yaml(path)
-        try:
-            dataset = _component("dataset", content["dataset"], f"{path}: dataset")
-            methods = {label: _component("localizer", settings, f"{path}: {label}") for label, settings in content["methods"].items()}
-            return cls(dataset, methods, content["seed"])
-        except KeyError as error:
-            raise ConfigError(f"{path} has no key {error}") from None
-
-
-def _component(role: str, settings: Mapping[str, Any], where: str) -> ComponentConfig:
-    return validate(registry().get(role, settings["kind"]).Config, settings, where)
-
-
-@dataclass(frozen=True)
 class Outcome:
     """How a method's prediction ended: "done", "unavailable" or "crashed", and why or with which warnings."""
 
@@ -69,31 +34,61 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Run:
-    """A run folder and what was asked of it."""
+    """A run folder. `content` is that of its config.yaml: seed, dataset, and methods by label, every setting with its value."""
 
     directory: Path
-    config: RunConfig = field(repr=False)
+    content: Mapping[str, Any] = field(repr=False)
 
     @classmethod
-    def open(cls, runs: Path, name: str, config: RunConfig) -> Run:
-        """Make or resume runs/<name>-<hash8>. Raises ConfigError where the folder holds another configuration."""
+    def open(cls, runs: Path, name: str, dataset: ComponentConfig, methods: Mapping[str, ComponentConfig], seed: int) -> Run:
+        """Make or resume runs/<name>-<hash8>; the hash changes with any setting and with any component's version.
+
+        `seed` is that of the confidence intervals. Raises ConfigError where the folder holds another configuration.
+        """
         if not name or "/" in name:
             raise ConfigError(f"received the run name {name!r}, expected one without slashes")
-        directory = runs / f"{name}-{config.hash8}"
-        path = directory / "config.yaml"
-        text = yaml.safe_dump(config.dump(), sort_keys=False)
+        known_by = {label: identity(config) for label, config in methods.items()}
+        directory = runs / f"{name}-{digest({'seed': seed, 'dataset': identity(dataset), 'methods': known_by})[:8]}"
+        settings = {label: config.model_dump(mode="json") for label, config in methods.items()}
+        text = yaml.safe_dump({"seed": seed, "dataset": dataset.model_dump(mode="json"), "methods": settings}, sort_keys=False)
+        path, content = directory / "config.yaml", yaml.safe_load(text)
         if not path.exists():
             write_text(path, text)
-        elif read_yaml(path) != yaml.safe_load(text):
+        elif read_yaml(path) != content:
             raise ConfigError(f"{path} was edited since the run began: restore it, or remove {directory} to start afresh")
-        return cls(directory, config)
+        return cls(directory, content)
 
     @classmethod
     def load(cls, directory: Path) -> Run:
         """Open an existing run folder. Raises ConfigError where it is none."""
-        if not (directory / "config.yaml").exists():
+        path = directory / "config.yaml"
+        if not path.exists():
             raise ConfigError(f"{directory} is no run folder: it has no config.yaml")
-        return cls(directory, RunConfig.load(directory / "config.yaml"))
+        content = read_yaml(path)
+        absent = [key for key in ("seed", "dataset", "methods") if key not in content]
+        if absent:
+            raise ConfigError(f"{path} has no key {', '.join(absent)}")
+        return cls(directory, content)
+
+    @property
+    def seed(self) -> int:
+        return self.content["seed"]
+
+    @property
+    def labels(self) -> list[str]:
+        """The methods, in the order they were given."""
+        return list(self.content["methods"])
+
+    def dataset(self) -> ComponentConfig:
+        """The dataset's configuration. Raises ConfigError, UnknownName where this installation does not know it."""
+        return self._component("dataset", self.content["dataset"], "dataset")
+
+    def method(self, label: str) -> ComponentConfig:
+        """A method's configuration. Raises ConfigError, UnknownName where this installation does not know it."""
+        return self._component("localizer", self.content["methods"][label], label)
+
+    def _component(self, role: str, settings: Mapping[str, Any], where: str) -> ComponentConfig:
+        return validate(registry().get(role, settings.get("kind", "")).Config, settings, f"{self.directory / 'config.yaml'}: {where}")
 
     def folder(self, label: str) -> Path:
         """The folder of a method. Labels are escaped, so that no two share one."""

@@ -7,6 +7,7 @@ import os
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 from typing import Any
 
@@ -14,6 +15,7 @@ from pydantic import Field
 
 import salframe
 from salframe.config import ComponentConfig
+from salframe.errors import SalframeError
 from salframe.roles import Component, Engine
 
 
@@ -55,6 +57,8 @@ def _alone(function: Callable[[Any], Any], item: Any) -> Any:
     try:
         with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"), initializer=_die_with_parent) as pool:
             return pool.submit(function, item).result()
+    except BrokenProcessPool:
+        return SalframeError("its process died: killed, out of memory, or a fault in a library")
     except Exception as error:
         return error
 

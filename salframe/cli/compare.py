@@ -47,7 +47,7 @@ def ablate(
     seed: Seed = 0, as_json: Json = False,
 ) -> None:  # fmt: skip
     """Run every combination of the values under `vary:` as a method of its own, in one table."""
-    from salframe.compare import ablate as run
+    from salframe.ablate import ablate as run
 
     _show(lambda progress: run(file, data=data, data_dir=data_dir, overrides=overrides or (), name=name, runs=runs, engine=engine, seed=seed,
                                progress=progress), as_json)  # fmt: skip
