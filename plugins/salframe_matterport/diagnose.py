@@ -26,9 +26,10 @@ def diagnose(run: Run, method: str) -> dict[str, list[str]]:
 
     Raises DataError where the run is of another dataset or lacks answers.
     """
-    if not isinstance(run.config.dataset, MatterportAnnotations.Config):
-        raise DataError(f"{run.directory} asked {run.config.dataset.kind}, expected {MatterportAnnotations.name}")
-    dataset = MatterportAnnotations(run.config.dataset)
+    config = run.dataset
+    if not isinstance(config, MatterportAnnotations.Config):
+        raise DataError(f"{run.directory} asked {config.kind}, expected {MatterportAnnotations.name}")
+    dataset = MatterportAnnotations(config)
     answers, scenes = run.predictions(method), dataset.scenes()
     wrong: dict[str, list[str]] = {cause: [] for cause in CAUSES}
     for fold in dataset.folds():

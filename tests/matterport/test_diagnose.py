@@ -8,7 +8,7 @@ from salframe_matterport.scenes import Scene
 
 from salframe.geometry import pose_2d
 from salframe.registry import registry
-from salframe.runs import Run, RunConfig
+from salframe.runs import Run
 
 OBJECTS = {1: ("bed", (2, 0, 1)), 2: ("lamp", (0, 2, 2)), 3: ("lamp", (1, 2, 1)), 4: ("sink", (-1, 1, 1)), 5: ("bed", (9, 9, 1))}
 
@@ -45,7 +45,7 @@ def test_cause(own, winning, cause):
 def run(building, tmp_path):
     """A run on the drawn building, which has two queries in region 0: a is right, b names region 1."""
     config = MatterportAnnotations.Config(root=building.root)
-    run = Run.open(tmp_path / "runs", "test", RunConfig(config, {"objects": registry().get("localizer", "objects").Config()}))
+    run = Run.open(tmp_path / "runs", "test", config, {"objects": registry().get("localizer", "objects").Config()}, seed=0)
     run.folder("objects").mkdir(parents=True)
     places = {"a": "fake/region-0", "b": "fake/region-1"}
     rows = [{"fold": f"fake/{v}", "query": f"fake/{v}/query", "places": [["fake/c", place, 1.0]]} for v, place in places.items()]
