@@ -26,7 +26,7 @@ def diagnose(run: Run, method: str) -> dict[str, list[str]]:
 
     Raises DataError where the run is of another dataset or lacks answers.
     """
-    config = run.dataset
+    config = run.dataset()
     if not isinstance(config, MatterportAnnotations.Config):
         raise DataError(f"{run.directory} asked {config.kind}, expected {MatterportAnnotations.name}")
     dataset = MatterportAnnotations(config)
