@@ -68,7 +68,7 @@ def print_comparison(comparison: Comparison) -> None:
         table.add_column(heading, justify="right", no_wrap=True)
     notes = []
     for row in comparison.rows:
-        label = escape(row["method"])
+        label = escape(row["method"].replace("[", "\n  [").replace(",", ",\n   "))
         if row["accuracy"] is None:
             table.add_row(label, "-", *[""] * (len(HEADINGS) - 1), style="dim")
         else:

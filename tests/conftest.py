@@ -1,0 +1,20 @@
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from salframe.registry import registry
+
+
+@pytest.fixture
+def fakes(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    """The components of fake_plugin and the engines alone, an empty cache, and tmp_path as the working directory."""
+    monkeypatch.setenv("SALFRAME_PLUGINS", "fake_plugin,salframe_engines")
+    monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")]))
+    monkeypatch.chdir(tmp_path)
+    registry.cache_clear()
+    yield
+    registry.cache_clear()

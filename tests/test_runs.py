@@ -1,0 +1,98 @@
+from __future__ import annotations
+
+import json
+
+import pytest
+import yaml
+
+from salframe.errors import ConfigError, DataError
+from salframe.presets import configure, settings
+from salframe.runs import RowWriter, Run, environment, read_rows
+
+
+def config(role: str, name: str, **given: object):
+    return configure(role, name, settings(role, name), [given])
+
+
+def open_run(runs, seed=0, **given):
+    return Run.open(runs, "test", config("dataset", "rooms"), {"reader": config("localizer", "reader", **given)}, seed)
+
+
+def test_a_row_cut_off_by_a_kill_is_dropped(tmp_path):
+    path = tmp_path / "rows.jsonl"
+    path.write_text('{"query": 1}\n{"query": 2}\n{"que')
+    assert list(read_rows(path)) == [{"query": 1}, {"query": 2}]
+    with RowWriter(path) as rows:
+        rows.append({"query": 3})
+    assert [json.loads(line)["query"] for line in path.read_text().splitlines()] == [1, 2, 3]
+
+
+def test_a_damaged_line_in_the_middle_is_an_error(tmp_path):
+    path = tmp_path / "rows.jsonl"
+    path.write_text('{"query": 1}\n{"que\n{"query": 3}\n')
+    with pytest.raises(DataError, match="line 2"):
+        list(read_rows(path))
+
+
+def test_rows_refuse_nan(tmp_path):
+    with RowWriter(tmp_path / "rows.jsonl") as rows, pytest.raises(ValueError, match="JSON"):
+        rows.append({"query_ms": float("nan")})
+    assert list(read_rows(tmp_path / "rows.jsonl")) == []
+
+
+def test_the_folder_follows_every_setting(fakes, tmp_path):
+    assert open_run(tmp_path).directory == open_run(tmp_path).directory
+    folders = {open_run(tmp_path).directory, open_run(tmp_path, seed=1).directory, open_run(tmp_path, offset=1).directory}
+    assert len(folders) == 3
+    assert all(len(folder.name) == len("test-") + 8 for folder in folders)
+
+
+def test_the_folder_follows_a_components_version(fakes, tmp_path, monkeypatch):
+    before = open_run(tmp_path).directory
+    monkeypatch.setattr("fake_plugin.Reader.version", "2")
+    assert open_run(tmp_path).directory != before
+
+
+def test_config_yaml_holds_every_setting_and_reads_back(fakes, tmp_path):
+    run = open_run(tmp_path, offset=2)
+    content = yaml.safe_load((run.directory / "config.yaml").read_text())
+    assert content["methods"]["reader"]["offset"] == 2
+    assert content["methods"]["reader"]["wrong_from"] == 99
+    again = Run.load(run.directory)
+    assert again.labels == ["reader"]
+    assert again.method("reader") == config("localizer", "reader", offset=2)
+    assert again.dataset() == config("dataset", "rooms")
+
+
+def test_an_edited_config_is_an_error(fakes, tmp_path):
+    path = open_run(tmp_path).directory / "config.yaml"
+    path.write_text(path.read_text().replace("offset: 0", "offset: 1"))
+    with pytest.raises(ConfigError, match="edited"):
+        open_run(tmp_path)
+
+
+def test_a_changed_dataset_is_an_error(fakes, tmp_path):
+    run = open_run(tmp_path)
+    run.bind("one")
+    run.bind("one")
+    with pytest.raises(DataError, match="changed"):
+        run.bind("two")
+
+
+def test_no_two_labels_share_a_folder(fakes, tmp_path):
+    run = open_run(tmp_path)
+    labels = ["a/b", "a_b", "a%2Fb", "a[b=c]", "a", ".."]
+    assert len({run.folder(label) for label in labels}) == len(labels)
+    assert all(run.folder(label).parent == run.directory for label in labels)
+
+
+@pytest.mark.parametrize("name", ["", "a/b"])
+def test_a_name_with_slashes_is_an_error(fakes, tmp_path, name):
+    with pytest.raises(ConfigError, match="slashes"):
+        Run.open(tmp_path, name, config("dataset", "rooms"), {}, 0)
+
+
+def test_environment_lists_versions_and_plugins(fakes):
+    found = environment()
+    assert {"salframe", "numpy", "scipy"} <= found["packages"].keys()
+    assert {"role": "localizer", "name": "reader", "version": "1", "package": "fake_plugin"} in found["plugins"]
