@@ -1,0 +1,31 @@
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).parent.parent
+
+
+@pytest.mark.slow
+def test_the_wheel_holds_every_package_preset_and_template(tmp_path):
+    source = tmp_path / "source"
+    source.mkdir()
+    for name in ("salframe", "plugins", "baselines", "configs", "pyproject.toml", "README.md"):
+        path = REPOSITORY / name
+        copy = shutil.copytree if path.is_dir() else shutil.copy
+        copy(path, source / name, **({"symlinks": True, "ignore": shutil.ignore_patterns("__pycache__")} if path.is_dir() else {}))
+    command = [sys.executable, "-c", "from setuptools.build_meta import build_wheel; build_wheel('.')"]
+    subprocess.run(command, cwd=source, check=True, capture_output=True)
+    (wheel,) = source.glob("*.whl")
+    packed = set(zipfile.ZipFile(wheel).namelist())
+    expected = {f"salframe/configs/{path.relative_to(REPOSITORY / 'configs')}" for path in (REPOSITORY / "configs").rglob("*.yaml")}
+    expected |= {f"salframe/templates/{path.name}" for path in (REPOSITORY / "salframe" / "templates").iterdir()}
+    for container in (REPOSITORY, REPOSITORY / "plugins", REPOSITORY / "baselines"):
+        expected |= {str(path.relative_to(container)) for path in container.glob("salframe*/**/*.py")}
+    assert expected - packed == set()
+    assert {name.partition("/")[0] for name in packed if not name.startswith("salframe")} == set()
