@@ -6,6 +6,7 @@ import zlib
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import ndimage
 
 from salframe_house.scene import Light, Scene
 from salframe_house.tracing import Tracer
@@ -52,7 +53,7 @@ INTERLEAVED = 16
 """Points are shaded with one of so many sets of samples; together the sets are stratified, so averaging 4 x 4 points removes noise."""
 
 _CELL_M = 0.5
-_CANDIDATES = 8
+_CANDIDATES = 12
 _REACH_M = 14.0
 _OFFSET_M = np.float32(0.004)
 _GOLDEN = np.array([0.7548776662466927, 0.5698402909980532])  # steps of the R2 low-discrepancy sequence
@@ -104,21 +105,24 @@ class Lights:
         self._candidates = self._seen_by_cells(scene.vertices_m.max(axis=0) - self._low_m)
 
     def _seen_by_cells(self, size_m: np.ndarray) -> np.ndarray:
-        """(rows along y, columns along x, _CANDIDATES) int32 lights that some point of each cell sees, strongest first."""
+        """(rows along y, columns along x, _CANDIDATES) int32 lights that some point in or beside each cell sees, strongest first."""
         self._shape = rows, columns = tuple(np.ceil(size_m[1::-1] / _CELL_M).astype(int) + 1)
-        # Points spread over a little more than the cell and over most of the height.
-        spread = (np.arange(1, 9)[:, None] * np.append(_GOLDEN, 0.438)) % 1
-        offset = (spread - [0.5, 0.5, 0]) * [1.6 * _CELL_M, 1.6 * _CELL_M, 0.8 * size_m[2]] + [_CELL_M / 2, _CELL_M / 2, 0.1 * size_m[2]]
+        # Points spread over the cell and most of the height, each with another part of the light.
+        spread = np.arange(1, 13)[:, None] * np.append(_GOLDEN, 0.438) % 1
+        offset = (spread * [1, 1, 0.8] + [0, 0, 0.1]) * [_CELL_M, _CELL_M, size_m[2]]
+        part = (np.arange(1, 13)[:, None] * [0.382, 0.236] % 1 - 0.5).astype(np.float32)
         row, column = np.mgrid[:rows, :columns]
         corner = np.stack([column.ravel(), row.ravel(), np.zeros(rows * columns)], axis=1) * _CELL_M + self._low_m
         strength = np.zeros((rows * columns, len(self._centre_m)), np.float32)
         for light in range(len(self._centre_m) - 1):
             cells = np.flatnonzero(np.linalg.norm(corner[:, :2] - self._centre_m[light, :2], axis=1) < _REACH_M)
             points = (corner[cells, None] + offset).reshape(-1, 3).astype(np.float32)
-            seen = ~self._tracer.blocked(points, np.broadcast_to(self._centre_m[light], points.shape).copy())
+            seen = ~self._tracer.blocked(points, np.tile(self._centre_m[light] + part @ self._edges_m[light], (len(cells), 1)))
             distance_sq = np.sum((points - self._centre_m[light]) ** 2, axis=1)
             received = self._intensity[light] * seen / (distance_sq + self._radius_sq_m2[light])
             strength[cells, light] = received.reshape(len(cells), -1).max(axis=1)
+        # Where a light begins to show between these points, the next cell has seen it.
+        strength = ndimage.maximum_filter(strength.reshape(rows, columns, -1), size=(3, 3, 1)).reshape(strength.shape)
         count = min(_CANDIDATES, strength.shape[1])
         best = np.argsort(-strength, axis=1, kind="stable")[:, :count]
         best[np.take_along_axis(strength, best, axis=1) <= 0] = len(self._centre_m) - 1

@@ -6,6 +6,7 @@ import zlib
 from dataclasses import dataclass, replace
 from typing import Literal
 
+import cv2
 import numpy as np
 
 from salframe.errors import DataError
@@ -22,6 +23,7 @@ _INDIRECT_STEP, _INDIRECT_RAYS = 4, 16
 _SPECULAR_DEPTH = 4  # panes and mirrors that a line of sight may pass or meet
 _GLASS_RGB = np.array([0.86, 0.90, 0.89], np.float32)
 _SCREEN_GLOW = 0.6  # displays shine alike at all times of day
+_SHARPENING, _SHARPENING_SIGMA = 0.9, 1.2
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 
 
@@ -177,7 +179,7 @@ class Renderer:
     def _developed(self, display: np.ndarray, pose: np.ndarray) -> np.ndarray:
         """(H, 2H, 3) uint8 sRGB from tone-mapped linear values (H * 2H, 3) in [0, 1]."""
         shape = self._height, 2 * self._height, 3
-        value = _SRGB[(display * (len(_SRGB) - 1)).astype(np.int32)].reshape(shape)
+        value = _sharpened(_SRGB[(display * (len(_SRGB) - 1)).astype(np.int32)].reshape(shape))
         if self._condition.noise:
             rng = np.random.default_rng(zlib.crc32(np.ascontiguousarray(pose, np.float64).tobytes()))
             value = value + rng.standard_normal(shape[:2], np.float32)[..., None] * np.float32(255 * self._condition.noise)
@@ -188,6 +190,14 @@ def _filmic(radiance: np.ndarray) -> np.ndarray:
     """Linear display values in [0, 1] of exposed radiance: a curve with a toe and a long shoulder (Narkowicz's fit of ACES, 2015)."""
     a, b, c, d, e = (np.float32(x) for x in (2.51, 0.03, 2.43, 0.59, 0.14))
     return np.clip(radiance * (a * radiance + b) / (radiance * (c * radiance + d) + e), 0, 1)
+
+
+def _sharpened(image: np.ndarray) -> np.ndarray:
+    """The image (H, 2H, 3) float32 after the unsharp mask that cameras apply, with no seam between its first and last column."""
+    margin = 4
+    around = np.concatenate([image[:, -margin:], image, image[:, :margin]], axis=1)
+    blurred = cv2.GaussianBlur(around, (0, 0), _SHARPENING_SIGMA)[:, margin:-margin]
+    return image + np.float32(_SHARPENING) * (image - blurred)
 
 
 def _srgb_table(size: int = 1 << 14) -> np.ndarray:

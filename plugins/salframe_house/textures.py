@@ -60,7 +60,7 @@ def texture_tile(name: str, variant: int) -> np.ndarray:
 def wear_tile() -> np.ndarray:
     """(TILE, TILE) float32 stains and scuffs, mean 0, about unit contrast: what tells one stretch of a plain surface from the next."""
     rng = np.random.default_rng(zlib.crc32(b"wear"))
-    wear = _blobs(rng, 500, (1.0, 2.5), aspect=3.0) + 0.5 * _blobs(rng, 60, (3.0, 9.0)) + 0.2 * _noise(rng, 2, 12)
+    wear = _blobs(rng, 700, (1.2, 2.8), aspect=2.0) + 0.25 * _blobs(rng, 60, (3.0, 9.0)) + 0.1 * _noise(rng, 2, 12)
     return (wear - wear.mean()).astype(np.float32)
 
 
@@ -140,8 +140,8 @@ def _planks(rng: np.random.Generator, rows: int, boards: int, spread: float) -> 
 
 
 def _plaster(rng):
-    strokes = _blobs(rng, 450, (2, 5), aspect=5)
-    return _tinted(1 + 0.02 * _noise(rng, 10, 45) + 0.11 * strokes)
+    strokes = _blobs(rng, 700, (1.5, 3.5), aspect=4)
+    return _tinted(1 + 0.02 * _noise(rng, 10, 45) + 0.12 * strokes)
 
 
 def _wallpaper(rng):
@@ -149,7 +149,7 @@ def _wallpaper(rng):
     waves = zip(rng.integers(0, 4, (3, 2)), rng.uniform(0, 2 * np.pi, 3), strict=True)
     motif = sum(np.cos(2 * np.pi * (fu * _U + fv * _V) + phase) for (fu, fv), phase in waves)
     figure = np.clip(3 * np.cos(2 * np.pi * count * _U + motif) * np.cos(2 * np.pi * count * _V + motif), -1, 1)
-    return _tinted(1 + 0.12 * figure + 0.08 * _blobs(rng, 250, (2, 4), aspect=2), tuple(rng.uniform(-0.4, 0.4, 3)))
+    return _tinted(1 + 0.16 * figure + 0.12 * _blobs(rng, 250, (2, 4), aspect=2), tuple(rng.uniform(-0.4, 0.4, 3)))
 
 
 def _concrete(rng):
@@ -185,8 +185,8 @@ def _leather(rng):
 
 
 def _carpet(rng):
-    flecks = _blobs(rng, 900, (2, 4.5), aspect=2)
-    return _tinted(1 + 0.35 * flecks, tuple(rng.uniform(-0.3, 0.3, 3)))
+    flecks = _blobs(rng, 1300, (1.5, 3.2), aspect=2)
+    return _tinted(1 + 0.45 * flecks, tuple(rng.uniform(-0.12, 0.12, 3)))
 
 
 def _rug(rng):
@@ -199,8 +199,8 @@ def _rug(rng):
 
 
 def _tile(rng):
-    stone = 1 + _cell_tones(rng, 4, 4, 0.08) + 0.05 * _noise(rng, 3, 20) + 0.3 * _blobs(rng, 200, (4, 9), aspect=2)
-    return _tinted(np.where(_joints(4, 4, 4) > 0.5, 0.5, stone))
+    stone = 1 + _cell_tones(rng, 4, 4, 0.08) + 0.05 * _noise(rng, 3, 20) + 0.17 * _blobs(rng, 240, (3, 7), aspect=3)
+    return _tinted(np.where(_joints(4, 4, 3) > 0.5, 0.65, stone))
 
 
 def _marble(rng):
@@ -214,7 +214,7 @@ def _metal(rng):
 
 
 def _plastic(rng):
-    return _tinted(1 + 0.03 * _noise(rng, 2, 16) + 0.3 * _blobs(rng, 70, (4, 9), aspect=2))
+    return _tinted(1 + 0.03 * _noise(rng, 2, 16) + 0.12 * _blobs(rng, 70, (4, 9), aspect=3))
 
 
 def _paper(rng):
@@ -287,8 +287,8 @@ def _books(rng):
 
 
 def _ceiling(rng):
-    fissures = np.minimum(_blobs(rng, 900, (1.0, 2.0), aspect=4), 0)
-    panels = 1 + _cell_tones(rng, 4, 4, 0.04) + 0.3 * fissures
+    fissures = np.minimum(_blobs(rng, 1200, (0.8, 1.6), aspect=3), 0)
+    panels = 1 + _cell_tones(rng, 4, 4, 0.04) + 0.45 * fissures
     return _tinted(panels * (1 - 0.5 * _joints(4, 4, 3.0)))
 
 
@@ -297,8 +297,8 @@ def _plain(rng):
 
 
 TEXTURES: dict[str, TextureKind] = {
-    "plaster": TextureKind(_plaster, (2.3, 2.3), wear=0.07),
-    "wallpaper": TextureKind(_wallpaper, (1.6, 1.6), wear=0.06),
+    "plaster": TextureKind(_plaster, (2.3, 2.3), wear=0.09),
+    "wallpaper": TextureKind(_wallpaper, (1.6, 1.6), wear=0.1),
     "concrete": TextureKind(_concrete, (2.5, 2.5), wear=0.10),
     "wood": TextureKind(_wood, (1.1, 1.1), wear=0.10),
     "parquet": TextureKind(_parquet, (1.6, 1.6), wear=0.10),
@@ -307,7 +307,7 @@ TEXTURES: dict[str, TextureKind] = {
     "leather": TextureKind(_leather, (0.8, 0.8), wear=0.10),
     "carpet": TextureKind(_carpet, (1.9, 1.9), wear=0.10),
     "rug": TextureKind(_rug, (None, None), wear=0.06),
-    "tile": TextureKind(_tile, (1.2, 1.2), wear=0.10),
+    "tile": TextureKind(_tile, (1.2, 1.2), wear=0.05),
     "marble": TextureKind(_marble, (1.7, 1.7), wear=0.04),
     "metal": TextureKind(_metal, (0.9, 0.9), wear=0.10),
     "plastic": TextureKind(_plastic, (0.9, 0.9), wear=0.04),
