@@ -141,6 +141,9 @@ class Weights:
         against ours. Raises WeightsMissing with the path looked at, the sha256 and how to get it; or with both hashes where they differ.
         """
         if override is not None:
+            names = ", ".join(file.name for file in self.files)
+            if len(self.files) > 1 and override.is_file():
+                raise WeightsMissing(f"weights {self.name!r}: received the file {override}, expected a folder that holds {names}")
             return tuple(self._own(override / file.name if override.is_dir() else override) for file in self.files)
         found = []
         for file in self.files:

@@ -89,6 +89,13 @@ def test_a_local_path_wins_and_its_hash_is_the_users_business(served, tmp_path):
         served.paths(tmp_path / "absent.pt")
 
 
+def test_one_file_for_weights_of_two_is_refused(tmp_path):
+    files = (WeightsFile("one.pt", DIGEST, 1), WeightsFile("two.pt", DIGEST, 1))
+    (tmp_path / "own.pt").write_bytes(CONTENT)
+    with pytest.raises(WeightsMissing, match=r"received the file .*own\.pt, expected a folder that holds one\.pt, two\.pt"):
+        Weights("net", "MIT", files, Download(("file:///nowhere",))).paths(tmp_path / "own.pt")
+
+
 @pytest.fixture
 def carried() -> Weights:
     return Weights("net", "MIT", (WeightsFile("net.pt", DIGEST, len(CONTENT)),), Wheel("no-such-package", "1.0", "package/weights"))

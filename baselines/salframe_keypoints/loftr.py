@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -12,7 +13,7 @@ import numpy as np
 from salframe.config import merge
 from salframe.errors import ConfigError, WeightsMissing
 from salframe.weights import Download, Weights, WeightsFile
-from salframe_keypoints.pairs import Pair, View, gray
+from salframe_keypoints.pairs import Pair, View, gray, load_strictly, read_checkpoint
 from salframe_keypoints.sift import root_sift
 
 LOFTR = Weights(
@@ -44,16 +45,13 @@ class Loftr(Pair):
         settings["resolution"] = tuple(settings["resolution"])
         self._stride = settings["resolution"][0]
         (path,) = LOFTR.paths(config.checkpoint)
-        state = checkpoint_state(torch.load(path, map_location="cpu", weights_only=True), str(path))
         try:
-            self._model = loftr.LoFTR(pretrained=None, config=settings)
-            if not config.loftr_fine:
-                _remove_fine_stage(self._model)
-            self._model.load_state_dict(state)
-        except (RuntimeError, ValueError, KeyError, TypeError) as error:
-            reason = " ".join(str(error).split())[:200]
-            raise ConfigError(f"{path} does not fit loftr_config and loftr_fine={config.loftr_fine}: {reason}") from None
-        self._model.eval()
+            self._model = loftr.LoFTR(pretrained=None, config=settings).eval()
+        except (ValueError, KeyError, TypeError) as error:
+            raise ConfigError(f"loftr_config is no architecture that kornia knows: {' '.join(str(error).split())}") from None
+        if not config.loftr_fine:
+            _remove_fine_stage(self._model)
+        load_strictly(self._model, checkpoint_state(read_checkpoint(path), path), path)
 
     def extract(self, images: np.ndarray) -> list[View]:
         """See Pair."""
@@ -81,7 +79,7 @@ class Loftr(Pair):
         return np.zeros((0, 128), np.float32) if descriptors is None else root_sift(descriptors)
 
 
-def checkpoint_state(content: Any, path: str) -> dict[str, Any]:
+def checkpoint_state(content: Any, path: Path) -> dict[str, Any]:
     """The network's state in a checkpoint: the mapping itself or what it holds as state_dict or model_state_dict. Raises WeightsMissing."""
     for key in ("state_dict", "model_state_dict"):
         if isinstance(content, Mapping) and key in content:

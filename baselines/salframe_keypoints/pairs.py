@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from salframe.errors import WeightsMissing
 from salframe.weights import Weights
 
 if TYPE_CHECKING:
@@ -73,6 +75,29 @@ class DescriptorPair(Pair):
     def retrieval_features(self, view: View) -> np.ndarray:
         """The descriptors themselves, brought to unit length."""
         return unit_rows(view.features)
+
+
+def read_checkpoint(path: Path) -> Any:
+    """What a torch checkpoint holds, on the CPU, without running code from it. Raises WeightsMissing where it is none."""
+    import torch
+
+    try:
+        return torch.load(path, map_location="cpu", weights_only=True)
+    except Exception as error:  # torch raises whatever its unpickler stumbles over
+        raise WeightsMissing(f"{path} is no torch checkpoint: {type(error).__name__} {_one_line(error)}") from None
+
+
+def load_strictly(module: Any, state: Mapping[str, Any], path: Path) -> None:
+    """Put a state into a torch module, every tensor of both accounted for. Raises WeightsMissing."""
+    try:
+        module.load_state_dict(dict(state))
+    except (RuntimeError, TypeError) as error:
+        raise WeightsMissing(f"{path} does not fit {type(module).__name__}: {_one_line(error)}") from None
+
+
+def _one_line(error: Exception) -> str:
+    text = " ".join(str(error).split())
+    return text if len(text) <= 200 else f"{text[:200]}..."
 
 
 def unit_rows(vectors: np.ndarray) -> np.ndarray:

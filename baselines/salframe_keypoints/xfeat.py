@@ -7,7 +7,7 @@ import re
 import numpy as np
 
 from salframe.weights import Weights, WeightsFile, Wheel
-from salframe_keypoints.pairs import DescriptorPair, View
+from salframe_keypoints.pairs import DescriptorPair, View, load_strictly, read_checkpoint
 
 XFEAT = Weights(
     name="xfeat",
@@ -33,11 +33,12 @@ class XFeat(DescriptorPair):
         features, matcher = XFEAT.paths(config.checkpoint)
         self._torch = torch
         self._extractor = feature.XFeat(top_k=config.max_keypoints).eval()
-        self._extractor.net.load_state_dict(torch.load(features, map_location="cpu", weights_only=True))
+        load_strictly(self._extractor.net, read_checkpoint(features), features)
         settings = {key: value for key, value in feature.LightGlue.features["xfeat"].items() if key != "weights"}
         self._matcher = feature.LightGlue(features=None, **settings).eval()
-        state = lighterglue_state(torch.load(matcher, map_location="cpu", weights_only=True))
-        self._matcher.load_state_dict({**state, "confidence_thresholds": self._matcher.confidence_thresholds})
+        # the buffer is computed, not learned, and not in the file
+        state = {**lighterglue_state(read_checkpoint(matcher)), "confidence_thresholds": self._matcher.confidence_thresholds}
+        load_strictly(self._matcher, state, matcher)
         self._size = torch.tensor([[config.view_width_px, config.view_height_px]])
 
     def extract(self, images: np.ndarray) -> list[View]:

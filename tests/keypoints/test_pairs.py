@@ -98,9 +98,10 @@ class TestLoftrCheckpoint:
         assert answer.places[0].place == "room 1"
         assert np.linalg.norm(answer.T_world_query[:2, 3] - (0.4, -0.3)) < 0.15  # cells of 16 pixels, 3 deg
 
-    def test_another_architecture_is_one_clear_line(self, configure):
-        with pytest.raises(ConfigError, match="does not fit loftr_config and loftr_fine=True") as caught:
-            PAIRS["loftr"](configure("loftr", **{**DISTILLED_SETTINGS, "loftr_fine": True}))
+    @pytest.mark.parametrize("change", [{"loftr_fine": True}, {"loftr_config": {}}])
+    def test_another_architecture_is_one_clear_line(self, configure, change):
+        with pytest.raises(WeightsMissing, match=r"loftr_coarse_distilled\.pt does not fit LoFTR: ") as caught:
+            PAIRS["loftr"](configure("loftr", **{**DISTILLED_SETTINGS, **change}))
         assert "\n" not in str(caught.value)
 
 
@@ -109,3 +110,26 @@ def test_a_file_that_is_no_loftr_checkpoint_is_one_clear_line(configure, tmp_pat
     torch.save({"state_dict": {"other.weight": torch.zeros(1)}}, tmp_path / "other.ckpt")
     with pytest.raises(WeightsMissing, match="is no LoFTR checkpoint"):
         PAIRS["loftr"](configure("loftr", checkpoint=tmp_path / "other.ckpt"))
+
+
+def test_a_file_that_is_no_checkpoint_is_one_clear_line(configure, tmp_path):
+    pytest.importorskip("torch")
+    (tmp_path / "text.ckpt").write_text("hello")
+    with pytest.raises(WeightsMissing, match=r"text\.ckpt is no torch checkpoint") as caught:
+        PAIRS["loftr"](configure("loftr", checkpoint=tmp_path / "text.ckpt"))
+    assert "\n" not in str(caught.value)
+
+
+def test_an_architecture_that_kornia_does_not_know_is_one_clear_line(configure, tmp_path):
+    with pytest.raises(ConfigError, match="loftr_config is no architecture that kornia knows"):
+        PAIRS["loftr"](configure("loftr", checkpoint=__file__, loftr_config={"resolution": [4, 4]}))
+
+
+def test_views_without_a_point_have_no_matches(configure, images):
+    for name in ("sift", "xfeat"):
+        pair = PAIRS[name](configure(name))
+        empty, full = pair.extract(np.stack([np.full_like(images[0], 90), images[1]]))
+        assert len(empty.points_px) == 0
+        for pixels, position in (pair.match(empty, full), pair.match(full, empty)):
+            assert pixels.shape == (0, 2)
+            assert len(position) == 0
