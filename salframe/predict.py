@@ -36,8 +36,7 @@ def predict(directory: Path, label: str) -> None:
     """Ask the method `label` of a run every query that has no answer yet; answers, costs and how it ended go to the run folder."""
     run = Run.load(directory)
     try:
-        warnings = _answer(run, label)
-        outcome = Outcome("done", "; ".join(warnings) or None)
+        outcome = Outcome("done", _answer(run, label))
     except (RequirementMissing, WeightsMissing, InputMissing) as error:
         outcome = Outcome("unavailable", str(error))
     except Exception as error:  # a method is somebody else's code: whatever it raises costs its own row only
@@ -57,8 +56,8 @@ def _log_crash(run: Run, label: str, where: str) -> None:
         file.write(f"{where}\n{traceback.format_exc()}\n")
 
 
-def _answer(run: Run, label: str) -> list[str]:
-    """Answer the open queries; returns warnings."""
+def _answer(run: Run, label: str) -> str | None:
+    """Answer the open queries; returns a warning where mapping frames were left out."""
     localizer: Localizer = registry().build("localizer", run.method(label))
     dataset = open_dataset(run.dataset())
     absent = sorted(localizer.needs - dataset.provides)
@@ -81,9 +80,7 @@ def _answer(run: Run, label: str) -> list[str]:
                 except Exception as error:  # a query that breaks the method must not take the other queries with it
                     _log_crash(run, label, f"query {query.id} of fold {fold.id}")
                     answers.append(_row(fold, query, "crashed", error=describe_error(error)))
-    if not left_out:
-        return []
-    return [f"{len(left_out)} mapping frame(s) left out: " + "; ".join(left_out.values())]
+    return f"{len(left_out)} mapping frame(s) left out, the first: {next(iter(left_out.values()))}" if left_out else None
 
 
 class _Descriptions:
@@ -120,12 +117,14 @@ def _take_map(localizer: Localizer, fold: Fold, descriptions: _Descriptions, lef
     known, frames = [], []
     for frame in fold.mapping:
         try:
-            known.append(descriptions.take(frame)[0])
-            frames.append(frame.mapped())
+            mapped, (description, _) = frame.mapped(), descriptions.take(frame)
         except FRAME_ERRORS as error:
             left_out[frame.id] = str(error)
+        else:
+            known.append(description)
+            frames.append(mapped)
     if not frames:
-        raise DataError(f"fold {fold.id} has no mapping frame that can be used" + "".join(f"; {text}" for text in list(left_out.values())[:1]))
+        raise DataError("; ".join([f"fold {fold.id} has no mapping frame that can be used", *list(left_out.values())[:1]]))
     localizer.take_map(known, frames)
 
 

@@ -87,7 +87,8 @@ class Overrides:
         keys = {name: _keys(name, content) for name, content in methods.items()}
         takers = [name for name in methods if path[0] in keys[name]]
         if not takers:
-            known = sorted({"data.KEY", "engine.KEY", *(f"{name}.KEY" for name in methods), *(key for of_method in keys.values() for key in of_method)})
+            scopes = [f"{scope}.KEY" for scope in ("data", "engine", *methods)]
+            known = sorted({*scopes, *(key for of_method in keys.values() for key in of_method)})
             raise ConfigError(f"received the setting {'.'.join(path)}: {unknown('key', path[0], known)}")
         for name in takers:
             self.methods[name].append(nest(path, value))

@@ -26,7 +26,7 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a method's prediction ended: "done", "unavailable" or "crashed", and why or with which warnings."""
+    """How a method's prediction ended: "done", "unavailable" or "crashed", and why, or with which warning."""
 
     status: str
     reason: str | None = None
