@@ -51,7 +51,7 @@ class Keypoints(Localizer):
         shortlist: int = Field(5, ge=1, description="map frames, best by the global descriptor, that are matched in full")
         inlier_deg: float = Field(1.0, gt=0, description="a match agrees with a pose where its bearing is off by less than this")
         hypotheses: int = Field(500, ge=1, description="three-point samples that poses are drawn from")
-        min_inliers: int = Field(12, ge=4, description="a pose with fewer agreeing matches is none")
+        min_inliers: int = Field(20, ge=4, description="a pose with fewer agreeing matches is none")
         checkpoint: Path | None = Field(None, description="local weights instead of the fetched ones: the file, or the folder that holds them")
         loftr_config: dict[str, Any] = Field(
             {"coarse": {"temp_bug_fix": True}}, description="what a LoFTR checkpoint changes in kornia's default_cfg; as given, the official one",
