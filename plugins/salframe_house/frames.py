@@ -13,7 +13,7 @@ from salframe_house.building import Building
 
 CAMERA_HEIGHT_M = 1.5
 CLEARANCE_M = 0.25
-REACH_M = 2.5  # every free point of a room lies this near a map frame
+REACH_M = 3.0  # every free point of a room lies this near a map frame
 SHIFT_M = (0.3, 1.1)  # of a query from its room's nearest map frame
 MEAN_SHIFT_M = 0.70
 _MEAN_TOLERANCE_M = 0.01

@@ -12,7 +12,7 @@ from salframe_house.layout import Door, Layout, Room, Window
 from salframe_house.placement import PlacedObject, RoomPlan
 
 LEAST_OBJECTS, MOST_OBJECTS = 5, 14
-_MEAN_OBJECTS, _SPREAD_OBJECTS = 8.6, 1.9
+_MEAN_OBJECTS, _SPREAD_OBJECTS = 7.8, 1.5
 _ATTEMPTS = 8
 _LAMP_SPACING_M = 5.5
 
@@ -29,13 +29,13 @@ RECIPES: dict[str, Recipe] = {
     # office
     "office": Recipe(
         {"desk": (1, 2), "office chair": (1, 2)},
-        {"monitor": 3, "bookshelf": 2, "file cabinet": 2, "trash can": 2, "picture": 2, "plant": 2, "whiteboard": 1.5, "cabinet": 1.5, "chair": 1.5,
-         "radiator": 1.5, "clock": 1, "lamp": 1, "laptop": 1, "telephone": 1, "coat rack": 1, "printer": 1, "curtain": 1, "notice board": 1},
+        {"monitor": 7, "trash can": 5, "bookshelf": 5, "file cabinet": 4, "plant": 3, "picture": 2, "whiteboard": 1.5, "chair": 1.5, "radiator": 0.7,
+         "cabinet": 0.5, "curtain": 0.5, "clock": 0.5, "lamp": 0.5, "laptop": 0.3, "telephone": 0.3, "coat rack": 0.3, "notice board": 0.3, "printer": 0.2},
     ),
     "meeting-room": Recipe(
         {"conference table": (1, 1), "chair": (2, 4)},
-        {"whiteboard": 3, "tv": 2, "plant": 2, "picture": 2, "projector": 2, "flip chart": 1.5, "cabinet": 1.5, "clock": 1.5, "radiator": 1,
-         "trash can": 1, "curtain": 1, "laptop": 1, "telephone": 1, "coat rack": 1, "flowers": 1},
+        {"whiteboard": 6, "tv": 4, "plant": 4, "picture": 3, "projector": 3, "flip chart": 1.5, "cabinet": 1.5, "clock": 1, "radiator": 1,
+         "trash can": 1, "curtain": 0.7, "laptop": 0.7, "telephone": 0.7, "coat rack": 0.7, "flowers": 0.7},
     ),
     "lounge": Recipe(
         {"sofa": (1, 1), "armchair": (0, 2)},
@@ -49,7 +49,7 @@ RECIPES: dict[str, Recipe] = {
     ),
     "restroom": Recipe(
         {"toilet": (1, 2), "sink": (1, 2)},
-        {"mirror": 3, "trash can": 2, "hand dryer": 2, "toilet paper": 2, "urinal": 1.5, "radiator": 1.5, "towel": 1, "picture": 0.7, "plant": 0.7,
+        {"mirror": 6, "trash can": 4, "hand dryer": 4, "toilet paper": 3, "urinal": 1.5, "radiator": 1.5, "towel": 1, "picture": 0.7, "plant": 0.7,
          "wall shelf": 0.7, "cabinet": 0.7, "laundry basket": 0.5},
     ),
     "storage": Recipe(
@@ -123,7 +123,7 @@ RECIPES: dict[str, Recipe] = {
     "corridor": Recipe(
         {},
         {"picture": 2.5, "plant": 2, "fire extinguisher": 2, "bench": 1.5, "mirror": 1, "wall lamp": 1.5, "trash can": 1, "clock": 1, "coat rack": 1,
-         "notice board": 1, "umbrella stand": 0.7, "shoe rack": 0.5, "water cooler": 0.7, "cabinet": 1, "radiator": 1, "box": 0.4},
+         "notice board": 1, "umbrella stand": 0.7, "shoe rack": 0.5, "cabinet": 1, "radiator": 1},
     ),
 }
 
@@ -159,10 +159,12 @@ def draw_item(kind: str, rng: np.random.Generator) -> Item:
 def _draw_items(room: Room, rng: np.random.Generator) -> list[Item]:
     """The labels of a room, drawn from its recipe, each with a seed."""
     recipe = RECIPES[room.kind]
-    labels = ["ceiling lamp"] * min(4, max(1, round(max(room.size_m) / _LAMP_SPACING_M)))
+    lamps = min(4, max(1, round(max(room.size_m) / _LAMP_SPACING_M)))
+    labels = ["ceiling lamp"] * lamps
     for label, (least, most) in recipe.core.items():
         labels += [label] * int(rng.integers(least, most + 1))
-    number = int(np.clip(round(rng.normal(_MEAN_OBJECTS, _SPREAD_OBJECTS)), LEAST_OBJECTS, MOST_OBJECTS))
+    drawn = round(rng.normal(_MEAN_OBJECTS, _SPREAD_OBJECTS)) + lamps - 1  # a long corridor needs more than its lamps
+    number = int(np.clip(drawn, LEAST_OBJECTS, MOST_OBJECTS))
     names, weights = list(recipe.optional), np.array(list(recipe.optional.values()))
     order = rng.choice(len(names), len(names), replace=False, p=weights / weights.sum())
     wanted = [names[i] for i in order]

@@ -90,23 +90,23 @@ class RoomKind:
 
 ROOM_KINDS: dict[str, dict[str, RoomKind]] = {
     "office": {
-        "office": RoomKind((3.0, 4.0), 0.50),
-        "meeting-room": RoomKind((4.2, 5.4), 0.14),
-        "lounge": RoomKind((4.0, 5.2), 0.07),
-        "break-room": RoomKind((3.6, 4.4), 0.08),
+        "office": RoomKind((2.8, 3.6), 0.50),
+        "meeting-room": RoomKind((3.8, 4.8), 0.14),
+        "lounge": RoomKind((3.6, 4.6), 0.07),
+        "break-room": RoomKind((3.2, 4.0), 0.08),
         "restroom": RoomKind((2.4, 3.0), 0.07, True),
         "storage": RoomKind((2.4, 3.0), 0.06, True),
         "copy-room": RoomKind((2.6, 3.2), 0.08),
     },
     "hotel": {
-        "lobby": RoomKind((5.0, 6.5), 0.15),
-        "breakfast-room": RoomKind((4.8, 6.0), 0.25),
-        "meeting-room": RoomKind((4.2, 5.4), 0.20),
+        "lobby": RoomKind((4.6, 5.8), 0.15),
+        "breakfast-room": RoomKind((4.4, 5.4), 0.25),
+        "meeting-room": RoomKind((3.8, 4.8), 0.20),
         "linen-room": RoomKind((2.6, 3.2), 0.20, True),
-        "office": RoomKind((3.0, 4.0), 0.20),
+        "office": RoomKind((2.8, 3.6), 0.20),
     },
     "home": {
-        "living-room": RoomKind((5.0, 6.2), 0.14),
+        "living-room": RoomKind((4.6, 5.6), 0.14),
         "kitchen": RoomKind((3.4, 4.4), 0.12),
         "bedroom": RoomKind((3.4, 4.4), 0.28),
         "bathroom": RoomKind((2.4, 3.0), 0.16, True),
@@ -115,11 +115,11 @@ ROOM_KINDS: dict[str, dict[str, RoomKind]] = {
         "laundry-room": RoomKind((2.2, 2.8), 0.08, True),
     },
 }
-_DEPTH_M = {"office": (4.4, 5.2), "hotel": (5.2, 5.8), "home": (3.8, 4.6)}
+_DEPTH_M = {"office": (4.0, 4.6), "hotel": (4.9, 5.4), "home": (3.8, 4.6)}
 _HEIGHT_M = {"office": (2.7, 2.9), "hotel": (2.6, 2.75), "home": (2.45, 2.6)}
 _CORRIDOR_M = {"office": (2.0, 2.4), "hotel": (1.9, 2.2), "home": (1.7, 2.0)}
 _OPEN_PLAN = frozenset({"living-room", "kitchen", "dining-room"})  # home: neighbours of these kinds share an opening
-_TWIN_SHARE = {"office": 0.30, "hotel": 0.30, "home": 0.0}
+_TWIN_SHARE = {"office": 0.42, "hotel": 0.38, "home": 0.0}
 _ROOMS_PER_WING = 12
 
 
@@ -179,7 +179,7 @@ def plan_layout(style: str, rooms: int, seed: int) -> Layout:
     depth, corridor = round(rng.uniform(*_DEPTH_M[style]), 2), round(rng.uniform(*_CORRIDOR_M[style]), 2)
     wings = max(1, round(rooms / _ROOMS_PER_WING))
     levels = math.ceil(wings / 2) if wings > 1 else 0
-    cells = _draw_cells(style, rooms - wings - levels, depth, rng)
+    cells = _draw_cells(style, rooms - wings - levels, math.ceil(_TWIN_SHARE[style] * rooms), depth, rng)
     wing_cells = _share_out(cells, 2 * wings, rng)
     pitch = corridor + 2 * depth + round(rng.uniform(4.0, 6.0), 2)
     lengths = [max(sum(cells[i].width_m for i in row) for row in wing_cells[2 * w:2 * w + 2]) for w in range(wings)]
@@ -277,8 +277,8 @@ def _share_out(cells: list[_Cell], rows: int, rng: np.random.Generator) -> list[
     return dealt
 
 
-def _draw_cells(style: str, rooms: int, depth: float, rng: np.random.Generator) -> list[_Cell]:
-    """Cells that hold this many rooms together, with twins among them."""
+def _draw_cells(style: str, rooms: int, twins: int, depth: float, rng: np.random.Generator) -> list[_Cell]:
+    """Cells that hold this many rooms together, about `twins` of them twins."""
     kinds = ROOM_KINDS[style]
     cells: list[_Cell] = []
     left = rooms
@@ -288,7 +288,7 @@ def _draw_cells(style: str, rooms: int, depth: float, rng: np.random.Generator) 
             left -= 4
     start = len(cells)
     cells += [_single_cell(kind, kinds[kind], depth, rng) for kind in _draw_kinds(style, left, rng)]
-    return _make_twins(cells, start, round(math.ceil(_TWIN_SHARE[style] * (rooms + 2))), rng)
+    return _make_twins(cells, start, twins, rng)
 
 
 def _draw_kinds(style: str, count: int, rng: np.random.Generator) -> list[str]:
@@ -314,7 +314,7 @@ def _single_cell(kind: str, spec: RoomKind, depth: float, rng: np.random.Generat
     leaf = int(rng.choice((-1, 0, 0, 1)))
     if spec.small_window:
         windows = ((round(width * rng.uniform(0.4, 0.6), 3), 0.8, 1.5, 2.15, 0),)
-    elif width > 3.9:
+    elif width > 3.7:
         pane = round(rng.uniform(1.1, 1.5), 2)
         windows = tuple((round(width * at, 3), pane, 0.9, 2.2, 0) for at in (0.28, 0.72))
     else:
@@ -337,7 +337,7 @@ def _suite_cell(depth: float, rng: np.random.Generator) -> _Cell:
 
 
 def _make_twins(cells: list[_Cell], start: int, wanted: int, rng: np.random.Generator) -> list[_Cell]:
-    """Turn cells into copies of others until `wanted` rooms are twins: pairs, at times threes, about 40 % of the copies mirrored.
+    """Turn cells into copies of others until `wanted` rooms are twins: pairs, about 40 % of the copies mirrored.
 
     Cells before `start` are suites and pair among themselves. A lone suite makes twins of its own two rooms and two bathrooms.
     """
@@ -352,15 +352,12 @@ def _make_twins(cells: list[_Cell], start: int, wanted: int, rng: np.random.Gene
             break
         weights = np.array([len(by_kind[kind]) * len(cells[by_kind[kind][0]].rooms) for kind in choices], float)
         free = by_kind[choices[rng.choice(len(choices), p=weights / weights.sum())]]
-        size = 3 if len(free) > 3 and rng.random() < 0.2 else 2
         original = free.pop()
         names = tuple(f"twins-{group + i + 1:02d}" for i in range(len(cells[original].rooms)))
         group += len(names)
         cells[original] = replace(cells[original], twins=names)
-        for _ in range(size - 1):
-            cells[free.pop()] = replace(cells[original], copy_of=original, mirrored=bool(rng.random() < 0.4))
-            # popped index holds the copy; the original stays where it was dealt
-        made += size * len(names)
+        cells[free.pop()] = replace(cells[original], copy_of=original, mirrored=bool(rng.random() < 0.4))
+        made += 2 * len(names)
     if made < wanted and start == 1:
         cells[0] = replace(cells[0], twins=("twins-01", "twins-02", "twins-02", "twins-01"))
     return cells
