@@ -11,7 +11,7 @@ from salframe.config import parse_override, validate
 from salframe.errors import ConfigError, DataError, UnknownName
 from salframe.localizer import Localizer
 from salframe.predict import open_dataset
-from salframe.presets import Overrides, configure, dataset_settings, settings
+from salframe.presets import MANIFEST, Overrides, configure, dataset_settings, settings
 from salframe.registry import registry, unknown
 from salframe.roles import Dataset
 from salframe.storage import Cache, read_json
@@ -41,6 +41,19 @@ def find_frame(dataset: Dataset, name: str) -> Frame:
     if name not in frames:
         raise UnknownName(unknown("frame", name, list(frames)))
     return frames[name]
+
+
+def find_image(path: Path) -> tuple[Path, str]:
+    """The folder with a manifest.json that an image lies in, and the id of the frame it belongs to. Raises DataError."""
+    path = path.resolve()
+    folder = next((parent for parent in path.parents if (parent / MANIFEST).exists()), None)
+    if folder is None:
+        raise DataError(f"{path} lies in no folder with a {MANIFEST}, expected one that says what frame the image belongs to")
+    image = path.relative_to(folder).as_posix()
+    for entry in read_json(folder / MANIFEST)["frames"]:
+        if image in entry.values():
+            return folder, entry["id"]
+    raise DataError(f"{folder / MANIFEST} has no frame with the image {image}")
 
 
 def build_map(

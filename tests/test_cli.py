@@ -6,10 +6,15 @@ import subprocess
 import sys
 import time
 
+import cv2
+import numpy as np
 import pytest
+import yaml
 from command_line import run
 
 from salframe.evaluate import COLUMNS
+from salframe.presets import CONFIGS
+from salframe.registry import registry
 
 
 def modules_after(*arguments: str) -> set[str]:
@@ -113,8 +118,6 @@ def test_an_interrupt_says_how_to_resume(fakes, tmp_path):
 
 
 def test_a_plugin_that_fails_to_import_is_told_and_stops_nothing(fakes, monkeypatch):
-    from salframe.registry import registry
-
     monkeypatch.setenv("SALFRAME_PLUGINS", "fake_plugin,salframe_engines,no_such_plugin")
     registry.cache_clear()
     listed = run("plugins")
@@ -148,17 +151,34 @@ def test_doctor_is_content_with_a_working_installation(fakes, tmp_path):
     assert done.json["failures"] == []
 
 
+def flatten(content: dict, prefix: str = "") -> dict:
+    """Dotted keys and values of a preset, a slot's kind under the slot's own key."""
+    flat = {}
+    for key, value in content.items():
+        if isinstance(value, dict):
+            flat |= flatten(value, f"{prefix}{key}.")
+        else:
+            flat[prefix.removesuffix(".") if key == "kind" else prefix + key] = value
+    return flat
+
+
 def test_show_lists_settings_with_values_types_and_help():
     (found,) = run("show", "paper", "--json").json
-    settings = {setting["key"]: setting for setting in found["settings"]}
-    assert (found["role"], found["kind"]) == ("localizer", "saliency-graph")
-    assert settings["detector"]["type"] == "detector"
-    assert settings["matcher.keep"]["value"] == 0.6
-    assert settings["matcher.keep"]["type"].startswith("float")
-    assert settings["matcher.structure"]["type"] == "rings | node2vec"
+    shown = {setting["key"]: setting for setting in found["settings"]}
+    written = flatten(yaml.safe_load((CONFIGS / "methods" / "paper.yaml").read_text()))
+    assert (found["role"], found["kind"]) == ("localizer", written.pop(""))
+    assert {key: shown[key]["value"] for key in written} == written
+    assert shown["detector.seed"]["type"] == "int, at least 0"
+    assert shown["detector.seed"]["help"]
+    assert [shown[slot]["type"] for slot in ("detector", "matcher")] == ["detector", "matcher"]
     printed = run("show", "paper").out
     assert "a preset of saliency-graph" in printed
-    assert "matcher.keep" in printed
+    assert all(key in printed for key in written)
+
+
+def test_show_tells_default_type_and_help(fakes):
+    reader = {setting["key"]: setting for setting in run("show", "reader", "--json").json[0]["settings"]}
+    assert reader["sleep_s"] == {"key": "sleep_s", "value": 0.0, "default": 0.0, "type": "float, at least 0", "help": "seconds a query takes"}
 
 
 def test_data_list_and_info(fakes):
@@ -180,6 +200,23 @@ def test_build_then_localize(fakes, tmp_path):
     assert "room-3" in printed
     assert "pose: x 12.00 m, y 0.00 m, yaw 0.0 deg" in printed
     assert "unknown frame 'query-2-9'" in run("localize", "map", "query-2-9", "--data", "rooms").err
+
+
+def test_an_image_of_a_folder_is_localized_by_its_path(fakes, tmp_path, monkeypatch):
+    monkeypatch.setenv("SALFRAME_PLUGINS", "fake_plugin,salframe_folder")
+    registry.cache_clear()
+    (tmp_path / "mine" / "images").mkdir(parents=True)
+    for name, room in (("a", 1), ("b", 3)):
+        cv2.imwrite(str(tmp_path / "mine" / "images" / f"{name}.png"), np.full((4, 8, 3), room, np.uint8))
+    mapped = {"id": "here", "role": "map", "rgb": "images/a.png", "place": "home", "pose": np.eye(4).ravel().tolist()}
+    asked = {"id": "there", "role": "query", "rgb": "images/b.png"}
+    manifest = {"format": "salframe-folder", "version": 1, "frames": [mapped, asked]}
+    (tmp_path / "mine" / "manifest.json").write_text(json.dumps(manifest))
+    run("build", "rooms", "-o", "map", "--method", "reader")
+    assert run("localize", "map", "mine/images/b.png", "--json").json["places"][0]["place"] == "room-3"
+    assert run("localize", "map", "there", "--data", "mine", "--json").json["places"][0]["place"] == "room-3"
+    assert "has no frame with the image images/c.png" in run("localize", "map", "mine/images/c.png").err
+    assert "lies in no folder with a manifest.json" in run("localize", "map", "c.png").err
 
 
 def test_build_does_not_write_into_another_folder(fakes, tmp_path):

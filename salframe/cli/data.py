@@ -17,11 +17,12 @@ Data = Annotated[str, typer.Argument(help="A dataset preset, a dataset, or a fol
 def list_(as_json: Json = False) -> None:
     """List datasets and their presets."""
     from salframe.cli.tables import print_table
+    from salframe.doctor import list_components
     from salframe.presets import names, settings
-    from salframe.registry import registry
 
+    summaries = {component.name: component.summary for component in list_components() if component.role == "dataset"}
     kinds = {name: settings("dataset", name)["kind"] for name in names("dataset")}
-    rows = [[name, kind, (registry().get("dataset", kind).__doc__ or "").strip().partition("\n")[0]] for name, kind in kinds.items()]
+    rows = [[name, kind, summaries.get(kind, "its plugin is not at hand: salframe doctor")] for name, kind in kinds.items()]
     if as_json:
         print(json.dumps([dict(zip(("name", "kind", "summary"), row, strict=True)) for row in rows], indent=2))
     else:

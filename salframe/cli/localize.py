@@ -29,8 +29,8 @@ def build(
 
 def localize(
     map: Annotated[Path, typer.Argument(help="A folder that `salframe build` wrote.")],
-    frame: Annotated[str, typer.Argument(help="The id of a frame of the dataset.")],
-    data: Annotated[str, typer.Option(help="The dataset that has the frame.")],
+    frame: Annotated[str, typer.Argument(help="An image of a folder with a manifest.json; or with --data, the id of a frame.")],
+    data: Annotated[str | None, typer.Option(help="The dataset that has the frame.")] = None,
     data_dir: DataDir = None, overrides: Set = None, as_json: Json = False,
 ) -> None:  # fmt: skip
     """Print where a panorama was taken: places, best first, and the pose."""
@@ -38,9 +38,12 @@ def localize(
 
     from salframe.cli.tables import Bars
     from salframe.geometry import pose_yaw
-    from salframe.maps import find_dataset, find_frame, open_map
+    from salframe.maps import find_dataset, find_frame, find_image, open_map
 
     localizer = open_map(map)
+    if data is None:
+        folder, frame = find_image(Path(frame))
+        data = str(folder)
     with Bars() as bars:
         dataset = find_dataset(data, data_dir, overrides or (), bars.update)
     answer = localizer.localize(find_frame(dataset, frame))
