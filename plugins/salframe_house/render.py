@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import zlib
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import cv2
@@ -16,6 +17,7 @@ from salframe_house.bounce import Bounce
 from salframe_house.lighting import CONDITIONS, Condition, Lights, is_hollow, lights_on
 from salframe_house.scene import Scene
 from salframe_house.shading import IrradianceGrid
+from salframe_house.textures import texture_kind
 from salframe_house.tracing import Surface, Tracer
 
 _DIRECT_STEP, _DIRECT_SAMPLES = 2, 3
@@ -37,6 +39,23 @@ class Rendering:
     instance_id: np.ndarray
 
 
+class _Surfaces:
+    """What does not depend on the lighting. Textures are painted when a picture first needs them: range and instances do not."""
+
+    def __init__(self, scene: Scene):
+        for material in scene.materials:
+            texture_kind(material.texture)
+        self.scene = scene
+        self.tracer = Tracer(scene, is_hollow(scene))
+        self.look = scene.instance_id.astype(np.int64) * len(scene.materials) + scene.material_index
+        texture = np.array([m.texture for m in scene.materials])[scene.material_index]
+        self.mirror, self.glass = texture == "mirror", texture == "glass"
+
+    @cached_property
+    def color(self) -> SurfaceColor:
+        return SurfaceColor(self.scene)
+
+
 class Renderer:
     """Renders panoramas of one scene under one lighting.
 
@@ -44,35 +63,33 @@ class Renderer:
     that is no multiple of 4.
     """
 
-    def __init__(self, scene: Scene, lighting: Literal["day", "evening", "dim"], height: int = 512):
+    def __init__(
+        self, scene: Scene, lighting: Literal["day", "evening", "dim"], height: int = 512, _surfaces: _Surfaces | None = None
+    ):
         if height % _INDIRECT_STEP or height <= 0:
             raise DataError(f"a panorama's height of {height}, expected a positive multiple of {_INDIRECT_STEP}")
-        self._scene, self._height = scene, height
-        self._tracer = Tracer(scene, is_hollow(scene))
-        self._color = SurfaceColor(scene)
-        texture = np.array([m.texture for m in scene.materials])[scene.material_index]
-        self._look = scene.instance_id.astype(np.int64) * len(scene.materials) + scene.material_index
-        self._mirror, self._glass = texture == "mirror", texture == "glass"
-        self._light(lighting)
+        if lighting not in CONDITIONS:
+            raise DataError(f"unknown lighting '{lighting}', expected one of {', '.join(CONDITIONS)}")
+        self._scene, self._condition, self._height = scene, CONDITIONS[lighting], height
+        self._surfaces = _surfaces or _Surfaces(scene)
+        self._tracer = self._surfaces.tracer
 
     def relit(self, lighting: Literal["day", "evening", "dim"]) -> Renderer:
         """A renderer of the same scene under another lighting, which shares the geometry and textures of this one."""
-        other = object.__new__(Renderer)
-        other.__dict__.update(self.__dict__)
-        other._light(lighting)
-        return other
+        return Renderer(self._scene, lighting, self._height, self._surfaces)
 
-    def _light(self, lighting: str) -> None:
-        if lighting not in CONDITIONS:
-            raise DataError(f"unknown lighting '{lighting}', expected one of {', '.join(CONDITIONS)}")
-        scene, self._condition = self._scene, CONDITIONS[lighting]
-        self._lights = Lights(scene, self._condition, self._tracer)
-        on = lights_on(scene.lights, self._condition)
-        off = [light.instance_id for light, shines in zip(scene.lights, on, strict=True) if not shines and light.instance_id]
-        glow = [_SCREEN_GLOW if m.texture == "screen" else self._condition.glow for m in scene.materials]
-        emission = np.array([m.emission * g for m, g in zip(scene.materials, glow, strict=True)], np.float32)[scene.material_index]
-        emission[np.isin(scene.instance_id, off)] = 0
-        self._emission = emission
+    @cached_property
+    def _lights(self) -> Lights:
+        return Lights(self._scene, self._condition, self._tracer)
+
+    @cached_property
+    def _emission(self) -> np.ndarray:
+        """(F,) float32 radiance that each triangle sends out by itself."""
+        on = lights_on(self._scene.lights, self._condition)
+        off = [light.instance_id for light, shines in zip(self._scene.lights, on, strict=True) if not shines and light.instance_id]
+        glow = [_SCREEN_GLOW if m.texture == "screen" else self._condition.glow for m in self._scene.materials]
+        emission = np.array([m.emission * g for m, g in zip(self._scene.materials, glow, strict=True)], np.float32)
+        return np.where(np.isin(self._scene.instance_id, off), np.float32(0), emission[self._scene.material_index])
 
     def geometry(self, T_world_pano: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Range_m (H, 2H) float32, NaN where nothing, and instance_id (H, 2H) int32, by one exact ray a pixel centre."""
@@ -103,7 +120,7 @@ class Renderer:
     def _irradiance(self, surface: Surface, camera_m: np.ndarray) -> IrradianceGrid:
         """Direct light on every second pixel plus indirect light from every fourth."""
         coarse = IrradianceGrid(surface, self._height, _INDIRECT_STEP)
-        bounce = Bounce(self._tracer, self._lights, self._color.mean, camera_m)
+        bounce = Bounce(self._tracer, self._lights, self._surfaces.color.mean, camera_m)
         coarse.fill(bounce.irradiance(coarse.point_m, coarse.normal, coarse.sample_set, _INDIRECT_RAYS))
         fine = IrradianceGrid(surface, self._height, _DIRECT_STEP)
         fine.fill(self._lights.direct(fine.point_m, fine.normal, fine.sample_set, _DIRECT_SAMPLES))
@@ -115,14 +132,14 @@ class Renderer:
         self, surface: Surface, row: np.ndarray, column: np.ndarray, irradiance: IrradianceGrid, pose: np.ndarray, depth: int = 0
     ) -> np.ndarray:
         """(N, 3) float32 linear radiance of what rays hit; row, column are where the panorama sees these points."""
-        albedo = self._color.albedo(surface, np.pi / self._height)
+        albedo = self._surfaces.color.albedo(surface, np.pi / self._height)
         radiance = albedo * irradiance.at(row, column, surface) * np.float32(1 / np.pi)
         shining = np.flatnonzero(self._emission[surface.triangle] > 0)
         triangle = surface.triangle[shining]
-        radiance[shining] += self._emission[triangle, None] * albedo[shining] / self._color.mean[triangle].max(axis=1, keepdims=True)
+        radiance[shining] += self._emission[triangle, None] * albedo[shining] / self._surfaces.color.mean[triangle].max(axis=1, keepdims=True)
         radiance[~surface.hit] = _sky(surface.direction[~surface.hit], self._condition)
-        mirror = self._mirror[surface.triangle]
-        specular = np.flatnonzero((mirror | self._glass[surface.triangle]) & surface.hit)
+        mirror = self._surfaces.mirror[surface.triangle]
+        specular = np.flatnonzero((mirror | self._surfaces.glass[surface.triangle]) & surface.hit)
         if len(specular) and depth < _SPECULAR_DEPTH:
             met, mirror = surface.take(specular), mirror[specular, None]
             across = np.einsum("ij,ij->i", met.direction, met.normal)[:, None]
@@ -131,13 +148,13 @@ class Renderer:
             beyond = replace(beyond, range_m=beyond.range_m + met.range_m)  # a pixel covers more, the longer its light has travelled
             column, row = rays_to_pixels((beyond.point_m - pose[:3, 3]) @ pose[:3, :3], self._height)
             seen = self._radiance(beyond, row.astype(np.float32) - 0.5, column.astype(np.float32) - 0.5, irradiance, pose, depth + 1)
-            radiance[specular] = seen * np.where(mirror, self._color.mean[met.triangle], _GLASS_RGB)
+            radiance[specular] = seen * np.where(mirror, self._surfaces.color.mean[met.triangle], _GLASS_RGB)
         return radiance
 
     def _edges(self, surface: Surface) -> np.ndarray:
         """Positions of the pixels beside which another surface begins."""
         shape = self._height, 2 * self._height
-        look = self._look[surface.triangle].reshape(shape)
+        look = self._surfaces.look[surface.triangle].reshape(shape)
         normal = surface.normal.reshape(*shape, 3)
         edge = np.zeros(shape, bool)
         beside = np.roll(look, -1, 1) != look
@@ -167,7 +184,7 @@ class Renderer:
 
     def _exposure(self, radiance: np.ndarray, surface: Surface) -> float:
         """What brings the picture's surfaces to the lighting's key, without letting bright ones wash out."""
-        lit = np.flatnonzero(surface.hit & (self._emission[surface.triangle] == 0) & ~self._glass[surface.triangle])[::7]
+        lit = np.flatnonzero(surface.hit & (self._emission[surface.triangle] == 0) & ~self._surfaces.glass[surface.triangle])[::7]
         luminance = radiance[lit] @ _LUMINANCE
         weight = np.cos(np.pi * ((lit // (2 * self._height) + 0.5) / self._height - 0.5))
         if not len(lit) or luminance.max() <= 0:

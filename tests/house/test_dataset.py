@@ -1,0 +1,116 @@
+"""The `house` dataset: rendered once, resumed, read by the folder's reader, and nothing of the truth in its queries."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from salframe_house.dataset import VISIBLE_PIXELS, House
+
+from salframe.errors import ConfigError
+from salframe.geometry import equirectangular_rays
+from salframe.presets import configure, settings
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("cache")
+
+
+@pytest.fixture
+def house(cache: Path, monkeypatch: pytest.MonkeyPatch) -> House:
+    """Six small rooms without colour, rendered by the first test that asks."""
+    monkeypatch.setenv("SALFRAME_CACHE", str(cache))
+    data = House(House.Config(rooms=6, rgb=False, height=128, queries_per_room=1))
+    data.prepare(lambda done, total: None)
+    return data
+
+
+def test_frames_have_what_they_should(house: House) -> None:
+    (fold,) = house.folds()
+    assert house.provides == {"range", "annotations"} == fold.mapping[0].load().provides
+    assert len(fold.queries) == 6
+    assert all(query.T_world_pano is None and query.place is None for query in fold.queries)
+    rooms = {frame.place for frame in fold.mapping if not frame.place.startswith("transition")}
+    assert len(rooms) == 6
+    assert {house.truth(query.id).place for query in fold.queries} == rooms
+    assert not any(room in query.id for query in fold.queries for room in rooms)
+    (floor,) = house.floors()
+    assert set(floor.regions.values()) == rooms
+
+
+def test_range_and_truth_agree(house: House) -> None:
+    """Straight down, the range is the camera's height; the visible instances are those of at least 50 pixels."""
+    for query in house.folds()[0].queries:
+        panorama, truth = query.load(), house.truth(query.id)
+        down = panorama.range_m[-1]
+        floor = panorama.annotations.instance_id[-1] == 0
+        np.testing.assert_allclose(down[floor], truth.T_world_pano[2, 3], rtol=2e-3)
+        ids, pixels = np.unique(panorama.annotations.instance_id, return_counts=True)
+        assert set(truth.instances) == set(ids[(pixels >= VISIBLE_PIXELS) & (ids > 0)].tolist())
+        assert set(truth.instances) <= set(panorama.annotations.labels)
+
+
+def test_objects_lie_where_the_table_says(house: House) -> None:
+    """Points of the map's instance images fall into the boxes of objects.parquet."""
+    rows = {row["instance_id"]: row for row in pq.read_table(house.root / "objects.parquet").to_pylist()}
+    checked = 0
+    for frame in house.folds()[0].mapping:
+        panorama = frame.load()
+        points = equirectangular_rays(128) * panorama.range_m[..., None] @ frame.T_world_pano[:3, :3].T + frame.T_world_pano[:3, 3]
+        for instance in np.unique(panorama.annotations.instance_id[panorama.annotations.instance_id > 0]):
+            row = rows[int(instance)]
+            assert row["label"] == panorama.annotations.labels[int(instance)]
+            off = points[panorama.annotations.instance_id == instance] - (row["x_m"], row["y_m"], row["z_m"])
+            c, s = np.cos(row["yaw_rad"]), np.sin(row["yaw_rad"])
+            own = np.abs(np.column_stack([off[:, 0] * c + off[:, 1] * s, off[:, 1] * c - off[:, 0] * s, off[:, 2]]))
+            assert (own <= np.array([row["length_m"], row["width_m"], row["height_m"]]) / 2 + 0.02).all(), row
+            checked += 1
+    assert checked > 20
+
+
+def test_rendering_resumes(house: House, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With one frame and the manifest lost, that frame alone is rendered again, to the same bytes."""
+    lost = sorted(house.root.glob("frames/*.range.png"))[3]
+    content, kept = lost.read_bytes(), {path: path.stat().st_mtime_ns for path in house.root.glob("frames/*") if path != lost}
+    manifest = (house.root / "manifest.json").read_bytes()
+    lost.unlink()
+    (house.root / "manifest.json").unlink()
+    told = []
+    again = House(house.config)
+    again.prepare(lambda done, total: told.append((done, total)))
+    total = len(again.folds()[0].mapping) + len(again.folds()[0].queries)
+    assert told == [(total - 1, total), (total, total)]
+    assert lost.read_bytes() == content
+    assert (house.root / "manifest.json").read_bytes() == manifest
+    assert sum(path.stat().st_mtime_ns != time for path, time in kept.items()) == 1  # the lost frame's other image
+    again.prepare(lambda done, total: pytest.fail("rendered what was there"))
+
+
+def test_fingerprint_is_that_of_the_settings(house: House) -> None:
+    assert house.fingerprint == House(house.config).fingerprint
+    assert house.fingerprint != House(house.config.model_copy(update={"seed": 1})).fingerprint
+
+
+@pytest.mark.parametrize(
+    ("name", "rooms", "style"), [("house-6", 6, "home"), ("house-12", 12, "home"), ("house-42", 42, "office"), ("house-106", 106, "office")]
+)
+def test_presets(name: str, rooms: int, style: str) -> None:
+    config = configure("dataset", name, settings("dataset", name), [{"seed": 5}])
+    assert (config.rooms, config.style, config.seed, config.height, config.rgb) == (rooms, style, 5, 512, True)
+    assert (config.queries_per_room, config.changed_fraction) == (3, 0.1)
+    with pytest.raises(ConfigError, match=r"unknown key house-6\.colour"):
+        configure("dataset", "house-6", settings("dataset", "house-6"), [{"colour": True}])
+
+
+@pytest.mark.slow
+def test_colour_is_rendered_under_other_light(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path))
+    data = House(House.Config(rooms=4, height=128, queries_per_room=1, lighting="dim"))
+    data.prepare(lambda done, total: None)
+    (fold,) = data.folds()
+    day = np.mean([frame.load().rgb.mean() for frame in fold.mapping])
+    dim = np.mean([frame.load().rgb.mean() for frame in fold.queries])
+    assert day > dim + 25
