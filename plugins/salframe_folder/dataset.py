@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from pydantic import Field
 
 from salframe.config import ComponentConfig
 from salframe.errors import DataError
 from salframe.roles import Dataset
-from salframe.types import FloorMasks, Fold, Frame, Truth
-from salframe_folder.format import Folder, pose_matrix
+from salframe.types import FloorMasks, Fold, Truth
+
+if TYPE_CHECKING:
+    from salframe_folder.format import Folder
 
 
 class FolderDataset(Dataset):
@@ -33,6 +36,8 @@ class FolderDataset(Dataset):
 
     @cached_property
     def _folder(self) -> Folder:
+        from salframe_folder.format import Folder
+
         return Folder(self.root)
 
     @property
@@ -44,12 +49,9 @@ class FolderDataset(Dataset):
         return self._folder.fingerprint
 
     def folds(self) -> Sequence[Fold]:
-        frames = [
-            (entry.role, Frame(entry.id, partial(self._folder.load, entry), pose_matrix(entry.pose), entry.place))
-            for entry in self._folder.manifest.frames
-        ]
-        mapping = tuple(frame for role, frame in frames if role != "query")
-        return [Fold(self.root.name, mapping, tuple(frame for role, frame in frames if role == "query"))]
+        entries = self._folder.manifest.frames
+        mapping, queries = ([entry for entry in entries if (entry.role == "query") == asked] for asked in (False, True))
+        return [Fold(self.root.name, tuple(map(self._folder.frame, mapping)), tuple(map(self._folder.frame, queries)))]
 
     def truth(self, query_id: str) -> Truth:
         return self._folder.truth(query_id)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Literal
 
@@ -17,7 +17,7 @@ from salframe.config import validate
 from salframe.errors import ConfigError, DataError
 from salframe.presets import MANIFEST
 from salframe.storage import atomic_path, read_json, write_json
-from salframe.types import Annotations, FloorMasks, Panorama, Truth
+from salframe.types import Annotations, FloorMasks, Frame, Panorama, Truth
 from salframe_folder import images
 
 PARTS = ("rgb", "range", "instances", "valid")
@@ -155,6 +155,10 @@ class Folder:
         except KeyError:
             raise DataError(f"{self.root / (self.manifest.truth or MANIFEST)} has no truth of the query {query_id!r}") from None
         return Truth(entry.place, pose_matrix(entry.pose), entry.instances)
+
+    def frame(self, entry: FrameEntry) -> Frame:
+        """A frame of the manifest; its images are read when it is loaded."""
+        return Frame(entry.id, partial(self.load, entry), pose_matrix(entry.pose), entry.place)
 
     def load(self, frame: FrameEntry) -> Panorama:
         """A frame's panorama."""

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from salframe_house.dataset import VISIBLE_PIXELS, House
+from salframe_house.dataset import House
+from salframe_house.rendering import VISIBLE_PIXELS
 
 from salframe.errors import ConfigError
 from salframe.geometry import equirectangular_rays

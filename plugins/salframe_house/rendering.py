@@ -1,0 +1,140 @@
+"""Rendering a building into a dataset folder: the frames in a few processes, what describes them, and the manifest last."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from salframe_folder.format import FrameEntry, TruthEntry, is_written, write_floor, write_manifest, write_objects, write_panorama
+from salframe_folder.images import read_ids
+
+from salframe.errors import SalframeError
+from salframe.geometry import pose_2d
+from salframe_house.building import Building, Style, change_building, generate_building
+from salframe_house.dataset import House
+from salframe_house.frames import FrameSpec, choose_frames
+from salframe_house.render import Renderer
+
+VISIBLE_PIXELS = 50
+"""An object that covers fewer pixels is not visible."""
+
+_WORKERS = 2
+
+
+def render_building(root: Path, config: House.Config, progress: Callable[[int, int], None]) -> None:
+    """Render the frames of a building that are not in the folder `root` yet, then describe them all.
+
+    `progress(done, total)` counts frames. Raises SalframeError where a rendering process dies.
+    """
+    building, changed = buildings(config.style, config.rooms, config.seed, config.changed_fraction)
+    specs = choose_frames(building, changed, config.seed, config.queries_per_room, config.query_yaw)
+    entries = [_entry(number, spec, config.rgb) for number, spec in enumerate(specs)]
+    _render(root, config, list(zip(specs, entries, strict=True)), progress)
+    _describe(root, building, changed, specs, entries)
+
+
+def _render(
+    root: Path, config: House.Config, frames: list[tuple[FrameSpec, FrameEntry]], progress: Callable[[int, int], None]
+) -> None:
+    todo = [(spec, entry) for spec, entry in frames if not is_written(root, entry)]
+    done = len(frames) - len(todo)
+    progress(done, len(frames))
+    if not todo:
+        return
+    pool = ProcessPoolExecutor(_WORKERS, mp_context=multiprocessing.get_context("spawn"), initializer=_die_with_parent)
+    try:
+        for future in as_completed([pool.submit(_render_frame, root, config, spec, entry) for spec, entry in todo]):
+            future.result()
+            done += 1
+            progress(done, len(frames))
+    except BrokenProcessPool:
+        raise SalframeError(f"a rendering process died after {done} of {len(frames)} frames: run it again to resume") from None
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _describe(root: Path, building: Building, changed: Building, specs: Sequence[FrameSpec], entries: list[FrameEntry]) -> None:
+    """Write what describes the frames; the manifest, which says that all is there, comes last."""
+    truth = {
+        entry.id: TruthEntry(place=spec.place, pose=_pose(spec), instances=_visible(root / str(entry.instances)))
+        for spec, entry in zip(specs, entries, strict=True)
+        if spec.role == "query"
+    }
+    mapped = {placed.instance_id for placed in building.objects}
+    objects = [*building.objects, *(placed for placed in changed.objects if placed.instance_id not in mapped)]
+    centre = np.array([placed.bounds_m.mean(axis=0) for placed in objects])
+    size = np.array([placed.size_m for placed in objects])
+    write_objects(root / "objects.parquet", {
+        "instance_id": [placed.instance_id for placed in objects],
+        "label": [placed.label for placed in objects],
+        "room": [placed.room for placed in objects],
+        **dict(zip(("x_m", "y_m", "z_m"), centre.T, strict=True)),
+        **dict(zip(("length_m", "width_m", "height_m"), size.T, strict=True)),
+        "yaw_rad": [placed.yaw_rad for placed in objects],
+    })  # fmt: skip
+    floor = write_floor(root, "floor", building.floor_masks())
+    write_manifest(root, entries, truth, "objects.parquet", [floor])
+
+
+@cache
+def buildings(style: Style, rooms: int, seed: int, changed_fraction: float) -> tuple[Building, Building]:
+    """The building that is mapped, and what has become of it when the queries are taken."""
+    building = generate_building(style, rooms, seed)
+    return building, change_building(building, changed_fraction, seed)
+
+
+def _entry(number: int, spec: FrameSpec, rgb: bool) -> FrameEntry:
+    """The manifest's entry of a frame. A query is known by its number: its name in the plan holds its place."""
+    query = spec.role == "query"
+    id = f"query-{number:04d}" if query else spec.id
+    return FrameEntry(
+        id=id, role=spec.role, rgb=f"frames/{id}.jpg" if rgb else None, range=f"frames/{id}.range.png", instances=f"frames/{id}.instances.png",
+        pose=None if query else _pose(spec), place=None if query else spec.place,
+    )  # fmt: skip
+
+
+def _pose(spec: FrameSpec) -> tuple[float, ...]:
+    return tuple(pose_2d(spec.x_m, spec.y_m, spec.yaw_rad, spec.z_m).ravel().tolist())
+
+
+def _visible(path: Path) -> tuple[int, ...]:
+    pixels = np.bincount(read_ids(path).ravel())
+    return tuple(int(i) for i in np.flatnonzero(pixels >= VISIBLE_PIXELS) if i)
+
+
+def _render_frame(root: Path, config: House.Config, spec: FrameSpec, entry: FrameEntry) -> None:
+    lighting = config.lighting if spec.role == "query" and config.lighting != "other" else spec.lighting
+    renderer = _renderer(config.style, config.rooms, config.seed, config.changed_fraction, spec.role == "query", lighting, config.height)
+    pose = pose_2d(spec.x_m, spec.y_m, spec.yaw_rad, spec.z_m)
+    if config.rgb:
+        rendering = renderer.render(pose)
+        write_panorama(root, entry, rendering.rgb, rendering.range_m, rendering.instance_id)
+    else:
+        range_m, instance_id = renderer.geometry(pose)
+        write_panorama(root, entry, None, range_m, instance_id)
+
+
+@cache
+def _renderer(style: Style, rooms: int, seed: int, changed_fraction: float, changed: bool, lighting: str, height: int) -> Renderer:
+    """Renderers of a worker process; the lightings of one building share its geometry and textures."""
+    if lighting != "day":
+        return _renderer(style, rooms, seed, changed_fraction, changed, "day", height).relit(lighting)
+    return Renderer(buildings(style, rooms, seed, changed_fraction)[changed].scene(), "day", height)
+
+
+def _die_with_parent() -> None:
+    """A killed parent must not leave a process that goes on rendering."""
+
+    def wait() -> None:
+        if (parent := multiprocessing.parent_process()) is not None:
+            parent.join()
+            os._exit(1)
+
+    threading.Thread(target=wait, daemon=True).start()
