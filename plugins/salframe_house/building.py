@@ -18,7 +18,7 @@ from salframe_house.layout import WALL_M, Door, Layout, Room, Window, plan_layou
 from salframe_house.mesh import Mesh
 from salframe_house.placement import PlacedObject, RoomPlan
 from salframe_house.scene import Light, Material, Scene
-from salframe_house.shell import leaf_boxes, shell_mesh, window_light
+from salframe_house.shell import shell_mesh, window_light
 
 Style = Literal["home", "office", "hotel"]
 LEAST_ROOMS = 4
@@ -50,7 +50,7 @@ class Building:
 
     @cached_property
     def _scene(self) -> Scene:
-        meshes = [(shell_mesh(self.layout, self.style, self.seed), None)]
+        meshes: list[tuple[Mesh, PlacedObject | None]] = [(shell_mesh(self.layout, self.style, self.seed), None)]
         meshes += [(object_mesh(o.label, o.size_m, o.seed, o.mirrored), o) for o in self.objects]
         materials: dict[Material, int] = {}
         vertices, triangles, uv, material_index, instance_id = [], [], [], [], []
@@ -76,8 +76,8 @@ class Building:
     def floor_masks(self, resolution_m: float = 0.05) -> FloorMasks:
         """Free floor, room labels (1 + index in `rooms`) and obstacles as seen from above.
 
-        Thresholds are floor; the labels of two rooms meet in the middle of theirs (method.md 1). Open door leaves are no free floor. Obstacles are
-        the footprints of objects on the floor and below 1.5 m.
+        Thresholds are floor; the labels of two rooms meet in the middle of theirs (method.md 1). Open door leaves are no free floor.
+        Obstacles are the footprints of all objects, save rugs, that begin below 1.5 m.
         """
         low, high = self._extent_m
         shape = tuple(np.ceil((high - low)[::-1] / resolution_m).astype(int))
@@ -99,21 +99,25 @@ class Building:
             for room_id, side in zip(door.rooms, (-1, 1), strict=True):
                 at = inside(*_door_corners(door, (0.0, side * WALL_M / 2), (-door.width_m / 2, door.width_m / 2)))
                 free[at], region[at] = True, index[room_id]
-            for along, across, _, _ in leaf_boxes(door, Material("wood", (0, 0, 0)))[:1]:
-                free[inside(*_door_corners(door, along, across))] = False
+            if door.leaf_room is not None:
+                free[inside(*_door_corners(door, *door.leaf_m))] = False
         for placed in self.objects:
             if placed.is_obstacle:
                 obstacle[inside(*placed.bounds_m[:, :2])] = True
-        return FloorMasks(free, region, obstacle, resolution_m, (float(low[0]), float(high[1])), {number: name for name, number in index.items()})
+        regions = {number: name for name, number in index.items()}
+        return FloorMasks(free, region, obstacle, resolution_m, (float(low[0]), float(high[1])), regions)
 
     def free_space(self, clearance_m: float, resolution_m: float = 0.05) -> dict[str, np.ndarray]:
-        """Room id -> (N, 2) points (x, y) in metres of the room's floor at least `clearance_m` from walls, leaves and obstacles."""
+        """Room id -> (N, 2) points (x, y) in metres of the room's floor at least `clearance_m` from walls, doorways, leaves and obstacles."""
         masks = self.floor_masks(resolution_m)
         clear = ndimage.distance_transform_edt(masks.free & ~masks.obstacle) * resolution_m >= clearance_m
         points = {}
-        for number, room in masks.regions.items():
+        for number, room in enumerate(self.rooms, 1):
             row, column = np.nonzero(clear & (masks.region == number))
-            points[room] = np.column_stack([masks.origin_m[0] + (column + 0.5) * resolution_m, masks.origin_m[1] - (row + 0.5) * resolution_m])
+            x, y = masks.origin_m[0] + (column + 0.5) * resolution_m, masks.origin_m[1] - (row + 0.5) * resolution_m
+            floor = np.column_stack([x, y])
+            inside = (floor >= np.add(room.low_m, clearance_m)) & (floor <= np.subtract(room.high_m, clearance_m))
+            points[room.id] = floor[inside.all(1)]
         return points
 
     @property
@@ -138,8 +142,8 @@ def generate_building(style: Style, rooms: int, seed: int) -> Building:
 def change_building(building: Building, fraction: float, seed: int) -> Building:
     """The building after a while: `fraction` of its objects removed, moved within their room, or newly added, a third each.
 
-    Objects that carry others stay until these are gone; fittings (lavatories, counters, lamps, radiators) change last. Moved objects keep their
-    instance id, new ones get new ids. Nothing collides. Raises ConfigError where `fraction` is not in [0, 1].
+    Objects that carry others stay until these are gone; fittings (lavatories, counters, lamps, radiators) change last. Moved objects
+    keep their instance id, new ones get new ids. Nothing collides. Raises ConfigError where `fraction` is not in [0, 1].
     """
     if not 0 <= fraction <= 1:
         raise ConfigError(f"a fraction of {fraction} of changed objects, expected 0 to 1")
@@ -147,7 +151,7 @@ def change_building(building: Building, fraction: float, seed: int) -> Building:
     total = round(fraction * len(building.objects))
     removed, moved = total // 3, (total + 1) // 3
     plans = {
-        room.id: RoomPlan(room, list(building.doors), list(building.windows), tuple(o for o in building.objects if o.room == room.id))
+        room.id: RoomPlan(room, building.layout, tuple(placed for placed in building.objects if placed.room == room.id))
         for room in building.rooms
     }
     order = [building.objects[i] for i in rng.permutation(len(building.objects))]
@@ -203,8 +207,8 @@ def _lamp_light(placed: PlacedObject) -> Light:
     """The light of a ceiling lamp, at its underside."""
     c, s = np.cos(placed.yaw_rad), np.sin(placed.yaw_rad)
     length, width = placed.size_m[0] * 0.85, placed.size_m[1] * 0.85
-    return Light((placed.x_m, placed.y_m, placed.z_m - 0.01), (float(c * length), float(s * length), 0.0), (float(-s * width), float(c * width), 0.0),
-                 "lamp", placed.room, placed.instance_id)
+    edge_u, edge_v = (float(c * length), float(s * length), 0.0), (float(-s * width), float(c * width), 0.0)
+    return Light((placed.x_m, placed.y_m, placed.z_m - 0.01), edge_u, edge_v, "lamp", placed.room, placed.instance_id)
 
 
 def _door_corners(door: Door, along: tuple[float, float], across: tuple[float, float]) -> np.ndarray:

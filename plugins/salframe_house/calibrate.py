@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import dataclass
+from typing import get_args
 
 import numpy as np
 from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
 
 from salframe.geometry import equirectangular_rays, pose_2d
-from salframe_house.building import Building, change_building, generate_building
+from salframe_house.building import Building, Style, change_building, generate_building
 from salframe_house.frames import FrameSpec, choose_frames
 from salframe_house.furniture import CLASSES
 
@@ -52,10 +53,10 @@ class _Viewer:
         origin = np.repeat(pose[None, :3, 3].astype(np.float32), len(direction), 0)
         triangle = self._scene.run(origin, direction)
         pixels = np.bincount(self._instance_id[triangle[triangle >= 0]])
-        return [self._labels[i] for i in np.flatnonzero(pixels >= _VISIBLE_PIXELS) if i]
+        return [self._labels[int(i)] for i in np.flatnonzero(pixels >= _VISIBLE_PIXELS) if i]
 
 
-def measure(style: str, rooms: int, seed: int, queries_per_room: int = 3, fraction: float = 0.1) -> Difficulty:
+def measure(style: Style, rooms: int, seed: int, queries_per_room: int = 3, fraction: float = 0.1) -> Difficulty:
     """Generate, change and look at the building with this seed."""
     building = generate_building(style, rooms, seed)
     changed = change_building(building, fraction, seed)
@@ -81,7 +82,7 @@ def measure(style: str, rooms: int, seed: int, queries_per_room: int = 3, fracti
 def main() -> None:
     """Print a row a seed."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--style", default="office", choices=("home", "office", "hotel"))
+    parser.add_argument("--style", default="office", choices=get_args(Style))
     parser.add_argument("--rooms", type=int, default=42)
     parser.add_argument("--seeds", default="0..9", help="first..last")
     arguments = parser.parse_args()

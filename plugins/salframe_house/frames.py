@@ -9,7 +9,11 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
+from salframe.geometry import wrap_angle
 from salframe_house.building import Building
+
+Role = Literal["map", "transition", "query"]
+QueryYaw = Literal["uniform", "normal"]
 
 CAMERA_HEIGHT_M = 1.5
 CLEARANCE_M = 0.25
@@ -27,7 +31,7 @@ class FrameSpec:
     """A panorama to take. `place` is the room's id, or "transition-.." in a doorway; `yaw_rad` turns its x axis from the world's."""
 
     id: str
-    role: Literal["map", "transition", "query"]
+    role: Role
     place: str
     x_m: float
     y_m: float
@@ -37,29 +41,29 @@ class FrameSpec:
 
 
 def choose_frames(building: Building, changed: Building, seed: int, queries_per_room: int = 3,
-                  query_yaw: Literal["uniform", "normal"] = "uniform") -> tuple[FrameSpec, ...]:
+                  query_yaw: QueryYaw = "uniform") -> tuple[FrameSpec, ...]:
     """Map and transition frames of a building by day, and queries of its changed version in the evening or in dim light.
 
-    Queries stand in free space, 0.3 to 1.1 m from the nearest map frame of their room; the mean of these shifts is within 0.01 m of 0.70 m. Their yaw
-    is uniform over the circle, or that of this map frame plus a normal angle of 16.6 deg mean absolute value.
+    Queries stand in free space, 0.3 to 1.1 m from the nearest map frame of their room; the mean of these shifts is within 0.01 m of 0.70 m.
+    Their yaw is uniform over the circle, or that of this map frame plus a normal angle of 16.6 deg mean absolute value.
     """
     rng = np.random.default_rng((building.seed, seed, 6))
     frames = []
     for room, points in _map_points(building).items():
-        frames += [_frame(f"map-{room}-{i}", "map", room, point, 0.0, rng.uniform(-np.pi, np.pi), "day") for i, point in enumerate(points)]
+        frames += [_frame(f"map-{room}-{i}", "map", room, point, rng.uniform(-np.pi, np.pi), "day") for i, point in enumerate(points)]
     for number, door in enumerate(building.doors, 1):
         name = f"transition-{number:02d}"
-        frames.append(_frame(name, "transition", name, door.centre_m, 0.0, rng.uniform(-np.pi, np.pi), "day"))
+        frames.append(_frame(name, "transition", name, door.centre_m, rng.uniform(-np.pi, np.pi), "day"))
     return (*frames, *_queries(frames, changed, rng, queries_per_room, query_yaw))
 
 
-def _frame(name: str, role: Literal["map", "transition", "query"], place: str, point_m, height_m: float, yaw_rad: float, lighting: str) -> FrameSpec:
-    return FrameSpec(name, role, place, round(float(point_m[0]), 4), round(float(point_m[1]), 4), round(CAMERA_HEIGHT_M + height_m, 4),
-                     round(float(yaw_rad), 6), lighting)
+def _frame(name: str, role: Role, place: str, point_m, yaw_rad: float, lighting: str, z_m: float = CAMERA_HEIGHT_M) -> FrameSpec:
+    x, y = (round(float(value), 4) for value in point_m)
+    return FrameSpec(name, role, place, x, y, round(z_m, 4), round(float(yaw_rad), 6), lighting)
 
 
 def _map_points(building: Building) -> dict[str, np.ndarray]:
-    """Room id -> (N, 2) places in the open that are near all of its free floor: greedy medians, each then put in the middle of its share."""
+    """Room id -> (N, 2) places in the open near all of its free floor: greedy medians, each then put in the middle of its share."""
     open_space = building.free_space(_MAP_CLEARANCE_M, 0.1)
     chosen = {}
     for room, free in building.free_space(CLEARANCE_M, 0.1).items():
@@ -73,7 +77,7 @@ def _map_points(building: Building) -> dict[str, np.ndarray]:
     return chosen
 
 
-def _queries(frames: list[FrameSpec], changed: Building, rng: np.random.Generator, per_room: int, yaw: Literal["uniform", "normal"]) -> list[FrameSpec]:
+def _queries(frames: list[FrameSpec], changed: Building, rng: np.random.Generator, per_room: int, yaw: QueryYaw) -> list[FrameSpec]:
     free = changed.free_space(CLEARANCE_M)
     own = {room.id: [frame for frame in frames if frame.place == room.id] for room in changed.rooms}
     rooms = [room.id for room in changed.rooms for _ in range(per_room)]
@@ -90,9 +94,9 @@ def _queries(frames: list[FrameSpec], changed: Building, rng: np.random.Generato
         point = free[room][index]
         nearest = min(own[room], key=lambda frame: float(np.hypot(frame.x_m - point[0], frame.y_m - point[1])))
         angle = rng.uniform(-np.pi, np.pi) if yaw == "uniform" else nearest.yaw_rad + rng.normal(0.0, _NORMAL_YAW_RAD)
-        height = rng.uniform(-_HEIGHT_JITTER_M, _HEIGHT_JITTER_M)
+        z = CAMERA_HEIGHT_M + rng.uniform(-_HEIGHT_JITTER_M, _HEIGHT_JITTER_M)
         lighting = str(rng.choice(("evening", "dim")))
-        queries.append(_frame(f"query-{room}-{number % per_room}", "query", room, point, height, (angle + np.pi) % (2 * np.pi) - np.pi, lighting))
+        queries.append(_frame(f"query-{room}-{number % per_room}", "query", room, point, wrap_angle(angle), lighting, z))
     return queries
 
 

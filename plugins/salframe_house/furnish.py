@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from salframe_house.furniture import CLASSES
-from salframe_house.layout import Door, Layout, Room, Window
+from salframe_house.layout import Layout, Room
 from salframe_house.placement import PlacedObject, RoomPlan
 
 LEAST_OBJECTS, MOST_OBJECTS = 5, 14
@@ -29,101 +29,106 @@ RECIPES: dict[str, Recipe] = {
     # office
     "office": Recipe(
         {"desk": (1, 2), "office chair": (1, 2)},
-        {"monitor": 7, "trash can": 5, "bookshelf": 5, "file cabinet": 4, "plant": 3, "picture": 2, "whiteboard": 1.5, "chair": 1.5, "radiator": 0.7,
-         "cabinet": 0.5, "curtain": 0.5, "clock": 0.5, "lamp": 0.5, "laptop": 0.3, "telephone": 0.3, "coat rack": 0.3, "notice board": 0.3, "printer": 0.2},
+        {"monitor": 7, "trash can": 5, "bookshelf": 5, "file cabinet": 4, "plant": 3, "picture": 2, "whiteboard": 1.5, "chair": 1.5,
+         "radiator": 0.7, "cabinet": 0.5, "curtain": 0.5, "clock": 0.5, "lamp": 0.5, "laptop": 0.3, "telephone": 0.3, "coat rack": 0.3,
+         "notice board": 0.3, "printer": 0.2},
     ),
     "meeting-room": Recipe(
         {"conference table": (1, 1), "chair": (2, 4)},
-        {"whiteboard": 6, "tv": 4, "plant": 4, "picture": 3, "projector": 3, "flip chart": 1.5, "cabinet": 1.5, "clock": 1, "radiator": 1,
-         "trash can": 1, "curtain": 0.7, "laptop": 0.7, "telephone": 0.7, "coat rack": 0.7, "flowers": 0.7},
+        {"whiteboard": 6, "tv": 4, "plant": 4, "picture": 3, "projector": 3, "flip chart": 1.5, "cabinet": 1.5, "clock": 1,
+         "radiator": 1, "trash can": 1, "curtain": 0.7, "laptop": 0.7, "telephone": 0.7, "coat rack": 0.7, "flowers": 0.7},
     ),
     "lounge": Recipe(
         {"sofa": (1, 1), "armchair": (0, 2)},
-        {"coffee table": 3, "plant": 2, "picture": 2, "floor lamp": 2, "side table": 1.5, "rug": 1.5, "bookshelf": 1.5, "ottoman": 1, "tv": 1,
-         "clock": 1, "water cooler": 1, "curtain": 1, "flowers": 1, "trash can": 1, "radiator": 1, "brochure stand": 1},
+        {"coffee table": 3, "plant": 2, "picture": 2, "floor lamp": 2, "side table": 1.5, "rug": 1.5, "bookshelf": 1.5, "ottoman": 1,
+         "tv": 1, "clock": 1, "water cooler": 1, "curtain": 1, "flowers": 1, "trash can": 1, "radiator": 1, "brochure stand": 1},
     ),
     "break-room": Recipe(
         {"kitchen counter": (1, 1), "refrigerator": (0, 1), "breakfast table": (0, 1)},
-        {"chair": 3, "kitchen sink": 2, "kitchen cabinet": 2, "microwave": 2, "coffee machine": 2, "dishwasher": 1.5, "kettle": 1.5, "trash can": 1.5,
-         "bar table": 1, "stool": 1, "vending machine": 1, "recycling bin": 1, "clock": 1, "notice board": 1, "water cooler": 1, "picture": 1},
+        {"chair": 3, "kitchen sink": 2, "kitchen cabinet": 2, "microwave": 2, "coffee machine": 2, "dishwasher": 1.5, "kettle": 1.5,
+         "trash can": 1.5, "bar table": 1, "stool": 1, "vending machine": 1, "recycling bin": 1, "clock": 1, "notice board": 1,
+         "water cooler": 1, "picture": 1},
     ),
     "restroom": Recipe(
         {"toilet": (1, 2), "sink": (1, 2)},
-        {"mirror": 6, "trash can": 4, "hand dryer": 4, "toilet paper": 3, "urinal": 1.5, "radiator": 1.5, "towel": 1, "picture": 0.7, "plant": 0.7,
-         "wall shelf": 0.7, "cabinet": 0.7, "laundry basket": 0.5},
+        {"mirror": 6, "trash can": 4, "hand dryer": 4, "toilet paper": 3, "urinal": 1.5, "radiator": 1.5, "towel": 1, "picture": 0.7,
+         "plant": 0.7, "wall shelf": 0.7, "cabinet": 0.7, "laundry basket": 0.5},
     ),
     "storage": Recipe(
         {"storage shelf": (1, 2)},
-        {"box": 4, "cabinet": 2, "file cabinet": 2, "locker": 2, "fire extinguisher": 1, "trash can": 1, "coat rack": 1, "chair": 0.5, "printer": 1,
-         "recycling bin": 1, "radiator": 1, "notice board": 1, "clock": 1, "wall shelf": 1, "desk": 1},
+        {"box": 4, "cabinet": 2, "file cabinet": 2, "locker": 2, "fire extinguisher": 1, "trash can": 1, "coat rack": 1, "chair": 0.5,
+         "printer": 1, "recycling bin": 1, "radiator": 1, "notice board": 1, "clock": 1, "wall shelf": 1, "desk": 1},
     ),
     "copy-room": Recipe(
         {"copier": (1, 1)},
-        {"cabinet": 2, "file cabinet": 2, "trash can": 2, "recycling bin": 2, "storage shelf": 1.5, "printer": 1.5, "notice board": 1.5, "box": 1.5,
-         "clock": 1, "wall shelf": 1, "picture": 1, "plant": 1, "water cooler": 1, "radiator": 1, "bookshelf": 1},
+        {"cabinet": 2, "file cabinet": 2, "trash can": 2, "recycling bin": 2, "storage shelf": 1.5, "printer": 1.5, "notice board": 1.5,
+         "box": 1.5, "clock": 1, "wall shelf": 1, "picture": 1, "plant": 1, "water cooler": 1, "radiator": 1, "bookshelf": 1},
     ),
     # hotel
     "hotel-room": Recipe(
         {"bed": (1, 1), "nightstand": (1, 2)},
-        {"lamp": 2.5, "desk": 2, "chair": 1.5, "tv": 2, "wardrobe": 2, "luggage rack": 2, "picture": 2, "curtain": 2, "armchair": 1.5, "floor lamp": 1,
-         "mirror": 1, "trash can": 1, "radiator": 1, "side table": 1, "dresser": 1, "telephone": 1, "kettle": 0.7, "wall lamp": 1},
+        {"lamp": 2.5, "desk": 2, "chair": 1.5, "tv": 2, "wardrobe": 2, "luggage rack": 2, "picture": 2, "curtain": 2, "armchair": 1.5,
+         "floor lamp": 1, "mirror": 1, "trash can": 1, "radiator": 1, "side table": 1, "dresser": 1, "telephone": 1, "kettle": 0.7,
+         "wall lamp": 1},
     ),
     "lobby": Recipe(
         {"reception desk": (1, 1), "sofa": (0, 1), "armchair": (0, 2)},
-        {"coffee table": 2, "plant": 2, "picture": 2, "floor lamp": 1.5, "monitor": 1.5, "office chair": 1.5, "flowers": 1.5, "brochure stand": 1.5,
-         "clock": 1.5, "rug": 1, "umbrella stand": 1, "side table": 1, "curtain": 1, "vending machine": 0.7, "telephone": 1, "piano": 0.5},
+        {"coffee table": 2, "plant": 2, "picture": 2, "floor lamp": 1.5, "monitor": 1.5, "office chair": 1.5, "flowers": 1.5,
+         "brochure stand": 1.5, "clock": 1.5, "rug": 1, "umbrella stand": 1, "side table": 1, "curtain": 1, "vending machine": 0.7,
+         "telephone": 1, "piano": 0.5},
     ),
     "breakfast-room": Recipe(
         {"breakfast table": (1, 3), "chair": (2, 4)},
-        {"cabinet": 2, "coffee machine": 2, "picture": 2, "plant": 2, "curtain": 1.5, "flowers": 1.5, "clock": 1, "refrigerator": 1, "microwave": 1,
-         "tv": 1, "trash can": 1, "mirror": 0.7, "wall lamp": 1, "bar table": 1, "radiator": 1},
+        {"cabinet": 2, "coffee machine": 2, "picture": 2, "plant": 2, "curtain": 1.5, "flowers": 1.5, "clock": 1, "refrigerator": 1,
+         "microwave": 1, "tv": 1, "trash can": 1, "mirror": 0.7, "wall lamp": 1, "bar table": 1, "radiator": 1},
     ),
     "linen-room": Recipe(
         {"storage shelf": (1, 1), "washing machine": (0, 2)},
-        {"housekeeping cart": 2, "laundry basket": 2, "ironing board": 2, "sink": 1.5, "cabinet": 1.5, "box": 1.5, "locker": 1, "drying rack": 1,
-         "towel": 1, "clock": 1, "trash can": 1, "fire extinguisher": 1, "wall shelf": 1, "radiator": 1},
+        {"housekeeping cart": 2, "laundry basket": 2, "ironing board": 2, "sink": 1.5, "cabinet": 1.5, "box": 1.5, "locker": 1,
+         "drying rack": 1, "towel": 1, "clock": 1, "trash can": 1, "fire extinguisher": 1, "wall shelf": 1, "radiator": 1},
     ),
     # home
     "living-room": Recipe(
         {"sofa": (1, 1), "tv stand": (0, 1)},
-        {"coffee table": 3, "armchair": 2, "tv": 2, "bookshelf": 2, "plant": 2, "picture": 2, "floor lamp": 2, "curtain": 2, "rug": 2, "side table": 1.5,
-         "fireplace": 1, "piano": 1, "lamp": 1, "ottoman": 1, "cabinet": 1, "clock": 1, "radiator": 1},
+        {"coffee table": 3, "armchair": 2, "tv": 2, "bookshelf": 2, "plant": 2, "picture": 2, "floor lamp": 2, "curtain": 2, "rug": 2,
+         "side table": 1.5, "fireplace": 1, "piano": 1, "lamp": 1, "ottoman": 1, "cabinet": 1, "clock": 1, "radiator": 1},
     ),
     "kitchen": Recipe(
         {"kitchen counter": (1, 2), "refrigerator": (1, 1), "oven": (0, 1), "kitchen sink": (0, 1)},
-        {"kitchen cabinet": 2, "dishwasher": 2, "microwave": 1.5, "coffee machine": 1, "kettle": 1, "breakfast table": 1.5, "chair": 2, "stool": 1,
-         "trash can": 1.5, "clock": 1, "curtain": 1, "picture": 1, "towel": 1, "plant": 1, "radiator": 1},
+        {"kitchen cabinet": 2, "dishwasher": 2, "microwave": 1.5, "coffee machine": 1, "kettle": 1, "breakfast table": 1.5, "chair": 2,
+         "stool": 1, "trash can": 1.5, "clock": 1, "curtain": 1, "picture": 1, "towel": 1, "plant": 1, "radiator": 1},
     ),
     "bedroom": Recipe(
         {"bed": (1, 1), "wardrobe": (0, 1)},
-        {"nightstand": 3, "lamp": 2, "dresser": 2, "curtain": 2, "picture": 2, "mirror": 1.5, "rug": 1.5, "chair": 1, "armchair": 1, "desk": 1, "plant": 1,
-         "radiator": 1.5, "laundry basket": 1, "bookshelf": 1, "stool": 0.7, "baby bed": 0.5, "floor lamp": 0.7, "clock": 0.7},
+        {"nightstand": 3, "lamp": 2, "dresser": 2, "curtain": 2, "picture": 2, "mirror": 1.5, "rug": 1.5, "chair": 1, "armchair": 1,
+         "desk": 1, "plant": 1, "radiator": 1.5, "laundry basket": 1, "bookshelf": 1, "stool": 0.7, "baby bed": 0.5, "floor lamp": 0.7,
+         "clock": 0.7},
     ),
     "bathroom": Recipe(
         {"toilet": (1, 1), "shower": (0, 1)},
-        {"sink": 2, "bathroom vanity": 2, "towel": 2.5, "mirror": 2.5, "bathtub": 1.5, "toilet paper": 1.5, "trash can": 1.5, "laundry basket": 1,
-         "radiator": 1, "wall lamp": 1, "wall shelf": 1, "stool": 0.5, "picture": 0.5, "plant": 0.5},
+        {"sink": 2, "bathroom vanity": 2, "towel": 2.5, "mirror": 2.5, "bathtub": 1.5, "toilet paper": 1.5, "trash can": 1.5,
+         "laundry basket": 1, "radiator": 1, "wall lamp": 1, "wall shelf": 1, "stool": 0.5, "picture": 0.5, "plant": 0.5},
     ),
     "dining-room": Recipe(
         {"dining table": (1, 1), "chair": (2, 4)},
-        {"cabinet": 2, "flowers": 2, "picture": 2, "plant": 2, "curtain": 1.5, "mirror": 1, "floor lamp": 1, "piano": 0.7, "rug": 0.7, "clock": 1,
-         "radiator": 1, "wall lamp": 1, "bookshelf": 1},
+        {"cabinet": 2, "flowers": 2, "picture": 2, "plant": 2, "curtain": 1.5, "mirror": 1, "floor lamp": 1, "piano": 0.7, "rug": 0.7,
+         "clock": 1, "radiator": 1, "wall lamp": 1, "bookshelf": 1},
     ),
     "study": Recipe(
         {"desk": (1, 1), "office chair": (1, 1)},
-        {"bookshelf": 3, "lamp": 2, "monitor": 2, "picture": 2, "armchair": 1.5, "plant": 1.5, "laptop": 1.5, "trash can": 1.5, "curtain": 1.5, "rug": 1,
-         "cabinet": 1, "clock": 1, "printer": 1, "floor lamp": 1, "radiator": 1, "treadmill": 0.5},
+        {"bookshelf": 3, "lamp": 2, "monitor": 2, "picture": 2, "armchair": 1.5, "plant": 1.5, "laptop": 1.5, "trash can": 1.5,
+         "curtain": 1.5, "rug": 1, "cabinet": 1, "clock": 1, "printer": 1, "floor lamp": 1, "radiator": 1, "treadmill": 0.5},
     ),
     "laundry-room": Recipe(
         {"washing machine": (1, 2)},
-        {"laundry basket": 2, "ironing board": 2, "drying rack": 1.5, "sink": 1.5, "cabinet": 1.5, "storage shelf": 1.5, "wall shelf": 1, "box": 1,
-         "shoe rack": 1, "trash can": 1, "towel": 1, "radiator": 1, "clock": 0.7},
+        {"laundry basket": 2, "ironing board": 2, "drying rack": 1.5, "sink": 1.5, "cabinet": 1.5, "storage shelf": 1.5, "wall shelf": 1,
+         "box": 1, "shoe rack": 1, "trash can": 1, "towel": 1, "radiator": 1, "clock": 0.7},
     ),
     # all
     "corridor": Recipe(
         {},
-        {"picture": 2.5, "plant": 2, "fire extinguisher": 2, "bench": 1.5, "mirror": 1, "wall lamp": 1.5, "trash can": 1, "clock": 1, "coat rack": 1,
-         "notice board": 1, "umbrella stand": 0.7, "shoe rack": 0.5, "cabinet": 1, "radiator": 1},
+        {"picture": 2.5, "plant": 2, "fire extinguisher": 2, "bench": 1.5, "mirror": 1, "wall lamp": 1.5, "trash can": 1, "clock": 1,
+         "coat rack": 1, "notice board": 1, "umbrella stand": 0.7, "shoe rack": 0.5, "cabinet": 1, "radiator": 1},
     ),
 }
 
@@ -144,7 +149,7 @@ def furnish(layout: Layout, seed: int) -> tuple[PlacedObject, ...]:
     by_id = {room.id: room for room in layout.rooms}
     for room in layout.rooms:
         if room.mirror_of:
-            placed[room.id] = _mirrored(placed[room.mirror_of], by_id[room.mirror_of], room, layout.doors, layout.windows)
+            placed[room.id] = _mirrored(placed[room.mirror_of], by_id[room.mirror_of], room, layout)
     in_order = [placed_object for room in layout.rooms for placed_object in placed[room.id]]
     return tuple(replace(placed_object, instance_id=number) for number, placed_object in enumerate(in_order, 1))
 
@@ -196,7 +201,7 @@ def _furnish_room(room: Room, layout: Layout, items: list[Item], rng: np.random.
     """The best of some attempts to place the items: the plan and what found no place."""
     best: tuple[RoomPlan, list[Item]] | None = None
     for _ in range(_ATTEMPTS):
-        plan = RoomPlan(room, list(layout.doors), list(layout.windows))
+        plan = RoomPlan(room, layout)
         missing = [item for item in _in_placing_order(items, rng) if plan.place(*item, rng) is None]
         if best is None or len(missing) < len(best[1]):
             best = plan, missing
@@ -214,19 +219,21 @@ def _in_placing_order(items: list[Item], rng: np.random.Generator) -> list[Item]
     return sorted(items, key=rank)
 
 
-def _mirrored(objects: list[PlacedObject], source: Room, target: Room, doors: tuple[Door, ...], windows: tuple[Window, ...]) -> list[PlacedObject]:
+def _mirrored(objects: list[PlacedObject], source: Room, target: Room, layout: Layout) -> list[PlacedObject]:
     """The furniture of a room reflected into the room that is its mirror image."""
-    before, after = _openings(source, doors, windows), _openings(target, doors, windows)
+    before, after = _openings(source, layout), _openings(target, layout)
     flip = min(((-1, 1), (1, -1)), key=lambda axes: float(np.linalg.norm(before[:, None] * axes - after, axis=2).min(1).max()))
     reflected = []
     for placed in objects:
         x, y = (t + f * (p - s) for t, f, p, s in zip(target.centre_m, flip, (placed.x_m, placed.y_m), source.centre_m, strict=True))
         yaw = np.arctan2(flip[1] * np.sin(placed.yaw_rad), flip[0] * np.cos(placed.yaw_rad))
-        reflected.append(replace(placed, room=target.id, x_m=round(x, 4), y_m=round(y, 4), yaw_rad=round(float(yaw), 6), mirrored=not placed.mirrored))
+        pose = {"x_m": round(x, 4), "y_m": round(y, 4), "yaw_rad": round(float(yaw), 6)}
+        reflected.append(replace(placed, room=target.id, mirrored=not placed.mirrored, **pose))
     return reflected
 
 
-def _openings(room: Room, doors: tuple[Door, ...], windows: tuple[Window, ...]) -> np.ndarray:
+def _openings(room: Room, layout: Layout) -> np.ndarray:
     """(N, 2) middles of a room's doors and windows relative to its own."""
-    points = [door.centre_m for door in doors if room.id in door.rooms] + [window.centre_m for window in windows if window.room == room.id]
+    points = [door.centre_m for door in layout.doors if room.id in door.rooms]
+    points += [window.centre_m for window in layout.windows if window.room == room.id]
     return np.array(points) - room.centre_m

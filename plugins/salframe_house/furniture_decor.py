@@ -79,7 +79,8 @@ def plant(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
 
 
 @furniture("flowers", (0.20, 0.20, 0.30), (0.30, 0.30, 0.45), "top",
-           ("dining table", "conference table", "breakfast table", "coffee table", "cabinet", "dresser", "side table", "reception desk", "bar table"))
+           ("dining table", "conference table", "breakfast table", "coffee table", "cabinet", "dresser", "side table", "reception desk",
+            "bar table"))
 def flowers(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
     """A vase with a bunch."""
     r, h = size[0] / 2, size[2]
@@ -248,7 +249,7 @@ def flip_chart(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
     x, y, h = size[0] / 2, size[1] / 2, size[2]
     leg = np.array([[-0.015, -0.015], [0.015, -0.015], [0.015, 0.015], [-0.015, 0.015]])
     for foot in ((x - 0.02, -y + 0.02), (x - 0.02, y - 0.02), (-x + 0.02, 0.0)):
-        m.loft([(leg + foot, 0.0), (leg + (0.0, foot[1] * 0.3), h - 0.05)], looks.STEEL)
+        m.loft([(leg + foot, 0.0), (leg + np.array([0.0, foot[1] * 0.3]), h - 0.05)], looks.STEEL)
     low, high = 0.75, h - 0.02
     lower, upper = (0.06 + (x - 0.06) * (h - z) / h for z in (low, high))  # the pad leans back along the front legs
     pad = np.array([[lower, -y, low], [lower, y, low], [upper, y, high], [upper, -y, high]])

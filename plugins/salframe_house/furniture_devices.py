@@ -97,7 +97,7 @@ def microwave(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
     m.box((x - 0.015, -y + 0.13, 0.04), (x, -y + 0.145, h - 0.04), looks.CHROME)
 
 
-@furniture("coffee machine", (0.28, 0.24, 0.32), (0.38, 0.34, 0.45), "top", WORKTOPS + ("conference table", "reception desk"))
+@furniture("coffee machine", (0.28, 0.24, 0.32), (0.38, 0.34, 0.45), "top", (*WORKTOPS, "conference table", "reception desk"))
 def coffee_machine(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
     """A back with a tank, a head and a drip tray."""
     x, y, h, body = size[0] / 2, size[1] / 2, size[2], looks.plastic(rng)
@@ -108,7 +108,7 @@ def coffee_machine(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None
     m.cylinder((x * 0.45, 0, 0.04), 0.035, 0.09, looks.CERAMIC, top_radius=0.042, segments=10)
 
 
-@furniture("kettle", (0.20, 0.16, 0.21), (0.24, 0.19, 0.26), "top", WORKTOPS + ("desk",))
+@furniture("kettle", (0.20, 0.16, 0.21), (0.24, 0.19, 0.26), "top", (*WORKTOPS, "desk"))
 def kettle(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
     """A jug with a handle."""
     r, h, body = size[1] / 2, size[2], looks.STEEL if rng.random() < 0.5 else looks.plastic(rng)

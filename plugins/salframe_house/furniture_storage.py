@@ -56,8 +56,8 @@ def bookshelf(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
         start, end = -size[1] / 2 + 0.03, size[1] / 2 - 0.03
         for length in rng.uniform(0.25, 0.55, 2) * (end - start):
             if rng.random() < 0.85:
-                m.box((-size[0] / 2 + 0.02, start, z), (size[0] / 2 - rng.uniform(0.03, 0.08), start + length, z + gap * rng.uniform(0.55, 0.85)),
-                      looks.books(rng))
+                front, top = size[0] / 2 - rng.uniform(0.03, 0.08), z + gap * rng.uniform(0.55, 0.85)
+                m.box((-size[0] / 2 + 0.02, start, z), (front, start + length, top), looks.books(rng))
             start += length * 0.85 + 0.02
             if start + 0.5 * (end + size[1] / 2) > end:
                 break
@@ -177,10 +177,8 @@ def coat_rack(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
     frame, r = looks.wood(rng) if rng.random() < 0.5 else looks.metal(rng), size[0] / 2
     m.cylinder((0, 0, 0), (r * 0.75, size[1] * 0.37), 0.03, frame, segments=12)
     m.cylinder((0, 0, 0.03), 0.02, size[2] - 0.03, frame, segments=8)
-    for angle in np.arange(4) * np.pi / 2:
-        dx, dy = r * np.cos(angle), size[1] / 2 * np.sin(angle)
-        m.box((min(dx, -0.01 * (dx == 0), 0) - 0.0, min(dy, 0) - 0.01 * (abs(dy) < 1e-6), size[2] - 0.16),
-              (max(dx, 0.01), max(dy, 0.01), size[2] - 0.13), frame)
+    m.box((-r, -0.01, size[2] - 0.16), (r, 0.01, size[2] - 0.13), frame)
+    m.box((-0.01, -size[1] / 2, size[2] - 0.20), (0.01, size[1] / 2, size[2] - 0.17), frame)
     if rng.random() < 0.6:
         coat = looks.fabric(rng)
         outline = np.array([[0.03, -0.05], [r - 0.02, -0.12], [r - 0.02, 0.12], [0.03, 0.05]])

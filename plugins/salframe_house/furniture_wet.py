@@ -12,7 +12,8 @@ from salframe_house.object_class import Size, furniture
 from salframe_house.scene import Material
 
 
-def _basin(m: MeshBuilder, low: tuple[float, float], high: tuple[float, float], top: float, depth: float, look: Material, rim: float = 0.03) -> None:
+def _basin(m: MeshBuilder, low: tuple[float, float], high: tuple[float, float], top: float, depth: float, look: Material,
+           rim: float = 0.03) -> None:
     """A rectangular basin: four walls and a bottom, open at the top."""
     (x0, y0), (x1, y1), bottom = low, high, top - depth
     m.box((x0, y0, bottom), (x1, y1, bottom + 0.03), look)
@@ -227,7 +228,8 @@ def ironing_board(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
     m.loft([(outline, h - 0.04), (outline, h)], looks.linen(rng))
     for side in (-1, 1):
         leg = np.array([[-0.015, -0.02], [0.015, -0.02], [0.015, 0.02], [-0.015, 0.02]])
-        m.loft([(leg + (0.05 * side, -side * y * 0.7), 0.0), (leg + (0.05 * side, side * y * 0.6), h - 0.04)], looks.STEEL)
+        foot, head = np.array([0.05 * side, -side * y * 0.7]), np.array([0.05 * side, side * y * 0.6])
+        m.loft([(leg + foot, 0.0), (leg + head, h - 0.04)], looks.STEEL)
 
 
 @furniture("drying rack", (0.50, 0.90, 0.95), (0.58, 1.20, 1.10), "centre")

@@ -57,10 +57,17 @@ class Door:
     leaf_room: str | None = None
     hinge: int = 1
 
+    @property
+    def leaf_m(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Where an open leaf stands, seen from the door's centre: along `axis` from hinge to edge, and across it from back to face."""
+        into, half = (1 if self.leaf_room == self.rooms[1] else -1), self.width_m / 2
+        near = WALL_M / 2 + 0.015
+        return (into * near, into * (near + self.width_m - 0.04)), (self.hinge * half, self.hinge * (half - 0.04))
+
 
 @dataclass(frozen=True)
 class Window:
-    """A window in an outer wall: `inward` is the unit vector along x or y from the pane into the room; `centre_m` on the wall's inner face."""
+    """A window in an outer wall: `inward` is the unit vector from the pane into the room, `centre_m` lies on the wall's inner face."""
 
     centre_m: tuple[float, float]
     width_m: float
@@ -190,7 +197,8 @@ def plan_layout(style: str, rooms: int, seed: int) -> Layout:
     order = [(w, row) for w in range(wings) for row in (0, 1)]
     for copies in (False, True):  # originals first: copies name the rooms they repeat
         for w, row in order:
-            _add_row(plan, cells, wing_cells[2 * w + row], copies, placed, corridors[w], _wing_place(w, corridor, pitch, wings > 1), row, depth)
+            place = _wing_place(w, corridor, pitch, wings > 1)
+            _add_row(plan, cells, wing_cells[2 * w + row], copies, placed, corridors[w], place, row, depth)
     return Layout(tuple(plan.rooms), tuple(plan.doors), tuple(plan.windows))
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import ndimage
 
 from salframe_house.furniture import CLASSES
-from salframe_house.layout import Door, Room, Window
+from salframe_house.layout import Door, Layout, Room, Window
 from salframe_house.object_class import ObjectClass, Size
 
 STANDING_HEIGHT_M = 1.5  # an obstacle on the floor begins below this; lamps and pictures hang above
@@ -69,12 +69,12 @@ class PlacedObject:
 class RoomPlan:
     """A room while it is furnished. `objects` holds what stands in it."""
 
-    def __init__(self, room: Room, doors: list[Door], windows: list[Window], objects: tuple[PlacedObject, ...] = ()):
+    def __init__(self, room: Room, layout: Layout, objects: tuple[PlacedObject, ...] = ()):
         self.room = room
-        self.windows = [window for window in windows if window.room == room.id]
+        self.windows = [window for window in layout.windows if window.room == room.id]
         self._low, self._high = np.array(room.low_m), np.array(room.high_m)
-        own_doors = [door for door in doors if room.id in door.rooms]
-        self._door_boxes = np.array([self._door_box(door) for door in own_doors]).reshape(-1, 2, 3)
+        doors = [door for door in layout.doors if room.id in door.rooms]
+        self._door_boxes = np.array([self._door_box(door) for door in doors]).reshape(-1, 2, 3)
         self._door_points = np.array([box[:, :2].mean(0) for box in self._door_boxes]).reshape(-1, 2)
         self._window_boxes = np.array([self._window_box(window) for window in self.windows]).reshape(-1, 2, 3)
         self.objects: list[PlacedObject] = []
@@ -148,7 +148,8 @@ class RoomPlan:
             other_kind = CLASSES[other.label]
             if kind.front_m and placed.label not in other_kind.partners and _overlaps(front, box[None])[0]:
                 return False
-            if other_kind.front_m and other.label not in kind.partners and _overlaps(placed.bounds_m, _front_box(other, other_kind)[None])[0]:
+            other_front = _front_box(other, other_kind)
+            if other_kind.front_m and other.label not in kind.partners and _overlaps(placed.bounds_m, other_front[None])[0]:
                 return False
         return True
 
@@ -187,7 +188,9 @@ class RoomPlan:
         else:
             if kind.stand == "sill":
                 for index in rng.permutation(len(self.windows)):
-                    yield *self._at_wall(size, _WALL_GAP_M, _INWARD.index(self.windows[index].inward), self.windows[index].centre_m), 0.0, size
+                    window = self.windows[index]
+                    x, y, yaw = self._at_wall(size, _WALL_GAP_M, _INWARD.index(window.inward), window.centre_m)
+                    yield x, y, 0.0, yaw, size
             for _ in range(_TRIES):
                 if kind.stand == "centre":
                     yield *self._in_the_open(size, rng), size
@@ -266,7 +269,8 @@ def _front_box(placed: PlacedObject, kind: ObjectClass) -> np.ndarray:
     """(2, 3) the floor in front of an object that other furniture leaves free."""
     c, s = np.cos(placed.yaw_rad), np.sin(placed.yaw_rad)
     reach = placed.size_m[0] / 2 + kind.front_m
-    corners = np.array([(c * x - s * y, s * x + c * y) for x in (placed.size_m[0] / 2, reach) for y in (-placed.size_m[1] / 2, placed.size_m[1] / 2)])
+    half = placed.size_m[1] / 2
+    corners = np.array([(c * x - s * y, s * x + c * y) for x in (placed.size_m[0] / 2, reach) for y in (-half, half)])
     corners += (placed.x_m, placed.y_m)
     return np.array([[*corners.min(0), 0.0], [*corners.max(0), STANDING_HEIGHT_M]])
 

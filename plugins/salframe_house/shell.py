@@ -21,9 +21,12 @@ _WALLS = {
     "home": ("plaster", ((0.66, 0.64, 0.60), (0.60, 0.58, 0.50), (0.52, 0.57, 0.58), (0.62, 0.55, 0.50))),
 }
 _FLOORS = {
-    "office": (("carpet", ((0.20, 0.21, 0.23), (0.26, 0.24, 0.22), (0.17, 0.20, 0.24))), ("laminate", ((0.38, 0.28, 0.18), (0.30, 0.23, 0.16)))),
-    "hotel": (("carpet", ((0.26, 0.17, 0.15), (0.22, 0.22, 0.25), (0.30, 0.26, 0.19))), ("parquet", ((0.32, 0.21, 0.12), (0.26, 0.17, 0.10)))),
-    "home": (("parquet", ((0.38, 0.26, 0.15), (0.30, 0.19, 0.11), (0.45, 0.34, 0.22))), ("laminate", ((0.42, 0.34, 0.25), (0.30, 0.23, 0.17)))),
+    "office": (("carpet", ((0.20, 0.21, 0.23), (0.26, 0.24, 0.22), (0.17, 0.20, 0.24))),
+               ("laminate", ((0.38, 0.28, 0.18), (0.30, 0.23, 0.16)))),
+    "hotel": (("carpet", ((0.26, 0.17, 0.15), (0.22, 0.22, 0.25), (0.30, 0.26, 0.19))),
+              ("parquet", ((0.32, 0.21, 0.12), (0.26, 0.17, 0.10)))),
+    "home": (("parquet", ((0.38, 0.26, 0.15), (0.30, 0.19, 0.11), (0.45, 0.34, 0.22))),
+             ("laminate", ((0.42, 0.34, 0.25), (0.30, 0.23, 0.17)))),
 }
 _TILES = ((0.55, 0.56, 0.56), (0.46, 0.44, 0.40), (0.36, 0.38, 0.40), (0.60, 0.58, 0.53))
 
@@ -87,7 +90,8 @@ def _on_wall(point_m: tuple[float, float], start: np.ndarray, along: np.ndarray,
     return bool(abs((np.array(point_m) - start) @ across) < tolerance_m)
 
 
-def _wall(m: MeshBuilder, start: np.ndarray, along: np.ndarray, length: float, height: float, openings: list, look: Material, trim: Material) -> None:
+def _wall(m: MeshBuilder, start: np.ndarray, along: np.ndarray, length: float, height: float,
+          openings: list[tuple[tuple[float, float], float, float, float]], look: Material, trim: Material) -> None:
     """One face of a wall, in strips between and around its openings, with skirting where it reaches the floor."""
     spans = sorted((float((np.array(centre) - start) @ along) - width / 2, width, low, high) for centre, width, low, high in openings)
     offset = float(np.abs(along) @ start)  # so that the pattern differs from room to room
@@ -96,7 +100,8 @@ def _wall(m: MeshBuilder, start: np.ndarray, along: np.ndarray, length: float, h
         if s1 - s0 < 1e-6 or z1 - z0 < 1e-6:
             return
         low, high = start + along * s0, start + along * s1
-        m.quad(np.array([[*low, z0], [*high, z0], [*high, z1], [*low, z1]]), look, np.array([[s0, z0], [s1, z0], [s1, z1], [s0, z1]]) + (offset, 0))
+        u0, u1 = s0 + offset, s1 + offset
+        m.quad(np.array([[*low, z0], [*high, z0], [*high, z1], [*low, z1]]), look, np.array([[u0, z0], [u1, z0], [u1, z1], [u0, z1]]))
 
     at = skirting = 0.0
     inward = np.array([along[1], -along[0]])
@@ -124,25 +129,16 @@ def _oriented_box(m: MeshBuilder, centre: tuple[float, float], axis: int, along:
 
 def _door(m: MeshBuilder, door: Door, trim: Material, leaf: Material) -> None:
     axis, half, reach = "xy".index(door.axis), door.width_m / 2, WALL_M / 2 + _TRIM_M
+    top = DOOR_HEIGHT_M + _FRAME_M
     for side in (-1, 1):
-        _oriented_box(m, door.centre_m, axis, (-reach, reach), (side * half, side * (half + _FRAME_M)), (0.0, DOOR_HEIGHT_M + _FRAME_M), trim)
-    _oriented_box(m, door.centre_m, axis, (-reach, reach), (-half, half), (DOOR_HEIGHT_M, DOOR_HEIGHT_M + _FRAME_M), trim)
+        _oriented_box(m, door.centre_m, axis, (-reach, reach), (side * half, side * (half + _FRAME_M)), (0.0, top), trim)
+    _oriented_box(m, door.centre_m, axis, (-reach, reach), (-half, half), (DOOR_HEIGHT_M, top), trim)
     _oriented_box(m, door.centre_m, axis, (-WALL_M / 2, WALL_M / 2), (-half, half), (-0.02, 0.0), leaf)
-    for along, across, z, look in leaf_boxes(door, leaf):
-        _oriented_box(m, door.centre_m, axis, along, across, z, look)
-
-
-def leaf_boxes(door: Door, leaf: Material) -> list[tuple[tuple[float, float], tuple[float, float], tuple[float, float], Material]]:
-    """An open leaf and its handle: ranges along and across the door's axis and in height, relative to the door's centre."""
-    if door.leaf_room is None:
-        return []
-    into, hinge, half = (1 if door.leaf_room == door.rooms[1] else -1), door.hinge, door.width_m / 2
-    near, far = into * (WALL_M / 2 + 0.015), into * (WALL_M / 2 + 0.015 + door.width_m - 0.04)
-    handle = far - into * 0.16, far - into * 0.04
-    return [
-        ((near, far), (hinge * half, hinge * (half - 0.04)), (0.01, DOOR_HEIGHT_M - 0.01), leaf),
-        (handle, (hinge * (half - 0.04), hinge * (half - 0.08)), (1.02, 1.04), looks.CHROME),
-    ]
+    if door.leaf_room is not None:
+        along, across = door.leaf_m
+        _oriented_box(m, door.centre_m, axis, along, across, (0.01, DOOR_HEIGHT_M - 0.01), leaf)
+        handle = along[1] - np.sign(along[1]) * 0.16, along[1] - np.sign(along[1]) * 0.04
+        _oriented_box(m, door.centre_m, axis, handle, (across[1], across[1] - door.hinge * 0.04), (1.02, 1.04), looks.CHROME)
 
 
 def _window(m: MeshBuilder, window: Window, trim: Material, pane: Material) -> None:
