@@ -104,7 +104,7 @@ class Localizer(Component):
         """Write the map: map.json (frames, poses, this localizer's settings) and its descriptions, each file atomically."""
         directory.mkdir(parents=True, exist_ok=True)
         self.write_descriptions(directory, self._descriptions)
-        frames = [{"id": f.id, "place": f.place, "T_world_pano": f.T_world_pano.tolist()} for f in self._frames]
+        frames = [{"id": f.id, "place": f.place, "kind": f.kind, "T_world_pano": f.T_world_pano.tolist()} for f in self._frames]
         settings = self.config.model_dump(mode="json")
         write_json(directory / "map.json", {"format": MAP_FORMAT, "version": self.version, "localizer": settings, "frames": frames})
 
@@ -117,7 +117,7 @@ class Localizer(Component):
             if (content["localizer"]["kind"], content["version"]) != (self.name, self.version):
                 made = f"{content['localizer']['kind']} {content['version']}"
                 raise DataError(f"{directory} was made by {made}, expected {self.name} {self.version}: build it again")
-            frames = [MapFrame(f["id"], f["place"], np.array(f["T_world_pano"], float)) for f in content["frames"]]
+            frames = [MapFrame(f["id"], f["place"], np.array(f["T_world_pano"], float), f["kind"]) for f in content["frames"]]
         except KeyError as error:
             raise DataError(f"{directory / 'map.json'} has no key {error}") from None
         self.take_map(self.read_descriptions(directory, len(frames)), frames)

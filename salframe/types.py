@@ -133,30 +133,32 @@ class Panorama:
 
 @dataclass(frozen=True, eq=False)
 class MapFrame:
-    """Where a mapping frame stands: its id, its place, T_world_pano (4, 4) float64."""
+    """Where a mapping frame stands: its id, its place, T_world_pano (4, 4) float64; `kind` "scene" for a place's own, "transition" in a doorway."""
 
     id: str
     place: str
     T_world_pano: np.ndarray
+    kind: str = "scene"
 
 
 @dataclass(frozen=True, eq=False)
 class Frame:
     """A panorama on demand, where it was taken, and the place it belongs to.
 
-    Mapping frames have `T_world_pano` (4, 4) float64 and `place`; the frames of queries have neither.
+    Mapping frames have `T_world_pano` (4, 4) float64, `place` and `kind` ("scene" or "transition"); the frames of queries have none of them.
     """
 
     id: str
     load: Callable[[], Panorama]
     T_world_pano: np.ndarray | None = None
     place: str | None = None
+    kind: str = "scene"
 
     def mapped(self) -> MapFrame:
         """The frame's place and pose. Raises DataError where it has none."""
         if self.T_world_pano is None or self.place is None:
             raise DataError(f"{self.id} has no pose and place, expected a mapping frame")
-        return MapFrame(self.id, self.place, self.T_world_pano)
+        return MapFrame(self.id, self.place, self.T_world_pano, self.kind)
 
 
 @dataclass(frozen=True)
@@ -254,13 +256,13 @@ class SaliencyGraph:
 class GraphMatch:
     """A map graph's claim to be the query's place: index of the scene, score (larger is better), pairs (M, 2) int64 of query and map nodes.
 
-    Matchers that verify geometry put the pose they found in `pose`.
+    Matchers that verify geometry give the pose that did: T_scene_query (4, 4), the query's frame in the map frame's, or None.
     """
 
     scene: int
     score: float
     pairs: np.ndarray
-    pose: PoseEstimate | None = None
+    T_scene_query: np.ndarray | None = None
 
 
 @dataclass(frozen=True)

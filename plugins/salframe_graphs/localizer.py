@@ -13,6 +13,7 @@ from salframe.graph import GraphConfig, build_graph, graph_from_arrays, graph_to
 from salframe.localizer import Description, Localizer, rank_places
 from salframe.registry import registry
 from salframe.types import Localization, MapFrame, Panorama, SaliencyGraph
+from salframe_graphs.agreement import agree
 
 
 class SaliencyGraphLocalizer(Localizer):
@@ -29,6 +30,9 @@ class SaliencyGraphLocalizer(Localizer):
         positioner: slot("positioner", "robust")  # type: ignore[valid-type]
         top_k: int = Field(20, ge=1, description="map graphs that the matcher ranks")
         min_score: float = Field(0.0, ge=0, description="a best match below this score is no answer")
+        agreement: float = Field(0.5, ge=0, description="share of the scores of matches that put the query in the same spot, added to a match's own")
+        agreement_radius_m: float = Field(1.5, gt=0, description="distance in the world at which two matches no longer agree")
+        nearest_scene: bool = Field(True, description="a match with a transition frame answers with the scene frame nearest to the pose")
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)
@@ -67,15 +71,24 @@ class SaliencyGraphLocalizer(Localizer):
             return Localization((), None, "no-match")
         if matches[0].score < self.config.min_score:
             return Localization((), None, "low-score")
+        if self.config.agreement:
+            matches = agree(matches, self._map_frames, self.config.agreement, self.config.agreement_radius_m)
         scores = np.full(len(self._map_frames), -np.inf)
         scores[[match.scene for match in matches]] = [match.score for match in matches]
-        best, pairs = matches[0].scene, matches[0].pairs
-        weights = query.saliency[pairs[:, 0]]
-        pose = self._positioner.solve(query.centroid_m[pairs[:, 0]], self._graphs[best].centroid_m[pairs[:, 1]], weights)
-        places = rank_places(self._map_frames, scores)
+        best = matches[0]
+        nodes, reference = best.pairs[:, 0], self._graphs[best.scene]
+        pose = self._positioner.solve(query.centroid_m[nodes], reference.centroid_m[best.pairs[:, 1]], query.saliency[nodes])
         if pose.T_reference_query is None:
-            return Localization(places, None, "no-pose")
-        return Localization(places, self._map_frames[best].T_world_pano @ pose.T_reference_query, "ok", pose.covariance)
+            return Localization(rank_places(self._map_frames, scores), None, "no-pose")
+        T_world_query = self._map_frames[best.scene].T_world_pano @ pose.T_reference_query
+        if self.config.nearest_scene and self._map_frames[best.scene].kind == "transition":
+            scores[self._nearest_scene(T_world_query)] = np.nextafter(best.score, np.inf)
+        return Localization(rank_places(self._map_frames, scores), T_world_query, "ok", pose.covariance)
+
+    def _nearest_scene(self, T_world_query: np.ndarray) -> int:
+        """Index of the scene frame nearest to a pose; a transition frame where the map has no other."""
+        distance = [np.linalg.norm(frame.T_world_pano[:3, 3] - T_world_query[:3, 3]) for frame in self._map_frames]
+        return min(range(len(distance)), key=lambda i: (self._map_frames[i].kind != "scene", distance[i]))
 
     def scene_bytes(self, description: Description) -> int:
         graph = graph_from_arrays(description)

@@ -7,6 +7,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from salframe.geometry import pose_2d
+
 
 @dataclass(frozen=True)
 class Verified:
@@ -20,6 +22,10 @@ class Verified:
     yaw_rad: np.ndarray
     shift_m: np.ndarray
     kernel: np.ndarray
+
+    def poses(self) -> list[np.ndarray | None]:
+        """The best pose of each candidate (4, 4), query frame to map frame; None where there is none."""
+        return [None if np.isnan(yaw) else pose_2d(*shift, yaw) for yaw, shift in zip(self.yaw_rad, self.shift_m, strict=True)]
 
 
 def verify(
