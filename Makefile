@@ -1,0 +1,34 @@
+# Both targets share one virtual environment, .venv, with the versions of constraints.txt.
+PYTHON ?= python3
+INSTALL = .venv/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
+
+.PHONY: demo test slow lint benchmark
+
+demo: .venv/demo.installed
+	.venv/bin/salframe compare --methods proposed,loftr,objects
+
+test: .venv/test.installed
+	.venv/bin/python -m pytest
+
+slow: .venv/test.installed
+	.venv/bin/python -m pytest -m "slow or not slow"
+
+benchmark: .venv/test.installed
+	.venv/bin/python -m pytest tests/benchmarks -m "slow or not slow" --benchmark-only
+
+lint: .venv/test.installed
+	.venv/bin/ruff check .
+	.venv/bin/mypy
+	.venv/bin/lint-imports
+
+.venv/bin/python:
+	$(PYTHON) -m venv .venv
+
+.venv/demo.installed: .venv/bin/python pyproject.toml constraints.txt
+	$(INSTALL) --editable .
+	touch $@
+
+.venv/test.installed: .venv/demo.installed
+	$(INSTALL) --editable ".[test,keypoints,node2vec]"
+	.venv/bin/salframe weights fetch xfeat
+	touch $@
