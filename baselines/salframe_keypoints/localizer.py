@@ -47,7 +47,7 @@ class Keypoints(Localizer):
         view_height_px: int = Field(352, ge=64, le=4096)
         hfov_deg: float = Field(90.0, gt=0, lt=150, description="horizontal field of view of each view")
         max_keypoints: int = Field(512, ge=16, description="keypoints a view")
-        words: int = Field(32, ge=1, description="size of the vocabulary behind the global descriptor")
+        words: int = Field(64, ge=1, description="size of the vocabulary behind the global descriptor")
         shortlist: int = Field(5, ge=1, description="map frames, best by the global descriptor, that are matched in full")
         inlier_deg: float = Field(1.0, gt=0, description="a match agrees with a pose where its bearing is off by less than this")
         hypotheses: int = Field(500, ge=1, description="three-point samples that poses are drawn from")
