@@ -158,7 +158,8 @@ class Folder:
 
     def frame(self, entry: FrameEntry) -> Frame:
         """A frame of the manifest; its images are read when it is loaded."""
-        return Frame(entry.id, partial(self.load, entry), pose_matrix(entry.pose), entry.place)
+        kind = "transition" if entry.role == "transition" else "scene"
+        return Frame(entry.id, partial(self.load, entry), pose_matrix(entry.pose), entry.place, kind)
 
     def load(self, frame: FrameEntry) -> Panorama:
         """A frame's panorama."""
