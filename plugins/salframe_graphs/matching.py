@@ -18,8 +18,8 @@ from salframe_graphs.verification import Verified, verify
 
 @dataclass(frozen=True)
 class GraphIndex:
-    """A map's S graphs, laid out for matching: counts (L, S), a row a label, so that a query reads its own labels' rows; total (S,), rarity-weighed
-    counts; rarity (L,), inverse document frequency. The nodes padded to the largest graph, m nodes: label (S, m), -1 where padded;
+    """A map's S graphs, laid out for matching: counts (L, S), a row a label, so that a query reads its own labels' rows; rarity (L,),
+    inverse document frequency. The nodes padded to the largest graph, m nodes: label (S, m), -1 where padded;
     centroid_m, size_m (S, m, 3); saliency (S, m); features (S, m, F).
     """
 
@@ -42,8 +42,8 @@ class TripletMatcher(GraphMatcher):
 
     class Config(ComponentConfig):
         labels: Literal["set", "multiset"] = Field("multiset", description="Jaccard index over which labels are there, or how many of each")
-        rarity: bool = Field(True, description="weigh labels by inverse document frequency over the map")
-        keep: float = Field(0.4, ge=0, le=1, description="candidates: Jaccard index at least this share of the best (paper: 0.6)")
+        rarity: bool = Field(True, description="weigh labels by their smooth inverse document frequency over the map, ln((1 + S) / (1 + s)) + 1")
+        keep: float = Field(0.25, ge=0, le=1, description="candidates: Jaccard index at least this share of the best (paper: 0.6)")
         height_scale_m: float | None = Field(0.2, gt=0, description="difference in height that halves node similarity; null: height ignored")
         size_scale: tuple[float, float] | None = Field(
             (0.8, 0.5), description="log ratios of box length and box height that halve node similarity; null: size ignored"
@@ -52,7 +52,7 @@ class TripletMatcher(GraphMatcher):
         ring_edges_m: tuple[float, ...] = Field((1.0, 2.0, 4.0), description="outer edges of the distance rings")
         hops: int = Field(2, ge=0, description="context hops whose labels are counted")
         saliency_weight: float = Field(0.0, ge=0, description="weight of the saliency ratio in node similarity (label: 1)")
-        structure_weight: float = Field(0.0, ge=0, description="weight of the structural feature in node similarity (label: 1)")
+        structure_weight: float = Field(0.3, ge=0, description="weight of the structural feature in node similarity (label: 1)")
         least_similarity: float = Field(0.1, ge=0, le=1, description="node pairs below this similarity are rejected")
         normalise: bool = Field(True, description="divide the triplet score by the query's edge mass (paper: raw sum)")
         similarity_score: float = Field(1.0, ge=0, description="weight in the score of the Jaccard index over aligned nodes")
@@ -79,36 +79,37 @@ class TripletMatcher(GraphMatcher):
         if self.config.labels == "set":
             counts = np.minimum(counts, 1)
         scenes = (counts > 0).sum(1)
-        rarity = np.log((1 + len(graphs)) / (1 + scenes)) + 0.1 if self.config.rarity else np.ones(len(vocabulary))
+        rarity = np.log((1 + len(graphs)) / (1 + scenes)) + 1 if self.config.rarity else np.ones(len(vocabulary))
         return GraphIndex(tuple(graphs), vocabulary, counts, rarity, label, centroid, size, saliency, features)
 
     def match(self, query: SaliencyGraph, index: GraphIndex, top_k: int) -> list[GraphMatch]:
         known = np.array([index.vocabulary.get(label, -1) for label in query.labels], int)
-        # A label that the map lacks is as rare as can be.
-        rarity = np.where(known >= 0, index.rarity[known], np.log(1 + len(index.graphs)) + 0.1 if self.config.rarity else 1.0)
-        jaccard = self._jaccard(query.labels, known, rarity, index)
-        candidates = np.flatnonzero((jaccard > 0) & (jaccard >= self.config.keep * jaccard.max(initial=0)))
-        if not len(candidates):
+        if not (known >= 0).any():
             return []
+        # A label that the map lacks is as rare as can be.
+        rarity = np.where(known >= 0, index.rarity[known], np.log(1 + len(index.graphs)) + 1 if self.config.rarity else 1.0)
+        jaccard = self._jaccard(query.labels, known, rarity, index)
+        candidates = np.flatnonzero((jaccard > 0) & (jaccard >= self.config.keep * jaccard.max()))
         similarity = self._similarity(query, known, index, candidates)
         alike = np.where(similarity >= self.config.least_similarity, similarity, 0)
-        found = self._verify(query, rarity, index, candidates, alike) if self.config.geometry_score else None
-        pairs = [self._align(alike[k], None if found is None else found.kernel[k]) for k in range(len(candidates))]
         score = np.zeros(len(candidates))
+        kernel, poses = np.zeros_like(alike), [None] * len(candidates)
         if self.config.similarity_score:
             score += self.config.similarity_score * self._shared(similarity, rarity, index, candidates)
+        if self.config.geometry_score:
+            found = self._verify(query, rarity, index, candidates, alike)
+            kernel, poses = found.kernel, found.poses()
+            score += self.config.geometry_score * self._shared(kernel, rarity, index, candidates)
         if self.config.triplet_score:
+            pairs = [self._align(alike[k], kernel[k]) for k in range(len(candidates))]
             triplets = [self._triplets(query, index.graphs[s], p) for s, p in zip(candidates, pairs, strict=True)]
             score += self.config.triplet_score * np.array(triplets)
-        if found is not None:
-            score += self.config.geometry_score * self._shared(found.kernel, rarity, index, candidates)
         order = np.lexsort((-jaccard[candidates], -score))[:top_k]
-        poses = [None] * len(candidates) if found is None else found.poses()
-        return [GraphMatch(int(candidates[o]), float(score[o]), pairs[o], poses[o]) for o in order]
+        return [GraphMatch(int(candidates[k]), float(score[k]), self._align(alike[k], kernel[k]), poses[k]) for k in order]
 
     def _features(self, graph: SaliencyGraph, vocabulary: dict[str, int]) -> np.ndarray:
-        """(N, F) features that a graph has on its own; node2vec's are trained with the query."""
-        if self.config.structure == "node2vec":
+        """(N, F) structural features that a graph has on its own; node2vec's are trained with the query."""
+        if self.config.structure == "node2vec" or not self.config.structure_weight:
             return np.zeros((len(graph), 0))
         return ring_hop_histograms(graph, vocabulary, self.config.ring_edges_m, self.config.hops)
 
@@ -126,8 +127,10 @@ class TripletMatcher(GraphMatcher):
         same = (known[None, :, None] == index.label[candidates][:, None]) & (known >= 0)[None, :, None]
         a, b = query.saliency[None, :, None], index.saliency[candidates][:, None]
         ratio = np.minimum(a, b) / np.maximum(np.maximum(a, b), 1e-12)
-        if self.config.structure == "rings":
-            structure = np.einsum("nf,kmf->knm", self._features(query, index.vocabulary), index.features[candidates], optimize=True)
+        if not self.config.structure_weight:
+            structure = np.zeros(same.shape)
+        elif self.config.structure == "rings":
+            structure = self._features(query, index.vocabulary) @ np.swapaxes(index.features[candidates], 1, 2)
         else:
             structure = np.zeros(same.shape)
             vectors = node2vec([query, *(index.graphs[s] for s in candidates)], self.config.seed)
@@ -159,17 +162,16 @@ class TripletMatcher(GraphMatcher):
             query.centroid_m[:, :2], reference[..., :2], similarity, tolerance, rarity / rarity.sum(), self.config.largest_shift_m
         )
 
-    def _align(self, similarity: np.ndarray, kernel: np.ndarray | None) -> np.ndarray:
+    def _align(self, similarity: np.ndarray, kernel: np.ndarray) -> np.ndarray:
         """(M, 2) one-to-one node pairs: those that one pose explains (kernel) where there are two, else of greatest total similarity."""
         from scipy.optimize import linear_sum_assignment
 
         for value in (kernel, similarity):
-            if value is not None and value.any():
-                rows, columns = linear_sum_assignment(value, maximize=True)
-                accepted = value[rows, columns] > 0
-                if value is similarity or accepted.sum() >= 2:
-                    return np.column_stack([rows[accepted], columns[accepted]])
-        return np.zeros((0, 2), np.int64)
+            rows, columns = linear_sum_assignment(value, maximize=True)
+            accepted = value[rows, columns] > 0
+            if accepted.sum() >= 2:
+                break
+        return np.column_stack([rows[accepted], columns[accepted]])
 
     def _triplets(self, query: SaliencyGraph, reference: SaliencyGraph, pairs: np.ndarray) -> float:
         """I = sum(W o M) over edges present in both graphs between aligned nodes; without edges in the query, the aligned saliency."""
