@@ -12,7 +12,7 @@ from salframe_house.layout import Layout, Room
 from salframe_house.placement import PlacedObject, RoomPlan
 
 LEAST_OBJECTS, MOST_OBJECTS = 5, 14
-_MEAN_OBJECTS, _SPREAD_OBJECTS = 7.8, 1.5
+_MEAN_OBJECTS, _SPREAD_OBJECTS = 7.7, 1.4
 _ATTEMPTS = 8
 _LAMP_SPACING_M = 5.5
 
@@ -29,39 +29,39 @@ RECIPES: dict[str, Recipe] = {
     # office
     "office": Recipe(
         {"desk": (1, 2), "office chair": (1, 2)},
-        {"monitor": 7, "trash can": 5, "bookshelf": 5, "file cabinet": 4, "plant": 3, "picture": 2, "whiteboard": 1.5, "chair": 1.5,
-         "radiator": 0.7, "cabinet": 0.5, "curtain": 0.5, "clock": 0.5, "lamp": 0.5, "laptop": 0.3, "telephone": 0.3, "coat rack": 0.3,
-         "notice board": 0.3, "printer": 0.2},
+        {"monitor": 20, "trash can": 12, "bookshelf": 9, "file cabinet": 6, "plant": 4, "picture": 2, "whiteboard": 1, "chair": 1,
+         "radiator": 0.5, "cabinet": 0.3, "curtain": 0.3, "clock": 0.3, "lamp": 0.3, "laptop": 0.2, "telephone": 0.2, "coat rack": 0.2,
+         "notice board": 0.2, "printer": 0.1},
     ),
     "meeting-room": Recipe(
         {"conference table": (1, 1), "chair": (2, 4)},
-        {"whiteboard": 6, "tv": 4, "plant": 4, "picture": 3, "projector": 3, "flip chart": 1.5, "cabinet": 1.5, "clock": 1,
-         "radiator": 1, "trash can": 1, "curtain": 0.7, "laptop": 0.7, "telephone": 0.7, "coat rack": 0.7, "flowers": 0.7},
+        {"whiteboard": 12, "tv": 8, "plant": 6, "picture": 4, "projector": 3, "flip chart": 1, "cabinet": 1, "clock": 0.7,
+         "radiator": 0.7, "trash can": 0.7, "curtain": 0.7, "laptop": 0.7, "telephone": 0.7, "coat rack": 0.7, "flowers": 0.7},
     ),
     "lounge": Recipe(
         {"sofa": (1, 1), "armchair": (0, 2)},
-        {"coffee table": 3, "plant": 2, "picture": 2, "floor lamp": 2, "side table": 1.5, "rug": 1.5, "bookshelf": 1.5, "ottoman": 1,
+        {"coffee table": 6, "plant": 5, "picture": 4, "floor lamp": 4, "side table": 1.5, "rug": 1.5, "bookshelf": 1.5, "ottoman": 1,
          "tv": 1, "clock": 1, "water cooler": 1, "curtain": 1, "flowers": 1, "trash can": 1, "radiator": 1, "brochure stand": 1},
     ),
     "break-room": Recipe(
         {"kitchen counter": (1, 1), "refrigerator": (0, 1), "breakfast table": (0, 1)},
-        {"chair": 3, "kitchen sink": 2, "kitchen cabinet": 2, "microwave": 2, "coffee machine": 2, "dishwasher": 1.5, "kettle": 1.5,
+        {"chair": 5, "kitchen sink": 4, "kitchen cabinet": 4, "microwave": 4, "coffee machine": 3, "dishwasher": 1.5, "kettle": 1.5,
          "trash can": 1.5, "bar table": 1, "stool": 1, "vending machine": 1, "recycling bin": 1, "clock": 1, "notice board": 1,
          "water cooler": 1, "picture": 1},
     ),
     "restroom": Recipe(
         {"toilet": (1, 2), "sink": (1, 2)},
-        {"mirror": 6, "trash can": 4, "hand dryer": 4, "toilet paper": 3, "urinal": 1.5, "radiator": 1.5, "towel": 1, "picture": 0.7,
+        {"mirror": 12, "trash can": 8, "hand dryer": 6, "toilet paper": 4, "urinal": 1.5, "radiator": 1.5, "towel": 1, "picture": 0.7,
          "plant": 0.7, "wall shelf": 0.7, "cabinet": 0.7, "laundry basket": 0.5},
     ),
     "storage": Recipe(
         {"storage shelf": (1, 2)},
-        {"box": 4, "cabinet": 2, "file cabinet": 2, "locker": 2, "fire extinguisher": 1, "trash can": 1, "coat rack": 1, "chair": 0.5,
+        {"box": 6, "cabinet": 4, "file cabinet": 3, "locker": 3, "fire extinguisher": 1, "trash can": 1, "coat rack": 1, "chair": 0.5,
          "printer": 1, "recycling bin": 1, "radiator": 1, "notice board": 1, "clock": 1, "wall shelf": 1, "desk": 1},
     ),
     "copy-room": Recipe(
         {"copier": (1, 1)},
-        {"cabinet": 2, "file cabinet": 2, "trash can": 2, "recycling bin": 2, "storage shelf": 1.5, "printer": 1.5, "notice board": 1.5,
+        {"cabinet": 8, "trash can": 8, "file cabinet": 6, "recycling bin": 4, "storage shelf": 1.5, "printer": 1.5, "notice board": 1.5,
          "box": 1.5, "clock": 1, "wall shelf": 1, "picture": 1, "plant": 1, "water cooler": 1, "radiator": 1, "bookshelf": 1},
     ),
     # hotel
@@ -144,8 +144,7 @@ def furnish(layout: Layout, seed: int) -> tuple[PlacedObject, ...]:
             groups.setdefault(room.twin or room.id, []).append(room)
     placed: dict[str, list[PlacedObject]] = {}
     for rooms in groups.values():
-        for room, plan in zip(rooms, _furnish_group(rooms, layout, rng), strict=True):
-            placed[room.id] = plan.objects
+        placed |= {room.id: plan.objects for room, plan in zip(rooms, _furnish_group(rooms, layout, rng), strict=True)}
     by_id = {room.id: room for room in layout.rooms}
     for room in layout.rooms:
         if room.mirror_of:

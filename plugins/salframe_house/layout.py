@@ -126,7 +126,7 @@ _DEPTH_M = {"office": (4.0, 4.6), "hotel": (4.9, 5.4), "home": (3.8, 4.6)}
 _HEIGHT_M = {"office": (2.7, 2.9), "hotel": (2.6, 2.75), "home": (2.45, 2.6)}
 _CORRIDOR_M = {"office": (2.0, 2.4), "hotel": (1.9, 2.2), "home": (1.7, 2.0)}
 _OPEN_PLAN = frozenset({"living-room", "kitchen", "dining-room"})  # home: neighbours of these kinds share an opening
-_TWIN_SHARE = {"office": 0.42, "hotel": 0.38, "home": 0.0}
+_TWIN_SHARE = {"office": 0.36, "hotel": 0.36, "home": 0.0}
 _ROOMS_PER_WING = 12
 
 
