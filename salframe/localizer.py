@@ -136,10 +136,21 @@ class Localizer(Component):
         return descriptions
 
 
-def rank_places(frames: Sequence[MapFrame], scores: np.ndarray) -> tuple[RankedPlace, ...]:
-    """The places of scored frames, best first, each by its best frame; ties keep the order of the map. scores (K,), -inf: no candidate."""
+def rank_places(frames: Sequence[MapFrame], scores: np.ndarray, T_world_query: np.ndarray | None = None) -> tuple[RankedPlace, ...]:
+    """The places of scored frames, best first, each by its best frame; ties keep the order of the map. scores (K,), -inf: no candidate.
+
+    Where the best frame is a transition and the pose is known, the scene frame nearest to the pose comes first with that score: a doorway
+    lies between places, and the pose tells which of them the query stands in.
+    """
+    order = [int(i) for i in np.argsort(-scores, kind="stable") if np.isfinite(scores[i])]
+    value = scores.astype(np.float64)
+    if T_world_query is not None and order and frames[order[0]].kind == "transition":
+        scenes = [i for i, frame in enumerate(frames) if frame.kind == "scene"]
+        if scenes:
+            nearest = min(scenes, key=lambda i: float(np.linalg.norm(frames[i].T_world_pano[:3, 3] - T_world_query[:3, 3])))
+            value[nearest] = value[order[0]]
+            order = [nearest, *(i for i in order if i != nearest)]
     ranked: dict[str, RankedPlace] = {}
-    for i in np.argsort(-scores, kind="stable"):
-        if np.isfinite(scores[i]):
-            ranked.setdefault(frames[i].place, RankedPlace(frames[i].id, frames[i].place, float(scores[i])))
+    for i in order:
+        ranked.setdefault(frames[i].place, RankedPlace(frames[i].id, frames[i].place, float(value[i])))
     return tuple(ranked.values())

@@ -129,7 +129,7 @@ class Keypoints(Localizer):
             scores[frame] += support
             if pose is not None and support > most:
                 best_pose, most = self._map_frames[frame].T_world_pano @ pose, support
-        return Localization(rank_places(self._map_frames, scores), best_pose, "no-pose" if best_pose is None else "ok")
+        return Localization(rank_places(self._map_frames, scores, best_pose), best_pose, "no-pose" if best_pose is None else "ok")
 
     def _verify(self, views: Sequence[View], frame: int, turn: int) -> tuple[np.ndarray | None, int]:
         """T_map_query and how many matches agree with it, matching query view i with the frame's view i + turn.

@@ -81,14 +81,8 @@ class SaliencyGraphLocalizer(Localizer):
         if pose.T_reference_query is None:
             return Localization(rank_places(self._map_frames, scores), None, "no-pose")
         T_world_query = self._map_frames[best.scene].T_world_pano @ pose.T_reference_query
-        if self.config.nearest_scene and self._map_frames[best.scene].kind == "transition":
-            scores[self._nearest_scene(T_world_query)] = np.nextafter(best.score, np.inf)
-        return Localization(rank_places(self._map_frames, scores), T_world_query, "ok", pose.covariance)
-
-    def _nearest_scene(self, T_world_query: np.ndarray) -> int:
-        """Index of the scene frame nearest to a pose; a transition frame where the map has no other."""
-        distance = [np.linalg.norm(frame.T_world_pano[:3, 3] - T_world_query[:3, 3]) for frame in self._map_frames]
-        return min(range(len(distance)), key=lambda i: (self._map_frames[i].kind != "scene", distance[i]))
+        places = rank_places(self._map_frames, scores, T_world_query if self.config.nearest_scene else None)
+        return Localization(places, T_world_query, "ok", pose.covariance)
 
     def scene_bytes(self, description: Description) -> int:
         graph = graph_from_arrays(description)
