@@ -57,6 +57,6 @@ def node2vec(graphs: Sequence[SaliencyGraph], seed: int, size: int = 32, walks: 
                     break
                 node = rng.choice(neighbours)
             sentences.append(sentence)
-    model = Word2Vec(sentences, vector_size=size, window=4, min_count=1, sg=1, workers=1, seed=seed, epochs=5)
+    model = Word2Vec(sentences, vector_size=size, window=4, min_count=1, sg=1, workers=1, seed=seed, epochs=50, alpha=0.1)
     vectors = [np.array([model.wv[f"{i}:{n}"] for n in range(len(graph))], float).reshape(-1, size) for i, graph in enumerate(graphs)]
     return [v / np.maximum(np.linalg.norm(v, axis=1, keepdims=True), 1e-12) for v in vectors]

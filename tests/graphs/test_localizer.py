@@ -1,0 +1,106 @@
+"""The localizer `saliency-graph` end to end on object lists, and how places are ranked."""
+
+import numpy as np
+import pytest
+from salframe_graphs.localizer import SaliencyGraphLocalizer
+
+from salframe.config import validate
+from salframe.errors import DataError, InputMissing
+from salframe.geometry import invert_pose, pose_2d, pose_errors, transform_points
+from salframe.localizer import rank_places
+from salframe.presets import configure, settings
+from salframe.types import Annotations, Detections, Frame, MapFrame, Panorama
+
+LABELS = ("bed", "sofa", "chair", "table", "lamp", "plant", "tv", "desk")
+
+
+def seen(room, T_room_pano, name):
+    """A panorama of a random room's objects from a pose in the room."""
+    rng = np.random.default_rng(room)
+    centroid = np.column_stack([rng.uniform(-2.5, 2.5, 7), rng.uniform(-2, 2, 7), rng.uniform(-1.2, 0.8, 7)])
+    yaw = rng.uniform(0, np.pi, 7) - np.arctan2(T_room_pano[1, 0], T_room_pano[0, 0])
+    labels = [str(label) for label in rng.choice(LABELS, 7)]
+    size = np.sort(rng.uniform(0.3, 1.8, (7, 3)))[:, [2, 1, 0]]
+    objects = Detections(labels, np.ones(7), transform_points(invert_pose(T_room_pano), centroid), size, yaw)
+    return Panorama(name, annotations=Annotations(objects=objects, keys=tuple(map(str, range(7)))))
+
+
+def frame(room, name, T=None, **settings):
+    T = np.eye(4) if T is None else T
+    return Frame(name, lambda: seen(room, T, name), **settings)
+
+
+@pytest.fixture(scope="module")
+def mapped():
+    localizer = SaliencyGraphLocalizer()
+    localizer.build([frame(i, f"map-{i}", T_world_pano=pose_2d(6.0 * i, 0, 0.3 * i), place=f"room-{i}") for i in range(12)])
+    return localizer
+
+
+def test_place_and_pose(mapped):
+    for i in range(12):
+        T = pose_2d(0.5, -0.4, 1.0 + i)
+        answer = mapped.localize(frame(i, "query", T))
+        assert answer.status == "ok"
+        assert answer.places[0].place == f"room-{i}"
+        assert pose_errors(answer.T_world_query, pose_2d(6.0 * i, 0, 0.3 * i) @ T) == pytest.approx((0, 0), abs=1e-4)
+
+
+def test_saved_map_gives_the_same_answers(mapped, tmp_path):
+    mapped.save(tmp_path)
+    again = SaliencyGraphLocalizer()
+    again.load(tmp_path)
+    query = frame(4, "query", pose_2d(0.2, 0.3, 2.0))
+    before, after = mapped.localize(query), again.localize(query)
+    assert before.places == after.places
+    np.testing.assert_array_equal(before.T_world_query, after.T_world_query)
+
+
+def test_a_scene_is_a_few_hundred_bytes(mapped):
+    description, _ = mapped.describe_frame(frame(0, "query"))
+    assert mapped.scene_bytes(description) == 2 + 18 * 7 + 3
+
+
+def test_failing_is_a_status(mapped):
+    empty = Panorama("empty", annotations=Annotations(objects=Detections.empty(), keys=()))
+    assert mapped.localize(Frame("empty", lambda: empty)).status == "no-objects"
+    strange = Detections(("spaceship",), np.ones(1), np.ones((1, 3)), np.ones((1, 3)), np.zeros(1))
+    assert mapped.localize(Frame("s", lambda: Panorama("s", annotations=Annotations(objects=strange, keys=("1",))))).status == "no-match"
+    picky = SaliencyGraphLocalizer(SaliencyGraphLocalizer.Config(min_score=10.0))
+    picky.build([frame(1, "map-1", T_world_pano=np.eye(4), place="room-1")])
+    answer = picky.localize(frame(1, "query"))
+    assert (answer.status, answer.places, answer.T_world_query) == ("low-score", (), None)
+
+
+def test_bad_input_is_one_clear_line(mapped, tmp_path):
+    with pytest.raises(InputMissing, match="saliency-graph needs annotations, which q does not have"):
+        mapped.localize(Frame("q", lambda: Panorama("q", range_m=np.ones((4, 8), np.float32))))
+    with pytest.raises(DataError, match="q has no pose and place"):
+        SaliencyGraphLocalizer().build([frame(1, "q")])
+    with pytest.raises(DataError, match="at least one mapping frame"):
+        SaliencyGraphLocalizer().build([])
+    (tmp_path / "map.json").write_text('{"format": 1, "version": "0", "localizer": {"kind": "objects"}, "frames": []}')
+    with pytest.raises(DataError, match="made by objects 0, expected saliency-graph"):
+        SaliencyGraphLocalizer().load(tmp_path)
+
+
+def test_a_doorway_match_answers_with_the_scene_at_the_pose():
+    """In a map of a room, a doorway and another room the doorway matches best; the pose is on the second room's side."""
+    frames = [MapFrame("a", "room-a", pose_2d(0, 0, 0)), MapFrame("door", "transition-1", pose_2d(2, 0, 0), "transition"),
+              MapFrame("b", "room-b", pose_2d(4, 0, 0))]  # fmt: skip
+    scores = np.array([0.5, 0.9, 0.2])
+    assert [p.place for p in rank_places(frames, scores)] == ["transition-1", "room-a", "room-b"]
+    ranked = rank_places(frames, scores, pose_2d(3.1, 0.2, 1.0))
+    assert [(p.place, p.score) for p in ranked] == [("room-b", 0.9), ("transition-1", 0.9), ("room-a", 0.5)]
+
+
+def test_the_best_frame_of_a_place_stands_for_it():
+    frames = [MapFrame("1", "x", np.eye(4)), MapFrame("2", "y", np.eye(4)), MapFrame("3", "x", np.eye(4))]
+    assert [(p.frame, p.place) for p in rank_places(frames, np.array([0.1, -np.inf, 0.3]))] == [("3", "x")]
+
+
+@pytest.mark.parametrize("preset", ["proposed", "paper"])
+def test_presets_are_configurations_of_the_same_stages(preset):
+    config = configure("localizer", preset, settings("localizer", preset))
+    assert config.kind == "saliency-graph"
+    assert validate(SaliencyGraphLocalizer.Config, config.model_dump(), preset) == config
