@@ -117,10 +117,10 @@ def test_strangers_and_empty_maps_match_nothing(rooms):
 def test_triplet_score_by_hand():
     """A path a-b-c against one that lacks b-c: I = w_ab over w_ab + w_bc."""
     saliency = np.array([0.5, 0.3, 0.2])
-    base = dict(labels=("a", "b", "c"), saliency=saliency, centroid_m=np.eye(3), size_m=np.ones((3, 3)), yaw_rad=np.zeros(3))
+    base = {"labels": ("a", "b", "c"), "saliency": saliency, "centroid_m": np.eye(3), "size_m": np.ones((3, 3)), "yaw_rad": np.zeros(3)}
     query = SaliencyGraph(**base, edges=np.array([[0, 1], [1, 2]]))
     reference = SaliencyGraph(**base, edges=np.array([[0, 1], [0, 2]]))
-    settings = dict(structure_weight=0.0, similarity_score=0.0, geometry_score=0.0, triplet_score=1.0)
+    settings = {"structure_weight": 0.0, "similarity_score": 0.0, "geometry_score": 0.0, "triplet_score": 1.0}
     ab, bc = np.sqrt(0.15), np.sqrt(0.06)
     for normalise, expected in ((True, ab / (ab + bc)), (False, ab)):
         one = matcher(**settings, normalise=normalise)
