@@ -110,7 +110,8 @@ class Building:
     def free_space(self, clearance_m: float, resolution_m: float = 0.05) -> dict[str, np.ndarray]:
         """Room id -> (N, 2) points (x, y) in metres of the room's floor at least `clearance_m` from walls, doorways, leaves and obstacles."""
         masks = self.floor_masks(resolution_m)
-        clear = ndimage.distance_transform_edt(masks.free & ~masks.obstacle) * resolution_m >= clearance_m
+        # Distances are between pixel centres; what blocks a pixel may reach half a diagonal beyond its centre.
+        clear = (ndimage.distance_transform_edt(masks.free & ~masks.obstacle) - np.sqrt(0.5)) * resolution_m >= clearance_m
         points = {}
         for number, room in enumerate(self.rooms, 1):
             row, column = np.nonzero(clear & (masks.region == number))
