@@ -63,7 +63,7 @@ def print_comparison(comparison: Comparison) -> None:
     """The table of a comparison, what its columns do not say in notes below, and where the report lies."""
     console = _console()
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    table.add_column("method", overflow="fold")
+    table.add_column("method", overflow="fold", min_width=min(max(len(row["method"]) for row in comparison.rows), 14))
     for heading in HEADINGS:
         table.add_column(heading, justify="right", no_wrap=True)
     notes = []
