@@ -6,7 +6,7 @@ import time
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -30,6 +30,10 @@ class Localizer(Component):
     """
 
     role = "localizer"
+    column_step: ClassVar[int] = 1
+    """Turning the panorama by a multiple of this many columns turns the pose and nothing else."""
+    turn_tolerance_m: ClassVar[float] = 1e-4
+    """How far the pose may then move (metres), and be off the turn (radians: metres at an object 1 m away)."""
 
     @property
     @abstractmethod

@@ -66,7 +66,7 @@ class Detector(Component):
     needs: ClassVar[frozenset[str]] = frozenset({"rgb", "range"})
     column_step: ClassVar[int] = 1
     """Turning the panorama by a multiple of this many columns turns the objects and nothing else."""
-    turn_tolerance_m: ClassVar[float] = 1e-6
+    turn_tolerance_m: ClassVar[float] = 1e-4
     """How far a centroid may move (metres) and a size change when the panorama turns by a multiple of `column_step`."""
 
     @abstractmethod

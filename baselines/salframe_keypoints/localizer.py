@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.util
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import cv2
 import numpy as np
@@ -38,6 +38,7 @@ class Keypoints(Localizer):
     name = "keypoints"
     version = "1"
     extra = "salframe[keypoints]"
+    turn_tolerance_m: ClassVar[float] = 0.05  # the views cut the panorama at other pixels once it is turned
     weights = tuple(weights for pair in PAIRS.values() for weights in pair.weights)
 
     class Config(ComponentConfig):

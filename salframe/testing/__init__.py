@@ -1,0 +1,44 @@
+"""A conformance suite for components: `check_component(MyDetector)` in your own tests says what breaks a rule of the role, if anything does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from salframe.component import Component
+from salframe.config import ComponentConfig
+from salframe.testing.asking import ConformanceError
+from salframe.testing.datasets import check_dataset
+from salframe.testing.declaration import check_config, check_declaration
+from salframe.testing.detectors import check_detector
+from salframe.testing.engines import check_engine
+from salframe.testing.localizers import check_localizer
+from salframe.testing.stages import check_matcher, check_planner, check_positioner, check_saliency
+
+__all__ = ["ConformanceError", "check_component"]
+
+_CHECKS: dict[str, Callable[[Callable[[], Any]], None]] = {
+    "dataset": check_dataset,
+    "detector": check_detector,
+    "saliency": check_saliency,
+    "matcher": check_matcher,
+    "positioner": check_positioner,
+    "planner": check_planner,
+    "localizer": check_localizer,
+    "engine": check_engine,
+}
+
+
+def check_component(component: type[Component], config: ComponentConfig | None = None) -> None:
+    """Check a component class against the rules of its role, on furnished rooms that the suite makes itself; `config`: None for the defaults.
+
+    Raises ConformanceError on the first rule that is broken, in one line: what was checked, what was received, what was expected. Raises
+    RequirementMissing or WeightsMissing where the component cannot run here.
+    """
+    check_declaration(component)
+    try:
+        used = check_config(component, config)
+        component.check(used)
+        _CHECKS[component.role](lambda: component(used))
+    except ConformanceError as error:
+        raise ConformanceError(f"{component.role} {component.name}: {error}") from error.__cause__

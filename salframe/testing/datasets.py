@@ -1,0 +1,69 @@
+"""The rules of the role `dataset`."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+
+from salframe.errors import SalframeError
+from salframe.roles import Dataset
+from salframe.testing.asking import attempt, expect, is_rigid, same
+from salframe.testing.rooms import PARTS
+from salframe.types import FloorMasks, Fold, Frame, Panorama, Truth
+
+
+def check_dataset(make: Callable[[], Dataset]) -> None:
+    """Folds of mapping frames with poses and queries without, a truth for each query, and panoramas that have what `provides` says."""
+    dataset = make()
+    attempt("prepare", dataset.prepare, lambda done, total: None)
+    expect(dataset.provides and dataset.provides <= PARTS, "provides", set(dataset.provides), f"some of {', '.join(sorted(PARTS))}")
+    fingerprint = attempt("fingerprint", lambda: dataset.fingerprint)
+    expect(isinstance(fingerprint, str) and fingerprint, "fingerprint", repr(fingerprint), "text")
+    other = attempt("fingerprint of another instance", lambda: make().fingerprint)
+    expect(other == fingerprint, "fingerprint of another instance", other, f"{fingerprint} as before")
+    folds: Sequence[Fold] = attempt("folds", dataset.folds)
+    expect(len(folds), "folds", "none", "at least one")
+    ids = [fold.id for fold in folds]
+    expect(len(set(ids)) == len(ids), "folds", f"ids {ids}", "different ones")
+    for fold in folds:
+        _check_fold(dataset, fold)
+    for fold in (folds[0], folds[-1]):
+        for frame in (fold.mapping[0], fold.queries[0]):
+            _check_panorama(dataset, frame)
+    try:
+        dataset.truth("no such query")
+    except SalframeError:
+        pass
+    except Exception as error:
+        expect(False, "truth of a query that is not there", repr(error), "DataError")
+    else:
+        expect(False, "truth of a query that is not there", "an answer", "DataError")
+    floors: Sequence[FloorMasks] = attempt("floors", dataset.floors)
+    for floor in floors:
+        shapes = [mask.shape for mask in (floor.free, floor.region, floor.obstacle)]
+        expect(len(set(shapes)) == 1, "floors", f"masks of shapes {shapes}", "one shape")
+
+
+def _check_fold(dataset: Dataset, fold: Fold) -> None:
+    checked = f"fold {fold.id}"
+    expect(fold.mapping and fold.queries, checked, f"{len(fold.mapping)} mapping frames and {len(fold.queries)} queries", "at least one of each")
+    twice = [id for id, count in Counter(frame.id for frame in (*fold.mapping, *fold.queries)).items() if count > 1]
+    expect(not twice, checked, f"more than one frame {', '.join(twice)}", "a name of its own for each frame")
+    for frame in fold.mapping:
+        expect(frame.place and is_rigid(frame.T_world_pano), f"mapping frame {frame.id}", f"place {frame.place!r} and pose {frame.T_world_pano}",
+               "a place and a rigid motion (4, 4)")  # fmt: skip
+        expect(frame.kind in ("scene", "transition"), f"mapping frame {frame.id}", f"the kind {frame.kind!r}", "scene or transition")
+    for frame in fold.queries:
+        expect(frame.T_world_pano is None and frame.place is None, f"query frame {frame.id}", "a pose or place", "none: they are the truth")
+        truth = attempt(f"truth of {frame.id}", dataset.truth, frame.id)
+        expect(isinstance(truth, Truth) and truth.place, f"truth of {frame.id}", truth, "Truth with a place")
+        expect(truth.T_world_pano is None or is_rigid(truth.T_world_pano), f"truth of {frame.id}", f"{truth.T_world_pano}", "(4, 4) or None")
+
+
+def _check_panorama(dataset: Dataset, frame: Frame) -> None:
+    checked = f"load of {frame.id}"
+    panorama = attempt(checked, frame.load)
+    expect(isinstance(panorama, Panorama), checked, type(panorama).__name__, "Panorama")
+    expect(panorama.id == frame.id, checked, f"a panorama of {panorama.id!r}", f"one of {frame.id!r}")
+    expect(panorama.provides >= dataset.provides, checked, set(panorama.provides), f"what the dataset provides, {set(dataset.provides)}")
+    expect(same(panorama, attempt(checked, frame.load)), f"{checked} twice", "two panoramas", "the same one twice")

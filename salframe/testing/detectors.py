@@ -1,0 +1,85 @@
+"""The rules of the role `detector`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from salframe.geometry import pose_2d, transform_points, wrap_angle
+from salframe.roles import Detector
+from salframe.testing.asking import ask, expect, same
+from salframe.testing.rooms import HEIGHT_PX, PARTS, ROOMS, blind, halved, look, stand, turned
+from salframe.types import Detections, Panorama
+
+YAW_SLACK_M = 0.01
+"""What the ends of a box may move beyond the tolerance when the panorama turns: the yaw of a box hangs on single points of its outline."""
+
+
+def check_detector(make: Callable[[], Detector]) -> None:
+    """Well-formed detections, none where there is nothing, and none that the panorama's seam changes."""
+    detector = make()
+    expect(detector.needs and detector.needs <= PARTS, "needs", set(detector.needs), f"some of {', '.join(sorted(PARTS))}")
+    # An instance image says what is where; how far it is, the range image beside it.
+    parts = detector.needs | ({"range"} if "annotations" in detector.needs else set())
+    for room in ROOMS:
+        panorama = look(room, room.name, stand(room), parts)
+        found = ask(f"detect in the {room.name}", detector.detect, panorama)
+        _check_detections(f"detect in the {room.name}", found)
+        for columns in turns(detector.column_step):
+            _check_turn(detector, panorama, found, columns)
+    expect(same(found, make().detect(panorama)), f"detect in the {room.name} by another instance", "another answer", "the same")
+
+    empty = look(room.emptied(), "empty", stand(room), parts)
+    for what, given in (("an empty room", empty), ("half a panorama", halved(panorama))):
+        _check_detections(f"detect in {what}", ask(f"detect in {what}", detector.detect, given))
+    nothing = ask("detect where nothing is seen", detector.detect, blind(parts))
+    _check_detections("detect where nothing is seen", nothing)
+    expect(len(nothing) == 0, "detect where nothing is seen", f"{len(nothing)} objects", "none: Detections.empty()")
+
+
+def turns(column_step: int) -> list[int]:
+    """Columns to turn a panorama by, multiples of column_step: one, half of them, nearly all."""
+    return sorted({column_step * max(1, columns // column_step) for columns in (1, HEIGHT_PX, 2 * HEIGHT_PX - 3)})
+
+
+def _check_detections(checked: str, found: Detections) -> None:
+    expect(isinstance(found, Detections), checked, type(found).__name__, "Detections")
+    expect(all(isinstance(label, str) and label for label in found.labels), checked, f"the labels {found.labels}", "words")
+    expect(((found.scores >= 0) & (found.scores <= 1)).all(), checked, f"scores {found.scores}", "scores from 0 to 1")
+    known = np.isfinite(found.centroid_m).all(1)
+    expect((known | np.isnan(found.centroid_m).any(1)).all(), checked, "an infinite centroid", "metres, NaN where the range is not known")
+    expect((found.size_m[known] >= 0).all(), checked, f"sizes {found.size_m[known].tolist()}", "metres, at least 0")
+    for label, points in zip(found.labels, found.points_m or (), strict=False):
+        fits = isinstance(points, np.ndarray) and points.ndim == 2 and points.shape[1] == 3 and points.dtype.kind == "f"
+        expect(fits and len(points), checked, f"points_m of shape {np.shape(points)} for a {label}", "(n, 3) floats, n at least 1")
+
+
+def _check_turn(detector: Detector, panorama: Panorama, found: Detections, columns: int) -> None:
+    """The same objects, turned by the angle that the panorama was, and nothing else."""
+    from scipy.optimize import linear_sum_assignment
+
+    checked, tolerance_m = f"detect in the {panorama.id} rolled by {columns} columns", detector.turn_tolerance_m
+    after = ask(checked, detector.detect, turned(panorama, columns))
+    expect(sorted(after.labels) == sorted(found.labels), checked, sorted(after.labels), f"{sorted(found.labels)} as before")
+    angle_rad = -np.pi * columns / HEIGHT_PX
+    before_m = transform_points(pose_2d(0, 0, angle_rad), found.centroid_m)
+    distance_m = np.nan_to_num(np.linalg.norm(before_m[:, None] - after.centroid_m[None], axis=2))
+    other_label = np.array(found.labels)[:, None] != np.array(after.labels)[None]
+    rows, partners = linear_sum_assignment(distance_m + 1e3 * other_label)
+    for i, j in zip(rows, partners, strict=True):
+        seen = f"a {found.labels[i]} that"
+        expect(
+            np.array_equal(np.isnan(found.centroid_m[i]), np.isnan(after.centroid_m[j])) and distance_m[i, j] <= tolerance_m,
+            checked, f"{seen} moved {distance_m[i, j]:.2g} m", f"at most turn_tolerance_m = {tolerance_m:g} m beside the turn",
+        )  # fmt: skip
+        change_m = np.nan_to_num(np.abs(found.size_m[i] - after.size_m[j])).max()
+        expect(change_m <= tolerance_m, checked, f"{seen} changed its size by {change_m:.2g} m", f"at most turn_tolerance_m = {tolerance_m:g} m")
+        length, width = found.size_m[i, :2]
+        period_rad = np.pi / 2 if length - width <= tolerance_m else np.pi
+        turn_rad = (after.yaw_rad[j] - found.yaw_rad[i] - angle_rad) * 2 * np.pi / period_rad
+        off_rad = float(np.abs(wrap_angle(turn_rad))) * period_rad / (2 * np.pi)
+        expect(
+            not off_rad * length / 2 > tolerance_m + YAW_SLACK_M, checked, f"{seen} turned {np.degrees(off_rad):.2g} deg within the room",
+            "a box that turns with the panorama",
+        )  # fmt: skip

@@ -1,0 +1,105 @@
+"""The rules of the role `localizer`."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from salframe.config import digest
+from salframe.geometry import pose_2d, pose_errors
+from salframe.localizer import Description, Localizer
+from salframe.testing.asking import ask, attempt, expect, is_rigid, same
+from salframe.testing.detectors import turns
+from salframe.testing.rooms import HEIGHT_PX, PARTS, blind, halved, map_frames, query_frames, turned
+from salframe.types import Frame, Localization, Panorama
+
+
+def check_localizer(make: Callable[[], Localizer]) -> None:
+    """Well-formed answers from any map, the same after saving and loading, and a pose that turns with the panorama."""
+    localizer, frames = make(), map_frames()
+    expect(localizer.needs and localizer.needs <= PARTS, "needs", set(localizer.needs), f"some of {', '.join(sorted(PARTS))}")
+    known_by = attempt("describe_identity as JSON", lambda: digest(localizer.describe_identity()))
+    expect(digest(make().describe_identity()) == known_by, "describe_identity of another instance", "another one", "the same")
+    attempt(f"build of {len(frames)} frames", localizer.build, frames)
+
+    queries = [frame.load() for frame in query_frames()]
+    answers = [_answer(localizer, f"of the {query.id}", query, frames) for query in queries]
+    for query, answer, columns in zip(queries, answers, 3 * turns(localizer.column_step), strict=False):
+        _check_turn(localizer, query, answer, columns)
+    odd = {"where nothing is seen": blind(PARTS), "of half a panorama": halved(queries[0])}
+    for what, panorama in odd.items():
+        _answer(localizer, what, panorama, frames)
+    _check_needs(localizer)
+    _check_saving(localizer, make, queries, answers)
+
+    # What a vocabulary is learnt from, or a score divided by, may be missing altogether.
+    nothing = Frame("nothing", lambda: blind(PARTS), np.eye(4), "nowhere")
+    for what, few in (("one frame", frames[:1]), ("a frame where nothing is seen, and another", [nothing, frames[0]]),
+                      ("one frame where nothing is seen", [nothing])):  # fmt: skip
+        small = make()
+        attempt(f"build of {what}", small.build, few)
+        for query in (queries[0], odd["where nothing is seen"]):
+            _answer(small, f"of the {query.id} in a map of {what}", query, few)
+
+
+def _answer(localizer: Localizer, what: str, panorama: Panorama, frames: Sequence[Frame]) -> Localization:
+    """Describe and match, with every rule on the description and the answer checked."""
+    description: Description = ask(f"describe {what}", localizer.describe, panorama)
+    arrays = all(isinstance(array, np.ndarray) and array.dtype != object for array in description.values())
+    expect(arrays, f"describe {what}", {name: type(part).__name__ for name, part in description.items()}, "arrays, none of dtype object")
+    bytes_ = localizer.scene_bytes(description)
+    expect(isinstance(bytes_, int) and bytes_ >= 0, f"scene_bytes {what}", repr(bytes_), "a number of bytes")
+    answer, checked = ask(f"match {what}", localizer.match, description), f"match {what}"
+    expect(isinstance(answer, Localization), checked, type(answer).__name__, "Localization")
+    places, scores = [ranked.place for ranked in answer.places], [ranked.score for ranked in answer.places]
+    expect(len(set(places)) == len(places), checked, f"the places {places}", "one entry a place")
+    belongs = {(frame.id, frame.place) for frame in frames}
+    strange = [ranked for ranked in answer.places if (ranked.frame, ranked.place) not in belongs]
+    expect(not strange, checked, strange, "frames of the map with their places")
+    expect(np.isfinite(scores).all() and scores == sorted(scores, reverse=True), checked, f"scores {scores}", "finite ones, best first")
+    pose = answer.T_world_query
+    expect((pose is not None) == (answer.status == "ok"), checked, f"the status {answer.status!r} with{'out' * (pose is None)} a pose",
+           "a pose where the status is ok, and only there")  # fmt: skip
+    expect(pose is None or is_rigid(pose), checked, f"{pose}", "a rigid motion (4, 4)")
+    expect(bool(places) or answer.status not in ("ok", "no-pose"), checked, f"the status {answer.status!r} without a place", "a place")
+    return answer
+
+
+def _check_turn(localizer: Localizer, panorama: Panorama, before: Localization, columns: int) -> None:
+    """The same place, and a pose that differs by the turn alone."""
+    checked, tolerance = f"match of the {panorama.id} rolled by {columns} columns", localizer.turn_tolerance_m
+    after = attempt(checked, lambda: localizer.match(localizer.describe(turned(panorama, columns))))
+    expect(after.status == before.status, checked, f"the status {after.status!r}", f"{before.status!r} as before")
+    places = [[ranked.place for ranked in answer.places[:1]] for answer in (before, after)]
+    expect(places[0] == places[1], checked, f"the place {places[1]}", f"{places[0]} as before")
+    if before.T_world_query is not None:
+        expected = before.T_world_query @ pose_2d(0, 0, np.pi * columns / HEIGHT_PX)
+        shift_m, turn_rad = pose_errors(after.T_world_query, expected)
+        expect(
+            max(shift_m, turn_rad) <= tolerance, checked, f"a pose that moved {shift_m:.2g} m and is {turn_rad:.2g} rad off the turn",
+            f"at most turn_tolerance_m = {tolerance:g} of each",
+        )  # fmt: skip
+
+
+def _check_needs(localizer: Localizer) -> None:
+    """What `needs` says is enough: the other parts may be missing. Range comes with instance images."""
+    parts = localizer.needs | ({"range"} if "annotations" in localizer.needs else set())
+    for frame in query_frames(parts)[:1]:
+        _answer(localizer, f"of a panorama with {' and '.join(sorted(parts))} alone", frame.load(), map_frames())
+
+
+def _check_saving(localizer: Localizer, make: Callable[[], Localizer], queries: Sequence[Panorama], answers: Sequence[Localization]) -> None:
+    """A fresh instance that loads the map answers as the one that saved it."""
+    with tempfile.TemporaryDirectory() as directory:
+        attempt("save", localizer.save, Path(directory) / "map")
+        loaded = make()
+        attempt("load", loaded.load, Path(directory) / "map")
+        for query, answer in zip(queries, answers, strict=True):
+            checked = f"match of the {query.id} after save and load"
+            again = attempt(checked, lambda query: loaded.match(loaded.describe(query)), query)
+            for field in ("status", "places", "T_world_query", "covariance"):
+                before, after = getattr(answer, field), getattr(again, field)
+                expect(same(before, after), checked, f"{field} {after}", f"{before} as before")

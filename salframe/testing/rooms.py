@@ -1,0 +1,172 @@
+"""Furnished rooms of boxes, seen exactly: the panoramas that the conformance suite shows to components."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable, Set
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from salframe.boxes import detections_from_points
+from salframe.geometry import equirectangular_rays, invert_pose, pose_2d, transform_points
+from salframe.graph import GraphConfig, build_graph
+from salframe.types import Annotations, Detections, Frame, Panorama, SaliencyGraph
+
+EYE_M = 1.5
+"""Height of the camera above the floor."""
+HEIGHT_PX = 192
+"""Height of the suite's panoramas, whose width is twice as much."""
+PARTS = frozenset({"rgb", "range", "annotations"})
+
+
+@dataclass(frozen=True)
+class Box:
+    """A piece of furniture: label, then centre and size along the room's axes, metres."""
+
+    label: str
+    centre_m: tuple[float, float, float]
+    size_m: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Room:
+    """A box to stand in, from (0, 0, 0) to size_m, the furniture in it, and where the room's corner lies in the world."""
+
+    name: str
+    size_m: tuple[float, float, float]
+    boxes: tuple[Box, ...]
+    corner_m: tuple[float, float] = (0.0, 0.0)
+
+    def emptied(self) -> Room:
+        """The same walls without furniture."""
+        return replace(self, boxes=())
+
+
+ROOMS = (
+    Room("bedroom", (4.2, 3.6, 2.6), (
+        Box("bed", (1.1, 0.8, 0.3), (2.0, 1.4, 0.6)), Box("nightstand", (0.3, 1.8, 0.25), (0.4, 0.4, 0.5)),
+        Box("lamp", (0.3, 1.8, 0.7), (0.2, 0.2, 0.4)), Box("wardrobe", (3.8, 0.7, 1.0), (0.6, 1.2, 2.0)),
+        Box("desk", (3.2, 3.2, 0.4), (1.4, 0.6, 0.8)), Box("chair", (3.1, 2.6, 0.45), (0.45, 0.5, 0.9)),
+        Box("picture", (1.2, 3.58, 1.6), (0.8, 0.04, 0.6)),
+    )),
+    Room("kitchen", (3.4, 3.0, 2.6), (
+        Box("counter", (1.4, 0.3, 0.45), (2.4, 0.6, 0.9)), Box("refrigerator", (3.05, 0.4, 0.9), (0.6, 0.7, 1.8)),
+        Box("microwave", (0.6, 0.3, 1.05), (0.5, 0.4, 0.3)), Box("table", (1.0, 2.4, 0.38), (1.2, 0.8, 0.76)),
+        Box("chair", (2.2, 2.5, 0.45), (0.45, 0.45, 0.9)), Box("clock", (3.38, 2.0, 1.9), (0.04, 0.35, 0.35)),
+    ), (6.0, 0.0)),
+    Room("lounge", (5.0, 4.0, 2.6), (
+        Box("sofa", (1.2, 0.5, 0.4), (2.0, 0.9, 0.8)), Box("armchair", (0.5, 2.2, 0.4), (0.8, 0.8, 0.8)),
+        Box("tv", (2.4, 3.93, 1.1), (1.2, 0.1, 0.7)), Box("bookshelf", (4.8, 1.4, 1.0), (0.35, 1.6, 2.0)),
+        Box("plant", (4.6, 3.6, 0.6), (0.5, 0.5, 1.2)), Box("table", (1.3, 1.5, 0.22), (0.9, 0.6, 0.44)),
+    ), (0.0, 6.0)),
+)  # fmt: skip
+
+
+def stand(room: Room, x_share: float = 0.5, y_share: float = 0.5, yaw_rad: float = 0.3) -> np.ndarray:
+    """T_world_pano (4, 4) of a camera at eye height, at these shares of the room's sides."""
+    return pose_2d(room.corner_m[0] + x_share * room.size_m[0], room.corner_m[1] + y_share * room.size_m[1], yaw_rad, EYE_M)
+
+
+def look(room: Room, id: str, T_world_pano: np.ndarray, parts: Set[str] = PARTS) -> Panorama:
+    """What a camera in the room sees: range to the surfaces along each ray, the box that each ray meets, and a pattern to tell surfaces by.
+
+    T_world_pano must be upright and inside the room, outside its boxes.
+    """
+    room_from_pano = pose_2d(-room.corner_m[0], -room.corner_m[1], 0) @ T_world_pano
+    eye = room_from_pano[:3, 3]
+    rays = equirectangular_rays(HEIGHT_PX).astype(np.float64) @ room_from_pano[:3, :3].T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        range_m = (np.where(rays > 0, np.array(room.size_m) - eye, -eye) / rays).min(-1)
+        instance_id = np.zeros(range_m.shape, np.int32)
+        for number, box in enumerate(room.boxes, 1):
+            to_sides = (np.array(box.centre_m) - eye + np.multiply.outer((-0.5, 0.5), box.size_m))[:, None, None] / rays
+            enters, leaves = to_sides.min(0).max(-1), to_sides.max(0).min(-1)
+            hit = (enters < leaves) & (enters > 0) & (enters < range_m)
+            range_m[hit], instance_id[hit] = enters[hit], number
+    labels = {number: box.label for number, box in enumerate(room.boxes, 1)}
+    return Panorama(
+        id,
+        rgb=_paint(room, eye + rays * range_m[..., None], instance_id) if "rgb" in parts else None,
+        range_m=range_m.astype(np.float32) if "range" in parts else None,
+        annotations=Annotations(instance_id, labels) if "annotations" in parts else None,
+    )
+
+
+def _paint(room: Room, points_m: np.ndarray, instance_id: np.ndarray) -> np.ndarray:
+    """(H, 2H, 3) uint8: a colour of its own for each surface, in patches of 8 cm of random lightness."""
+    seeds = [zlib.crc32(name.encode()) for name in (room.name, *(f"{room.name} {box.label}" for box in room.boxes))]
+    colour = np.array([np.random.default_rng(seed).uniform(60, 230, 3) for seed in seeds])
+    lightness = np.random.default_rng(seeds[0]).uniform(0.4, 1.1, 4096)
+    patch = np.floor(points_m / 0.08 + 1e-6).astype(np.int64) @ np.array([1, 71, 1009]) + 211 * instance_id
+    return np.clip(colour[instance_id] * lightness[patch % 4096][..., None], 0, 255).astype(np.uint8)
+
+
+def blind(parts: Set[str]) -> Panorama:
+    """A panorama in which nothing is: black, no range known, no instance."""
+    shape = (HEIGHT_PX, 2 * HEIGHT_PX)
+    return Panorama(
+        "blind",
+        rgb=np.zeros((*shape, 3), np.uint8) if "rgb" in parts else None,
+        range_m=np.full(shape, np.nan, np.float32) if "range" in parts else None,
+        annotations=Annotations(np.zeros(shape, np.int32), {}) if "annotations" in parts else None,
+    )
+
+
+def halved(panorama: Panorama) -> Panorama:
+    """The panorama with the left half of the sphere unseen."""
+
+    def hide(image: np.ndarray) -> np.ndarray:
+        shown = image.copy()
+        shown[:, :HEIGHT_PX] = np.nan if image.dtype.kind == "f" else 0
+        return shown
+
+    seen = np.broadcast_to(np.arange(2 * HEIGHT_PX) >= HEIGHT_PX, (HEIGHT_PX, 2 * HEIGHT_PX))
+    return replace(_changed(panorama, hide), valid=seen)
+
+
+def turned(panorama: Panorama, columns: int) -> Panorama:
+    """The panorama rolled to the right: what the same camera sees when turned to the left by columns / W of a full turn."""
+    return _changed(panorama, lambda image: np.roll(image, columns, axis=1))
+
+
+def _changed(panorama: Panorama, change: Callable[[np.ndarray], np.ndarray]) -> Panorama:
+    """The panorama with each of its images changed."""
+    annotations = panorama.annotations
+    if annotations is not None and annotations.instance_id is not None:
+        annotations = replace(annotations, instance_id=change(annotations.instance_id))
+    rgb, range_m = (None if image is None else change(image) for image in (panorama.rgb, panorama.range_m))
+    return replace(panorama, rgb=rgb, range_m=range_m, annotations=annotations)
+
+
+def map_frames(parts: Set[str] = PARTS) -> list[Frame]:
+    """A mapping frame in the middle of each room."""
+    return [_frame(room, f"{room.name}-map", stand(room), parts, mapping=True) for room in ROOMS]
+
+
+def query_frames(parts: Set[str] = PARTS) -> list[Frame]:
+    """A query in each room, beside the mapping frame and turned."""
+    return [_frame(room, f"{room.name}-query", stand(room, 0.55, 0.45, 2.0 + i), parts, mapping=False) for i, room in enumerate(ROOMS)]
+
+
+def _frame(room: Room, id: str, T_world_pano: np.ndarray, parts: Set[str], mapping: bool) -> Frame:
+    def load() -> Panorama:
+        return look(room, id, T_world_pano, parts)
+
+    return Frame(id, load, T_world_pano, room.name) if mapping else Frame(id, load)
+
+
+def box_detections(room: Room) -> Detections:
+    """The furniture as a perfect detector would give it from the middle of the room, each object by the eight corners of its box."""
+    T_pano_world = invert_pose(stand(room))
+    signs = np.array(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5])).reshape(3, 8).T
+    corners = [np.array(box.centre_m) + signs * box.size_m + (*room.corner_m, 0) for box in room.boxes]
+    points = [transform_points(T_pano_world, corner).astype(np.float32) for corner in corners]
+    return detections_from_points([box.label for box in room.boxes], np.ones(len(points)), points)
+
+
+def room_graph(room: Room) -> SaliencyGraph:
+    """The room's saliency graph, saliency the share of the boxes' volume."""
+    detections = box_detections(room)
+    volume = detections.size_m.prod(1)
+    return build_graph(detections, volume / volume.sum() if len(volume) else volume, GraphConfig())  # type: ignore[call-arg]  # pydantic's defaults

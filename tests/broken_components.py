@@ -1,0 +1,458 @@
+"""Components that are each broken in one way, and the one line that the conformance suite says about each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+
+import networkx as nx
+import numpy as np
+from pydantic import ConfigDict
+from salframe_annotations.detector import AnnotationDetector
+from salframe_engines import Inline
+from salframe_folder.dataset import FolderDataset
+from salframe_graphs.localizer import SaliencyGraphLocalizer
+from salframe_graphs.matching import TripletMatcher
+from salframe_graphs.positioning import RobustPositioner
+from salframe_graphs.saliency import VolumetricSaliency
+
+from salframe.config import ComponentConfig
+from salframe.errors import NoRoute
+from salframe.geometry import pose_2d
+from salframe.roles import Planner
+from salframe.types import Detections, Fold, MapEdge, PoseEstimate, Route
+
+
+class Described(AnnotationDetector):
+    """A detector that is broken in one way."""
+
+    name = "broken"
+
+
+class Shouting(Described):
+    """Broken."""
+
+    name = "My Detector"
+
+
+class Silent(Described):
+    pass
+
+
+class Lenient(Described):
+    """Broken."""
+
+    class Config(ComponentConfig):
+        model_config = ConfigDict(extra="ignore")
+
+
+class Undecided(Described):
+    """Broken."""
+
+    class Config(ComponentConfig):
+        threshold: float
+
+
+class Clearing(Described):
+    """Broken."""
+
+    def detect(self, panorama):
+        found = super().detect(panorama)
+        panorama.annotations.labels.clear()
+        return found
+
+
+class Overwriting(Described):
+    """Broken."""
+
+    def detect(self, panorama):
+        panorama.range_m[np.isnan(panorama.range_m)] = 0
+        return super().detect(panorama)
+
+
+class Restless(Described):
+    """Broken."""
+
+    def detect(self, panorama):
+        found = super().detect(panorama)
+        return replace(found, scores=np.random.default_rng().random(len(found)))
+
+
+class Moody(Described):
+    """Broken."""
+
+    def __init__(self, config=None):
+        super().__init__(config)
+        self.score = np.random.default_rng().random()
+
+    def detect(self, panorama):
+        found = super().detect(panorama)
+        return replace(found, scores=np.full(len(found), self.score))
+
+
+class Flat(Described):
+    """Broken."""
+
+    def detect(self, panorama):
+        found = super().detect(panorama)
+        return replace(found, centroid_m=found.centroid_m[:, :2])
+
+
+class Listing(Described):
+    """Broken."""
+
+    def detect(self, panorama):
+        return list(super().detect(panorama).labels)
+
+
+class Certain(Described):
+    """Broken."""
+
+    def detect(self, panorama):
+        found = super().detect(panorama)
+        return replace(found, scores=np.full(len(found), 100.0))
+
+
+class Seamed(Described):
+    """Broken."""
+
+    def detect(self, panorama):
+        found = super().detect(panorama)
+        return found.take([i for i in range(len(found)) if (found.points_m[i][:, 1] > 0).all() or found.points_m[i][:, 0].max() > 0])
+
+
+class Offset(Described):
+    """Broken."""
+
+    def detect(self, panorama):
+        found = super().detect(panorama)
+        return replace(found, centroid_m=found.centroid_m + np.array([0.05, 0, 0]))
+
+
+class AxisAligned(Described):
+    """Broken."""
+
+    def detect(self, panorama):
+        found = super().detect(panorama)
+        sizes = [np.maximum(np.ptp(points, axis=0), 0.05) for points in found.points_m]
+        return replace(found, size_m=np.reshape(sizes, (-1, 3)), yaw_rad=np.zeros(len(found)))
+
+
+class Unturned(Described):
+    """Broken."""
+
+    def detect(self, panorama):
+        found = super().detect(panorama)
+        return replace(found, yaw_rad=np.zeros(len(found)))
+
+
+class Haunted(Described):
+    """Broken."""
+
+    def detect(self, panorama):
+        return super().detect(panorama) if panorama.annotations.labels else Detections(("ghost",), [1.0], [[1.0, 0, 0]], [[1.0, 1, 1]], [0.0])
+
+
+class Volume(VolumetricSaliency):
+    """Broken."""
+
+    def score(self, detections):
+        return detections.size_m.prod(1)
+
+
+class Single(VolumetricSaliency):
+    """Broken."""
+
+    def score(self, detections):
+        return super().score(detections).astype(np.float32)
+
+
+class Unprepared(VolumetricSaliency):
+    """Broken."""
+
+    def score(self, detections):
+        share = super().score(detections)
+        return share / share.max() * share.max()
+
+
+class Beyond(TripletMatcher):
+    """Broken."""
+
+    def match(self, query, index, top_k):
+        return [replace(match, pairs=match.pairs + 1) for match in super().match(query, index, top_k)]
+
+
+class Polygamous(TripletMatcher):
+    """Broken."""
+
+    def match(self, query, index, top_k):
+        return [replace(match, pairs=match.pairs * (0, 1)) for match in super().match(query, index, top_k)]
+
+
+class Generous(TripletMatcher):
+    """Broken."""
+
+    def match(self, query, index, top_k):
+        return super().match(query, index, 5)
+
+
+class WorstFirst(TripletMatcher):
+    """Broken."""
+
+    def match(self, query, index, top_k):
+        return super().match(query, index, top_k)[::-1]
+
+
+class Misled(TripletMatcher):
+    """Broken."""
+
+    def match(self, query, index, top_k):
+        return [replace(match, scene=(match.scene + 1) % len(index.graphs), pairs=match.pairs[:0]) for match in super().match(query, index, top_k)]
+
+
+class Hopeful(TripletMatcher):
+    """Broken."""
+
+    def match(self, query, index, top_k):
+        return super().match(query, index, top_k) or super().match(index.graphs[0], index, top_k)[:1]
+
+
+class Inverse(RobustPositioner):
+    """Broken."""
+
+    def solve(self, query_m, reference_m, weights=None):
+        return super().solve(reference_m, query_m, weights)
+
+
+class Optimistic(RobustPositioner):
+    """Broken."""
+
+    def solve(self, query_m, reference_m, weights=None):
+        if len(query_m) > 2:
+            return super().solve(query_m, reference_m, weights)
+        return PoseEstimate(np.eye(4), "ok", None, np.zeros(len(query_m), bool))
+
+
+class Poseless(RobustPositioner):
+    """Broken."""
+
+    def solve(self, query_m, reference_m, weights=None):
+        return replace(super().solve(query_m, reference_m, weights), T_reference_query=None)
+
+
+class Centring(RobustPositioner):
+    """Broken."""
+
+    def solve(self, query_m, reference_m, weights=None):
+        query_m -= 0
+        return super().solve(query_m, reference_m, weights)
+
+
+class Mixed(SaliencyGraphLocalizer):
+    """Broken."""
+
+    def read_descriptions(self, directory, count):
+        return super().read_descriptions(directory, count)[::-1]
+
+
+class North(SaliencyGraphLocalizer):
+    """Broken."""
+
+    def match(self, description):
+        answer = super().match(description)
+        return answer if answer.T_world_query is None else replace(answer, T_world_query=pose_2d(*answer.T_world_query[:2, 3], 0.0))
+
+
+class Scolding(SaliencyGraphLocalizer):
+    """Broken."""
+
+    def match(self, description):
+        if not len(description["labels"]):
+            raise ValueError("there is nothing here")
+        return super().match(description)
+
+
+class Modest(SaliencyGraphLocalizer):
+    """Broken."""
+
+    needs = frozenset({"rgb"})
+
+
+class Boastful(SaliencyGraphLocalizer):
+    """Broken."""
+
+    def match(self, description):
+        return replace(super().match(description), status="ok")
+
+
+class Unordered(SaliencyGraphLocalizer):
+    """Broken."""
+
+    def match(self, description):
+        answer = super().match(description)
+        return replace(answer, places=answer.places + answer.places)
+
+
+class Fragile(Inline):
+    """Broken."""
+
+    def map(self, function: Callable, items: Sequence) -> Iterator:
+        return map(function, items)
+
+
+class Backwards(Inline):
+    """Broken."""
+
+    def map(self, function: Callable, items: Sequence) -> Iterator:
+        return reversed(list(super().map(function, items)))
+
+
+class Leaky(FolderDataset):
+    """Broken."""
+
+    def folds(self):
+        (fold,) = super().folds()
+        return [replace(fold, queries=fold.mapping)]
+
+
+class Questionless(FolderDataset):
+    """Broken."""
+
+    def folds(self):
+        (fold,) = super().folds()
+        return [Fold(fold.id, fold.mapping, ())]
+
+
+class Ambiguous(FolderDataset):
+    """Broken."""
+
+    def folds(self):
+        (fold,) = super().folds()
+        return [replace(fold, queries=fold.queries + fold.queries[:1])]
+
+
+class Truthless(FolderDataset):
+    """Broken."""
+
+    def truth(self, query_id):
+        raise KeyError(query_id)
+
+
+class Agreeable(FolderDataset):
+    """Broken."""
+
+    def truth(self, query_id):
+        return super().truth("bedroom-query")
+
+
+class Promising(FolderDataset):
+    """Broken."""
+
+    def folds(self):
+        (fold,) = super().folds()
+        return [replace(fold, mapping=tuple(replace(f, load=lambda f=f: replace(f.load(), rgb=None)) for f in fold.mapping))]
+
+
+class Anonymous(FolderDataset):
+    """Broken."""
+
+    def folds(self):
+        (fold,) = super().folds()
+        return [replace(fold, mapping=tuple(replace(f, load=lambda f=f: replace(f.load(), id="frame")) for f in fold.mapping))]
+
+
+class Changing(FolderDataset):
+    """Broken."""
+
+    @property
+    def fingerprint(self):
+        return str(id(self))
+
+
+class Dijkstra(Planner):
+    """Shortest routes by networkx."""
+
+    name = "dijkstra"
+    version = "1"
+
+    def prepare(self, map):
+        self.graph = nx.Graph()
+        self.graph.add_nodes_from(node.id for node in map.nodes)
+        for edge in map.edges:
+            self.graph.add_edge(edge.start, edge.end, **{edge.start: edge.azimuth_rad, edge.end: edge.azimuth_rad + np.pi}, length=edge.length_m)
+
+    def route(self, start, goal):
+        try:
+            nodes = tuple(nx.shortest_path(self.graph, start, goal, "length"))
+        except nx.NetworkXNoPath:
+            raise NoRoute(f"no way from {start} to {goal}") from None
+        legs = tuple(MapEdge(a, b, self.graph.edges[a, b]["length"], self.graph.edges[a, b][a]) for a, b in nx.utils.pairwise(nodes))
+        return Route(nodes, legs, sum(leg.length_m for leg in legs))
+
+
+class OneWay(Dijkstra):
+    """Broken."""
+
+    def prepare(self, map):
+        super().prepare(map)
+        self.graph.remove_edge("door", "room")
+
+
+class Swimming(Dijkstra):
+    """Broken."""
+
+    def route(self, start, goal):
+        return Route((start, goal), (), 0.0) if goal == "island" else super().route(start, goal)
+
+
+BROKEN = [
+    (Shouting, "name of Shouting: received 'My Detector', expected words of small letters"),
+    (Silent, "docstring of Silent: received none"),
+    (Lenient, "Config: received a key that it does not have, and took it"),
+    (Undecided, r"Config\(\): received ValidationError"),
+    (Clearing, "detect in the bedroom: received a change of its input"),
+    (Overwriting, "detect in the bedroom: received ValueError: .*read-only"),
+    (Restless, "detect in the bedroom: received two answers to the same input"),
+    (Moody, "by another instance: received another answer"),
+    (Flat, r"received DataError: Detections.centroid_m has shape \(\d, 2\), expected \(\d, 3\)"),
+    (Listing, "received list, expected Detections"),
+    (Certain, r"received scores \[100.*, expected scores from 0 to 1"),
+    (Seamed, r"detect in the \w+ rolled by \d+ columns: received \["),
+    (Offset, r"rolled by 1 columns: received a \w+ that moved 0\.0\d+ m"),
+    (AxisAligned, r"rolled by \d+ columns: received a \w+ that changed its size by"),
+    (Unturned, r"received a \w+ that turned \d.* deg within the room"),
+    (Haunted, "detect where nothing is seen: received 1 objects, expected none"),
+    (Volume, r"score of the objects of a room: received a sum of .* expected shares that sum to 1"),
+    (Single, "received dtype float32, expected float64"),
+    (Unprepared, "score of no object: received ValueError"),
+    (Beyond, "received pairs .* expected indices below"),
+    (Polygamous, "expected one-to-one pairs"),
+    (Generous, "top_k = 1: received 2 matches, expected at most top_k = 1"),
+    (WorstFirst, "received scores .* expected finite ones, best first"),
+    (Misled, r"match of the bedroom among 5 graphs: received \[1.*the same graph, 0, first"),
+    (Hopeful, "match of a graph without objects: received 1 matches, expected an empty list"),
+    (Inverse, "solve of 8 points without noise: received a pose .* m and .* deg off"),
+    (Optimistic, "solve of no point: received a pose"),
+    (Poseless, "received the status 'ok' without a pose"),
+    (Centring, "received .*read-only"),
+    (Mixed, "after save and load: received"),
+    (North, "received a pose that moved .* rad off the turn"),
+    (Scolding, "received ValueError: there is nothing here"),
+    (Modest, "describe of a panorama with rgb alone: received InputMissing"),
+    (Boastful, "match where nothing is seen: received the status 'ok' without a pose"),
+    (Unordered, "expected one entry a place"),
+    (Fragile, "map: received ValueError: 3 is odd"),
+    (Backwards, r"received \[4, 1\], expected \[1, 4\], in order"),
+    (int, "received <class 'int'>, expected a subclass of Dataset"),
+]  # fmt: skip
+
+BROKEN_DATASETS = [
+    (Leaky, "more than one frame bedroom-map"),
+    (Questionless, "received 3 mapping frames and 0 queries, expected at least one of each"),
+    (Ambiguous, "received more than one frame bedroom-query"),
+    (Truthless, "truth of bedroom-query: received KeyError"),
+    (Agreeable, "truth of a query that is not there: received an answer, expected DataError"),
+    (Promising, r"load of bedroom-map: received {.*}, expected what the dataset provides"),
+    (Anonymous, "received a panorama of 'frame', expected one of 'bedroom-map'"),
+    (Changing, "fingerprint of another instance: received"),
+]

@@ -1,0 +1,117 @@
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from broken_components import BROKEN, BROKEN_DATASETS, Dijkstra, OneWay, Swimming
+from salframe_annotations.detector import AnnotationDetector
+from tiny_folder import write_tiny_folder
+
+from salframe.config import merge
+from salframe.errors import RequirementMissing, WeightsMissing
+from salframe.geometry import rays_to_pixels
+from salframe.presets import configure, settings
+from salframe.registry import registry
+from salframe.testing import ConformanceError, check_component
+from salframe.testing.rooms import ROOMS, look, stand
+
+REAL = Path(os.environ.get("SALFRAME_SHARED_DATA", Path(__file__).parents[2] / "shared" / "data")) / "matterport3d"
+
+
+@pytest.fixture(scope="module")
+def tiny(tmp_path_factory) -> Path:
+    return write_tiny_folder(tmp_path_factory.mktemp("tiny"))
+
+
+@pytest.fixture(autouse=True)
+def own_cache(monkeypatch, tmp_path):
+    monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path / "cache"))
+
+
+def small_datasets(tiny: Path) -> dict[str, dict]:
+    """Settings that make each dataset small."""
+    return {
+        "folder": {"root": str(tiny)},
+        "house": {"rooms": 4, "height": 64, "rgb": False, "queries_per_room": 1},
+        "matterport-annotations": {"root": str(REAL), "scans": ("17DRP5sb8fy",)},
+    }
+
+
+OURS = [component for component, package in registry() if package == "salframe"]
+
+
+@pytest.mark.parametrize("component", [c for c in OURS if c.role not in ("dataset", "localizer")], ids=lambda component: component.name)
+def test_every_stage_of_ours_conforms(component):
+    check_component(component)
+
+
+def slow(name: str):
+    return pytest.param(name, marks=pytest.mark.slow)
+
+
+@pytest.mark.parametrize("name", [c.name for c in OURS if c.role == "dataset"])
+def test_every_dataset_of_ours_conforms(name, tiny):
+    if name == "matterport-annotations" and not REAL.exists():
+        pytest.skip(f"the real buildings are not at hand: no {REAL}")
+    component = registry().get("dataset", name)
+    check_component(component, component.Config(**small_datasets(tiny)[name]))
+
+
+@pytest.mark.parametrize("method", ["proposed", "objects", *map(slow, ("sift", "xfeat", "loftr"))])
+def test_every_method_of_ours_conforms(method):
+    config = configure("localizer", method, settings("localizer", method))
+    try:
+        check_component(config.component, config)
+    except (RequirementMissing, WeightsMissing) as error:
+        pytest.skip(str(error))
+
+
+def test_annotations_turn_exactly_under_heavy_noise():
+    check_component(AnnotationDetector, AnnotationDetector.Config(noise="heavy", seed=3))
+
+
+@pytest.mark.parametrize("structure", ["rings", slow("node2vec")])
+def test_the_papers_angles_do_not_turn_with_the_panorama(structure):
+    """The arccos loses the sign and the arithmetic mean wraps (method.md 4); without them the paper's localizer conforms."""
+    paper = merge(settings("localizer", "paper"), {"matcher": {"structure": structure}})
+    config = configure("localizer", "paper", paper)
+    with pytest.raises(ConformanceError, match=r"rolled by 1 columns: received a pose that moved .* rad off the turn"):
+        check_component(config.component, config)
+    repaired = configure("localizer", "paper", paper, [{"positioner": {"angle": "atan2", "mean": "circular"}}])
+    check_component(repaired.component, repaired)
+
+
+def test_rooms_are_seen_where_they_are():
+    bedroom = ROOMS[0]
+    panorama = look(bedroom, "a", stand(bedroom, yaw_rad=0.0))
+    # From (2.1, 1.8, 1.5) in a room of 4.2 x 3.6 x 2.6 m: the wall behind, the ceiling, the floor, and the bed, whose top is at (1.1, 0.8, 0.6).
+    for direction, label, range_m in (
+        ((-2.1, 0, 0.1), None, 2.10), ((0, 0.01, 1.1), None, 1.1), ((0, 0.01, -1.5), None, 1.5), ((-1, -1, -0.9), "bed", 1.676),
+    ):  # fmt: skip
+        column, row = (int(pixel) for pixel in rays_to_pixels(np.array(direction), len(panorama.range_m)))
+        assert panorama.range_m[row, column] == pytest.approx(range_m, abs=0.02)  # a pixel spans 1 deg
+        assert panorama.annotations.labels.get(panorama.annotations.instance_id[row, column]) == label
+
+
+@pytest.mark.parametrize(("component", "message"), BROKEN, ids=lambda value: getattr(value, "__name__", ""))
+def test_a_broken_component_is_told_in_one_line(component, message):
+    with pytest.raises(ConformanceError, match=message) as caught:
+        check_component(component)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("component", "message"), BROKEN_DATASETS, ids=lambda value: getattr(value, "__name__", ""))
+def test_a_broken_dataset_is_told_in_one_line(component, message, tiny):
+    with pytest.raises(ConformanceError, match=message) as caught:
+        check_component(component, component.Config(root=tiny))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_planner_is_checked_against_the_shortest_route():
+    check_component(Dijkstra)
+    with pytest.raises(ConformanceError, match=r"route from hall to room: received .* expected the shortest, .*'door'"):
+        check_component(OneWay)
+    with pytest.raises(ConformanceError, match="received a route, expected NoRoute"):
+        check_component(Swimming)
