@@ -1,0 +1,48 @@
+"""What a graph costs: from an instance image and range, and against the map of 42 rooms. `make benchmark`."""
+
+import pytest
+from salframe_graphs.localizer import SaliencyGraphLocalizer
+from salframe_house.building import change_building, generate_building
+from salframe_house.frames import choose_frames
+from salframe_house.render import Renderer
+
+from salframe.geometry import pose_2d
+from salframe.types import Annotations, Frame, Panorama
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def building():
+    """The mapping frames and queries of an office of 42 rooms, panoramas of 1024 x 512 in memory on demand."""
+    before = generate_building("office", 42, 7)
+    after = change_building(before, 0.1, 7)
+    renderers = {False: Renderer(before.scene(), "day"), True: Renderer(after.scene(), "day")}
+    labels = {False: before.labels, True: after.labels}
+
+    def load(spec):
+        asked = spec.role == "query"
+        range_m, instance_id = renderers[asked].geometry(pose_2d(spec.x_m, spec.y_m, spec.yaw_rad, spec.z_m))
+        return Panorama(spec.id, range_m=range_m, annotations=Annotations(instance_id, labels[asked]))
+
+    specs = choose_frames(before, after, 7, queries_per_room=1)
+    poses = {spec.id: pose_2d(spec.x_m, spec.y_m, spec.yaw_rad, spec.z_m) for spec in specs}
+    kinds = {"map": "scene", "transition": "transition"}
+    mapping = [Frame(s.id, lambda s=s: load(s), poses[s.id], s.place, kinds[s.role]) for s in specs if s.role in kinds]
+    return mapping, [Frame(s.id, lambda s=s: load(s)) for s in specs if s.role == "query"]
+
+
+def test_instance_image_and_range_to_graph(benchmark, building):
+    """Goal: 250 ms at 1024 x 512."""
+    panorama, localizer = building[1][0].load(), SaliencyGraphLocalizer()
+    benchmark(localizer.describe, panorama)
+
+
+def test_query_against_the_map_of_42_rooms(benchmark, building):
+    """Goal: 5 ms, the graph built; every query in turn, the time is of all 42 together."""
+    mapping, queries = building
+    localizer = SaliencyGraphLocalizer()
+    localizer.build(mapping)
+    descriptions = [localizer.describe_frame(query)[0] for query in queries]
+    answers = benchmark(lambda: [localizer.match(description) for description in descriptions])
+    assert len(answers) == len(queries)
