@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import importlib.util
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from pydantic import Field
 
 from salframe.config import ComponentConfig
+from salframe.errors import RequirementMissing
 from salframe.roles import GraphMatcher
 from salframe.types import GraphMatch, SaliencyGraph
 from salframe_graphs.features import node2vec, ring_hop_histograms
@@ -62,6 +64,12 @@ class TripletMatcher(GraphMatcher):
         tolerance_share: float = Field(0.05, ge=0, description="verification: added tolerance, a share of the nodes' ranges")
         largest_shift_m: float = Field(6.0, gt=0, description="verification: a query this far from a map frame is not matched to it")
         seed: int = Field(0, ge=0, description="seed of node2vec")
+
+    @classmethod
+    def check(cls, config: Any) -> None:
+        super().check(config)
+        if config.structure == "node2vec" and importlib.util.find_spec("gensim") is None:
+            raise RequirementMissing("structure node2vec needs gensim, not installed: pip install 'salframe[node2vec]'")
 
     def index(self, graphs: Sequence[SaliencyGraph]) -> GraphIndex:
         vocabulary = {label: i for i, label in enumerate(sorted({label for graph in graphs for label in graph.labels}))}

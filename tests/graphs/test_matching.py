@@ -9,6 +9,7 @@ from salframe_graphs.features import node2vec, ring_hop_histograms
 from salframe_graphs.matching import TripletMatcher
 from salframe_graphs.verification import verify
 
+from salframe.errors import RequirementMissing
 from salframe.geometry import invert_pose, pose_2d, pose_errors, transform_points
 from salframe.graph import GraphConfig, build_graph
 from salframe.types import Detections, GraphMatch, MapFrame, SaliencyGraph
@@ -172,3 +173,9 @@ def test_agreeing_matches_outvote_a_lone_one():
     ranked = agree(matches, frames, 0.5, 1.5)
     assert [m.scene for m in ranked] == [0, 1, 3, 2]
     assert [m.score for m in ranked] == pytest.approx([1.2, 1.2, 1.0, 0.1])
+
+
+def test_node2vec_without_gensim_says_how_to_get_it(monkeypatch):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(RequirementMissing, match=r"needs gensim, not installed: pip install 'salframe\[node2vec\]'"):
+        matcher(structure="node2vec")
