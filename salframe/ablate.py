@@ -45,7 +45,7 @@ class Ablation(BaseModel):
 def read_ablation(file: Path) -> Ablation:
     """Read an ablation file, or a shipped one by its name. Raises ConfigError."""
     shipped = CONFIGS / "ablations" / f"{file}.yaml"
-    return validate(Ablation, read_yaml(shipped if shipped.exists() and not file.exists() else file), str(file))
+    return validate(Ablation, read_yaml(shipped if shipped.exists() and not file.exists() else file), f"{file}:")
 
 
 def ablate(

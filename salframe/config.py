@@ -56,13 +56,17 @@ def slot(role: str, default: str) -> Any:
 
 
 def validate(model: type[BaseModel], settings: Mapping[str, Any], where: str) -> Any:
-    """An instance of `model`, or a ConfigError that names the key, what was received and what was expected."""
+    """An instance of `model`, or a ConfigError that names the key, what was received and what was expected.
+
+    `where` the settings stand: the dotted key that holds them, or a file's name and a colon.
+    """
     try:
         return model.model_validate(settings)
     except ValidationError as error:
+        prefix = f"{where} " if where.endswith(":") else f"{where}."
         problems = []
         for problem in error.errors():
-            key = ".".join(str(part) for part in (where, *problem["loc"]))
+            key = prefix + ".".join(map(str, problem["loc"])) if problem["loc"] else where.rstrip(":")
             if problem["type"] == "extra_forbidden":
                 known = ", ".join(name for name in model.model_fields if name != "kind")
                 problems.append(f"unknown key {key}" + (f" (known: {known})" if len(problem["loc"]) == 1 else ""))

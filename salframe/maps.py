@@ -83,6 +83,6 @@ def open_map(directory: Path) -> Localizer:
         model = registry().get("localizer", saved["kind"]).Config
     except (KeyError, TypeError):
         raise DataError(f"{directory / 'map.json'} names no localizer: build the map again") from None
-    localizer: Localizer = registry().build("localizer", validate(model, saved, str(directory)))
+    localizer: Localizer = registry().build("localizer", validate(model, saved, f"{directory}:"))
     localizer.load(directory)
     return localizer

@@ -57,7 +57,7 @@ def _log_crash(run: Run, label: str, where: str) -> None:
 
 
 def _answer(run: Run, label: str) -> str | None:
-    """Answer the open queries; returns a warning where mapping frames were left out."""
+    """Answer the open queries; returns a warning where mapping frames were left out or queries could not be used."""
     localizer: Localizer = registry().build("localizer", run.method(label))
     dataset = open_dataset(run.dataset())
     absent = sorted(localizer.needs - dataset.provides)
@@ -80,7 +80,9 @@ def _answer(run: Run, label: str) -> str | None:
                 except Exception as error:  # a query that breaks the method must not take the other queries with it
                     _log_crash(run, label, f"query {query.id} of fold {fold.id}")
                     answers.append(_row(fold, query, "crashed", error=describe_error(error)))
-    return f"{len(left_out)} mapping frame(s) left out, the first: {next(iter(left_out.values()))}" if left_out else None
+    unusable = [row["error"] for row in run.predictions(label).values() if row["status"] == "error"]
+    problems = {"mapping frame(s) left out": list(left_out.values()), "query frame(s) that cannot be used": unusable}
+    return "; ".join(f"{len(reasons)} {what}, the first: {reasons[0]}" for what, reasons in problems.items() if reasons) or None
 
 
 class _Descriptions:

@@ -101,7 +101,7 @@ def unknown(what: str, name: str, known: list[str], failures: list[Failure] | No
     listed = ", ".join(known[:30]) + (f", ... ({len(known)} in all)" if len(known) > 30 else "")
     message = f"unknown {what} {name!r}" + (f", did you mean {close[0]!r}?" if close else ".") + f" Known: {listed or 'none'}."
     if failures:
-        message += f" {len(failures)} plugin(s) failed to load (salframe doctor): {', '.join(f.plugin for f in failures)}."
+        message += f" {len(failures)} plugin(s) failed to load: {', '.join(f'{f.plugin} ({f.reason})' for f in failures)}."
     return message
 
 

@@ -129,7 +129,7 @@ class Folder:
         if not isinstance(content, Mapping):
             raise DataError(f"{self.root / name} holds {type(content).__name__}, expected an object")
         try:
-            return validate(model, content, str(self.root / name))
+            return validate(model, content, f"{self.root / name}:")
         except ConfigError as error:
             raise DataError(str(error)) from None
 

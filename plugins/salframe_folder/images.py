@@ -68,7 +68,9 @@ def _read(path: Path, mode: int) -> np.ndarray:
         content = path.read_bytes()
     except OSError as error:
         raise DataError(f"cannot read {path}: {error.strerror}") from None
-    image = cv2.imdecode(np.frombuffer(content, np.uint8), mode) if content else None
+    # About a PNG that was cut short, libpng would write a line of its own to stderr.
+    cut = content.startswith(b"\x89PNG") and b"IEND" not in content
+    image = cv2.imdecode(np.frombuffer(content, np.uint8), mode) if content and not cut else None
     if image is None:
         raise DataError(f"{path} is no readable image ({len(content)} bytes), expected a JPEG or PNG that is whole")
     return image
