@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 import yaml
 from command_line import run
+from rich.console import Console
 
+from salframe.cli import tables
 from salframe.evaluate import COLUMNS
 from salframe.presets import CONFIGS
 from salframe.registry import registry
@@ -56,6 +58,16 @@ def test_compare_prints_a_table(fakes):
     assert any(line.strip().startswith("greedy") and "20.0 (0-50)" in line for line in lines)
     assert "weightless: weightless.pth is not at hand: salframe weights fetch weightless" in done.out
     assert lines[-1].startswith("report: runs/rooms-")
+
+
+def test_a_narrow_terminal_cuts_no_column(fakes, monkeypatch):
+    monkeypatch.setattr(tables, "_console", lambda: Console(width=80))
+    lines = run("compare", "--methods", "reader,greedy", "--data", "rooms", "--engine", "inline").out.splitlines()
+    assert max(map(len, lines[:-1])) <= 80
+    assert not any("…" in line for line in lines)
+    headings = " ".join(lines).split()
+    assert all(word in headings for heading in tables.HEADINGS for word in heading.split())
+    assert sum(line.strip().startswith("reader") for line in lines) == 2  # what it reached, and what it costs
 
 
 def test_compare_prints_json_and_nothing_else(fakes):

@@ -41,12 +41,14 @@ class Bars:
 
 UNITS = ("B", "kB", "MB", "GB")
 HEADINGS = ("accuracy %\n(95 %)", "R@5\n%", "median\npose error", "pose within\n.25/.5/1 m %", "bytes\n/scene", "describe\nms", "query\nms", "p")
+WIDE = 100
+"""Columns of a terminal that hold the whole table of a comparison; in a narrower one what the methods cost is a table of its own."""
 
 
 def _console() -> Console:
-    """Stdout; 100 columns wide where that is a file or a pipe."""
+    """Stdout; wide where that is a file or a pipe."""
     console = Console()
-    return console if console.is_terminal else Console(width=100)
+    return console if console.is_terminal else Console(width=WIDE)
 
 
 def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
@@ -62,21 +64,25 @@ def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
 def print_comparison(comparison: Comparison) -> None:
     """The table of a comparison, what its columns do not say in notes below, and where the report lies."""
     console = _console()
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    table.add_column("method", overflow="fold", min_width=min(max(len(row["method"]) for row in comparison.rows), 14))
-    for heading in HEADINGS:
-        table.add_column(heading, justify="right", no_wrap=True)
+    reached, costs = [0, 1, 2, 3, 7], [4, 5, 6]
+    for columns in [sorted(reached + costs)] if console.width >= WIDE else [reached, costs]:
+        table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+        table.add_column("method", overflow="fold", min_width=min(max(len(row["method"]) for row in comparison.rows), 14))
+        for column in columns:
+            table.add_column(HEADINGS[column], justify="right", no_wrap=True)
+        for row in comparison.rows:
+            label = escape(row["method"].replace("[", "\n  [").replace(",", ",\n   "))
+            if row["accuracy"] is None:
+                table.add_row(label, "-", style="dim")
+            else:
+                cells = _cells(row)
+                table.add_row(label, *(cells[column] for column in columns))
+        console.print(table)
     notes = []
     for row in comparison.rows:
-        label = escape(row["method"].replace("[", "\n  [").replace(",", ",\n   "))
-        if row["accuracy"] is None:
-            table.add_row(label, "-", *[""] * (len(HEADINGS) - 1), style="dim")
-        else:
-            table.add_row(label, *_cells(row))
         failures = ", ".join(f"{count} {status}" for status, count in row["status"].items() if status != "ok")
         if said := "; ".join(part for part in (row["reason"], failures) if part):
             notes.append(f"{row['method']}: {said}")
-    console.print(table)
     for note in notes:
         console.print(note, style="dim", markup=False, highlight=False)
     console.print(f"report: {comparison.report}", markup=False, highlight=False, soft_wrap=True)
@@ -84,7 +90,10 @@ def print_comparison(comparison: Comparison) -> None:
 
 def _cells(row: dict[str, Any]) -> list[str]:
     accuracy = f"{row['accuracy'] * 100:.1f} ({row['accuracy_low'] * 100:.0f}-{row['accuracy_high'] * 100:.0f})"
-    pose = "-" if row["median_translation_m"] is None else f"{row['median_translation_m']:.2f} m {row['median_rotation_deg']:.1f}°"
+    pose = "-"
+    if row["median_translation_m"] is not None:
+        turn_deg = row["median_rotation_deg"]
+        pose = f"{row['median_translation_m']:.2f} m {turn_deg:.{1 if turn_deg < 10 else 0}f}°"
     recalls = (row["recall_025m_2deg"], row["recall_05m_5deg"], row["recall_1m_10deg"])
     within = "-" if recalls[0] is None else "/".join(f"{recall * 100:.0f}" for recall in recalls)
     p_value = "" if row["p_value"] is None else f"{row['p_value']:.2g}"
