@@ -41,14 +41,14 @@ class Bars:
 
 UNITS = ("B", "kB", "MB", "GB")
 HEADINGS = ("accuracy %\n(95 %)", "R@5\n%", "median\npose error", "pose within\n.25/.5/1 m %", "bytes\n/scene", "describe\nms", "query\nms", "p")
-WIDE = 100
-"""Columns of a terminal that hold the whole table of a comparison; in a narrower one what the methods cost is a table of its own."""
+REACHED, COSTS = (0, 1, 2, 3, 7), (4, 5, 6)
+"""Columns by their place in HEADINGS: what a method reaches, and what it costs."""
 
 
 def _console() -> Console:
-    """Stdout; wide where that is a file or a pipe."""
+    """Stdout; 100 columns wide where that is a file or a pipe."""
     console = Console()
-    return console if console.is_terminal else Console(width=WIDE)
+    return console if console.is_terminal else Console(width=100)
 
 
 def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
@@ -62,21 +62,14 @@ def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
 
 
 def print_comparison(comparison: Comparison) -> None:
-    """The table of a comparison, what its columns do not say in notes below, and where the report lies."""
+    """The table of a comparison, what its columns do not say in notes below, and where the report lies.
+
+    Where the table is too wide for the terminal, what the methods cost is a table of its own.
+    """
     console = _console()
-    reached, costs = [0, 1, 2, 3, 7], [4, 5, 6]
-    for columns in [sorted(reached + costs)] if console.width >= WIDE else [reached, costs]:
-        table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-        table.add_column("method", overflow="fold", min_width=min(max(len(row["method"]) for row in comparison.rows), 14))
-        for column in columns:
-            table.add_column(HEADINGS[column], justify="right", no_wrap=True)
-        for row in comparison.rows:
-            label = escape(row["method"].replace("[", "\n  [").replace(",", ",\n   "))
-            if row["accuracy"] is None:
-                table.add_row(label, "-", style="dim")
-            else:
-                cells = _cells(row)
-                table.add_row(label, *(cells[column] for column in columns))
+    whole = _table(comparison, sorted(REACHED + COSTS))
+    fits = console.measure(whole, options=console.options.update(width=1000)).maximum <= console.width
+    for table in [whole] if fits else [_table(comparison, REACHED), _table(comparison, COSTS)]:
         console.print(table)
     notes = []
     for row in comparison.rows:
@@ -86,6 +79,21 @@ def print_comparison(comparison: Comparison) -> None:
     for note in notes:
         console.print(note, style="dim", markup=False, highlight=False)
     console.print(f"report: {comparison.report}", markup=False, highlight=False, soft_wrap=True)
+
+
+def _table(comparison: Comparison, columns: Sequence[int]) -> Table:
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+    table.add_column("method", overflow="fold")
+    for column in columns:
+        table.add_column(HEADINGS[column], justify="right", no_wrap=True)
+    for row in comparison.rows:
+        label = escape(row["method"].replace("[", "\n  [").replace(",", ",\n   "))
+        if row["accuracy"] is None:
+            table.add_row(label, "-", style="dim")
+        else:
+            cells = _cells(row)
+            table.add_row(label, *(cells[column] for column in columns))
+    return table
 
 
 def _cells(row: dict[str, Any]) -> list[str]:
