@@ -14,9 +14,9 @@ def robust_pose(
     """The pose that most matches agree with: T_map_query (4, 4) and inliers (M,) bool.
 
     bearings (M, 3): unit vectors in the query frame; points_m (M, 3): the matched points in the map frame's axes. A match is an inlier where
-    its bearing and the direction to its point differ by less than `inlier_rad`. Random samples of three are solved by P3P, each solution is
-    scored against all matches, and the best is refined by least squares on the angles of its inliers, taken anew a few times. The identity
-    and no inlier where there are fewer than 4 matches.
+    its bearing and the direction to its point differ by less than `inlier_rad`. Random samples of three are solved by P3P, and of the
+    solutions that is best whose squared errors, each cut off at the inlier bound, sum to the least (MSAC, Torr and Zisserman 2000). It is refined
+    by least squares on the angles of its inliers, taken anew a few times. The identity and no inlier where there are fewer than 4 matches.
     """
     count = len(bearings)
     if count < 4:
@@ -26,16 +26,14 @@ def robust_pose(
     if not len(rotations):
         return np.eye(4), np.zeros(count, bool)
     cosine = np.cos(inlier_rad)
-    support = (_cosines(rotations, centres, bearings, points_m) > cosine).sum(1)
-    best = int(support.argmax())
+    # 1 - cos is half the squared angle. The number of inliers would not do: refining the most supported solution often loses a few of them
+    cost = np.minimum(1 - _cosines(rotations, centres, bearings, points_m), 1 - cosine).sum(1)
+    best = int(cost.argmin())
     rotation, centre = rotations[best], centres[best]
     inliers = _cosines(rotation[None], centre[None], bearings, points_m)[0] > cosine
     for _ in range(REFINEMENTS):
-        refined = _refine(rotation, centre, bearings[inliers], points_m[inliers])
-        agreeing = _cosines(refined[0][None], refined[1][None], bearings, points_m)[0] > cosine
-        if agreeing.sum() < inliers.sum():
-            break
-        (rotation, centre), inliers = refined, agreeing
+        rotation, centre = _refine(rotation, centre, bearings[inliers], points_m[inliers])
+        inliers = _cosines(rotation[None], centre[None], bearings, points_m)[0] > cosine
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = rotation, centre
     return pose, inliers

@@ -58,6 +58,29 @@ def test_the_pose_survives_sixty_percent_of_wrong_matches():
     assert (inliers & ~wrong).sum() >= 0.97 * (~wrong).sum()
 
 
+def test_every_inlier_has_its_share_in_the_pose():
+    errors = []
+    for seed in range(20):
+        bearings, points, pose, rng = scene(400, seed)
+        bearings += rng.normal(0, 0.006, bearings.shape)
+        bearings /= np.linalg.norm(bearings, axis=1, keepdims=True)
+        errors.append(pose_errors(robust_pose(bearings, points, np.deg2rad(1), 500, rng)[0], pose))
+    translation, rotation = np.max(errors, axis=0)
+    # 400 bearings of 6 mrad: a twentieth of that together, and three times as much at worst; a pose of three of them is off by degrees
+    assert translation < 0.006
+    assert rotation < np.deg2rad(0.06)
+
+
+def test_matches_by_chance_have_few_inliers_and_no_crash():
+    for seed in range(20):
+        rng = np.random.default_rng((seed, 5))
+        bearings = rng.normal(size=(rng.integers(4, 60), 3))
+        bearings /= np.linalg.norm(bearings, axis=1, keepdims=True)
+        pose, inliers = robust_pose(bearings, rng.uniform(-4, 4, bearings.shape), np.deg2rad(1), 100, rng)
+        assert np.isfinite(pose).all()
+        assert inliers.sum() < 10
+
+
 def test_too_few_or_only_degenerate_matches_have_no_inliers():
     bearings, points, _, rng = scene(3)
     assert robust_pose(bearings, points, 0.02, 50, rng)[1].sum() == 0
