@@ -1,9 +1,10 @@
-"""Object sets as a baseline."""
+"""Objects without a graph as baselines."""
 
 import salframe
-from salframe_objects.localizer import ObjectSetLocalizer
+from salframe_objects.localizer import ObjectSetLocalizer, SalientObjectsLocalizer
+from salframe_objects.sovs import SalientVolumesLocalizer
 
 
 @salframe.hookimpl
 def salframe_components():
-    return [ObjectSetLocalizer]
+    return [ObjectSetLocalizer, SalientObjectsLocalizer, SalientVolumesLocalizer]

@@ -1,20 +1,20 @@
-"""The localizer `objects`: which labels are there, and nothing else (the paper's "objects (Jaccard)" row)."""
+"""The localizers `objects` and `salient-objects`: which labels are there (the paper's rows "objects" and "salient objects")."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
 from pydantic import Field
 
 from salframe.config import ComponentConfig, identity, slot
-from salframe.localizer import Description, Localizer, rank_places
+from salframe.localizer import Description
 from salframe.registry import registry
-from salframe.types import Localization, MapFrame, Panorama
+from salframe.types import Panorama
+from salframe_objects.labels import WeightedLabels
 
 
-class ObjectSetLocalizer(Localizer):
+class ObjectSetLocalizer(WeightedLabels):
     """Jaccard index of the label sets of query and map; gives a place and no pose."""
 
     name = "objects"
@@ -39,28 +39,48 @@ class ObjectSetLocalizer(Localizer):
         labels, counts = np.unique(np.array(self._detector.detect(panorama).labels, dtype=np.str_), return_counts=True)
         return {"labels": labels, "counts": counts}
 
-    def index(self, descriptions: Sequence[Description], frames: Sequence[MapFrame]) -> None:
-        self._map_frames = list(frames)
-        self._vocabulary = {label: i for i, label in enumerate(sorted({str(label) for d in descriptions for label in d["labels"]}))}
-        self._counts = np.zeros((len(self._vocabulary), len(frames)))
-        for scene, description in enumerate(descriptions):
-            rows = [self._vocabulary[str(label)] for label in description["labels"]]
-            self._counts[rows, scene] = self._numbers(description)
-
-    def match(self, description: Description) -> Localization:
-        number = self._numbers(description)
-        if not len(number):
-            return Localization((), None, "no-objects")
-        row = np.array([self._vocabulary.get(str(label), -1) for label in description["labels"]])
-        known = row >= 0
-        shared = np.minimum(self._counts[row[known]], number[known, None]).sum(0)
-        score = shared / (self._counts.sum(0) + number.sum() - shared)
-        places = rank_places(self._map_frames, np.where(score > 0, score, -np.inf))
-        return Localization(places, None, "no-pose" if places else "no-match")
+    def weigh(self, description: Description) -> np.ndarray:
+        return np.ones(len(description["labels"])) if self.config.labels == "set" else np.asarray(description["counts"], float)
 
     def scene_bytes(self, description: Description) -> int:
         """A 16-bit label index each, and a byte for the number where numbers are kept."""
         return len(description["labels"]) * (2 if self.config.labels == "set" else 3)
 
-    def _numbers(self, description: Description) -> np.ndarray:
-        return np.ones(len(description["labels"])) if self.config.labels == "set" else np.asarray(description["counts"], float)
+
+class SalientObjectsLocalizer(WeightedLabels):
+    """Jaccard index of labels weighted by their saliency; gives a place and no pose.
+
+    J = sum_l min(w_l, w'_l) / sum_l max(w_l, w'_l), where w_l is the sum of S^p over the objects with the label l in the query, w'_l in the map
+    frame, S the saliency and p `saliency_power`. The paper names "a collection of salient objects" and no formula: a weight for each object,
+    instead of a threshold, is our reading.
+    """
+
+    name = "salient-objects"
+    version = "1"
+
+    class Config(ComponentConfig):
+        detector: slot("detector", "annotations")  # type: ignore[valid-type]
+        saliency: slot("saliency", "volumetric")  # type: ignore[valid-type]
+        saliency_power: float = Field(1 / 3, ge=0, description="p in an object's weight S^p: 1 the share of volume, 1/3 of length, 0 all alike")
+
+    def __init__(self, config: ComponentConfig | None = None) -> None:
+        super().__init__(config)
+        self._detector = registry().build("detector", self.config.detector)
+        self._saliency = registry().build("saliency", self.config.saliency)
+
+    @property
+    def needs(self) -> frozenset[str]:
+        return self._detector.needs
+
+    def describe(self, panorama: Panorama) -> Description:
+        detections = self._detector.detect(panorama)
+        labels, of_object = np.unique(np.array(detections.labels, dtype=np.str_), return_inverse=True)
+        weight = self._saliency.score(detections) ** self.config.saliency_power
+        return {"labels": labels, "weight": np.bincount(of_object, weight, len(labels))}
+
+    def weigh(self, description: Description) -> np.ndarray:
+        return description["weight"]
+
+    def scene_bytes(self, description: Description) -> int:
+        """A 16-bit label index and a 16-bit weight each."""
+        return 4 * len(description["labels"])

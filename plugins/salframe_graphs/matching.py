@@ -59,6 +59,7 @@ class TripletMatcher(GraphMatcher):
         normalise: bool = Field(True, description="divide the triplet score by the query's edge mass (paper: raw sum)")
         similarity_score: float = Field(1.0, ge=0, description="weight in the score of the Jaccard index over aligned nodes")
         triplet_score: float = Field(0.0, ge=0, description="weight in the score of the triplets")
+        edge_weights: Literal["saliency", "unit"] = Field("saliency", description="what a triplet counts: sqrt(S_a S_b), or 1 (an unweighted graph)")
         geometry_score: float = Field(2.0, ge=0, description="weight in the score of the nodes consistent with one pose; 0: no verification")
         tolerance_m: float = Field(0.3, gt=0, description="verification: distance at which two nodes cannot be one, at no range")
         tolerance_share: float = Field(0.05, ge=0, description="verification: added tolerance, a share of the nodes' ranges")
@@ -187,5 +188,7 @@ class TripletMatcher(GraphMatcher):
             return float(query.saliency[pairs[:, 0]].sum())
         a, b = np.triu_indices(len(pairs), 1)
         both = query.adjacency[pairs[a, 0], pairs[b, 0]] & reference.adjacency[pairs[a, 1], pairs[b, 1]]
+        if self.config.edge_weights == "unit":
+            return float(both.sum()) / (len(query.edges) if self.config.normalise else 1.0)
         weight = np.sqrt(query.saliency[pairs[a, 0]] * query.saliency[pairs[b, 0]])
         return float(weight[both].sum()) / (float(query.weights.sum()) if self.config.normalise else 1.0)

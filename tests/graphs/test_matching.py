@@ -179,3 +179,19 @@ def test_node2vec_without_gensim_says_how_to_get_it(monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(RequirementMissing, match=r"needs gensim, not installed: pip install 'salframe\[node2vec\]'"):
         matcher(structure="node2vec")
+
+
+def test_an_unweighted_graph_counts_triplets():
+    """Four objects in a row, each in context with the next; the map lacks the edge of the last two."""
+    def chain(edges):
+        centroid = np.column_stack([np.arange(4.0), np.ones(4), np.zeros(4)])
+        return SaliencyGraph(LABELS[:4], np.array([0.5, 0.3, 0.15, 0.05]), centroid, np.ones((4, 3)), np.zeros(4), np.array(edges))
+
+    query, reference = chain([(0, 1), (1, 2), (2, 3)]), chain([(0, 1), (1, 2)])
+    given = {"triplet_score": 1.0, "similarity_score": 0.0, "geometry_score": 0.0}
+    shares = {"unit": 2 / 3, "saliency": (0.15**0.5 + 0.045**0.5) / (0.15**0.5 + 0.045**0.5 + 0.0075**0.5)}
+    numbers = {"unit": 2, "saliency": 0.15**0.5 + 0.045**0.5}
+    for normalise, expected in ((True, shares), (False, numbers)):
+        for weights, score in expected.items():
+            one = matcher(edge_weights=weights, normalise=normalise, **given)
+            assert one.match(query, one.index([reference]), 1)[0].score == pytest.approx(score)

@@ -1,0 +1,96 @@
+"""The localizer `sovs`: salient objects with volume, space and direction, and no structure between them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from pydantic import Field
+
+from salframe.config import ComponentConfig, slot
+from salframe.localizer import Description, Localizer, rank_places
+from salframe.registry import registry
+from salframe.types import Localization, MapFrame, Panorama
+
+
+class SalientVolumesLocalizer(Localizer):
+    """Salient objects matched one to one by label, saliency, direction and range; gives a place and no pose.
+
+    After SOVS (Meena et al. 2024, "volumetric saliency") as the paper tells of it: objects weighted by their share of the volume, with
+    "visual, spatial, and directional features", and no structure. How these make a score is our reading. Two objects a, b of one label share
+
+        s_ab(t) = min(w_a, w_b) * max(cos(angle between the directions of a turned by t and b), 0) * min(r_a, r_b) / max(r_a, r_b)
+
+    with w = S^p, S the saliency and p `saliency_power`, and r the range in metres. M is the largest sum of s_ab(t) over one-to-one matchings
+    and turns t about the vertical, and the score M / (sum w + sum w' - M), the weighted Jaccard index of `salient-objects` object by object.
+    The heading of a panorama is arbitrary, so the turns tried are all that bring two objects of one label to the same azimuth. Objects of
+    unknown range are left out.
+    """
+
+    name = "sovs"
+    version = "1"
+
+    class Config(ComponentConfig):
+        detector: slot("detector", "annotations")  # type: ignore[valid-type]
+        saliency: slot("saliency", "volumetric")  # type: ignore[valid-type]
+        saliency_power: float = Field(1 / 3, ge=0, description="p in an object's weight S^p: 1 the share of volume, 1/3 of length, 0 all alike")
+
+    def __init__(self, config: ComponentConfig | None = None) -> None:
+        super().__init__(config)
+        self._detector = registry().build("detector", self.config.detector)
+        self._saliency = registry().build("saliency", self.config.saliency)
+
+    @property
+    def needs(self) -> frozenset[str]:
+        return self._detector.needs
+
+    def describe(self, panorama: Panorama) -> Description:
+        detections = self._detector.detect(panorama)
+        seen = np.flatnonzero(np.isfinite(detections.centroid_m).all(1))
+        known = detections.take(seen)
+        labels = np.array(known.labels, dtype=np.str_)
+        return {"labels": labels, "weight": self._saliency.score(known) ** self.config.saliency_power, "centroid_m": known.centroid_m}
+
+    def index(self, descriptions: Sequence[Description], frames: Sequence[MapFrame]) -> None:
+        self._map_frames, self._places = list(frames), list(descriptions)
+
+    def match(self, description: Description) -> Localization:
+        if not len(description["labels"]):
+            return Localization((), None, "no-objects")
+        score = np.array([compare_places(description, place) for place in self._places])
+        places = rank_places(self._map_frames, np.where(score > 0, score, -np.inf))
+        return Localization(places, None, "no-pose" if places else "no-match")
+
+    def scene_bytes(self, description: Description) -> int:
+        """A 16-bit label index, a 16-bit weight and a position in mm, three times 16 bits, each."""
+        return 10 * len(description["labels"])
+
+
+def compare_places(query: Description, place: Description) -> float:
+    """The score of two described places, in [0, 1]."""
+    from scipy.optimize import linear_sum_assignment
+
+    same = query["labels"][:, None] == place["labels"][None]
+    if not same.any():
+        return 0.0
+    (azimuth_q, lean_q, up_q, range_q), (azimuth_p, lean_p, up_p, range_p) = _directions(query["centroid_m"]), _directions(place["centroid_m"])
+    turn_rad = (azimuth_p[None] - azimuth_q[:, None])[same]
+    # The cosine of the angle between two directions, from the horizontal and vertical parts of each.
+    apart_rad = azimuth_q[:, None] + turn_rad[:, None, None] - azimuth_p
+    cosine = lean_q[:, None] * lean_p * np.cos(apart_rad) + up_q[:, None] * up_p
+    ratio = np.minimum(range_q[:, None], range_p) / np.maximum(range_q[:, None], range_p)
+    shared = same * np.minimum(query["weight"][:, None], place["weight"]) * ratio * np.maximum(cosine, 0)
+    # No matching is worth more than this; turns are tried from the most promising until none can be better.
+    bound = np.minimum(shared.max(2).sum(1), shared.max(1).sum(1))
+    best = 0.0
+    for turn in np.argsort(-bound, kind="stable"):
+        if bound[turn] <= best:
+            break
+        best = max(best, float(shared[turn][linear_sum_assignment(shared[turn], maximize=True)].sum()))
+    return best / (query["weight"].sum() + place["weight"].sum() - best)
+
+
+def _directions(centroid_m: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Azimuth (N,), horizontal and vertical part (N,) of the unit vectors to the centroids, and their range in metres."""
+    flat_m, range_m = np.hypot(centroid_m[:, 0], centroid_m[:, 1]), np.linalg.norm(centroid_m, axis=1)
+    return np.arctan2(centroid_m[:, 1], centroid_m[:, 0]), flat_m / range_m, centroid_m[:, 2] / range_m, range_m
