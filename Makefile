@@ -2,7 +2,7 @@
 PYTHON ?= python3
 INSTALL = .venv/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: demo test slow lint benchmark
+.PHONY: demo test slow lint benchmark docs
 
 demo: .venv/demo.installed
 	.venv/bin/salframe compare --methods proposed,loftr,objects
@@ -20,6 +20,11 @@ lint: .venv/test.installed
 	.venv/bin/ruff check .
 	.venv/bin/mypy
 	.venv/bin/lint-imports
+
+docs: .venv/demo.installed
+	$(INSTALL) --editable ".[docs]"
+	.venv/bin/python docs/generate_reference.py
+	.venv/bin/mkdocs build --strict
 
 .venv/bin/python:
 	$(PYTHON) -m venv .venv

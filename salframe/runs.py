@@ -159,7 +159,7 @@ class RowWriter:
 
 def environment() -> dict[str, Any]:
     """Versions of salframe and what it needs, the components at hand, and the machine."""
-    requirements = [text for text in metadata.requires("salframe") or [] if "extra == 'test'" not in text.replace('"', "'")]
+    requirements = [text for text in metadata.requires("salframe") or [] if not re.search(r"extra == .(test|docs)", text)]
     packages = ["salframe", *(match.group() for text in requirements if (match := re.match(r"[\w.-]+", text)))]
     return {
         "python": platform.python_version(),

@@ -1,0 +1,108 @@
+"""Write docs/reference/cli.md and components.md from the code: `python docs/generate_reference.py`. A test fails when they are out of date."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import typer
+
+from salframe.cli import app
+from salframe.config import ComponentConfig
+from salframe.presets import names, settings
+from salframe.registry import registry
+from salframe.roles import ROLES, Component
+from salframe.settings import Setting, list_settings
+
+REFERENCE = Path(__file__).with_name("reference")
+PACKAGE = "salframe"
+"""What else is installed here is documented by whoever provides it."""
+
+
+def write_cli() -> str:
+    """The page of the commands: what `--help` says of each."""
+    pages = [
+        "# The command line",
+        "Generated from `salframe --help` by docs/generate_reference.py. An error that you can cause is one line on stderr and exit status 2; a "
+        "comparison in which nothing was measured or a method crashed exits with 1.",
+    ]
+    for path, command in _commands("salframe", typer.main.get_command(app)):
+        required = [_spelling(parameter)[-1] for parameter in command.params if parameter.required]
+        usage = " ".join([path, *required, "COMMAND ..." if hasattr(command, "commands") else "[OPTIONS]"])
+        pages += [f"## {path}", _plain(command.help), f"```\n{usage}\n```"]
+        if command.params:
+            pages.append(_table(("", "", "default"), [_option(parameter) for parameter in command.params]))
+    return "\n\n".join(pages) + "\n"
+
+
+def _commands(path: str, command: Any) -> Iterator[tuple[str, Any]]:
+    """A command and those below it, each with the words that call it."""
+    yield path, command
+    for name, child in getattr(command, "commands", {}).items():
+        yield from _commands(f"{path} {name}", child)
+
+
+def _option(parameter: Any) -> tuple[str, str, str]:
+    default = "" if parameter.default is None or parameter.default is False else f"`{parameter.default}`"
+    return ", ".join(f"`{name}`" for name in _spelling(parameter)), _plain(parameter.help), "required" if parameter.required else default
+
+
+def _spelling(parameter: Any) -> list[str]:
+    """How an argument or option is written, an option's short form last."""
+    if parameter.param_type_name == "argument":
+        return [parameter.metavar or parameter.name.upper()]
+    return [f"{name} {parameter.metavar}" if parameter.metavar else name for name in parameter.opts]
+
+
+def write_components() -> str:
+    """The page of the components: role, name, summary and settings of each."""
+    page = [
+        "# Components",
+        "Generated from the registry by docs/generate_reference.py. `salframe show NAME` prints the same with the values of a preset, and "
+        "`salframe plugins` says what is missing to run a component here. A setting is changed with `--set`: see "
+        "[Ablate](../how-to/ablate.md). A setting whose type is a role holds another component, whose settings follow a dot.",
+    ]
+    for role, base in ROLES.items():
+        components = [component for component, package in registry() if component.role == role and package == PACKAGE]
+        if components:
+            page += [f"## {role}", (base.__doc__ or "").strip().partition("\n")[0]]
+            page += [_component(component) for component in components]
+    return "\n\n".join(page) + "\n"
+
+
+def _component(component: type[Component]) -> str:
+    paragraphs = [f"### {component.name}", " ".join((component.__doc__ or "").split())]
+    presets = [name for name in names(component.role) if name != component.name and settings(component.role, name)["kind"] == component.name]
+    if presets:
+        paragraphs.append(f"Presets: {', '.join(f'`{name}`' for name in presets)}.")
+    rows = [(f"`{s.key}`", s.type, _value(s.default), s.help) for s in _own_settings(component.Config())]
+    return "\n\n".join([*paragraphs, _table(("setting", "type", "default", ""), rows) if rows else "No settings."])
+
+
+def _own_settings(config: ComponentConfig) -> Iterator[Setting]:
+    """The settings of a component without those of the components in its slots."""
+    found = list(list_settings(config))
+    slots = tuple(f"{setting.key}." for setting in found if setting.type in ROLES)
+    return (setting for setting in found if not setting.key.startswith(slots))
+
+
+def _value(value: Any) -> str:
+    return f"`{value if isinstance(value, str) else json.dumps(value)}`"
+
+
+def _plain(text: str | None) -> str:
+    return " ".join((text or "").split())
+
+
+def _table(headings: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
+    lines = [headings, ("---",) * len(headings), *(tuple(cell.replace("|", "\\|") for cell in row) for row in rows)]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+PAGES = {"cli.md": write_cli, "components.md": write_components}
+
+if __name__ == "__main__":
+    for name, write in PAGES.items():
+        (REFERENCE / name).write_text(write())

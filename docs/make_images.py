@@ -1,0 +1,134 @@
+"""Draw the pictures of the documentation into docs/images: `python docs/make_images.py`. Takes some minutes, most of it rendering."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib import patheffects
+from matplotlib.axes import Axes
+from salframe_house.frames import choose_frames
+from salframe_house.render import Renderer
+from salframe_house.rendering import buildings
+
+from salframe.compare import compare
+from salframe.evaluate import measure
+from salframe.geometry import pose_2d, rays_to_pixels
+from salframe.maps import find_dataset, mapping_frames
+from salframe.presets import configure, settings
+from salframe.registry import registry
+from salframe.report import RIGHT, WRONG
+from salframe.runs import Run
+from salframe.types import Annotations, FloorMasks, Panorama, SaliencyGraph
+
+IMAGES = Path(__file__).with_name("images")
+SEED = 7
+FRAME = "map-bedroom-01-0"
+HEIGHT = 768
+HALO = [patheffects.withStroke(linewidth=2.5, foreground="white")]
+
+
+def draw_panorama_graph(path: Path) -> None:
+    """A rendered panorama with its objects and context edges, beside its saliency graph seen from above."""
+    building, changed = buildings("home", 12, SEED, 0.1)
+    spec = next(frame for frame in choose_frames(building, changed, SEED) if frame.id == FRAME)
+    rendering = Renderer(building.scene(), "day", HEIGHT).render(pose_2d(spec.x_m, spec.y_m, spec.yaw_rad, spec.z_m))
+    annotations = Annotations(rendering.instance_id, building.labels)
+    panorama = Panorama(FRAME, rendering.rgb, rendering.range_m, annotations=annotations)
+    config = configure("localizer", "proposed", settings("localizer", "proposed"), [{"detector": {"noise": "none"}}])
+    graph = registry().build("localizer", config).graph(panorama)
+
+    palette = plt.get_cmap("tab20").colors
+    colours = {label: palette[i % len(palette)] for i, label in enumerate(sorted(set(graph.labels)))}
+    figure, (image, plan) = plt.subplots(1, 2, figsize=(13.5, 4.5), width_ratios=(2.6, 1), layout="constrained")
+    _draw_image(image, panorama, graph, colours)
+    _draw_plan(plan, graph, colours)
+    figure.savefig(path, dpi=120, bbox_inches="tight", pil_kwargs={"quality": 82})
+
+
+def _draw_image(axes: Axes, panorama: Panorama, graph: SaliencyGraph, colours: dict[str, tuple]) -> None:
+    """The panorama between 60 degrees above and below the horizon, under a ruler of azimuths."""
+    height = len(panorama.rgb)
+    axes.imshow(panorama.rgb)
+    for instance, label in panorama.annotations.labels.items():
+        mask = panorama.annotations.instance_id == instance
+        if label in colours and mask.any():
+            axes.contour(mask, [0.5], colors=[colours[label]], linewidths=1.6)
+    column, row = rays_to_pixels(graph.centroid_m, height)
+    for a, b in graph.edges:
+        # An edge across the seam is drawn from both sides of the picture.
+        step = (column[b] - column[a] + height) % (2 * height) - height
+        for start, end in ((column[a], column[a] + step), (column[b] - step, column[b])):
+            axes.plot([start, end], [row[a], row[b]], color="white", linewidth=1.2, alpha=0.9)
+    for label, x, y in zip(graph.labels, column, row, strict=True):
+        axes.plot(x, y, "o", color=colours[label], markeredgecolor="white", markersize=7)
+        _write(axes, label, x, y)
+    axes.set(xlim=(0, 2 * height), ylim=(height * 5 / 6, height / 6), yticks=[], xlabel="")
+    azimuth_deg = np.arange(-180, 181, 30)
+    axes.set_xticks((180 - azimuth_deg) / 180 * height, [f"{a}°" for a in azimuth_deg])
+    axes.xaxis.tick_top()
+    axes.set_title("azimuth in the panorama's frame: 0° is ahead (+x), left is positive", fontsize=11, pad=10)
+
+
+def _draw_plan(axes: Axes, graph: SaliencyGraph, colours: dict[str, tuple]) -> None:
+    """The graph from above, x up as the picture's centre is ahead; a node's area is its saliency, an edge's width its weight."""
+    ahead, left = graph.centroid_m[:, 0], graph.centroid_m[:, 1]
+    for (a, b), weight in zip(graph.edges, graph.weights, strict=True):
+        axes.plot(left[[a, b]], ahead[[a, b]], color="0.6", linewidth=0.8 + 14 * weight, zorder=1)
+    axes.scatter(left, ahead, s=40 + 2600 * graph.saliency, c=[colours[label] for label in graph.labels], edgecolors="white", zorder=2)
+    for label, x, y, share in zip(graph.labels, left, ahead, graph.saliency, strict=True):
+        text = f"{label} {share:.0%}" if share >= 0.01 else label
+        _write(axes, text, x, y)
+    axes.annotate("", (0, 0.7), (0, 0), arrowprops={"arrowstyle": "-|>", "color": "black"}, zorder=3)
+    axes.plot(0, 0, "ko", zorder=5)
+    axes.set_aspect("equal")
+    axes.margins(0.22, 0.12)
+    axes.invert_xaxis()
+    axes.set(xlabel="y (m), left of the panorama", ylabel="x (m), ahead")
+    axes.grid(color="0.93")
+    axes.set_axisbelow(True)
+    axes.set_title("the same graph from above; percent: saliency", fontsize=11, pad=10)
+
+
+def _write(axes: Axes, text: str, x: float, y: float) -> None:
+    """A label above a point."""
+    axes.annotate(text, (x, y), (0, 8), textcoords="offset points", ha="center", fontsize=10, path_effects=HALO, zorder=4)
+
+
+def draw_floor(path: Path) -> None:
+    """The floor plan of house-42 with its map frames, and its queries by what `proposed` made of them."""
+    overrides = ["data.rgb=false", f"data.seed={SEED}"]
+    comparison = compare(["proposed"], "house-42", overrides=overrides)
+    dataset = find_dataset("house-42", overrides=overrides)
+    evaluation = measure(Run.load(comparison.run), dataset)
+    correct = evaluation.methods[0].judged.correct
+    query_m = np.array([truth.T_world_pano[:2, 3] for truth in evaluation.truths])
+    map_m = np.array([frame.T_world_pano[:2, 3] for frame in mapping_frames(dataset)])
+    (floor,) = dataset.floors()
+
+    rows, columns = floor.region.shape
+    figure, axes = plt.subplots(figsize=(11, 11 * rows / columns + 0.9), layout="constrained")
+    left_m, top_m = floor.origin_m
+    extent = (left_m, left_m + columns * floor.resolution_m, top_m - rows * floor.resolution_m, top_m)
+    axes.imshow(_floor_picture(floor), extent=extent, interpolation="nearest")
+    axes.plot(*map_m.T, "+", color="0.35", markersize=7, label=f"map frame ({len(map_m)})")
+    axes.plot(*query_m[correct].T, "o", color=RIGHT, markersize=5, label=f"query, right room ({correct.sum()})")
+    axes.plot(*query_m[~correct].T, "X", color=WRONG, markersize=10, label=f"query, wrong room ({(~correct).sum()})")
+    axes.set(xlabel="x (m)", ylabel="y (m)")
+    axes.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=3, frameon=False)
+    figure.savefig(path, dpi=110, bbox_inches="tight")
+
+
+def _floor_picture(floor: FloorMasks) -> np.ndarray:
+    """(rows, columns, 3) uint8: rooms in pale colours, obstacles darker, no floor white."""
+    palette = np.array(plt.get_cmap("Pastel2").colors)
+    colour = palette[floor.region % len(palette)] * np.where(floor.obstacle, 0.85, 1.0)[..., None]
+    inside = floor.free | (floor.region > 0)
+    return (np.where(inside[..., None], colour, 1.0) * 255).astype(np.uint8)
+
+
+if __name__ == "__main__":
+    IMAGES.mkdir(exist_ok=True)
+    draw_panorama_graph(IMAGES / "panorama-graph.jpg")
+    draw_floor(IMAGES / "floor.png")
