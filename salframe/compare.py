@@ -17,6 +17,7 @@ from salframe.predict import describe_error, open_dataset, predict
 from salframe.presets import Overrides, configure, dataset_settings, settings
 from salframe.registry import registry
 from salframe.report import write_report
+from salframe.reported import Reported, read_reported
 from salframe.roles import Dataset
 from salframe.runs import Outcome, Run
 from salframe.storage import write_json
@@ -30,10 +31,11 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True)
 class Comparison:
-    """A run and its table: a row a method with the keys of evaluate.COLUMNS, None where a number is absent."""
+    """A run and its table: a row a method with the keys of evaluate.COLUMNS, None where a number is absent; what papers report apart."""
 
     run: Path
     rows: tuple[dict[str, Any], ...]
+    reported: tuple[Reported, ...] = ()
 
     @property
     def report(self) -> Path:
@@ -51,30 +53,34 @@ class Comparison:
         return any("crashed" in row["status"] for row in self.rows)
 
     def to_json(self) -> dict[str, Any]:
-        """{"run": path, "rows": [...]}."""
-        return {"run": str(self.run), "rows": list(self.rows)}
+        """{"run": path, "rows": [...]}, and "reported": [...] where figures of papers were asked for."""
+        content: dict[str, Any] = {"run": str(self.run), "rows": list(self.rows)}
+        if self.reported:
+            content["reported"] = [paper.model_dump(mode="json") for paper in self.reported]
+        return content
 
 
 def compare(
     methods: Sequence[str], data: str = "house-12", *, data_dir: Path | None = None, overrides: Sequence[str] = (), name: str | None = None,
-    runs: Path = Path("runs"), engine: str = "processes", seed: int = 0, progress: Progress | None = None,
+    runs: Path = Path("runs"), engine: str = "processes", seed: int = 0, progress: Progress | None = None, reported: bool = False,
 ) -> Comparison:  # fmt: skip
     """Run methods (presets or localizers, by name) on a dataset and measure them; a run that was begun is resumed.
 
-    `data` is a preset, a dataset, or a folder with a manifest.json; `data_dir` sets the dataset's root; `overrides` are "key.path=value".
-    Raises SalframeError on names and settings that are wrong, before anything runs.
+    `data` is a preset, a dataset, or a folder with a manifest.json; `data_dir` sets the dataset's root; `overrides` are "key.path=value";
+    `reported` adds what papers report beside the rows. Raises SalframeError on names and settings that are wrong, before anything runs.
     """
     if not methods:
         raise ConfigError("received no method, expected at least one")
     contents = {method: settings("localizer", method) for method in methods}
     given = Overrides(map(parse_override, overrides), contents)
     configs = {method: configure("localizer", method, contents[method], given.methods[method]) for method in methods}
-    return run_methods(configs, data, data_dir, given, name, runs, engine, seed, progress)
+    papers = read_reported() if reported else ()
+    return run_methods(configs, data, data_dir, given, name, runs, engine, seed, progress, papers)
 
 
 def run_methods(
     methods: Mapping[str, ComponentConfig], data: str, data_dir: Path | None, given: Overrides, name: str | None, runs: Path,
-    engine: str, seed: int, progress: Progress | None,
+    engine: str, seed: int, progress: Progress | None, reported: tuple[Reported, ...] = (),
 ) -> Comparison:  # fmt: skip
     """Run configured methods by their label; `given` holds what was set of the dataset and the engine. Else as `compare`."""
     data_name, content = dataset_settings(data, data_dir)
@@ -89,7 +95,7 @@ def run_methods(
         for label, result in zip(todo, runner.map(partial(predict, run.directory), todo), strict=True):
             if isinstance(result, Exception):
                 run.end(label, Outcome("crashed", describe_error(result)))
-    return _conclude(run, dataset)
+    return _conclude(run, dataset, reported)
 
 
 def _finished(run: Run, label: str, folds: Sequence[Fold]) -> bool:
@@ -137,10 +143,10 @@ def evaluate(directory: Path) -> Comparison:
     return _conclude(run, dataset)
 
 
-def _conclude(run: Run, dataset: Dataset) -> Comparison:
+def _conclude(run: Run, dataset: Dataset, reported: tuple[Reported, ...] = ()) -> Comparison:
     evaluation = measure(run, dataset)
     for method in evaluation.methods:
         write_json(run.folder(method.label) / "metrics.json", method.row)
-    comparison = Comparison(run.directory, tuple(method.row for method in evaluation.methods))
-    write_report(comparison.report, run.directory.name, evaluation, dataset.floors())
+    comparison = Comparison(run.directory, tuple(method.row for method in evaluation.methods), reported)
+    write_report(comparison.report, run.directory.name, evaluation, dataset.floors(), reported)
     return comparison

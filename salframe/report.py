@@ -15,6 +15,7 @@ from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 from salframe.evaluate import Evaluation, Measured
+from salframe.reported import Reported
 from salframe.storage import write_text
 from salframe.types import FloorMasks
 
@@ -26,8 +27,8 @@ Figure = dict[str, Any]
 """A Plotly figure as JSON: {"title": ..., "data": [...], "layout": {...}}; "wide" where it needs the width of the page."""
 
 
-def write_report(path: Path, title: str, evaluation: Evaluation, floors: Sequence[FloorMasks]) -> None:
-    """Write the report to `path` and the accuracy figure to accuracy.svg beside it."""
+def write_report(path: Path, title: str, evaluation: Evaluation, floors: Sequence[FloorMasks], reported: Sequence[Reported] = ()) -> None:
+    """Write the report to `path` and the accuracy figure to accuracy.svg beside it; `reported` gets a section of its own at the end."""
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).with_name("templates")), autoescape=True, undefined=StrictUndefined,
         trim_blocks=True, lstrip_blocks=True,
@@ -43,6 +44,7 @@ def write_report(path: Path, title: str, evaluation: Evaluation, floors: Sequenc
         title=title, rows=[method.row for method in evaluation.methods], colours=colours, queries=len(evaluation.queries),
         accuracy=Markup(accuracy), figures=Markup(json.dumps(figures).replace("</", "<\\/")), figure_count=len(figures),
         plotly=Markup(get_plotlyjs()), answers={method.label: list(_answers(evaluation, method)) for method in done},
+        reported=reported,
     )  # fmt: skip
     write_text(path, page)
 

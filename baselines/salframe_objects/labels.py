@@ -14,7 +14,8 @@ from salframe.types import Localization, MapFrame
 class WeightedLabels(Localizer):
     """Weighted Jaccard index of labels: J = sum_l min(w_l, w'_l) / sum_l max(w_l, w'_l) over the labels l of query and map; no pose.
 
-    With weights of 1 it is the Jaccard index of sets, with numbers of objects that of multisets. A description holds `labels` (L,), each once.
+    With weights of 1 it is the Jaccard index of sets, with numbers of objects that of multisets. A description holds `labels` (L,), each
+    once.
     """
 
     @abstractmethod

@@ -50,9 +50,9 @@ class ObjectSetLocalizer(WeightedLabels):
 class SalientObjectsLocalizer(WeightedLabels):
     """Jaccard index of labels weighted by their saliency; gives a place and no pose.
 
-    J = sum_l min(w_l, w'_l) / sum_l max(w_l, w'_l), where w_l is the sum of S^p over the objects with the label l in the query, w'_l in the map
-    frame, S the saliency and p `saliency_power`. The paper names "a collection of salient objects" and no formula: a weight for each object,
-    instead of a threshold, is our reading.
+    J = sum_l min(w_l, w'_l) / sum_l max(w_l, w'_l), where w_l is the sum of S^p over the objects with the label l in the query, w'_l in the
+    map frame, S the saliency and p `saliency_power`. The paper names "a collection of salient objects" and no formula: a weight for each
+    object, instead of a threshold, is our reading; p = 1/3 was the best of 0.33, 0.5 and 1 on buildings set aside for tuning.
     """
 
     name = "salient-objects"
@@ -61,7 +61,7 @@ class SalientObjectsLocalizer(WeightedLabels):
     class Config(ComponentConfig):
         detector: slot("detector", "annotations")  # type: ignore[valid-type]
         saliency: slot("saliency", "volumetric")  # type: ignore[valid-type]
-        saliency_power: float = Field(1 / 3, ge=0, description="p in an object's weight S^p: 1 the share of volume, 1/3 of length, 0 all alike")
+        saliency_power: float = Field(1 / 3, ge=0, description="p of an object's weight S^p: 1 share of volume, 1/3 of length, 0 all alike")
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)

@@ -17,14 +17,14 @@ class SalientVolumesLocalizer(Localizer):
     """Salient objects matched one to one by label, saliency, direction and range; gives a place and no pose.
 
     After SOVS (Meena et al. 2024, "volumetric saliency") as the paper tells of it: objects weighted by their share of the volume, with
-    "visual, spatial, and directional features", and no structure. How these make a score is our reading. Two objects a, b of one label share
+    "visual, spatial, and directional features", and no structure. How these make a score is our reading. Two objects a, b of a label share
 
         s_ab(t) = min(w_a, w_b) * max(cos(angle between the directions of a turned by t and b), 0) * min(r_a, r_b) / max(r_a, r_b)
 
-    with w = S^p, S the saliency and p `saliency_power`, and r the range in metres. M is the largest sum of s_ab(t) over one-to-one matchings
-    and turns t about the vertical, and the score M / (sum w + sum w' - M), the weighted Jaccard index of `salient-objects` object by object.
-    The heading of a panorama is arbitrary, so the turns tried are all that bring two objects of one label to the same azimuth. Objects of
-    unknown range are left out.
+    with w = S^p, S the saliency and p `saliency_power`, and r the range in metres. M is the largest sum of s_ab(t) over one-to-one
+    matchings and turns t about the vertical, and the score M / (sum w + sum w' - M), the weighted Jaccard index of `salient-objects` object
+    by object. The heading of a panorama is arbitrary, so the turns tried are all that bring two objects of one label to the same azimuth.
+    Objects of unknown range are left out.
     """
 
     name = "sovs"
@@ -33,7 +33,7 @@ class SalientVolumesLocalizer(Localizer):
     class Config(ComponentConfig):
         detector: slot("detector", "annotations")  # type: ignore[valid-type]
         saliency: slot("saliency", "volumetric")  # type: ignore[valid-type]
-        saliency_power: float = Field(1 / 3, ge=0, description="p in an object's weight S^p: 1 the share of volume, 1/3 of length, 0 all alike")
+        saliency_power: float = Field(1 / 3, ge=0, description="p of an object's weight S^p: 1 share of volume, 1/3 of length, 0 all alike")
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)
@@ -73,7 +73,8 @@ def compare_places(query: Description, place: Description) -> float:
     same = query["labels"][:, None] == place["labels"][None]
     if not same.any():
         return 0.0
-    (azimuth_q, lean_q, up_q, range_q), (azimuth_p, lean_p, up_p, range_p) = _directions(query["centroid_m"]), _directions(place["centroid_m"])
+    azimuth_q, lean_q, up_q, range_q = _directions(query["centroid_m"])
+    azimuth_p, lean_p, up_p, range_p = _directions(place["centroid_m"])
     turn_rad = (azimuth_p[None] - azimuth_q[:, None])[same]
     # The cosine of the angle between two directions, from the horizontal and vertical parts of each.
     apart_rad = azimuth_q[:, None] + turn_rad[:, None, None] - azimuth_p

@@ -30,14 +30,15 @@ def compare(
     methods: Annotated[str, typer.Option(help="Methods, comma-separated: presets or localizers.")] = "proposed,objects",
     data: Annotated[str, typer.Option(help="A dataset preset, a dataset, or a folder with a manifest.json.")] = "house-12",
     data_dir: DataDir = None, overrides: Set = None, name: Name = None, runs: Runs = Path("runs"), engine: EngineName = "processes",
-    seed: Seed = 0, as_json: Json = False,
+    seed: Seed = 0, reported: Annotated[bool, typer.Option("--reported", help="Show what papers report, apart from what is measured.")] = False,
+    as_json: Json = False,
 ) -> None:  # fmt: skip
     """Run methods on the same queries and print what they reach and cost. Run it again to resume."""
     from salframe.compare import compare as run
 
     wanted = [method.strip() for method in methods.split(",") if method.strip()]
     _show(lambda progress: run(wanted, data, data_dir=data_dir, overrides=overrides or (), name=name, runs=runs, engine=engine, seed=seed,
-                               progress=progress), as_json)  # fmt: skip
+                               progress=progress, reported=reported), as_json)  # fmt: skip
 
 
 def ablate(

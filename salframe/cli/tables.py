@@ -14,6 +14,7 @@ from rich.table import Table
 
 if TYPE_CHECKING:
     from salframe.compare import Comparison
+    from salframe.reported import Reported
 
 
 class Bars:
@@ -78,6 +79,9 @@ def print_comparison(comparison: Comparison) -> None:
             notes.append(f"{row['method']}: {said}")
     for note in notes:
         console.print(note, style="dim", markup=False, highlight=False)
+    for paper in comparison.reported:
+        console.print(_reported(paper))
+        console.print(f"{paper.source}. {paper.note}", style="dim", markup=False, highlight=False)
     console.print(f"report: {comparison.report}", markup=False, highlight=False, soft_wrap=True)
 
 
@@ -93,6 +97,19 @@ def _table(comparison: Comparison, columns: Sequence[int]) -> Table:
         else:
             cells = _cells(row)
             table.add_row(label, *(cells[column] for column in columns))
+    return table
+
+
+def _reported(paper: Reported) -> Table:
+    """The tables of a paper under each other, each with its figures named on its first line."""
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+    table.add_column("reported, not measured", overflow="fold")
+    for _ in range(max(len(part.figures) for part in paper.tables)):
+        table.add_column("", justify="right", no_wrap=True)
+    for part in paper.tables:
+        table.add_row(escape(part.title), *map(escape, part.figures), style="bold")
+        for method, numbers in part.rows.items():
+            table.add_row(f"  {escape(method)}", *(f"{number:g}" for number in numbers), end_section=method == list(part.rows)[-1])
     return table
 
 
