@@ -16,15 +16,25 @@ from salframe.errors import RequirementMissing
 from salframe.localizer import Description, Localizer, rank_places
 from salframe.types import Localization, MapFrame, Panorama
 from salframe.weights import file_sha256
+from salframe_keypoints.aliked import AlikedLightGlue, AlikedNearest
+from salframe_keypoints.disk import DiskLightGlue
 from salframe_keypoints.loftr import Loftr
 from salframe_keypoints.pairs import Pair, View
 from salframe_keypoints.poses import robust_pose
 from salframe_keypoints.shortlist import Vlad, turned_similarity
 from salframe_keypoints.sift import Sift
 from salframe_keypoints.views import ViewRig, sample_nearest
-from salframe_keypoints.xfeat import XFeat
+from salframe_keypoints.xfeat import XFeat, XFeatNearest
 
-PAIRS: dict[str, type[Pair]] = {"xfeat": XFeat, "sift": Sift, "loftr": Loftr}
+PAIRS: dict[str, type[Pair]] = {
+    "xfeat": XFeat,
+    "xfeat-nn": XFeatNearest,
+    "aliked-lightglue": AlikedLightGlue,
+    "aliked-nn": AlikedNearest,
+    "disk-lightglue": DiskLightGlue,
+    "sift": Sift,
+    "loftr": Loftr,
+}
 DESCRIBED_BY = {"pair", "views", "view_width_px", "view_height_px", "hfov_deg", "max_keypoints", "loftr_config"}
 """The settings that a description depends on; the others matter to matching only."""
 
@@ -36,7 +46,7 @@ class Keypoints(Localizer):
     """Keypoint matches between perspective views of panoramas, with a pose from matches whose map side has a range."""
 
     name = "keypoints"
-    version = "1"
+    version = "2"
     extra = "salframe[keypoints]"
     turn_tolerance_m: ClassVar[float] = 0.05  # the views cut the panorama at other pixels once it is turned
     weights = tuple(weights for pair in PAIRS.values() for weights in pair.weights)
@@ -49,7 +59,7 @@ class Keypoints(Localizer):
         hfov_deg: float = Field(90.0, gt=0, lt=150, description="horizontal field of view of each view")
         max_keypoints: int = Field(512, ge=16, description="keypoints a view")
         words: int = Field(64, ge=1, description="size of the vocabulary behind the global descriptor")
-        shortlist: int = Field(5, ge=1, description="map frames, best by the global descriptor, that are matched in full")
+        shortlist: int | None = Field(5, ge=1, description="map frames, best by the global descriptor, that are matched in full; null: all")
         inlier_deg: float = Field(1.0, gt=0, description="a match agrees with a pose where its bearing is off by less than this")
         hypotheses: int = Field(500, ge=1, description="three-point samples that poses are drawn from")
         min_inliers: int = Field(20, ge=4, description="a pose with fewer agreeing matches is none")

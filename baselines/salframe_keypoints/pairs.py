@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -87,11 +87,14 @@ def read_checkpoint(path: Path) -> Any:
         raise WeightsMissing(f"{path} is no torch checkpoint: {type(error).__name__} {_one_line(error)}") from None
 
 
-def load_strictly(module: Any, state: Mapping[str, Any], path: Path) -> None:
-    """Put a state into a torch module, every tensor of both accounted for. Raises WeightsMissing."""
+def load_strictly(module: Any, state: Any, path: Path, computed: str | None = None) -> None:
+    """Put a state into a torch module, every tensor of both accounted for. Raises WeightsMissing.
+
+    `computed` names a buffer of the module that is not learned: it stays, whether or not the state has it.
+    """
     try:
-        module.load_state_dict(dict(state))
-    except (RuntimeError, TypeError) as error:
+        module.load_state_dict(dict(state) | ({computed: module.get_buffer(computed)} if computed else {}))
+    except (RuntimeError, TypeError, ValueError) as error:
         raise WeightsMissing(f"{path} does not fit {type(module).__name__}: {_one_line(error)}") from None
 
 

@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 import pytest
 from salframe_keypoints.localizer import PAIRS, Keypoints
-from salframe_keypoints.pairs import View
+from salframe_keypoints.networks import LightGlueMatcher
+from salframe_keypoints.pairs import View, read_checkpoint
 from salframe_keypoints.views import ViewRig
 
 from salframe.errors import ConfigError, WeightsMissing
@@ -46,36 +47,57 @@ def test_sift_matches_are_those_of_opencv(images, configure):
     np.testing.assert_allclose(np.hstack([pixels, reference.points_px[position]]) - 0.5, expected, atol=1e-4)
 
 
-def test_xfeat_matches_are_those_of_kornia(images, configure, monkeypatch):
-    settings = configure("xfeat")
-    import torch
+def slow(name):
+    return pytest.param(name, marks=pytest.mark.slow)
+
+
+def plain_use(name, monkeypatch):
+    """A detector and a matcher of kornia, loaded by kornia's own code, though from our files instead of its download."""
     from kornia import feature
-    from kornia.feature import lightglue, xfeat
+    from kornia.feature import aliked, disk, lightglue, xfeat
 
-    local = {path.name: path for path in PAIRS["xfeat"].weights[0].paths()}
+    features, *matcher = PAIRS[name].weights[0].paths()
+    for module, path in [(aliked.aliked, features), (disk.disk, features), (xfeat, features), (lightglue, *matcher)][: 3 + len(matcher)]:
+        monkeypatch.setattr(module, "load_state_dict_from_url", lambda url, path=path, **options: read_checkpoint(path))
+    kind = name.split("-")[0]
+    if kind == "xfeat":
+        network = feature.XFeat.from_pretrained(top_k=512)
+        detect = lambda image: [network.detectAndCompute(image)[0][key] for key in ("keypoints", "descriptors")]  # noqa: E731
+    else:
+        network = feature.DISK.from_pretrained() if kind == "disk" else feature.ALIKED.from_pretrained("aliked-n16", 512, 0.0)
+        options = {"n": 512} if kind == "disk" else {}
+        detect = lambda image: [getattr(network(image, **options)[0], key) for key in ("keypoints", "descriptors")]  # noqa: E731
+    if not matcher:
+        return detect, lambda one, two: feature.match_mnn(one["descriptors"][0], two["descriptors"][0])[1]
+    glue = feature.LightGlue(kind).eval()
+    return detect, lambda one, two: glue({"image0": one, "image1": two})["matches"][0]
 
-    def load_local(url, file_name, **options):  # kornia's own loading, without its download
-        return torch.load(local[file_name], weights_only=True)
 
-    monkeypatch.setattr(lightglue, "load_state_dict_from_url", load_local)
-    monkeypatch.setattr(xfeat, "load_state_dict_from_url", load_local)
-    plain, matcher = feature.XFeat.from_pretrained(top_k=512), feature.LightGlue("xfeat")
-    matcher.eval()
+@pytest.mark.parametrize("name", ["xfeat", "xfeat-nn", *map(slow, ("aliked-nn", "aliked-lightglue", "disk-lightglue"))])
+def test_network_matches_are_those_of_kornia(name, images, configure, monkeypatch):
+    settings = configure(name)
+    import torch
+
+    detect, match = plain_use(name, monkeypatch)
     with torch.inference_mode():
-        found = plain.detectAndCompute(torch.from_numpy(images).permute(0, 3, 1, 2) / 255)
+        found = [detect(torch.from_numpy(image[None]).permute(0, 3, 1, 2) / 255) for image in images]
         size = torch.tensor([[480, 352]])
-        sides = [{"keypoints": f["keypoints"][None].float(), "descriptors": f["descriptors"][None], "image_size": size} for f in found]
-        expected = matcher({"image0": sides[0], "image1": sides[1]})["matches"][0].numpy()
+        sides = [{"keypoints": points[None].float(), "descriptors": described[None], "image_size": size} for points, described in found]
+        expected = match(*sides).numpy()
 
-    pair = PAIRS["xfeat"](settings)
+    pair = PAIRS[name](settings)
     query, reference = pair.extract(images)
-    np.testing.assert_array_equal(query.points_px - 0.5, found[0]["keypoints"].numpy())
-    exact = [View(view.points_px, f["descriptors"].numpy()) for view, f in zip((query, reference), found, strict=True)]
-    np.testing.assert_array_equal(pair.match_descriptors(*exact), expected)
+    np.testing.assert_allclose(query.points_px - 0.5, found[0][0].numpy(), atol=1e-4)
+    exact = [View(view.points_px, described.numpy()) for view, (_, described) in zip((query, reference), found, strict=True)]
+    np.testing.assert_array_equal(in_order(pair.match_descriptors(*exact)), in_order(expected))
     # what is stored is float16: the same matches but for a few at the threshold
     stored, plainly = set(map(tuple, pair.match_descriptors(query, reference))), set(map(tuple, expected))
     assert len(plainly) > 100
     assert len(stored & plainly) >= 0.97 * len(stored | plainly)
+
+
+def in_order(matches):
+    return sorted(map(tuple, matches))
 
 
 @pytest.mark.skipif(not DISTILLED.exists(), reason=f"no {DISTILLED}")
@@ -112,6 +134,27 @@ def test_a_file_that_is_no_loftr_checkpoint_is_one_clear_line(configure, tmp_pat
         PAIRS["loftr"](configure("loftr", checkpoint=tmp_path / "other.ckpt"))
 
 
+@pytest.mark.parametrize("name", ["xfeat", "xfeat-nn", "aliked-nn", "aliked-lightglue", "disk-lightglue"])
+@pytest.mark.parametrize("content", [{"other.weight": 1.0}, {"extractor": {"other.weight": 1.0}}, 1.0])
+def test_another_networks_checkpoint_is_one_clear_line(name, content, configure, tmp_path):
+    torch = pytest.importorskip("torch")
+    for file in PAIRS[name].weights[0].files:
+        torch.save(content, tmp_path / file.name)
+    with pytest.raises(WeightsMissing, match=r"(does not fit|is no) [A-Z]") as caught:
+        PAIRS[name](configure(name, checkpoint=tmp_path))
+    assert PAIRS[name].weights[0].files[0].name in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("content", [{"matcher.other.weight": 1.0}, 1.0])
+def test_a_checkpoint_that_is_no_lightglue_is_one_clear_line(content, configure, tmp_path):
+    torch = pytest.importorskip("torch")
+    torch.save(content, tmp_path / "matcher.pth")
+    with pytest.raises(WeightsMissing, match=r"matcher\.pth (does not fit|is no) LightGlue") as caught:
+        LightGlueMatcher("aliked", tmp_path / "matcher.pth", Keypoints.Config())
+    assert "\n" not in str(caught.value)
+
+
 def test_a_file_that_is_no_checkpoint_is_one_clear_line(configure, tmp_path):
     pytest.importorskip("torch")
     (tmp_path / "text.ckpt").write_text("hello")
@@ -126,7 +169,7 @@ def test_an_architecture_that_kornia_does_not_know_is_one_clear_line(configure, 
 
 
 def test_views_without_a_point_have_no_matches(configure, images):
-    for name in ("sift", "xfeat"):
+    for name in ("sift", "xfeat", "xfeat-nn"):
         pair = PAIRS[name](configure(name))
         empty, full = pair.extract(np.stack([np.full_like(images[0], 90), images[1]]))
         assert len(empty.points_px) == 0

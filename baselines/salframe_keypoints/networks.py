@@ -1,0 +1,91 @@
+"""What features computed by a network of kornia have in common, and LightGlue, the matcher learned for them."""
+
+from __future__ import annotations
+
+import re
+from abc import abstractmethod
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from salframe.errors import WeightsMissing
+from salframe_keypoints.pairs import DescriptorPair, View, load_strictly, read_checkpoint
+
+if TYPE_CHECKING:
+    from salframe_keypoints.localizer import Keypoints
+
+PIXEL_CENTRE = np.float32(0.5)
+"""kornia puts pixel centres at whole numbers."""
+
+
+class NetworkPair(DescriptorPair):
+    """Keypoints and descriptors of a network, matched where each of two descriptors is the other's nearest."""
+
+    requires = ("torch", "kornia")
+
+    @abstractmethod
+    def detect(self, image: Any) -> tuple[Any, Any]:
+        """Keypoints (K, 2) in kornia's pixels and descriptors of unit length (K, D), tensors, of an image (1, 3, h, w) from 0 to 1."""
+
+    def extract(self, images: np.ndarray) -> list[View]:
+        """See Pair. One image at a time, which bounds the memory; descriptors are kept as float16."""
+        import torch
+
+        views = []
+        with torch.inference_mode():
+            for image in images:
+                keypoints, descriptors = self.detect(torch.from_numpy(image).permute(2, 0, 1)[None].float() / 255)
+                views.append(View(keypoints.numpy().astype(np.float32) + PIXEL_CENTRE, descriptors.half().numpy()))
+        return views
+
+    def match_descriptors(self, query: View, reference: View) -> np.ndarray:
+        """See DescriptorPair."""
+        if not len(query.features) or not len(reference.features):
+            return np.zeros((0, 2), int)
+        cosines = query.features.astype(np.float32) @ reference.features.astype(np.float32).T
+        nearest, nearest_back = cosines.argmax(1), cosines.argmax(0)
+        mutual = np.flatnonzero(nearest_back[nearest] == np.arange(len(nearest)))
+        return np.stack([mutual, nearest[mutual]], 1)
+
+
+class LightGlueMatcher:
+    """LightGlue (Lindenberger et al., ICCV 2023) by kornia, for one kind of features that it knows."""
+
+    def __init__(self, features: str, path: Path, config: Keypoints.Config) -> None:
+        """Raises WeightsMissing where `path` holds no LightGlue for these features."""
+        import torch
+        from kornia import feature
+
+        settings = {key: value for key, value in feature.LightGlue.features[features].items() if key != "weights"}
+        self._network = feature.LightGlue(features=None, **settings).eval()
+        load_strictly(self._network, lightglue_state(read_checkpoint(path), path), path, computed="confidence_thresholds")
+        self._size = torch.tensor([[config.view_width_px, config.view_height_px]])
+
+    def match(self, query: View, reference: View) -> np.ndarray:
+        """(M, 2) int: positions of matched points in the query and in the reference."""
+        import torch
+
+        with torch.inference_mode():
+            found = self._network({"image0": self._side(query), "image1": self._side(reference)})
+        return found["matches"][0].numpy()
+
+    def _side(self, view: View) -> dict[str, Any]:
+        import torch
+
+        points, descriptors = torch.from_numpy(view.points_px - PIXEL_CENTRE), torch.tensor(view.features).float()
+        return {"keypoints": points[None], "descriptors": descriptors[None], "image_size": self._size}
+
+
+def lightglue_state(content: Any, path: Path) -> dict[str, Any]:
+    """A LightGlue checkpoint of its authors in kornia's names; what it carries besides the matcher is left out. Raises WeightsMissing."""
+    if not isinstance(content, Mapping):
+        raise WeightsMissing(f"{path} is no LightGlue checkpoint: received a {type(content).__name__}, expected a mapping of tensors")
+    if any(name.startswith("matcher.") for name in content):  # XFeat's authors store the features' network with it
+        content = {name.removeprefix("matcher."): value for name, value in content.items() if name.startswith("matcher.")}
+    return {
+        re.sub(r"^(self_attn|cross_attn)\.(\d+)", r"transformers.\2.\1", name): value
+        for name, value in content.items()
+        if not re.fullmatch(r"log_assignment\.\d+\.r", name)  # in the file for DISK, read by no published LightGlue
+    }
