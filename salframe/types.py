@@ -75,12 +75,14 @@ class Annotations:
 
     instance_id (H, 2H) int32, 0 where there is no object; labels: instance id -> label. `objects` instead, where there is no image:
     one detection an object, and `keys`, N strings that stay with an object when the panorama is turned (they key noise, nothing else).
+    `rendered`: labels and ranges come from a renderer and hold no error of their own.
     """
 
     instance_id: np.ndarray | None = None
     labels: Mapping[int, str] = field(default_factory=dict)
     objects: Detections | None = None
     keys: tuple[str, ...] = ()
+    rendered: bool = False
 
     def __post_init__(self) -> None:
         if (self.instance_id is None) == (self.objects is None):

@@ -89,7 +89,7 @@ def test_the_tutorial_on_your_own_panoramas_works(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     text = (DOCS / "tutorials/your-own-panoramas.md").read_text()
     exec(re.search(r"```python\n(.*?)```", text, re.DOTALL)[1], {})
-    assert run("build", "flat", "-o", "flat.map", "--set", "detector.noise=none").code == 0
+    assert run("build", "flat", "-o", "flat.map").code == 0
     assert run("localize", "flat.map", "flat/frames/query-1.range.png").out in text
     answer = run("localize", "flat.map", "query-1", "--data", "flat", "--json").json
     assert answer["places"][0]["place"] == "study"

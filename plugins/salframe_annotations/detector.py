@@ -48,8 +48,8 @@ class AnnotationDetector(Detector):
     class Config(ComponentConfig):
         noise: Literal["auto", "none", "realistic", "heavy"] | Noise = Field(
             "auto",
-            description="errors added: a level or its own shares; auto is realistic on instance images, whose labels and ranges are perfect, "
-            "and none on object lists, which hold the errors of real annotation already",
+            description="errors added: a level or its own shares; auto: realistic on rendered panoramas, whose annotations are perfect, and none on "
+            "those of real ones, which hold errors of their own",
         )
         seed: int = Field(0, ge=0, description="seed of the errors")
 
@@ -58,11 +58,12 @@ class AnnotationDetector(Detector):
         if annotations is None:
             raise InputMissing(f"{panorama.id} has no annotations, which the detector {self.name!r} reads")
         if annotations.objects is None:
-            objects, vocabulary, auto = objects_in_image(panorama), sorted(set(annotations.labels.values())), "realistic"
+            objects, vocabulary = objects_in_image(panorama), sorted(set(annotations.labels.values()))
         else:
-            objects, vocabulary, auto = objects_in_list(annotations), sorted(set(annotations.objects.labels)), "none"
+            objects, vocabulary = objects_in_list(annotations), sorted(set(annotations.objects.labels))
         noise = self.config.noise
         if isinstance(noise, str):
+            auto = "realistic" if annotations.rendered else "none"
             noise = LEVELS[auto if noise == "auto" else noise]
         found = spoil(objects, vocabulary, noise, (self.config.seed, zlib.crc32(panorama.id.encode())))
         return detections_from_points([o.label for o in found], np.ones(len(found)), [o.points_m for o in found])

@@ -85,6 +85,7 @@ class Manifest(_Strict):
     truth: str | None = None
     objects: str | None = None
     floors: tuple[FloorEntry, ...] = ()
+    rendered: bool = False
 
     @model_validator(mode="after")
     def _frames_differ(self) -> Manifest:
@@ -169,7 +170,7 @@ class Folder:
             rgb=self._part(frame.rgb, images.read_color),
             range_m=self._part(frame.range, images.read_range),
             valid=self._part(frame.valid, images.read_mask),
-            annotations=None if instances is None else Annotations(instances, self.labels),
+            annotations=None if instances is None else Annotations(instances, self.labels, rendered=self.manifest.rendered),
         )
 
     def _part(self, name: str | None, read):
@@ -258,8 +259,11 @@ def is_written(root: Path, frame: FrameEntry) -> bool:
 
 def write_manifest(
     root: Path, frames: Sequence[FrameEntry], truth: Mapping[str, TruthEntry], objects: str | None = None, floors: Sequence[FloorEntry] = (),
+    rendered: bool = False,
 ) -> None:  # fmt: skip
     """Write truth.json and then manifest.json, which makes the folder a dataset: write it last."""
     write_json(root / "truth.json", TruthFile(queries=dict(truth)).model_dump(mode="json", exclude_none=True))
-    manifest = Manifest(format="salframe-folder", version=1, frames=tuple(frames), truth="truth.json", objects=objects, floors=tuple(floors))
+    manifest = Manifest(
+        format="salframe-folder", version=1, frames=tuple(frames), truth="truth.json", objects=objects, floors=tuple(floors), rendered=rendered
+    )
     write_json(root / MANIFEST, manifest.model_dump(mode="json", exclude_none=True))

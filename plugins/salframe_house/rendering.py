@@ -80,7 +80,7 @@ def _describe(root: Path, building: Building, changed: Building, specs: Sequence
         "yaw_rad": [placed.yaw_rad for placed in objects],
     })  # fmt: skip
     floor = write_floor(root, "floor", building.floor_masks())
-    write_manifest(root, entries, truth, "objects.parquet", [floor])
+    write_manifest(root, entries, truth, "objects.parquet", [floor], rendered=True)
 
 
 @cache

@@ -129,3 +129,13 @@ def test_missing_input_is_said():
         detect(Panorama("x", range_m=np.ones((4, 8), np.float32)))
     with pytest.raises(InputMissing, match="expected both"):
         detect(Panorama("x", annotations=Annotations(np.ones((4, 8), int), {1: "a"})))
+
+
+def test_auto_noise_is_for_rendered_panoramas():
+    """Real annotations hold errors of their own, perfect ones are given a detector's."""
+    real = panorama()
+    annotations = real.annotations
+    rendered = Panorama(real.id, range_m=real.range_m, annotations=Annotations(annotations.instance_id, annotations.labels, rendered=True))
+    for pano, level in ((real, "none"), (rendered, "realistic")):
+        np.testing.assert_array_equal(detect(pano).centroid_m, detect(pano, noise=level).centroid_m)
+    assert detect(rendered, noise="realistic").labels != detect(rendered, noise="none").labels
