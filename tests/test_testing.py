@@ -59,7 +59,10 @@ def test_every_dataset_of_ours_conforms(name, tiny):
     check_component(component, component.Config(**small_datasets(tiny)[name]))
 
 
-@pytest.mark.parametrize("method", ["proposed", "usg", "objects", "objects-multiset", "salient-objects", "sovs", *map(slow, ("sift", "xfeat", "loftr"))])
+METHODS = ("proposed", "usg", "objects", "objects-multiset", "salient-objects", "sovs")
+
+
+@pytest.mark.parametrize("method", [*METHODS, *map(slow, ("sift", "xfeat", "loftr"))])
 def test_every_method_of_ours_conforms(method):
     config = configure("localizer", method, settings("localizer", method))
     try:
