@@ -23,7 +23,7 @@ class _Hooks:
     @hookspec
     def salframe_components(self) -> list[type[Component]]:
         """The component classes this plugin provides."""
-        raise NotImplementedError  # a hook specification is never called
+        return []
 
 
 @dataclass(frozen=True)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import multiprocessing
-import os
-import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -16,6 +14,7 @@ from pydantic import Field
 import salframe
 from salframe.config import ComponentConfig
 from salframe.errors import SalframeError
+from salframe.processes import die_with_parent
 from salframe.roles import Component, Engine
 
 
@@ -55,23 +54,12 @@ class Processes(Engine):
 def _alone(function: Callable[[Any], Any], item: Any) -> Any:
     """function(item) in a pool of one: a pool that breaks takes no other item with it."""
     try:
-        with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"), initializer=_die_with_parent) as pool:
+        with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"), initializer=die_with_parent) as pool:
             return pool.submit(function, item).result()
     except BrokenProcessPool:
         return SalframeError("its process died: killed, out of memory, or a fault in a library")
     except Exception as error:
         return error
-
-
-def _die_with_parent() -> None:
-    """A killed parent must not leave a worker that goes on writing into a run folder."""
-
-    def wait() -> None:
-        if (parent := multiprocessing.parent_process()) is not None:
-            parent.join()
-            os._exit(1)
-
-    threading.Thread(target=wait, daemon=True).start()
 
 
 @salframe.hookimpl

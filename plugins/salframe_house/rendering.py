@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import multiprocessing
-import os
-import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -17,6 +15,7 @@ from salframe_folder.images import read_ids
 
 from salframe.errors import SalframeError
 from salframe.geometry import pose_2d
+from salframe.processes import die_with_parent
 from salframe_house.building import Building, Style, change_building, generate_building
 from salframe_house.dataset import House
 from salframe_house.frames import FrameSpec, choose_frames
@@ -48,7 +47,7 @@ def _render(
     progress(done, len(frames))
     if not todo:
         return
-    pool = ProcessPoolExecutor(_WORKERS, mp_context=multiprocessing.get_context("spawn"), initializer=_die_with_parent)
+    pool = ProcessPoolExecutor(_WORKERS, mp_context=multiprocessing.get_context("spawn"), initializer=die_with_parent)
     try:
         for future in as_completed([pool.submit(_render_frame, root, config, spec, entry) for spec, entry in todo]):
             future.result()
@@ -127,14 +126,3 @@ def _renderer(style: Style, rooms: int, seed: int, changed_fraction: float, chan
     if lighting != "day":
         return _renderer(style, rooms, seed, changed_fraction, changed, "day", height).relit(lighting)
     return Renderer(buildings(style, rooms, seed, changed_fraction)[changed].scene(), "day", height)
-
-
-def _die_with_parent() -> None:
-    """A killed parent must not leave a process that goes on rendering."""
-
-    def wait() -> None:
-        if (parent := multiprocessing.parent_process()) is not None:
-            parent.join()
-            os._exit(1)
-
-    threading.Thread(target=wait, daemon=True).start()
