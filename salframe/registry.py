@@ -64,6 +64,9 @@ class Registry:
         absent = [attribute for attribute in ("name", "version") if not hasattr(component, attribute)]
         if absent:
             raise SalframeError(f"{component.__qualname__} has no {' and no '.join(absent)}")
+        for attribute in ("requires", "weights"):
+            if not isinstance(getattr(component, attribute), tuple):
+                raise SalframeError(f"{component.__qualname__}.{attribute} is {type(getattr(component, attribute)).__name__}, expected a tuple")
         key = (component.role, component.name)
         if key in self._components and self._components[key][0] is not component:
             raise SalframeError(f"the {key[0]} {key[1]!r} of {package} is already provided by {self._components[key][1]}")

@@ -5,22 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
-import networkx as nx
 import numpy as np
 from pydantic import ConfigDict
 from salframe_annotations.detector import AnnotationDetector
 from salframe_engines import Inline
-from salframe_folder.dataset import FolderDataset
 from salframe_graphs.localizer import SaliencyGraphLocalizer
 from salframe_graphs.matching import TripletMatcher
 from salframe_graphs.positioning import RobustPositioner
 from salframe_graphs.saliency import VolumetricSaliency
 
 from salframe.config import ComponentConfig
-from salframe.errors import NoRoute
 from salframe.geometry import pose_2d
-from salframe.roles import Planner
-from salframe.types import Detections, Fold, MapEdge, PoseEstimate, Route
+from salframe.types import Detections, PoseEstimate
 
 
 class Described(AnnotationDetector):
@@ -307,104 +303,6 @@ class Backwards(Inline):
         return reversed(list(super().map(function, items)))
 
 
-class Leaky(FolderDataset):
-    """Broken."""
-
-    def folds(self):
-        (fold,) = super().folds()
-        return [replace(fold, queries=fold.mapping)]
-
-
-class Questionless(FolderDataset):
-    """Broken."""
-
-    def folds(self):
-        (fold,) = super().folds()
-        return [Fold(fold.id, fold.mapping, ())]
-
-
-class Ambiguous(FolderDataset):
-    """Broken."""
-
-    def folds(self):
-        (fold,) = super().folds()
-        return [replace(fold, queries=fold.queries + fold.queries[:1])]
-
-
-class Truthless(FolderDataset):
-    """Broken."""
-
-    def truth(self, query_id):
-        raise KeyError(query_id)
-
-
-class Agreeable(FolderDataset):
-    """Broken."""
-
-    def truth(self, query_id):
-        return super().truth("bedroom-query")
-
-
-class Promising(FolderDataset):
-    """Broken."""
-
-    def folds(self):
-        (fold,) = super().folds()
-        return [replace(fold, mapping=tuple(replace(f, load=lambda f=f: replace(f.load(), rgb=None)) for f in fold.mapping))]
-
-
-class Anonymous(FolderDataset):
-    """Broken."""
-
-    def folds(self):
-        (fold,) = super().folds()
-        return [replace(fold, mapping=tuple(replace(f, load=lambda f=f: replace(f.load(), id="frame")) for f in fold.mapping))]
-
-
-class Changing(FolderDataset):
-    """Broken."""
-
-    @property
-    def fingerprint(self):
-        return str(id(self))
-
-
-class Dijkstra(Planner):
-    """Shortest routes by networkx."""
-
-    name = "dijkstra"
-    version = "1"
-
-    def prepare(self, map):
-        self.graph = nx.Graph()
-        self.graph.add_nodes_from(node.id for node in map.nodes)
-        for edge in map.edges:
-            self.graph.add_edge(edge.start, edge.end, **{edge.start: edge.azimuth_rad, edge.end: edge.azimuth_rad + np.pi}, length=edge.length_m)
-
-    def route(self, start, goal):
-        try:
-            nodes = tuple(nx.shortest_path(self.graph, start, goal, "length"))
-        except nx.NetworkXNoPath:
-            raise NoRoute(f"no way from {start} to {goal}") from None
-        legs = tuple(MapEdge(a, b, self.graph.edges[a, b]["length"], self.graph.edges[a, b][a]) for a, b in nx.utils.pairwise(nodes))
-        return Route(nodes, legs, sum(leg.length_m for leg in legs))
-
-
-class OneWay(Dijkstra):
-    """Broken."""
-
-    def prepare(self, map):
-        super().prepare(map)
-        self.graph.remove_edge("door", "room")
-
-
-class Swimming(Dijkstra):
-    """Broken."""
-
-    def route(self, start, goal):
-        return Route((start, goal), (), 0.0) if goal == "island" else super().route(start, goal)
-
-
 BROKEN = [
     (Shouting, "name of Shouting: received 'My Detector', expected words of small letters"),
     (Silent, "docstring of Silent: received none"),
@@ -445,14 +343,3 @@ BROKEN = [
     (Backwards, r"received \[4, 1\], expected \[1, 4\], in order"),
     (int, "received <class 'int'>, expected a subclass of Dataset"),
 ]  # fmt: skip
-
-BROKEN_DATASETS = [
-    (Leaky, "more than one frame bedroom-map"),
-    (Questionless, "received 3 mapping frames and 0 queries, expected at least one of each"),
-    (Ambiguous, "received more than one frame bedroom-query"),
-    (Truthless, "truth of bedroom-query: received KeyError"),
-    (Agreeable, "truth of a query that is not there: received an answer, expected DataError"),
-    (Promising, r"load of bedroom-map: received {.*}, expected what the dataset provides"),
-    (Anonymous, "received a panorama of 'frame', expected one of 'bedroom-map'"),
-    (Changing, "fingerprint of another instance: received"),
-]

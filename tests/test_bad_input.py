@@ -145,6 +145,11 @@ BROKEN_PLUGINS = {
     "syntax": ("def salframe_components(:", "SyntaxError: invalid syntax"),
     "hook": ("import salframe\n@salframe.hookimpl\ndef salframe_components():\n    return [1 / 0]", "ZeroDivisionError: division by zero"),
     "class": ("import salframe\n@salframe.hookimpl\ndef salframe_components():\n    return [int]", "SalframeError: <class 'int'> is no component"),
+    "weights": (
+        "import salframe\nfrom salframe.roles import Engine\nclass E(Engine):\n    name, version = 'e', '1'\n    def weights(self): ...\n"
+        "@salframe.hookimpl\ndef salframe_components():\n    return [E]",
+        "SalframeError: E.weights is function, expected a tuple",
+    ),
 }
 
 

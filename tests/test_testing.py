@@ -5,7 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from broken_components import BROKEN, BROKEN_DATASETS, Dijkstra, OneWay, Swimming
+from broken_components import BROKEN
+from broken_datasets import BROKEN_DATASETS
+from broken_planners import Dijkstra, OneWay, Swimming
 from salframe_annotations.detector import AnnotationDetector
 from tiny_folder import write_tiny_folder
 

@@ -12,6 +12,7 @@ from salframe.localizer import Description
 from salframe.registry import registry
 from salframe.types import Panorama
 from salframe_objects.labels import WeightedLabels
+from salframe_objects.salient import SalientObjects
 
 
 class ObjectSetLocalizer(WeightedLabels):
@@ -47,7 +48,7 @@ class ObjectSetLocalizer(WeightedLabels):
         return len(description["labels"]) * (2 if self.config.labels == "set" else 3)
 
 
-class SalientObjectsLocalizer(WeightedLabels):
+class SalientObjectsLocalizer(SalientObjects, WeightedLabels):
     """Jaccard index of labels weighted by their saliency; gives a place and no pose.
 
     J = sum_l min(w_l, w'_l) / sum_l max(w_l, w'_l), where w_l is the sum of S^p over the objects with the label l in the query, w'_l in the
@@ -58,25 +59,10 @@ class SalientObjectsLocalizer(WeightedLabels):
     name = "salient-objects"
     version = "1"
 
-    class Config(ComponentConfig):
-        detector: slot("detector", "annotations")  # type: ignore[valid-type]
-        saliency: slot("saliency", "volumetric")  # type: ignore[valid-type]
-        saliency_power: float = Field(1 / 3, ge=0, description="p of an object's weight S^p: 1 share of volume, 1/3 of length, 0 all alike")
-
-    def __init__(self, config: ComponentConfig | None = None) -> None:
-        super().__init__(config)
-        self._detector = registry().build("detector", self.config.detector)
-        self._saliency = registry().build("saliency", self.config.saliency)
-
-    @property
-    def needs(self) -> frozenset[str]:
-        return self._detector.needs
-
     def describe(self, panorama: Panorama) -> Description:
-        detections = self._detector.detect(panorama)
+        detections = self.detect(panorama)
         labels, of_object = np.unique(np.array(detections.labels, dtype=np.str_), return_inverse=True)
-        weight = self._saliency.score(detections) ** self.config.saliency_power
-        return {"labels": labels, "weight": np.bincount(of_object, weight, len(labels))}
+        return {"labels": labels, "weight": np.bincount(of_object, self.weigh_objects(detections), len(labels))}
 
     def weigh(self, description: Description) -> np.ndarray:
         return description["weight"]

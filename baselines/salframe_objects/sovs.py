@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from pydantic import Field
 
-from salframe.config import ComponentConfig, slot
-from salframe.localizer import Description, Localizer, rank_places
-from salframe.registry import registry
+from salframe.localizer import Description, rank_places
 from salframe.types import Localization, MapFrame, Panorama
+from salframe_objects.salient import SalientObjects
 
 
-class SalientVolumesLocalizer(Localizer):
+class SalientVolumesLocalizer(SalientObjects):
     """Salient objects matched one to one by label, saliency, direction and range; gives a place and no pose.
 
     After SOVS (Meena et al. 2024, "volumetric saliency") as the paper tells of it: objects weighted by their share of the volume, with
@@ -30,26 +28,12 @@ class SalientVolumesLocalizer(Localizer):
     name = "sovs"
     version = "1"
 
-    class Config(ComponentConfig):
-        detector: slot("detector", "annotations")  # type: ignore[valid-type]
-        saliency: slot("saliency", "volumetric")  # type: ignore[valid-type]
-        saliency_power: float = Field(1 / 3, ge=0, description="p of an object's weight S^p: 1 share of volume, 1/3 of length, 0 all alike")
-
-    def __init__(self, config: ComponentConfig | None = None) -> None:
-        super().__init__(config)
-        self._detector = registry().build("detector", self.config.detector)
-        self._saliency = registry().build("saliency", self.config.saliency)
-
-    @property
-    def needs(self) -> frozenset[str]:
-        return self._detector.needs
-
     def describe(self, panorama: Panorama) -> Description:
-        detections = self._detector.detect(panorama)
+        detections = self.detect(panorama)
         seen = np.flatnonzero(np.isfinite(detections.centroid_m).all(1))
         known = detections.take(seen)
         labels = np.array(known.labels, dtype=np.str_)
-        return {"labels": labels, "weight": self._saliency.score(known) ** self.config.saliency_power, "centroid_m": known.centroid_m}
+        return {"labels": labels, "weight": self.weigh_objects(known), "centroid_m": known.centroid_m}
 
     def index(self, descriptions: Sequence[Description], frames: Sequence[MapFrame]) -> None:
         self._map_frames, self._places = list(frames), list(descriptions)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from salframe_house import furniture_decor, furniture_devices, furniture_seating, furniture_storage, furniture_wet
+# Importing a group of furniture enters its classes into CLASSES.
+from salframe_house import furniture_decor, furniture_devices, furniture_seating, furniture_storage, furniture_wet  # noqa: F401
 from salframe_house.mesh import Mesh, MeshBuilder
 from salframe_house.object_class import CLASSES, Size
 
 __all__ = ["CLASSES", "object_mesh"]
-GROUPS = (furniture_decor, furniture_devices, furniture_seating, furniture_storage, furniture_wet)
 
 
 def object_mesh(label: str, size_m: Size, seed: int, mirrored: bool = False) -> Mesh:

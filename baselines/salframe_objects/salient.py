@@ -1,0 +1,37 @@
+"""What localizers over salient objects share: their detector, their saliency model, and the weight of an object."""
+
+from __future__ import annotations
+
+import numpy as np
+from pydantic import Field
+
+from salframe.config import ComponentConfig, slot
+from salframe.localizer import Localizer
+from salframe.registry import registry
+from salframe.types import Detections, Panorama
+
+
+class SalientObjects(Localizer):
+    """Objects weigh w = S^p, S their saliency and p `saliency_power`."""
+
+    class Config(ComponentConfig):
+        detector: slot("detector", "annotations")  # type: ignore[valid-type]
+        saliency: slot("saliency", "volumetric")  # type: ignore[valid-type]
+        saliency_power: float = Field(1 / 3, ge=0, description="p of an object's weight S^p: 1 share of volume, 1/3 of length, 0 all alike")
+
+    def __init__(self, config: ComponentConfig | None = None) -> None:
+        super().__init__(config)
+        self._detector = registry().build("detector", self.config.detector)
+        self._saliency = registry().build("saliency", self.config.saliency)
+
+    @property
+    def needs(self) -> frozenset[str]:
+        return self._detector.needs
+
+    def detect(self, panorama: Panorama) -> Detections:
+        """The panorama's objects."""
+        return self._detector.detect(panorama)
+
+    def weigh_objects(self, detections: Detections) -> np.ndarray:
+        """(N,) float64 weight of each object."""
+        return self._saliency.score(detections) ** self.config.saliency_power

@@ -1,0 +1,83 @@
+"""Datasets that are each broken in one way, and the one line that the conformance suite says about each."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from salframe_folder.dataset import FolderDataset
+
+from salframe.types import Fold
+
+
+class Leaky(FolderDataset):
+    """Broken."""
+
+    def folds(self):
+        (fold,) = super().folds()
+        return [replace(fold, queries=fold.mapping)]
+
+
+class Questionless(FolderDataset):
+    """Broken."""
+
+    def folds(self):
+        (fold,) = super().folds()
+        return [Fold(fold.id, fold.mapping, ())]
+
+
+class Ambiguous(FolderDataset):
+    """Broken."""
+
+    def folds(self):
+        (fold,) = super().folds()
+        return [replace(fold, queries=fold.queries + fold.queries[:1])]
+
+
+class Truthless(FolderDataset):
+    """Broken."""
+
+    def truth(self, query_id):
+        raise KeyError(query_id)
+
+
+class Agreeable(FolderDataset):
+    """Broken."""
+
+    def truth(self, query_id):
+        return super().truth("bedroom-query")
+
+
+class Promising(FolderDataset):
+    """Broken."""
+
+    def folds(self):
+        (fold,) = super().folds()
+        return [replace(fold, mapping=tuple(replace(f, load=lambda f=f: replace(f.load(), rgb=None)) for f in fold.mapping))]
+
+
+class Anonymous(FolderDataset):
+    """Broken."""
+
+    def folds(self):
+        (fold,) = super().folds()
+        return [replace(fold, mapping=tuple(replace(f, load=lambda f=f: replace(f.load(), id="frame")) for f in fold.mapping))]
+
+
+class Changing(FolderDataset):
+    """Broken."""
+
+    @property
+    def fingerprint(self):
+        return str(id(self))
+
+
+BROKEN_DATASETS = [
+    (Leaky, "more than one frame bedroom-map"),
+    (Questionless, "received 3 mapping frames and 0 queries, expected at least one of each"),
+    (Ambiguous, "received more than one frame bedroom-query"),
+    (Truthless, "truth of bedroom-query: received KeyError"),
+    (Agreeable, "truth of a query that is not there: received an answer, expected DataError"),
+    (Promising, r"load of bedroom-map: received {.*}, expected what the dataset provides"),
+    (Anonymous, "received a panorama of 'frame', expected one of 'bedroom-map'"),
+    (Changing, "fingerprint of another instance: received"),
+]

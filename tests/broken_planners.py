@@ -1,0 +1,46 @@
+"""A planner that keeps its role's promises, and two that do not."""
+
+from __future__ import annotations
+
+import networkx as nx
+import numpy as np
+
+from salframe.errors import NoRoute
+from salframe.roles import Planner
+from salframe.types import MapEdge, Route
+
+
+class Dijkstra(Planner):
+    """Shortest routes by networkx."""
+
+    name = "dijkstra"
+    version = "1"
+
+    def prepare(self, map):
+        self.graph = nx.Graph()
+        self.graph.add_nodes_from(node.id for node in map.nodes)
+        for edge in map.edges:
+            self.graph.add_edge(edge.start, edge.end, **{edge.start: edge.azimuth_rad, edge.end: edge.azimuth_rad + np.pi}, length=edge.length_m)
+
+    def route(self, start, goal):
+        try:
+            nodes = tuple(nx.shortest_path(self.graph, start, goal, "length"))
+        except nx.NetworkXNoPath:
+            raise NoRoute(f"no way from {start} to {goal}") from None
+        legs = tuple(MapEdge(a, b, self.graph.edges[a, b]["length"], self.graph.edges[a, b][a]) for a, b in nx.utils.pairwise(nodes))
+        return Route(nodes, legs, sum(leg.length_m for leg in legs))
+
+
+class OneWay(Dijkstra):
+    """Broken."""
+
+    def prepare(self, map):
+        super().prepare(map)
+        self.graph.remove_edge("door", "room")
+
+
+class Swimming(Dijkstra):
+    """Broken."""
+
+    def route(self, start, goal):
+        return Route((start, goal), (), 0.0) if goal == "island" else super().route(start, goal)
