@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
 from salframe.component import Component
+from salframe.errors import InputMissing
 from salframe.localizer import Localizer
 from salframe.types import (
     Detections,
@@ -24,7 +26,7 @@ from salframe.types import (
 )
 
 __all__ = [
-    "ROLES", "Component", "Dataset", "Detector", "Engine", "GraphMatcher", "Localizer", "Planner", "Positioner", "SaliencyModel",
+    "ROLES", "Component", "Dataset", "Detector", "Engine", "GraphMatcher", "Localizer", "Planner", "Positioner", "SaliencyModel", "Scorer",
 ]
 
 
@@ -57,6 +59,10 @@ class Dataset(Component):
     def floors(self) -> Sequence[FloorMasks]:
         """The floors seen from above; none where the set has no masks."""
         return ()
+
+    def observe(self, T_world_pano: np.ndarray) -> Panorama:
+        """The panorama that a query would show at this pose (4, 4), for data sets that can render. Raises InputMissing in those that cannot."""
+        raise InputMissing(f"{self.name} cannot render: it has panoramas at its own frames only")
 
 
 class Detector(Component):
@@ -122,6 +128,19 @@ class Planner(Component):
         """The shortest route between two nodes. Raises NoRoute."""
 
 
+class Scorer(Component):
+    """Scores answers that some other program gave to a published task, by that task's own rules."""
+
+    role = "scorer"
+
+    @abstractmethod
+    def score(self, answers: Path, root: Path) -> Sequence[Mapping[str, Any]]:
+        """One row a split that the file `answers` belongs to: "split", "episodes", then the task's metrics by name. `root` holds the task's data.
+
+        Raises DataError, in one line, on a file that is no answer to the task.
+        """
+
+
 class Engine(Component):
     """Runs independent pieces of work: in this process, in a pool, on many machines."""
 
@@ -134,5 +153,5 @@ class Engine(Component):
 
 
 ROLES: dict[str, type[Component]] = {
-    role.role: role for role in (Dataset, Detector, SaliencyModel, GraphMatcher, Positioner, Planner, Localizer, Engine)
+    role.role: role for role in (Dataset, Detector, SaliencyModel, GraphMatcher, Positioner, Planner, Scorer, Localizer, Engine)
 }

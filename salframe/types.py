@@ -308,12 +308,13 @@ class Localization:
 
 @dataclass(frozen=True)
 class MapNode:
-    """A node of the topological map: kind "scene" or "transition", xyz_m (3,) in the world, the region(s) it lies in, its frames' ids."""
+    """A node of the topological map: kind "scene" or "transition", xyz_m (3,) in the world, its region(s), the mapping frames taken there."""
 
     id: str
     kind: str
     xyz_m: tuple[float, float, float]
     regions: tuple[str, ...]
+    frames: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
