@@ -50,6 +50,13 @@ def rays_to_pixels(rays: np.ndarray, height: int) -> tuple[np.ndarray, np.ndarra
     return column, (np.pi / 2 - elevation) * height / np.pi
 
 
+def sample_nearest(image: np.ndarray, bearings: np.ndarray) -> np.ndarray:
+    """(K, ...) values of an equirectangular image (H, 2H, ...) at the pixels that bearings (K, 3) fall on."""
+    height = image.shape[0]
+    columns, rows = rays_to_pixels(bearings, height)
+    return image[np.minimum(rows.astype(int), height - 1), columns.astype(int) % (2 * height)]
+
+
 def pose_2d(x_m: float, y_m: float, yaw_rad: float, z_m: float = 0.0) -> np.ndarray:
     """(4, 4) float64 rigid motion of an upright frame: yaw about +z, then the shift (x, y, z)."""
     pose = np.eye(4)

@@ -14,7 +14,7 @@ from salframe.component import Component
 from salframe.config import identity
 from salframe.errors import DataError, InputMissing
 from salframe.storage import Cache, read_arrays, read_json, write_arrays, write_json
-from salframe.types import Frame, Localization, MapFrame, Panorama, RankedPlace
+from salframe.types import Frame, Localization, MapFrame, NodeMatches, Panorama, PointMatches, RankedPlace
 
 Description = Mapping[str, np.ndarray]
 """What a localizer remembers of one panorama: named arrays (no object dtype), so that it can be cached, saved and weighed."""
@@ -51,6 +51,10 @@ class Localizer(Component):
     @abstractmethod
     def match(self, description: Description) -> Localization:
         """Answer for one described query. Failing to localize is a status, never an exception."""
+
+    def correspond(self, query: Description, reference: Description) -> PointMatches | NodeMatches | None:
+        """What it takes for the same in two panoramas, whatever map it holds; None from a method that matches neither points nor objects."""
+        return None
 
     def describe_identity(self) -> dict[str, Any]:
         """What `describe` depends on besides the panorama: part of the cache key. Narrow it where settings matter to matching only."""

@@ -306,6 +306,36 @@ class Localization:
     covariance: np.ndarray | None = None
 
 
+@dataclass(frozen=True, eq=False)
+class PointMatches:
+    """Points that two panoramas show alike: query, reference (M, 3) float64 unit bearings, each in its own panorama frame, a row a match."""
+
+    query: np.ndarray
+    reference: np.ndarray
+
+    def __post_init__(self) -> None:
+        count = len(_array(self, "query", np.float64, None, 3))
+        _array(self, "reference", np.float64, count, 3)
+
+
+@dataclass(frozen=True, eq=False)
+class NodeMatches:
+    """Objects that two panoramas show alike: pairs (M, 2) int64 of positions in query_m (N, 3) and reference_m (K, 3), each used at most once.
+
+    These are float64, the centroids of all objects, each in its own panorama frame.
+    """
+
+    query_m: np.ndarray
+    reference_m: np.ndarray
+    pairs: np.ndarray
+
+    def __post_init__(self) -> None:
+        counts = [len(_array(self, name, np.float64, None, 3)) for name in ("query_m", "reference_m")]
+        pairs = _array(self, "pairs", np.int64, None, 2)
+        if len(pairs) and not (pairs.min() >= 0 and (pairs < counts).all() and all(len(np.unique(side)) == len(side) for side in pairs.T)):
+            raise DataError(f"NodeMatches.pairs must use each of {counts[0]} query and {counts[1]} reference nodes at most once")
+
+
 @dataclass(frozen=True)
 class MapNode:
     """A node of the topological map: kind "scene" or "transition", xyz_m (3,) in the world, its region(s), the mapping frames taken there."""

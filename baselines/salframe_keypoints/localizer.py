@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
@@ -13,8 +13,9 @@ from pydantic import Field
 
 from salframe.config import ComponentConfig
 from salframe.errors import RequirementMissing
+from salframe.geometry import sample_nearest
 from salframe.localizer import Description, Localizer, rank_places
-from salframe.types import Localization, MapFrame, Panorama
+from salframe.types import Localization, MapFrame, Panorama, PointMatches
 from salframe.weights import file_sha256
 from salframe_keypoints.aliked import AlikedLightGlue, AlikedNearest
 from salframe_keypoints.disk import DiskLightGlue
@@ -23,7 +24,7 @@ from salframe_keypoints.pairs import Pair, View
 from salframe_keypoints.poses import robust_pose
 from salframe_keypoints.shortlist import Vlad, turned_similarity
 from salframe_keypoints.sift import Sift
-from salframe_keypoints.views import ViewRig, sample_nearest
+from salframe_keypoints.views import ViewRig
 from salframe_keypoints.xfeat import XFeat, XFeatNearest
 
 PAIRS: dict[str, type[Pair]] = {
@@ -122,9 +123,7 @@ class Keypoints(Localizer):
         self._map_frames = list(frames)
         self._map_views = [_views(description) for description in descriptions]
         self._map_points_m = [self._lift(description) for description in descriptions]
-        local = [[self._pair.retrieval_features(view) for view in views] for views in self._map_views]
-        self._vlad = Vlad([features for views in local for features in views], self.config.words)
-        self._map_pooled = np.stack([[self._vlad.pool(features) for features in views] for views in local])
+        self._vlad, self._map_pooled = self._pool(self._map_views)
 
     def match(self, description: Description) -> Localization:
         """Match the shortlist in full; a frame scores its agreeing matches plus its global similarity, which is below 1."""
@@ -142,16 +141,38 @@ class Keypoints(Localizer):
                 best_pose, most = self._map_frames[frame].T_world_pano @ pose, support
         return Localization(rank_places(self._map_frames, scores, best_pose), best_pose, "no-pose" if best_pose is None else "ok")
 
+    def correspond(self, query: Description, reference: Description) -> PointMatches:
+        """The matches of a shortlisted frame, though the turn between the panoramas comes from a vocabulary of these two."""
+        views, others = _views(query), _views(reference)
+        _, (pooled, pooled_others) = self._pool([views, others])
+        turn = int(turned_similarity(pooled, pooled_others[None]).argmax())
+        bearings, bearings_others = [], []
+        for seen, j, matched in self._match_views(views, others, turn):
+            bearings.append(seen)
+            bearings_others.append(self._rig.bearings(j, others[j].points_px[matched]))
+        return PointMatches(np.concatenate(bearings), np.concatenate(bearings_others))
+
+    def _pool(self, panoramas: Sequence[Sequence[View]]) -> tuple[Vlad, np.ndarray]:
+        """A vocabulary learnt on the views of F panoramas, and the views pooled over it, (F, V, G)."""
+        local = [[self._pair.retrieval_features(view) for view in views] for views in panoramas]
+        vlad = Vlad([features for views in local for features in views], self.config.words)
+        return vlad, np.stack([[vlad.pool(features) for features in views] for views in local])
+
+    def _match_views(self, views: Sequence[View], others: Sequence[View], turn: int) -> Iterator[tuple[np.ndarray, int, np.ndarray]]:
+        """Match each view i with the other panorama's view j = i + turn: bearings (M, 3) in the first, j, and (M,) positions of points in j."""
+        for i, view in enumerate(views):
+            j = (i + turn) % len(views)
+            pixels, matched = self._pair.match(view, others[j])
+            yield self._rig.bearings(i, pixels), j, matched
+
     def _verify(self, views: Sequence[View], frame: int, turn: int) -> tuple[np.ndarray | None, int]:
-        """T_map_query and how many matches agree with it, matching query view i with the frame's view i + turn.
+        """T_map_query and how many matches agree with it, the frame being turned by `turn` views.
 
         Where the frame has no range there is no pose, and all matches count.
         """
         bearings, points = [], []
-        for i, view in enumerate(views):
-            j = (i + turn) % len(views)
-            pixels, matched = self._pair.match(view, self._map_views[frame][j])
-            bearings.append(self._rig.bearings(i, pixels))
+        for direction, j, matched in self._match_views(views, self._map_views[frame], turn):
+            bearings.append(direction)
             points.append(self._map_points_m[frame][j][matched])
         seen, points_m = np.concatenate(bearings), np.concatenate(points)
         if not any(np.isfinite(view).any() for view in self._map_points_m[frame]):

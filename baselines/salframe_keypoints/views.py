@@ -61,10 +61,3 @@ def _sampling(rig: ViewRig, height: int) -> tuple[np.ndarray, np.ndarray]:
     rays = np.stack([rig.bearings(view, pixels) for view in range(rig.count)])
     columns, rows = rays_to_pixels(rays.reshape(rig.count, rig.height_px, rig.width_px, 3), height)
     return (columns - 0.5).astype(np.float32), (rows - 0.5).astype(np.float32)
-
-
-def sample_nearest(image: np.ndarray, bearings: np.ndarray) -> np.ndarray:
-    """(K, ...) values of an equirectangular image (H, 2H, ...) at the pixels that bearings (K, 3) fall on."""
-    height = image.shape[0]
-    columns, rows = rays_to_pixels(bearings, height)
-    return image[np.minimum(rows.astype(int), height - 1), columns.astype(int) % (2 * height)]

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from salframe.localizer import Description, rank_places
-from salframe.types import Localization, MapFrame, Panorama
+from salframe.types import Localization, MapFrame, NodeMatches, Panorama
 from salframe_objects.salient import SalientObjects
 
 
@@ -45,6 +45,10 @@ class SalientVolumesLocalizer(SalientObjects):
         places = rank_places(self._map_frames, np.where(score > 0, score, -np.inf))
         return Localization(places, None, "no-pose" if places else "no-match")
 
+    def correspond(self, query: Description, reference: Description) -> NodeMatches:
+        """The one-to-one matching that the score is made of, without the pairs that add nothing to it."""
+        return NodeMatches(query["centroid_m"], reference["centroid_m"], align_places(query, reference)[1])
+
     def scene_bytes(self, description: Description) -> int:
         """A 16-bit label index, a 16-bit weight and a position in mm, three times 16 bits, each."""
         return 10 * len(description["labels"])
@@ -52,11 +56,17 @@ class SalientVolumesLocalizer(SalientObjects):
 
 def compare_places(query: Description, place: Description) -> float:
     """The score of two described places, in [0, 1]."""
+    shared, _ = align_places(query, place)
+    return shared / (query["weight"].sum() + place["weight"].sum() - shared) if shared else 0.0
+
+
+def align_places(query: Description, place: Description) -> tuple[float, np.ndarray]:
+    """M, what two described places share, and the pairs of objects (P, 2) int64 that share it."""
     from scipy.optimize import linear_sum_assignment
 
     same = query["labels"][:, None] == place["labels"][None]
     if not same.any():
-        return 0.0
+        return 0.0, np.zeros((0, 2), np.int64)
     azimuth_q, lean_q, up_q, range_q = _directions(query["centroid_m"])
     azimuth_p, lean_p, up_p, range_p = _directions(place["centroid_m"])
     turn_rad = (azimuth_p[None] - azimuth_q[:, None])[same]
@@ -67,12 +77,15 @@ def compare_places(query: Description, place: Description) -> float:
     shared = same * np.minimum(query["weight"][:, None], place["weight"]) * ratio * np.maximum(cosine, 0)
     # No matching is worth more than this; turns are tried from the most promising until none can be better.
     bound = np.minimum(shared.max(2).sum(1), shared.max(1).sum(1))
-    best = 0.0
+    best, pairs = 0.0, np.zeros((0, 2), np.int64)
     for turn in np.argsort(-bound, kind="stable"):
         if bound[turn] <= best:
             break
-        best = max(best, float(shared[turn][linear_sum_assignment(shared[turn], maximize=True)].sum()))
-    return best / (query["weight"].sum() + place["weight"].sum() - best)
+        chosen = np.stack(linear_sum_assignment(shared[turn], maximize=True), 1)
+        value = shared[turn][chosen[:, 0], chosen[:, 1]]
+        if value.sum() > best:
+            best, pairs = float(value.sum()), chosen[value > 0]
+    return best, pairs
 
 
 def _directions(centroid_m: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

@@ -12,7 +12,7 @@ from salframe.config import ComponentConfig, identity, slot
 from salframe.graph import GraphConfig, build_graph, graph_from_arrays, graph_to_arrays, pack_graph, read_graphs, write_graphs
 from salframe.localizer import Description, Localizer, rank_places
 from salframe.registry import registry
-from salframe.types import Localization, MapFrame, Panorama, SaliencyGraph
+from salframe.types import Localization, MapFrame, NodeMatches, Panorama, SaliencyGraph
 from salframe_graphs.agreement import agree
 
 
@@ -83,6 +83,13 @@ class SaliencyGraphLocalizer(Localizer):
         T_world_query = self._map_frames[best.scene].T_world_pano @ pose.T_reference_query
         places = rank_places(self._map_frames, scores, T_world_query if self.config.nearest_scene else None)
         return Localization(places, T_world_query, "ok", pose.covariance)
+
+    def correspond(self, query: Description, reference: Description) -> NodeMatches:
+        """The node alignment of the two graphs, in a map of this one reference."""
+        asked, known = graph_from_arrays(query), graph_from_arrays(reference)
+        matches = self._matcher.match(asked, self._matcher.index([known]), 1)
+        pairs = matches[0].pairs if matches else np.zeros((0, 2), int)
+        return NodeMatches(asked.centroid_m, known.centroid_m, pairs)
 
     def scene_bytes(self, description: Description) -> int:
         graph = graph_from_arrays(description)
