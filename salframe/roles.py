@@ -135,7 +135,8 @@ class Scorer(Component):
 
     @abstractmethod
     def score(self, answers: Path, root: Path) -> Sequence[Mapping[str, Any]]:
-        """One row a split that the file `answers` belongs to: "split", "episodes", then the task's metrics by name. `root` holds the task's data.
+        """One row a split that the file `answers` belongs to: "split", "episodes" (how many were scored), then the task's metrics by name. `root`
+        holds the task's data.
 
         Raises DataError, in one line, on a file that is no answer to the task.
         """

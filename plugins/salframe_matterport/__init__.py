@@ -1,4 +1,4 @@
-"""Real buildings from public annotations of Matterport3D."""
+"""Real buildings from public annotations of Matterport3D, and the tasks set in them."""
 
 import salframe
 
@@ -6,5 +6,6 @@ import salframe
 @salframe.hookimpl
 def salframe_components():
     from salframe_matterport.dataset import MatterportAnnotations
+    from salframe_matterport.reverie import Reverie
 
-    return [MatterportAnnotations]
+    return [MatterportAnnotations, Reverie]

@@ -24,7 +24,7 @@ class Boxes:
 
 
 @contextmanager
-def _format_of(path: Path) -> Iterator[None]:
+def format_of(path: Path) -> Iterator[None]:
     """Say which file is malformed."""
     try:
         yield
@@ -61,7 +61,7 @@ def read_connectivity(path: Path) -> dict[str, np.ndarray]:
 
     The file's pose has camera axes x right, y down, z forward; the panorama frame stands upright at the camera and looks where it looks.
     """
-    with _format_of(path):
+    with format_of(path):
         poses = {}
         for viewpoint in read_json(path):
             if viewpoint["included"]:
@@ -73,7 +73,7 @@ def read_connectivity(path: Path) -> dict[str, np.ndarray]:
 
 def read_boxes(path: Path, viewpoint: str) -> dict[int, Boxes]:
     """The objects that some view of a viewpoint sees, by their id, which is unique in the building."""
-    with _format_of(path):
+    with format_of(path):
         return {
             int(number): Boxes(
                 annotation["name"].replace("#", " ").strip().lower(),
@@ -87,7 +87,7 @@ def read_boxes(path: Path, viewpoint: str) -> dict[int, Boxes]:
 
 def read_regions(path: Path) -> dict[str, dict[str, int]]:
     """Building -> viewpoint -> index of its region."""
-    with _format_of(path):
+    with format_of(path):
         return {
             scan: {viewpoint: int(entry["region_index"]) for viewpoint, entry in viewpoints.items()}
             for scan, viewpoints in read_json(path)["pano_info"].items()

@@ -6,7 +6,7 @@ import sys
 
 import typer
 
-from salframe.cli import compare, data, inspect, localize, weights
+from salframe.cli import compare, data, inspect, localize, score, weights
 from salframe.errors import SalframeError
 
 app = typer.Typer(
@@ -28,6 +28,7 @@ app.command()(compare.ablate)
 app.command()(compare.evaluate)
 app.command()(localize.build)
 app.command()(localize.localize)
+app.command()(score.score)
 app.command()(inspect.plugins)
 app.command()(inspect.show)
 app.command()(inspect.doctor)

@@ -13,6 +13,7 @@ from salframe.testing.declaration import check_config, check_declaration
 from salframe.testing.detectors import check_detector
 from salframe.testing.engines import check_engine
 from salframe.testing.localizers import check_localizer
+from salframe.testing.scorers import check_scorer
 from salframe.testing.stages import check_matcher, check_planner, check_positioner, check_saliency
 
 __all__ = ["ConformanceError", "check_component"]
@@ -24,6 +25,7 @@ _CHECKS: dict[str, Callable[[Callable[[], Any]], None]] = {
     "matcher": check_matcher,
     "positioner": check_positioner,
     "planner": check_planner,
+    "scorer": check_scorer,
     "localizer": check_localizer,
     "engine": check_engine,
 }

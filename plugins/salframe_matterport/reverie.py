@@ -1,0 +1,194 @@
+"""The scorer `reverie`: an agent's answers to REVERIE by the rules of the task's own evaluation.
+
+REVERIE: Qi et al., "REVERIE: Remote Embodied Visual Referring Expression in Real Indoor Environments", CVPR 2020. Paths are scored as its
+`eval_release.py` does; the object metrics, which that leaves out, as DUET does (Chen et al., CVPR 2022), by whose evaluation later agents report.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from salframe.errors import DataError
+from salframe.roles import Scorer
+from salframe.storage import read_json
+from salframe_matterport.readers import boxes_path, connectivity_path, format_of, read_boxes, read_connectivity
+
+METRICS = ("SR", "OSR", "SPL", "RGS", "RGSPL")
+LEAST_LENGTH_M = 0.01
+"""Divisor of SPL where neither the agent nor the reference moves (DUET)."""
+NAMED = 5
+"""Missing instructions that a message names; the others it counts."""
+
+
+class Reverie(Scorer):
+    """REVERIE: reaching the viewpoint that shows the object meant (SR, OSR, SPL), and naming the object (RGS, RGSPL)."""
+
+    name = "reverie"
+    version = "1"
+
+    def score(self, answers: Path, root: Path) -> Sequence[Mapping[str, Any]]:
+        """See Scorer. Metrics in percent, to two decimals; the paths' lengths are shortest ways along the connectivity graph, in 3D.
+
+        A split is scored where the file answers any of its instructions, and then must answer all of them. `ignored`: answers that count in no
+        split, to instructions that `root` does not have, and the second to one instruction.
+        """
+        splits = read_episodes(root)
+        given = read_json(answers)
+        read = read_answers(given, answers)
+        touched = {split: episodes for split, episodes in splits.items() if not read.keys().isdisjoint(episodes)}
+        if not touched:
+            known = ", ".join(f"{len(episodes)} of {split}" for split, episodes in splits.items())
+            raise DataError(f"{answers} answers none of the instructions of {root}: {known}")
+        for split, episodes in touched.items():
+            missing = [name for name in episodes if name not in read]
+            if missing:
+                named = ", ".join(missing[:NAMED]) + (", ..." if len(missing) > NAMED else "")
+                raise DataError(f"{answers} lacks {len(missing)} of the {len(episodes)} instructions of {split}: {named}")
+        building = {scan: Building(root, scan) for episodes in touched.values() for scan in {e.scan for e in episodes.values()}}
+        ignored = len(given) - sum(map(len, touched.values()))
+        rows = []
+        for split, episodes in touched.items():
+            scores = np.array([score_episode(name, episode, read[name], building[episode.scan]) for name, episode in episodes.items()])
+            percent = (round(float(mean) * 100, 2) for mean in scores.mean(0))
+            rows.append({"split": split, "episodes": len(episodes), "ignored": ignored, **dict(zip(METRICS, percent, strict=True))})
+        return rows
+
+
+@dataclass(frozen=True)
+class Episode:
+    """What is asked: in building `scan`, from path[0], walk to where the object is seen; the reference walks `path`."""
+
+    scan: str
+    object_id: int
+    path: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What an agent did: the viewpoints it walked through, the first its start, and the object it named ("None": none)."""
+
+    path: tuple[str, ...]
+    object_id: str
+
+
+class Building:
+    """Shortest ways between the viewpoints of a building, and which objects each of them shows."""
+
+    def __init__(self, root: Path, scan: str) -> None:
+        """Raises DataError on a missing or malformed connectivity file."""
+        self._root, self._scan = root, scan
+        self.number, self._distance_m = walking_distances(connectivity_path(root, scan))
+        self._visible: dict[str, frozenset[int]] = {}
+
+    def distance_m(self, start: str, end: str) -> float:
+        """Length of the shortest way, inf where there is none."""
+        return float(self._distance_m[self.number[start], self.number[end]])
+
+    def shows(self, viewpoint: str, object_id: int) -> bool:
+        """Whether any view of the viewpoint has the object, by REVERIE's boxes (within 3 m). Raises DataError on a missing box file."""
+        if viewpoint not in self._visible:
+            self._visible[viewpoint] = frozenset(read_boxes(boxes_path(self._root, self._scan, viewpoint), viewpoint))
+        return object_id in self._visible[viewpoint]
+
+
+def walking_distances(path: Path) -> tuple[dict[str, int], np.ndarray]:
+    """Row of each included viewpoint of a connectivity file, by its id, and the (N, N) float64 lengths in metres of the shortest ways.
+
+    Two included viewpoints are joined where the way between them is unobstructed; an edge is as long as the straight line in 3D.
+    """
+    from scipy.sparse.csgraph import dijkstra
+
+    position_m = {viewpoint: pose[:3, 3] for viewpoint, pose in read_connectivity(path).items()}
+    number = {viewpoint: row for row, viewpoint in enumerate(position_m)}
+    straight_m = np.zeros((len(number), len(number)))
+    with format_of(path):
+        listed = read_json(path)
+        for a in listed:
+            for b, free in zip(listed, a["unobstructed"], strict=True):
+                if free and a["included"] and b["included"]:
+                    ends = a["image_id"], b["image_id"]
+                    straight_m[number[ends[0]], number[ends[1]]] = np.linalg.norm(position_m[ends[0]] - position_m[ends[1]])
+    return number, dijkstra(straight_m, directed=False)
+
+
+def score_episode(name: str, episode: Episode, answer: Answer, building: Building) -> tuple[float, ...]:
+    """The METRICS of one episode, each from 0 to 1. Raises DataError on a path that could not have been walked.
+
+    A step between viewpoints that are not joined counts as long as the shortest way between them. Naming the object counts wherever the agent
+    stopped.
+    """
+    for viewpoint in answer.path:
+        if viewpoint not in building.number:
+            raise DataError(f"{name}: the viewpoint {viewpoint!r} is not one of building {episode.scan}")
+    if answer.path[0] != episode.path[0]:
+        raise DataError(f"{name}: the trajectory begins at {answer.path[0]}, expected the start {episode.path[0]}")
+    walked_m = sum(building.distance_m(a, b) for a, b in zip(answer.path, answer.path[1:], strict=False))
+    if not np.isfinite(walked_m):
+        raise DataError(f"{name}: the trajectory jumps between viewpoints of {episode.scan} that no way joins")
+    shortest_m = building.distance_m(episode.path[0], episode.path[-1])
+    directness = shortest_m / max(walked_m, shortest_m, LEAST_LENGTH_M)
+    success = building.shows(answer.path[-1], episode.object_id)
+    passed = any(building.shows(viewpoint, episode.object_id) for viewpoint in answer.path)
+    named = answer.object_id == str(episode.object_id)
+    return float(success), float(passed), success * directness, float(named), named * directness
+
+
+def read_episodes(root: Path) -> dict[str, dict[str, Episode]]:
+    """The episodes of every REVERIE_<split>.json by split and instr_id; those whose answer is not published are left out. Raises DataError."""
+    splits = {}
+    for path in sorted((root / "reverie").glob("REVERIE_*.json")):
+        with format_of(path):
+            episodes = {
+                f"{task['path_id']}_{task['objId']}_{i}": Episode(task["scan"], int(task["objId"]), tuple(task["path"]))
+                for task in read_json(path)
+                if task.get("objId") is not None
+                for i in range(len(task["instructions"]))
+            }
+        if episodes:
+            splits[path.stem.removeprefix("REVERIE_")] = episodes
+    if not splits:
+        raise DataError(f"{root} has no episodes, expected reverie/REVERIE_<split>.json, reverie/BBox/*.json and connectivity/*.json in it")
+    return splits
+
+
+def read_answers(content: Any, path: Path) -> dict[str, Answer]:
+    """The answers in the content of a submission file, by instr_id; the first counts where there are two. `path`: the file, for messages.
+
+    Raises DataError on another form than REVERIE's (`predObjId`, a step is [viewpoint, heading, elevation]) or that of the DUET family
+    (`pred_objid`, trajectories nested one list deeper, steps may be bare viewpoints).
+    """
+    expected = 'a list of {"instr_id": ..., "trajectory": [[viewpoint, heading, elevation], ...], "predObjId": ...}'
+    if isinstance(content, dict):  # eval_release takes a mapping too, whatever its keys
+        content = list(content.values())
+    if not isinstance(content, list):
+        raise DataError(f"{path} holds {type(content).__name__}, expected {expected}")
+    found: dict[str, Answer] = {}
+    for position, item in enumerate(content):
+        try:
+            name, walked = item["instr_id"], tuple(viewpoints(item["trajectory"]))
+            found.setdefault(name, Answer(walked, str(item.get("predObjId", item.get("pred_objid")))))
+        except (AttributeError, KeyError, TypeError) as error:
+            reason = f"no key {error}" if isinstance(error, KeyError) else str(error)
+            raise DataError(f"{path}: answer {position}: {reason}; expected {expected}") from None
+        if not walked:
+            raise DataError(f"{path}: {name} has an empty trajectory, expected its start at least")
+    return found
+
+
+def viewpoints(trajectory: Any) -> Iterator[str]:
+    """The viewpoints of a trajectory in order: of [viewpoint, heading, elevation], of bare viewpoints, and of lists of these."""
+    if not isinstance(trajectory, list):
+        raise TypeError(f"a trajectory of {type(trajectory).__name__}")
+    if len(trajectory) == 3 and isinstance(trajectory[0], str) and not isinstance(trajectory[1], str):
+        yield trajectory[0]
+        return
+    for step in trajectory:
+        if isinstance(step, str):
+            yield step
+        else:
+            yield from viewpoints(step)

@@ -1,0 +1,28 @@
+"""score: what some other program answered to a published task."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from salframe.cli.compare import Json
+
+
+def score(
+    task: Annotated[str, typer.Argument(help="The task: a scorer of `salframe plugins`.")],
+    file: Annotated[Path, typer.Argument(help="The file of answers, in the task's own format.")],
+    data: Annotated[Path, typer.Option(metavar="DIR", help="Folder that holds the task's data.")],
+    as_json: Json = False,
+) -> None:
+    """Score a file of answers to a published task by the task's own rules, one row a split."""
+    from salframe.cli.tables import print_table
+    from salframe.registry import registry
+
+    rows = registry().build("scorer", registry().get("scorer", task).Config()).score(file, data)
+    if as_json:
+        print(json.dumps(list(rows), indent=2))
+    else:
+        print_table(list(rows[0]), [[f"{value:.2f}" if isinstance(value, float) else str(value) for value in row.values()] for row in rows])

@@ -1,0 +1,220 @@
+"""Scores against episodes worked out by hand on a small building, and against the reference paths of the real ones."""
+
+import json
+
+import networkx as nx
+import numpy as np
+import pytest
+from command_line import run
+from salframe_matterport.readers import connectivity_path
+from salframe_matterport.reverie import Reverie, read_episodes, walking_distances
+
+from salframe.errors import DataError
+from salframe.registry import registry
+from salframe.testing import ConformanceError, check_component
+
+# A corridor a - b - c of 3 m and 4 m, a stair b - d of (0, 3, 4), 5 m, and e that no way leads to. f is not included.
+#   a --3-- b --4-- c
+#           |5
+#           d
+PLACES = {"a": (0, 0, 1), "b": (3, 0, 1), "c": (7, 0, 1), "d": (3, 3, 5), "e": (9, 9, 1), "f": (3, 1, 1)}
+WAYS = {("a", "b"), ("b", "c"), ("b", "d"), ("b", "f"), ("f", "d")}
+SEES = {"a": (), "b": (7,), "c": (7, 8), "d": (9,), "e": (8,), "f": ()}
+TASKS = [
+    {"path_id": 1, "objId": 8, "scan": "fake", "path": ["a", "b", "c"], "instructions": ["go there", "do go there"]},
+    {"path_id": 2, "objId": 9, "scan": "fake", "path": ["a", "b", "d"], "instructions": ["climb"]},
+]
+# instr_id -> (path, predicted object): a detour to the goal; the goal passed and left; a jump from a to d, 8 m along the ways.
+ANSWERS = {"1_8_0": ("abdbc", 8), "1_8_1": ("abcb", 7), "2_9_0": ("ad", 9)}
+# Lengths: 3 + 5 + 5 + 4 = 17 against 7; 3 + 4 + 4 = 11 against 7; 8 against 8.
+BY_HAND = {"SR": 2 / 3, "OSR": 1, "SPL": (7 / 17 + 0 + 1) / 3, "RGS": 2 / 3, "RGSPL": (7 / 17 + 0 + 1) / 3}
+
+
+def official(answers):
+    return [
+        {"instr_id": name, "trajectory": [[v, 0.5, 0.0] for v in path], "predObjId": found} for name, (path, found) in answers.items()
+    ]
+
+
+def duet(answers):
+    """Each action is the list of viewpoints that it walked through."""
+    return [
+        {"instr_id": name, "trajectory": [[path[0]], list(path[1:])], "pred_objid": found} for name, (path, found) in answers.items()
+    ]
+
+
+def duet_with_angles(answers):
+    return [{**item, "trajectory": [[[v, 0.5, 0] for v in action] for action in item["trajectory"]]} for item in duet(answers)]
+
+
+@pytest.fixture
+def root(tmp_path):
+    names = list(PLACES)
+    connectivity = []
+    for name, place in PLACES.items():
+        pose = np.eye(4)
+        pose[:3, 3] = place
+        free = [(name, other) in WAYS or (other, name) in WAYS for other in names]
+        connectivity.append({"image_id": name, "pose": pose.ravel().tolist(), "included": name != "f", "unobstructed": free})
+    write(tmp_path / "connectivity" / "fake_connectivity.json", connectivity)
+    for name, numbers in SEES.items():
+        objects = {str(n): {"name": "thing", "visible_pos": [3], "bbox2d": [[1, 2, 3, 4]]} for n in numbers}
+        objects["8" if 8 not in numbers else "99"] = {"name": "hidden", "visible_pos": [], "bbox2d": []}
+        write(tmp_path / "reverie" / "BBox" / f"fake_{name}.json", {name: objects})
+    write(tmp_path / "reverie" / "REVERIE_val_seen.json", TASKS)
+    return tmp_path
+
+
+def write(path, content):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(content))
+    return path
+
+
+def score(root, content):
+    return Reverie().score(write(root / "answers.json", content), root)
+
+
+@pytest.mark.parametrize("form", [official, duet, duet_with_angles, lambda answers: dict(enumerate(official(answers)))])
+def test_scores_are_those_worked_out_by_hand(root, form):
+    (row,) = score(root, form(ANSWERS))
+    assert row == {"split": "val_seen", "episodes": 3, "ignored": 0, **{name: round(100 * value, 2) for name, value in BY_HAND.items()}}
+
+
+def test_an_object_counts_where_it_is_named_and_not_only_where_it_is_seen(root):
+    """DUET's rule: RGS asks for the object alone."""
+    (row,) = score(root, official({**ANSWERS, "1_8_1": ("ab", 8)}))
+    assert (row["SR"], row["OSR"], row["RGS"]) == (66.67, 66.67, 100)
+    assert row["RGSPL"] == round(100 * (7 / 17 + 1 + 1) / 3, 2)
+
+
+def test_no_object_named_is_a_wrong_one(root):
+    (row,) = score(root, [{key: value for key, value in item.items() if key != "predObjId"} for item in official(ANSWERS)])
+    assert (row["SR"], row["RGS"], row["RGSPL"]) == (66.67, 0, 0)
+
+
+def test_an_agent_that_stays_is_scored(root):
+    (row,) = score(root, official(dict.fromkeys(ANSWERS, ("a", 0))))
+    assert [row[name] for name in BY_HAND] == [0] * 5
+
+
+def test_splits_are_scored_apart_and_what_counts_in_none_is_counted(root):
+    write(root / "reverie" / "REVERIE_val_unseen.json", [{**TASKS[1], "path_id": 3}])
+    write(root / "reverie" / "REVERIE_test.json", [{"path_id": 5, "scan": "fake", "path": ["a"], "instructions": ["?"]}])
+    both = {**ANSWERS, "3_9_0": ("abd", 9), "4_1_0": ("zz", 1)}
+    seen, unseen = score(root, [*official(both), *official({"2_9_0": ("a", 1)})])
+    assert (seen["split"], seen["episodes"], seen["ignored"], seen["SPL"]) == ("val_seen", 3, 2, round(100 * BY_HAND["SPL"], 2))
+    assert (unseen["split"], unseen["episodes"], unseen["ignored"], unseen["SPL"]) == ("val_unseen", 1, 2, 100)
+
+
+def test_ways_are_shortest_in_3d(root):
+    number, distance_m = walking_distances(connectivity_path(root, "fake"))
+    assert list(number) == ["a", "b", "c", "d", "e"]  # f, by which d would be nearer, is not included
+    assert distance_m[number["a"]] == pytest.approx([0, 3, 7, 8, np.inf])
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"1_8_1": None}, r"answers.json lacks 1 of the 3 instructions of val_seen: 1_8_1$"),
+        (dict.fromkeys(ANSWERS), r"answers none of the instructions of .*: 3 of val_seen"),
+        ({"1_8_0": ("abz", 8)}, "1_8_0: the viewpoint 'z' is not one of building fake"),
+        ({"1_8_0": ("afd", 8)}, "1_8_0: the viewpoint 'f' is not one of building fake"),
+        ({"1_8_0": ("bc", 8)}, "1_8_0: the trajectory begins at b, expected the start a"),
+        ({"1_8_0": ("abe", 8)}, "1_8_0: the trajectory jumps between viewpoints of fake that no way joins"),
+        ({"1_8_0": ("", 8)}, "1_8_0 has an empty trajectory"),
+    ],
+)
+def test_what_is_wrong_with_an_answer_is_one_line(root, change, message):
+    with pytest.raises(DataError, match=message) as caught:
+        score(root, official({name: answer for name, answer in {**ANSWERS, **change}.items() if answer}))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("[{", "is not JSON"),
+        ("3", "holds int, expected a list of"),
+        ("[3]", "answer 0: 'int' object is not subscriptable; expected a list of"),
+        ('[{"instr_id": "1_8_0"}]', "answer 0: no key 'trajectory'; expected a list of"),
+        ('[{"instr_id": "1_8_0", "trajectory": [["a", 0, 0], 7]}]', "answer 0: a trajectory of int; expected a list of"),
+    ],
+)
+def test_a_file_that_is_no_submission_is_told_in_one_line(root, content, message):
+    (root / "answers.json").write_text(content)
+    with pytest.raises(DataError, match=message):
+        Reverie().score(root / "answers.json", root)
+
+
+def test_missing_data_is_named(root):
+    (root / "reverie" / "BBox" / "fake_c.json").unlink()
+    with pytest.raises(DataError, match=r"cannot read .*fake_c.json"):
+        score(root, official(ANSWERS))
+
+
+class Lenient(Reverie):
+    """Broken."""
+
+    def score(self, answers, root):
+        return []
+
+
+class Careless(Reverie):
+    """Broken."""
+
+    def score(self, answers, root):
+        return json.loads(answers.read_text())
+
+
+def test_it_conforms():
+    assert registry().get("scorer", "reverie") is Reverie
+    check_component(Reverie)
+
+
+@pytest.mark.parametrize(("scorer", "received"), [(Lenient, "0 rows"), (Careless, "FileNotFoundError: .*")])
+def test_a_scorer_that_hides_a_bad_file_is_told_in_one_line(scorer, received):
+    with pytest.raises(ConformanceError, match=f"score of a file that is not there, .*: received {received}, expected DataError"):
+        check_component(scorer)
+
+
+def test_the_command_prints_a_table_or_json(root):
+    file = write(root / "answers.json", official(ANSWERS))
+    assert run("score", "reverie", file, "--data", root, "--json").json == Reverie().score(file, root)
+    printed = run("score", "reverie", file, "--data", root).out
+    assert all(word in printed for word in ("val_seen", "OSR", "100.00", "66.67"))
+    failed = run("score", "reverie", root / "absent.json", "--data", root)
+    assert (failed.code, failed.err.count("\n")) == (2, 1)
+
+
+def test_reference_paths_reach_every_object_of_the_real_buildings(real_root, tmp_path):
+    """The reference paths end where the object is seen; an independent graph gives the same lengths."""
+    splits = read_episodes(real_root)
+    assert {split: len(episodes) for split, episodes in splits.items()} == {"val_seen": 790, "val_unseen": 1492}
+    content = [
+        {"instr_id": name, "trajectory": [[v, 0, 0] for v in e.path], "predObjId": e.object_id} for es in splits.values() for name, e in es.items()
+    ]
+    for row in Reverie().score(write(tmp_path / "answers.json", content), real_root):
+        assert [row[name] for name in ("SR", "OSR", "RGS", "ignored")] == [100, 100, 100, 0]
+        assert row["SPL"] == row["RGSPL"]
+        lengths = []
+        for episode in splits[row["split"]].values():
+            graph = networkx_graph(real_root, episode.scan)
+            walked = sum(nx.dijkstra_path_length(graph, a, b) for a, b in nx.utils.pairwise(episode.path))
+            lengths.append(nx.dijkstra_path_length(graph, episode.path[0], episode.path[-1]) / walked)
+        assert row["SPL"] == pytest.approx(100 * np.mean(lengths), abs=0.005)
+
+
+_graphs = {}
+
+
+def networkx_graph(root, scan):
+    if scan not in _graphs:
+        listed = json.loads(connectivity_path(root, scan).read_text())
+        graph = _graphs[scan] = nx.Graph()
+        for a in listed:
+            for b, free in zip(listed, a["unobstructed"], strict=True):
+                if free and a["included"] and b["included"]:
+                    length_m = sum((a["pose"][i] - b["pose"][i]) ** 2 for i in (3, 7, 11)) ** 0.5
+                    graph.add_edge(a["image_id"], b["image_id"], weight=length_m)
+    return _graphs[scan]
