@@ -6,6 +6,7 @@ import salframe
 @salframe.hookimpl
 def salframe_components():
     from salframe_matterport.dataset import MatterportAnnotations
+    from salframe_matterport.habitat_maps import HabitatMaps
     from salframe_matterport.reverie import Reverie
 
-    return [MatterportAnnotations, Reverie]
+    return [MatterportAnnotations, HabitatMaps, Reverie]
