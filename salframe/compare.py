@@ -18,7 +18,7 @@ from salframe.presets import Overrides, configure, dataset_settings, settings
 from salframe.registry import registry
 from salframe.report import write_report
 from salframe.reported import Reported, read_reported
-from salframe.roles import Dataset
+from salframe.roles import Dataset, Engine
 from salframe.runs import Outcome, Run
 from salframe.storage import write_json
 from salframe.types import Fold
@@ -69,13 +69,18 @@ def compare(
     `data` is a preset, a dataset, or a folder with a manifest.json; `data_dir` sets the dataset's root; `overrides` are "key.path=value";
     `reported` adds what papers report beside the rows. Raises SalframeError on names and settings that are wrong, before anything runs.
     """
+    configs, given = configure_methods(methods, overrides)
+    papers = read_reported() if reported else ()
+    return run_methods(configs, data, data_dir, given, name, runs, engine, seed, progress, papers)
+
+
+def configure_methods(methods: Sequence[str], overrides: Sequence[str]) -> tuple[dict[str, ComponentConfig], Overrides]:
+    """The methods' configurations by name, and all that was set. Raises SalframeError on names and settings that are wrong."""
     if not methods:
         raise ConfigError("received no method, expected at least one")
     contents = {method: settings("localizer", method) for method in methods}
     given = Overrides(map(parse_override, overrides), contents)
-    configs = {method: configure("localizer", method, contents[method], given.methods[method]) for method in methods}
-    papers = read_reported() if reported else ()
-    return run_methods(configs, data, data_dir, given, name, runs, engine, seed, progress, papers)
+    return {method: configure("localizer", method, contents[method], given.methods[method]) for method in methods}, given
 
 
 def run_methods(
@@ -83,19 +88,35 @@ def run_methods(
     engine: str, seed: int, progress: Progress | None, reported: tuple[Reported, ...] = (),
 ) -> Comparison:  # fmt: skip
     """Run configured methods by their label; `given` holds what was set of the dataset and the engine. Else as `compare`."""
+    run, dataset, runner = open_run(methods, data, data_dir, given, name, runs, engine, seed, progress)
+    folds = dataset.folds()
+    frames = {frame.id for fold in folds for frame in (*fold.mapping, *fold.queries)}
+    total = len(frames) + sum(len(fold.queries) for fold in folds)
+    todo = [label for label in methods if not _finished(run, label, folds)]
+    with watch(run, run.count_rows, total, progress):
+        work_through(run, runner, predict, todo)
+    return _conclude(run, dataset, reported)
+
+
+def open_run(
+    methods: Mapping[str, ComponentConfig], data: str, data_dir: Path | None, given: Overrides, name: str | None, runs: Path,
+    engine: str, seed: int, progress: Progress | None, prefix: str = "",
+) -> tuple[Run, Dataset, Engine]:  # fmt: skip
+    """The run folder, made or resumed, its prepared dataset, and what runs the methods. Without a name it is the prefix and the dataset's."""
     data_name, content = dataset_settings(data, data_dir)
     dataset_config = configure("dataset", data_name, content, given.data)
-    runner = registry().build("engine", configure("engine", engine, settings("engine", engine), given.engine))
-    run = Run.open(runs, name or data_name, dataset_config, methods, seed)
+    runner: Engine = registry().build("engine", configure("engine", engine, settings("engine", engine), given.engine))
+    run = Run.open(runs, name or prefix + data_name, dataset_config, methods, seed)
     dataset = open_dataset(dataset_config, progress and partial(progress, data_name))
     run.bind(dataset.fingerprint)
-    folds = dataset.folds()
-    todo = [label for label in methods if not _finished(run, label, folds)]
-    with _watch(run, folds, progress):
-        for label, result in zip(todo, runner.map(partial(predict, run.directory), todo), strict=True):
-            if isinstance(result, Exception):
-                run.end(label, Outcome("crashed", describe_error(result)))
-    return _conclude(run, dataset, reported)
+    return run, dataset, runner
+
+
+def work_through(run: Run, runner: Engine, work: Callable[[Path, str], None], todo: Sequence[str]) -> None:
+    """work(run folder, label) for each method; one whose process dies has crashed."""
+    for label, result in zip(todo, runner.map(partial(work, run.directory), todo), strict=True):
+        if isinstance(result, Exception):
+            run.end(label, Outcome("crashed", describe_error(result)))
 
 
 def _finished(run: Run, label: str, folds: Sequence[Fold]) -> bool:
@@ -105,18 +126,16 @@ def _finished(run: Run, label: str, folds: Sequence[Fold]) -> bool:
 
 
 @contextmanager
-def _watch(run: Run, folds: Sequence[Fold], progress: Progress | None) -> Iterator[None]:
-    """Tell the progress of each method while the block runs, by the rows in its folder: whatever engine runs it."""
+def watch(run: Run, count: Callable[[str], int], total: int, progress: Progress | None) -> Iterator[None]:
+    """Tell the progress of each method while the block runs, `count` giving the rows in its folder: whatever engine runs it."""
     if progress is None:
         yield
         return
-    frames = {frame.id for fold in folds for frame in (*fold.mapping, *fold.queries)}
-    total = len(frames) + sum(len(fold.queries) for fold in folds)
     done = threading.Event()
 
     def tell() -> None:
         for label in run.labels:
-            progress(label, min(run.count_rows(label), total), total)
+            progress(label, min(count(label), total), total)
 
     def poll() -> None:
         while not done.wait(POLL_SECONDS):

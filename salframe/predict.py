@@ -34,13 +34,17 @@ def open_dataset(config: ComponentConfig, progress: Callable[[int, int], None] |
 
 def predict(directory: Path, label: str) -> None:
     """Ask the method `label` of a run every query that has no answer yet; answers, costs and how it ended go to the run folder."""
-    run = Run.load(directory)
+    conclude(Run.load(directory), label, _answer)
+
+
+def conclude(run: Run, label: str, work: Callable[[Run, str], Outcome]) -> None:
+    """Do a method's work and keep how it ended, whatever it raises."""
     try:
-        outcome = Outcome("done", _answer(run, label))
+        outcome = work(run, label)
     except (RequirementMissing, WeightsMissing, InputMissing) as error:
         outcome = Outcome("unavailable", str(error))
     except Exception as error:  # a method is somebody else's code: whatever it raises costs its own row only
-        _log_crash(run, label, "the method")
+        log_crash(run, label, "the method")
         outcome = Outcome("crashed", describe_error(error))
     run.end(label, outcome)
 
@@ -51,19 +55,25 @@ def describe_error(error: BaseException) -> str:
     return " ".join(text.split())
 
 
-def _log_crash(run: Run, label: str, where: str) -> None:
+def log_crash(run: Run, label: str, where: str) -> None:
+    """Keep the traceback of the exception that is being handled in the method's folder."""
     with (run.folder(label) / "crash.log").open("a") as file:
         file.write(f"{where}\n{traceback.format_exc()}\n")
 
 
-def _answer(run: Run, label: str) -> str | None:
-    """Answer the open queries; returns a warning where mapping frames were left out or queries could not be used."""
+def open_method(run: Run, label: str) -> tuple[Localizer, Dataset]:
+    """A run's method and dataset. Raises InputMissing where the dataset lacks what the method needs, RequirementMissing, WeightsMissing."""
     localizer: Localizer = registry().build("localizer", run.method(label))
     dataset = open_dataset(run.dataset())
     absent = sorted(localizer.needs - dataset.provides)
     if absent:
         raise InputMissing(f"needs {' and '.join(absent)}, which {dataset.name} does not have")
+    return localizer, dataset
 
+
+def _answer(run: Run, label: str) -> Outcome:
+    """Answer the open queries, with a warning where mapping frames were left out or queries could not be used."""
+    localizer, dataset = open_method(run, label)
     answered = {key for key, row in run.predictions(label).items() if row["status"] != "crashed"}
     work = [(fold, [query for query in fold.queries if (fold.id, query.id) not in answered]) for fold in dataset.folds()]
     work = [(fold, queries) for fold, queries in work if queries]
@@ -78,11 +88,12 @@ def _answer(run: Run, label: str) -> str | None:
                 try:
                     answers.append(_ask(localizer, fold, query, descriptions))
                 except Exception as error:  # a query that breaks the method must not take the other queries with it
-                    _log_crash(run, label, f"query {query.id} of fold {fold.id}")
+                    log_crash(run, label, f"query {query.id} of fold {fold.id}")
                     answers.append(_row(fold, query, "crashed", error=describe_error(error)))
     unusable = [row["error"] for row in run.predictions(label).values() if row["status"] == "error"]
     problems = {"mapping frame(s) left out": list(left_out.values()), "query frame(s) that cannot be used": unusable}
-    return "; ".join(f"{len(reasons)} {what}, the first: {reasons[0]}" for what, reasons in problems.items() if reasons) or None
+    warning = "; ".join(f"{len(reasons)} {what}, the first: {reasons[0]}" for what, reasons in problems.items() if reasons)
+    return Outcome("done", warning or None)
 
 
 class _Descriptions:
