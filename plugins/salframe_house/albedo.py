@@ -35,8 +35,8 @@ class SurfaceColor:
         self._wear_contrast = np.array([texture_kind(m.texture).wear for m in scene.materials], np.float32)[material]
         self._uv_m = scene.uv_m.astype(np.float32) + _anchors_m(scene)[:, None]
         self._extent_m = _extents_m(scene)
-        fills = [None in texture_kind(m.texture).extent_m for m in scene.materials]
-        self._uv_m[np.array(fills)[material]] = scene.uv_m[np.array(fills)[material]]
+        fixed = np.array([texture_kind(m.texture).fixed for m in scene.materials])[material]
+        self._uv_m[fixed] = scene.uv_m[fixed]
         self.mean = self._color
         """(F, 3) float32 albedo of each triangle, averaged over its texture."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from typing import Literal, get_args
 
 import numpy as np
@@ -12,6 +12,7 @@ from scipy import ndimage
 
 from salframe.errors import ConfigError
 from salframe.types import FloorMasks
+from salframe_house.assets import Catalogue
 from salframe_house.furnish import draw_item, furnish
 from salframe_house.furniture import object_mesh
 from salframe_house.layout import WALL_M, Door, Layout, Room, Window, plan_layout
@@ -48,10 +49,10 @@ class Building:
         """Instance id -> label."""
         return {placed.instance_id: placed.label for placed in self.objects}
 
-    @cached_property
-    def _scene(self) -> Scene:
+    def scene(self, catalogue: Catalogue | None = None) -> Scene:
+        """The triangles, materials and lights of the building; with a catalogue, some of its furniture are models of that."""
         meshes: list[tuple[Mesh, PlacedObject | None]] = [(shell_mesh(self.layout, self.style, self.seed), None)]
-        meshes += [(object_mesh(o.label, o.size_m, o.seed, o.mirrored), o) for o in self.objects]
+        meshes += [(object_mesh(o.label, o.size_m, o.seed, o.mirrored, catalogue), o) for o in self.objects]
         materials: dict[Material, int] = {}
         vertices, triangles, uv, material_index, instance_id = [], [], [], [], []
         count = 0
@@ -68,10 +69,6 @@ class Building:
             np.concatenate(vertices).astype(np.float32), np.concatenate(triangles).astype(np.int32), np.concatenate(uv).astype(np.float32),
             np.concatenate(material_index).astype(np.int32), np.concatenate(instance_id).astype(np.int32), tuple(materials), tuple(lights),
         )
-
-    def scene(self) -> Scene:
-        """The triangles, materials and lights of the building; computed once."""
-        return self._scene
 
     def floor_masks(self, resolution_m: float = 0.05) -> FloorMasks:
         """Free floor, room labels (1 + index in `rooms`) and obstacles as seen from above.

@@ -6,17 +6,23 @@ import numpy as np
 
 # Importing a group of furniture enters its classes into CLASSES.
 from salframe_house import furniture_decor, furniture_devices, furniture_seating, furniture_storage, furniture_wet  # noqa: F401
+from salframe_house.assets import Catalogue
 from salframe_house.mesh import Mesh, MeshBuilder
 from salframe_house.object_class import CLASSES, Size
 
 __all__ = ["CLASSES", "object_mesh"]
 
 
-def object_mesh(label: str, size_m: Size, seed: int, mirrored: bool = False) -> Mesh:
-    """The mesh of an object of this class, size and seed in its own frame; a mirrored one has left and right exchanged."""
-    builder = MeshBuilder()
-    CLASSES[label].build(builder, size_m, np.random.default_rng((seed, 2)))
-    mesh = builder.mesh()
+def object_mesh(label: str, size_m: Size, seed: int, mirrored: bool = False, catalogue: Catalogue | None = None) -> Mesh:
+    """The mesh of an object of this class, size and seed in its own frame; a mirrored one has left and right exchanged.
+
+    With a catalogue, some objects are models of it.
+    """
+    mesh = None if catalogue is None else catalogue.mesh(label, size_m, seed)
+    if mesh is None:
+        builder = MeshBuilder()
+        CLASSES[label].build(builder, size_m, np.random.default_rng((seed, 2)))
+        mesh = builder.mesh()
     if not mirrored:
         return mesh
     return Mesh(mesh.vertices_m * (1, -1, 1), mesh.triangles[:, ::-1], mesh.uv_m[:, ::-1], mesh.material_index, mesh.materials)

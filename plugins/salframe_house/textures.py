@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
+import cv2
 import numpy as np
 
 from salframe.errors import DataError
@@ -26,20 +27,33 @@ class TextureKind:
     """How a texture is made and laid on a surface.
 
     `paint` draws the tile (TILE, TILE, 3), v growing with the rows, upwards on a wall; `extent_m` is the size of a tile along (u, v),
-    None where one tile fills the surface; `wear` is the contrast of stains and scuffs on it.
+    None where one tile fills the surface; `wear` is the contrast of stains and scuffs on it. A `fixed` texture lies where its coordinates
+    say, others start anywhere.
     """
 
     paint: Callable[[np.random.Generator], np.ndarray]
     extent_m: tuple[float | None, float | None]
     wear: float = 0.0
+    fixed: bool = False
 
 
 def texture_kind(name: str) -> TextureKind:
     """The texture of this name. Raises DataError with the known names."""
     try:
-        return TEXTURES[name]
+        return _IMAGES[name] if name in _IMAGES else TEXTURES[name]
     except KeyError:
         raise DataError(f"unknown texture '{name}', expected one of {', '.join(sorted(TEXTURES))}") from None
+
+
+def image_texture(rgb: np.ndarray) -> str:
+    """Take an image (h, w, 3) uint8 sRGB in as a texture and return its name; the rows go upwards, and the image spans one unit of u and v."""
+    tile = (cv2.resize(rgb, (TILE, TILE), interpolation=cv2.INTER_AREA) / 255) ** 2.2
+    name = f"image {zlib.crc32(tile.tobytes()):08x}"
+    _IMAGES[name] = TextureKind(lambda rng: tile, (1.0, 1.0), fixed=True)
+    return name
+
+
+_IMAGES: dict[str, TextureKind] = {}
 
 
 @lru_cache(maxsize=512)
@@ -306,16 +320,16 @@ TEXTURES: dict[str, TextureKind] = {
     "fabric": TextureKind(_fabric, (0.9, 0.9), wear=0.10),
     "leather": TextureKind(_leather, (0.8, 0.8), wear=0.10),
     "carpet": TextureKind(_carpet, (1.9, 1.9), wear=0.10),
-    "rug": TextureKind(_rug, (None, None), wear=0.06),
+    "rug": TextureKind(_rug, (None, None), wear=0.06, fixed=True),
     "tile": TextureKind(_tile, (1.2, 1.2), wear=0.05),
     "marble": TextureKind(_marble, (1.7, 1.7), wear=0.04),
     "metal": TextureKind(_metal, (0.9, 0.9), wear=0.10),
     "plastic": TextureKind(_plastic, (0.9, 0.9), wear=0.04),
     "paper": TextureKind(_paper, (0.3, 0.3)),
     "leaf": TextureKind(_leaf, (0.5, 0.5)),
-    "picture": TextureKind(_picture, (None, None)),
-    "screen": TextureKind(_screen, (None, None)),
-    "books": TextureKind(_books, (1.3, None)),
+    "picture": TextureKind(_picture, (None, None), fixed=True),
+    "screen": TextureKind(_screen, (None, None), fixed=True),
+    "books": TextureKind(_books, (1.3, None), fixed=True),
     "glass": TextureKind(_plain, (1.0, 1.0)),
     "mirror": TextureKind(_plain, (1.0, 1.0)),
     "ceiling": TextureKind(_ceiling, (2.4, 2.4), wear=0.03),

@@ -1,0 +1,255 @@
+"""Furniture meshes of Sweet Home 3D's catalogues (.sh3f), which stand beside the parametric ones."""
+
+from __future__ import annotations
+
+import re
+import tempfile
+import zipfile
+import zlib
+from collections import defaultdict
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from salframe.errors import DataError, RequirementMissing
+from salframe_house.looks import GLASS
+from salframe_house.mesh import Mesh
+from salframe_house.object_class import Size
+from salframe_house.scene import Material
+from salframe_house.textures import image_texture
+
+Part = Literal["training", "held-out"]
+
+LISTING = "PluginFurnitureCatalog.properties"
+LARGEST_MODEL_BYTES = 1_000_000
+"""Of an OBJ file, some 15,000 triangles: nine in ten models are smaller."""
+
+SHARE = 0.5
+"""Of the objects of a class that the catalogues cover, those that take one of their meshes."""
+
+_UNPAINTED = (0.8, 0.8, 0.8, 1.0)
+
+NAMES = {
+    "armchair": r"(modern |rattan |winchester )?armchair",
+    "baby bed": r"baby bed|crib|child bed",
+    "bar table": r"bar table",
+    "bathroom vanity": r"(double )?vanity",
+    "bathtub": r"bath|island bath",
+    "bed": r"(iron |captain's |day )?bed",
+    "bench": r"(piano |concrete |painted )?bench",
+    "bookshelf": r"(full )?bookcase|vertical shelves",
+    "box": r"(open )?(cardboard )?box|crate",
+    "cabinet": r"chest|cupboard|small lower cabinet|drawers cabinet|trunck",
+    "chair": r"(oak |plastic |osaka |ryokan |cafe |teck |folding )?chair( with cushion)?",
+    "clock": r"clock",
+    "coat rack": r"clothes rack",
+    "coffee machine": r"coffee (brewer|machine|maker)",
+    "coffee table": r"coffee table",
+    "conference table": r"technical table",
+    "desk": r"(wooden )?desk|desk table|workbench",
+    "dining table": r"((oak|black|wooden|wooden alder|wooden teak) )?table|table (on trestles|with tablecloth)",
+    "dishwasher": r"dishwasher",
+    "dresser": r"dresser with drawers|dressing table|changing table",
+    "drying rack": r"clothes horse",
+    "file cabinet": r"filing cabinet",
+    "fire extinguisher": r"extinguisher",
+    "fireplace": r"fireplace|chimney",
+    "floor lamp": r"pedestal vase lamp",
+    "flowers": r"flowers|tulips|orchids|white lily|vase",
+    "kettle": r"espresso kettle|teapot",
+    "kitchen counter": r"island|lower cabinet",
+    "kitchen cabinet": r"upper (shelves )?cabinet|small upper cabinet",
+    "kitchen sink": r"sink cabinet",
+    "lamp": r"(desk |little )?lamp",
+    "laptop": r"laptop|apple ibook",
+    "laundry basket": r"clothes basket",
+    "locker": r"locked locker",
+    "microwave": r"microwave",
+    "monitor": r"screen|apple imac",
+    "nightstand": r"bedside table",
+    "ottoman": r"puff|armchair ottoman",
+    "oven": r"(double |small )?oven|(large )?stove|cooker",
+    "piano": r"upright piano",
+    "plant": r"(little |indoor |decorative |succulent |spider )?plant|ficus|yucca|bamboo|spathiphyllum|cactus|bonsai tree",
+    "printer": r"inkjet printer and scanner",
+    "projector": r"video projector",
+    "radiator": r"radiator",
+    "recycling bin": r"recycling bin",
+    "refrigerator": r"(large )?fridge|refrigerator",
+    "rug": r"oriental rug|tatami",
+    "shower": r"shower stall",
+    "side table": r"round table|glass table",
+    "sink": r"washbasin|small lavatory",
+    "sofa": r"(burlap |clear |rattan |winchester )?sofa( seats)?|(futon )?couch|(opened )?convertible sofa bz",
+    "stool": r"(bar )?stool|bar chair",
+    "storage shelf": r"shelves",
+    "telephone": r"phone|wireless phone",
+    "toilet": r"toilets unit",
+    "toilet paper": r"toilet paper dispenser",
+    "towel": r"towel|towel rack",
+    "trash can": r"(bullet |park )?trash ?can|dustbin",
+    "treadmill": r"treadmill",
+    "tv": r"wall flat tv|tv|tv :",
+    "tv stand": r"tv stand|television cabinet",
+    "umbrella stand": r"umbrella",
+    "urinal": r"urinal",
+    "wall lamp": r"wall light|wall lamp artwork",
+    "wardrobe": r"wardrobe|high cabinet",
+    "washing machine": r"(clothes )?washing machine|dryer machine",
+    "water cooler": r"water cooler",
+    "whiteboard": r"white board",
+}
+"""Which models stand for which class of ours: a pattern of the catalogue's English names, numbers left out."""
+
+
+@dataclass(frozen=True)
+class Asset:
+    """A model of a catalogue: `id` is unique, `rotation` nine numbers by rows that turn it (x right, y up, z to the front)."""
+
+    id: str
+    label: str
+    creator: str
+    licence: str
+    archive: Path
+    model: str
+    rotation: tuple[float, ...]
+
+
+class Catalogue:
+    """The models of all .sh3f libraries in a folder that stand for one of our classes.
+
+    `part` restricts them: of every five models of a class one is held out from training. Raises DataError where the folder holds no
+    library, RequirementMissing without trimesh.
+    """
+
+    def __init__(self, folder: Path, part: Part | None = None) -> None:
+        _trimesh()
+        libraries = sorted(folder.rglob("*.sh3f"))
+        if not libraries:
+            raise DataError(f"{folder} holds no .sh3f library, expected those of Sweet Home 3D's furniture")
+        found: dict[str, list[Asset]] = defaultdict(list)
+        for asset in sorted((asset for library in libraries for asset in read_library(library)), key=lambda asset: zlib.crc32(asset.id.encode())):
+            found[asset.label].append(asset)
+        self.assets = {
+            label: [asset for number, asset in enumerate(assets) if part is None or (number % 5 == 2) == (part == "held-out")]
+            for label, assets in found.items()
+        }
+        """Label -> its models."""
+
+    def choose(self, label: str, seed: int) -> Asset | None:
+        """The model of an object with this label and seed, or None where it stays parametric."""
+        rng = np.random.default_rng((seed, 3))
+        known = self.assets.get(label, ())
+        return known[rng.integers(len(known))] if known and rng.random() < SHARE else None
+
+    def mesh(self, label: str, size_m: Size, seed: int) -> Mesh | None:
+        """The chosen model, stretched to size_m, in the frame of our objects (ObjectClass); None where it stays parametric."""
+        asset = self.choose(label, seed)
+        if asset is None:
+            return None
+        mesh = asset_mesh(asset)
+        return Mesh(mesh.vertices_m * size_m, mesh.triangles, mesh.uv_m, mesh.material_index, mesh.materials)
+
+
+def read_library(path: Path) -> list[Asset]:
+    """The models of a library that stand for one of our classes and are small enough. Raises DataError where it is no .sh3f file."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            sizes = {item.filename: item.file_size for item in archive.infolist()}
+            text = archive.read(LISTING).decode("latin-1")
+    except (zipfile.BadZipFile, KeyError, OSError) as error:
+        raise DataError(f"{path} is no furniture library of Sweet Home 3D: {error}") from None
+    values = dict(line.split("=", 1) for line in text.splitlines() if "=" in line and not line.startswith("#"))
+    assets = []
+    for number in sorted(int(key[3:]) for key in values if key.startswith("id#")):
+        model = values[f"model#{number}"].lstrip("/")
+        label = class_of(values[f"name#{number}"])
+        if label is None or sizes.get(model, LARGEST_MODEL_BYTES + 1) > LARGEST_MODEL_BYTES:
+            continue
+        rotation = tuple(float(value) for value in values.get(f"modelRotation#{number}", "1 0 0 0 1 0 0 0 1").split())
+        creator = values.get(f"creator#{number}") or values.get("provider", "")
+        assets.append(Asset(values[f"id#{number}"], label, creator, values.get("license", ""), path, model, rotation))
+    return assets
+
+
+def class_of(name: str) -> str | None:
+    """The class of ours that a catalogue's English name stands for, or None."""
+    plain = " ".join(re.sub(r"[0-9]", " ", name.lower()).split())
+    return next((label for label, pattern in NAMES.items() if re.fullmatch(pattern, plain)), None)
+
+
+@lru_cache(maxsize=512)
+def asset_mesh(asset: Asset) -> Mesh:
+    """A model in a box of side 1: footprint centred on the origin, base at 0, front along +x. Raises DataError where it cannot be read."""
+    parts = _read_parts(asset)
+    front_left_up = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]]) @ np.reshape(asset.rotation, (3, 3))
+    vertices = np.concatenate([np.asarray(part.vertices) for part in parts]) @ front_left_up.T
+    low, high = vertices.min(0), vertices.max(0)
+    vertices = (vertices - [*((low + high) / 2)[:2], low[2]]) / np.maximum(high - low, 1e-6)
+    counts = np.cumsum([0, *(len(part.vertices) for part in parts[:-1])])
+    materials: dict[Material, int] = {}
+    index = [np.full(len(part.faces), materials.setdefault(_look(part), len(materials))) for part in parts]
+    return Mesh(
+        vertices, np.concatenate([part.faces + count for part, count in zip(parts, counts, strict=True)]),
+        np.concatenate([_corners_uv(part) for part in parts]), np.concatenate(index), tuple(materials),
+    )  # fmt: skip
+
+
+def _read_parts(asset: Asset) -> list[Any]:
+    """The model's parts, one a material."""
+    folder = asset.model.rpartition("/")[0] + "/"
+    with tempfile.TemporaryDirectory() as directory, zipfile.ZipFile(asset.archive) as archive:
+        for name in archive.namelist():
+            if name.startswith(folder):
+                archive.extract(name, directory)
+        try:
+            scene = _trimesh().load_scene(Path(directory) / asset.model, group_material=True, split_object=False)
+            parts = [part for part in scene.geometry.values() if len(part.faces)]
+            for part in parts:
+                image = getattr(_material(part), "image", None)
+                if image is not None:
+                    image.load()  # the file is gone when this returns
+        except (ValueError, KeyError, IndexError, OSError) as error:
+            raise DataError(f"{asset.archive}: the model {asset.model} cannot be read: {error}") from None
+    if not parts:
+        raise DataError(f"{asset.archive}: the model {asset.model} holds no triangle")
+    return parts
+
+
+def _corners_uv(part: Any) -> np.ndarray:
+    """(F, 3, 2) texture coordinates at the triangles' corners."""
+    uv = getattr(part.visual, "uv", None)
+    return np.zeros((len(part.faces), 3, 2)) if uv is None else np.asarray(uv)[part.faces]
+
+
+def _material(part: Any) -> Any:
+    """The part's material as trimesh read it; None where the model names none."""
+    return getattr(part.visual, "material", None)
+
+
+def _look(part: Any) -> Material:
+    """Colours of a catalogue are meant for the screen; ours are linear albedos."""
+    material = _material(part)
+    red, green, blue, opacity = np.asarray(material.diffuse) / 255 if material else _UNPAINTED
+    if opacity < 0.5:
+        return GLASS
+    if material is None or material.image is None:
+        return Material("plastic", _albedo(np.array([red, green, blue]) ** 2.2))
+    pixels = np.asarray(material.image.convert("RGB"))[::-1]
+    return Material(image_texture(pixels), _albedo(((pixels / 255) ** 2.2).mean((0, 1))))
+
+
+def _albedo(linear_rgb: np.ndarray) -> tuple[float, float, float]:
+    red, green, blue = linear_rgb.clip(0.02, 0.8).round(3).tolist()
+    return red, green, blue
+
+
+def _trimesh() -> Any:
+    try:
+        import trimesh
+    except ImportError:
+        raise RequirementMissing("furniture of Sweet Home 3D needs trimesh, not installed: pip install 'salframe[assets]'") from None
+    return trimesh
