@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from salframe.errors import DataError
+from salframe.geometry import wrap_angle
 
 
 def _array(owner: object, name: str, dtype: type, *shape: int | None) -> np.ndarray:
@@ -181,12 +182,13 @@ class Fold:
     queries: tuple[Frame, ...]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FloorMasks:
-    """The floor seen from above. Row 0 is at the largest y, so that the picture reads like a map.
+    """A floor seen from above. Row 0 is at the largest y, so that the picture reads like a map.
 
     free, region (rows, columns): bool free floor before obstacles, int32 region label (0 outside); obstacle bool. Pixel (row, column) covers
     x = origin_m[0] + column * resolution_m, y = origin_m[1] - row * resolution_m at its upper left corner. regions: label -> place.
+    z_m is the floor's height in the world: a frame belongs to the highest floor below it. Raises DataError on masks of different sizes.
     """
 
     free: np.ndarray
@@ -195,6 +197,16 @@ class FloorMasks:
     resolution_m: float
     origin_m: tuple[float, float]
     regions: Mapping[int, str]
+    z_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        shape = _array(self, "free", np.bool_, None, None).shape
+        for name, dtype in (("region", np.int32), ("obstacle", np.bool_)):
+            got = _array(self, name, dtype, None, None).shape
+            if got != shape:
+                raise DataError(f"the {name} mask of a floor is {got[1]} x {got[0]} pixels, expected {shape[1]} x {shape[0]} as its free mask")
+        if not self.resolution_m > 0:
+            raise DataError(f"the masks of a floor have a resolution of {self.resolution_m} m a pixel, expected more than 0")
 
 
 @dataclass(frozen=True, eq=False)
@@ -338,7 +350,7 @@ class NodeMatches:
 
 @dataclass(frozen=True)
 class MapNode:
-    """A node of the topological map: kind "scene" or "transition", xyz_m (3,) in the world, its region(s), the mapping frames taken there."""
+    """A node of the topological map: kind "scene" or "transition", xyz_m on the floor in the world, its region(s), the mapping frames taken there."""
 
     id: str
     kind: str
@@ -349,25 +361,41 @@ class MapNode:
 
 @dataclass(frozen=True)
 class MapEdge:
-    """An edge walked in a straight line or along `path_m`; azimuth_rad from `start` to `end` in the world frame."""
+    """An edge walked either way; azimuth_rad of the straight line from `start` to `end` in the world frame.
+
+    path_m: the corners (x, y) of the way from `start` to `end`, both included, where it is no straight line; else empty.
+    """
 
     start: str
     end: str
     length_m: float
     azimuth_rad: float
+    path_m: tuple[tuple[float, float], ...] = ()
+
+    def reversed(self) -> MapEdge:
+        """The edge walked from `end` to `start`."""
+        azimuth_rad = float(wrap_angle(self.azimuth_rad + np.pi))
+        return MapEdge(self.end, self.start, self.length_m, azimuth_rad, self.path_m[::-1])
 
 
 @dataclass(frozen=True)
 class TopologicalMap:
-    """Scene and transition nodes and the edges between them (method.md 1)."""
+    """Scene and transition nodes and the edges between them (method.md 1), each edge once.
+
+    floors: the masks it was made from; parameters: what it was made with, by name; notes: what its reader must know (regions out of reach,
+    edges that sight alone did not give, frames moved or left out), a line each.
+    """
 
     nodes: tuple[MapNode, ...]
     edges: tuple[MapEdge, ...]
+    floors: tuple[FloorMasks, ...] = field(default=(), compare=False)
+    parameters: Mapping[str, float | bool] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Route:
-    """A shortest route: nodes in order, legs with length_m and azimuth_rad, total length_m."""
+    """A shortest route: nodes in order, one leg from each to the next as it is walked, total length_m."""
 
     nodes: tuple[str, ...]
     legs: tuple[MapEdge, ...]

@@ -1,0 +1,220 @@
+"""From floor masks and mapping frames to the topological map (method.md 1)."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from salframe.errors import DataError
+from salframe.topology.edges import components, joining_paths, sight_pairs
+from salframe.topology.grid import FloorGrid
+from salframe.topology.transitions import find_doorways
+from salframe.types import FloorMasks, Frame, MapEdge, MapFrame, MapNode, TopologicalMap
+
+
+@dataclass(frozen=True)
+class TopologySettings:
+    """How a topological map is made.
+
+    robot_radius_m: what the free floor is eroded by; min_doorway_m: narrower doorways, measured before erosion, are dropped; snap_m: a scene
+    point that is not clear moves to the nearest clear pixel this near, or is left out; doorway_reach_m: a transition frame belongs to the
+    nearest transition node this near; choose: put one scene node where each region is widest, whatever frames there are.
+    """
+
+    robot_radius_m: float = 0.18
+    min_doorway_m: float = 0.5
+    snap_m: float = 0.5
+    doorway_reach_m: float = 0.5
+    choose: bool = False
+
+
+def build_topology(
+    floors: Sequence[FloorMasks], frames: Iterable[Frame | MapFrame] = (), settings: TopologySettings = TopologySettings()
+) -> TopologicalMap:
+    """The topological map of floors: transition nodes from the masks, scene nodes from mapping frames, edges by sight over clear floor.
+
+    Frames of kind "scene" are scene points, those of kind "transition" are handed to the transition node they stand at. Without scene frames,
+    or with `choose`, each region has one scene node, in its clear pixel of greatest clearance. Where sight leaves nodes of a floor apart that
+    clear floor joins, the shortest ways over it are added. `notes` of the map tell what was added, moved, dropped or is out of reach.
+    Raises DataError without floors, with floors that cannot be told apart, on a floor without a region, on frames without a pose.
+    """
+    if not floors:
+        raise DataError("a topological map needs floor masks, received none: the dataset has no floors")
+    floors = sorted(floors, key=lambda floor: floor.z_m)
+    mapped = [frame.mapped() if isinstance(frame, Frame) else frame for frame in frames]
+    notes: list[str] = []
+    frames_of = _share_out(mapped, floors, notes)
+    choose = settings.choose or not any(frame.kind == "scene" for frame in mapped)
+    nodes: list[MapNode] = []
+    edges: list[MapEdge] = []
+    for floor, own in zip(floors, frames_of, strict=True):
+        made = _FloorMap(floor, own, settings, choose, notes)
+        nodes += made.nodes
+        edges += made.edges
+    twice = [name for name, count in Counter(node.id for node in nodes).items() if count > 1]
+    if twice:
+        raise DataError(f"two nodes of the map would be called {twice[0]!r}, expected places with different names on different floors")
+    if len(floors) > 1:
+        heights = ", ".join(f"{floor.z_m:.2f}" for floor in floors)
+        notes.append(f"the {len(floors)} floors at z = {heights} m are not connected: no edge leads from one to another")
+    return TopologicalMap(tuple(nodes), tuple(edges), tuple(floors), asdict(settings), tuple(notes))
+
+
+def find_floor(floors: Sequence[FloorMasks], xyz_m: np.ndarray) -> int | None:
+    """Which floor, of those sorted by height, a camera or an agent at this position is on: the highest below it whose masks it is over."""
+    for number in reversed(range(len(floors))):
+        floor = floors[number]
+        column = (xyz_m[0] - floor.origin_m[0]) / floor.resolution_m
+        row = (floor.origin_m[1] - xyz_m[1]) / floor.resolution_m
+        over = 0 <= row < floor.free.shape[0] and 0 <= column < floor.free.shape[1]
+        if over and (floor.z_m <= xyz_m[2] or len(floors) == 1):
+            return number
+    return None
+
+
+def _share_out(frames: Sequence[MapFrame], floors: Sequence[FloorMasks], notes: list[str]) -> list[list[MapFrame]]:
+    """The frames of each floor."""
+    for lower, upper in pairwise(floors):
+        if lower.z_m == upper.z_m:
+            raise DataError(f"two floors are at z = {lower.z_m:g} m, expected a z_m of its own for each floor")
+    frames_of: list[list[MapFrame]] = [[] for _ in floors]
+    for frame in frames:
+        number = find_floor(floors, frame.T_world_pano[:3, 3])
+        if number is None:
+            x, y, z = frame.T_world_pano[:3, 3]
+            notes.append(f"frame {frame.id} at ({x:.2f}, {y:.2f}, {z:.2f}) m is left out: it stands on no floor's masks")
+        else:
+            frames_of[number].append(frame)
+    return frames_of
+
+
+class _FloorMap:
+    """Nodes and edges of one floor; what a reader must know is added to `notes`."""
+
+    def __init__(self, floor: FloorMasks, frames: Sequence[MapFrame], settings: TopologySettings, choose: bool, notes: list[str]) -> None:
+        self._grid = FloorGrid(floor, settings.robot_radius_m)
+        self._settings = settings
+        self._notes = notes
+        self._names = self._grid.names
+        if not self._names:
+            raise DataError(f"the floor at z = {floor.z_m:g} m has no free floor in any region, expected labelled free floor")
+        self.nodes: list[MapNode] = []
+        self._positions: list[np.ndarray] = []
+        scenes = [frame for frame in frames if frame.kind == "scene"]
+        if choose:
+            self._choose_scenes(scenes)
+        else:
+            self._add_scenes(scenes)
+        self._add_transitions([frame for frame in frames if frame.kind == "transition"])
+        self.edges: list[MapEdge] = []
+        if self.nodes:
+            self._add_edges(np.array(self._positions))
+
+    def _add(self, id: str, kind: str, pixel: np.ndarray, regions: tuple[str, ...], frames: tuple[str, ...]) -> None:
+        x, y = self._grid.to_metres(pixel)
+        self.nodes.append(MapNode(id, kind, (float(x), float(y), float(self._grid.floor.z_m)), regions, frames))
+        self._positions.append(pixel)
+
+    def _add_scenes(self, frames: Sequence[MapFrame]) -> None:
+        """A scene node where each frame stands; frames over one pixel share it."""
+        at: dict[tuple[int, int], list[tuple[MapFrame, np.ndarray]]] = {}
+        for frame in frames:
+            pixel = self._snap(frame)
+            if pixel is not None:
+                at.setdefault((int(pixel[0]), int(pixel[1])), []).append((frame, pixel))
+        for (row, column), here in at.items():
+            frame, pixel = here[0]
+            region = self._names.get(int(self._grid.label[row, column]), frame.place)
+            self._add(frame.id, "scene", pixel, (region,), tuple(other.id for other, _ in here))
+
+    def _snap(self, frame: MapFrame) -> np.ndarray | None:
+        """The clear pixel position nearest to a frame, one of the frame's own place where the floor has it; None where there is none near."""
+        grid, reach_m = self._grid, self._settings.snap_m
+        stands = grid.to_pixel(frame.T_world_pano[:2, 3])
+        cell = tuple(np.floor(stands).astype(int))
+        if grid.clear[cell]:
+            return stands
+        own = [label for label, name in self._names.items() if name == frame.place]
+        allowed = grid.clear & (grid.label == own[0]) if own else grid.clear
+        near = np.argwhere(allowed) + 0.5
+        distance_m = np.linalg.norm(near - stands, axis=1) * grid.floor.resolution_m
+        x, y = frame.T_world_pano[:2, 3]
+        why = f"frame {frame.id} at ({x:.2f}, {y:.2f}) m stands in a wall or too near to one"
+        if not len(near) or distance_m.min() > reach_m:
+            self._notes.append(f"{why} and is left out: no clear floor of its region within {reach_m:g} m")
+            return None
+        self._notes.append(f"{why}: its node is {distance_m.min():.2f} m from it")
+        return near[distance_m.argmin()]
+
+    def _choose_scenes(self, frames: Sequence[MapFrame]) -> None:
+        """A scene node where each region is widest; it takes the frames of its place."""
+        clear = np.where(self._grid.clear, self._grid.clearance_m, -1.0)
+        for label, name in self._names.items():
+            widest = np.where(self._grid.label == label, clear, -1.0)
+            if widest.max() < 0:
+                self._notes.append(f"{name} has no scene node: the robot fits nowhere in it")
+                continue
+            pixel = np.array(np.unravel_index(widest.argmax(), widest.shape)) + 0.5
+            self._add(name, "scene", pixel, (name,), tuple(frame.id for frame in frames if frame.place == name))
+
+    def _add_transitions(self, frames: Sequence[MapFrame]) -> None:
+        """A transition node in the middle of each passage between two regions, with the transition frames that stand there."""
+        count: Counter[str] = Counter()
+        for doorway in find_doorways(self._grid):
+            first, second = (self._names[label] for label in doorway.labels)
+            x, y = self._grid.to_metres(np.array(doorway.centre) + 0.5)
+            what = f"a doorway of {doorway.width_m:.2f} m between {first} and {second} at ({x:.2f}, {y:.2f}) m"
+            if doorway.width_m < self._settings.min_doorway_m - 1e-9:
+                self._notes.append(f"{what} is dropped: it is under {self._settings.min_doorway_m:g} m")
+                continue
+            if not doorway.points:
+                self._notes.append(f"{what} is no way: a robot of radius {self._settings.robot_radius_m:g} m does not fit through")
+            for point in doorway.points:
+                name = f"{first}/{second}"
+                count[name] += 1
+                id = name if count[name] == 1 else f"{name}/{count[name]}"
+                self._add(id, "transition", np.array(point) + 0.5, (first, second), ())
+        doors = [number for number, node in enumerate(self.nodes) if node.kind == "transition"]
+        for frame in frames:
+            xy = frame.T_world_pano[:2, 3]
+            away_m = [float(np.hypot(*(xy - self.nodes[door].xyz_m[:2]))) for door in doors]
+            if not doors or min(away_m) > self._settings.doorway_reach_m:
+                reach = f"no transition node within {self._settings.doorway_reach_m:g} m"
+                self._notes.append(f"frame {frame.id} at ({xy[0]:.2f}, {xy[1]:.2f}) m belongs to no node: {reach}")
+                continue
+            door = doors[int(np.argmin(away_m))]
+            self.nodes[door] = replace(self.nodes[door], frames=(*self.nodes[door].frames, frame.id))
+
+    def _add_edges(self, positions: np.ndarray) -> None:
+        grid = self._grid
+        pairs = sight_pairs(grid, positions)
+        component = components(len(positions), pairs)
+        ways = [(int(i), int(j), positions[[i, j]], False) for i, j in pairs]
+        ways += [(i, j, corners, True) for i, j, corners in joining_paths(grid, positions, component)]
+        for i, j, corners, bent in ways:
+            path = grid.to_metres(corners)
+            along = path[-1] - path[0]
+            length_m = float(np.hypot(*np.diff(path, axis=0).T).sum())
+            path_m = tuple((float(x), float(y)) for x, y in path) if bent else ()
+            start, end = self.nodes[i].id, self.nodes[j].id
+            self.edges.append(MapEdge(start, end, length_m, float(np.arctan2(along[1], along[0])), path_m))
+        bent_edges = ", ".join(f"{edge.start} to {edge.end}" for edge in self.edges if edge.path_m)
+        if bent_edges:
+            self._notes.append(f"sight alone leaves nodes apart, joined by the shortest way over clear floor: {bent_edges}")
+        joined = np.array([(i, j) for i, j, _, _ in ways]).reshape(-1, 2)
+        self._tell_reach(components(len(positions), joined))
+
+    def _tell_reach(self, component: np.ndarray) -> None:
+        """Note the regions that cannot be reached from the greatest connected part of the floor, the one with the most regions."""
+        parts = [{name for node, c in zip(self.nodes, component, strict=True) if c == part for name in node.regions}
+                 for part in range(int(component.max()) + 1)]  # fmt: skip
+        main = max(parts, key=len)
+        with_door = {name for node in self.nodes if node.kind == "transition" for name in node.regions}
+        for name in self._names.values():
+            if name not in main:
+                why = "its doors lead elsewhere" if name in with_door else "it has no door that the robot fits through"
+                self._notes.append(f"{name} is out of reach from the floor's other {len(main)} regions: {why}")

@@ -1,0 +1,77 @@
+"""Where one walks from a region to the next (method.md 1)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from salframe.topology.grid import FloorGrid
+
+_EIGHT = np.ones((3, 3), bool)
+
+
+@dataclass(frozen=True)
+class Doorway:
+    """Where the labels of two regions meet on walkable floor: the width of the line they meet along, before erosion, and the transition
+    points on it, (row, column) of the pixel that is each one's medoid; none where the robot does not fit through."""
+
+    labels: tuple[int, int]
+    width_m: float
+    centre: tuple[int, int]
+    points: tuple[tuple[int, int], ...]
+
+
+def find_doorways(grid: FloorGrid) -> list[Doorway]:
+    """Every doorway of a floor, by pair of regions, then from the top left.
+
+    Transition pixels have a 4-neighbour of another region; their 8-connected components make the doorways, and on the clear floor alone the
+    transition points.
+    """
+    from scipy import ndimage
+
+    doorways = []
+    for pair, pixels, fits in _meetings(grid):
+        corner = pixels.min(0)
+        shape = pixels.max(0) - corner + 1
+        wide, clear = np.zeros(shape, bool), np.zeros(shape, bool)
+        wide[tuple((pixels - corner).T)] = True
+        clear[tuple((pixels[fits] - corner).T)] = True
+        components, count = ndimage.label(wide, _EIGHT)
+        passages, passage_count = ndimage.label(clear, _EIGHT)
+        through = [np.argwhere(passages == number) for number in range(1, passage_count + 1)]
+        for number in range(1, count + 1):
+            line = np.argwhere(components == number)
+            width_m = (_distances(line).max() + 1) * grid.floor.resolution_m
+            points = tuple(_medoid(points, corner) for points in through if components[tuple(points[0])] == number)
+            doorways.append(Doorway(pair, float(width_m), _medoid(line, corner), points))
+    return doorways
+
+
+def _meetings(grid: FloorGrid) -> Iterator[tuple[tuple[int, int], np.ndarray, np.ndarray]]:
+    """For each pair of labels that meet: the pair, (N, 2) pixels that have the other as 4-neighbour, (N,) bool those where both are clear."""
+    label, clear = grid.label, grid.clear
+    found = []
+    for step in ((0, 1), (1, 0)):
+        first, second = np.s_[: label.shape[0] - step[0], : label.shape[1] - step[1]], np.s_[step[0] :, step[1] :]
+        pixel = np.argwhere((label[first] != label[second]) & (label[first] > 0) & (label[second] > 0))
+        other = pixel + step
+        labels = np.sort(np.column_stack([label[tuple(pixel.T)], label[tuple(other.T)]]), 1)
+        fits = clear[tuple(pixel.T)] & clear[tuple(other.T)]
+        found += [np.column_stack([labels, side, fits]) for side in (pixel, other)]
+    rows = np.concatenate(found)
+    for pair in np.unique(rows[:, :2], axis=0):
+        chosen = rows[(rows[:, :2] == pair).all(1)]
+        yield (int(pair[0]), int(pair[1])), chosen[:, 2:4], chosen[:, 4].astype(bool)
+
+
+def _distances(pixels: np.ndarray) -> np.ndarray:
+    from scipy.spatial.distance import cdist
+
+    return cdist(pixels, pixels)
+
+
+def _medoid(pixels: np.ndarray, corner: np.ndarray) -> tuple[int, int]:
+    row, column = pixels[_distances(pixels).sum(1).argmin()] + corner
+    return int(row), int(column)
