@@ -1,13 +1,14 @@
-"""A planner that keeps its role's promises, and two that do not."""
+"""A planner that keeps its role's promises, and three that do not."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import networkx as nx
-import numpy as np
 
 from salframe.errors import NoRoute
 from salframe.roles import Planner
-from salframe.types import MapEdge, Route
+from salframe.types import Route
 
 
 class Dijkstra(Planner):
@@ -20,14 +21,14 @@ class Dijkstra(Planner):
         self.graph = nx.Graph()
         self.graph.add_nodes_from(node.id for node in map.nodes)
         for edge in map.edges:
-            self.graph.add_edge(edge.start, edge.end, **{edge.start: edge.azimuth_rad, edge.end: edge.azimuth_rad + np.pi}, length=edge.length_m)
+            self.graph.add_edge(edge.start, edge.end, **{edge.start: edge, edge.end: edge.reversed()}, length=edge.length_m)
 
     def route(self, start, goal):
         try:
             nodes = tuple(nx.shortest_path(self.graph, start, goal, "length"))
         except nx.NetworkXNoPath:
             raise NoRoute(f"no way from {start} to {goal}") from None
-        legs = tuple(MapEdge(a, b, self.graph.edges[a, b]["length"], self.graph.edges[a, b][a]) for a, b in nx.utils.pairwise(nodes))
+        legs = tuple(self.graph.edges[a, b][a] for a, b in nx.utils.pairwise(nodes))
         return Route(nodes, legs, sum(leg.length_m for leg in legs))
 
 
@@ -44,3 +45,11 @@ class Swimming(Dijkstra):
 
     def route(self, start, goal):
         return Route((start, goal), (), 0.0) if goal == "island" else super().route(start, goal)
+
+
+class Retracing(Dijkstra):
+    """Broken."""
+
+    def route(self, start, goal):
+        route = super().route(start, goal)
+        return replace(route, legs=tuple(replace(leg, path_m=tuple(sorted(leg.path_m))) for leg in route.legs))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from broken_components import BROKEN
 from broken_datasets import BROKEN_DATASETS
-from broken_planners import Dijkstra, OneWay, Swimming
+from broken_planners import Dijkstra, OneWay, Retracing, Swimming
 from salframe_annotations.detector import AnnotationDetector
 from tiny_folder import write_tiny_folder
 
@@ -120,3 +120,5 @@ def test_a_planner_is_checked_against_the_shortest_route():
         check_component(OneWay)
     with pytest.raises(ConformanceError, match="received a route, expected NoRoute"):
         check_component(Swimming)
+    with pytest.raises(ConformanceError, match="route from room to hall: received the path .* in the walking direction"):
+        check_component(Retracing)

@@ -1,9 +1,9 @@
 """Planners: shortest routes on the topological map."""
 
 import salframe
+from salframe_planners.planners import Dijkstra, FloydWarshall
 
 
 @salframe.hookimpl
-def salframe_components() -> list[type]:
-    """None yet."""
-    return []
+def salframe_components():
+    return [FloydWarshall, Dijkstra]

@@ -115,11 +115,13 @@ def _check_estimate(checked: str, estimate: PoseEstimate, count: int) -> None:
 
 
 def check_planner(make: Callable[[], Planner]) -> None:
-    """The shortest of two routes, none to the start itself, and NoRoute to an island."""
+    """The shortest of two routes, its legs as they are walked, none to the start itself, and NoRoute to an island."""
     places = {"hall": (0.0, 0.0, 0.0), "door": (3.0, 0.0, 0.0), "room": (3.0, 4.0, 0.0), "yard": (-9.0, 0.0, 0.0), "island": (50.0, 0.0, 0.0)}
     nodes = tuple(MapNode(name, "scene", xyz_m, (name,)) for name, xyz_m in places.items())
     walks = [("hall", "door"), ("door", "room"), ("hall", "yard"), ("yard", "room")]
     edges = tuple(_walk(places, *walk) for walk in walks)
+    bend = ((3.0, 0.0), (3.0, 2.0), (3.0, 4.0))
+    edges = tuple(replace(edge, path_m=bend) if (edge.start, edge.end) == ("door", "room") else edge for edge in edges)
     planner = make()
     ask("prepare", planner.prepare, TopologicalMap(nodes, edges))
     for start, goal, through in (("hall", "room", ("hall", "door", "room")), ("room", "hall", ("room", "door", "hall")), ("hall", "hall", ("hall",))):
@@ -134,6 +136,8 @@ def check_planner(make: Callable[[], Planner]) -> None:
         for leg in route.legs:
             off_rad = np.angle(np.exp(1j * (leg.azimuth_rad - _walk(places, leg.start, leg.end).azimuth_rad)))
             expect(abs(off_rad) < 1e-9, checked, f"azimuth {leg.azimuth_rad:.4f} from {leg.start} to {leg.end}", "that of the walking direction")
+            path_m = {("door", "room"): bend, ("room", "door"): bend[::-1]}.get((leg.start, leg.end), ())
+            expect(leg.path_m == path_m, checked, f"the path {leg.path_m} from {leg.start} to {leg.end}", f"{path_m}, in the walking direction")
     try:
         planner.route("hall", "island")
     except NoRoute:
