@@ -16,6 +16,7 @@ from salframe.errors import RequirementMissing
 from salframe.geometry import sample_nearest
 from salframe.localizer import Description, Localizer, rank_places
 from salframe.types import Localization, MapFrame, Panorama, PointMatches
+from salframe.views import ViewRig
 from salframe.weights import file_sha256
 from salframe_keypoints.aliked import AlikedLightGlue, AlikedNearest
 from salframe_keypoints.disk import DiskLightGlue
@@ -24,7 +25,6 @@ from salframe_keypoints.pairs import Pair, View
 from salframe_keypoints.poses import robust_pose
 from salframe_keypoints.shortlist import Vlad, turned_similarity
 from salframe_keypoints.sift import Sift
-from salframe_keypoints.views import ViewRig
 from salframe_keypoints.xfeat import XFeat, XFeatNearest
 
 PAIRS: dict[str, type[Pair]] = {

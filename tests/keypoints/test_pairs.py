@@ -11,10 +11,10 @@ import pytest
 from salframe_keypoints.localizer import PAIRS, Keypoints
 from salframe_keypoints.networks import LightGlueMatcher
 from salframe_keypoints.pairs import View, read_checkpoint
-from salframe_keypoints.views import ViewRig
 
 from salframe.errors import ConfigError, WeightsMissing
 from salframe.geometry import pose_2d
+from salframe.views import ViewRig
 
 SHARED_DATA = Path(os.environ.get("SALFRAME_SHARED_DATA", Path(__file__).parents[2] / ".." / "shared" / "data"))
 DISTILLED = SHARED_DATA.parent / "weights" / "loftr_coarse_distilled.pt"

@@ -2,9 +2,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from salframe_keypoints.views import ViewRig
 
 from salframe.geometry import equirectangular_rays, sample_nearest
+from salframe.views import ViewRig
 
 RIG = ViewRig(6, 480, 352, np.deg2rad(90))
 
