@@ -6,7 +6,7 @@ import sys
 
 import typer
 
-from salframe.cli import compare, data, inspect, localize, score, weights
+from salframe.cli import compare, data, inspect, localize, matching, score, weights
 from salframe.errors import SalframeError
 
 app = typer.Typer(
@@ -26,6 +26,7 @@ def _options(debug: bool = typer.Option(False, "--debug", help="Show the traceba
 app.command()(compare.compare)
 app.command()(compare.ablate)
 app.command()(compare.evaluate)
+app.command()(matching.matching)
 app.command()(localize.build)
 app.command()(localize.localize)
 app.command()(score.score)

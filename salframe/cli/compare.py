@@ -6,12 +6,15 @@ import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
 if TYPE_CHECKING:
-    from salframe.compare import Comparison
+    from salframe.compare import Comparison, Progress
+    from salframe.matching import Matching
+
+Measured = TypeVar("Measured", "Comparison", "Matching")
 
 DataDir = Annotated[Path | None, typer.Option(help="Folder that holds the dataset's files (its `root`).")]
 Set = Annotated[
@@ -34,11 +37,11 @@ def compare(
     as_json: Json = False,
 ) -> None:  # fmt: skip
     """Run methods on the same queries and print what they reach and cost. Run it again to resume."""
+    from salframe.cli.tables import print_comparison
     from salframe.compare import compare as run
 
-    wanted = [method.strip() for method in methods.split(",") if method.strip()]
-    _show(lambda progress: run(wanted, data, data_dir=data_dir, overrides=overrides or (), name=name, runs=runs, engine=engine, seed=seed,
-                               progress=progress, reported=reported), as_json)  # fmt: skip
+    show(lambda progress: run(split_names(methods), data, data_dir=data_dir, overrides=overrides or (), name=name, runs=runs, engine=engine,
+                              seed=seed, progress=progress, reported=reported), print_comparison, as_json)  # fmt: skip
 
 
 def ablate(
@@ -49,31 +52,38 @@ def ablate(
 ) -> None:  # fmt: skip
     """Run every combination of the values under `vary:` as a method of its own, in one table."""
     from salframe.ablate import ablate as run
+    from salframe.cli.tables import print_comparison
 
-    _show(lambda progress: run(file, data=data, data_dir=data_dir, overrides=overrides or (), name=name, runs=runs, engine=engine, seed=seed,
-                               progress=progress), as_json)  # fmt: skip
+    show(lambda progress: run(file, data=data, data_dir=data_dir, overrides=overrides or (), name=name, runs=runs, engine=engine, seed=seed,
+                              progress=progress), print_comparison, as_json)  # fmt: skip
 
 
 def evaluate(run: Annotated[Path, typer.Argument(help="A run folder.")], as_json: Json = False) -> None:
     """Measure a run again from its recorded answers; runs no method."""
+    from salframe.cli.tables import print_comparison
     from salframe.compare import evaluate as measure
 
-    _show(lambda progress: measure(run), as_json)
+    show(lambda progress: measure(run), print_comparison, as_json)
 
 
-def _show(run: Callable[..., Comparison], as_json: bool) -> None:
+def split_names(methods: str) -> list[str]:
+    """Names that stand between commas."""
+    return [method.strip() for method in methods.split(",") if method.strip()]
+
+
+def show(run: Callable[[Progress], Measured], table: Callable[[Measured], None], as_json: bool) -> None:
     """Run with progress bars on stderr, print the table or JSON on stdout; exit 1 where nothing was measured or something crashed."""
-    from salframe.cli.tables import Bars, print_comparison
+    from salframe.cli.tables import Bars
 
     try:
         with Bars() as bars:
-            comparison = run(bars.update)
+            result = run(bars.update)
     except KeyboardInterrupt:
         print("interrupted: run the same command again to resume", file=sys.stderr)
         raise typer.Exit(130) from None
     if as_json:
-        print(json.dumps(comparison.to_json(), indent=2))
+        print(json.dumps(result.to_json(), indent=2))
     else:
-        print_comparison(comparison)
-    if comparison.crashed or not comparison.measured:
+        table(result)
+    if result.crashed or not result.measured:
         raise typer.Exit(1)
