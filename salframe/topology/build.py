@@ -10,8 +10,8 @@ from itertools import pairwise
 import numpy as np
 
 from salframe.errors import DataError
-from salframe.topology.edges import components, joining_paths, sight_pairs
-from salframe.topology.grid import FloorGrid
+from salframe.topology.edges import components, joining_paths, make_edge, sight_pairs
+from salframe.topology.grid import FloorGrid, cell, nearest_pixel
 from salframe.topology.transitions import find_doorways
 from salframe.types import FloorMasks, Frame, MapEdge, MapFrame, MapNode, TopologicalMap
 
@@ -115,8 +115,7 @@ class _FloorMap:
             self._add_edges(np.array(self._positions))
 
     def _add(self, id: str, kind: str, pixel: np.ndarray, regions: tuple[str, ...], frames: tuple[str, ...]) -> None:
-        x, y = self._grid.to_metres(pixel)
-        self.nodes.append(MapNode(id, kind, (float(x), float(y), float(self._grid.floor.z_m)), regions, frames))
+        self.nodes.append(MapNode(id, kind, self._grid.world(pixel), regions, frames))
         self._positions.append(pixel)
 
     def _add_scenes(self, frames: Sequence[MapFrame]) -> None:
@@ -134,21 +133,19 @@ class _FloorMap:
     def _snap(self, frame: MapFrame) -> np.ndarray | None:
         """The clear pixel position nearest to a frame, one of the frame's own place where the floor has it; None where there is none near."""
         grid, reach_m = self._grid, self._settings.snap_m
-        stands = grid.to_pixel(frame.T_world_pano[:2, 3])
-        cell = tuple(np.floor(stands).astype(int))
-        if grid.clear[cell]:
-            return stands
         own = [label for label, name in self._names.items() if name == frame.place]
-        allowed = grid.clear & (grid.label == own[0]) if own else grid.clear
-        near = np.argwhere(allowed) + 0.5
-        distance_m = np.linalg.norm(near - stands, axis=1) * grid.floor.resolution_m
+        stands = grid.to_pixel(frame.T_world_pano[:2, 3])
+        if grid.clear[cell(stands)]:
+            return stands
+        pixel = nearest_pixel(grid.clear & (grid.label == own[0]) if own else grid.clear, stands)
         x, y = frame.T_world_pano[:2, 3]
         why = f"frame {frame.id} at ({x:.2f}, {y:.2f}) m stands in a wall or too near to one"
-        if not len(near) or distance_m.min() > reach_m:
+        away_m = np.inf if pixel is None else float(np.linalg.norm(pixel - stands)) * grid.floor.resolution_m
+        if away_m > reach_m:
             self._notes.append(f"{why} and is left out: no clear floor of its region within {reach_m:g} m")
             return None
-        self._notes.append(f"{why}: its node is {distance_m.min():.2f} m from it")
-        return near[distance_m.argmin()]
+        self._notes.append(f"{why}: its node is {away_m:.2f} m from it")
+        return pixel
 
     def _choose_scenes(self, frames: Sequence[MapFrame]) -> None:
         """A scene node where each region is widest; it takes the frames of its place."""
@@ -192,20 +189,14 @@ class _FloorMap:
     def _add_edges(self, positions: np.ndarray) -> None:
         grid = self._grid
         pairs = sight_pairs(grid, positions)
-        component = components(len(positions), pairs)
-        ways = [(int(i), int(j), positions[[i, j]], False) for i, j in pairs]
-        ways += [(i, j, corners, True) for i, j, corners in joining_paths(grid, positions, component)]
-        for i, j, corners, bent in ways:
-            path = grid.to_metres(corners)
-            along = path[-1] - path[0]
-            length_m = float(np.hypot(*np.diff(path, axis=0).T).sum())
-            path_m = tuple((float(x), float(y)) for x, y in path) if bent else ()
-            start, end = self.nodes[i].id, self.nodes[j].id
-            self.edges.append(MapEdge(start, end, length_m, float(np.arctan2(along[1], along[0])), path_m))
-        bent_edges = ", ".join(f"{edge.start} to {edge.end}" for edge in self.edges if edge.path_m)
-        if bent_edges:
-            self._notes.append(f"sight alone leaves nodes apart, joined by the shortest way over clear floor: {bent_edges}")
-        joined = np.array([(i, j) for i, j, _, _ in ways]).reshape(-1, 2)
+        paths = joining_paths(grid, positions, components(len(positions), pairs))
+        names = [node.id for node in self.nodes]
+        self.edges = [make_edge(grid, names[i], names[j], positions[[i, j]]) for i, j in pairs]
+        self.edges += [make_edge(grid, names[i], names[j], corners) for i, j, corners in paths]
+        if paths:
+            apart = ", ".join(f"{names[i]} to {names[j]}" for i, j, _ in paths)
+            self._notes.append(f"sight alone leaves nodes apart, joined by the shortest way over clear floor: {apart}")
+        joined = np.vstack([pairs, np.array([(i, j) for i, j, _ in paths], int).reshape(-1, 2)])
         self._tell_reach(components(len(positions), joined))
 
     def _tell_reach(self, component: np.ndarray) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from salframe.topology.grid import FloorGrid, pixel_graph, sees
+from salframe.types import MapEdge
 
 
 def sight_pairs(grid: FloorGrid, pixels: np.ndarray) -> np.ndarray:
@@ -23,6 +24,15 @@ def components(count: int, pairs: np.ndarray) -> np.ndarray:
     return connected_components(joined, directed=False)[1]
 
 
+def make_edge(grid: FloorGrid, start: str, end: str, corners: np.ndarray) -> MapEdge:
+    """The edge along corners (K, 2), pixels (row, column); straight where there are two."""
+    path = grid.to_metres(corners)
+    x, y = path[-1] - path[0]
+    length_m = float(np.hypot(*np.diff(path, axis=0).T).sum())
+    path_m = tuple((float(x), float(y)) for x, y in path) if len(path) > 2 else ()
+    return MapEdge(start, end, length_m, float(np.arctan2(y, x)), path_m)
+
+
 def joining_paths(grid: FloorGrid, pixels: np.ndarray, component: np.ndarray) -> list[tuple[int, int, np.ndarray]]:
     """The shortest ways that join the components of nodes at pixels (N, 2) wherever clear floor does: the minimum spanning tree of them.
 
@@ -34,8 +44,8 @@ def joining_paths(grid: FloorGrid, pixels: np.ndarray, component: np.ndarray) ->
     from scipy.sparse.csgraph import dijkstra
 
     floor = ndimage.label(grid.clear, np.ones((3, 3), bool))[0]
-    cell = np.floor(pixels).astype(int)
-    part = floor[tuple(cell.T)]
+    cells = np.floor(pixels).astype(int)
+    part = floor[tuple(cells.T)]
     split = [number for number in np.unique(part) if len(np.unique(component[part == number])) > 1]
     if not split:
         return []
@@ -44,7 +54,7 @@ def joining_paths(grid: FloorGrid, pixels: np.ndarray, component: np.ndarray) ->
     number = np.full(mask.shape, -1)
     number[mask] = np.arange(mask.sum())
     graph = pixel_graph(mask)
-    start = number[tuple(cell[nodes].T)]
+    start = number[tuple(cells[nodes].T)]
     distance, before, nearest = dijkstra(graph, indices=start, min_only=True, return_predecessors=True)
     node_at = np.full(len(distance), -1)
     node_at[start] = nodes

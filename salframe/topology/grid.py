@@ -68,9 +68,24 @@ class FloorGrid:
         left_m, top_m = self.floor.origin_m
         return np.stack([left_m + column * self.floor.resolution_m, top_m - row * self.floor.resolution_m], -1)
 
-    def inside(self, pixel: np.ndarray) -> np.ndarray:
-        """(...,) bool: whether pixels (row, column) lie on the masks."""
-        return np.all((pixel >= 0) & (pixel < np.array(self.floor.free.shape)), axis=-1)
+    def world(self, pixel: np.ndarray) -> tuple[float, float, float]:
+        """The point (x, y, z) in metres on the floor at one pixel (row, column)."""
+        x, y = self.to_metres(pixel)
+        return float(x), float(y), float(self.floor.z_m)
+
+
+def cell(position: np.ndarray) -> tuple[int, int]:
+    """The pixel that a position (row, column) lies in."""
+    row, column = np.floor(position).astype(int)
+    return int(row), int(column)
+
+
+def nearest_pixel(allowed: np.ndarray, position: np.ndarray) -> np.ndarray | None:
+    """The position (row, column) itself where its pixel is allowed, else the centre of the nearest pixel that is; None where none is."""
+    if allowed[cell(position)]:
+        return position
+    centres = np.argwhere(allowed) + 0.5
+    return centres[np.linalg.norm(centres - position, axis=1).argmin()] if len(centres) else None
 
 
 def sees(clear: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:

@@ -1,0 +1,113 @@
+"""Ways through a map: from a node, a place or an estimated position, as legs and as what to do at each corner."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from salframe.errors import DataError, NoRoute, UnknownName
+from salframe.geometry import wrap_angle
+from salframe.registry import registry, unknown
+from salframe.roles import Planner
+from salframe.topology.build import find_floor
+from salframe.topology.edges import joining_paths, make_edge
+from salframe.topology.grid import FloorGrid, cell, nearest_pixel, sees
+from salframe.types import MapNode, Route, TopologicalMap
+
+HERE = "here"
+"""The id of the node that `with_position` adds."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """Turn by turn_rad (left is positive; None where the heading is not known), then walk length_m straight at azimuth_rad in the world,
+    to the node `to`, or to a corner where that is None."""
+
+    to: str | None
+    length_m: float
+    azimuth_rad: float
+    turn_rad: float | None
+
+    def __str__(self) -> str:
+        towards = f"walk {self.length_m:.1f} m to {self.to or 'the corner'}"
+        if self.turn_rad is None:
+            return f"face {np.degrees(self.azimuth_rad):.0f} deg, {towards}"
+        turn_deg = round(float(np.degrees(self.turn_rad)))
+        side = "left" if turn_deg > 0 else "right"
+        return f"turn {side} {abs(turn_deg)} deg, {towards}" if turn_deg else f"straight on, {towards}"
+
+
+def directions(route: Route, heading_rad: float | None = None) -> list[Step]:
+    """The straight stretches of a route, the first turn from heading_rad (azimuth in the world), each further one from the stretch before."""
+    steps = []
+    for leg in route.legs:
+        if not leg.path_m:
+            steps.append((leg.end, leg.length_m, leg.azimuth_rad))
+            continue
+        along = np.diff(leg.path_m, axis=0)
+        ends = [None] * (len(along) - 1) + [leg.end]
+        steps += [(to, float(np.hypot(x, y)), float(np.arctan2(y, x))) for to, (x, y) in zip(ends, along, strict=True)]
+    made = []
+    for to, length_m, azimuth_rad in steps:
+        turn_rad = None if heading_rad is None else -float(wrap_angle(heading_rad - azimuth_rad))  # (-pi, pi]: half a turn is to the left
+        made.append(Step(to, length_m, azimuth_rad, turn_rad))
+        heading_rad = azimuth_rad
+    return made
+
+
+def find_nodes(topology: TopologicalMap, name: str) -> list[str]:
+    """The node of this id, or the scene nodes of the place of this name, its doors where it has none. Raises UnknownName with the closest."""
+    ids = [node.id for node in topology.nodes]
+    if name in ids:
+        return [name]
+    there = [node for node in topology.nodes if name in node.regions]
+    if not there:
+        places = sorted({region for node in topology.nodes for region in node.regions})
+        raise UnknownName(unknown("node or place", name, [*places, *sorted(set(ids) - set(places))]))
+    return [node.id for node in there if node.kind == "scene"] or [node.id for node in there]
+
+
+def find_route(topology: TopologicalMap, start: str, goal: str, planner: str = "dijkstra") -> Route:
+    """The shortest route between two nodes or places, by the planner of this name. Raises NoRoute, UnknownName."""
+    starts, goals = find_nodes(topology, start), find_nodes(topology, goal)
+    made: Planner = registry().get("planner", planner)()
+    made.prepare(topology)
+    routes = []
+    for pair in itertools.product(starts, goals):
+        try:
+            routes.append(made.route(*pair))
+        except NoRoute as error:
+            reason = error
+    if not routes:
+        raise reason
+    return min(routes, key=lambda route: route.length_m)
+
+
+def with_position(topology: TopologicalMap, xyz_m: Sequence[float]) -> TopologicalMap:
+    """The map with one more node, `here`, where an agent or its camera is, or on the nearest clear floor of where it was taken to be.
+
+    It is joined to every node it sees, and by the shortest way over clear floor where it sees none. Raises DataError off all floors.
+    """
+    position = np.asarray(xyz_m, np.float64)
+    number = find_floor(topology.floors, position)
+    if number is None:
+        raise DataError(f"the position ({position[0]:.2f}, {position[1]:.2f}, {position[2]:.2f}) m is on no floor of the map")
+    floor = topology.floors[number]
+    grid = FloorGrid(floor, topology.parameters["robot_radius_m"])
+    pixel = nearest_pixel(grid.clear, grid.to_pixel(position[:2]))
+    others = [node for node in topology.nodes if node.xyz_m[2] == floor.z_m]
+    if pixel is None or not others:
+        raise DataError(f"the floor at z = {floor.z_m:g} m has no node to walk to")
+    pixels = grid.to_pixel([node.xyz_m[:2] for node in others])
+    seen = sees(grid.clear, np.broadcast_to(pixel, pixels.shape), pixels)
+    ways = [(node, np.array([pixel, pixels[node]])) for node in np.flatnonzero(seen)]
+    if not ways:
+        apart = np.array([0] + [1] * len(others))
+        ways = [(j - 1, corners) for _, j, corners in joining_paths(grid, np.vstack([pixel, pixels]), apart)]
+    region = grid.names.get(int(grid.label[cell(pixel)]))
+    here = MapNode(HERE, "scene", grid.world(pixel), () if region is None else (region,))
+    edges = [make_edge(grid, HERE, others[node].id, corners) for node, corners in ways]
+    return replace(topology, nodes=(*topology.nodes, here), edges=(*topology.edges, *edges))
