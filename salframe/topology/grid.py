@@ -68,6 +68,10 @@ class FloorGrid:
         left_m, top_m = self.floor.origin_m
         return np.stack([left_m + column * self.floor.resolution_m, top_m - row * self.floor.resolution_m], -1)
 
+    def inside(self, pixel: np.ndarray) -> np.ndarray:
+        """(...,) bool: whether pixels (row, column) lie on the masks."""
+        return np.all((pixel >= 0) & (pixel < np.array(self.floor.free.shape)), axis=-1)
+
     def world(self, pixel: np.ndarray) -> tuple[float, float, float]:
         """The point (x, y, z) in metres on the floor at one pixel (row, column)."""
         x, y = self.to_metres(pixel)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 
@@ -42,13 +43,13 @@ class Step:
 
 def directions(route: Route, heading_rad: float | None = None) -> list[Step]:
     """The straight stretches of a route, the first turn from heading_rad (azimuth in the world), each further one from the stretch before."""
-    steps = []
+    steps: list[tuple[str | None, float, float]] = []
     for leg in route.legs:
         if not leg.path_m:
             steps.append((leg.end, leg.length_m, leg.azimuth_rad))
             continue
         along = np.diff(leg.path_m, axis=0)
-        ends = [None] * (len(along) - 1) + [leg.end]
+        ends = [*[None] * (len(along) - 1), leg.end]
         steps += [(to, float(np.hypot(x, y)), float(np.arctan2(y, x))) for to, (x, y) in zip(ends, along, strict=True)]
     made = []
     for to, length_m, azimuth_rad in steps:
@@ -73,7 +74,7 @@ def find_nodes(topology: TopologicalMap, name: str) -> list[str]:
 def find_route(topology: TopologicalMap, start: str, goal: str, planner: str = "dijkstra") -> Route:
     """The shortest route between two nodes or places, by the planner of this name. Raises NoRoute, UnknownName."""
     starts, goals = find_nodes(topology, start), find_nodes(topology, goal)
-    made: Planner = registry().get("planner", planner)()
+    made = cast(Planner, registry().get("planner", planner)())
     made.prepare(topology)
     routes = []
     for pair in itertools.product(starts, goals):
@@ -101,9 +102,9 @@ def with_position(topology: TopologicalMap, xyz_m: Sequence[float]) -> Topologic
     others = [node for node in topology.nodes if node.xyz_m[2] == floor.z_m]
     if pixel is None or not others:
         raise DataError(f"the floor at z = {floor.z_m:g} m has no node to walk to")
-    pixels = grid.to_pixel([node.xyz_m[:2] for node in others])
+    pixels = grid.to_pixel(np.array([node.xyz_m[:2] for node in others]))
     seen = sees(grid.clear, np.broadcast_to(pixel, pixels.shape), pixels)
-    ways = [(node, np.array([pixel, pixels[node]])) for node in np.flatnonzero(seen)]
+    ways = [(int(node), np.array([pixel, pixels[node]])) for node in np.flatnonzero(seen)]
     if not ways:
         apart = np.array([0] + [1] * len(others))
         ways = [(j - 1, corners) for _, j, corners in joining_paths(grid, np.vstack([pixel, pixels]), apart)]
