@@ -1,0 +1,131 @@
+"""A data set of rendered rooms and localizers whose matches are off by as much as they are told, for the tests of matching accuracy."""
+
+from __future__ import annotations
+
+import numpy as np
+from salframe_annotations.detector import AnnotationDetector
+
+import salframe
+from salframe.config import ComponentConfig
+from salframe.geometry import pose_2d, sample_nearest, transform_points
+from salframe.localizer import Localizer
+from salframe.matching import PIXEL_RAD
+from salframe.roles import Dataset
+from salframe.testing.rooms import ROOMS, look, stand
+from salframe.types import Fold, Frame, Localization, NodeMatches, PointMatches, Truth
+
+STEP = pose_2d(0.3, 0.2, 0.5)
+"""Where a query stands in the axes of the map frame next to it."""
+
+
+def turned_by(bearings, angle_rad):
+    """Unit vectors at this great-circle angle from unit vectors (M, 3)."""
+    across = np.cross(bearings, (0.3, -0.5, 0.8))
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    return np.cos(angle_rad) * bearings + np.sin(angle_rad) * across
+
+
+class Furnished(Dataset):
+    """Rooms with a map frame in the middle, another in a corner, a transition, and a query a step from the middle."""
+
+    name = "furnished"
+    version = "1"
+    fingerprint = "furnished"
+
+    class Config(ComponentConfig):
+        ranges: bool = True
+        instances: bool = True
+        posed: bool = True
+        unmapped: bool = False
+
+    @property
+    def provides(self):
+        return frozenset({"rgb", *(["range"] if self.config.ranges else []), *(["annotations"] if self.config.instances else [])})
+
+    def _frame(self, id, room, T_world_pano, place=None, kind="scene"):
+        return Frame(id, lambda: look(room, id, T_world_pano, self.provides), T_world_pano if place else None, place, kind)
+
+    def folds(self):
+        mapping, queries = [], []
+        for room in ROOMS[:2]:
+            place = "nowhere" if self.config.unmapped and room is ROOMS[1] else room.name
+            mapping.append(self._frame(f"{room.name}-corner", room, stand(room, 0.3, 0.8), place))
+            mapping.append(self._frame(f"{room.name}-door", room, stand(room) @ STEP, place, "transition"))
+            mapping.append(self._frame(f"{room.name}-middle", room, stand(room), place))
+            queries.append(self._frame(f"{room.name}-query", room, stand(room) @ STEP))
+        return [Fold("all", tuple(mapping), tuple(queries))]
+
+    def truth(self, query_id):
+        room = next(room for room in ROOMS if query_id.startswith(room.name))
+        return Truth(room.name, stand(room) @ STEP if self.config.posed else None)
+
+
+class Points(Localizer):
+    """Matches points as the truth would, each off by so many pixels."""
+
+    name = "points"
+    version = "1"
+    needs = frozenset({"range"})
+
+    class Config(ComponentConfig):
+        off_px: float = 0.0
+        count: int = 40
+        fail_after: int = 99
+
+    def __init__(self, config=None):
+        super().__init__(config)
+        self.left = getattr(self.config, "fail_after", None)
+
+    def describe(self, panorama):
+        return {"range_m": panorama.range_m}
+
+    def index(self, descriptions, frames):
+        pass
+
+    def match(self, description):
+        return Localization((), None, "no-match")
+
+    def correspond(self, query, reference):
+        if not self.left:
+            raise ValueError("no more")
+        self.left -= 1
+        bearings = np.random.default_rng(5).normal(size=(self.config.count, 3))
+        bearings /= np.linalg.norm(bearings, axis=1, keepdims=True)
+        points_m = transform_points(STEP, bearings * sample_nearest(query["range_m"], bearings)[:, None])
+        seen = points_m / np.linalg.norm(points_m, axis=1, keepdims=True)
+        return PointMatches(bearings, turned_by(seen, self.config.off_px * PIXEL_RAD))
+
+
+class Nodes(Points):
+    """Matches the first objects of a room by their labels, the last two of them crosswise where it is told so."""
+
+    name = "nodes"
+    needs = frozenset({"annotations", "range"})
+
+    class Config(ComponentConfig):
+        first: int = 5
+        crossed: bool = False
+
+    def describe(self, panorama):
+        objects = AnnotationDetector(AnnotationDetector.Config(noise="none")).detect(panorama)
+        return {"labels": np.array(objects.labels), "centroid_m": objects.centroid_m}
+
+    def correspond(self, query, reference):
+        both = [label for label in query["labels"] if label in reference["labels"]][: self.config.first]
+        other = both[:-2] + both[:-3:-1] if self.config.crossed else both
+        position = [[side.tolist().index(label) for label in labels] for side, labels in ((query["labels"], both), (reference["labels"], other))]
+        return NodeMatches(query["centroid_m"], reference["centroid_m"], np.array(position, int).reshape(2, -1).T)
+
+
+class Neither(Points):
+    """Matches neither points nor nodes."""
+
+    name = "neither"
+
+    def correspond(self, query, reference):
+        return None
+
+
+@salframe.hookimpl
+def salframe_components():
+    return [Furnished, Points, Nodes, Neither]
