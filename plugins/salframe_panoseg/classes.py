@@ -1,0 +1,44 @@
+"""What the network tells apart, and what it looks at: shared by training and detection, so that neither drifts from the other."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from salframe.geometry import equirectangular_rays
+
+HEIGHT = 256
+"""Rows of the panorama that the network sees; it has twice as many columns."""
+STRIDE = 32
+"""Columns of that panorama by whose multiples it may be turned without changing the answer but for the turn."""
+CHANNELS = 6
+
+_MEAN, _STD = np.array([0.485, 0.456, 0.406], np.float32), np.array([0.229, 0.224, 0.225], np.float32)
+_TALL_M = 1.5
+
+
+def network_input(rgb: np.ndarray, range_m: np.ndarray) -> np.ndarray:
+    """(6, HEIGHT, 2 HEIGHT) float32: colour as ImageNet's networks take it, nearness 1 / (1 + range), height above the camera, elevation.
+
+    rgb (H, 2H, 3) uint8; range_m (H, 2H) float32, NaN where unknown, which gives nearness and height 0.
+    """
+    size = (2 * HEIGHT, HEIGHT)
+    if rgb.shape[0] != HEIGHT:
+        rgb = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA)
+    range_m = smaller(range_m)
+    elevation = equirectangular_rays(HEIGHT)[..., 2]
+    known = np.isfinite(range_m)
+    distance = np.where(known, range_m, 0)
+    image = np.empty((CHANNELS, HEIGHT, 2 * HEIGHT), np.float32)
+    image[:3] = ((rgb / np.float32(255) - _MEAN) / _STD).transpose(2, 0, 1)
+    image[3] = np.where(known, 1 / (1 + distance), 0)
+    image[4] = np.clip(distance * elevation / _TALL_M, -2, 2)
+    image[5] = elevation
+    return image
+
+
+def smaller(image: np.ndarray) -> np.ndarray:
+    """An image (H, 2H) of ranges or ids at the network's size, each pixel one of those that it covers."""
+    if image.shape[0] == HEIGHT:
+        return image
+    return cv2.resize(image, (2 * HEIGHT, HEIGHT), interpolation=cv2.INTER_NEAREST)

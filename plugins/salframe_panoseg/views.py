@@ -1,0 +1,94 @@
+"""Views to train on and to measure with: random buildings, random poses, all lightings; rendered once, then read."""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from salframe_folder.images import read_color, read_ids, read_range, write_color, write_ids, write_range
+from salframe_house.assets import Catalogue, Part
+from salframe_house.building import generate_building
+from salframe_house.lighting import CONDITIONS
+from salframe_house.render import Renderer
+
+from salframe.geometry import pose_2d
+from salframe.processes import die_with_parent
+from salframe.storage import read_json, write_json
+
+STYLES = ("home", "office", "hotel")
+ROOMS = (8, 16)
+"""Least and most rooms of a building."""
+EYE_M = (1.1, 1.7)
+"""Range of the camera's height above the floor."""
+CLEARANCE_M = 0.3
+WORKERS = 2
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """A rendered panorama with its truth: rgb (H, 2H, 3) uint8, range_m (H, 2H) float32, instance_id (H, 2H) int32, and of the instances
+    `labels` and `centre_m` (id -> (3,) float64, the centre of the whole object's box in the panorama frame)."""
+
+    rgb: np.ndarray
+    range_m: np.ndarray
+    instance_id: np.ndarray
+    labels: dict[int, str]
+    centre_m: dict[int, np.ndarray]
+
+
+def render_views(
+    root: Path, seeds: Sequence[int], views: int, height: int, assets: Path | None, part: Part | None, progress: Callable[[int, int], None],
+) -> list[Path]:  # fmt: skip
+    """Render `views` panoramas, `height` pixels high, of the building of each seed into `root`, those that are not there yet.
+
+    Returns one path a view, without suffix, for `read_view`. `progress(done, total)` counts buildings.
+    """
+    todo = [seed for seed in seeds if not (root / f"{seed}.json").exists()]
+    done = len(seeds) - len(todo)
+    progress(done, len(seeds))
+    root.mkdir(parents=True, exist_ok=True)
+    with ProcessPoolExecutor(WORKERS, mp_context=multiprocessing.get_context("spawn"), initializer=die_with_parent) as pool:
+        for future in as_completed([pool.submit(_render_building, root, seed, views, height, assets, part) for seed in todo]):
+            future.result()
+            done += 1
+            progress(done, len(seeds))
+    return [root / f"{seed}-{number}" for seed in seeds for number in range(views)]
+
+
+def _render_building(root: Path, seed: int, views: int, height: int, assets: Path | None, part: Part | None) -> None:
+    """Render one building's views; its JSON, which says that they are there, comes last."""
+    rng = np.random.default_rng((seed, 11))
+    building = generate_building(STYLES[seed % len(STYLES)], int(rng.integers(ROOMS[0], ROOMS[1] + 1)), seed)
+    scene = building.scene(Catalogue(assets, part) if assets else None)
+    renderer = Renderer(scene, "day", height)
+    renderers = {lighting: renderer.relit(lighting) for lighting in CONDITIONS}
+    free = {room: points for room, points in building.free_space(CLEARANCE_M).items() if len(points)}
+    poses = []
+    for number in range(views):
+        points = free[list(free)[rng.integers(len(free))]]
+        x, y = points[rng.integers(len(points))]
+        pose = pose_2d(x, y, rng.uniform(-np.pi, np.pi), rng.uniform(*EYE_M))
+        rendering = renderers[list(CONDITIONS)[rng.integers(len(CONDITIONS))]].render(pose)
+        write_color(root / f"{seed}-{number}.jpg", rendering.rgb)
+        write_range(root / f"{seed}-{number}.range.png", rendering.range_m)
+        write_ids(root / f"{seed}-{number}.instances.png", rendering.instance_id)
+        poses.append(pose.tolist())
+    objects = {str(placed.instance_id): [placed.label, *placed.bounds_m.mean(0).tolist()] for placed in building.objects}
+    write_json(root / f"{seed}.json", {"poses": poses, "objects": objects})
+
+
+def read_view(path: Path) -> View:
+    """The view that `render_views` named so."""
+    seed, _, number = path.name.rpartition("-")
+    content = read_json(path.with_name(f"{seed}.json"))
+    T_world_pano = np.array(content["poses"][int(number)])
+    objects = {int(key): value for key, value in content["objects"].items()}
+    centre_m = {key: (np.array(value[1:]) - T_world_pano[:3, 3]) @ T_world_pano[:3, :3] for key, value in objects.items()}
+    return View(
+        read_color(path.with_name(path.name + ".jpg")), read_range(path.with_name(path.name + ".range.png")),
+        read_ids(path.with_name(path.name + ".instances.png")), {key: value[0] for key, value in objects.items()}, centre_m,
+    )  # fmt: skip

@@ -1,0 +1,74 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from salframe_panoseg.detector import from_panorama, into_panorama
+from salframe_panoseg.objects import LEAST_POINTS, group_pixels, without_strays
+
+H, W = 32, 64
+
+
+def scene(*blocks: tuple[slice, slice, int, tuple[float, float, float]]) -> tuple[np.ndarray, np.ndarray]:
+    """Classes and voted centres of an image with blocks of pixels."""
+    class_id, centre_m = np.zeros((H, W), np.uint8), np.zeros((H, W, 3))
+    for rows, columns, kind, centre in blocks:
+        class_id[rows, columns], centre_m[rows, columns] = kind, centre
+    return class_id, centre_m
+
+
+SEEN = np.ones((H, W), bool)
+
+
+def test_touching_objects_of_a_class_come_apart_by_their_votes():
+    class_id, centre_m = scene((slice(8, 16), slice(10, 20), 3, (1, 0, 0)), (slice(8, 16), slice(20, 30), 3, (1, 0.6, 0)))
+    objects = group_pixels(class_id, centre_m, SEEN)
+    assert np.unique(objects[8:16, 10:20]).tolist() != np.unique(objects[8:16, 20:30]).tolist()
+    assert objects.max() == 2
+    assert (objects > 0).sum() == 160
+
+
+def test_an_object_cut_by_the_seam_or_by_what_stands_before_it_is_one():
+    seam = scene((slice(8, 16), slice(0, 5), 3, (1, 0, 0)), (slice(8, 16), slice(58, 64), 3, (1, 0, 0)))
+    assert group_pixels(*seam, SEEN).max() == 1
+    cut = scene((slice(8, 16), slice(10, 30), 3, (1, 0, 0)), (slice(8, 16), slice(19, 21), 5, (0.5, 0, 0)))
+    objects = group_pixels(*cut, SEEN)
+    assert objects.max() == 2
+    assert objects[10, 12] == objects[10, 28] != objects[10, 20]
+
+
+def test_two_classes_at_one_place_are_two_objects_and_what_is_unseen_or_tiny_is_none():
+    class_id, centre_m = scene((slice(8, 16), slice(10, 20), 3, (1, 0, 0)), (slice(8, 16), slice(20, 30), 4, (1, 0, 0)), (slice(0, 1), slice(0, LEAST_POINTS - 1), 6, (2, 2, 2)))
+    seen = SEEN.copy()
+    seen[:, 26:] = False
+    objects = group_pixels(class_id, centre_m, seen)
+    assert objects.max() == 2
+    assert (objects[:, 26:] == 0).all()
+    assert (objects[0] == 0).all()
+
+
+def test_turning_the_panorama_turns_the_objects():
+    rng = np.random.default_rng(0)
+    class_id = np.repeat(np.repeat(rng.integers(0, 4, (H // 8, W // 8)), 8, 0), 8, 1)
+    centre_m = np.repeat(np.repeat(rng.uniform(-2, 2, (H // 8, W // 8, 3)), 8, 0), 8, 1)
+    objects = np.roll(group_pixels(class_id, centre_m, SEEN), 24, 1)
+    turned = group_pixels(np.roll(class_id, 24, 1), np.roll(centre_m, 24, 1), SEEN)
+    pairs = set(zip(objects.ravel().tolist(), turned.ravel().tolist(), strict=True))
+    assert len(pairs) == objects.max() + 1  # the same partition, numbered otherwise
+
+
+def test_strays_go_and_a_long_object_stays_whole():
+    rng = np.random.default_rng(0)
+    sofa = rng.uniform((-1, -0.4, 0), (1, 0.4, 0.8), (400, 3))
+    strays = rng.uniform((3, 3, 0), (4, 4, 1), (20, 3))
+    kept = without_strays(np.concatenate([sofa, strays]))
+    np.testing.assert_array_equal(kept, sofa)
+
+
+def test_votes_point_from_a_pixel_to_its_centre_in_the_panorama_frame():
+    offset_m = np.random.default_rng(0).normal(size=(H, W, 3))
+    np.testing.assert_allclose(into_panorama(from_panorama(offset_m)), offset_m, atol=1e-12)
+    ahead = np.zeros((3, H, W))
+    ahead[0] = 2  # two metres on, whichever way the pixel looks
+    found = into_panorama(ahead)
+    assert found[0, W // 2] == pytest.approx((2, 0, 0), abs=0.11)  # the middle column looks along x, give or take half a pixel
+    assert found[0, W // 4] == pytest.approx((0, 2, 0), abs=0.11)  # a quarter to the left, along y

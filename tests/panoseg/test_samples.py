@@ -1,0 +1,75 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch", reason="the network is trained with torch: salframe[training]")
+
+from salframe_panoseg.classes import HEIGHT, network_input
+from salframe_panoseg.detector import into_panorama
+from salframe_panoseg.samples import Samples, target
+from salframe_panoseg.views import read_view, render_views
+
+from salframe.geometry import equirectangular_rays
+
+
+@pytest.fixture(scope="module")
+def paths(tmp_path_factory) -> list[Path]:
+    """Two views of a building."""
+    return render_views(tmp_path_factory.mktemp("views"), [21000], 2, HEIGHT, None, None, lambda done, total: None)
+
+
+def test_views_are_rendered_once_and_know_where_their_objects_are(paths):
+    counts = []
+    assert render_views(paths[0].parent, [21000], 2, HEIGHT, None, None, lambda done, total: counts.append((done, total))) == paths
+    assert counts == [(1, 1)]
+    view = read_view(paths[0])
+    points_m = equirectangular_rays(HEIGHT) * view.range_m[..., None]
+    for instance in np.unique(view.instance_id)[1:]:
+        own = points_m[view.instance_id == instance]
+        middle = (own.min(0) + own.max(0)) / 2
+        assert np.linalg.norm(middle - view.centre_m[instance]) < 1.3  # what is seen of an object is part of its box
+
+
+def test_the_target_of_every_object_pixel_points_to_the_centre(paths):
+    view = read_view(paths[0])
+    index = {label: i for i, label in enumerate(sorted(set(view.labels.values())), 1)}
+    class_id, vote_m = target(view, index)
+    points_m = equirectangular_rays(HEIGHT) * view.range_m[..., None]
+    centre_m = points_m + into_panorama(vote_m)
+    for instance in np.unique(view.instance_id)[1:]:
+        own = view.instance_id == instance
+        assert set(class_id[own].tolist()) == {index[view.labels[instance]]}
+        np.testing.assert_allclose(centre_m[own], np.tile(view.centre_m[instance], (own.sum(), 1)), atol=1e-4)
+    assert np.isnan(vote_m[:, view.instance_id == 0]).all()
+    assert (class_id[view.instance_id == 0] == 0).all()
+
+
+def test_a_sample_depends_on_seed_and_number_alone(paths):
+    labels = sorted(set(read_view(paths[0]).labels.values()))
+    whole, resumed = Samples(paths, labels, 0, 6), Samples(paths, labels, 0, 6, start=4)
+    assert (len(whole), len(resumed)) == (6, 2)
+    for first, second in zip(whole[5], resumed[1], strict=True):
+        np.testing.assert_array_equal(first, second)
+    image, class_id, vote_m = whole[5]
+    assert image.shape == (6, HEIGHT, 2 * HEIGHT)
+    assert class_id.shape == (HEIGHT // 2, HEIGHT)
+    assert np.isfinite(vote_m[:, class_id > 0]).all()
+    assert np.abs(whole[4][0] - image).max() > 0.1
+
+
+def test_the_networks_input_keeps_what_is_unknown_apart(paths):
+    view = read_view(paths[0])
+    range_m = view.range_m.copy()
+    range_m[100:120, 200:220] = np.nan
+    image = network_input(view.rgb, range_m)
+    assert (image[3:5, 100:120, 200:220] == 0).all()
+    known = np.isfinite(range_m)
+    np.testing.assert_allclose(image[3][known], 1 / (1 + range_m[known]), rtol=1e-6)
+    floor = image[4, -1]
+    assert np.allclose(floor, floor[0], atol=0.01)  # straight below, the floor is as deep all around
+    np.testing.assert_allclose(image[5, :, 0], np.sin(np.pi / 2 - np.pi * (np.arange(HEIGHT) + 0.5) / HEIGHT), atol=1e-6)
+    large = network_input(np.repeat(np.repeat(view.rgb, 2, 0), 2, 1), np.repeat(np.repeat(range_m, 2, 0), 2, 1))
+    np.testing.assert_allclose(large, image, atol=1e-5)
