@@ -5,10 +5,10 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="the network is trained with torch: salframe[training]")
 
-from salframe_panoseg.classes import CHANNELS, STRIDE
-from salframe_panoseg.network import PanoSeg, SeamConv
+from salframe_panoseg.classes import CHANNELS, STRIDE  # noqa: E402
+from salframe_panoseg.network import PanoSeg, SeamConv  # noqa: E402
 
-from salframe.errors import WeightsMissing
+from salframe.errors import WeightsMissing  # noqa: E402
 
 
 @pytest.mark.parametrize(("kernel", "stride"), [(3, 1), (3, 2), (5, 1), (5, 2)])

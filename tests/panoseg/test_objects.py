@@ -37,7 +37,8 @@ def test_an_object_cut_by_the_seam_or_by_what_stands_before_it_is_one():
 
 
 def test_two_classes_at_one_place_are_two_objects_and_what_is_unseen_or_tiny_is_none():
-    class_id, centre_m = scene((slice(8, 16), slice(10, 20), 3, (1, 0, 0)), (slice(8, 16), slice(20, 30), 4, (1, 0, 0)), (slice(0, 1), slice(0, LEAST_POINTS - 1), 6, (2, 2, 2)))
+    tiny = (slice(0, 1), slice(0, LEAST_POINTS - 1), 6, (2, 2, 2))
+    class_id, centre_m = scene((slice(8, 16), slice(10, 20), 3, (1, 0, 0)), (slice(8, 16), slice(20, 30), 4, (1, 0, 0)), tiny)
     seen = SEEN.copy()
     seen[:, 26:] = False
     objects = group_pixels(class_id, centre_m, seen)
