@@ -1,4 +1,4 @@
-"""Perspective views of an equirectangular panorama, and the way back from their pixels to bearings."""
+"""Perspective views of an equirectangular panorama, the way back from their pixels to bearings, and how two sets of them compare."""
 
 from __future__ import annotations
 
@@ -61,3 +61,15 @@ def _sampling(rig: ViewRig, height: int) -> tuple[np.ndarray, np.ndarray]:
     rays = np.stack([rig.bearings(view, pixels) for view in range(rig.count)])
     columns, rows = rays_to_pixels(rays.reshape(rig.count, rig.height_px, rig.width_px, 3), height)
     return (columns - 0.5).astype(np.float32), (rows - 0.5).astype(np.float32)
+
+
+def turned_similarity(query: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    """(F, V) float: how alike a query's views (V, G) are to those of each map frame (F, V, G) when turned by 0 to V - 1 views.
+
+    G values a view, of unit length, or zeros where it shows nothing. The mean cosine over query view i and map view i + turn: both
+    panoramas are upright, so one turn serves all views.
+    """
+    count = len(query)
+    cosines = np.einsum("ig,fjg->fij", query, reference)
+    view = np.arange(count)
+    return np.stack([cosines[:, view, (view + turn) % count].mean(1) for turn in range(count)], 1)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from salframe.geometry import equirectangular_rays, sample_nearest
-from salframe.views import ViewRig
+from salframe.views import ViewRig, turned_similarity
 
 RIG = ViewRig(6, 480, 352, np.deg2rad(90))
 
@@ -41,3 +41,13 @@ def test_nearest_samples_wrap_at_the_seam():
     assert sample_nearest(image, behind).tolist()[:2] == [48, 63]
     assert sample_nearest(image, behind)[2] < 16
     assert sample_nearest(image, behind)[3] >= 112
+
+
+def test_the_turn_and_the_frame_are_found():
+    rng = np.random.default_rng(0)
+    reference = rng.normal(size=(4, 6, 32))
+    reference /= np.linalg.norm(reference, axis=-1, keepdims=True)
+    query = np.roll(reference[2], -5, axis=0)  # what query view i sees is what view i + 5 of the frame saw
+    similarity = turned_similarity(query, reference)
+    assert np.unravel_index(similarity.argmax(), similarity.shape) == (2, 5)
+    assert np.isclose(similarity[2, 5], 1)

@@ -16,14 +16,14 @@ from salframe.errors import RequirementMissing
 from salframe.geometry import sample_nearest
 from salframe.localizer import Description, Localizer, rank_places
 from salframe.types import Localization, MapFrame, Panorama, PointMatches
-from salframe.views import ViewRig
+from salframe.views import ViewRig, turned_similarity
 from salframe.weights import file_sha256
 from salframe_keypoints.aliked import AlikedLightGlue, AlikedNearest
 from salframe_keypoints.disk import DiskLightGlue
 from salframe_keypoints.loftr import Loftr
 from salframe_keypoints.pairs import Pair, View
 from salframe_keypoints.poses import robust_pose
-from salframe_keypoints.shortlist import Vlad, turned_similarity
+from salframe_keypoints.shortlist import Vlad
 from salframe_keypoints.sift import Sift
 from salframe_keypoints.xfeat import XFeat, XFeatNearest
 

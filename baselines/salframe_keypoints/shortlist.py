@@ -1,4 +1,4 @@
-"""Global descriptors of views, pooled from local ones over a vocabulary of the map, and what they say about a query's place and heading."""
+"""Global descriptors of views, pooled from local ones over a vocabulary of the map."""
 
 from __future__ import annotations
 
@@ -31,14 +31,3 @@ class Vlad:
             np.add.at(pooled, word, features - self.words[word])
             pooled /= np.maximum(np.linalg.norm(pooled, axis=1, keepdims=True), 1e-9)
         return pooled.ravel() / max(np.linalg.norm(pooled), 1e-9)
-
-
-def turned_similarity(query: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """(F, V) float: how alike a query's views (V, G) are to those of each map frame (F, V, G) when turned by 0 to V - 1 views.
-
-    The mean cosine over query view i and map view i + turn: both panoramas are upright, so one turn serves all views.
-    """
-    count = len(query)
-    cosines = np.einsum("ig,fjg->fij", query, reference)
-    view = np.arange(count)
-    return np.stack([cosines[:, view, (view + turn) % count].mean(1) for turn in range(count)], 1)

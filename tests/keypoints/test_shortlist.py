@@ -1,21 +1,12 @@
 from __future__ import annotations
 
 import numpy as np
-from salframe_keypoints.shortlist import Vlad, turned_similarity
+from salframe_keypoints.shortlist import Vlad
 
 
 def unit(rng, *shape):
     vectors = rng.normal(size=shape).astype(np.float32)
     return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
-
-
-def test_the_turn_and_the_frame_are_found():
-    rng = np.random.default_rng(0)
-    reference = unit(rng, 4, 6, 32)
-    query = np.roll(reference[2], -5, axis=0)  # what query view i sees is what view i + 5 of the frame saw
-    similarity = turned_similarity(query, reference)
-    assert np.unravel_index(similarity.argmax(), similarity.shape) == (2, 5)
-    assert np.isclose(similarity[2, 5], 1)
 
 
 def test_vlad_is_the_normalised_sum_of_residuals():
