@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -61,6 +61,16 @@ def dataset_settings(data: str, data_dir: Path | None) -> tuple[str, dict[str, A
     if data_dir is not None:
         content = merge(content, {"root": str(data_dir.resolve())})
     return name, content
+
+
+def nest_for(given: Iterable[tuple[tuple[str, ...], Any]], scopes: Sequence[str]) -> dict[str, list[dict[str, Any]]]:
+    """Settings given by dotted key as nested mappings, by the first word of the key. Raises ConfigError where that is none of `scopes`."""
+    nested: dict[str, list[dict[str, Any]]] = {scope: [] for scope in scopes}
+    for path, value in given:
+        if path[0] not in nested or len(path) < 2:
+            raise ConfigError(f"received the setting {'.'.join(path)}, expected {' or '.join(f'{scope}.KEY' for scope in scopes)}")
+        nested[path[0]].append(nest(path[1:], value))
+    return nested
 
 
 class Overrides:

@@ -6,7 +6,7 @@ import sys
 
 import typer
 
-from salframe.cli import compare, data, inspect, localize, matching, score, weights
+from salframe.cli import compare, data, detection, inspect, localize, map, matching, score, weights
 from salframe.errors import SalframeError
 
 app = typer.Typer(
@@ -27,6 +27,7 @@ app.command()(compare.compare)
 app.command()(compare.ablate)
 app.command()(compare.evaluate)
 app.command()(matching.matching)
+app.command()(detection.detection)
 app.command()(localize.build)
 app.command()(localize.localize)
 app.command()(score.score)
@@ -34,6 +35,7 @@ app.command()(inspect.plugins)
 app.command()(inspect.show)
 app.command()(inspect.doctor)
 app.add_typer(data.app, name="data")
+app.add_typer(map.app, name="map")
 app.add_typer(weights.app, name="weights")
 
 

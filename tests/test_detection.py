@@ -1,0 +1,53 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from command_line import run
+from tiny_folder import write_tiny_folder
+
+from salframe.boxes import detections_from_points
+from salframe.detection import count_right, measure_detection
+from salframe.errors import ConfigError
+
+
+def cubes(*objects: tuple[str, tuple[float, float, float]]):
+    corners = np.array(np.meshgrid([-0.1, 0.1], [-0.1, 0.1], [-0.1, 0.1])).reshape(3, 8).T
+    return detections_from_points([label for label, _ in objects], np.ones(len(objects)), [corners + centre for _, centre in objects])
+
+
+def test_a_detection_is_right_near_an_annotated_object_of_its_label_and_each_counts_once():
+    truth = cubes(("chair", (1, 0, 0)), ("chair", (2, 0, 0)), ("table", (3, 0, 0)))
+    found = cubes(("chair", (1.25, 0, 0)), ("chair", (0.9, 0, 0)), ("sofa", (3, 0, 0)), ("table", (3, 0.35, 0)))
+    assert count_right(found, truth) == {"chair": 1, "table": 0}  # both chairs are near the first: one is right
+    assert count_right(truth, truth) == {"chair": 2, "table": 1}
+
+
+def test_an_unknown_centroid_is_right_nowhere():
+    truth = cubes(("chair", (1, 0, 0)))
+    blind = type(truth)(truth.labels, truth.scores, np.full((1, 3), np.nan), truth.size_m, truth.yaw_rad)
+    assert count_right(blind, truth) == {"chair": 0}
+
+
+@pytest.fixture(scope="module")
+def tiny(tmp_path_factory):
+    return write_tiny_folder(tmp_path_factory.mktemp("tiny"))
+
+
+def test_annotations_without_error_are_all_right_and_with_error_as_many_as_the_noise_leaves(tiny):
+    """Noise that misses a share m of the objects leaves a recall of 1 - m, and a precision of 1."""
+    (perfect,) = measure_detection(["annotations"], str(tiny), overrides=["annotations.noise=none"])
+    assert perfect.overall.precision == perfect.overall.recall == 1
+    assert perfect.overall.annotated == sum(counts.annotated for counts in perfect.classes.values()) > 0
+    (half,) = measure_detection(["annotations"], str(tiny), overrides=['annotations.noise={"missed": 0.5}'])
+    assert half.overall.precision == 1
+    assert half.overall.annotated == perfect.overall.annotated
+    assert half.overall.recall == half.overall.found / half.overall.annotated < 1
+    assert half.ms > 0
+
+
+def test_the_command_prints_what_is_measured_and_a_wrong_setting_is_one_line(tiny):
+    result = run("detection", "--detectors", "annotations", "--data", str(tiny), "--classes")
+    assert result.code == 0
+    assert "precision %" in result.out
+    with pytest.raises(ConfigError, match=r"received the setting noise, expected data\.KEY or annotations\.KEY"):
+        measure_detection(["annotations"], str(tiny), overrides=["noise=none"])
