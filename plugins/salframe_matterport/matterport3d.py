@@ -1,0 +1,155 @@
+"""`matterport3d`: RGB-D panoramas of real buildings, stitched from the official release."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from pydantic import Field
+from salframe_folder import images
+
+from salframe.config import ComponentConfig, digest
+from salframe.errors import DataError
+from salframe.geometry import pose_2d, pose_yaw
+from salframe.roles import Dataset
+from salframe.storage import cache_home
+from salframe.types import Fold, Frame, Panorama, Truth
+from salframe_matterport.house_file import read_house
+from salframe_matterport.release import Color, Viewpoint, cameras_path, find_buildings, house_path, read_viewpoints
+from salframe_matterport.scenes import generator
+
+
+class Matterport3D(Dataset):
+    """Real buildings: the 18 colour and depth images of each viewpoint of Matterport3D as one RGB-D panorama, one fold a query.
+
+    Places are the regions of the .house file; viewpoints that stand in none are left out. A query is a viewpoint whose region has another one; it
+    is not in its fold's map and its panorama is turned by a random yaw. Panoramas are stitched once and kept in salframe's cache.
+    """
+
+    name = "matterport3d"
+    version = "1"
+    provides = frozenset({"rgb", "range"})
+
+    class Config(ComponentConfig):
+        root: Path | None = Field(None, description="folder of the release: v1/scans/<scan>/...")
+        scans: Literal["all"] | tuple[str, ...] = Field("all", description="buildings to use")
+        color: Color = Field("skybox", description="skybox: its six faces, evenly exposed; pictures: the 18 that belong to the depth images")
+        height: int = Field(512, ge=64, description="pixels of a panorama, whose width is twice as much")
+        seed: int = Field(0, description="of the yaw of queries")
+
+    def __init__(self, config: ComponentConfig | None = None) -> None:
+        super().__init__(config)
+        self._broken: dict[str, str] = {}
+
+    @cached_property
+    def _buildings(self) -> dict[str, Path]:
+        if self.config.root is None:
+            raise DataError(f"{self.name} needs the folder of the Matterport3D release (docs/how-to/real-buildings.md): --data-dir DIR")
+        known = find_buildings(self.config.root)
+        if self.config.scans == "all":
+            return known
+        absent = sorted(set(self.config.scans) - set(known))
+        if absent:
+            raise DataError(f"{self.config.root} has no building {', '.join(absent)}, expected some of {', '.join(known)}")
+        return {scan: known[scan] for scan in self.config.scans}
+
+    @cached_property
+    def _viewpoints(self) -> dict[str, tuple[Viewpoint, str]]:
+        """Viewpoint and place of each frame, by the frame's id."""
+        scenes = {}
+        for scan, folder in self._buildings.items():
+            standing = read_house(house_path(folder)).panoramas
+            for name, viewpoint in read_viewpoints(folder).items():
+                if name in standing and standing[name].region is not None:
+                    scenes[f"{scan}/{name}"] = viewpoint, f"{scan}/region-{standing[name].region}"
+        return scenes
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """Of the settings, and the names, sizes and times of change of the files: to read all images takes minutes."""
+        houses = [_stamp(house_path(folder)) for folder in self._buildings.values()]
+        return digest([self.version, self.config.seed, houses, [self._key(id) for id in self._viewpoints]])
+
+    def _key(self, id: str) -> str:
+        """What the stitched panorama of a viewpoint is kept by."""
+        viewpoint, _ = self._viewpoints[id]
+        files = [cameras_path(viewpoint.folder), *viewpoint.files(self.config.color)]
+        return digest([self.version, id, self.config.color, self.config.height, *map(_stamp, files)])
+
+    def _kept(self, id: str) -> Path:
+        return cache_home() / "matterport3d" / id.split("/")[0] / f"{self._key(id)[:24]}.jpg"
+
+    def prepare(self, progress: Callable[[int, int], None]) -> None:
+        """Stitch the panoramas that are not there yet. A viewpoint whose images are missing or damaged says so when it is loaded."""
+        for done, (id, (viewpoint, _)) in enumerate(self._viewpoints.items()):
+            progress(done, len(self._viewpoints))
+            if not self._kept(id).exists():
+                try:
+                    _write(self._kept(id), viewpoint.stitch(self.config.height, self.config.color))
+                except DataError as error:
+                    self._broken[id] = str(error)
+        progress(len(self._viewpoints), len(self._viewpoints))
+
+    def folds(self) -> Sequence[Fold]:
+        return [fold for fold, _ in self._folds.values()]
+
+    def truth(self, query_id: str) -> Truth:
+        try:
+            return self._folds[query_id][1]
+        except KeyError:
+            raise DataError(f"{self.name} has no query {query_id!r}") from None
+
+    @cached_property
+    def _folds(self) -> dict[str, tuple[Fold, Truth]]:
+        """Fold and truth of each query, by the query's id."""
+        mapping: dict[str, list[Frame]] = {scan: [] for scan in self._buildings}
+        for id, (viewpoint, place) in self._viewpoints.items():
+            mapping[id.split("/")[0]].append(replace(self._frame(id, id, 0), T_world_pano=viewpoint.T_world_pano, place=place))
+        folds = {}
+        for frames in mapping.values():
+            scenes_of = Counter(frame.place for frame in frames)
+            for i, frame in enumerate(frames):
+                if scenes_of[frame.place] < 2:
+                    continue
+                query = f"{frame.id}/query"
+                columns = int(generator(self.config.seed, "yaw", query).integers(2 * self.config.height))
+                x_m, y_m, z_m = frame.T_world_pano[:3, 3]
+                pose = pose_2d(x_m, y_m, pose_yaw(frame.T_world_pano) + np.pi * columns / self.config.height, z_m)
+                fold = Fold(frame.id, tuple(frames[:i] + frames[i + 1 :]), (self._frame(query, frame.id, columns),))
+                folds[query] = fold, Truth(frame.place, pose)
+        if not folds:
+            raise DataError(f"{self.config.root} gives no query: expected two viewpoints in one region")
+        return folds
+
+    def _frame(self, id: str, viewpoint_id: str, columns: int) -> Frame:
+        """The panorama of a viewpoint turned by whole columns. It holds a path alone, so that no query carries its pose or place along."""
+        return Frame(id, partial(_load, id, self._kept(viewpoint_id), columns, self._broken.get(viewpoint_id)))
+
+
+def _stamp(path: Path) -> list[str | int]:
+    """Name, size and time of change of a file; the name alone where it is missing."""
+    if not path.exists():
+        return [path.name]
+    state = path.stat()
+    return [path.name, state.st_size, state.st_mtime_ns]
+
+
+def _write(path: Path, panorama: Panorama) -> None:
+    """Keep a panorama; the picture comes last and says that all is there."""
+    images.write_range(path.with_suffix(".range.png"), panorama.range_m)
+    images.write_mask(path.with_suffix(".valid.png"), panorama.valid)
+    images.write_color(path, panorama.rgb)
+
+
+def _load(id: str, path: Path, columns: int, broken: str | None) -> Panorama:
+    """A kept panorama turned by this many columns. Raises DataError where its images were no good."""
+    if broken is not None:
+        raise DataError(broken)
+    rgb, range_m = images.read_color(path), images.read_range(path.with_suffix(".range.png"))
+    valid = images.read_mask(path.with_suffix(".valid.png"))
+    return Panorama(id, *(np.roll(image, columns, axis=1) for image in (rgb, range_m, valid)))

@@ -1,0 +1,153 @@
+"""The files of the Matterport3D release: cameras, pictures and depth of each viewpoint, joined to a panorama.
+
+Format: data_organization.md of the release. A viewpoint is 18 pictures, by three cameras (up, level, down) at six stops of the tripod.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from salframe_folder import images
+
+from salframe.errors import DataError
+from salframe.geometry import pose_2d
+from salframe.types import Panorama
+from salframe_matterport.stitching import Camera, stitch_color, stitch_range
+
+WIDTH_PX, HEIGHT_PX = 1280, 1024
+_DEPTH_PER_METRE = 4000
+_SKYBOX_STOP = "i1_5"
+"""The level picture that looks the way of the skybox's face 1; faces 2, 3 and 4 follow clockwise, 0 is above and 5 below."""
+
+Color = Literal["skybox", "pictures"]
+
+
+@dataclass(frozen=True)
+class Shot:
+    """A depth image, the picture it belongs to, by their file names, and their camera."""
+
+    depth: str
+    picture: str
+    camera: Camera
+
+
+@dataclass(frozen=True, eq=False)
+class Viewpoint:
+    """A place of the tripod: its name, the building's folder, its shots, and the pose (4, 4) of its panorama, which stands upright amid the
+    cameras and looks the way of the first level picture."""
+
+    name: str
+    folder: Path
+    shots: tuple[Shot, ...]
+    T_world_pano: np.ndarray
+
+    def files(self, color: Color) -> list[Path]:
+        """Every file that its panorama is made of."""
+        depth = [self.folder / "undistorted_depth_images" / shot.depth for shot in self.shots]
+        return depth + (self._faces if color == "skybox" else self._pictures)
+
+    @property
+    def _pictures(self) -> list[Path]:
+        return [self.folder / "undistorted_color_images" / shot.picture for shot in self.shots]
+
+    @property
+    def _faces(self) -> list[Path]:
+        return [self.folder / "matterport_skybox_images" / f"{self.name}_skybox{face}_sami.jpg" for face in range(6)]
+
+    def stitch(self, height: int, color: Color) -> Panorama:
+        """Its panorama at `T_world_pano`. Raises DataError on a missing, damaged or wrongly sized image."""
+        for path in self.files(color):
+            if not path.exists():
+                raise DataError(f"{path} is missing: unpack {path.parent.name}.zip of the building from the Matterport3D release")
+        cameras = [shot.camera for shot in self.shots]
+        depth_m = [_read_depth(self.folder / "undistorted_depth_images" / shot.depth) for shot in self.shots]
+        range_m = stitch_range(depth_m, cameras, self.T_world_pano, height)
+        if color == "skybox":
+            pictures = [images.read_color(path) for path in self._faces]
+            cameras = self._skybox([picture.shape[1] for picture in pictures])
+        else:
+            pictures = [_sized(path, images.read_color(path)) for path in self._pictures]
+        rgb, seen = stitch_color(pictures, cameras, self.T_world_pano, range_m)
+        return Panorama(self.name, rgb, range_m, seen)
+
+    def _skybox(self, widths_px: Sequence[int]) -> list[Camera]:
+        """Cameras of the faces of a cube, of these widths in pixels, amid the viewpoint's cameras."""
+        first = next((shot.camera for shot in self.shots if _SKYBOX_STOP in shot.picture), None)
+        if first is None:
+            raise DataError(f"{self.name} of {self.folder.name} has no picture {_SKYBOX_STOP}, which tells where its skybox looks")
+        right, down, ahead = first.T_world_camera[:3, :3].T
+        around = [(right, down, ahead), (-ahead, down, right), (-right, down, -ahead), (ahead, down, -right)]
+        faces = [(right, ahead, -down), *around, (right, -ahead, down)]
+        cameras = []
+        for axes, width in zip(faces, widths_px, strict=True):
+            pose = np.eye(4)
+            pose[:3, :3], pose[:3, 3] = np.stack(axes, 1), self.T_world_pano[:3, 3]
+            cameras.append(Camera(width / 2, width / 2, (width - 1) / 2, (width - 1) / 2, pose))
+        return cameras
+
+
+def find_buildings(root: Path) -> dict[str, Path]:
+    """The folders of the buildings whose cameras are at hand, by building. Raises DataError where there is none."""
+    for scans in (root / "v1" / "scans", root / "scans", root):
+        found = {path.parent.parent.name: path.parent.parent for path in sorted(scans.glob("*/undistorted_camera_parameters/*.conf"))}
+        if found:
+            return found
+    received = "a folder without any" if root.is_dir() else "no folder"
+    raise DataError(f"{root} is {received}, expected v1/scans/<scan>/undistorted_camera_parameters/<scan>.conf of the Matterport3D release in it")
+
+
+def cameras_path(folder: Path) -> Path:
+    return folder / "undistorted_camera_parameters" / f"{folder.name}.conf"
+
+
+def house_path(folder: Path) -> Path:
+    return folder / "house_segmentations" / f"{folder.name}.house"
+
+
+def read_viewpoints(folder: Path) -> dict[str, Viewpoint]:
+    """The viewpoints of a building by name, in the order of its camera file. Raises DataError where that is missing or malformed.
+
+    The file's cameras have y up and look along -z, and its principal points are counted from the lower left pixel.
+    """
+    path = cameras_path(folder)
+    try:
+        lines = [line.split() for line in path.read_text().splitlines()]
+    except OSError as error:
+        raise DataError(f"cannot read {path}: {error.strerror} (undistorted_camera_parameters of the Matterport3D release)") from None
+    shots: dict[str, list[Shot]] = {}
+    try:
+        for words in lines:
+            if words[:1] == ["intrinsics_matrix"]:
+                fx, _, cx, _, fy, cy = map(float, words[1:7])
+            elif words[:1] == ["scan"]:
+                pose = np.array(words[3:], float).reshape(4, 4) @ np.diag([1.0, -1.0, -1.0, 1.0])
+                camera = Camera(fx, fy, cx, HEIGHT_PX - 1 - cy, pose)
+                shots.setdefault(words[2].split("_")[0], []).append(Shot(words[1], words[2], camera))
+    except (IndexError, UnboundLocalError, ValueError) as error:
+        raise DataError(f"{path} is no camera file of the Matterport3D release: {error}") from None
+    if not shots:
+        raise DataError(f"{path} names no image, expected lines that begin with scan")
+    return {name: Viewpoint(name, folder, tuple(taken), _upright(taken)) for name, taken in shots.items()}
+
+
+def _upright(shots: Sequence[Shot]) -> np.ndarray:
+    """(4, 4) T_world_pano amid the cameras."""
+    level = next((shot for shot in shots if "_i1_" in shot.picture), shots[0]).camera.T_world_camera
+    x_m, y_m, z_m = np.mean([shot.camera.T_world_camera[:3, 3] for shot in shots], axis=0)
+    return pose_2d(x_m, y_m, float(np.arctan2(level[1, 2], level[0, 2])), z_m)
+
+
+def _read_depth(path: Path) -> np.ndarray:
+    """(h, w) float32 depth along the camera's axis in metres, NaN where there is no reading."""
+    units = _sized(path, images.read_ids(path))
+    return np.where(units > 0, units / np.float32(_DEPTH_PER_METRE), np.float32(np.nan)).astype(np.float32)
+
+
+def _sized(path: Path, image: np.ndarray) -> np.ndarray:
+    if image.shape[:2] != (HEIGHT_PX, WIDTH_PX):
+        raise DataError(f"{path} is {image.shape[1]} x {image.shape[0]}, expected {WIDTH_PX} x {HEIGHT_PX}, which its camera was calibrated for")
+    return image
