@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from salframe.cli.compare import DataDir, Json, Set
+
+if TYPE_CHECKING:
+    from salframe.types import Localization
 
 
 def build(
@@ -34,28 +37,39 @@ def localize(
     data_dir: DataDir = None, overrides: Set = None, as_json: Json = False,
 ) -> None:  # fmt: skip
     """Print where a panorama was taken: places, best first, and the pose."""
-    import numpy as np
-
     from salframe.cli.tables import Bars
-    from salframe.geometry import pose_yaw
-    from salframe.maps import find_dataset, find_frame, find_image, open_map
+    from salframe.maps import open_frame, open_map
 
     localizer = open_map(map)
-    if data is None:
-        folder, frame = find_image(Path(frame))
-        data = str(folder)
     with Bars() as bars:
-        dataset = find_dataset(data, data_dir, overrides or (), bars.update)
-    answer = localizer.localize(find_frame(dataset, frame))
-    pose = answer.T_world_query
-    position = None if pose is None else {"x_m": pose[0, 3], "y_m": pose[1, 3], "yaw_deg": float(np.degrees(pose_yaw(pose)))}
+        asked = open_frame(frame, data, data_dir, overrides or (), bars.update)
+    answer = localizer.localize(asked)
     if as_json:
-        places = [{"place": place.place, "frame": place.frame, "score": place.score} for place in answer.places]
-        matrix = None if pose is None else pose.tolist()
-        print(json.dumps({"status": answer.status, "places": places, "pose": position, "T_world_query": matrix}, indent=2))
-        return
+        print(json.dumps(answer_json(answer), indent=2))
+    else:
+        print_answer(answer)
+
+
+def answer_json(answer: Localization) -> dict[str, Any]:
+    """A localizer's answer as JSON: status, places, pose in metres and degrees, T_world_query row by row."""
+    places = [{"place": place.place, "frame": place.frame, "score": place.score} for place in answer.places]
+    matrix = None if answer.T_world_query is None else answer.T_world_query.tolist()
+    return {"status": answer.status, "places": places, "pose": _position(answer), "T_world_query": matrix}
+
+
+def print_answer(answer: Localization) -> None:
+    """Print a localizer's answer: status, the best five places, the pose."""
     print(f"status: {answer.status}")
     for place in answer.places[:5]:
         print(f"{place.score:10.4g}  {place.place}  (frame {place.frame})")
-    if position is not None:
+    if position := _position(answer):
         print(f"pose: x {position['x_m']:.2f} m, y {position['y_m']:.2f} m, yaw {position['yaw_deg']:.1f} deg")
+
+
+def _position(answer: Localization) -> dict[str, float] | None:
+    import numpy as np
+
+    from salframe.geometry import pose_yaw
+
+    pose = answer.T_world_query
+    return None if pose is None else {"x_m": pose[0, 3], "y_m": pose[1, 3], "yaw_deg": float(np.degrees(pose_yaw(pose)))}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import cast
 
@@ -87,18 +86,18 @@ def find_route(topology: TopologicalMap, start: str, goal: str, planner: str = "
     return min(routes, key=lambda route: route.length_m)
 
 
-def with_position(topology: TopologicalMap, xyz_m: Sequence[float]) -> TopologicalMap:
-    """The map with one more node, `here`, where an agent or its camera is, or on the nearest clear floor of where it was taken to be.
+def with_position(topology: TopologicalMap, xyz_m: np.ndarray) -> TopologicalMap:
+    """The map with one more node, `here`, below an agent or its camera at xyz_m (3,), on the nearest clear floor where it is taken to be in a wall.
 
-    It is joined to every node it sees, and by the shortest way over clear floor where it sees none. Raises DataError off all floors.
+    It is joined to every node it sees, and by the shortest way over clear floor where it sees none. Raises DataError off all floors,
+    and where no node can be reached.
     """
-    position = np.asarray(xyz_m, np.float64)
-    number = find_floor(topology.floors, position)
+    number = find_floor(topology.floors, xyz_m)
     if number is None:
-        raise DataError(f"the position ({position[0]:.2f}, {position[1]:.2f}, {position[2]:.2f}) m is on no floor of the map")
+        raise DataError(f"the position ({xyz_m[0]:.2f}, {xyz_m[1]:.2f}, {xyz_m[2]:.2f}) m is on no floor of the map")
     floor = topology.floors[number]
     grid = FloorGrid(floor, topology.parameters["robot_radius_m"])
-    pixel = nearest_pixel(grid.clear, grid.to_pixel(position[:2]))
+    pixel = nearest_pixel(grid.clear, grid.to_pixel(xyz_m[:2]))
     others = [node for node in topology.nodes if node.xyz_m[2] == floor.z_m]
     if pixel is None or not others:
         raise DataError(f"the floor at z = {floor.z_m:g} m has no node to walk to")
@@ -108,6 +107,8 @@ def with_position(topology: TopologicalMap, xyz_m: Sequence[float]) -> Topologic
     if not ways:
         apart = np.array([0] + [1] * len(others))
         ways = [(j - 1, corners) for _, j, corners in joining_paths(grid, np.vstack([pixel, pixels]), apart)]
+    if not ways:
+        raise DataError(f"no node of the map can be reached from ({xyz_m[0]:.2f}, {xyz_m[1]:.2f}) m over clear floor")
     region = grid.names.get(int(grid.label[cell(pixel)]))
     here = MapNode(HERE, "scene", grid.world(pixel), () if region is None else (region,))
     edges = [make_edge(grid, HERE, others[node].id, corners) for node, corners in ways]

@@ -1,0 +1,133 @@
+"""map build, map show, map route, map query, map export: the topological map of a building."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from salframe.cli.compare import DataDir, Json, Set
+
+if TYPE_CHECKING:
+    from salframe.types import Route
+
+app = typer.Typer(help="Make the topological map of a building, look at it, and ask it for the way.", no_args_is_help=True)
+Map = Annotated[Path, typer.Argument(metavar="MAP", help="A folder that `salframe map build` wrote.")]
+PlannerName = Annotated[str, typer.Option("--planner", help="How routes are planned: see `salframe plugins`.")]
+Heading = Annotated[float | None, typer.Option(metavar="DEG", help="Where the agent looks: azimuth from the world's x axis, to the left.")]
+
+
+@app.command()
+def build(
+    data: Annotated[str, typer.Argument(help="A dataset preset, a dataset, or a folder with a manifest.json; it must have floor masks.")],
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="MAP", help="Folder to write the map to.")],
+    method: Annotated[str, typer.Option(help="The preset or localizer that `map query` asks.")] = "proposed",
+    choose: Annotated[bool, typer.Option("--choose", help="Put one scene node where each region is widest, not where mapping frames are.")] = False,
+    data_dir: DataDir = None, overrides: Set = None,
+) -> None:  # fmt: skip
+    """Build a topological map from a dataset's floor masks, and the map of a method from its mapping frames."""
+    from salframe.cli.tables import Bars
+    from salframe.maps import build_topological_map
+
+    with Bars() as bars:
+        made = build_topological_map(data, output, method, choose=choose, data_dir=data_dir, overrides=overrides or (), progress=bars.update)
+    scenes = sum(node.kind == "scene" for node in made.nodes)
+    print(f"{output}: {scenes} scene nodes, {len(made.nodes) - scenes} transition nodes, {len(made.edges)} edges")
+    for note in made.notes:
+        print(f"  {note}")
+
+
+@app.command()
+def show(
+    map: Map, output: Annotated[Path | None, typer.Option("--output", "-o", metavar="FILE.png", help="MAP/map.png unless given.")] = None
+) -> None:
+    """Draw a map: floor, regions, nodes, edges with their lengths and azimuths."""
+    from salframe.topology.picture import draw_topology
+    from salframe.topology.store import read_topology
+
+    output = output or map / "map.png"
+    draw_topology(read_topology(map), output)
+    print(output)
+
+
+@app.command()
+def route(
+    map: Map, start: Annotated[str, typer.Argument(metavar="FROM", help="A node or a place.")],
+    goal: Annotated[str, typer.Argument(metavar="TO", help="A node or a place.")],
+    planner: PlannerName = "dijkstra", heading: Heading = None, as_json: Json = False,
+) -> None:  # fmt: skip
+    """Print the shortest way between two nodes or places: lengths, azimuths and turns."""
+    import numpy as np
+
+    from salframe.topology.routes import find_route
+    from salframe.topology.store import read_topology
+
+    found = find_route(read_topology(map), start, goal, planner)
+    heading_rad = None if heading is None else float(np.radians(heading))
+    if as_json:
+        print(json.dumps(_route_json(found, heading_rad), indent=2))
+    else:
+        _print_route(found, heading_rad)
+
+
+@app.command()
+def query(
+    map: Map, frame: Annotated[str, typer.Argument(help="An image of a folder with a manifest.json; or with --data, the id of a frame.")],
+    data: Annotated[str | None, typer.Option(help="The dataset that has the frame.")] = None,
+    goal: Annotated[str | None, typer.Option("--to", metavar="GOAL", help="A node or a place to go to.")] = None,
+    planner: PlannerName = "dijkstra", data_dir: DataDir = None, overrides: Set = None, as_json: Json = False,
+) -> None:  # fmt: skip
+    """Localize a panorama, print the nearest node, and with --to the way from there, the first turn from the estimated heading."""
+    import numpy as np
+
+    from salframe.cli.localize import answer_json, print_answer
+    from salframe.cli.tables import Bars
+    from salframe.maps import ask_map, open_frame
+
+    with Bars() as bars:
+        asked = open_frame(frame, data, data_dir, overrides or (), bars.update)
+    found = ask_map(map, asked, goal, planner)
+    if as_json:
+        heading_deg = None if found.heading_rad is None else float(np.degrees(found.heading_rad))
+        node = {"node": found.node, "distance_m": found.distance_m, "heading_deg": heading_deg}
+        way = None if found.route is None else _route_json(found.route, found.heading_rad)
+        print(json.dumps({**answer_json(found.localization), **node, "route": way}, indent=2))
+        return
+    print_answer(found.localization)
+    distance = "" if found.distance_m is None else f", {found.distance_m:.2f} m away"
+    print(f"nearest node: {found.node or 'unknown'}{distance}")
+    if found.route is not None:
+        _print_route(found.route, found.heading_rad)
+
+
+@app.command()
+def export(map: Map, file: Annotated[Path, typer.Argument(metavar="FILE", help="FILE.graphml or FILE.geojson.")]) -> None:
+    """Write a map for other programs: GraphML, or GeoJSON in local metres."""
+    from salframe.topology.export import export_topology
+    from salframe.topology.store import read_topology
+
+    export_topology(read_topology(map), file)
+    print(file)
+
+
+def _print_route(route: Route, heading_rad: float | None) -> None:
+    from salframe.topology.routes import directions
+
+    print(f"from {route.nodes[0]} to {route.nodes[-1]}: {route.length_m:.2f} m")
+    for number, step in enumerate(directions(route, heading_rad), 1):
+        print(f"{number:4d}. {step}")
+
+
+def _route_json(route: Route, heading_rad: float | None) -> dict[str, Any]:
+    import numpy as np
+
+    from salframe.topology.routes import directions
+
+    steps = [
+        {"to": step.to, "length_m": step.length_m, "azimuth_deg": float(np.degrees(step.azimuth_rad)),
+         "turn_deg": None if step.turn_rad is None else float(np.degrees(step.turn_rad)), "say": str(step)}
+        for step in directions(route, heading_rad)
+    ]  # fmt: skip
+    return {"nodes": list(route.nodes), "length_m": route.length_m, "steps": steps}
