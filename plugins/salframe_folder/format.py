@@ -74,6 +74,7 @@ class FloorEntry(_Strict):
     resolution_m: PositiveFloat
     origin_m: tuple[float, float]
     regions: dict[int, str]
+    z_m: float = 0.0
 
 
 class Manifest(_Strict):
@@ -185,7 +186,7 @@ class Folder:
             if not free.shape == obstacle.shape == region.shape:
                 shapes = ", ".join(f"{image.shape[1]} x {image.shape[0]}" for image in (free, region, obstacle))
                 raise DataError(f"{self.root}: the masks free, region and obstacle of a floor are {shapes}, expected one size")
-            floors.append(FloorMasks(free, region, obstacle, floor.resolution_m, floor.origin_m, floor.regions))
+            floors.append(FloorMasks(free, region, obstacle, floor.resolution_m, floor.origin_m, floor.regions, floor.z_m))
         return floors
 
     @cached_property
@@ -232,7 +233,7 @@ def write_floor(root: Path, name: str, masks: FloorMasks) -> FloorEntry:
     """Write the masks of a floor as `name`-free.png and so on; returns its manifest entry."""
     entry = FloorEntry(
         free=f"{name}-free.png", region=f"{name}-region.png", obstacle=f"{name}-obstacle.png",
-        resolution_m=masks.resolution_m, origin_m=masks.origin_m, regions=dict(masks.regions),
+        resolution_m=masks.resolution_m, origin_m=masks.origin_m, regions=dict(masks.regions), z_m=masks.z_m,
     )  # fmt: skip
     images.write_mask(root / entry.free, masks.free)
     images.write_ids(root / entry.region, masks.region)

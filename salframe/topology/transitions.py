@@ -14,8 +14,8 @@ _EIGHT = np.ones((3, 3), bool)
 
 @dataclass(frozen=True)
 class Doorway:
-    """Where the labels of two regions meet on walkable floor: the width of the line they meet along, before erosion, and the transition
-    points on it, (row, column) of the pixel that is each one's medoid; none where the robot does not fit through."""
+    """Where the labels of two regions meet on walkable floor, before erosion: how far the line they meet along reaches, on the side where that
+    is less, its medoid (row, column), and the transition points on it, each a medoid too; none where the robot does not fit through."""
 
     labels: tuple[int, int]
     width_m: float
@@ -43,7 +43,8 @@ def find_doorways(grid: FloorGrid) -> list[Doorway]:
         through = [np.argwhere(passages == number) for number in range(1, passage_count + 1)]
         for number in range(1, count + 1):
             line = np.argwhere(components == number)
-            width_m = (_distances(line).max() + 1) * grid.floor.resolution_m
+            first = grid.label[tuple((line + corner).T)] == pair[0]
+            width_m = (min(_distances(line[side]).max() for side in (first, ~first)) + 1) * grid.floor.resolution_m
             points = tuple(_medoid(points, corner) for points in through if components[tuple(points[0])] == number)
             doorways.append(Doorway(pair, float(width_m), _medoid(line, corner), points))
     return doorways

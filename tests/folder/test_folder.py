@@ -21,7 +21,7 @@ from salframe.types import FloorMasks
 HEIGHT = 32
 POSE = pose_2d(1.0, -2.0, 0.5, 1.5)
 MASKS = FloorMasks(
-    np.eye(6, 9, dtype=bool), np.arange(54, dtype=np.int32).reshape(6, 9), np.zeros((6, 9), bool), 0.05, (-1.0, 4.0), {1: "room-a", 2: "room-b"}
+    np.eye(6, 9, dtype=bool), np.arange(54, dtype=np.int32).reshape(6, 9), np.zeros((6, 9), bool), 0.05, (-1.0, 4.0), {1: "room-a", 2: "room-b"}, 2.5
 )
 
 
@@ -108,7 +108,7 @@ def test_floor_masks(folder: Path) -> None:
     np.testing.assert_array_equal(floor.free, MASKS.free)
     np.testing.assert_array_equal(floor.region, MASKS.region)
     np.testing.assert_array_equal(floor.obstacle, MASKS.obstacle)
-    assert (floor.resolution_m, floor.origin_m, floor.regions) == (MASKS.resolution_m, MASKS.origin_m, MASKS.regions)
+    assert (floor.resolution_m, floor.origin_m, floor.regions, floor.z_m) == (0.05, (-1.0, 4.0), {1: "room-a", 2: "room-b"}, 2.5)
 
 
 def test_optional_parts_are_optional(tmp_path: Path, images: dict[str, np.ndarray]) -> None:
