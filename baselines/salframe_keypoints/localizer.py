@@ -82,9 +82,8 @@ class Keypoints(Localizer):
         pair = PAIRS[config.pair]  # type: ignore[attr-defined]
         absent = [package for package in pair.requires if importlib.util.find_spec(package) is None]
         if absent:
-            raise RequirementMissing(f"{cls.name} pair {config.pair} needs {', '.join(absent)}, not installed: pip install '{cls.extra}'")
-        for weights in pair.weights:
-            weights.paths(config.checkpoint)  # type: ignore[attr-defined]
+            raise RequirementMissing(f"{cls.name} pair {config.pair} needs {', '.join(absent)}, not installed: pip install '{pair.extra}'")
+        pair.files(config)  # type: ignore[arg-type]
 
     @property
     def needs(self) -> frozenset[str]:
@@ -93,7 +92,7 @@ class Keypoints(Localizer):
 
     def describe_identity(self) -> dict[str, Any]:
         """The settings of the views and features, and the hashes of the networks."""
-        hashes = [file_sha256(path) for weights in self._pair.weights for path in weights.paths(self.config.checkpoint)]
+        hashes = [file_sha256(path) for path in self._pair.files(self.config)]
         settings = self.config.model_dump(mode="json", include=DESCRIBED_BY)
         return {"localizer": self.name, "version": self.version, "settings": settings, "weights": hashes}
 

@@ -33,7 +33,14 @@ class Pair(ABC):
     """A feature extractor and the matcher that goes with it."""
 
     requires: ClassVar[tuple[str, ...]] = ()
+    extra: ClassVar[str] = "salframe[keypoints]"
+    """The pip requirement that brings them."""
     weights: ClassVar[tuple[Weights, ...]] = ()
+
+    @classmethod
+    def files(cls, config: Keypoints.Config) -> tuple[Path, ...]:
+        """The files that the networks are loaded from, verified; they are part of what a description is known by. Raises WeightsMissing."""
+        return tuple(path for weights in cls.weights for path in weights.paths(config.checkpoint))
 
     @abstractmethod
     def __init__(self, config: Keypoints.Config) -> None:
