@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 from abc import ABC
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from salframe.config import ComponentConfig
@@ -45,3 +46,8 @@ class Component(ABC):
         if absent:
             hint = f": pip install '{cls.extra}'" if cls.extra else ""
             raise RequirementMissing(f"{cls.name} needs {', '.join(absent)}, not installed{hint}")
+
+    @classmethod
+    def files(cls, config: ComponentConfig) -> tuple[Path, ...]:
+        """The user's own files that the output of a component with this config depends on: their content is part of every cache key."""
+        return ()

@@ -127,14 +127,18 @@ def nest(path: Iterable[str], value: Any) -> dict[str, Any]:
 
 
 def identity(config: ComponentConfig) -> dict[str, Any]:
-    """What caches know a configured component by: role, name, version and settings, those of its slots included."""
+    """What caches know a configured component by: role, name, version, settings, those of its slots included, and hashes of the files it reads."""
+    from salframe.weights import file_sha256
+
     fields = {name: getattr(config, name) for name in type(config).model_fields if name != "kind"}
     settings = {
         name: identity(value) if isinstance(value, ComponentConfig) else config.model_dump(mode="json", include={name})[name]
         for name, value in fields.items()
     }
     component = config.component
-    return {"role": component.role, "name": component.name, "version": component.version, "settings": settings}
+    files = [file_sha256(path) for path in component.files(config)]
+    known_by = {"role": component.role, "name": component.name, "version": component.version, "settings": settings}
+    return {**known_by, "files": files} if files else known_by
 
 
 def digest(value: Any) -> str:

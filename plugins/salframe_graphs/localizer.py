@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from salframe.config import ComponentConfig, identity, slot
+from salframe.errors import InputMissing
 from salframe.graph import GraphConfig, build_graph, graph_from_arrays, graph_to_arrays, pack_graph, read_graphs, write_graphs
 from salframe.localizer import Description, Localizer, rank_places
 from salframe.registry import registry
@@ -50,8 +51,13 @@ class SaliencyGraphLocalizer(Localizer):
         return {"localizer": self.name, "version": self.version, **stages, "graph": self.config.graph.model_dump(mode="json")}
 
     def graph(self, panorama: Panorama) -> SaliencyGraph:
-        """The panorama's 360-degree saliency graph."""
+        """The panorama's 360-degree saliency graph. Raises InputMissing where it has no range and the detector finds objects by colour alone."""
         detections = self._detector.detect(panorama)
+        if panorama.range_m is None and len(detections) and np.isnan(detections.centroid_m).any(1).all():
+            raise InputMissing(
+                f"{self.name} needs range, which {panorama.id} does not have: the detector {self.config.detector.kind!r} found "
+                f"{len(detections)} objects and the place of none; their labels are enough for 'objects'"
+            )
         return build_graph(detections, self._saliency.score(detections), self.config.graph)
 
     def describe(self, panorama: Panorama) -> Description:

@@ -10,18 +10,19 @@ from salframe.types import Detections
 
 
 class VolumetricSaliency(SaliencyModel):
-    """Share of the volume of all objects: S_b = V_b / sum(V), V_b the convex hull's."""
+    """Share of the volume of all objects: S_b = V_b / sum(V), V_b the convex hull's; 0 where it is not known, equal shares where none is."""
 
     name = "volumetric"
     version = "1"
 
     def score(self, detections: Detections) -> np.ndarray:
-        volume = object_volumes_m3(detections)
-        return volume / volume.sum() if len(volume) else volume
+        volume = np.nan_to_num(object_volumes_m3(detections))
+        return volume / volume.sum() if volume.any() else np.full(len(volume), 1 / max(len(volume), 1))
 
 
 def object_volumes_m3(detections: Detections) -> np.ndarray:
-    """(N,) float64 m^3: the convex hull of an object's points; the upright box where they are flat or too few, or where only boxes are known."""
+    """(N,) float64 m^3: the convex hull of an object's points; the upright box where they are flat or too few, or where only boxes are known; NaN
+    where the size is not known."""
     from scipy.spatial import ConvexHull, QhullError
 
     volume = detections.size_m.prod(1)

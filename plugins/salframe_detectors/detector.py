@@ -1,0 +1,149 @@
+"""The detector `onnx`: a perspective detection network on overlapping views of a panorama."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+
+from salframe.boxes import detections_from_points
+from salframe.config import ComponentConfig
+from salframe.errors import ConfigError, InputMissing, WeightsMissing
+from salframe.roles import Detector
+from salframe.types import Detections, Panorama
+from salframe_detectors.decoders import DECODERS, Found, Question, suppress
+from salframe_detectors.depth import foreground
+from salframe_detectors.merging import group, outline
+from salframe_detectors.views import LEAST_FOV_DEG, Rig
+from salframe_detectors.zoo import COCO_80, ZOO
+
+BATCH = 4
+"""Views that a network with a free batch axis is given at a time: more take memory and save no time on a CPU."""
+LEAST_PIXELS = 5
+"""Fewer points than this tell no position."""
+
+
+class OnnxDetector(Detector):
+    """Any perspective detector in ONNX, on overlapping views that cover the sphere; what several views show comes out once.
+
+    Works from colour alone; then nothing tells how far the objects are: labels and scores are known, every position is NaN, which is enough
+    for `objects` and too little for a graph.
+    """
+
+    name = "onnx"
+    version = "1"
+    needs: ClassVar[frozenset[str]] = frozenset({"rgb"})
+    column_step: ClassVar[int] = 96  # the views repeat every quarter turn: a quarter of the conformance suite's panoramas
+    weights = tuple(ZOO.values())
+
+    class Config(ComponentConfig):
+        model: str = Field("yolox-nano", description=f"path of an ONNX file, or weights to fetch: {', '.join(ZOO)}")
+        decoder: Literal[tuple(DECODERS)] = Field("yolox", description="what the network's outputs mean")  # type: ignore[valid-type]
+        labels: Literal["coco-80"] | tuple[str, ...] = Field("coco-80", description="the classes in the network's order")
+        size_px: tuple[int, int] | None = Field(None, description="width and height of the network's images; null: as the file says")
+        channels: Literal["bgr", "rgb"] = Field("bgr", description="order of the colours")
+        scale: float = Field(1.0, gt=0, description="a colour from 0 to 255 is multiplied by this, then `mean` is taken off, then divided by `std`")
+        mean: tuple[float, float, float] = Field((0, 0, 0), description="in the order of `channels`")
+        std: tuple[float, float, float] = Field((1, 1, 1), description="in the order of `channels`")
+        fill: int = Field(114, ge=0, le=255, description="colour of what a partial panorama did not see: what the network's images are padded with")
+        min_score: float = Field(0.3, gt=0, le=1, description="a detection that scores less is none")
+        overlap: float = Field(0.45, gt=0, lt=1, description="boxes of a class in one view are one object above this intersection over union")
+        fov_deg: float = Field(90.0, ge=LEAST_FOV_DEG, le=120, description="field of view across the shorter side of a view")
+
+    def __init__(self, config: ComponentConfig | None = None) -> None:
+        """Raises WeightsMissing where the file is no network, or takes or gives something else than the settings say; ConfigError."""
+        from salframe.onnx import open_model
+
+        super().__init__(config)
+        self._path = _model_path(self.config.model)
+        self._labels = COCO_80 if self.config.labels == "coco-80" else self.config.labels
+        width, height = self.config.size_px or (None, None)
+        self._model = open_model(self._path, [(None, 3, height, width)])
+        height, width = (own or wanted for own, wanted in zip(self._model.inputs[0].shape[2:], (height, width), strict=True))
+        if width is None or height is None:
+            raise ConfigError(f"{self._path} takes images of any size: say which, as size_px: [640, 640]")
+        self._asked = Question(width, height, len(self._labels), self.config.min_score)
+        self._rig = Rig(width, height, np.radians(self.config.fov_deg))
+        self._look(np.full((1, height, width, 3), self.config.fill, np.uint8))
+
+    @classmethod
+    def check(cls, config: ComponentConfig) -> None:
+        super().check(config)
+        _model_path(config.model)  # type: ignore[attr-defined]
+
+    @classmethod
+    def files(cls, config: ComponentConfig) -> tuple[Path, ...]:
+        """The user's own network; those to fetch are known by their hash."""
+        path = Path(config.model)  # type: ignore[attr-defined]
+        return (path,) if config.model not in ZOO and path.is_file() else ()  # type: ignore[attr-defined]
+
+    def decode(self, outputs: Sequence[np.ndarray], asked: Question) -> list[Found]:
+        """What was found in each image of a batch. A subclass overrides it for a network of another kind."""
+        return DECODERS[self.config.decoder](outputs, asked)
+
+    def detect(self, panorama: Panorama) -> Detections:
+        if panorama.rgb is None:
+            raise InputMissing(f"{panorama.id} has no colour, which the detector {self.name!r} reads")
+        image = panorama.rgb
+        if panorama.valid is not None:
+            image = np.where(panorama.valid[..., None], image, np.uint8(self.config.fill))
+        found = self._look(self._rig.cut(image))
+        grid = self._rig.grid(len(image))
+        view = np.repeat(np.arange(len(found)), [len(f.score) for f in found])
+        label = np.concatenate([f.label for f in found])
+        score = np.concatenate([f.score for f in found])
+        marked = [
+            grid.footprint(v, f.box_px[i], None if f.mask is None else f.mask[i]) for v, f in enumerate(found) for i in range(len(f.score))
+        ]
+        footprint = np.array(marked, bool).reshape(len(view), grid.rays.shape[0])
+        range_m = None if panorama.range_m is None else grid.thin(panorama.range_m)
+        labels, scores, points = [], [], []
+        for kind in np.unique(label):
+            alike = np.flatnonzero(label == kind)
+            for members in group(footprint[alike], view[alike], grid.seen, grid.solid_angle_sr):
+                one = alike[members]
+                inside = np.flatnonzero(outline(footprint[one], view[one], grid.seen))
+                labels.append(self._labels[kind])
+                scores.append(score[one].max())
+                if range_m is not None:
+                    inside = inside[foreground(range_m[inside], grid.solid_angle_sr[inside])]
+                    points.append(grid.rays[inside] * range_m[inside, None])
+        return _detections(labels, np.array(scores, float), None if range_m is None else points)
+
+    def _look(self, views: np.ndarray) -> list[Found]:
+        """What the network finds in each view (V, height, width, 3) uint8 RGB."""
+        found = []
+        ordered = views[..., ::-1] if self.config.channels == "bgr" else views
+        for first in range(0, len(views), BATCH):
+            batch = ordered[first : first + BATCH].astype(np.float32)
+            batch = (batch * np.float32(self.config.scale) - np.float32(self.config.mean)) / np.float32(self.config.std)
+            try:
+                found += self.decode(self._model.run(np.ascontiguousarray(batch.transpose(0, 3, 1, 2))), self._asked)
+            except WeightsMissing as error:
+                raise WeightsMissing(f"{self._path}: {error}") from None
+        return [suppress(one, self.config.overlap) for one in found]
+
+
+def _model_path(model: str) -> Path:
+    """The file of a network to fetch, verified, or of the user's own. Raises WeightsMissing."""
+    if model in ZOO:
+        return ZOO[model].paths()[0]
+    if not Path(model).is_file():
+        raise WeightsMissing(f"no file {model}: expected the path of an ONNX file, or one of {', '.join(ZOO)}")
+    return Path(model)
+
+
+def _detections(labels: list[str], scores: np.ndarray, points_m: list[np.ndarray] | None) -> Detections:
+    """Detections by the points behind them; where these are too few or there are none at all, position and size are NaN."""
+    unknown = np.full((1, 3), np.nan, np.float32)
+    centroid, size, yaw = np.full((len(labels), 3), np.nan), np.full((len(labels), 3), np.nan), np.full(len(labels), np.nan)
+    if points_m is None:
+        return Detections(tuple(labels), scores, centroid, size, yaw)
+    known = [i for i, points in enumerate(points_m) if len(points) >= LEAST_PIXELS]
+    placed = detections_from_points([labels[i] for i in known], scores[known], [points_m[i] for i in known])
+    centroid[known], size[known], yaw[known] = placed.centroid_m, placed.size_m, placed.yaw_rad
+    points = tuple(points if i in known else unknown for i, points in enumerate(points_m))
+    return Detections(tuple(labels), scores, centroid, size, yaw, points)

@@ -1,0 +1,106 @@
+"""Known boxes written as each kind of network gives them, and read back."""
+
+import numpy as np
+import pytest
+from salframe_detectors.decoders import DECODERS, Found, Question, suppress
+
+from salframe.errors import WeightsMissing
+
+ASKED = Question(width_px=96, height_px=64, classes=3, min_score=0.25)
+BOXES = np.array([[10.0, 8.0, 30.0, 40.0], [50.0, 20.0, 90.0, 60.0]])
+LABEL, SCORE = np.array([2, 0]), np.array([0.9, 0.5])
+CENTRE, SIZE = (BOXES[:, :2] + BOXES[:, 2:]) / 2, BOXES[:, 2:] - BOXES[:, :2]
+CLASSES = np.eye(3)[LABEL]
+
+
+def odds(p):
+    return np.log(p / (1 - p))
+
+
+def as_yolox():
+    """Each box in a cell of another stride: (centre / stride - cell, log(size / stride))."""
+    raw = np.zeros((96 // 8 * 64 // 8 + 96 // 16 * 64 // 16 + 96 // 32 * 64 // 32, 8))
+    for i, (stride, first) in enumerate(((8, 0), (32, 96 + 24))):
+        cell = (CENTRE[i] // stride).astype(int)
+        row = first + cell[1] * (96 // stride) + cell[0]
+        # Objectness 1, so that the class has the score.
+        raw[row] = [*(CENTRE[i] / stride - cell), *np.log(SIZE[i] / stride), 1.0, *(CLASSES[i] * SCORE[i])]
+    return [raw[None]]
+
+
+def as_yolov5():
+    return [np.hstack([CENTRE, SIZE, np.sqrt(SCORE)[:, None], CLASSES * np.sqrt(SCORE)[:, None]])[None]]
+
+
+def as_yolov8():
+    return [np.hstack([CENTRE, SIZE, CLASSES * SCORE[:, None]]).T[None]]
+
+
+def as_yolov8_seg():
+    """Prototype 0 is positive in the left half of the image, 1 in the right half; the boxes take one each."""
+    prototypes = np.zeros((32, 16, 24))
+    prototypes[0, :, :12], prototypes[0, :, 12:] = 1, -1
+    prototypes[1] = -prototypes[0]
+    weights = np.eye(32)[[0, 1]] * 5
+    return [np.hstack([CENTRE, SIZE, CLASSES * SCORE[:, None], weights]).T[None], prototypes[None]]
+
+
+def as_detr():
+    logits = np.full((4, 4), -9.0)  # two queries of four see something; the fourth class is "no object"
+    logits[2:, 3] = 9
+    for i in range(2):
+        logits[i, [LABEL[i], 3]] = odds(SCORE[i]), 0
+    boxes = np.vstack([np.hstack([CENTRE / (96, 64), SIZE / (96, 64)]), np.full((2, 4), 0.5)])
+    return [logits[None], boxes[None]]
+
+
+def as_rt_detr():
+    logits = np.full((4, 3), -9.0)
+    logits[[0, 1], LABEL] = odds(SCORE)
+    boxes = np.vstack([np.hstack([CENTRE / (96, 64), SIZE / (96, 64)]), np.full((2, 4), 0.5)])
+    return [boxes[None], logits[None]]  # their order does not matter
+
+
+WRITERS = {"yolox": as_yolox, "yolov5": as_yolov5, "yolov8": as_yolov8, "yolov8-seg": as_yolov8_seg, "detr": as_detr, "rt-detr": as_rt_detr}
+
+
+@pytest.mark.parametrize("name", DECODERS)
+def test_known_boxes_come_back(name):
+    outputs = [np.concatenate([output, np.zeros_like(output)]).astype(np.float32) for output in WRITERS[name]()]
+    first, second = DECODERS[name](outputs, ASKED)
+    assert first.box_px == pytest.approx(BOXES, abs=1e-3)
+    assert first.label.tolist() == LABEL.tolist()
+    assert first.score == pytest.approx(SCORE, abs=1e-3)
+    if name not in ("detr", "rt-detr"):  # of all zeros a softmax makes equal shares
+        assert len(second.score) == 0
+
+
+def test_masks_are_those_of_the_prototypes():
+    (found,) = DECODERS["yolov8-seg"]([output.astype(np.float32) for output in as_yolov8_seg()], ASKED)
+    left = np.broadcast_to(np.arange(96) < 48, (64, 96))
+    assert found.mask.shape == (2, 64, 96)
+    assert (found.mask[0] == left).mean() > 0.98
+    assert (found.mask[1] == ~left).mean() > 0.98
+
+
+def test_candidates_that_score_less_are_left_out_and_boxes_end_at_the_border():
+    raw = np.array([[90.0, 60, 40, 40, 1, 0.6, 0, 0], [20, 20, 10, 10, 1, 0.2, 0.1, 0]], np.float32)
+    (found,) = DECODERS["yolov5"]([raw[None]], ASKED)
+    assert found.box_px.tolist() == [[70, 40, 96, 64]]
+
+
+def test_other_shapes_are_told():
+    with pytest.raises(WeightsMissing, match=r"gives \(8, 100\) an image, the decoder yolox expects \(126, 8\)"):
+        DECODERS["yolox"]([np.zeros((1, 8, 100), np.float32)], ASKED)
+    with pytest.raises(WeightsMissing, match=r"gives \(100, 3\) an image, the decoder detr expects \(\*, 4\), \(\*, 4\)"):
+        DECODERS["detr"]([np.zeros((1, 100, 3), np.float32)], ASKED)
+
+
+def test_of_overlapping_boxes_of_a_class_the_best_is_kept():
+    # 0 and 1 overlap by 90 / 110, 0 and 2 as much with another class, 3 stands apart.
+    box = np.array([[0, 0, 10, 10], [1, 0, 11, 10], [1, 0, 11, 10], [30, 0, 40, 10]], float)
+    found = Found(box, np.array([0.6, 0.8, 0.7, 0.5]), np.array([1, 1, 0, 1]))
+    kept = suppress(found, 0.45)
+    assert sorted(zip(kept.label.tolist(), kept.score.tolist(), strict=True)) == [(0, 0.7), (1, 0.5), (1, 0.8)]
+    assert len(suppress(found, 0.85).score) == 4
+    assert len(suppress(found.take(np.zeros(0, int)), 0.45).score) == 0
