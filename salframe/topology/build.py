@@ -12,7 +12,7 @@ import numpy as np
 from salframe.errors import DataError
 from salframe.topology.edges import components, joining_paths, make_edge, sight_pairs
 from salframe.topology.grid import FloorGrid, cell, nearest_pixel
-from salframe.topology.transitions import find_doorways
+from salframe.topology.transitions import Doorway, close_doorways
 from salframe.types import FloorMasks, Frame, MapEdge, MapFrame, MapNode, TopologicalMap
 
 
@@ -99,6 +99,7 @@ class _FloorMap:
         self._grid = FloorGrid(floor, settings.robot_radius_m)
         self._settings = settings
         self._notes = notes
+        doorways, narrow = close_doorways(self._grid, settings.min_doorway_m)
         self._names = self._grid.names
         if not self._names:
             raise DataError(f"the floor at z = {floor.z_m:g} m has no free floor in any region, expected labelled free floor")
@@ -109,7 +110,10 @@ class _FloorMap:
             self._choose_scenes(scenes)
         else:
             self._add_scenes(scenes)
-        self._add_transitions([frame for frame in frames if frame.kind == "transition"])
+        for doorway in narrow:
+            notes.append(f"{self._describe(doorway)} is dropped: it is under {settings.min_doorway_m:g} m")
+        self._add_transitions(doorways)
+        self._hand_frames([frame for frame in frames if frame.kind == "transition"])
         self.edges: list[MapEdge] = []
         if self.nodes:
             self._add_edges(np.array(self._positions))
@@ -158,23 +162,27 @@ class _FloorMap:
             pixel = np.array(np.unravel_index(widest.argmax(), widest.shape)) + 0.5
             self._add(name, "scene", pixel, (name,), tuple(frame.id for frame in frames if frame.place == name))
 
-    def _add_transitions(self, frames: Sequence[MapFrame]) -> None:
-        """A transition node in the middle of each passage between two regions, with the transition frames that stand there."""
+    def _describe(self, doorway: Doorway) -> str:
+        x, y = self._grid.to_metres(doorway.pixels.mean(0) + 0.5)
+        first, second = (self._names[label] for label in doorway.labels)
+        return f"a doorway of {doorway.width_m:.2f} m between {first} and {second} at ({x:.2f}, {y:.2f}) m"
+
+    def _add_transitions(self, doorways: Sequence[Doorway]) -> None:
+        """A transition node in the middle of each passage between two regions."""
         count: Counter[str] = Counter()
-        for doorway in find_doorways(self._grid):
-            first, second = (self._names[label] for label in doorway.labels)
-            x, y = self._grid.to_metres(np.array(doorway.centre) + 0.5)
-            what = f"a doorway of {doorway.width_m:.2f} m between {first} and {second} at ({x:.2f}, {y:.2f}) m"
-            if doorway.width_m < self._settings.min_doorway_m - 1e-9:
-                self._notes.append(f"{what} is dropped: it is under {self._settings.min_doorway_m:g} m")
-                continue
+        for doorway in doorways:
             if not doorway.points:
-                self._notes.append(f"{what} is no way: a robot of radius {self._settings.robot_radius_m:g} m does not fit through")
+                radius_m = self._settings.robot_radius_m
+                self._notes.append(f"{self._describe(doorway)} is no way: a robot of radius {radius_m:g} m does not fit through")
+            first, second = (self._names[label] for label in doorway.labels)
+            name = f"{first}/{second}"
             for point in doorway.points:
-                name = f"{first}/{second}"
                 count[name] += 1
                 id = name if count[name] == 1 else f"{name}/{count[name]}"
                 self._add(id, "transition", np.array(point) + 0.5, (first, second), ())
+
+    def _hand_frames(self, frames: Sequence[MapFrame]) -> None:
+        """Hand each transition frame to the transition node it stands at."""
         doors = [number for number, node in enumerate(self.nodes) if node.kind == "transition"]
         for frame in frames:
             xy = frame.T_world_pano[:2, 3]
@@ -200,12 +208,15 @@ class _FloorMap:
         self._tell_reach(components(len(positions), joined))
 
     def _tell_reach(self, component: np.ndarray) -> None:
-        """Note the regions that cannot be reached from the greatest connected part of the floor, the one with the most regions."""
+        """Note what cannot be reached from the greatest connected part of the floor, the one with the most regions: regions, and other nodes."""
         parts = [{name for node, c in zip(self.nodes, component, strict=True) if c == part for name in node.regions}
                  for part in range(int(component.max()) + 1)]  # fmt: skip
-        main = max(parts, key=len)
+        main = int(np.argmax([len(part) for part in parts]))
         with_door = {name for node in self.nodes if node.kind == "transition" for name in node.regions}
         for name in self._names.values():
-            if name not in main:
+            if name not in parts[main]:
                 why = "its doors lead elsewhere" if name in with_door else "it has no door that the robot fits through"
-                self._notes.append(f"{name} is out of reach from the floor's other {len(main)} regions: {why}")
+                self._notes.append(f"{name} is out of reach of the floor's other regions: {why}")
+        for node, c in zip(self.nodes, component, strict=True):
+            if c != main and parts[main].issuperset(node.regions):
+                self._notes.append(f"node {node.id} is out of reach: no clear floor leads to it")

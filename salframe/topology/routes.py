@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import cast
 
@@ -15,6 +16,7 @@ from salframe.roles import Planner
 from salframe.topology.build import find_floor
 from salframe.topology.edges import joining_paths, make_edge
 from salframe.topology.grid import FloorGrid, cell, nearest_pixel, sees
+from salframe.topology.transitions import close_doorways
 from salframe.types import MapNode, Route, TopologicalMap
 
 HERE = "here"
@@ -58,8 +60,11 @@ def directions(route: Route, heading_rad: float | None = None) -> list[Step]:
     return made
 
 
-def find_nodes(topology: TopologicalMap, name: str) -> list[str]:
-    """The node of this id, or the scene nodes of the place of this name, its doors where it has none. Raises UnknownName with the closest."""
+def find_nodes(topology: TopologicalMap, name: str, doors: bool = False) -> list[str]:
+    """The node of this id, or the scene nodes of the place of this name, its doors where it has none or `doors` asks for them.
+
+    Raises UnknownName with the closest one.
+    """
     ids = [node.id for node in topology.nodes]
     if name in ids:
         return [name]
@@ -67,23 +72,26 @@ def find_nodes(topology: TopologicalMap, name: str) -> list[str]:
     if not there:
         places = sorted({region for node in topology.nodes for region in node.regions})
         raise UnknownName(unknown("node or place", name, [*places, *sorted(set(ids) - set(places))]))
-    return [node.id for node in there if node.kind == "scene"] or [node.id for node in there]
+    scenes = [node.id for node in there if node.kind == "scene"]
+    at_doors = [node.id for node in there if node.kind == "transition"]
+    return (at_doors or scenes) if doors else (scenes or at_doors)
 
 
 def find_route(topology: TopologicalMap, start: str, goal: str, planner: str = "dijkstra") -> Route:
-    """The shortest route between two nodes or places, by the planner of this name. Raises NoRoute, UnknownName."""
-    starts, goals = find_nodes(topology, start), find_nodes(topology, goal)
+    """The shortest route between two nodes or places, by the planner of this name. Raises NoRoute, UnknownName.
+
+    A place is left and reached at whichever of its scene nodes makes the route shortest; where furniture shuts all of them in, at its doors.
+    """
     made = cast(Planner, registry().get("planner", planner)())
     made.prepare(topology)
-    routes = []
-    for pair in itertools.product(starts, goals):
-        try:
-            routes.append(made.route(*pair))
-        except NoRoute as error:
-            reason = error
-    if not routes:
-        raise reason
-    return min(routes, key=lambda route: route.length_m)
+    for doors in (False, True):
+        routes = []
+        for pair in itertools.product(find_nodes(topology, start, doors), find_nodes(topology, goal, doors)):
+            with suppress(NoRoute):
+                routes.append(made.route(*pair))
+        if routes:
+            return min(routes, key=lambda route: route.length_m)
+    raise NoRoute(f"no route from {start} to {goal}: they lie in parts of the map that no edge joins")
 
 
 def with_position(topology: TopologicalMap, xyz_m: np.ndarray) -> TopologicalMap:
@@ -97,6 +105,7 @@ def with_position(topology: TopologicalMap, xyz_m: np.ndarray) -> TopologicalMap
         raise DataError(f"the position ({xyz_m[0]:.2f}, {xyz_m[1]:.2f}, {xyz_m[2]:.2f}) m is on no floor of the map")
     floor = topology.floors[number]
     grid = FloorGrid(floor, topology.parameters["robot_radius_m"])
+    close_doorways(grid, topology.parameters["min_doorway_m"])
     pixel = nearest_pixel(grid.clear, grid.to_pixel(xyz_m[:2]))
     others = [node for node in topology.nodes if node.xyz_m[2] == floor.z_m]
     if pixel is None or not others:

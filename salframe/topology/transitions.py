@@ -12,14 +12,14 @@ from salframe.topology.grid import FloorGrid
 _EIGHT = np.ones((3, 3), bool)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Doorway:
     """Where the labels of two regions meet on walkable floor, before erosion: how far the line they meet along reaches, on the side where that
-    is less, its medoid (row, column), and the transition points on it, each a medoid too; none where the robot does not fit through."""
+    is less, its pixels (N, 2), and the transition points on it, (row, column) of medoids; none where the robot does not fit through."""
 
     labels: tuple[int, int]
     width_m: float
-    centre: tuple[int, int]
+    pixels: np.ndarray
     points: tuple[tuple[int, int], ...]
 
 
@@ -42,12 +42,21 @@ def find_doorways(grid: FloorGrid) -> list[Doorway]:
         passages, passage_count = ndimage.label(clear, _EIGHT)
         through = [np.argwhere(passages == number) for number in range(1, passage_count + 1)]
         for number in range(1, count + 1):
-            line = np.argwhere(components == number)
-            first = grid.label[tuple((line + corner).T)] == pair[0]
+            line = np.argwhere(components == number) + corner
+            first = grid.label[tuple(line.T)] == pair[0]
             width_m = (min(_distances(line[side]).max() for side in (first, ~first)) + 1) * grid.floor.resolution_m
-            points = tuple(_medoid(points, corner) for points in through if components[tuple(points[0])] == number)
-            doorways.append(Doorway(pair, float(width_m), _medoid(line, corner), points))
+            points = tuple(_medoid(points + corner) for points in through if components[tuple(points[0])] == number)
+            doorways.append(Doorway(pair, float(width_m), line, points))
     return doorways
+
+
+def close_doorways(grid: FloorGrid, min_doorway_m: float) -> tuple[list[Doorway], list[Doorway]]:
+    """The doorways of a floor that are wide enough, and the narrower ones: these are closed, their pixels no longer clear."""
+    doorways = find_doorways(grid)
+    narrow = [doorway for doorway in doorways if doorway.width_m < min_doorway_m - 1e-9]
+    for doorway in narrow:
+        grid.clear[tuple(doorway.pixels.T)] = False
+    return [doorway for doorway in doorways if doorway not in narrow], narrow
 
 
 def _meetings(grid: FloorGrid) -> Iterator[tuple[tuple[int, int], np.ndarray, np.ndarray]]:
@@ -73,6 +82,6 @@ def _distances(pixels: np.ndarray) -> np.ndarray:
     return cdist(pixels, pixels)
 
 
-def _medoid(pixels: np.ndarray, corner: np.ndarray) -> tuple[int, int]:
-    row, column = pixels[_distances(pixels).sum(1).argmin()] + corner
+def _medoid(pixels: np.ndarray) -> tuple[int, int]:
+    row, column = pixels[_distances(pixels).sum(1).argmin()]
     return int(row), int(column)

@@ -1,0 +1,150 @@
+"""Maps on disk, for other programs, and as a picture."""
+
+from __future__ import annotations
+
+import json
+
+import networkx as nx
+import numpy as np
+import pytest
+import shapely
+from PIL import Image
+from plans import block, frame, two_rooms
+from salframe_house.building import generate_building
+
+from salframe.errors import ConfigError, DataError
+from salframe.storage import atomic_folder
+from salframe.topology import build_topology
+from salframe.topology.export import export_topology
+from salframe.topology.picture import draw_topology
+from salframe.topology.store import read_topology, write_topology
+from salframe.types import FloorMasks, TopologicalMap
+
+
+@pytest.fixture(scope="module")
+def topology() -> TopologicalMap:
+    """Two floors, a way round a corner on the lower one."""
+    upper = two_rooms(door_m=0.7, z_m=3.1)
+    upper = FloorMasks(upper.free, upper.region, upper.obstacle, upper.resolution_m, upper.origin_m, {1: "loft", 2: "attic"}, upper.z_m)
+    lower = block(two_rooms(wall_m=0.2), (-1.6, -1.0), (-0.9, 1.0))
+    frames = [frame("a", -2.5, 0.0), frame("b", 1.5, 0.3, "east"), frame("d", 0.1, 0.0, "door", "transition")]
+    return build_topology([lower, upper], [*frames, frame("up", 1.0, 1.0, "attic", z_m=4.6)])
+
+
+def test_a_map_is_read_back_identical(topology, tmp_path):
+    write_topology(tmp_path, topology)
+    read = read_topology(tmp_path)
+    assert read == topology
+    assert any(edge.path_m for edge in read.edges)
+    for stored, floor in zip(read.floors, topology.floors, strict=True):
+        for name in ("free", "region", "obstacle"):
+            np.testing.assert_array_equal(getattr(stored, name), getattr(floor, name))
+        assert (stored.resolution_m, stored.origin_m, stored.regions, stored.z_m) == (
+            floor.resolution_m, floor.origin_m, floor.regions, floor.z_m)  # fmt: skip
+    content = json.loads((tmp_path / "topology.json").read_text())
+    assert content["format"] == 1
+    assert content["parameters"] == {"robot_radius_m": 0.18, "min_doorway_m": 0.5, "snap_m": 0.5, "doorway_reach_m": 0.5, "choose": False}
+    assert content["notes"] == list(topology.notes)
+
+
+def test_a_map_of_a_building_is_read_back_identical(tmp_path):
+    made = build_topology([generate_building("office", 18, 1).floor_masks()])
+    write_topology(tmp_path, made)
+    assert read_topology(tmp_path) == made
+
+
+def test_what_is_no_map_is_told_in_one_line(topology, tmp_path):
+    with pytest.raises(DataError, match="holds no topological map: make one with salframe map build"):
+        read_topology(tmp_path)
+    write_topology(tmp_path, topology)
+    nodes = (tmp_path / "nodes.parquet").read_bytes()
+    (tmp_path / "nodes.parquet").write_bytes(nodes[: len(nodes) // 2])
+    with pytest.raises(DataError, match=r"cannot read .*nodes.parquet") as caught:
+        read_topology(tmp_path)
+    assert "\n" not in str(caught.value)
+    content = json.loads((tmp_path / "topology.json").read_text())
+    (tmp_path / "topology.json").write_text(json.dumps({**content, "format": 2}))
+    with pytest.raises(DataError, match="has topology format 2, expected 1: build it again"):
+        read_topology(tmp_path)
+
+
+def test_a_folder_appears_whole_or_not_at_all(tmp_path):
+    target = tmp_path / "map"
+    with atomic_folder(target) as folder:
+        (folder / "first").write_text("1")
+        assert not target.exists()
+
+    def fail():
+        with atomic_folder(target) as folder:
+            (folder / "second").write_text("2")
+            raise KeyError
+
+    with pytest.raises(KeyError):
+        fail()
+    assert [path.name for path in target.iterdir()] == ["first"]
+    with atomic_folder(target) as folder:
+        (folder / "third").write_text("3")
+    assert [path.name for path in tmp_path.rglob("*")] == ["map", "third"]
+
+
+def test_graphml_is_read_by_networkx(topology, tmp_path):
+    export_topology(topology, tmp_path / "map.graphml")
+    graph = nx.read_graphml(tmp_path / "map.graphml")
+    assert set(graph) == {node.id for node in topology.nodes}
+    for node in topology.nodes:
+        data = graph.nodes[node.id]
+        assert (data["kind"], data["x_m"], data["y_m"], data["z_m"]) == (node.kind, *node.xyz_m)
+        assert data["regions"] == ";".join(node.regions)
+    assert graph.number_of_edges() == len(topology.edges)
+    for edge in topology.edges:
+        data = graph.get_edge_data(edge.start, edge.end)
+        data = data[0] if graph.is_multigraph() else data
+        assert data["length_m"] == edge.length_m
+        assert np.cos(np.radians(data["azimuth_deg"]) - edge.azimuth_rad) == pytest.approx(1)
+
+
+def test_geojson_holds_points_and_lines_in_local_metres(topology, tmp_path):
+    export_topology(topology, tmp_path / "map.geojson")
+    content = json.loads((tmp_path / "map.geojson").read_text())
+    assert "crs" not in content
+    assert "metres" in content["properties"]["coordinates"]
+    shapes = [(shapely.from_geojson(json.dumps(feature["geometry"])), feature["properties"]) for feature in content["features"]]
+    points = {properties["id"]: shape for shape, properties in shapes if shape.geom_type == "Point"}
+    assert {name: (p.x, p.y, p.z) for name, p in points.items()} == {node.id: node.xyz_m for node in topology.nodes}
+    lines = [(shape, properties) for shape, properties in shapes if shape.geom_type == "LineString"]
+    assert len(lines) == len(topology.edges)
+    for line, properties in lines:
+        assert line.length == pytest.approx(properties["length_m"])
+        assert shapely.Point(line.coords[0]).distance(points[properties["start"]]) == pytest.approx(0)
+        assert shapely.Point(line.coords[-1]).distance(points[properties["end"]]) == pytest.approx(0)
+
+
+def test_another_suffix_is_refused(topology, tmp_path):
+    with pytest.raises(ConfigError, match=r"received the file map.dot, expected one that ends in .graphml or .geojson"):
+        export_topology(topology, tmp_path / "map.dot")
+
+
+def test_the_picture_has_a_mark_for_each_node_in_its_place(tmp_path):
+    """The marks' distance in the picture is that of the nodes, by the scale that the floor's width has."""
+    floor = two_rooms(wall_m=0.2)
+    made = build_topology([floor], [frame("a", -2.0, 0.5), frame("b", 2.0, -0.5, "east")])
+    draw_topology(made, tmp_path / "map.png")
+    picture = np.asarray(Image.open(tmp_path / "map.png").convert("RGB")).astype(int)
+    picture = picture[80:-100]  # without title and legend
+    blue = np.abs(picture - (31, 78, 160)).sum(2) < 12
+    rows, columns = np.nonzero(blue)
+    left, right = columns < np.median(columns), columns >= np.median(columns)
+    across, down = columns[right].mean() - columns[left].mean(), rows[right].mean() - rows[left].mean()
+    wall = (np.abs(picture - (92, 96, 104)).sum(2) < 12).any(0).nonzero()[0]
+    scale = (wall.max() - wall.min() + 1) / 6.3  # two rooms of 3 m, the wall between them, and what the masks show of the outer walls
+    assert across / scale == pytest.approx(4.0, abs=0.05)
+    assert down / scale == pytest.approx(1.0, abs=0.05)
+    assert (np.abs(picture - (214, 84, 34)).sum(2) < 12).sum() > 50
+
+
+def test_floors_are_drawn_below_each_other(topology, tmp_path):
+    draw_topology(topology, tmp_path / "both.png")
+    one = TopologicalMap(topology.nodes, topology.edges, topology.floors[:1], topology.parameters)
+    draw_topology(one, tmp_path / "one.png")
+    both, single = (Image.open(tmp_path / name).size for name in ("both.png", "one.png"))
+    assert both[1] > 1.8 * single[1]
