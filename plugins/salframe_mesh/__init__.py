@@ -4,6 +4,7 @@ import salframe
 
 
 @salframe.hookimpl
-def salframe_components() -> list[type]:
-    """None yet."""
-    return []
+def salframe_components():
+    from salframe_mesh.dataset import MeshDataset
+
+    return [MeshDataset]

@@ -1,0 +1,123 @@
+"""The floor of a mesh seen from above: where there is floor, what stands on it, and to which room it belongs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from salframe.errors import DataError
+from salframe.storage import read_json
+from salframe.types import FloorMasks
+from salframe_mesh.mesh_file import Surface
+from salframe_mesh.renderer import Renderer
+
+BAND_M = 0.1, 1.5
+"""What lies this high above the floor is in a robot's way."""
+_SLICES = 8
+"""Heights at which the mesh is cut: walls and tall furniture, which a ray from above the band would begin inside of."""
+_BELOW_M = 0.3
+"""A scanned floor is uneven: it is looked for down to this far below its stated height."""
+_MARGIN_M = 0.4
+"""Outlines end at the walls: floor this near to a room, as in a doorway, belongs to it."""
+_POCKET_M2 = 0.5
+"""Free patches smaller than this are the insides of furniture and walls."""
+
+
+@dataclass(frozen=True, eq=False)
+class Room:
+    """A place: its name, its outlines (n, 2) in metres in the world, the height of its floor, and the level it is on."""
+
+    place: str
+    outlines_m: tuple[np.ndarray, ...]
+    floor_m: float
+    level: int
+
+
+def read_rooms(root: Path) -> tuple[Room, ...]:
+    """The rooms that a folder tells of: regions.json ({place: {"outline_m": [[x, y], ...], "floor_m": z}}), else a .house file, else none.
+
+    Raises DataError on a malformed file.
+    """
+    path = root / "regions.json"
+    if not path.exists():
+        return tuple(room for house in sorted(root.glob("*.house")) for room in _of_house(house))
+    content = read_json(path)
+    try:
+        heights = sorted({float(entry["floor_m"]) for entry in content.values()})
+        outlines = {place: np.array(entry["outline_m"], float).reshape(-1, 2) for place, entry in content.items()}
+        return tuple(Room(place, (outlines[place],), float(e["floor_m"]), heights.index(float(e["floor_m"]))) for place, e in content.items())
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise DataError(f'{path} is malformed ({error}), expected {{place: {{"outline_m": [[x, y], ...], "floor_m": z}}}}') from None
+
+
+def _of_house(path: Path) -> list[Room]:
+    from salframe_matterport.house_file import read_house
+
+    regions = read_house(path).regions
+    return [Room(f"{path.stem}/region-{r.index}", r.outlines_m, float(r.low_m[2]), r.level) for r in regions]
+
+
+def floor_masks(surface: Surface, renderer: Renderer, rooms: Sequence[Room], resolution_m: float) -> FloorMasks:
+    """The masks of the rooms of one level. Free is floor that a ray from above finds; an obstacle is what that ray meets 0.1 to 1.5 m
+    above the floor, or what level cuts of the mesh show in between."""
+    floor_m = float(np.median([room.floor_m for room in rooms]))
+    corners = np.concatenate([outline for room in rooms for outline in room.outlines_m])
+    left_m, top_m = corners[:, 0].min() - _MARGIN_M, corners[:, 1].max() + _MARGIN_M
+    columns = int(np.ceil((corners[:, 0].max() + _MARGIN_M - left_m) / resolution_m))
+    rows = int(np.ceil((top_m - corners[:, 1].min() + _MARGIN_M) / resolution_m))
+    origin_m = np.array([left_m, top_m])
+
+    def pixels(xy_m: np.ndarray) -> np.ndarray:
+        """(..., 2) columns and rows, in pixels, of positions."""
+        return (xy_m - origin_m) * [1, -1] / resolution_m
+
+    column, row = np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5)
+    above = np.stack([left_m + column * resolution_m, top_m - row * resolution_m, np.full_like(row, floor_m + BAND_M[1])], -1).reshape(-1, 3)
+    down_m = renderer.trace(above, np.broadcast_to(np.array([0, 0, -1], np.float32), above.shape))[0].reshape(rows, columns)
+    height_m = BAND_M[1] - down_m
+    found = height_m > -_BELOW_M
+    obstacle = height_m > BAND_M[0]
+    cuts = np.zeros((rows, columns), np.uint8)
+    for height in np.linspace(*BAND_M, _SLICES):
+        cv2.polylines(cuts, np.floor(pixels(_cut(surface, floor_m + height))).astype(np.int32), isClosed=False, color=1)
+    obstacle |= cuts > 0
+
+    region = np.zeros((rows, columns), np.int32)
+    for number, room in enumerate(rooms, 1):
+        cv2.fillPoly(region, [np.round(pixels(outline) - 0.5).astype(np.int32) for outline in room.outlines_m], number)
+    region = _grown(region, _MARGIN_M / resolution_m)
+    free = (region > 0) & (found | obstacle)
+    obstacle |= _pockets(free & ~obstacle, _POCKET_M2 / resolution_m**2)
+    places = {number: room.place for number, room in enumerate(rooms, 1)}
+    return FloorMasks(free, np.where(free, region, 0), obstacle & free, resolution_m, (float(left_m), float(top_m)), places, floor_m)
+
+
+def _cut(surface: Surface, height_m: float) -> np.ndarray:
+    """(N, 2, 2) segments, x and y of their ends, in which a level plane cuts the triangles."""
+    corners = surface.vertices_m[surface.triangles]
+    above = corners[..., 2] >= height_m
+    corners, above = (part[above.any(1) & ~above.all(1)] for part in (corners, above))
+    following = np.roll(corners, -1, axis=1)
+    crossed = above != np.roll(above, -1, axis=1)  # two of the three edges
+    share = (height_m - corners[crossed][:, 2]) / (following[crossed][:, 2] - corners[crossed][:, 2])
+    return (corners[crossed] + share[:, None] * (following[crossed] - corners[crossed]))[:, :2].reshape(-1, 2, 2)
+
+
+def _grown(region: np.ndarray, reach_px: float) -> np.ndarray:
+    """The labels, with those of the nearest room where there is none this near."""
+    from scipy import ndimage
+
+    distance, nearest = ndimage.distance_transform_edt(region == 0, return_indices=True)
+    return np.where(distance <= reach_px, region[tuple(nearest)], 0).astype(np.int32)
+
+
+def _pockets(clear: np.ndarray, pixels: float) -> np.ndarray:
+    """Connected patches of fewer pixels."""
+    from scipy import ndimage
+
+    parts, _ = ndimage.label(clear)
+    return clear & (np.bincount(parts.ravel())[parts] < pixels)

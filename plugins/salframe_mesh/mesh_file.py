@@ -1,0 +1,84 @@
+"""Reading a building's mesh with its colours: .obj with textures, .glb with textures inside, .ply with colours at its vertices."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from salframe.errors import DataError
+
+SUFFIXES = (".obj", ".glb", ".ply")
+_GREY = (200, 200, 200)
+_TO_Z_UP = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]], np.float32)
+"""Turns a frame whose y is up so that its z is: what was -z, the front of glTF, becomes y."""
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """Triangles in the world, metres, z up, and what they look like.
+
+    vertices_m (V, 3) float32; triangles (F, 3) int32; paint (F,) int32 into `textures`; uv (F, 3, 2) float32 at the corners, (0, 0) the lower left
+    of the texture; colors (V, 3) float32 in 0..255, what textures are multiplied with (white where there is a texture). A texture is (h, w, 3) uint8.
+    """
+
+    vertices_m: np.ndarray
+    triangles: np.ndarray
+    paint: np.ndarray
+    uv: np.ndarray
+    colors: np.ndarray
+    textures: tuple[np.ndarray, ...]
+
+
+def read_mesh(path: Path, up: str) -> Surface:
+    """Read a mesh file whose axis `up` ("z" or "y") points up. Raises DataError where it is missing, unreadable or has no faces."""
+    import open3d
+
+    if path.suffix.lower() not in SUFFIXES:
+        raise DataError(f"{path} is no mesh, expected a name that ends in {', '.join(SUFFIXES)}")
+    if not path.is_file():
+        raise DataError(f"{path} is missing, expected a mesh")
+    # Open3D tells of a damaged file on stdout and gives an empty mesh.
+    with open3d.utility.VerbosityContextManager(open3d.utility.VerbosityLevel.Error):
+        if path.suffix.lower() == ".ply":
+            mesh = open3d.io.read_triangle_mesh(str(path))
+            parts, looks = [(mesh, 0)], [_plain(_GREY if not mesh.has_vertex_colors() else (255, 255, 255))]
+        else:
+            model = open3d.io.read_triangle_model(str(path))
+            parts, looks = [(part.mesh, part.material_idx) for part in model.meshes], [_look(material) for material in model.materials]
+    parts = [(mesh, look) for mesh, look in parts if len(mesh.triangles)]
+    if not parts:
+        raise DataError(f"{path} is no mesh with faces, expected triangles or polygons")
+    surface = _joined(parts, tuple(looks))
+    return surface if up == "z" else Surface(surface.vertices_m @ _TO_Z_UP.T, *(getattr(surface, name) for name in list(Surface.__annotations__)[1:]))
+
+
+def _plain(rgb) -> np.ndarray:
+    """A texture of one pixel."""
+    return np.array([[rgb]], np.uint8)
+
+
+def _look(material) -> np.ndarray:
+    """The texture of a material, or one of its colour alone."""
+    image = None if material.albedo_img is None else np.asarray(material.albedo_img)
+    if image is None or not image.size:
+        return _plain(np.round(255 * np.asarray(material.base_color)[:3]))
+    image = image if image.ndim == 3 else image[..., None]
+    return np.ascontiguousarray(image[..., :3] if image.shape[2] >= 3 else image[..., [0, 0, 0]])
+
+
+def _joined(parts: list, looks: tuple[np.ndarray, ...]) -> Surface:
+    vertices, triangles, paint, uv, colors = [], [], [], [], []
+    first = 0
+    for mesh, look in parts:
+        corners = np.asarray(mesh.triangles, np.int32)
+        vertices.append(np.asarray(mesh.vertices, np.float32))
+        triangles.append(corners + first)
+        paint.append(np.full(len(corners), look, np.int32))
+        has_uv = len(mesh.triangle_uvs) == 3 * len(corners)
+        uv.append(np.asarray(mesh.triangle_uvs, np.float32).reshape(-1, 3, 2) if has_uv else np.zeros((len(corners), 3, 2), np.float32))
+        shade = np.asarray(mesh.vertex_colors, np.float32) * 255 if mesh.has_vertex_colors() else np.full(vertices[-1].shape, 255, np.float32)
+        colors.append(shade)
+        first += len(vertices[-1])
+    return Surface(*map(np.concatenate, (vertices, triangles, paint, uv, colors)), looks)
