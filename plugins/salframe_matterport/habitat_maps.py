@@ -1,4 +1,4 @@
-"""`habitat-maps`: real buildings with their floor seen from above, from the top-down pictures of Object2HabitatMap.
+"""`habitat-maps`: a real building with its floor seen from above, from the top-down pictures of Object2HabitatMap.
 
 The pictures are coloured by a palette that gives regions and objects the colour of their index modulo its length, about 100, so that in a
 large building two rooms may share one; neither scale nor origin are stored. Both are found here from where the rooms lie: each connected patch
@@ -8,7 +8,7 @@ walked on is known by its colour.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from pathlib import Path
 
@@ -35,9 +35,9 @@ _MISFIT_M = 0.25
 
 
 class HabitatMaps(MatterportAnnotations):
-    """Real buildings with floor masks: `matterport-annotations` where Object2HabitatMap's top-down maps are at hand, one level a building.
+    """A real building with floor masks: `matterport-annotations` of one whose top-down maps by Object2HabitatMap are at hand.
 
-    Floors are the regions of the map, obstacles all objects that are neither floor, door nor stairs.
+    The floor is the regions of the map, obstacles all objects that are neither floor, door nor stairs.
     """
 
     name = "habitat-maps"
@@ -56,11 +56,22 @@ class HabitatMaps(MatterportAnnotations):
             raise DataError(
                 f"{self._root} has no folder habitat_map/<scan>/ of any building, expected Object2HabitatMap's region.png and cat.png there"
             )
+        if len(scans) > 1:  # each has a world of its own
+            raise DataError(f"{self._root} has maps of {', '.join(scans)}, expected one building a map: --set data.scans=[{scans[0]}]")
         return scans
 
+    @cached_property
+    def _floor(self) -> FloorMasks:
+        return read_floor(self._root, self._scans[0], self.config.resolution_m)
+
+    def prepare(self, progress: Callable[[int, int], None]) -> None:
+        """Read the building and its maps: what is wrong with them shows before anything is computed."""
+        super().prepare(progress)
+        self.floors()
+
     def floors(self) -> Sequence[FloorMasks]:
-        """The mapped level of each building; regions are named as the places of its viewpoints."""
-        return [read_floor(self._root, scan, self.config.resolution_m) for scan in self._scans]
+        """The level that the maps show; its regions are named as the places of the viewpoints."""
+        return [self._floor]
 
 
 def maps_path(root: Path, scan: str) -> Path:
@@ -82,7 +93,9 @@ def read_floor(root: Path, scan: str, resolution_m: float) -> FloorMasks:
     if region.shape != category.shape:
         shapes = [f"{picture.shape[1]} x {picture.shape[0]}" for picture in (region, category)]
         raise DataError(f"{maps_path(root, scan)}: region.png is {shapes[0]} and cat.png {shapes[1]}, expected one size")
-    label, pixel_m, origin_m = _place(region, read_house(root / "house" / f"{scan}.house"), maps_path(root, scan))
+    house = read_house(root / "house" / f"{scan}.house")
+    label, pixel_m, origin_m = _place(region, house, maps_path(root, scan))
+    shown = [region for region in house.regions if (label == region.index + 1).any()]
     step = max(1, round(resolution_m / pixel_m))
     obstacle = ~np.isin(category, [_coded(np.array(rgb)) for rgb in _WALKABLE_RGB.values()]) & (region > 0)
     free = _share(region > 0, step) > 0.5
@@ -92,7 +105,8 @@ def read_floor(root: Path, scan: str, resolution_m: float) -> FloorMasks:
         obstacle=free & (_share(obstacle, step) > 0.5),
         resolution_m=step * pixel_m,
         origin_m=origin_m,
-        regions={int(number): f"{scan}/region-{number - 1}" for number in np.unique(label[label > 0])},
+        regions={region.index + 1: f"{scan}/region-{region.index}" for region in shown},
+        z_m=float(np.median([region.low_m[2] for region in shown])),
     )
 
 

@@ -43,9 +43,11 @@ def drawn(tmp_path):
     for name, picture in (("region", region), ("cat", category)):
         cv2.imwrite(str(folder / f"{name}.png"), cv2.cvtColor(picture, cv2.COLOR_RGB2BGRA))
     boxes = {**{number: (0, box) for number, (box, _) in ROOMS.items()}, 3: (1, (-2.5, 0.0, 6.5, 2.0))}
-    lines = [f"R  {i} {level}  0 0  b  0 0 0  {x0} {y0} 0  {x1} {y1} 2.5  2.5  0 0 0 0" for i, (level, (x0, y0, x1, y1)) in boxes.items()]
+    lines = ["ASCII 1.1"]
+    for number, (level, (x0, y0, x1, y1)) in boxes.items():
+        lines.append(f"R  {number} {level}  0 0  b  0 0 0  {x0} {y0} {level + 0.2}  {x1} {y1} {level + 2.5}  2.5  0 0 0 0")
     (tmp_path / "house").mkdir()
-    (tmp_path / "house" / "drawn.house").write_text("\n".join(["ASCII 1.1", *lines]))
+    (tmp_path / "house" / "drawn.house").write_text("\n".join(lines))
     return tmp_path
 
 
@@ -57,6 +59,7 @@ def test_scale_and_origin_come_from_the_boxes_of_the_regions(drawn):
     floor = read_floor(drawn, "drawn", 0.06)
     assert floor.resolution_m == pytest.approx(3 * PIXEL_M, rel=0.005)
     assert floor.origin_m == pytest.approx(ORIGIN_M, abs=0.03)
+    assert floor.z_m == pytest.approx(0.2)
     assert floor.free.shape == (100, 167)
     assert floor.regions == {1: "drawn/region-0", 2: "drawn/region-1", 3: "drawn/region-2"}
 
@@ -117,6 +120,10 @@ def test_buildings_without_maps_are_left_out(building):
         dataset.folds()
     (building.root / "habitat_map" / "fake").mkdir(parents=True)
     assert [fold.id for fold in HabitatMaps(HabitatMaps.Config(root=building.root)).folds()] == ["fake/a", "fake/b"]
+    (building.root / "habitat_map" / "twin").mkdir()
+    (building.root / "connectivity" / "twin_connectivity.json").write_text("[]")
+    with pytest.raises(DataError, match=r"has maps of fake, twin, expected one building a map: --set data\.scans=\[fake\]"):
+        HabitatMaps(HabitatMaps.Config(root=building.root)).folds()
 
 
 def test_real_viewpoints_stand_on_the_floor_of_their_regions(real_root):
@@ -126,6 +133,7 @@ def test_real_viewpoints_stand_on_the_floor_of_their_regions(real_root):
     regions = read_regions(regions_path(real_root))["17DRP5sb8fy"]
     cells = {name: cell(floor, *pose[:2, 3]) for name, pose in poses.items()}
     assert 0.04 < floor.resolution_m < 0.06
+    assert floor.z_m == pytest.approx(0, abs=0.02)
     assert all(floor.free[at] for at in cells.values())
     # Some stand on a sofa or in a shower; some regions of the annotation end a step beside the threshold.
     assert np.mean([not floor.obstacle[at] for at in cells.values()]) > 0.95
