@@ -1,4 +1,4 @@
-"""The .house file of a Matterport3D building: its regions, and where its panoramas were taken."""
+"""The .house file of a Matterport3D building: its regions, its objects, and where its panoramas were taken."""
 
 from __future__ import annotations
 
@@ -36,10 +36,24 @@ class StandingPoint:
 
 
 @dataclass(frozen=True, eq=False)
+class HouseObject:
+    """An annotated object: its index in the file, its label, its category among Matterport's forty, and its oriented box in the world: centre (3,)
+    in metres, axes (3, 3) one a row, half extents (3,) in metres along them."""
+
+    index: int
+    label: str
+    category: str
+    centre_m: np.ndarray
+    axes: np.ndarray
+    half_m: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
 class HouseFile:
-    """Regions in the order of their indices, and the panoramas by name."""
+    """Regions and objects in the order of the file, and the panoramas by name."""
 
     regions: tuple[Region, ...]
+    objects: tuple[HouseObject, ...]
     panoramas: dict[str, StandingPoint]
 
 
@@ -52,7 +66,7 @@ def read_house(path: Path) -> HouseFile:
     except UnicodeDecodeError:
         raise DataError(f"{path} is no .house file: it is not text") from None
     try:
-        regions = tuple(_regions(lines))
+        regions, objects = tuple(_regions(lines)), tuple(_objects(lines))
         panoramas = {
             words[1]: StandingPoint(int(words[3]) if int(words[3]) >= 0 else None, np.array(words[5:8], float))
             for words in lines
@@ -62,7 +76,7 @@ def read_house(path: Path) -> HouseFile:
         raise DataError(f"{path} is no .house file: {error}") from None
     if not regions:
         raise DataError(f"{path} has no region, expected lines that begin with R")
-    return HouseFile(regions, panoramas)
+    return HouseFile(regions, objects, panoramas)
 
 
 def _regions(lines: list[list[str]]) -> Iterator[Region]:
@@ -81,3 +95,14 @@ def _regions(lines: list[list[str]]) -> Iterator[Region]:
             outlines = tuple(np.array(corners[surface]) for surface in surfaces.get(index, ()) if len(corners.get(surface, ())) > 2)
             box = np.array([[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]]])
             yield Region(index, int(words[2]), words[5], low, high, outlines or (box,))
+
+
+def _objects(lines: list[list[str]]) -> Iterator[HouseObject]:
+    categories = {words[1]: words for words in lines if words[:1] == ["C"]}
+    for words in lines:
+        if words[:1] == ["O"] and words[3] in categories:
+            category = categories[words[3]]
+            first, second = np.array(words[7:10], float), np.array(words[10:13], float)
+            axes = np.stack([first, second, np.cross(first, second)])
+            label = category[3].replace("#", " ").strip().lower()
+            yield HouseObject(int(words[1]), label, category[5], np.array(words[4:7], float), axes, np.array(words[13:16], float))

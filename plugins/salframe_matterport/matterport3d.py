@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -18,22 +18,27 @@ from salframe.errors import DataError
 from salframe.geometry import pose_2d, pose_yaw
 from salframe.roles import Dataset
 from salframe.storage import cache_home
-from salframe.types import Fold, Frame, Panorama, Truth
-from salframe_matterport.house_file import read_house
+from salframe.types import Annotations, Fold, Frame, Panorama, Truth
+from salframe_matterport.house_file import HouseFile, read_house
+from salframe_matterport.objects import label_pixels, labels
 from salframe_matterport.release import Color, Viewpoint, cameras_path, find_buildings, house_path, read_viewpoints
 from salframe_matterport.scenes import generator
+
+VISIBLE_PIXELS = 50
+"""An object that covers fewer pixels is not visible."""
 
 
 class Matterport3D(Dataset):
     """Real buildings: the 18 colour and depth images of each viewpoint of Matterport3D as one RGB-D panorama, one fold a query.
 
-    Places are the regions of the .house file; viewpoints that stand in none are left out. A query is a viewpoint whose region has another one; it
-    is not in its fold's map and its panorama is turned by a random yaw. Panoramas are stitched once and kept in salframe's cache.
+    Annotations are the objects of the .house file: a pixel shows the one whose oriented box its point lies in. Places are its regions;
+    viewpoints that stand in none are left out. A query is a viewpoint whose region has another one; it is not in its fold's map and its panorama
+    is turned by a random yaw. Panoramas are stitched once and kept in salframe's cache.
     """
 
     name = "matterport3d"
     version = "1"
-    provides = frozenset({"rgb", "range"})
+    provides = frozenset({"rgb", "range", "annotations"})
 
     class Config(ComponentConfig):
         root: Path | None = Field(None, description="folder of the release: v1/scans/<scan>/...")
@@ -59,11 +64,15 @@ class Matterport3D(Dataset):
         return {scan: known[scan] for scan in self.config.scans}
 
     @cached_property
+    def _houses(self) -> dict[str, HouseFile]:
+        return {scan: read_house(house_path(folder)) for scan, folder in self._buildings.items()}
+
+    @cached_property
     def _viewpoints(self) -> dict[str, tuple[Viewpoint, str]]:
         """Viewpoint and place of each frame, by the frame's id."""
         scenes = {}
         for scan, folder in self._buildings.items():
-            standing = read_house(house_path(folder)).panoramas
+            standing = self._houses[scan].panoramas
             for name, viewpoint in read_viewpoints(folder).items():
                 if name in standing and standing[name].region is not None:
                     scenes[f"{scan}/{name}"] = viewpoint, f"{scan}/region-{standing[name].region}"
@@ -72,13 +81,12 @@ class Matterport3D(Dataset):
     @cached_property
     def fingerprint(self) -> str:
         """Of the settings, and the names, sizes and times of change of the files: to read all images takes minutes."""
-        houses = [_stamp(house_path(folder)) for folder in self._buildings.values()]
-        return digest([self.version, self.config.seed, houses, [self._key(id) for id in self._viewpoints]])
+        return digest([self.version, self.config.seed, [self._key(id) for id in self._viewpoints]])
 
     def _key(self, id: str) -> str:
         """What the stitched panorama of a viewpoint is kept by."""
         viewpoint, _ = self._viewpoints[id]
-        files = [cameras_path(viewpoint.folder), *viewpoint.files(self.config.color)]
+        files = [cameras_path(viewpoint.folder), house_path(viewpoint.folder), *viewpoint.files(self.config.color)]
         return digest([self.version, id, self.config.color, self.config.height, *map(_stamp, files)])
 
     def _kept(self, id: str) -> Path:
@@ -90,7 +98,9 @@ class Matterport3D(Dataset):
             progress(done, len(self._viewpoints))
             if not self._kept(id).exists():
                 try:
-                    _write(self._kept(id), viewpoint.stitch(self.config.height, self.config.color))
+                    panorama = viewpoint.stitch(self.config.height, self.config.color)
+                    objects = self._houses[viewpoint.folder.name].objects
+                    _write(self._kept(id), panorama, label_pixels(panorama.range_m, viewpoint.T_world_pano, objects))
                 except DataError as error:
                     self._broken[id] = str(error)
         progress(len(self._viewpoints), len(self._viewpoints))
@@ -100,9 +110,10 @@ class Matterport3D(Dataset):
 
     def truth(self, query_id: str) -> Truth:
         try:
-            return self._folds[query_id][1]
+            fold, truth = self._folds[query_id]
         except KeyError:
             raise DataError(f"{self.name} has no query {query_id!r}") from None
+        return truth if fold.id in self._broken else replace(truth, instances=_visible(self._kept(fold.id)))
 
     @cached_property
     def _folds(self) -> dict[str, tuple[Fold, Truth]]:
@@ -127,8 +138,9 @@ class Matterport3D(Dataset):
         return folds
 
     def _frame(self, id: str, viewpoint_id: str, columns: int) -> Frame:
-        """The panorama of a viewpoint turned by whole columns. It holds a path alone, so that no query carries its pose or place along."""
-        return Frame(id, partial(_load, id, self._kept(viewpoint_id), columns, self._broken.get(viewpoint_id)))
+        """The panorama of a viewpoint turned by whole columns. It holds a path and labels, so that no query carries its pose or place along."""
+        named = labels(self._houses[viewpoint_id.split("/")[0]].objects)
+        return Frame(id, partial(_load, id, self._kept(viewpoint_id), columns, named, self._broken.get(viewpoint_id)))
 
 
 def _stamp(path: Path) -> list[str | int]:
@@ -139,17 +151,29 @@ def _stamp(path: Path) -> list[str | int]:
     return [path.name, state.st_size, state.st_mtime_ns]
 
 
-def _write(path: Path, panorama: Panorama) -> None:
+def _write(path: Path, panorama: Panorama, instance_id: np.ndarray) -> None:
     """Keep a panorama; the picture comes last and says that all is there."""
     images.write_range(path.with_suffix(".range.png"), panorama.range_m)
     images.write_mask(path.with_suffix(".valid.png"), panorama.valid)
+    images.write_ids(path.with_suffix(".instances.png"), instance_id)
     images.write_color(path, panorama.rgb)
 
 
-def _load(id: str, path: Path, columns: int, broken: str | None) -> Panorama:
+def _visible(path: Path) -> tuple[int, ...]:
+    """The objects that cover enough of a kept panorama."""
+    pixels = np.bincount(images.read_ids(path.with_suffix(".instances.png")).ravel())
+    return tuple(int(i) for i in np.flatnonzero(pixels >= VISIBLE_PIXELS) if i)
+
+
+def _load(id: str, path: Path, columns: int, named: Mapping[int, str], broken: str | None) -> Panorama:
     """A kept panorama turned by this many columns. Raises DataError where its images were no good."""
     if broken is not None:
         raise DataError(broken)
-    rgb, range_m = images.read_color(path), images.read_range(path.with_suffix(".range.png"))
-    valid = images.read_mask(path.with_suffix(".valid.png"))
-    return Panorama(id, *(np.roll(image, columns, axis=1) for image in (rgb, range_m, valid)))
+    kept = (
+        images.read_color(path),
+        images.read_range(path.with_suffix(".range.png")),
+        images.read_mask(path.with_suffix(".valid.png")),
+        images.read_ids(path.with_suffix(".instances.png")),
+    )
+    rgb, range_m, valid, instance_id = (np.roll(image, columns, axis=1) for image in kept)
+    return Panorama(id, rgb, range_m, valid, Annotations(instance_id, named))

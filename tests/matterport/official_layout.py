@@ -95,8 +95,9 @@ def write_viewpoint(folder: Path, name, room, poses, centre):
         cv2.imwrite(str(folder / "matterport_skybox_images" / f"{name}_skybox{face}_sami.jpg"), rgb[..., ::-1])
 
 
-def write_building(folder: Path, conf_lines, regions, panoramas):
-    """Camera file and .house file: regions (low, high) by index, panoramas name -> (region, position)."""
+def write_building(folder: Path, conf_lines, regions, panoramas, objects=()):
+    """Camera file and .house file: regions (low, high) by index, panoramas name -> (region, position), objects (label, category, centre, two
+    axes, half extents)."""
     (folder / "undistorted_camera_parameters").mkdir(parents=True)
     (folder / "undistorted_camera_parameters" / f"{folder.name}.conf").write_text("\n".join(["dataset matterport", *conf_lines]) + "\n")
     (folder / "house_segmentations").mkdir()
@@ -105,4 +106,7 @@ def write_building(folder: Path, conf_lines, regions, panoramas):
         lines.append(f"R  {index} 0  0 0  b  0 0 0  {' '.join(map(str, (*low, *high)))}  2.6  0 0 0 0")
     for number, (name, (region, position)) in enumerate(panoramas.items()):
         lines.append(f"P  {name}  {number} {region}  0  {' '.join(map(str, position))}  0 0 0 0 0")
+    for number, (label, category, *box) in enumerate(objects):
+        lines.append(f"C  {number}  7 {label}  3 {category}  0 0 0 0 0")
+        lines.append(f"O  {number} 0 {number}  {'  '.join(' '.join(map(str, part)) for part in box)}  0 0 0 0 0 0 0 0")
     (folder / "house_segmentations" / f"{folder.name}.house").write_text("\n".join(lines))

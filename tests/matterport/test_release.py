@@ -22,6 +22,14 @@ from .official_layout import RISE_M, Room, camera_lines, rig, write_building, wr
 CENTRE, HEADING_DEG = (0.3, 0.4, 1.5), 36.6
 NAMES = [digit * 32 for digit in "abc"]
 
+# Label, category, centre, two axes, half extents; on the wall at x = 2.5, whose points lie in the boxes.
+OBJECTS = (
+    ("Wall#clock", "objects", (2.5, 1.0, 1.6), (0, 0.6, 0.8), (0, 0.8, -0.6), (0.35, 0.2, 0.05)),
+    ("cabinet", "cabinet", (2.5, 1.0, 1.3), (1, 0, 0), (0, 1, 0), (0.2, 0.8, 0.6)),
+    ("wall", "wall", (2.5, 0.0, 1.3), (1, 0, 0), (0, 1, 0), (0.1, 9, 9)),
+    ("unknown", "misc", (-2.0, 0.0, 1.3), (1, 0, 0), (0, 1, 0), (0.1, 1, 1)),
+)
+
 
 @pytest.fixture(scope="module")
 def release(tmp_path_factory):
@@ -34,7 +42,8 @@ def release(tmp_path_factory):
         for name in NAMES[1:]:
             os.link(path, path.with_name(path.name.replace(NAMES[0], name)))
     lines = [line for name in NAMES for line in camera_lines(name, poses)]
-    write_building(folder, lines, {0: ((-2, -1.5, 0), (2.5, 3, 2.6)), 1: ((9, 9, 0), (10, 10, 2))}, {n: (int(n == NAMES[2]), CENTRE) for n in NAMES})
+    regions = {0: ((-2, -1.5, 0), (2.5, 3, 2.6)), 1: ((9, 9, 0), (10, 10, 2))}
+    write_building(folder, lines, regions, {name: (int(name == NAMES[2]), CENTRE) for name in NAMES}, OBJECTS)
     return root
 
 
@@ -97,6 +106,23 @@ def test_the_dataset_keeps_its_role(prepared):
     check_component(Matterport3D, prepared.config)
 
 
+def test_pixels_show_the_object_whose_box_their_point_lies_in(prepared):
+    """The clock hangs on the cabinet, turned: of two boxes the smaller counts. Walls and what nobody could name are no objects."""
+    frame = prepared.folds()[0].queries[0]
+    panorama, truth = frame.load(), prepared.truth(frame.id)
+    assert panorama.annotations.labels == {1: "wall clock", 2: "cabinet"}
+    assert not panorama.annotations.rendered
+    assert truth.instances == (1, 2)
+    ways = equirectangular_rays(128) @ truth.T_world_pano[:3, :3].T
+    x, y, z = np.moveaxis(CENTRE + ways * Room().range_m(CENTRE, ways)[..., None], -1, 0)
+    on_wall = np.abs(x - 2.5) < 1e-3
+    along, across = 0.6 * (y - 1) + 0.8 * (z - 1.6), 0.8 * (y - 1) - 0.6 * (z - 1.6)
+    expected = np.where(on_wall & (np.abs(y - 1) <= 0.83) & (np.abs(z - 1.3) <= 0.63), 2, 0)
+    expected[on_wall & (np.abs(along) <= 0.38) & (np.abs(across) <= 0.23)] = 1
+    assert (expected == 1).sum() > 50
+    assert np.mean(panorama.annotations.instance_id == expected) > 0.998
+
+
 def test_stitching_resumes_and_the_fingerprint_follows_the_files(prepared, release):
     kept = sorted(prepared._kept(f"drawn/{name}") for name in NAMES)
     kept[1].unlink()
@@ -128,7 +154,7 @@ def test_bad_images_cost_their_own_viewpoint_only(release, tmp_path, monkeypatch
         frames[f"drawn/{NAMES[0]}"].load()
     with pytest.raises(DataError, match=rf"{NAMES[1]}_d0_0\.png is no readable image"):
         frames[f"drawn/{NAMES[1]}/query"].load()
-    assert frames[f"drawn/{NAMES[2]}"].load().provides == {"rgb", "range"}
+    assert frames[f"drawn/{NAMES[2]}"].load().provides == {"rgb", "range", "annotations"}
     cut.unlink()
     cv2.imwrite(str(cut), np.ones((512, 640), np.uint16))
     with pytest.raises(DataError, match=r"_d0_0\.png is 640 x 512, expected 1280 x 1024"):
