@@ -1,0 +1,163 @@
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from conftest import HEIGHT
+from salframe_image.clip import MEAN, STD, ClipRooms, room_type
+
+from salframe.errors import InputMissing, WeightsMissing
+from salframe.testing import check_component
+from salframe.types import Frame, MapFrame, Panorama
+
+pytest.importorskip("tokenizers")
+WORDS = {"a": 0, "red": 1, "green": 2, "blue": 3}
+EMBEDDINGS = np.array([[0, 0, 0], [2, -1, -1], [-1, 2, -1], [-1, -1, 2]], np.float32)
+"""What the text encoder of the tests sums over a prompt's words."""
+COLOURS = {"red": (230, 40, 40), "green": (40, 230, 40), "blue": (40, 40, 230), "grey-blue": (90, 90, 150), "grey-red": (145, 110, 95)}
+
+
+@pytest.fixture
+def folder(write_network, tmp_path):
+    """A CLIP whose image encoder is the mean of its input, and whose text encoder the sum of EMBEDDINGS over the words."""
+    from onnx import TensorProto, helper
+
+    write_network("onnx/vision_model.onnx", [helper.make_node("ReduceMean", ["x"], ["y"], axes=[2, 3], keepdims=0)])
+    summed = [helper.make_node("Gather", ["table", "input_ids"], ["rows"]), helper.make_node("ReduceSum", ["rows", "axes"], ["y"], keepdims=0)]
+    constants = {"table": EMBEDDINGS, "axes": np.array([1])}
+    write_network("onnx/text_model.onnx", summed, ("n", "length"), TensorProto.INT64, constants, "input_ids")
+    words = {"type": "WordLevel", "vocab": WORDS, "unk_token": "a"}
+    parts = dict.fromkeys(("normalizer", "post_processor", "decoder", "truncation", "padding"))
+    (tmp_path / "tokenizer.json").write_text(
+        json.dumps({"version": "1.0", "added_tokens": [], "pre_tokenizer": {"type": "Whitespace"}, "model": words, **parts})
+    )
+    return tmp_path
+
+
+@pytest.fixture
+def build(folder):
+    """A localizer with a map of rooms, named as given and painted in one colour of COLOURS each."""
+
+    def make(rooms: dict[str, str], **settings) -> ClipRooms:
+        localizer = ClipRooms(ClipRooms.Config(checkpoint=folder, views=4, hfov_deg=80, **settings))
+        localizer.build([Frame(place, lambda colour=colour: painted(colour), np.eye(4), place) for place, colour in rooms.items()])
+        return localizer
+
+    return make
+
+
+def painted(colour: str, other: str | None = None) -> Panorama:
+    """One colour all around, or another one at azimuths from 135 to 315 degrees, which the last two of four views look at."""
+    rgb = np.full((HEIGHT, 2 * HEIGHT, 3), COLOURS[colour], np.uint8)
+    if other:
+        rgb[:, np.arange(2 * HEIGHT) < HEIGHT // 4] = rgb[:, np.arange(2 * HEIGHT) >= HEIGHT + HEIGHT // 4] = COLOURS[other]
+    return Panorama(colour, rgb)
+
+
+def share(*colours: str, types: tuple[str, ...] = ("blue", "green", "red")) -> np.ndarray:
+    """Probabilities of the types when views have these colours: softmax(100 cos) a view, then the mean."""
+    prompts = EMBEDDINGS[[WORDS[word] for word in types]].astype(float)
+    rows = []
+    for colour in colours:
+        seen = (np.array(COLOURS[colour]) - MEAN) / STD
+        weight = np.exp(100 * prompts @ seen / np.linalg.norm(seen) / np.sqrt(6))
+        rows.append(weight / weight.sum())
+    return np.mean(rows, 0)
+
+
+ROOMS = {"red-01": "red", "green-01": "green", "blue-01": "blue", "green-02": "grey-blue"}
+
+
+def ask(localizer: ClipRooms, panorama: Panorama):
+    return localizer.match(localizer.describe(panorama))
+
+
+def test_places_are_ranked_by_how_alike_their_room_types_are(build):
+    answer = ask(build(ROOMS), painted("blue"))
+    assert (answer.status, answer.T_world_query) == ("no-pose", None)
+    expected = {place: np.sqrt(share(colour) * share("blue")).sum() for place, colour in ROOMS.items()}
+    assert [ranked.place for ranked in answer.places] == sorted(ROOMS, key=expected.get, reverse=True)
+    assert answer.places[0].place == "blue-01"
+    for ranked in answer.places:
+        assert ranked.score == pytest.approx(expected[ranked.place], abs=2e-2)
+
+
+def test_probabilities_are_averaged_over_the_views(build):
+    answer = ask(build(ROOMS), painted("grey-red", "green"))
+    expected = {place: np.sqrt(share(colour) * share("grey-red", "green")).sum() for place, colour in ROOMS.items()}
+    assert 0.5 < expected["green-01"] < 0.9
+    for ranked in answer.places:
+        assert ranked.score == pytest.approx(expected[ranked.place], abs=2e-2)
+
+
+def test_equal_scores_keep_the_order_of_the_map(build):
+    answer = ask(build({"red-02": "red", "red-01": "red", "green-01": "green"}), painted("red"))
+    assert [ranked.place for ranked in answer.places] == ["red-02", "red-01", "green-01"]
+
+
+def test_one_map_frame_is_enough(build):
+    answer = ask(build({"red-01": "red"}), painted("blue"))
+    assert [(ranked.place, ranked.score) for ranked in answer.places] == [("red-01", pytest.approx(1))]  # one type: all are of it
+
+
+def test_room_types_are_those_of_scenes_unless_others_are_named(build, folder):
+    localizer = ClipRooms(ClipRooms.Config(checkpoint=folder, views=4, hfov_deg=80))
+    frames = [MapFrame("1", "red-01", np.eye(4)), MapFrame("2", "blue", np.eye(4)), MapFrame("3", "green-01", np.eye(4), "transition")]
+    localizer.index([localizer.describe(painted(colour)) for colour in ("red", "blue", "green")], frames)
+    scores = {ranked.place: ranked.score for ranked in ask(localizer, painted("blue")).places}
+    assert scores["green-01"] == pytest.approx(np.sqrt(np.prod([share(c, types=("blue", "red")) for c in ("green", "blue")], 0)).sum(), abs=1e-2)
+    assert scores["green-01"] > 0.9  # nearer to blue than to red; were green a type, it would be 0
+    answer = ask(build(ROOMS, room_types=("green", "red", "blue"), prompt="a a {}"), painted("red"))
+    assert answer.places[0].place == "red-01"
+
+
+@pytest.mark.parametrize(
+    ("place", "words"),
+    [("kitchen-01", "kitchen"), ("dining-room-12", "dining room"), ("living_room", "living room"), ("17DRP/bedroom 3", "bedroom"), ("12", "12")],
+)
+def test_a_room_type_is_the_places_name_without_its_number(place, words):
+    assert room_type(place) == words
+
+
+def test_where_nothing_is_seen_there_is_no_answer(build):
+    nothing = Panorama("nothing", painted("red").rgb, valid=np.zeros((HEIGHT, 2 * HEIGHT), bool))
+    answer = ask(build(ROOMS), nothing)
+    assert (answer.status, answer.places) == ("no-features", ())
+
+
+def test_a_panorama_without_colour_is_refused(build):
+    with pytest.raises(InputMissing, match="clip-rooms needs rgb, which dark does not have"):
+        build(ROOMS).localize(Frame("dark", lambda: Panorama("dark", range_m=np.ones((64, 128), np.float32))))
+
+
+def test_without_clip_the_row_says_how_to_get_it(monkeypatch, tmp_path):
+    monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path))
+    with pytest.raises(WeightsMissing, match=r"no file .*vision_model\.onnx .*get it with: salframe weights fetch clip-vit-b32"):
+        ClipRooms.check(ClipRooms.Config())
+
+
+def test_a_file_that_is_no_tokenizer_is_one_line(folder, build):
+    (folder / "tokenizer.json").write_text("{}")
+    with pytest.raises(WeightsMissing, match=r"tokenizer\.json is no tokenizer: ."):
+        build(ROOMS)
+
+
+def test_another_text_encoder_is_one_line(folder, build, write_network):
+    from onnx import helper
+
+    write_network("onnx/text_model.onnx", [helper.make_node("Identity", ["pixel_values"], ["y"])], taken="pixel_values")
+    with pytest.raises(WeightsMissing, match=r"text_model\.onnx takes pixel_values, expected input_ids and perhaps attention_mask"):
+        build(ROOMS)
+
+
+def test_another_image_encoder_is_one_line(folder, build, write_network):
+    from onnx import helper
+
+    write_network("onnx/vision_model.onnx", [helper.make_node("Identity", ["x"], ["y"])])
+    with pytest.raises(WeightsMissing, match=r"vision_model\.onnx gives \(4, 3, 224, 224\), expected one embedding \(N, D\)"):
+        build(ROOMS)
+
+
+def test_it_keeps_the_promises_of_a_localizer(folder):
+    check_component(ClipRooms, ClipRooms.Config(checkpoint=folder, views=2, room_types=("red", "green", "blue")))

@@ -1,0 +1,170 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from conftest import HEIGHT, compass
+from salframe_image.localizer import ImageFeatures, peak_rad
+
+from salframe.errors import InputMissing, WeightsMissing
+from salframe.geometry import pose_2d, pose_yaw, wrap_angle
+from salframe.testing import check_component
+from salframe.types import Frame, Panorama
+
+HALL = np.array([[1, 0], [0, 1], [-1, 0]])
+CELLAR = np.array([[0, 1], [1, 0], [0, -1]])  # the same colours the other way round
+
+
+@pytest.fixture
+def configure(same_network):
+    """A config of the localizer with the network whose features are the image; power 1 is the mean colour of a view, negative values cut off."""
+    return lambda **settings: ImageFeatures.Config(**{"model": same_network, "size_px": 32, "power": 1.0, **settings})
+
+
+@pytest.fixture
+def localizer(configure):
+    made = ImageFeatures(configure())
+    frames = [("hall", HALL, pose_2d(1, 2, 0.4, 1.5)), ("cellar", CELLAR, pose_2d(7, 2, -2, 1.5))]
+    made.build([frame(name, compass(colours, pose), pose, name) for name, colours, pose in frames])
+    return made
+
+
+def frame(name, panorama, pose=None, place=None) -> Frame:
+    return Frame(name, lambda: panorama, pose, place)
+
+
+def test_a_view_is_pooled_by_its_generalised_mean(configure):
+    rgb = np.full((HEIGHT, 2 * HEIGHT, 3), (200, 150, 100), np.uint8)  # above the horizon
+    rgb[HEIGHT // 2 :] = (130, 250, 100)
+    received = ImageFeatures(configure(power=3.0)).describe(Panorama("two colours", rgb))["features"]
+    above, below = np.maximum([[73, 23, -27], [3, 123, -27]], 0) / 128
+    expected = np.cbrt((above**3 + below**3) / 2)
+    assert received.dtype == np.float16
+    np.testing.assert_allclose(received, np.tile(expected / np.linalg.norm(expected), (12, 1)), atol=2e-3)
+
+
+def test_features_that_are_pooled_already_are_taken_as_they_are(write_network, configure):
+    from onnx import helper
+
+    pooled = write_network("pooled.onnx", [helper.make_node("ReduceMean", ["x"], ["y"], axes=[2, 3], keepdims=0)])
+    received = ImageFeatures(configure(model=pooled)).describe(compass(HALL))["features"]
+    expected = mean_colours(compass(HALL))
+    np.testing.assert_allclose(received, expected / np.linalg.norm(expected, axis=1, keepdims=True), atol=2e-3)
+
+
+def mean_colours(panorama):
+    """(12, 3) mean of each 120-degree view, (grey - 127) / 128, from rays cast here."""
+    focal = 16 / np.tan(np.deg2rad(60))
+    x = (np.arange(32) + 0.5 - 16) / focal
+    colours = []
+    for view in range(12):
+        azimuth = np.pi / 6 * view - np.arctan(x)
+        column = ((np.pi - azimuth) * HEIGHT / np.pi - 0.5) % (2 * HEIGHT)
+        low = np.floor(column).astype(int)
+        row, share = panorama.rgb[0].astype(float), (column - low)[:, None]
+        colours.append(((1 - share) * row[low] + share * row[(low + 1) % (2 * HEIGHT)]).mean(0))
+    return (np.array(colours) - 127) / 128
+
+
+@pytest.mark.parametrize("yaw_rad", [-2.9, -1.3, 0.0, 0.25, 0.4, 1.0, 3.1])
+def test_place_and_heading_are_found_and_the_position_is_the_map_frames(localizer, yaw_rad):
+    answer = localizer.localize(frame("query", compass(HALL, pose_2d(1.6, 2.3, yaw_rad, 1.5))))
+    assert answer.status == "ok"
+    assert [place.place for place in answer.places] == ["hall", "cellar"]
+    assert answer.places[0].score == pytest.approx(1, abs=0.06)  # between two views, the nearest turn is up to 15 degrees off: cos is 0.966
+    np.testing.assert_array_equal(answer.T_world_query[:3, 3], [1, 2, 1.5])
+    assert abs(wrap_angle(pose_yaw(answer.T_world_query) - yaw_rad)) < 0.02
+
+
+def test_what_was_not_seen_does_not_count(localizer):
+    seen = np.zeros((HEIGHT, 2 * HEIGHT), bool)
+    seen[:, : HEIGHT + HEIGHT // 2] = True  # azimuth from pi to -pi / 2
+    partial = compass(HALL, pose_2d(0, 0, 1.0), seen)
+    features = localizer.describe(partial)["features"]
+    azimuth = np.arange(12) * 30
+    np.testing.assert_array_equal(features.any(1), (azimuth <= 180) | (azimuth >= 270))
+    hidden = Panorama("other colours there", np.where(seen[..., None], partial.rgb, 255 - partial.rgb), valid=seen)
+    inside = azimuth[azimuth < 120] // 30  # views that end before what was not seen begins
+    np.testing.assert_array_equal(localizer.describe(hidden)["features"][inside], features[inside])
+    answer = localizer.localize(frame("query", partial))
+    assert answer.places[0].place == "hall"
+    assert abs(wrap_angle(pose_yaw(answer.T_world_query) - 1.0)) < 0.1
+
+
+def test_where_nothing_is_seen_there_is_no_answer(localizer):
+    nothing = compass(HALL, valid=np.zeros((HEIGHT, 2 * HEIGHT), bool))
+    answer = localizer.localize(frame("query", nothing))
+    assert (answer.status, answer.places, answer.T_world_query) == ("no-features", (), None)
+
+
+def test_without_texture_there_is_a_place_and_no_heading(localizer):
+    plain = Panorama("plain", np.full((HEIGHT, 2 * HEIGHT, 3), (160, 130, 128), np.uint8))
+    answer = localizer.localize(frame("query", plain))
+    assert answer.status == "no-pose"
+    assert answer.T_world_query is None
+    assert len(answer.places) == 2
+
+
+def test_one_map_frame_is_enough(configure):
+    localizer, pose = ImageFeatures(configure()), pose_2d(1, 2, 0.4)
+    localizer.build([frame("hall", compass(HALL, pose), pose, "hall")])
+    answer = localizer.localize(frame("query", compass(HALL, pose_2d(0, 0, -0.8))))
+    assert abs(wrap_angle(pose_yaw(answer.T_world_query) + 0.8)) < 0.02
+    plain = Panorama("plain", np.full((HEIGHT, 2 * HEIGHT, 3), 160, np.uint8))
+    localizer.build([frame("plain", plain, pose, "cell")])  # all views alike: nothing is left of them but their mean
+    assert localizer.localize(frame("query", compass(HALL))).status == "no-pose"
+
+
+def test_the_parabola_meets_the_peak_between_two_angles():
+    angles = np.arange(12) * np.pi / 6
+    for peak in (0.0, 0.1, 0.26, 3.0, 6.2):
+        assert abs(wrap_angle(peak_rad(np.cos(angles - peak)) - peak)) < 0.005
+    assert peak_rad(np.array([0, 1, 3, 1, 0, 0])) == pytest.approx(2 * np.pi / 3)
+    assert peak_rad(np.array([4, 1, 0, 0, 0, 4.0])) == pytest.approx(-np.pi / 6)  # half-way before the first
+
+
+def test_a_panorama_without_colour_is_refused(localizer):
+    with pytest.raises(InputMissing, match="image needs rgb, which dark does not have"):
+        localizer.localize(frame("dark", Panorama("dark", range_m=np.ones((64, 128), np.float32))))
+
+
+def test_another_networks_layout_is_one_line(write_network, configure):
+    from onnx import helper
+
+    rows = write_network("rows.onnx", [helper.make_node("ReduceMean", ["x"], ["y"], axes=[3], keepdims=0)])
+    with pytest.raises(WeightsMissing, match=r"rows\.onnx gives y \(12, 3, 32\), expected features \(N, C, h, w\) or \(N, C\)"):
+        ImageFeatures(configure(model=rows)).describe(compass(HALL))
+    large = write_network("large.onnx", [helper.make_node("Identity", ["x"], ["y"])], shape=("n", 3, 224, 224))
+    with pytest.raises(WeightsMissing, match=r"large\.onnx takes x float32 \(\*, 3, 224, 224\), expected float32 \(\*, 3, 32, 32\)"):
+        ImageFeatures(configure(model=large))
+    with pytest.raises(WeightsMissing, match=r"same\.onnx is no ONNX network with a tensor pool5"):
+        ImageFeatures(configure(output="pool5"))
+
+
+def test_missing_and_damaged_weights_say_how_to_get_them(monkeypatch, tmp_path):
+    monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path))
+    with pytest.raises(WeightsMissing, match=r"no file .*efficientnet-lite0\.onnx .*get it with: salframe weights fetch efficientnet-lite0"):
+        ImageFeatures()
+    (tmp_path / "weights" / "resnet101").mkdir(parents=True)
+    (tmp_path / "weights" / "resnet101" / "resnet101-v1-7.onnx").write_bytes(b"half of it")
+    with pytest.raises(WeightsMissing, match=r"has sha256 .*, expected 760702f6.*salframe weights fetch resnet101"):
+        ImageFeatures.check(ImageFeatures.Config(network="resnet101"))
+
+
+def test_the_description_is_known_by_the_network_not_by_its_path(configure, same_network, tmp_path):
+    (tmp_path / "copy.onnx").write_bytes(same_network.read_bytes())
+    identities = [ImageFeatures(config).describe_identity() for config in (configure(), configure(model=tmp_path / "copy.onnx"))]
+    assert identities[0] == identities[1]
+    assert ImageFeatures(configure(power=2.0)).describe_identity() != identities[0]
+
+
+def test_it_keeps_the_promises_of_a_localizer(configure):
+    check_component(ImageFeatures, configure())
+
+
+@pytest.mark.slow
+def test_it_keeps_them_with_the_network_it_is_meant_for():
+    try:
+        ImageFeatures.check(ImageFeatures.Config())
+    except WeightsMissing as error:
+        pytest.skip(str(error))
+    check_component(ImageFeatures)
