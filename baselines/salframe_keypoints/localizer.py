@@ -20,11 +20,13 @@ from salframe.views import ViewRig, turned_similarity
 from salframe.weights import file_sha256
 from salframe_keypoints.aliked import AlikedLightGlue, AlikedNearest
 from salframe_keypoints.disk import DiskLightGlue
+from salframe_keypoints.efficient_loftr import EfficientLoftr
 from salframe_keypoints.loftr import Loftr
 from salframe_keypoints.pairs import Pair, View
 from salframe_keypoints.poses import robust_pose
 from salframe_keypoints.shortlist import Vlad
 from salframe_keypoints.sift import Sift
+from salframe_keypoints.superpoint import SuperPointNearest, SuperPointSuperGlue
 from salframe_keypoints.xfeat import XFeat, XFeatNearest
 
 PAIRS: dict[str, type[Pair]] = {
@@ -33,6 +35,9 @@ PAIRS: dict[str, type[Pair]] = {
     "aliked-lightglue": AlikedLightGlue,
     "aliked-nn": AlikedNearest,
     "disk-lightglue": DiskLightGlue,
+    "superpoint-nn": SuperPointNearest,
+    "superpoint-superglue": SuperPointSuperGlue,
+    "efficient-loftr": EfficientLoftr,
     "sift": Sift,
     "loftr": Loftr,
 }

@@ -1,4 +1,4 @@
-"""What features computed by a network of kornia have in common, and LightGlue, the matcher learned for them."""
+"""What features computed by a network of torch have in common, and LightGlue, the matcher learned for them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from salframe_keypoints.localizer import Keypoints
 
 PIXEL_CENTRE = np.float32(0.5)
-"""kornia puts pixel centres at whole numbers."""
+"""kornia and transformers put pixel centres at whole numbers."""
 
 
 class NetworkPair(DescriptorPair):
@@ -27,7 +27,7 @@ class NetworkPair(DescriptorPair):
 
     @abstractmethod
     def detect(self, image: Any) -> tuple[Any, Any]:
-        """Keypoints (K, 2) in kornia's pixels and descriptors of unit length (K, D), tensors, of an image (1, 3, h, w) from 0 to 1."""
+        """Keypoints (K, 2) in the library's pixels and descriptors of unit length (K, D), tensors, of an image (1, 3, h, w) from 0 to 1."""
 
     def extract(self, images: np.ndarray) -> list[View]:
         """See Pair. One image at a time, which bounds the memory; descriptors are kept as float16."""

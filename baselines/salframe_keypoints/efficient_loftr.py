@@ -1,0 +1,79 @@
+"""Efficient LoFTR (Wang et al., CVPR 2024) by `transformers`: semi-dense matches without a detector."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from salframe.errors import ConfigError
+from salframe_keypoints.images import ImagePair, decode
+from salframe_keypoints.networks import PIXEL_CENTRE
+from salframe_keypoints.pairs import View
+from salframe_keypoints.pretrained import Pretrained
+
+EFFICIENT_LOFTR = Pretrained("zju-community/efficientloftr", "Apache-2.0", "EfficientLoFTRForKeypointMatching", "efficientloftr")
+SIDE_MULTIPLE_PX = 32
+"""What the network halves and pools an image's sides by."""
+
+
+class EfficientLoftr(ImagePair):
+    """Efficient LoFTR on grey views, whose matches lie off any grid in both.
+
+    A match is moved to the nearest grid point of the reference, where a range is kept, and by as much in the query: at most a pixel, over
+    which the two views differ by a shift alone.
+    """
+
+    requires = ("torch", "transformers")
+    extra = "salframe[transformers]"
+    stride_px = 2
+
+    @classmethod
+    def files(cls, config) -> tuple[Path, ...]:
+        """See Pair."""
+        return EFFICIENT_LOFTR.files(config.checkpoint)
+
+    def __init__(self, config) -> None:
+        super().__init__(config)
+        self._size_px = np.array([config.view_width_px, config.view_height_px])
+        if (self._size_px % SIDE_MULTIPLE_PX).any():
+            raise ConfigError(
+                f"efficient-loftr takes views whose sides are multiples of {SIDE_MULTIPLE_PX} pixels, "
+                f"received {config.view_width_px} x {config.view_height_px}: set view_width_px and view_height_px"
+            )
+        self._network = EFFICIENT_LOFTR.load(config.checkpoint)
+        self._network._get_matches_from_scores = in_one_order(self._network._get_matches_from_scores)
+
+    def match(self, query: View, reference: View) -> tuple[np.ndarray, np.ndarray]:
+        """See Pair."""
+        import torch
+
+        images = np.stack([decode(view) for view in (query, reference)])
+        with torch.inference_mode():
+            found = self._network(torch.from_numpy(images)[None, :, None].float() / 255)
+        matched = (found.matches[0, 0] >= 0).numpy()
+        pixels = found.keypoints[0].numpy()[:, matched] * self._size_px + PIXEL_CENTRE
+        seen, known = pixels[:, ((pixels >= 0) & (pixels < self._size_px)).all((0, 2))]
+        columns, rows = -(-self._size_px // self.stride_px)
+        cells = np.clip((known / self.stride_px).round().astype(int), 0, (columns - 1, rows - 1))
+        return seen + cells * self.stride_px - known, cells[:, 1] * columns + cells[:, 0]
+
+
+def in_one_order(find_cells: Callable[[Any], tuple[Any, Any]]) -> Callable[[Any], tuple[Any, Any]]:
+    """The library's mutual nearest cells (B, 2, N), -1 where there is none, made to hold a match a column.
+
+    transformers 5 gives the cells of the first image in the order of the second's and the other way round, so that a column holds the ends
+    of two different matches, from which it then refines one. The second row says of every cell of the first image which is its partner.
+    """
+
+    def find_matches(scores: Any) -> tuple[Any, Any]:
+        import torch
+
+        cells, confidence = find_cells(scores)
+        partner = cells[:, 1]
+        own = torch.where(partner >= 0, torch.arange(partner.shape[1]), -1)
+        return torch.stack([own, partner], 1), confidence[:, 1:].expand(-1, 2, -1)
+
+    return find_matches

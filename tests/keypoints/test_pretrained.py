@@ -1,0 +1,207 @@
+"""Pairs whose networks come from `transformers`: their real architectures with random weights, held against the library's plain use."""
+
+from __future__ import annotations
+
+import importlib.util
+import shutil
+
+import cv2
+import numpy as np
+import pytest
+from salframe_keypoints.efficient_loftr import in_one_order
+from salframe_keypoints.images import ImagePair
+from salframe_keypoints.localizer import PAIRS, Keypoints
+from salframe_keypoints.pairs import View
+
+from salframe.errors import ConfigError, RequirementMissing, WeightsMissing
+from salframe.geometry import pose_2d
+from salframe.storage import Cache
+from salframe.types import Frame, Panorama
+from salframe.views import ViewRig
+
+NAMES = ("superpoint-nn", "superpoint-superglue", "efficient-loftr")
+SIZE = {"view_width_px": 256, "view_height_px": 160}
+
+
+@pytest.fixture(scope="module")
+def checkpoints(tmp_path_factory):
+    """A folder a pair, as the library saves its models."""
+    torch, transformers = pytest.importorskip("torch"), pytest.importorskip("transformers")
+    torch.set_num_threads(1)
+    torch.manual_seed(0)
+    transformers.utils.logging.disable_progress_bar()
+    models = {
+        "superpoint-nn": transformers.SuperPointForKeypointDetection(transformers.SuperPointConfig()),
+        "superpoint-superglue": transformers.SuperGlueForKeypointMatching(transformers.SuperGlueConfig(gnn_layers_types=["self", "cross"])),
+        "efficient-loftr": transformers.EfficientLoFTRForKeypointMatching(transformers.EfficientLoFTRConfig(stage_num_blocks=[1, 1, 1, 1])),
+    }
+    root = tmp_path_factory.mktemp("checkpoints")
+    for name, model in models.items():
+        for module in model.modules():  # the library's small random weights give all points the same descriptor
+            if isinstance(module, (torch.nn.Conv2d, torch.nn.Linear)):
+                torch.nn.init.kaiming_normal_(module.weight, nonlinearity="relu")
+        model.save_pretrained(root / name)
+    return root
+
+
+@pytest.fixture(scope="module")
+def images(rooms):
+    """Two overlapping grey views of one room, taken 0.5 m apart."""
+    rig = ViewRig(6, 256, 160, np.deg2rad(90))
+    views = [rig.cut(rooms[0].panorama("p", pose, 256).rgb)[0] for pose in (np.eye(4), pose_2d(0.4, 0.3, 0.2))]
+    return np.stack([cv2.cvtColor(cv2.cvtColor(view, cv2.COLOR_RGB2GRAY), cv2.COLOR_GRAY2RGB) for view in views])
+
+
+@pytest.fixture(scope="module")
+def make(checkpoints):
+    return lambda name, **settings: PAIRS[name](Keypoints.Config(pair=name, checkpoint=checkpoints / name, **SIZE, **settings))
+
+
+def plain_input(images):
+    """A pair of images as the library's processors hand it to a model, at the images' own size."""
+    import torch
+
+    return torch.from_numpy(np.stack(images)).permute(0, 3, 1, 2).float() / 255
+
+
+def test_superpoint_is_the_librarys(checkpoints, images, make):
+    import torch
+    from transformers import SuperPointForKeypointDetection
+
+    model = SuperPointForKeypointDetection.from_pretrained(checkpoints / "superpoint-nn", max_keypoints=200).eval()
+    with torch.inference_mode():
+        found = model(plain_input(images[:1]))
+    (view,) = make("superpoint-nn", max_keypoints=200).extract(images[:1])
+    assert len(view.points_px) == 200
+    np.testing.assert_allclose(view.points_px - 0.5, found.keypoints[0].numpy() * (256, 160), atol=1e-3)
+    np.testing.assert_allclose(view.features, found.descriptors[0].numpy(), atol=1e-3)
+
+
+def test_superglue_matches_are_the_librarys(checkpoints, images, make):
+    import torch
+    from transformers import SuperGlueForKeypointMatching
+    from transformers.models.superglue.image_processing_pil_superglue import SuperGlueImageProcessorPil
+
+    model = SuperGlueForKeypointMatching.from_pretrained(checkpoints / "superpoint-superglue").eval()
+    model.keypoint_detector.keypoint_decoder.max_keypoints = 100
+    with torch.inference_mode():
+        found = model(plain_input(images)[None])
+    plain = SuperGlueImageProcessorPil().post_process_keypoint_matching(found, [[(160, 256)] * 2])[0]
+    expected = np.hstack([plain["keypoints0"].numpy(), plain["keypoints1"].numpy()])
+
+    pair = make("superpoint-superglue", max_keypoints=100)
+    query, reference = pair.extract(images)
+    pixels, position = pair.match(query, reference)
+    received = np.hstack([pixels, reference.points_px[position]]) - 0.5
+    assert len(expected) > 20
+    # the library cuts its pixels down to whole numbers, after they went through shares of the image's size: up to 1 px less
+    offset = received[:, None] - expected[None]
+    same = ((offset > -0.01) & (offset < 1.01)).all(2)
+    # what is kept is float16, which turns some of the random network's undecided matches
+    assert same.any(1).mean() > 0.9
+    assert same.any(0).mean() > 0.9
+
+
+def test_superglue_gives_the_same_matches_twice_and_none_without_points(images, make):
+    pair = make("superpoint-superglue", max_keypoints=50)
+    query, reference = pair.extract(images)
+    np.testing.assert_array_equal(pair.match_descriptors(query, reference), pair.match_descriptors(query, reference))
+    few = View(reference.points_px[:7], reference.features[:7])
+    matches = pair.match_descriptors(query, few)
+    assert matches[:, 1].max(initial=0) < 7
+    assert pair.match_descriptors(few, query).shape[1] == 2
+    none = View(np.zeros((0, 2), np.float32), np.zeros((0, 257), np.float16))
+    assert pair.match_descriptors(query, none).shape == pair.match_descriptors(none, query).shape == (0, 2)
+    assert pair.retrieval_features(query).shape == (50, 256)
+
+
+def test_efficient_loftr_refines_matches_as_the_library_does(checkpoints, images, make, monkeypatch):
+    import torch
+    from transformers import EfficientLoFTRForKeypointMatching
+
+    # Every cell is matched with the one in the same place here: then the library's order is right.
+    scores = 0.9 * torch.eye(20 * 32).view(1, 20, 32, 20, 32)
+    find = EfficientLoFTRForKeypointMatching._get_matches_from_scores
+    monkeypatch.setattr(EfficientLoFTRForKeypointMatching, "_get_matches_from_scores", lambda model, _: find(model, scores))
+
+    pair = make("efficient-loftr")
+    query, reference = pair.extract(images)
+    decoded = np.stack([cv2.imdecode(view.features, cv2.IMREAD_GRAYSCALE) for view in (query, reference)])
+    model = EfficientLoFTRForKeypointMatching.from_pretrained(checkpoints / "efficient-loftr").eval()
+    with torch.inference_mode():
+        found = model(torch.from_numpy(decoded)[None, :, None].float() / 255)
+    expected = found.keypoints[0][:, found.matches[0, 0] >= 0].numpy() * (256, 160) + 0.5
+    inside = ((expected > 0) & (expected < (256, 160))).all((0, 2))
+    seen, known = expected[:, inside]
+    pixels, position = pair.match(query, reference)
+    assert len(pixels) == len(seen) > 300
+    on_grid = reference.points_px[position]
+    assert np.abs(on_grid - known).max() <= 1.001
+    np.testing.assert_allclose(pixels - seen, on_grid - known, atol=1e-3)
+
+
+def test_efficient_loftrs_cells_are_matched_one_to_one_whatever_their_order():
+    torch, transformers = pytest.importorskip("torch"), pytest.importorskip("transformers")
+    model = transformers.EfficientLoFTRForKeypointMatching(transformers.EfficientLoFTRConfig(stage_num_blocks=[1, 1, 1, 1]))
+    partner = torch.from_numpy(np.random.default_rng(0).permutation(144))
+    scores = torch.zeros(144, 144)
+    scores[torch.arange(144), partner] = 0.9
+    cells, confidence = in_one_order(model._get_matches_from_scores)(scores.view(1, 12, 12, 12, 12))
+    first, second = cells[0]
+    matched = first >= 0
+    assert matched.sum() > 20
+    assert (partner[first[matched]] == second[matched]).all()
+    assert ((second >= 0) == matched).all()
+    assert (confidence[0, :, matched] == 0.9).all()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_localizer_of_the_pair_builds_and_answers(name, checkpoints, rooms, tmp_path):
+    small = {"max_keypoints": 32, "views": 3, "view_width_px": 128, "view_height_px": 96, "hypotheses": 20}
+    localizer = Keypoints(Keypoints.Config(pair=name, checkpoint=checkpoints / name, **small))
+    localizer.build([rooms[0].frame("m", np.eye(4), "room 0", height=64)], Cache(tmp_path), "rooms")
+    blank = Panorama("blank", np.full((64, 128, 3), 90, np.uint8))
+    for query in (rooms[0].frame("query", np.eye(4), height=64), Frame("blank", lambda: blank)):
+        answer = localizer.localize(query)
+        assert answer.status in ("ok", "no-pose", "no-features")  # random weights match at random
+        assert answer.status == "no-features" or [place.place for place in answer.places] == ["room 0"]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_checkpoint_that_is_not_given_is_told_with_its_address_and_licence(name):
+    if any(importlib.util.find_spec(package) is None for package in PAIRS[name].requires):
+        pytest.skip("transformers is not installed")
+    with pytest.raises(WeightsMissing, match=r"set checkpoint to a folder with config\.json and model\.safetensors of https://huggingface\S+ \("):
+        Keypoints.check(Keypoints.Config(pair=name))
+
+
+def test_what_is_not_installed_is_told_with_its_extra(monkeypatch):
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(RequirementMissing, match=r"superpoint-nn needs torch, transformers, not installed: pip install 'salframe\[transformers\]'"):
+        Keypoints.check(Keypoints.Config(pair="superpoint-nn"))
+
+
+def test_another_model_a_damaged_file_and_another_architecture_are_one_clear_line(checkpoints, tmp_path, make):
+    def refused(match):
+        with pytest.raises(WeightsMissing, match=match) as caught:
+            PAIRS["superpoint-nn"](Keypoints.Config(pair="superpoint-nn", checkpoint=tmp_path / "model"))
+        assert "\n" not in str(caught.value)
+
+    refused(r"no file \S+config\.json, expected a folder with")
+    shutil.copytree(checkpoints / "superpoint-superglue", tmp_path / "model")
+    refused("has model_type 'superglue', expected 'superpoint'")
+    shutil.copy(checkpoints / "superpoint-nn" / "config.json", tmp_path / "model")
+    refused("model.safetensors does not fit SuperPointForKeypointDetection: ")
+    (tmp_path / "model" / "model.safetensors").write_bytes(b"hello")
+    refused("model.safetensors does not fit SuperPointForKeypointDetection: ")
+    (tmp_path / "model" / "config.json").write_text("{")
+    refused("is not JSON")
+
+
+def test_views_that_efficient_loftr_cannot_take_are_refused(checkpoints):
+    with pytest.raises(ConfigError, match="multiples of 32 pixels, received 240 x 176"):
+        PAIRS["efficient-loftr"](Keypoints.Config(pair="efficient-loftr", checkpoint=checkpoints, view_width_px=240, view_height_px=176))
+
+
+def test_every_pair_without_a_detector_keeps_images():
+    assert {name for name, pair in PAIRS.items() if issubclass(pair, ImagePair)} == {"loftr", "efficient-loftr"}
