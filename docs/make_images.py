@@ -20,6 +20,8 @@ from salframe.presets import configure, settings
 from salframe.registry import registry
 from salframe.report import RIGHT, WRONG
 from salframe.runs import Run
+from salframe.topology import build_topology
+from salframe.topology.picture import draw_topology
 from salframe.types import Annotations, FloorMasks, Panorama, SaliencyGraph
 
 IMAGES = Path(__file__).with_name("images")
@@ -120,6 +122,12 @@ def draw_floor(path: Path) -> None:
     figure.savefig(path, dpi=110, bbox_inches="tight")
 
 
+def draw_map(path: Path) -> None:
+    """The topological map of house-12."""
+    dataset = find_dataset("house-12", overrides=["data.rgb=false"])
+    draw_topology(build_topology(dataset.floors(), mapping_frames(dataset)), path)
+
+
 def _floor_picture(floor: FloorMasks) -> np.ndarray:
     """(rows, columns, 3) uint8: rooms in pale colours, obstacles darker, no floor white."""
     palette = np.array(plt.get_cmap("Pastel2").colors)
@@ -132,3 +140,4 @@ if __name__ == "__main__":
     IMAGES.mkdir(exist_ok=True)
     draw_panorama_graph(IMAGES / "panorama-graph.jpg")
     draw_floor(IMAGES / "floor.png")
+    draw_map(IMAGES / "topological-map.png")

@@ -46,7 +46,7 @@ class _GraphPlanner(Planner):
         before = self._before(first)
         walked = [last]
         while walked[-1] != first:
-            walked.append(int(before[walked[-1]]))
+            walked.append(before[walked[-1]])
             if walked[-1] == _NO_NODE:
                 raise NoRoute(f"no route from {start} to {goal}: they lie in parts of the map that no edge joins")
         walked.reverse()
@@ -58,8 +58,8 @@ class _GraphPlanner(Planner):
         """Take the (N, N) sparse matrix of edge lengths in."""
 
     @abstractmethod
-    def _before(self, start: int) -> np.ndarray:
-        """(N,) the node before each node on the shortest route from `start`."""
+    def _before(self, start: int) -> list[int]:
+        """The node before each of the N nodes on the shortest route from `start`."""
 
 
 class FloydWarshall(_GraphPlanner):
@@ -71,9 +71,9 @@ class FloydWarshall(_GraphPlanner):
     def _take(self, lengths_m: csr_matrix) -> None:
         from scipy.sparse.csgraph import floyd_warshall
 
-        self._all_before = floyd_warshall(lengths_m, return_predecessors=True)[1]
+        self._all_before = floyd_warshall(lengths_m, return_predecessors=True)[1].tolist()
 
-    def _before(self, start: int) -> np.ndarray:
+    def _before(self, start: int) -> list[int]:
         return self._all_before[start]
 
 
@@ -86,7 +86,7 @@ class Dijkstra(_GraphPlanner):
     def _take(self, lengths_m: csr_matrix) -> None:
         self._lengths_m = lengths_m
 
-    def _before(self, start: int) -> np.ndarray:
+    def _before(self, start: int) -> list[int]:
         from scipy.sparse.csgraph import dijkstra
 
-        return dijkstra(self._lengths_m, indices=start, return_predecessors=True)[1]
+        return dijkstra(self._lengths_m, indices=start, return_predecessors=True)[1].tolist()

@@ -96,7 +96,7 @@ class _Panel:
         self.image.paste(cut, tuple(np.round(corner).astype(int)))
 
     def _mark_node(self, node: MapNode, at: np.ndarray) -> None:
-        (x, y), r = at, 6 * _SMOOTH
+        (x, y), r = at, 7 * _SMOOTH
         if node.kind == "scene":
             self._draw.ellipse((x - r, y - r, x + r, y + r), _SCENE, _PAPER, _SMOOTH)
         else:

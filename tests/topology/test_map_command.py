@@ -1,0 +1,150 @@
+"""`salframe map`: build, show, route, query, export, and what a user gets wrong."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import networkx as nx
+import numpy as np
+import pytest
+from command_line import run
+from PIL import Image
+
+from salframe.localizer import MAP_FORMAT
+from salframe.registry import registry
+
+
+@pytest.fixture
+def rooms(fakes, monkeypatch: pytest.MonkeyPatch):
+    """The fakes with doors, and our planners."""
+    monkeypatch.setenv("SALFRAME_PLUGINS", "fake_plugin,doored_plugin,salframe_engines,salframe_planners")
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(Path(__file__).parent), os.environ["PYTHONPATH"]]))
+    registry.cache_clear()
+
+
+@pytest.fixture
+def built(rooms):
+    done = run("map", "build", "doored", "-o", "map", "--method", "reader")
+    assert done.code == 0, done.err
+    return done
+
+
+def test_build_writes_both_maps_whole(built, tmp_path):
+    assert built.out.splitlines()[0] == "map: 5 scene nodes, 4 transition nodes, 14 edges"  # frames and doors of a room, doors and doors
+    assert {path.name for path in (tmp_path / "map").iterdir()} == {
+        "topology.json", "nodes.parquet", "edges.parquet", "floors.npz", "map.json", "descriptions.npz"}  # fmt: skip
+    assert json.loads((tmp_path / "map" / "map.json").read_text())["format"] == MAP_FORMAT
+    assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
+    assert run("map", "build", "doored", "-o", "map", "--method", "reader", "--choose").code == 0
+    assert json.loads((tmp_path / "map" / "topology.json").read_text())["parameters"]["choose"] is True
+    assert run("localize", "map", "query-1-0", "--data", "doored").code == 0
+
+
+def test_route_prints_lengths_azimuths_and_turns(built):
+    """Frames stand 4 m apart at y = 0, doors 0.7 m south of that: the way is the taut string between the jambs."""
+    done = run("map", "route", "map", "room-0", "map-2", "--heading", "90", "--json").json
+    assert done["nodes"][0] == "map-0"
+    assert done["nodes"][-1] == "map-2"
+    assert done["length_m"] == pytest.approx(sum(step["length_m"] for step in done["steps"]))
+    assert 8.0 < done["length_m"] < 8.4
+    heading_deg, x, y = 90.0, 0.0, 0.0
+    for step in done["steps"]:
+        assert (heading_deg + step["turn_deg"] - step["azimuth_deg"] + 180) % 360 == pytest.approx(180)
+        heading_deg = step["azimuth_deg"]
+        x, y = (at + step["length_m"] * f(np.radians(heading_deg)) for at, f in ((x, np.cos), (y, np.sin)))
+    assert (x, y) == pytest.approx((8.0, 0.0), abs=1e-9)
+    said = run("map", "route", "map", "room-0", "map-2", "--heading", "90").out.splitlines()
+    assert said[0] == f"from map-0 to map-2: {done['length_m']:.2f} m"
+    first = done["steps"][0]
+    assert said[1] == f"   1. turn right {-first['turn_deg']:.0f} deg, walk {first['length_m']:.1f} m to {first['to']}"
+    assert run("map", "route", "map", "room-0", "map-2", "--planner", "floyd-warshall", "--heading", "90", "--json").json == done
+
+
+def test_query_finds_the_nearest_node_and_the_way_from_the_estimated_heading(built):
+    """The reader answers with the pose of its room's map frame: at (4, 0), looking along x."""
+    done = run("map", "query", "map", "query-1-0", "--data", "doored", "--to", "room-3", "--json").json
+    assert (done["status"], done["node"], done["distance_m"], done["heading_deg"]) == ("ok", "map-1", 0.0, 0.0)
+    assert done["route"]["nodes"][0] == "here"
+    assert done["route"]["nodes"][-1] == "map-3"
+    walked = [step for step in done["route"]["steps"] if step["length_m"]]
+    assert walked[0]["turn_deg"] == pytest.approx(walked[0]["azimuth_deg"])
+    said = run("map", "query", "map", "query-1-0", "--data", "doored").out
+    assert "pose: x 4.00 m, y 0.00 m, yaw 0.0 deg" in said
+    assert "nearest node: map-1, 0.00 m away" in said
+
+
+def test_a_query_that_is_not_localized_is_told(rooms):
+    assert run("map", "build", "doored", "-o", "map", "--method", "reader", "--set", "refuse_in=1").code == 0
+    done = run("map", "query", "map", "query-1-0", "--data", "doored")
+    assert done.code == 0
+    assert done.out.splitlines() == ["status: low-score", "nearest node: unknown"]
+    done = run("map", "query", "map", "query-1-0", "--data", "doored", "--to", "room-3")
+    assert (done.code, done.err.count("\n")) == (2, 1)
+    assert "no route from query-1-0 to room-3: query-1-0 was not localized at a node of the map (status low-score)" in done.err
+
+
+def test_show_and_export(built, tmp_path):
+    assert run("map", "show", "map").out.strip() == "map/map.png"
+    assert min(Image.open(tmp_path / "map" / "map.png").size) > 200
+    assert run("map", "show", "map", "-o", "other.png").code == 0
+    assert Image.open(tmp_path / "other.png").format == "PNG"
+    assert run("map", "export", "map", "map.graphml").code == run("map", "export", "map", "map.geojson").code == 0
+    assert len(nx.read_graphml(tmp_path / "map.graphml")) == 9
+    assert len(json.loads((tmp_path / "map.geojson").read_text())["features"]) == 9 + 14
+
+
+def test_a_dataset_without_frames_has_one_scene_node_a_region_and_no_localizer(rooms, tmp_path):
+    done = run("map", "build", "frameless", "-o", "map", "--method", "reader")
+    assert done.out.splitlines()[0].startswith("map: 5 scene nodes, 4 transition nodes, ")
+    assert not (tmp_path / "map" / "map.json").exists()
+    assert run("map", "route", "map", "room-0", "room-4", "--json").json["nodes"][0] == "room-0"
+    done = run("map", "query", "map", "query-1-0", "--data", "doored")
+    assert (done.code, done.err) == (2, "error: cannot read map/map.json: No such file or directory\n")
+
+
+def test_rooms_without_doors_are_built_and_said_to_be_apart(rooms):
+    done = run("map", "build", "rooms", "-o", "map", "--method", "reader")
+    assert "room-1 is out of reach of the floor's other regions: it has no door that the robot fits through" in done.out
+    done = run("map", "route", "map", "room-0", "room-1")
+    assert (done.code, done.err) == (
+        2, "error: no route from room-0 to room-1: they lie in parts of the map that no edge joins\n")  # fmt: skip
+
+
+def test_floors_above_each_other_are_said_to_be_apart(rooms):
+    done = run("map", "build", "storeys", "-o", "map", "--method", "reader")
+    assert done.code == 0
+    assert "  the 2 floors at z = 0.00, 3.00 m are not connected: no edge leads from one to another" in done.out.splitlines()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["build", "maskless", "-o", "new", "--method", "reader"], "maskless has no floor masks, expected a dataset that has"),
+        (["build", "crooked", "-o", "new", "--method", "reader"], "the region mask of a floor is 4 x 3 pixels, expected 100 x 16"),
+        (["build", "doored", "-o", ".", "--method", "reader"], ". holds something else than a map: name a new folder, or remove it"),
+        (["build", "doored", "-o", "new", "--method", "raeder"], "unknown method 'raeder', did you mean 'reader'?"),
+        (["route", "map", "room-0", "rom-1"], "unknown node or place 'rom-1', did you mean 'room-1'?"),
+        (["route", "map", "room-0", "room-1", "--planner", "dijkstr"], "unknown planner 'dijkstr', did you mean 'dijkstra'?"),
+        (["route", "absent", "room-0", "room-1"], "absent holds no topological map: make one with salframe map build DATA -o absent"),
+        (["show", "absent"], "absent holds no topological map"),
+        (["export", "map", "map.dot"], "received the file map.dot, expected one that ends in .graphml or .geojson"),
+        (["query", "map", "query-1-9", "--data", "doored"], "unknown frame 'query-1-9'"),
+        (["query", "map", "query-1-0", "--data", "doored", "--to", "rom-1"], "unknown node or place 'rom-1', did you mean 'room-1'?"),
+    ],
+)
+def test_what_a_user_gets_wrong_is_one_line(built, tmp_path, arguments, message):
+    done = run("map", *arguments)
+    assert done.code == 2
+    assert done.err.startswith("error: ")
+    assert done.err.count("\n") == 1
+    assert message in done.err
+    assert not (tmp_path / "new").exists()
+
+
+def test_a_failed_build_leaves_the_old_map(built, tmp_path):
+    before = {path.name: path.read_bytes() for path in (tmp_path / "map").iterdir()}
+    assert run("map", "build", "doored", "-o", "map", "--method", "reader", "--set", "data.broken=[map-3]", "--set", "data.rooms=6").code == 2
+    assert {path.name: path.read_bytes() for path in (tmp_path / "map").iterdir()} == before
+    assert sorted(path.name for path in tmp_path.iterdir() if "map" in path.name) == ["map"]
