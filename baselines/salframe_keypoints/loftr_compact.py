@@ -1,0 +1,149 @@
+"""`loftr-compact`: a small LoFTR, trained by `python -m salframe_keypoints.training` and shipped with salframe; onnxruntime alone runs it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from salframe.errors import ConfigError, WeightsMissing
+from salframe.onnx import open_model
+from salframe.weights import Progress, Weights, WeightsFile
+from salframe_keypoints.images import ImagePair, decode
+from salframe_keypoints.pairs import View
+
+FILES = ("features.onnx", "coarse.onnx", "fine.onnx")
+STATE = "state.pt"
+"""The same weights for kornia's module, beside FILES."""
+
+FOLDER = Path(__file__).with_name("loftr_compact_weights")
+ARCHITECTURE = {
+    "resnetfpn": {"initial_dim": 16, "block_dims": [16, 32, 64]},
+    "coarse": {"d_model": 64, "d_ffn": 64, "nhead": 4, "layer_names": ["self", "cross"] * 2, "temp_bug_fix": True},
+    "match_coarse": {"border_rm": 0},
+    "fine": {"d_model": 16, "d_ffn": 16, "nhead": 2},
+}
+"""What it changes in kornia's default_cfg: with this as `loftr_config`, `pair: loftr` runs its state in kornia."""
+
+STRIDE_PX, FINE_STRIDE_PX, WINDOW = 8, 2, 5
+"""Pixels between cells of the coarse and of the fine grid, and cells along a side of the fine stage's window: kornia's defaults."""
+
+LARGEST_PX = 512
+"""Sides of a view; the position encoding in the file goes no further."""
+
+THRESHOLD = 0.2
+REMEMBERED = 32
+"""Views whose features are kept: those of a query are matched with one map frame after the other."""
+
+
+@dataclass(frozen=True)
+class Shipped:
+    """Files that come with this package."""
+
+    folder: Path
+
+    def __str__(self) -> str:
+        return "comes with salframe"
+
+    def installed(self, file: WeightsFile) -> Path | None:
+        """The file, or None where it is missing."""
+        path = self.folder / file.name
+        return path if path.is_file() else None
+
+    def fetch(self, files: tuple[WeightsFile, ...], directory: Path, progress: Progress) -> None:
+        """Raises WeightsMissing: there is nowhere else to get them from."""
+        raise WeightsMissing(f"{self.folder} should hold {', '.join(file.name for file in files)} as installed: install salframe again")
+
+
+LOFTR_COMPACT = Weights(
+    name="loftr-compact",
+    licence="Apache-2.0",
+    files=(
+        WeightsFile(FILES[0], "", 0),
+        WeightsFile(FILES[1], "", 0),
+        WeightsFile(FILES[2], "", 0),
+    ),
+    source=Shipped(FOLDER),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Features:
+    """Of an image: tokens (1, L, C) of its coarse grid, row by row, `columns` in a row; fine map (1, D, h / 2, w / 2)."""
+
+    tokens: np.ndarray
+    fine: np.ndarray
+
+    @property
+    def columns(self) -> int:
+        return self.fine.shape[3] * FINE_STRIDE_PX // STRIDE_PX
+
+
+class Network:
+    """The three parts of the network, and what kornia's LoFTR does between them in numpy."""
+
+    def __init__(self, paths: tuple[Path, ...]) -> None:
+        """Raises WeightsMissing where a file is no such network."""
+        features, coarse, fine = paths
+        self._features = open_model(features, [(1, 1, None, None)])
+        self._coarse = open_model(coarse, [(1, None, None)] * 2)
+        self._fine = open_model(fine, [(None, WINDOW**2, None)] * 2 + [(None, None)] * 2)
+
+    def features(self, image: np.ndarray) -> Features:
+        """Of a grey image (h, w) uint8 whose sides are multiples of STRIDE_PX up to LARGEST_PX."""
+        return Features(*self._features.run(image[None, None].astype(np.float32) / 255))
+
+    def match(self, first: Features, second: Features, threshold: float = THRESHOLD) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Cells (M,) int64 of the first image, points (M, 2) float32 of the second in pixels, and confidences (M,).
+
+        A match is each the other's most confident one, above the threshold (LoFTR section 3.3); the fine stage then moves its second point.
+        """
+        confidence, *tokens = self._coarse.run(first.tokens, second.tokens)
+        cells, second_cells, best = mutual_maxima(confidence[0], threshold)
+        if not len(cells):
+            return cells, np.zeros((0, 2), np.float32), best
+        offset = self._fine.run(
+            windows(first, cells), windows(second, second_cells), tokens[0][0, cells], tokens[1][0, second_cells],
+        )[0]  # fmt: skip
+        grid = np.stack([second_cells % second.columns, second_cells // second.columns], 1) * STRIDE_PX
+        return cells, (grid + offset * (WINDOW // 2 * FINE_STRIDE_PX)).astype(np.float32), best
+
+
+def mutual_maxima(confidence: np.ndarray, threshold: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rows, columns and values of a matrix's entries above the threshold that are the greatest of both their row and their column."""
+    columns = confidence.argmax(1)
+    best = confidence.max(1)
+    rows = np.flatnonzero((best > threshold) & (confidence.max(0)[columns] == best))
+    return rows, columns[rows], best[rows]
+
+
+def windows(features: Features, cells: np.ndarray) -> np.ndarray:
+    """(M, WINDOW * WINDOW, D) fine features around coarse cells (M,), row by row; zero beyond the image."""
+    margin, step = WINDOW // 2, STRIDE_PX // FINE_STRIDE_PX
+    padded = np.pad(features.fine[0], ((0, 0), (margin, margin), (margin, margin)))
+    around = np.arange(WINDOW)
+    rows = (cells // features.columns * step)[:, None, None] + around[:, None]
+    columns = (cells % features.columns * step)[:, None, None] + around
+    return padded[:, rows, columns].transpose(1, 2, 3, 0).reshape(len(cells), WINDOW**2, -1)
+
+
+class LoftrCompact(ImagePair):
+    """The small LoFTR on grey views; their points are the cells of its coarse grid."""
+
+    weights = (LOFTR_COMPACT,)
+    stride_px = STRIDE_PX
+
+    def __init__(self, config) -> None:
+        super().__init__(config)
+        size_px = config.view_width_px, config.view_height_px
+        if any(side % STRIDE_PX or side > LARGEST_PX for side in size_px):
+            raise ConfigError(f"loftr-compact: views of {size_px[0]} x {size_px[1]} pixels, expected multiples of {STRIDE_PX} up to {LARGEST_PX}")
+        self._network = Network(LOFTR_COMPACT.paths(config.checkpoint))
+        self._see = lru_cache(maxsize=REMEMBERED)(lambda jpeg: self._network.features(decode(jpeg)))
+
+    def match(self, query: View, reference: View) -> tuple[np.ndarray, np.ndarray]:
+        """See Pair. The reference is LoFTR's first image, whose matches lie on the grid; those of the second are refined off it."""
+        cells, points, _ = self._network.match(self._see(reference), self._see(query))
+        return points, cells

@@ -1,0 +1,37 @@
+"""`python -m salframe_keypoints.training FOLDER`: render, train and export `loftr-compact`; the same command resumes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from salframe.config import merge, nest, parse_override, validate
+from salframe.errors import SalframeError
+from salframe_keypoints.training.export import export
+from salframe_keypoints.training.panoramas import render
+from salframe_keypoints.training.settings import Training
+from salframe_keypoints.training.train import train
+
+
+def main(
+    folder: Annotated[Path, typer.Argument(help="where checkpoint, log and the ONNX files go")],
+    overrides: Annotated[list[str] | None, typer.Option("--set", help="key.path=value, as in Training; repeatable")] = None,
+) -> None:
+    """Render the panoramas, train, and export; what is done already is not done again."""
+    settings: dict = {}
+    for text in overrides or []:
+        settings = merge(settings, nest(*parse_override(text)))
+    try:
+        config = validate(Training, settings, "training")
+        buildings = max(stage.buildings for stage in config.stages)
+        seeds = range(config.held_out_seed, config.held_out_seed + 1 + buildings)
+        render(config.panoramas, seeds, lambda done, total: print(f"buildings {done}/{total}", flush=True))
+        export(train(config, folder, lambda row: print(row, flush=True)), folder)
+    except SalframeError as error:
+        raise SystemExit(f"error: {error}") from None
+
+
+if __name__ == "__main__":
+    typer.run(main)
