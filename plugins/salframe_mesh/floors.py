@@ -23,7 +23,7 @@ _BELOW_M = 0.3
 """A scanned floor is uneven: it is looked for down to this far below its stated height."""
 _MARGIN_M = 0.4
 """Outlines end at the walls: floor this near to a room, as in a doorway, belongs to it."""
-_POCKET_M2 = 0.5
+_POCKET_M2 = 1.0
 """Free patches smaller than this are the insides of furniture and walls."""
 
 

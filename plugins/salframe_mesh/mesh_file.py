@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from salframe.errors import DataError
+from salframe.errors import DataError, RequirementMissing
 
 SUFFIXES = (".obj", ".glb", ".ply")
 _GREY = (200, 200, 200)
@@ -32,9 +32,14 @@ class Surface:
 
 
 def read_mesh(path: Path, up: str) -> Surface:
-    """Read a mesh file whose axis `up` ("z" or "y") points up. Raises DataError where it is missing, unreadable or has no faces."""
-    import open3d
+    """Read a mesh file whose axis `up` ("z" or "y") points up.
 
+    Raises DataError where it is missing, unreadable or has no faces, RequirementMissing where Open3D lacks a library of the system.
+    """
+    try:
+        import open3d
+    except (ImportError, OSError) as error:
+        raise RequirementMissing(f"Open3D cannot be loaded: {error} (on Debian and Ubuntu: apt install libusb-1.0-0 libegl1 libgl1 libx11-6)") from None
     if path.suffix.lower() not in SUFFIXES:
         raise DataError(f"{path} is no mesh, expected a name that ends in {', '.join(SUFFIXES)}")
     if not path.is_file():

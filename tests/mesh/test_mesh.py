@@ -1,6 +1,7 @@
 """Panoramas of meshes: colours where a wall has them, and the ranges of a generated building, beside its own renderer."""
 
 import json
+import sys
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from salframe_mesh.floors import floor_masks, read_rooms
 from salframe_mesh.mesh_file import read_mesh
 from salframe_mesh.renderer import Renderer
 
-from salframe.errors import DataError
+from salframe.errors import DataError, RequirementMissing
 from salframe.geometry import pose_2d, rays_to_pixels
 from salframe.testing import check_component
 
@@ -50,6 +51,19 @@ def test_colours_of_vertices_are_blended_over_polygons(tmp_path):
     panorama = Renderer(read_mesh(tmp_path / "quad.ply", "z")).render(np.eye(4), 256, "p")
     for y, z in ((0.9, 0.9), (-0.5, 0.2), (0.3, -0.7)):
         assert color_towards(panorama, 2, y, z) == pytest.approx((100 * (1 - y), 0, 50 * (1 + z)), abs=2)
+
+
+def test_a_library_that_open3d_lacks_is_named(tmp_path, monkeypatch):
+    class Finder:
+        def find_spec(self, name, path=None, target=None):
+            if name == "open3d":
+                raise OSError("libusb-1.0.so.0: cannot open shared object file")
+
+    write_obj(tmp_path)
+    monkeypatch.setattr(sys, "meta_path", [Finder(), *sys.meta_path])
+    monkeypatch.delitem(sys.modules, "open3d")
+    with pytest.raises(RequirementMissing, match=r"Open3D cannot be loaded: libusb-1\.0\.so\.0.*apt install libusb-1\.0-0"):
+        read_mesh(tmp_path / "room.obj", "z")
 
 
 @pytest.fixture(scope="module")
