@@ -175,7 +175,7 @@ def read_frames(path: Path) -> list[FrameSpec]:
         absent = set(_COLUMNS) - set(reader.fieldnames or ())
         if absent:
             raise DataError(f"{path} has no column {' and no column '.join(sorted(absent))}, expected {', '.join(_COLUMNS)}")
-        specs = []
+        specs: list[FrameSpec] = []
         for number, row in enumerate(reader, 2):
             try:
                 spec = FrameSpec(row["id"], row["role"], row["place"], *(float(row[name]) for name in _COLUMNS[3:]))
@@ -195,7 +195,7 @@ def beside(mapped: Sequence[FrameSpec], floors: Sequence[FloorMasks], per_frame:
     """Queries in the open, on the floor of their map frame's room, 0.3 to 1.1 m from it, turned at random; none where there is no such floor."""
     from scipy import ndimage
 
-    queries = []
+    queries: list[FrameSpec] = []
     clearance = [floor.resolution_m * ndimage.distance_transform_edt(floor.free & ~floor.obstacle) for floor in floors]
     for index, frame in enumerate(mapped):
         random = np.random.default_rng((seed, index))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -39,7 +39,8 @@ def read_mesh(path: Path, up: str) -> Surface:
     try:
         import open3d
     except (ImportError, OSError) as error:
-        raise RequirementMissing(f"Open3D cannot be loaded: {error} (on Debian and Ubuntu: apt install libusb-1.0-0 libegl1 libgl1 libx11-6)") from None
+        hint = "on Debian and Ubuntu: apt install libusb-1.0-0 libegl1 libgl1 libx11-6"
+        raise RequirementMissing(f"Open3D cannot be loaded: {error} ({hint})") from None
     if path.suffix.lower() not in SUFFIXES:
         raise DataError(f"{path} is no mesh, expected a name that ends in {', '.join(SUFFIXES)}")
     if not path.is_file():
@@ -56,7 +57,7 @@ def read_mesh(path: Path, up: str) -> Surface:
     if not parts:
         raise DataError(f"{path} is no mesh with faces, expected triangles or polygons")
     surface = _joined(parts, tuple(looks))
-    return surface if up == "z" else Surface(surface.vertices_m @ _TO_Z_UP.T, *(getattr(surface, name) for name in list(Surface.__annotations__)[1:]))
+    return surface if up == "z" else replace(surface, vertices_m=surface.vertices_m @ _TO_Z_UP.T)
 
 
 def _plain(rgb) -> np.ndarray:
@@ -83,7 +84,6 @@ def _joined(parts: list, looks: tuple[np.ndarray, ...]) -> Surface:
         paint.append(np.full(len(corners), look, np.int32))
         has_uv = len(mesh.triangle_uvs) == 3 * len(corners)
         uv.append(np.asarray(mesh.triangle_uvs, np.float32).reshape(-1, 3, 2) if has_uv else np.zeros((len(corners), 3, 2), np.float32))
-        shade = np.asarray(mesh.vertex_colors, np.float32) * 255 if mesh.has_vertex_colors() else np.full(vertices[-1].shape, 255, np.float32)
-        colors.append(shade)
+        colors.append(np.asarray(mesh.vertex_colors, np.float32) * 255 if mesh.has_vertex_colors() else np.full_like(vertices[-1], 255))
         first += len(vertices[-1])
-    return Surface(*map(np.concatenate, (vertices, triangles, paint, uv, colors)), looks)
+    return Surface(*(np.concatenate(arrays) for arrays in (vertices, triangles, paint, uv, colors)), looks)
