@@ -46,7 +46,10 @@ OURS = [component for component, package in registry() if package == "salframe"]
 
 @pytest.mark.parametrize("component", [c for c in OURS if c.role not in ("dataset", "localizer")], ids=lambda component: component.name)
 def test_every_stage_of_ours_conforms(component):
-    check_component(component)
+    try:
+        check_component(component)
+    except WeightsMissing as error:
+        pytest.skip(str(error))
 
 
 def slow(name: str):

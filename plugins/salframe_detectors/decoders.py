@@ -86,7 +86,7 @@ def yolov8_seg(outputs: Sequence[np.ndarray], asked: Question) -> list[Found]:
 
 
 def detr(outputs: Sequence[np.ndarray], asked: Question) -> list[Found]:
-    """DETR: logits (B, queries, classes + 1), the last "no object", softmax; boxes (B, queries, 4), centre and size as shares of the image."""
+    """DETR: logits (B, queries, classes + 1), the last "no object", softmax; boxes (B, queries, 4), centre and size as shares."""
     logits, boxes = _shaped("detr", outputs, (None, asked.classes + 1), (None, 4))
     odds = np.exp(logits - logits.max(-1, keepdims=True))
     return _pick_shares(boxes, (odds / odds.sum(-1, keepdims=True))[..., :-1], asked)
@@ -113,7 +113,7 @@ def suppress(found: Found, overlap: float) -> Found:
 
 
 def _shaped(name: str, outputs: Sequence[np.ndarray], *shapes: tuple[int | None, ...]) -> list[np.ndarray]:
-    """The outputs with these shapes after the batch axis (None: any length), in this order. Raises WeightsMissing where there are no such."""
+    """The outputs with these shapes after the batch axis (None: any length), in this order. Raises WeightsMissing where one is absent."""
     found, left = [], list(range(len(outputs)))
     for shape in shapes:
         fitting = [i for i in left if _fits(outputs[i].shape[1:], shape)]
@@ -143,7 +143,7 @@ def _pick(centre_px: np.ndarray, size_px: np.ndarray, scores: np.ndarray, asked:
 
 
 def _pick_from(centre_px: np.ndarray, size_px: np.ndarray, scores: np.ndarray, asked: Question) -> tuple[Found, np.ndarray]:
-    """The candidates (n, 2), (n, 2), (n, classes) that score enough, by their best class, cut at the image's border; and their positions."""
+    """The candidates (n, 2), (n, 2), (n, classes) that score enough, by their best class, cut at the border; and their positions."""
     label = scores.argmax(1)
     score = scores[np.arange(len(scores)), label].astype(np.float64)
     kept = np.flatnonzero(score >= asked.min_score)

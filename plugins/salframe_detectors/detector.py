@@ -45,12 +45,12 @@ class OnnxDetector(Detector):
         labels: Literal["coco-80"] | tuple[str, ...] = Field("coco-80", description="the classes in the network's order")
         size_px: tuple[int, int] | None = Field(None, description="width and height of the network's images; null: as the file says")
         channels: Literal["bgr", "rgb"] = Field("bgr", description="order of the colours")
-        scale: float = Field(1.0, gt=0, description="a colour from 0 to 255 is multiplied by this, then `mean` is taken off, then divided by `std`")
+        scale: float = Field(1.0, gt=0, description="a colour from 0 to 255 becomes (colour * scale - mean) / std")
         mean: tuple[float, float, float] = Field((0, 0, 0), description="in the order of `channels`")
         std: tuple[float, float, float] = Field((1, 1, 1), description="in the order of `channels`")
-        fill: int = Field(114, ge=0, le=255, description="colour of what a partial panorama did not see: what the network's images are padded with")
+        fill: int = Field(114, ge=0, le=255, description="colour of what a partial panorama did not see")
         min_score: float = Field(0.3, gt=0, le=1, description="a detection that scores less is none")
-        overlap: float = Field(0.45, gt=0, lt=1, description="boxes of a class in one view are one object above this intersection over union")
+        overlap: float = Field(0.45, gt=0, lt=1, description="boxes of a class in a view are one object above this intersection over union")
         fov_deg: float = Field(90.0, ge=LEAST_FOV_DEG, le=120, description="field of view across the shorter side of a view")
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
@@ -117,11 +117,14 @@ class OnnxDetector(Detector):
         """What the network finds in each view (V, height, width, 3) uint8 RGB."""
         found = []
         ordered = views[..., ::-1] if self.config.channels == "bgr" else views
+        scale, mean, std = (np.float32(value).reshape(-1, 1, 1) for value in (self.config.scale, self.config.mean, self.config.std))
         for first in range(0, len(views), BATCH):
-            batch = ordered[first : first + BATCH].astype(np.float32)
-            batch = (batch * np.float32(self.config.scale) - np.float32(self.config.mean)) / np.float32(self.config.std)
+            batch = ordered[first : first + BATCH].transpose(0, 3, 1, 2).astype(np.float32, order="C")
+            batch *= scale
+            batch -= mean
+            batch /= std
             try:
-                found += self.decode(self._model.run(np.ascontiguousarray(batch.transpose(0, 3, 1, 2))), self._asked)
+                found += self.decode(self._model.run(batch), self._asked)
             except WeightsMissing as error:
                 raise WeightsMissing(f"{self._path}: {error}") from None
         return [suppress(one, self.config.overlap) for one in found]

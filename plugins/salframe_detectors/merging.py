@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 AGREEMENT = 0.2
-"""Two views show the same object above this intersection over union. Low, because the box that a tilted view draws is another one on the sphere.
-Boxes drawn around the 598 objects of two rendered homes, and cut at the views' borders: 2 objects came out twice (17 at 0.45), none with another."""
+"""Two views show the same object above this intersection over union. Low, because the box that a tilted view draws is another one on the
+sphere. Boxes around the 598 objects of two rendered homes, cut at the views' borders: 2 objects came out twice (17 at 0.45), none were
+mixed."""
 LEAST_SHARED = 0.1
 """Two detections agree on no less than this share of the smaller: slivers at the border of two views prove nothing."""
 
@@ -14,9 +15,9 @@ LEAST_SHARED = 0.1
 def group(footprint: np.ndarray, view: np.ndarray, seen: np.ndarray, solid_angle_sr: np.ndarray) -> list[np.ndarray]:
     """Which detections of one class are the same object: arrays of positions, one an object.
 
-    footprint (D, P) bool: the pixels of the sphere that each covers; view (D,) the view that it was found in; seen (V, P) bool: the pixels that each
-    view shows; solid_angle_sr (P,). Two views show the same object where, in the part of the sphere that both show, the intersection of the
-    detections over their union exceeds AGREEMENT: so what one view cuts off is made up by the other. A view shows an object once; the pairs
+    footprint (D, P) bool: the pixels of the sphere that each covers; view (D,) the view that it was found in; seen (V, P) bool: the pixels
+    that each view shows; solid_angle_sr (P,). Two views show the same object where, in the part of the sphere that both show, the
+    intersection of the detections over their union exceeds AGREEMENT: so what one view cuts off is made up by the other. A view shows an object once; the pairs
     that agree most are joined first.
     """
     used = footprint.any(0)

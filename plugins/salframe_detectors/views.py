@@ -43,10 +43,11 @@ class Rig:
         rows = 4 * round(self.focal_px * np.pi / 4)
         if image.shape[0] > 2 * rows:
             image = cv2.resize(image, (2 * rows, rows), interpolation=cv2.INTER_AREA)
-        views = []
-        for (columns, sampled_rows), (count, _) in zip(_sampling(self, image.shape[0]), RINGS, strict=True):
+        height, width = image.shape[:2]
+        twice, views = np.hstack([image, image]), []
+        for (columns, sampled_rows), (count, _) in zip(_sampling(self, height), RINGS, strict=True):
             for turned in range(count):
-                seen = np.roll(image, _shift(turned, count, image.shape[1]), axis=1)
+                seen = twice[:, width - _shift(turned, count, width) :][:, :width]
                 views.append(cv2.remap(seen, columns, sampled_rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP))
         return np.stack(views)
 
@@ -77,7 +78,7 @@ class Grid:
         return np.reshape(image[:: self.step, :: self.step], (self.shape[0] * self.shape[1], *image.shape[2:]))
 
     def footprint(self, view: int, box_px: np.ndarray, mask: np.ndarray | None = None) -> np.ndarray:
-        """(P,) bool: the pixels of the grid inside a box (left, top, right, bottom) of a view, and inside its mask (height, width) if it has one."""
+        """(P,) bool: the grid's pixels inside a box (left, top, right, bottom) of a view, and inside its mask (height, width) if any."""
         ring, turned = ring_of(view)
         x, y = self.x_px[ring], self.y_px[ring]
         inside = (x >= box_px[0]) & (x <= box_px[2]) & (y >= box_px[1]) & (y <= box_px[3])

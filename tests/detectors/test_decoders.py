@@ -1,5 +1,8 @@
 """Known boxes written as each kind of network gives them, and read back."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 from salframe_detectors.decoders import DECODERS, Found, Question, suppress
@@ -104,3 +107,13 @@ def test_of_overlapping_boxes_of_a_class_the_best_is_kept():
     assert sorted(zip(kept.label.tolist(), kept.score.tolist(), strict=True)) == [(0, 0.7), (1, 0.5), (1, 0.8)]
     assert len(suppress(found, 0.85).score) == 4
     assert len(suppress(found.take(np.zeros(0, int)), 0.45).score) == 0
+
+
+def test_the_decoder_that_the_documentation_adds_works():
+    page = (Path(__file__).parents[2] / "docs" / "how-to" / "detectors.md").read_text()
+    written: dict = {}
+    exec(re.search(r"```python\n(.*?)```", page, re.DOTALL)[1], written)
+    raw = np.hstack([BOXES, SCORE[:, None], LABEL[:, None]])[None]
+    (found,) = written["EndToEnd"].decode(None, [np.concatenate([raw, raw * (1, 1, 1, 1, 0.1, 1)], 1)], ASKED)
+    assert found.box_px.tolist() == BOXES.tolist()
+    assert (found.score.tolist(), found.label.tolist()) == (SCORE.tolist(), LABEL.tolist())

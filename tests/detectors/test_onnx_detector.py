@@ -1,4 +1,4 @@
-"""Coloured patches on the sphere, found by a network of known answers: positions in closed form, also at the seam, the poles and views' borders."""
+"""Coloured patches found by a network of known answers: positions in closed form, also at the seam, the poles and views' borders."""
 
 from dataclasses import replace
 
