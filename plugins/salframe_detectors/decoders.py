@@ -32,6 +32,10 @@ class Found:
         """What was found at these positions."""
         return Found(self.box_px[index], self.score[index], self.label[index], None if self.mask is None else self.mask[index])
 
+    def masks(self) -> Sequence[np.ndarray | None]:
+        """The mask of each, None where only boxes are known."""
+        return [None] * len(self.score) if self.mask is None else list(self.mask)
+
 
 @dataclass(frozen=True)
 class Question:

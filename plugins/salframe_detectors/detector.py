@@ -17,7 +17,7 @@ from salframe.types import Detections, Panorama
 from salframe_detectors.decoders import DECODERS, Found, Question, suppress
 from salframe_detectors.depth import foreground
 from salframe_detectors.merging import group, outline
-from salframe_detectors.views import LEAST_FOV_DEG, Rig
+from salframe_detectors.views import LEAST_FOV_DEG, Grid, Rig
 from salframe_detectors.zoo import COCO_80, ZOO
 
 BATCH = 4
@@ -90,25 +90,24 @@ class OnnxDetector(Detector):
         image = panorama.rgb
         if panorama.valid is not None:
             image = np.where(panorama.valid[..., None], image, np.uint8(self.config.fill))
-        found = self._look(self._rig.cut(image))
         grid = self._rig.grid(len(image))
-        view = np.repeat(np.arange(len(found)), [len(f.score) for f in found])
-        label = np.concatenate([f.label for f in found])
-        score = np.concatenate([f.score for f in found])
-        marked = [
-            grid.footprint(v, f.box_px[i], None if f.mask is None else f.mask[i]) for v, f in enumerate(found) for i in range(len(f.score))
-        ]
-        footprint = np.array(marked, bool).reshape(len(view), grid.rays.shape[0])
-        range_m = None if panorama.range_m is None else grid.thin(panorama.range_m)
+        return self._join(self._look(self._rig.cut(image)), grid, None if panorama.range_m is None else grid.thin(panorama.range_m))
+
+    def _join(self, found: list[Found], grid: Grid, range_m: np.ndarray | None) -> Detections:
+        """The objects behind what was found in each view; range_m (P,) at the grid's pixels."""
+        view = np.repeat(np.arange(len(found)), [len(one.score) for one in found])
+        label, score = (np.concatenate([getattr(one, name) for one in found]) for name in ("label", "score"))
+        marked = [grid.footprint(v, box, mask) for v, one in enumerate(found) for box, mask in zip(one.box_px, one.masks(), strict=True)]
+        footprint = np.array(marked, bool).reshape(len(view), len(grid.rays))
         labels, scores, points = [], [], []
         for kind in np.unique(label):
             alike = np.flatnonzero(label == kind)
             for members in group(footprint[alike], view[alike], grid.seen, grid.solid_angle_sr):
-                one = alike[members]
-                inside = np.flatnonzero(outline(footprint[one], view[one], grid.seen))
+                own = alike[members]
                 labels.append(self._labels[kind])
-                scores.append(score[one].max())
+                scores.append(score[own].max())
                 if range_m is not None:
+                    inside = np.flatnonzero(outline(footprint[own], view[own], grid.seen))
                     inside = inside[foreground(range_m[inside], grid.solid_angle_sr[inside])]
                     points.append(grid.rays[inside] * range_m[inside, None])
         return _detections(labels, np.array(scores, float), None if range_m is None else points)

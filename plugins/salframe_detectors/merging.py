@@ -17,8 +17,8 @@ def group(footprint: np.ndarray, view: np.ndarray, seen: np.ndarray, solid_angle
 
     footprint (D, P) bool: the pixels of the sphere that each covers; view (D,) the view that it was found in; seen (V, P) bool: the pixels
     that each view shows; solid_angle_sr (P,). Two views show the same object where, in the part of the sphere that both show, the
-    intersection of the detections over their union exceeds AGREEMENT: so what one view cuts off is made up by the other. A view shows an object once; the pairs
-    that agree most are joined first.
+    intersection of the detections over their union exceeds AGREEMENT: so what one view cuts off is made up by the other. A view shows an
+    object once; the pairs that agree most are joined first.
     """
     used = footprint.any(0)
     covered, area = footprint[:, used].astype(np.float32), solid_angle_sr[used]
