@@ -1,9 +1,10 @@
-"""Line baseline: line segments on the sphere, after LDL and FGPL."""
+"""Line baseline: line segments on the sphere and in the room, their distance functions, and a pose, after LDL and FGPL."""
 
 import salframe
+from salframe_lines.localizer import Lines
 
 
 @salframe.hookimpl
 def salframe_components() -> list[type]:
-    """None yet."""
-    return []
+    """The `lines` localizer."""
+    return [Lines]

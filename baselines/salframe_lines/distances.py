@@ -1,0 +1,60 @@
+"""Line distance functions (LDL, section 3): how far each point of the sphere is from the nearest line along each principal direction."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from salframe_lines.arcs import Arcs, Lines3d, seen_from
+
+CODES_PER_RAD, LARGEST_CODE = 128, 200
+"""Distances are kept as uint8, none larger than 1.56 rad: what is left of 256 keeps differences that wrap around from being small."""
+CHUNK = 8
+"""Positions computed at once: few enough that the arrays stay in the processor's cache."""
+
+
+def sphere_points(count: int) -> np.ndarray:
+    """(count, 3) float32 unit vectors spread evenly over the sphere: a Fibonacci lattice."""
+    number = np.arange(count) + 0.5
+    z = 1 - 2 * number / count
+    angle_rad, radius = np.pi * (1 + np.sqrt(5)) * number, np.sqrt(1 - z**2)
+    return np.stack([radius * np.cos(angle_rad), radius * np.sin(angle_rad), z], axis=1).astype(np.float32)
+
+
+def distance_codes(arcs: Sequence[Arcs], points: np.ndarray) -> np.ndarray:
+    """(..., 3 Q) uint8: distances from each sphere point (Q, 3) to the nearest arc along x, then y, then z; arcs in batches (..., N)."""
+    codes = []
+    for axis, (around_rad, along_rad) in enumerate(arcs):
+        cosine = _nearest_cosines(around_rad, along_rad, np.roll(points, -axis, axis=1))
+        codes.append(np.minimum(np.arccos(np.clip(cosine, -1, 1)) * CODES_PER_RAD, LARGEST_CODE).astype(np.uint8))
+    return np.concatenate(codes, axis=-1)
+
+
+def _nearest_cosines(around_rad, along_rad, points):
+    """(..., Q) cosine of the angle from points (Q, 3), first coordinate along the arcs' axis, to the nearest arc; -1 where there is none.
+
+    In an arc's plane a point has two coordinates, along the axis and away from it: their length is the cosine to the great circle, which holds
+    between the arc's ends; elsewhere the nearer end counts.
+    """
+    around_rad, along_rad = around_rad.astype(np.float32)[..., None], along_rad.astype(np.float32)
+    low_rad, high_rad = along_rad[..., 0, None], along_rad[..., 1, None]
+    away = np.cos(around_rad) * points[:, 1] + np.sin(around_rad) * points[:, 2]
+    to_low = np.cos(low_rad) * points[:, 0] + np.sin(low_rad) * away
+    to_high = np.cos(high_rad) * points[:, 0] + np.sin(high_rad) * away
+    opening = np.cos(high_rad - low_rad)
+    between = (to_high > opening * to_low) & (to_low > opening * to_high)
+    cosines = np.where(between, np.sqrt(points[:, 0] ** 2 + away**2), np.maximum(to_low, to_high))
+    return cosines.max(axis=-2, initial=-1)
+
+
+def distance_codes_from(lines: Sequence[Lines3d], positions_m: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """(T, 3 Q) uint8: the same of lines in space, seen from positions (T, 3)."""
+    chunks = [positions_m[i : i + CHUNK] for i in range(0, len(positions_m), CHUNK)]
+    return np.concatenate([distance_codes([seen_from(lines[k], k, chunk) for k in range(3)], points) for chunk in chunks])
+
+
+def agreeing_share(codes: np.ndarray, query: np.ndarray, within_rad: float) -> np.ndarray:
+    """(T,) share of the distances (T, 3 Q) that differ from a query's (3 Q,) by no more than `within_rad`: the inlier cost of LDL and FGPL."""
+    within = np.uint8(round(within_rad * CODES_PER_RAD))
+    return ((codes - (query - within)) <= 2 * within).mean(axis=1)  # uint8 wraps around: one comparison bounds both sides

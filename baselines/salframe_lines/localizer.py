@@ -1,0 +1,153 @@
+"""The localizer `lines`: the line distance functions of a query against those of lines in space, then alignment."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+from pydantic import Field
+
+from salframe.config import ComponentConfig
+from salframe.geometry import pose_2d
+from salframe.localizer import Description, Localizer, rank_places
+from salframe.types import Localization, MapFrame, Panorama
+from salframe_lines.alignment import AGREE_RAD, agreement, refine, search
+from salframe_lines.arcs import Arcs, Lines3d, arcs_along_axes, lifted, line_distances, principal_yaw, quarter_turned
+from salframe_lines.distances import agreeing_share, distance_codes, distance_codes_from, sphere_points
+from salframe_lines.segments import find_segments
+
+DESCRIBED_BY = {"max_lines"}
+"""The setting that a description depends on; the others matter to matching only."""
+
+OUTLIER_SHARE = 0.05
+"""Share of the ends of a frame's lines left out on each side when the extent of its room is taken (LDL's quantiles)."""
+
+
+class _MapLines(NamedTuple):
+    """What a map frame adds: T_world_principal (4, 4), its lines along each axis, whether they have their distances, and where a query may stand."""
+
+    T_world_principal: np.ndarray
+    lines: tuple[Lines3d, Lines3d, Lines3d]
+    has_range: bool
+    positions_m: np.ndarray
+
+
+class Lines(Localizer):
+    """Line segments of panorama and map on the sphere, after LDL (Kim et al. 2023) and FGPL (Kim et al. 2024); gives place and pose.
+
+    Line distance functions along three principal directions are compared at a grid of positions and the four alignments of the directions of
+    upright panoramas (LDL, section 3); the best of them are aligned by geometry alone (FGPL), and the one that explains most of the lines answers.
+    """
+
+    name = "lines"
+    version = "1"
+    turn_tolerance_m: ClassVar[float] = 0.05  # the views cut the panorama at other pixels once it is turned
+
+    class Config(ComponentConfig):
+        max_lines: int = Field(100, ge=1, description="segments kept along each of the three directions, the longest")
+        sphere_points: int = Field(162, ge=1, description="points of the sphere at which distance functions are compared")
+        step_m: float = Field(0.35, gt=0, description="between the positions around a map frame that a query is looked for at")
+        reach_m: float = Field(5.0, ge=0, description="how far from a map frame, along x and y, a query is looked for")
+        inlier_rad: float = Field(0.1, gt=0, le=0.3, description="distance functions agree where they differ by no more than this")
+        shortlist: int = Field(8, ge=1, description="pairs of map frame and turn, best by distance functions, that are aligned")
+        min_agreement: float = Field(0.1, ge=0, le=1, description="a pose that explains a smaller share of the query's lines is none")
+
+    @property
+    def needs(self) -> frozenset[str]:
+        """Colour; range too where a map frame is to give a pose."""
+        return frozenset({"rgb"})
+
+    def describe_identity(self) -> dict[str, Any]:
+        """The settings that a description depends on."""
+        return {"localizer": self.name, "version": self.version, "settings": self.config.model_dump(mode="json", include=DESCRIBED_BY)}
+
+    def describe(self, panorama: Panorama) -> Description:
+        """The lines of a panorama in its principal frame, 17 bytes each.
+
+        yaw_rad (): of the principal frame. axis (N,) uint8, around_rad (N,), along_rad (N, 2) float32: see salframe_lines.arcs; distance_m (N,)
+        float32 of the eye from the line, NaN where unknown.
+        """
+        ends = find_segments(panorama.rgb, panorama.valid)
+        yaw_rad = principal_yaw(ends)
+        arcs = arcs_along_axes(ends, yaw_rad, self.config.max_lines)
+        if panorama.range_m is None:
+            distance_m = [np.full(len(along.around_rad), np.nan) for along in arcs]
+        else:
+            distance_m = [line_distances(along, axis, yaw_rad, panorama.range_m) for axis, along in enumerate(arcs)]
+        return {
+            "yaw_rad": np.array(yaw_rad),
+            "axis": np.repeat(np.arange(3, dtype=np.uint8), [len(along.around_rad) for along in arcs]),
+            "around_rad": np.concatenate([along.around_rad for along in arcs]).astype(np.float32),
+            "along_rad": np.concatenate([along.along_rad for along in arcs]).astype(np.float32),
+            "distance_m": np.concatenate(distance_m).astype(np.float32),
+        }
+
+    def index(self, descriptions: Sequence[Description], frames: Sequence[MapFrame]) -> None:
+        """Lift the lines, and compute their distance functions at every position a query is looked for at; they are no part of a saved map."""
+        self._frames = list(frames)
+        self._points = sphere_points(self.config.sphere_points)
+        self._map = [self._map_lines(description, frame) for description, frame in zip(descriptions, frames, strict=True)]
+        self._codes = np.concatenate([distance_codes_from(known.lines, known.positions_m, self._points) for known in self._map])
+        self._starts = np.cumsum([0, *(len(known.positions_m) for known in self._map)])
+
+    def match(self, description: Description) -> Localization:
+        """Compare distance functions everywhere, align the shortlist; a frame scores its share of agreeing distances, or 1 + its agreement."""
+        if not len(description["axis"]):
+            return Localization((), None, "no-lines")
+        turned = [_arcs(description)]
+        for _ in range(3):
+            turned.append(quarter_turned(turned[-1]))
+        query = [distance_codes(arcs, self._points) for arcs in turned]
+        shares = np.stack([agreeing_share(self._codes, codes, self.config.inlier_rad) for codes in query], axis=1)
+        best = np.maximum.reduceat(shares, self._starts[:-1])
+        scores, pose, most = best.max(axis=1), None, 0.0
+        for candidate in np.argsort(-best, axis=None, kind="stable")[: self.config.shortlist]:
+            frame, quarter = divmod(int(candidate), 4)
+            known = self._map[frame]
+            if not known.has_range:
+                continue
+            start = shares[self._starts[frame] : self._starts[frame + 1], quarter].argmax()
+            position_m = search(turned[quarter], known.lines, known.positions_m[start])
+            position_m, turn_rad = refine(turned[quarter], known.lines, position_m)
+            explained = float(agreement(turned[quarter], known.lines, position_m[None], AGREE_RAD)[0])
+            if explained < self.config.min_agreement:
+                continue
+            scores[frame] = max(scores[frame], 1 + explained)
+            if explained > most:
+                x_m, y_m, z_m = position_m
+                yaw_rad = turn_rad + quarter * np.pi / 2 - float(description["yaw_rad"])
+                pose, most = known.T_world_principal @ pose_2d(x_m, y_m, yaw_rad, z_m), explained
+        return Localization(rank_places(self._frames, scores, pose), pose, "no-pose" if pose is None else "ok")
+
+    def _map_lines(self, description: Description, frame: MapFrame) -> _MapLines:
+        """The frame's lines, and a grid over the extent of their ends. Without range they are taken 1 m away: right as seen from the frame alone."""
+        distance_m = description["distance_m"]
+        has_range = bool(np.isfinite(distance_m).any())
+        if not has_range:
+            distance_m = np.ones_like(distance_m)
+        along = zip(_arcs(description), _along_axes(description, distance_m), strict=True)
+        lines = tuple(lifted(arcs, distances_m) for arcs, distances_m in along)
+        T_world_principal = frame.T_world_pano @ pose_2d(0, 0, float(description["yaw_rad"]))
+        positions_m = self._grid(lines) if has_range else np.zeros((1, 3))
+        return _MapLines(T_world_principal, lines, has_range, positions_m)  # type: ignore[arg-type]
+
+    def _grid(self, lines: Sequence[Lines3d]) -> np.ndarray:
+        """(T, 3) positions at the frame's height, its own among them."""
+        ticks = []
+        for axis in (0, 1):
+            across_m = [lines[k].across_m[:, (axis - k) % 3 - 1] for k in range(3) if k != axis]
+            low_m, high_m = np.quantile(np.concatenate([lines[axis].along_m.ravel(), *across_m]), [OUTLIER_SHARE, 1 - OUTLIER_SHARE])
+            low_m, high_m = max(min(low_m, 0), -self.config.reach_m), min(max(high_m, 0), self.config.reach_m)
+            ticks.append(np.arange(np.ceil(low_m / self.config.step_m), np.floor(high_m / self.config.step_m) + 1) * self.config.step_m)
+        return np.stack(np.meshgrid(*ticks, 0.0), axis=-1).reshape(-1, 3)
+
+
+def _along_axes(description: Description, values: np.ndarray) -> list[np.ndarray]:
+    """Values of all lines as those along x, y and z."""
+    return np.split(values, np.searchsorted(description["axis"], (1, 2)))
+
+
+def _arcs(description: Description) -> tuple[Arcs, Arcs, Arcs]:
+    around_rad, along_rad = (_along_axes(description, description[name]) for name in ("around_rad", "along_rad"))
+    return tuple(Arcs(*parts) for parts in zip(around_rad, along_rad, strict=True))  # type: ignore[return-value]
