@@ -20,6 +20,8 @@ POLE_RAD = np.deg2rad(4)
 SAME_LINE_RAD, SAME_LINE_GAP_RAD = np.deg2rad(0.35), np.deg2rad(1.5)
 """Pieces of one line: no further apart than this across it, and along it."""
 MIN_LENGTH_RAD = np.deg2rad(3)
+SURFACE_STEP = 0.1
+"""A surface beside a line is another one, and the line its end, where it is nearer by this share."""
 RANGE_SAMPLES = 24
 SURFACE_SHARE, SURFACE_TOLERANCE = 0.5, 0.05
 """A segment is lifted where this share of its ranges agree on a line's distance within this part of it."""
@@ -119,22 +121,25 @@ def quarter_turned(arcs: tuple[Arcs, Arcs, Arcs]) -> tuple[Arcs, Arcs, Arcs]:
 def line_distances(arcs: Arcs, axis: int, yaw_rad: float, range_m: np.ndarray) -> np.ndarray:
     """(N,) distance_m of the eye from the lines behind arcs along `axis`, by a range image (H, 2H); NaN where it is not known.
 
-    At points along the arc, the nearest range of the arc and both its sides: where a line ends one surface before another, it belongs to the nearer
-    one. A range times the sine of its angle from the axis is the line's distance, the same all along the line; the median is taken.
+    At points along the arc the range is taken, or that of the arc's one side or the other where it is much nearer: a line at which one surface
+    ends before another belongs to the nearer one. A range times the sine of its angle from the axis is the line's distance, the same all along
+    the line; the median is taken.
     """
     height = range_m.shape[0]
     shares = (np.arange(RANGE_SAMPLES) + 0.5) / RANGE_SAMPLES
     along_rad = arcs.along_rad[:, :1] + np.diff(arcs.along_rad) * shares
     beside_rad = 1.5 * np.pi / height / np.sin(along_rad)
-    nearest_m = np.full(along_rad.shape, np.inf)
+    ranges_m = []
     for side in (-1, 0, 1):
         around_rad = arcs.around_rad[:, None] + side * beside_rad
         local = np.stack([np.cos(along_rad), np.sin(along_rad) * np.cos(around_rad), np.sin(along_rad) * np.sin(around_rad)], axis=-1)
         x, y, z = np.moveaxis(np.roll(local, axis, axis=-1), -1, 0)
         c, s = np.cos(yaw_rad), np.sin(yaw_rad)
         columns, rows = rays_to_pixels(np.stack([c * x - s * y, s * x + c * y, z], axis=-1), height)
-        nearest_m = np.fmin(nearest_m, range_m[np.minimum(rows.astype(int), height - 1), columns.astype(int) % (2 * height)])
-    across_m = nearest_m * np.sin(along_rad)
+        ranges_m.append(range_m[np.minimum(rows.astype(int), height - 1), columns.astype(int) % (2 * height)])
+    nearest_m = np.nan_to_num(np.fmin.reduce(ranges_m), nan=np.inf)
+    on_line_m = np.where(nearest_m > (1 - SURFACE_STEP) * ranges_m[1], ranges_m[1], nearest_m)
+    across_m = on_line_m * np.sin(along_rad)
     median_m = np.median(across_m, axis=1)
     with np.errstate(invalid="ignore"):
         agree = np.abs(across_m - median_m[:, None]) < SURFACE_TOLERANCE * median_m[:, None]
