@@ -100,13 +100,16 @@ def run_methods(
 
 def open_run(
     methods: Mapping[str, ComponentConfig], data: str, data_dir: Path | None, given: Overrides, name: str | None, runs: Path,
-    engine: str, seed: int, progress: Progress | None, prefix: str = "",
+    engine: str, seed: int, progress: Progress | None, prefix: str = "", task: Mapping[str, Any] = {},
 ) -> tuple[Run, Dataset, Engine]:  # fmt: skip
-    """The run folder, made or resumed, its prepared dataset, and what runs the methods. Without a name it is the prefix and the dataset's."""
+    """The run folder, made or resumed, its prepared dataset, and what runs the methods. Without a name it is the prefix and the dataset's.
+
+    `task` as in Run.open.
+    """
     data_name, content = dataset_settings(data, data_dir)
     dataset_config = configure("dataset", data_name, content, given.data)
     runner: Engine = registry().build("engine", configure("engine", engine, settings("engine", engine), given.engine))
-    run = Run.open(runs, name or prefix + data_name, dataset_config, methods, seed)
+    run = Run.open(runs, name or prefix + data_name, dataset_config, methods, seed, task)
     dataset = open_dataset(dataset_config, progress and partial(progress, data_name))
     run.bind(dataset.fingerprint)
     return run, dataset, runner

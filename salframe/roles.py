@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -24,6 +24,9 @@ from salframe.types import (
     TopologicalMap,
     Truth,
 )
+
+if TYPE_CHECKING:
+    from salframe.navigation.world import World
 
 __all__ = [
     "ROLES", "Component", "Dataset", "Detector", "Engine", "GraphMatcher", "Localizer", "Planner", "Positioner", "SaliencyModel", "Scorer",
@@ -63,6 +66,14 @@ class Dataset(Component):
     def observe(self, T_world_pano: np.ndarray) -> Panorama:
         """The panorama that a query would show at this pose (4, 4), for data sets that can render. Raises InputMissing in those that cannot."""
         raise InputMissing(f"{self.name} cannot render: it has panoramas at its own frames only")
+
+    def worlds(self) -> Sequence[World]:
+        """Where an agent can navigate: here the floors of a data set that can render. Raises InputMissing in those that cannot."""
+        from salframe.navigation.world import floor_worlds
+
+        if type(self).observe is Dataset.observe:
+            raise InputMissing(f"{self.name} cannot render, and navigation needs panoramas from wherever the agent stands")
+        return floor_worlds(self)
 
 
 class Detector(Component):

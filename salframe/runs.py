@@ -40,17 +40,20 @@ class Run:
     content: Mapping[str, Any] = field(repr=False)
 
     @classmethod
-    def open(cls, runs: Path, name: str, dataset: ComponentConfig, methods: Mapping[str, ComponentConfig], seed: int) -> Run:
+    def open(
+        cls, runs: Path, name: str, dataset: ComponentConfig, methods: Mapping[str, ComponentConfig], seed: int, task: Mapping[str, Any] = {},
+    ) -> Run:  # fmt: skip
         """Make or resume runs/<name>-<hash8>; the hash changes with any setting and with any component's version.
 
-        `seed` is that of the confidence intervals. Raises ConfigError where the folder holds another configuration.
+        `seed` is that of the confidence intervals; `task`, what all methods are asked beyond the dataset's queries, is kept under its own keys.
+        Raises ConfigError where the folder holds another configuration.
         """
         if not name or "/" in name:
             raise ConfigError(f"received the run name {name!r}, expected one without slashes")
         known_by = {label: identity(config) for label, config in methods.items()}
-        directory = runs / f"{name}-{digest({'seed': seed, 'dataset': identity(dataset), 'methods': known_by})[:8]}"
+        directory = runs / f"{name}-{digest({'seed': seed, 'dataset': identity(dataset), 'methods': known_by, **task})[:8]}"
         settings = {label: config.model_dump(mode="json") for label, config in methods.items()}
-        text = yaml.safe_dump({"seed": seed, "dataset": dataset.model_dump(mode="json"), "methods": settings}, sort_keys=False)
+        text = yaml.safe_dump({"seed": seed, "dataset": dataset.model_dump(mode="json"), "methods": settings, **task}, sort_keys=False)
         path, content = directory / "config.yaml", yaml.safe_load(text)
         if not path.exists():
             write_text(path, text)

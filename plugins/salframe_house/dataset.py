@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
 from pydantic import Field
 from salframe_folder.dataset import FolderDataset
 
 from salframe.config import ComponentConfig, digest, identity
+from salframe.navigation.world import World, floor_worlds
 from salframe.presets import MANIFEST
 from salframe.storage import cache_home
+from salframe.types import Panorama
 
 
 class House(FolderDataset):
@@ -56,3 +59,15 @@ class House(FolderDataset):
             from salframe_house.rendering import render_building
 
             render_building(self.root, self.config, progress)
+
+    def observe(self, T_world_pano: np.ndarray) -> Panorama:
+        """The panorama at a pose in the changed building, that of the queries; its id names the pose, so that noise keyed by it stays with it."""
+        from salframe_house.rendering import render_panorama
+
+        return render_panorama(self.config, T_world_pano)
+
+    def worlds(self) -> Sequence[World]:
+        """The building, mapped before it changed: objects that were moved or added stop an agent where its map knows of nothing."""
+        from salframe_house.rendering import changed_floor
+
+        return floor_worlds(self, [changed_floor(self.config)])

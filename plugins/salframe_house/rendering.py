@@ -14,8 +14,9 @@ from salframe_folder.format import FrameEntry, TruthEntry, is_written, write_flo
 from salframe_folder.images import read_ids
 
 from salframe.errors import SalframeError
-from salframe.geometry import pose_2d
+from salframe.geometry import pose_2d, pose_yaw
 from salframe.processes import die_with_parent
+from salframe.types import Annotations, FloorMasks, Panorama
 from salframe_house.building import Building, Style, change_building, generate_building
 from salframe_house.dataset import House
 from salframe_house.frames import FrameSpec, choose_frames
@@ -87,6 +88,26 @@ def buildings(style: Style, rooms: int, seed: int, changed_fraction: float) -> t
     """The building that is mapped, and what has become of it when the queries are taken."""
     building = generate_building(style, rooms, seed)
     return building, change_building(building, changed_fraction, seed)
+
+
+def render_panorama(config: House.Config, T_world_pano: np.ndarray) -> Panorama:
+    """A panorama of the changed building at a pose (4, 4), in the queries' light; where that is not one for all, in the evening's."""
+    lighting = "evening" if config.lighting == "other" else config.lighting
+    renderer = _renderer(config.style, config.rooms, config.seed, config.changed_fraction, True, lighting, config.height)
+    mapped, changed = buildings(config.style, config.rooms, config.seed, config.changed_fraction)
+    labels = {**mapped.labels, **changed.labels}
+    x, y, z = T_world_pano[:3, 3]
+    id = f"at {x:.4f} {y:.4f} {z:.4f} {np.degrees(pose_yaw(T_world_pano)):.3f}"
+    if config.rgb:
+        rendering = renderer.render(T_world_pano)
+        return Panorama(id, rendering.rgb, rendering.range_m, annotations=Annotations(rendering.instance_id, labels, rendered=True))
+    range_m, instance_id = renderer.geometry(T_world_pano)
+    return Panorama(id, None, range_m, annotations=Annotations(instance_id, labels, rendered=True))
+
+
+def changed_floor(config: House.Config) -> FloorMasks:
+    """The floor of the building as the queries find it."""
+    return buildings(config.style, config.rooms, config.seed, config.changed_fraction)[1].floor_masks()
 
 
 def _entry(number: int, spec: FrameSpec, rgb: bool) -> FrameEntry:

@@ -16,6 +16,7 @@ from pydantic import Field
 from salframe.config import ComponentConfig, digest
 from salframe.errors import DataError
 from salframe.geometry import pose_2d, pose_yaw
+from salframe.navigation.world import World
 from salframe.roles import Dataset
 from salframe.types import Fold, Frame, Panorama, Truth
 from salframe_matterport.readers import boxes_path, connectivity_path, find_scans, read_connectivity, read_regions, regions_path
@@ -94,6 +95,15 @@ class MatterportAnnotations(Dataset):
         except KeyError:
             raise DataError(f"{self.name} has no query {query_id!r}") from None
 
+    def worlds(self) -> Sequence[World]:
+        """Each building's viewpoint graph (salframe_matterport.navigation)."""
+        from salframe_matterport.navigation import viewpoint_world
+
+        return [
+            viewpoint_world(connectivity_path(self._root, scan), scan, self._building(scan), self._mapping(scan), self._regions.get(scan, {}))
+            for scan in self._scans
+        ]
+
     def scenes(self) -> dict[str, Scene]:
         """Every scene by its id, with the ids of its objects: for evaluation, like `truth`, never for a localizer."""
         return {scene.id: scene for scan in self._scans for scene in self._building(scan)}
@@ -108,14 +118,19 @@ class MatterportAnnotations(Dataset):
             self._buildings[scan] = read_scenes(self._root, scan, regions, self.config.range_noise, self.config.seed)
         return self._buildings[scan]
 
+    def _mapping(self, scan: str) -> list[Frame]:
+        """The mapping frames of all scenes of a building."""
+        scenes = self._building(scan)
+        frames = [_frame(scene, scene.id, pose_yaw(scene.T_world_pano)) for scene in scenes]
+        return [replace(frame, T_world_pano=scene.T_world_pano, place=scene.place) for frame, scene in zip(frames, scenes, strict=True)]
+
     @cached_property
     def _folds(self) -> dict[str, tuple[Fold, Truth]]:
         """Fold and truth of each query, by the query's id."""
         folds = {}
         for scan in self._scans:
             scenes = self._building(scan)
-            frames = [_frame(scene, scene.id, pose_yaw(scene.T_world_pano)) for scene in scenes]
-            mapping = [replace(frame, T_world_pano=scene.T_world_pano, place=scene.place) for frame, scene in zip(frames, scenes, strict=True)]
+            mapping = self._mapping(scan)
             scenes_of = Counter(scene.place for scene in scenes)
             for i, scene in enumerate(scenes):
                 if len(scene.labels) < self.config.min_visible or scenes_of[scene.place] < 2:

@@ -6,7 +6,7 @@ import sys
 
 import typer
 
-from salframe.cli import compare, data, detection, inspect, localize, map, matching, score, weights
+from salframe.cli import compare, data, detection, inspect, localize, map, matching, navigate, score, weights
 from salframe.errors import SalframeError
 
 app = typer.Typer(
@@ -30,6 +30,7 @@ app.command()(matching.matching)
 app.command()(detection.detection)
 app.command()(localize.build)
 app.command()(localize.localize)
+app.command()(navigate.navigate)
 app.command()(score.score)
 app.command()(inspect.plugins)
 app.command()(inspect.show)

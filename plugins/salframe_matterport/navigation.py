@@ -1,0 +1,139 @@
+"""Real buildings to navigate in: an agent stands at viewpoints, and walks from one to the next."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+
+from salframe.errors import DataError
+from salframe.geometry import pose_2d, pose_yaw, wrap_angle
+from salframe.navigation.chart import Chart
+from salframe.navigation.world import World
+from salframe.storage import read_json
+from salframe.types import Annotations, Detections, Frame, MapEdge, MapNode, Panorama, TopologicalMap
+from salframe_matterport.readers import format_of, read_connectivity
+from salframe_matterport.scenes import Scene
+
+TURN_OFF_RAD, LENGTH_OFF_M = np.radians(30.0), 1.0
+"""A walk leads to the neighbour that it points at within this angle and reaches within this length; else nowhere."""
+
+
+class ViewpointChart(Chart):
+    """The viewpoints of a building and which of them are neighbours. Its agent knows that it stands at one."""
+
+    longest_move_m = np.inf
+    aside_m = 2.0
+
+    def __init__(self, map: TopologicalMap, camera_m: np.ndarray) -> None:
+        """camera_m (N, 3): where the cameras of the map's nodes stand."""
+        self.map = map
+        self._camera_m = camera_m
+        self._node_m = np.array([node.xyz_m for node in map.nodes])
+        number = {node.id: i for i, node in enumerate(map.nodes)}
+        self.step_m = np.full((len(number), len(number)), np.inf)
+        np.fill_diagonal(self.step_m, 0.0)
+        for edge in map.edges:
+            a, b = number[edge.start], number[edge.end]
+            self.step_m[a, b] = self.step_m[b, a] = edge.length_m
+
+    def nearest(self, position_m: np.ndarray) -> int:
+        """The viewpoint whose camera is nearest to a position (3,)."""
+        return int(np.linalg.norm(self._camera_m - position_m, axis=1).argmin())
+
+    def spot(self, position_m: np.ndarray) -> np.ndarray:
+        """See Chart: at the nearest viewpoint."""
+        return self._camera_m[self.nearest(position_m)]
+
+    def reach(self, position_m: np.ndarray, points_m: np.ndarray) -> np.ndarray:
+        """See Chart: from the nearest viewpoint to itself (0) and its neighbours."""
+        points = np.linalg.norm(self._node_m - points_m[:, None], axis=2).argmin(1)
+        return self.step_m[self.nearest(position_m), points]
+
+
+class ViewpointWorld(World):
+    """The viewpoint graph of a building. What is seen at a viewpoint are its annotations; its own scene is left out of the map meanwhile."""
+
+    def __init__(self, id: str, map: TopologicalMap, poses: Mapping[str, np.ndarray], scenes: Mapping[str, Scene],
+                 mapping: Sequence[Frame]) -> None:  # fmt: skip
+        """`poses`: T_world_pano (4, 4) of the map's nodes by id, in their order; `scenes` by the id of their node, for those that have one;
+        `mapping`: the frames of all scenes."""
+        self._poses, self._scenes, self._frames = list(poses.values()), scenes, tuple(mapping)
+        self._viewpoints = ViewpointChart(map, np.array([pose[:3, 3] for pose in self._poses]))
+        super().__init__(id, self._viewpoints)
+
+    def stand_at(self, node: MapNode, yaw_rad: float) -> np.ndarray:
+        return self._turned(self._viewpoints.map.nodes.index(node), yaw_rad)
+
+    def stand(self, x_m: float, y_m: float, yaw_rad: float) -> np.ndarray:
+        raise DataError(f"{self.id}: received the start ({x_m:.2f}, {y_m:.2f}) m, expected a viewpoint: only there is something to be seen")
+
+    def draw_start(self, rng: np.random.Generator) -> np.ndarray:
+        placed = [number for number, node in enumerate(self._viewpoints.map.nodes) if node.regions]
+        return self._turned(int(rng.choice(placed)), rng.uniform(-np.pi, np.pi))
+
+    def region(self, T_world_pano: np.ndarray) -> str:
+        return next(iter(self._node(T_world_pano).regions), "")
+
+    def mapping(self, T_world_pano: np.ndarray) -> Sequence[Frame]:
+        own = self._node(T_world_pano).id
+        return [frame for frame in self._frames if frame.id != own]
+
+    def observe(self, T_world_pano: np.ndarray) -> Panorama:
+        node, yaw_rad = self._node(T_world_pano), pose_yaw(T_world_pano)
+        scene = self._scenes.get(node.id)
+        nothing = Annotations(objects=Detections.empty())
+        return Panorama(f"{node.id} {np.degrees(yaw_rad):.3f}", annotations=nothing if scene is None else scene.annotations(yaw_rad))
+
+    def move(self, T_world_pano: np.ndarray, turn_rad: float, length_m: float) -> tuple[np.ndarray, bool]:
+        """See World: to the neighbour that agrees best with the walk, within TURN_OFF_RAD and LENGTH_OFF_M of its bearing and distance on the
+        ground. Where none does, the agent turns and stays."""
+        here, yaw_rad = self._viewpoints.nearest(T_world_pano[:3, 3]), pose_yaw(T_world_pano) + turn_rad
+        walk_m = length_m * np.array([np.cos(yaw_rad), np.sin(yaw_rad)])
+        best, best_m = here, np.inf
+        for there in np.flatnonzero(np.isfinite(self._viewpoints.step_m[here])):
+            way_m = self._poses[there][:2, 3] - self._poses[here][:2, 3]
+            turn_off_rad = abs(float(wrap_angle(np.arctan2(way_m[1], way_m[0]) - yaw_rad)))
+            off_m = float(np.linalg.norm(way_m - walk_m))
+            length_off_m = abs(float(np.linalg.norm(way_m)) - length_m)
+            if there != here and turn_off_rad <= TURN_OFF_RAD and length_off_m <= LENGTH_OFF_M and off_m < best_m:
+                best, best_m = int(there), off_m
+        return self._turned(best, yaw_rad), best == here
+
+    def _node(self, T_world_pano: np.ndarray) -> MapNode:
+        return self._viewpoints.map.nodes[self._viewpoints.nearest(T_world_pano[:3, 3])]
+
+    def _turned(self, number: int, yaw_rad: float) -> np.ndarray:
+        x_m, y_m, z_m = self._poses[number][:3, 3]
+        return pose_2d(x_m, y_m, yaw_rad, z_m)
+
+
+def viewpoint_world(path: Path, scan: str, scenes: Sequence[Scene], mapping: Sequence[Frame], regions: Mapping[str, int]) -> ViewpointWorld:
+    """The world of a building from its connectivity file, the scenes of its viewpoints with their frames, and viewpoint -> region index.
+
+    Two included viewpoints are neighbours where the way between them is unobstructed; an edge is as long as the straight line in 3D. Nodes lie
+    the camera's height below it. Raises DataError on a missing or malformed file.
+    """
+    poses = read_connectivity(path)
+    with format_of(path):
+        listed = read_json(path)
+        free = {(a["image_id"], b["image_id"]) for a in listed for b, clear in zip(listed, a["unobstructed"], strict=True) if clear}
+        height_m = {viewpoint["image_id"]: float(viewpoint["height"]) for viewpoint in listed}
+    name = {viewpoint: f"{scan}/{viewpoint}" for viewpoint in poses}
+    seen = {scene.id: scene for scene in scenes}
+    nodes = [
+        MapNode(
+            name[viewpoint], "scene", (float(pose[0, 3]), float(pose[1, 3]), float(pose[2, 3]) - height_m[viewpoint]),
+            (f"{scan}/region-{regions[viewpoint]}",) if viewpoint in regions else (), (name[viewpoint],) if name[viewpoint] in seen else (),
+        )
+        for viewpoint, pose in poses.items()
+    ]  # fmt: skip
+    edges = []
+    for a, b in combinations(poses, 2):
+        if (a, b) in free or (b, a) in free:
+            x, y, z = poses[b][:3, 3] - poses[a][:3, 3]
+            edges.append(MapEdge(name[a], name[b], float(np.sqrt(x * x + y * y + z * z)), float(np.arctan2(y, x))))
+    placed = {name[viewpoint]: pose for viewpoint, pose in poses.items()}
+    return ViewpointWorld(scan, TopologicalMap(tuple(nodes), tuple(edges)), placed, seen, mapping)

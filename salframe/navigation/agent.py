@@ -1,0 +1,126 @@
+"""The agent: what it believes of its pose, and where it walks next. It never learns where it really stands."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from salframe.errors import NoRoute
+from salframe.geometry import invert_pose, pose_2d, pose_yaw, wrap_angle
+from salframe.navigation.route import Guide, Way
+
+REMEMBERED = 20
+"""Latest spots whose localization the agent keeps."""
+SPOT_M = 0.3
+"""Within this distance an agent is on a spot where it has been."""
+AGREE_M, AGREE_RAD = 1.0, np.radians(30.0)
+"""Localizations that odometry brings this near to each other agree."""
+AT_M = 0.1
+"""A corner of the way this near has been reached."""
+
+
+class Move(NamedTuple):
+    """A turn (radians, to the left) and a walk straight ahead (metres)."""
+
+    turn_rad: float
+    length_m: float
+
+
+class Located(NamedTuple):
+    """A localization: T_world_pano (4, 4), and its score."""
+
+    pose: np.ndarray
+    score: float
+
+
+class Belief:
+    """Where an agent believes to stand: the one of its localizations that the others agree with most, all brought up to now by odometry.
+
+    Each counts by its score, so a doubtful answer is outvoted, and a wrong belief by better answers that contradict it. On a spot where the agent
+    has been before, the new answer takes the place of the old one: they err alike.
+    """
+
+    def __init__(self, yaw_rad: float) -> None:
+        self.yaw_rad = yaw_rad
+        """Heading in the world by odometry alone, from the given first one."""
+        self._spots: list[np.ndarray] = []
+        self._located: list[Located] = []
+
+    @property
+    def pose(self) -> np.ndarray | None:
+        """T_world_pano (4, 4) as believed, None before the first localization."""
+        if not self._located:
+            return None
+        position_m = np.array([pose[:3, 3] for pose, _ in self._located])
+        yaw_rad = np.array([pose_yaw(pose) for pose, _ in self._located])
+        near = np.linalg.norm(position_m[:, None] - position_m, axis=2) <= AGREE_M
+        agree = near & (np.abs(wrap_angle(yaw_rad[:, None] - yaw_rad)) <= AGREE_RAD)
+        votes = agree @ np.array([score for _, score in self._located])
+        latest_of_best = int(np.flatnonzero(votes >= votes.max() * (1 - 1e-9))[-1])
+        return self._located[latest_of_best].pose
+
+    def moved(self, odometry: np.ndarray) -> None:
+        """Take in a motion (4, 4): the pose after it in the frame of the pose before."""
+        back = invert_pose(odometry)
+        self._spots = [back @ spot for spot in self._spots]
+        self._located = [Located(pose @ odometry, score) for pose, score in self._located]
+        self.yaw_rad += pose_yaw(odometry)
+
+    def localized(self, found: Located) -> None:
+        """Take in a localization of the spot where the agent is."""
+        x, y, z = found.pose[:3, 3]
+        other = [i for i, spot in enumerate(self._spots) if np.linalg.norm(spot[:3, 3]) > SPOT_M][1 - REMEMBERED :]
+        self._spots = [*(self._spots[i] for i in other), np.eye(4)]
+        self._located = [*(self._located[i] for i in other), Located(pose_2d(x, y, pose_yaw(found.pose), z), found.score)]
+
+
+class Agent:
+    """Walks to a node along the shortest way from where it believes to stand, with room to spare where there is such a way."""
+
+    def __init__(self, guide: Guide, goal: str, yaw_rad: float, arrival_m: float, rng: np.random.Generator) -> None:
+        self.belief = Belief(yaw_rad)
+        self._tight, self._guide = guide, Guide(guide.chart.roomy(), guide.planner)
+        self._goal, self._arrival_m, self._rng = goal, arrival_m, rng
+        self._off_line = False
+
+    def moved(self, odometry: np.ndarray, stopped: bool) -> None:
+        """What the last move came to, by odometry (4, 4), and whether something stopped it."""
+        self.belief.moved(odometry)
+        self._off_line = stopped
+        if stopped and self.belief.pose is not None:
+            chart = self._guide.chart.stopped(self.belief.pose)
+            if chart is not self._guide.chart:
+                self._guide, self._off_line = Guide(chart, self._guide.planner), False
+
+    def decide(self) -> Move | None:
+        """The next move, None where it believes to have arrived.
+
+        Stopped by what its chart shows it was off its line, and steps aside before it tries again. Without a belief, or where the chart gives no
+        way from there, it looks from somewhere else.
+        """
+        pose = self.belief.pose
+        way = None if pose is None else self._way(pose[:3, 3])
+        if pose is None or way is None:
+            return self._aside()
+        if way.length_m <= self._arrival_m:
+            return None
+        if self._off_line:
+            return self._aside()
+        here_m = self._guide.chart.spot(pose[:3, 3])
+        legs_m = way.corners_m[:, :2] - here_m[:2]
+        ahead = next((leg for leg in legs_m if np.linalg.norm(leg) > AT_M), legs_m[-1])
+        turn_rad = float(wrap_angle(np.arctan2(ahead[1], ahead[0]) - pose_yaw(pose)))
+        return Move(turn_rad, min(float(np.linalg.norm(ahead)), self._guide.chart.longest_move_m))
+
+    def _way(self, position_m: np.ndarray) -> Way | None:
+        """The shortest way; if what it has bumped into leaves none, or there is none with room to spare, that of the chart it was given."""
+        for guide in (self._guide, self._tight):
+            try:
+                return guide.way(position_m, self._goal)
+            except NoRoute:
+                continue
+        return None
+
+    def _aside(self) -> Move:
+        return Move(float(self._rng.uniform(np.pi / 2, 3 * np.pi / 2)), self._guide.chart.aside_m)

@@ -1,0 +1,128 @@
+"""Episodes: where an agent is put and where it is sent, drawn from a seed or given in a file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+
+from salframe.errors import DataError, NoRoute, UnknownName
+from salframe.navigation.route import Guide
+from salframe.navigation.world import World
+from salframe.storage import read_json
+
+TRIES = 100
+
+
+@dataclass(frozen=True)
+class Episode:
+    """An agent at T_world_pano (16 numbers, row by row) in a world, sent to a node; shortest_m along the map. `number` seeds its noise."""
+
+    number: int
+    world: str
+    start: tuple[float, ...]
+    goal: str
+    shortest_m: float
+
+
+class Asked(BaseModel):
+    """An episode in a file."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+    start: str | tuple[float, float] = Field(description="a node, or x and y in metres")
+    goal: str = Field(description="a node")
+    yaw_deg: float | None = Field(None, description="first heading, counter-clockwise from the world's x axis; drawn where absent")
+    world: str | None = Field(None, description="the building, where the data set has several")
+
+
+class Site(NamedTuple):
+    """A world and the guide that is true to its chart."""
+
+    world: World
+    guide: Guide
+
+
+def draw_episodes(sites: Mapping[str, Site], count: int, seed: int) -> tuple[list[Episode], list[str]]:
+    """`count` episodes dealt out evenly to the worlds, from a uniform pose in a region to a scene node of another region.
+
+    With them a line on each world that gives none. Raises DataError where none does.
+    """
+    drawn: dict[str, list[Episode]] = {}
+    left_out = []
+    for world, site in sites.items():
+        if _draw(site, np.random.default_rng([seed, 0]), 0) is None:
+            left_out.append(f"{world} gives no episode: expected a scene node in another region than the start, and a way to it")
+        else:
+            drawn[world] = []
+    if not drawn:
+        raise DataError(f"no episode could be drawn: {left_out[0]}")
+    worlds = list(drawn)
+    episodes = []
+    for number in range(count):
+        world = worlds[number % len(worlds)]
+        episode = _draw(sites[world], np.random.default_rng([seed, 1, number]), number)
+        if episode is not None:
+            episodes.append(episode)
+    return episodes, left_out
+
+
+def _draw(site: Site, rng: np.random.Generator, number: int) -> Episode | None:
+    world, guide = site
+    for _ in range(TRIES):
+        start = world.draw_start(rng)
+        region = world.region(start)
+        goals = [node.id for node in world.chart.map.nodes if node.kind == "scene" and any(node.regions) and region not in node.regions]
+        if not region or not goals:
+            continue
+        goal = goals[rng.integers(len(goals))]
+        try:
+            world.stand_at(world.node(goal), 0.0)
+            return Episode(number, world.id, tuple(start.ravel().tolist()), goal, guide.way(start[:3, 3], goal).length_m)
+        except (DataError, NoRoute):
+            continue
+    return None
+
+
+def read_episodes(path: Path, sites: Mapping[str, Site], seed: int) -> tuple[list[Episode], list[str]]:
+    """The episodes of a JSON file (a list of Asked), and a line on each that cannot be walked. Raises DataError on a malformed file."""
+    try:
+        asked = TypeAdapter(list[Asked]).validate_python(read_json(path))
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = f"episode {first['loc'][0]}: " if first["loc"] else ""
+        what = ".".join(map(str, first["loc"][1:2])) + " " if len(first["loc"]) > 1 else ""
+        raise DataError(f"{path}, {where}{what}{first['msg']}, received {first['input']!r}") from None
+    episodes, left_out = [], []
+    for number, one in enumerate(asked):
+        try:
+            episodes.append(_place(one, sites, np.random.default_rng([seed, 1, number]), number))
+        except (DataError, NoRoute, UnknownName) as error:
+            left_out.append(f"{path}, episode {number}: {error}")
+    if not episodes:
+        raise DataError(left_out[0] if left_out else f"{path} holds no episode, expected at least one")
+    return episodes, left_out
+
+
+def _place(asked: Asked, sites: Mapping[str, Site], rng: np.random.Generator, number: int) -> Episode:
+    if asked.world is None and len(sites) > 1:
+        raise DataError(f"it names no world, expected one of {', '.join(sites)}")
+    name = next(iter(sites)) if asked.world is None else asked.world
+    if name not in sites:
+        raise DataError(f"unknown world {name!r}, expected one of {', '.join(sites)}")
+    world, guide = sites[name]
+    yaw_rad = rng.uniform(-np.pi, np.pi) if asked.yaw_deg is None else np.radians(asked.yaw_deg)
+    goal = world.node(asked.goal)
+    start = world.stand_at(world.node(asked.start), yaw_rad) if isinstance(asked.start, str) else world.stand(*asked.start, yaw_rad)
+    return Episode(number, name, tuple(start.ravel().tolist()), goal.id, guide.way(start[:3, 3], goal.id).length_m)
+
+
+def group_by_world(episodes: Sequence[Episode]) -> dict[str, list[Episode]]:
+    """The episodes of each world, in order."""
+    grouped: dict[str, list[Episode]] = {}
+    for episode in episodes:
+        grouped.setdefault(episode.world, []).append(episode)
+    return grouped
