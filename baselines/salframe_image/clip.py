@@ -49,7 +49,6 @@ class ClipRooms(Localizer):
     needs = frozenset({"rgb"})
     requires = ("tokenizers",)
     extra = "salframe[clip]"
-    turn_tolerance_m = 0.0  # there is no pose
     weights = (CLIP_VIT_B32,)
 
     class Config(ComponentConfig):

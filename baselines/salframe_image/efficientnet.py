@@ -82,13 +82,14 @@ def to_onnx(state: Mapping[str, np.ndarray]) -> bytes:
 
     x = relu6(convolve("image", "_conv_stem", "_bn0", stride=2))
     strides = [stride if repeat == 0 else 1 for blocks, stride in STAGES for repeat in range(blocks)]
-    for name, stride in ((f"_blocks.{i}.", stride) for i, stride in enumerate(strides)):
-        before, narrow = x, f"{name}_expand_conv.weight" not in state
-        x = x if narrow else relu6(convolve(x, f"{name}_expand_conv", f"{name}_bn0"))
-        x = relu6(convolve(x, f"{name}_depthwise_conv", f"{name}_bn1", stride))
-        x = convolve(x, f"{name}_project_conv", f"{name}_bn2")
-        if not narrow and stride == 1 and len(state[f"{name}_project_conv.weight"]) == state[f"{name}_expand_conv.weight"].shape[1]:
-            x = node("Add", [x, before], f"{name}sum")
+    for i, stride in enumerate(strides):
+        before, expand, depthwise, project = x, *(f"_blocks.{i}._{part}_conv" for part in ("expand", "depthwise", "project"))
+        if f"{expand}.weight" in state:
+            x = relu6(convolve(x, expand, f"_blocks.{i}._bn0"))
+        x = relu6(convolve(x, depthwise, f"_blocks.{i}._bn1", stride))
+        x = convolve(x, project, f"_blocks.{i}._bn2")
+        if stride == 1 and f"{expand}.weight" in state and len(state[f"{project}.weight"]) == state[f"{expand}.weight"].shape[1]:
+            x = node("Add", [x, before], f"_blocks.{i}.sum")  # as many channels out as in
     features = relu6(convolve(x, "_conv_head", "_bn1"))
 
     image = helper.make_tensor_value_info("image", TensorProto.FLOAT, ["batch", 3, "height", "width"])
