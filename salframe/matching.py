@@ -71,7 +71,7 @@ def measure_matching(
     Arguments as for `compare`. Raises SalframeError on names and settings that are wrong, and where the data set tells no ranges or poses.
     """
     configs, given = configure_methods(methods, overrides)
-    run, dataset, runner = open_run(configs, data, data_dir, given, name, runs, engine, 0, progress, prefix="matching-")
+    run, dataset, runner = open_run(configs, data, data_dir, given, name, runs, engine, 0, progress, "matching-", {"task": "matching"})
     if "range" not in dataset.provides:
         raise InputMissing(f"matching accuracy needs panoramas with range, which {dataset.name} does not have")
     pairs = choose_pairs(dataset)

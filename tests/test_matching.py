@@ -10,6 +10,7 @@ import pytest
 from command_line import run
 from matching_plugin import STEP, turned_by
 
+from salframe.compare import compare
 from salframe.errors import DataError, InputMissing
 from salframe.geometry import equirectangular_rays, invert_pose, pose_2d, transform_points
 from salframe.matching import COLUMNS, PIXEL_RAD, check_matches, measure_matching, own_objects, point_errors_px
@@ -191,6 +192,14 @@ def test_data_that_tells_no_truth_is_refused(furnished):
     rows, _ = measure(["nodes", "points"], "data.instances=false")
     assert rows["nodes"]["reason"] == "needs annotations, which furnished does not have"
     assert rows["points"]["mma_1"] == 1
+
+
+def test_a_comparison_of_the_same_name_is_another_run(furnished):
+    compared = compare(["points"], "furnished", name="same", engine="inline")
+    matched = measure_matching(["points"], "furnished", name="same", engine="inline")
+    assert compared.run.name.startswith("same-")
+    assert matched.run.name.startswith("same-")
+    assert compared.run != matched.run
 
 
 def test_the_command_prints_two_tables_and_resumes(furnished):
