@@ -5,16 +5,16 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from salframe.config import ComponentConfig, parse_override
-from salframe.errors import ConfigError
+from salframe.errors import ConfigError, RequirementMissing, WeightsMissing
 from salframe.evaluate import measure
 from salframe.predict import describe_error, open_dataset, predict
-from salframe.presets import Overrides, configure, dataset_settings, settings
+from salframe.presets import Overrides, configure, dataset_settings, otherwise, settings
 from salframe.registry import registry
 from salframe.report import write_report
 from salframe.reported import Reported, read_reported
@@ -31,11 +31,15 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True)
 class Comparison:
-    """A run and its table: a row a method with the keys of evaluate.COLUMNS, None where a number is absent; what papers report apart."""
+    """A run and its table: a row a method with the keys of evaluate.COLUMNS, None where a number is absent; what papers report apart.
+
+    `notes`: which method ran instead of one that was asked for, and why, a line each.
+    """
 
     run: Path
     rows: tuple[dict[str, Any], ...]
     reported: tuple[Reported, ...] = ()
+    notes: tuple[str, ...] = ()
 
     @property
     def report(self) -> Path:
@@ -53,8 +57,8 @@ class Comparison:
         return any("crashed" in row["status"] for row in self.rows)
 
     def to_json(self) -> dict[str, Any]:
-        """{"run": path, "rows": [...]}, and "reported": [...] where figures of papers were asked for."""
-        content: dict[str, Any] = {"run": str(self.run), "rows": list(self.rows)}
+        """{"run": path, "rows": [...], "notes": [...]}, and "reported": [...] where figures of papers were asked for."""
+        content: dict[str, Any] = {"run": str(self.run), "rows": list(self.rows), "notes": list(self.notes)}
         if self.reported:
             content["reported"] = [paper.model_dump(mode="json") for paper in self.reported]
         return content
@@ -70,8 +74,10 @@ def compare(
     `reported` adds what papers report beside the rows. Raises SalframeError on names and settings that are wrong, before anything runs.
     """
     configs, given = configure_methods(methods, overrides)
+    configs, notes = choose_runnable(configs, given)
     papers = read_reported() if reported else ()
-    return run_methods(configs, data, data_dir, given, name, runs, engine, seed, progress, papers)
+    comparison = run_methods(configs, data, data_dir, given, name, runs, engine, seed, progress, papers)
+    return replace(comparison, notes=notes)
 
 
 def configure_methods(methods: Sequence[str], overrides: Sequence[str]) -> tuple[dict[str, ComponentConfig], Overrides]:
@@ -81,6 +87,32 @@ def configure_methods(methods: Sequence[str], overrides: Sequence[str]) -> tuple
     contents = {method: settings("localizer", method) for method in methods}
     given = Overrides(map(parse_override, overrides), contents)
     return {method: configure("localizer", method, contents[method], given.methods[method]) for method in methods}, given
+
+
+def choose_runnable(configs: Mapping[str, ComponentConfig], given: Overrides) -> tuple[dict[str, ComponentConfig], tuple[str, ...]]:
+    """The configurations, where a method cannot run here that of the preset which its own names instead, by that one's name; and why.
+
+    What was set of a method is set of the one in its place. Where that cannot run either, the method stays, and with it the reason.
+    """
+    chosen, notes = {}, []
+    for method, config in configs.items():
+        other = otherwise("localizer", method)
+        if other is not None and (missing := _missing(config)):
+            instead = configure("localizer", other, settings("localizer", other), given.methods[method])
+            if not _missing(instead):
+                notes.append(f"{other}, not {method}: {missing}")
+                method, config = other, instead
+        chosen[method] = config
+    return chosen, tuple(notes)
+
+
+def _missing(config: ComponentConfig) -> str | None:
+    """Why a method cannot run here, None where it can."""
+    try:
+        config.component.check(config)
+    except (RequirementMissing, WeightsMissing) as error:
+        return str(error)
+    return None
 
 
 def run_methods(

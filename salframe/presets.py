@@ -14,6 +14,9 @@ CONFIGS = Path(__file__).with_name("configs")
 FOLDERS = {"localizer": "methods", "dataset": "data"}
 WORDS = {"localizer": "method", "dataset": "dataset"}
 
+OTHERWISE = "otherwise"
+"""The key under which a preset names another one."""
+
 MANIFEST = "manifest.json"
 """What makes a folder a dataset in the folder format."""
 
@@ -34,12 +37,21 @@ def settings(role: str, name: str) -> dict[str, Any]:
     Raises UnknownName with the closest name, PluginFailed where a broken plugin may hold it.
     """
     if name in preset_names(role):
-        return read_yaml(CONFIGS / FOLDERS[role] / f"{name}.yaml")
+        return {key: value for key, value in _preset(role, name).items() if key != OTHERWISE}
     try:
         registry().get(role, name)
     except UnknownName:
         raise UnknownName(unknown(WORDS.get(role, role), name, names(role), registry().failures)) from None
     return {"kind": name}
+
+
+def _preset(role: str, name: str) -> dict[str, Any]:
+    return read_yaml(CONFIGS / FOLDERS[role] / f"{name}.yaml")
+
+
+def otherwise(role: str, name: str) -> str | None:
+    """The preset that takes the place of one that cannot run here, where that one names it."""
+    return _preset(role, name).get(OTHERWISE) if name in preset_names(role) else None
 
 
 def configure(role: str, name: str, content: Mapping[str, Any], overrides: Iterable[Mapping[str, Any]] = ()) -> ComponentConfig:

@@ -72,7 +72,7 @@ def print_comparison(comparison: Comparison) -> None:
     fits = console.measure(whole, options=console.options.update(width=1000)).maximum <= console.width
     for table in [whole] if fits else [_table(comparison, REACHED), _table(comparison, COSTS)]:
         console.print(table)
-    notes = []
+    notes = list(comparison.notes)
     for row in comparison.rows:
         failures = ", ".join(f"{count} {status}" for status, count in row["status"].items() if status != "ok")
         if said := "; ".join(part for part in (row["reason"], failures) if part):
