@@ -134,10 +134,17 @@ def test_an_unknown_method_tells_the_closest(data):
 def test_missing_weights_are_told_and_how_to_get_them(data):
     told = r"weights 'loftr': no file .*\.ckpt \(sha256 [0-9a-f]{64}\); get it with: salframe weights fetch loftr"
     assert_one_line(run("build", data, "-o", "map", "--method", "loftr"), told)
-    done = run("compare", "--methods", "loftr", "--data", "./data", "--engine", "inline", "--json")
+    done = run("compare", "--methods", "loftr", "--data", "./data", "--engine", "inline", "--set", "checkpoint=absent.ckpt", "--json")
     (row,) = done.json["rows"]
-    assert (done.code, row["available"]) == (1, False)
-    assert re.fullmatch(told, row["reason"])
+    assert (done.code, row["method"], row["available"]) == (1, "loftr", False)
+    assert re.fullmatch(r"weights 'loftr': no file absent\.ckpt; give another path, or: salframe weights fetch loftr", row["reason"])
+
+
+def test_another_method_in_the_place_of_one_that_cannot_run_is_named(data):
+    done = run("compare", "--methods", "loftr", "--data", "./data", "--engine", "inline", "--json")
+    assert [row["method"] for row in done.json["rows"]] == ["loftr-compact"]
+    (note,) = done.json["notes"]
+    assert re.match(r"loftr-compact, not loftr: (weights 'loftr': no file|keypoints pair loftr needs torch)", note)
 
 
 BROKEN_PLUGINS = {

@@ -22,6 +22,7 @@ from salframe_keypoints.aliked import AlikedLightGlue, AlikedNearest
 from salframe_keypoints.disk import DiskLightGlue
 from salframe_keypoints.efficient_loftr import EfficientLoftr
 from salframe_keypoints.loftr import Loftr
+from salframe_keypoints.loftr_compact import LoftrCompact
 from salframe_keypoints.pairs import Pair, View
 from salframe_keypoints.poses import robust_pose
 from salframe_keypoints.shortlist import Vlad
@@ -40,6 +41,7 @@ PAIRS: dict[str, type[Pair]] = {
     "efficient-loftr": EfficientLoftr,
     "sift": Sift,
     "loftr": Loftr,
+    "loftr-compact": LoftrCompact,
 }
 DESCRIBED_BY = {"pair", "views", "view_width_px", "view_height_px", "hfov_deg", "max_keypoints", "loftr_config"}
 """The settings that a description depends on; the others matter to matching only."""

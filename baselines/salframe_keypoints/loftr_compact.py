@@ -61,9 +61,9 @@ LOFTR_COMPACT = Weights(
     name="loftr-compact",
     licence="Apache-2.0",
     files=(
-        WeightsFile(FILES[0], "", 0),
-        WeightsFile(FILES[1], "", 0),
-        WeightsFile(FILES[2], "", 0),
+        WeightsFile(FILES[0], "8aac202dc59ac1e42d45f9386821535344e4ff6d28b3f59811e169036e710e7e", 2_068_553),
+        WeightsFile(FILES[1], "dca8da87c43efc6d7987c5d4cf7ed2c0c4ed244743c475bafff291f5598d88e3", 868_293),
+        WeightsFile(FILES[2], "bb0f22f75187e1890d691b2cf0a38767689c6a5dd1ad8a2fec49a47a562016b5", 153_491),
     ),
     source=Shipped(FOLDER),
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -76,7 +77,8 @@ def export(network: loftr.LoFTR, folder: Path) -> None:
          {name: {0: "matches"} for name in ("first", "second", "first_token", "second_token")}, ["offset"]),
     ]  # fmt: skip
     for file, (module, example, axes, outputs) in zip(FILES, parts, strict=True):
-        with atomic_path(folder / file) as temporary:
+        with atomic_path(folder / file) as temporary, warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of branches on sizes, which go the same way for all views, and of the exporter's age
             torch.onnx.export(
                 module.eval(), example, temporary, input_names=list(axes), output_names=outputs, dynamic_axes=axes, opset_version=OPSET, dynamo=False,
             )  # fmt: skip

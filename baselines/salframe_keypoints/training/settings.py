@@ -38,11 +38,11 @@ class Training(Settings):
     stages: tuple[Stage, ...] = (
         Stage(width_px=160, height_px=120, batch=8, steps=800, buildings=5),
         Stage(width_px=160, height_px=120, batch=8, steps=4000, buildings=8),
-        Stage(width_px=320, height_px=240, batch=4, steps=300, buildings=8),
+        Stage(width_px=320, height_px=240, batch=4, steps=500, buildings=8),
     )
     peak_learning_rate: float = Field(1e-3, gt=0)
     warmup_steps: int = Field(100, ge=1)
-    decay_steps: int = Field(300, ge=1, description="the last so many steps, over which the learning rate falls")
+    decay_steps: int = Field(1100, ge=1, description="the last so many steps, over which the learning rate falls")
     weight_decay: float = Field(0.01, ge=0)
     fine_matches: int = Field(24, ge=1, description="true matches a pair that the fine stage learns from")
     report_every: int = Field(200, ge=1, description="steps between checkpoints and held-out measurements")

@@ -1,0 +1,126 @@
+"""The LoFTR that comes with salframe: the same as kornia's module, better than chance, and no torch."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+
+import cv2
+import numpy as np
+import pytest
+from salframe_keypoints.localizer import PAIRS, Keypoints
+from salframe_keypoints.loftr_compact import ARCHITECTURE, FILES, FOLDER, STATE, mutual_maxima
+
+from salframe.errors import ConfigError, WeightsMissing
+from salframe.views import ViewRig
+
+SIZE_PX = 320, 240
+HOMOGRAPHY = np.array([[0.94, -0.17, 38.0], [0.14, 0.98, -22.0], [1e-4, -5e-5, 1.0]])
+"""Points of the first image to points of the second: turned by 9 degrees, shifted by 40 pixels, tilted a little."""
+
+
+def settings(**changes) -> Keypoints.Config:
+    return Keypoints.Config(**{"pair": "loftr-compact", "view_width_px": SIZE_PX[0], "view_height_px": SIZE_PX[1], **changes})
+
+
+@pytest.fixture(scope="module")
+def images(rooms):
+    """(2, 240, 320, 3): a view of a room, and the same warped by HOMOGRAPHY and darkened."""
+    view = ViewRig(6, *SIZE_PX, np.deg2rad(90)).cut(rooms[0].panorama("a", np.eye(4)).rgb)[0]
+    centred = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1]])  # OpenCV has pixel centres at whole numbers
+    warped = cv2.warpPerspective(view, centred @ HOMOGRAPHY @ np.linalg.inv(centred), SIZE_PX)
+    return np.stack([view, (0.6 * warped).astype(np.uint8)])
+
+
+def precision(pair, images) -> tuple[float, int]:
+    """Share of the matches within 3 pixels of where HOMOGRAPHY puts them, and how many there are."""
+    reference, query = pair.extract(images)
+    points, cells = pair.match(query, reference)
+    true = cv2.perspectiveTransform(reference.points_px[None].astype(np.float64), HOMOGRAPHY)[0][cells]
+    return float((np.linalg.norm(points - true, axis=1) <= 3).mean()) if len(cells) else 0.0, len(cells)
+
+
+def test_matches_are_those_of_kornias_module_with_the_same_weights(images, configure):
+    in_kornia = PAIRS["loftr"](configure("loftr", checkpoint=FOLDER / STATE, loftr_config=ARCHITECTURE))
+    compact = PAIRS["loftr-compact"](settings())
+    reference, query = compact.extract(images)
+    (points, cells), (expected, expected_cells) = (pair.match(query, reference) for pair in (compact, in_kornia))
+    assert len(cells) > 100
+    assert np.isin(cells, expected_cells).mean() > 0.995  # a confidence may round to the other side of the threshold
+    assert np.isin(expected_cells, cells).mean() > 0.995
+    both = np.intersect1d(cells, expected_cells)
+    np.testing.assert_allclose(points[np.isin(cells, both)], expected[np.isin(expected_cells, both)], atol=0.01)
+
+
+def test_matches_lie_where_a_homography_puts_them(images):
+    share, count = precision(PAIRS["loftr-compact"](settings()), images)
+    assert count > 200
+    assert share > 0.9
+
+
+def test_that_is_the_weights_doing(images, configure, tmp_path):
+    import torch
+
+    configure("loftr-compact")
+    state = torch.load(FOLDER / STATE, weights_only=True)
+    generator = torch.Generator().manual_seed(0)
+    shuffled = {name: value.flatten()[torch.randperm(value.numel(), generator=generator)].view(value.shape) for name, value in state.items()}
+    torch.save(shuffled, tmp_path / "shuffled.pt")
+    broken = configure("loftr", checkpoint=tmp_path / "shuffled.pt", loftr_config=ARCHITECTURE)
+    share, count = precision(PAIRS["loftr"](broken), images)
+    assert share * count < 20
+
+
+def test_it_runs_without_torch():
+    code = (
+        "import sys, numpy as np; sys.modules['torch'] = sys.modules['kornia'] = None\n"
+        "from salframe_keypoints.localizer import PAIRS, Keypoints\n"
+        "pair = PAIRS['loftr-compact'](Keypoints.Config(pair='loftr-compact', view_width_px=160, view_height_px=120))\n"
+        "a, b = pair.extract(np.random.default_rng(0).integers(0, 255, (2, 120, 160, 3), np.uint8))\n"
+        "print(pair.match(a, a)[0].shape[1])"
+    )
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "2\n"
+
+
+def test_views_without_texture_have_no_match():
+    pair = PAIRS["loftr-compact"](settings())
+    first, second = pair.extract(np.full((2, 240, 320, 3), 127, np.uint8))
+    points, cells = pair.match(first, second)
+    assert points.shape == (len(cells), 2)
+    assert pair.retrieval_features(first).shape == (0, 128)
+
+
+def test_mutual_maxima_are_greatest_in_row_and_column():
+    confidence = np.array([[0.9, 0.3, 0.0], [0.8, 0.1, 0.2], [0.0, 0.5, 0.4], [0.1, 0.0, 0.15]])
+    rows, columns, values = mutual_maxima(confidence, 0.2)
+    assert (rows.tolist(), columns.tolist(), values.tolist()) == ([0, 2], [0, 1], [0.9, 0.5])
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_truncated_file_is_one_clear_line(name, tmp_path, monkeypatch):
+    shutil.copytree(FOLDER, tmp_path / "weights" / "loftr-compact")
+    path = tmp_path / "weights" / "loftr-compact" / name
+    path.write_bytes(path.read_bytes()[:-1000])
+    with pytest.raises(WeightsMissing, match=rf"{name} is no ONNX network: .*"):  # the user's own: by its layout
+        PAIRS["loftr-compact"](settings(checkpoint=path.parent))
+    monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path))
+    with pytest.raises(WeightsMissing, match=rf"{name} has sha256 [0-9a-f]{{64}}, expected [0-9a-f]{{64}}; "):  # ours: by its hash
+        Keypoints.check(settings())
+
+
+def test_a_network_of_another_layout_is_one_clear_line(tmp_path):
+    shutil.copytree(FOLDER, tmp_path / "own")
+    shutil.copy(tmp_path / "own" / FILES[1], tmp_path / "own" / FILES[0])
+    with pytest.raises(WeightsMissing, match=r"features\.onnx takes first float32 .*, expected float32 \(1, 1, \*, \*\)"):
+        PAIRS["loftr-compact"](settings(checkpoint=tmp_path / "own"))
+
+
+@pytest.mark.parametrize("size", [(324, 240), (320, 520)])
+def test_views_of_another_kind_of_size_are_one_clear_line(size):
+    with pytest.raises(ConfigError, match=rf"loftr-compact: views of {size[0]} x {size[1]} pixels, expected multiples of 8 up to 512"):
+        PAIRS["loftr-compact"](settings(view_width_px=size[0], view_height_px=size[1]))
+
+
+def test_what_is_shipped_is_small():
+    assert sum(path.stat().st_size for path in FOLDER.iterdir()) < 8e6
