@@ -92,7 +92,7 @@ def _floor_plan(floor: FloorMasks, evaluation: Evaluation, methods: Sequence[Mea
     width_m, height_m = columns * floor.resolution_m, rows * floor.resolution_m
     left_m, top_m = floor.origin_m
     picture = {
-        "source": _picture(floor), "xref": "x", "yref": "y", "x": left_m, "y": top_m, "sizex": width_m, "sizey": height_m,
+        "source": floor_picture(floor), "xref": "x", "yref": "y", "x": left_m, "y": top_m, "sizex": width_m, "sizey": height_m,
         "sizing": "stretch", "layer": "below",
     }  # fmt: skip
     layout = {
@@ -105,7 +105,7 @@ def _floor_plan(floor: FloorMasks, evaluation: Evaluation, methods: Sequence[Mea
     return {"title": "Queries on the floor plan", "data": traces, "layout": layout, "wide": True}
 
 
-def _picture(floor: FloorMasks) -> str:
+def floor_picture(floor: FloorMasks) -> str:
     """The floor as a data URL: floor light, obstacles grey, walls dark, outside white."""
     inside = cv2.morphologyEx((floor.free | (floor.region > 0)).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
     image = np.full((*floor.region.shape, 3), 255, np.uint8)

@@ -28,17 +28,19 @@ class Move(NamedTuple):
 
 
 class Located(NamedTuple):
-    """A localization: T_world_pano (4, 4), and its score."""
+    """A localization: T_world_pano (4, 4), its score, and where it is no more than a place, the frame whose position it takes."""
 
     pose: np.ndarray
     score: float
+    frame: str | None = None
 
 
 class Belief:
-    """Where an agent believes to stand: the one of its localizations that the others agree with most, all brought up to now by odometry.
+    """Where an agent believes to stand: by those of its localizations that agree with each other most, all brought up to now by odometry.
 
     Each counts by its score, so a doubtful answer is outvoted, and a wrong belief by better answers that contradict it. On a spot where the agent
-    has been before, the new answer takes the place of the old one: they err alike.
+    has been before, the new answer takes the place of the old one: they err alike. A place without a pose tells something where it changes; while it
+    stays the same, odometry knows better where in it the agent is.
     """
 
     def __init__(self, yaw_rad: float) -> None:
@@ -46,33 +48,37 @@ class Belief:
         """Heading in the world by odometry alone, from the given first one."""
         self._spots: list[np.ndarray] = []
         self._located: list[Located] = []
+        self._last_frame: str | None = None
 
     @property
     def pose(self) -> np.ndarray | None:
         """T_world_pano (4, 4) as believed, None before the first localization."""
         if not self._located:
             return None
-        position_m = np.array([pose[:3, 3] for pose, _ in self._located])
-        yaw_rad = np.array([pose_yaw(pose) for pose, _ in self._located])
+        position_m = np.array([pose[:3, 3] for pose, _, _ in self._located])
+        yaw_rad = np.array([pose_yaw(pose) for pose, _, _ in self._located])
         near = np.linalg.norm(position_m[:, None] - position_m, axis=2) <= AGREE_M
         agree = near & (np.abs(wrap_angle(yaw_rad[:, None] - yaw_rad)) <= AGREE_RAD)
-        votes = agree @ np.array([score for _, score in self._located])
-        latest_of_best = int(np.flatnonzero(votes >= votes.max() * (1 - 1e-9))[-1])
-        return self._located[latest_of_best].pose
+        votes = agree @ np.array([score for _, score, _ in self._located])
+        # The latest of those that agree with it: odometry has moved it least.
+        return self._located[int(np.flatnonzero(agree[votes.argmax()])[-1])].pose
 
     def moved(self, odometry: np.ndarray) -> None:
         """Take in a motion (4, 4): the pose after it in the frame of the pose before."""
         back = invert_pose(odometry)
         self._spots = [back @ spot for spot in self._spots]
-        self._located = [Located(pose @ odometry, score) for pose, score in self._located]
+        self._located = [one._replace(pose=one.pose @ odometry) for one in self._located]
         self.yaw_rad += pose_yaw(odometry)
 
     def localized(self, found: Located) -> None:
         """Take in a localization of the spot where the agent is."""
+        frame, self._last_frame = self._last_frame, found.frame
+        if found.frame is not None and found.frame == frame:
+            return
         x, y, z = found.pose[:3, 3]
         other = [i for i, spot in enumerate(self._spots) if np.linalg.norm(spot[:3, 3]) > SPOT_M][1 - REMEMBERED :]
         self._spots = [*(self._spots[i] for i in other), np.eye(4)]
-        self._located = [*(self._located[i] for i in other), Located(pose_2d(x, y, pose_yaw(found.pose), z), found.score)]
+        self._located = [*(self._located[i] for i in other), found._replace(pose=pose_2d(x, y, pose_yaw(found.pose), z))]
 
 
 class Agent:
@@ -80,7 +86,7 @@ class Agent:
 
     def __init__(self, guide: Guide, goal: str, yaw_rad: float, arrival_m: float, rng: np.random.Generator) -> None:
         self.belief = Belief(yaw_rad)
-        self._tight, self._guide = guide, Guide(guide.chart.roomy(), guide.planner)
+        self._tight, self._guide = guide, guide.roomy
         self._goal, self._arrival_m, self._rng = goal, arrival_m, rng
         self._off_line = False
 

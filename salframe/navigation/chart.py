@@ -18,8 +18,8 @@ ROOM_M = 0.07
 """An agent that is a little off its line keeps this much farther from walls than its radius, where it can."""
 AHEAD_M, CLEAR_M = 0.1, 0.30
 """What stops an agent where the masks have this clearance, so much farther ahead, is something that they do not show."""
-BUMP_M = 0.25
-"""Radius of the disc right ahead that an agent keeps out of after such a collision."""
+BUMP_M, BUMP_AHEAD_M = 0.2, 0.3
+"""Radius of the disc that an agent keeps out of after such a collision, and how far ahead its centre is: more takes more bumps to learn."""
 
 
 class Chart(ABC):
@@ -74,7 +74,7 @@ class FloorChart(Chart):
         not show, and the map's edges are made again around it."""
         yaw_rad = pose_yaw(T_world_pano)
         ahead = np.array([np.cos(yaw_rad), np.sin(yaw_rad)])
-        next_pixel, centre = (self._grid.to_pixel(T_world_pano[:2, 3] + reach_m * ahead) for reach_m in (AHEAD_M, BUMP_M))
+        next_pixel, centre = (self._grid.to_pixel(T_world_pano[:2, 3] + reach_m * ahead) for reach_m in (AHEAD_M, BUMP_AHEAD_M))
         inside = ((next_pixel >= 0) & (next_pixel < self._grid.clear.shape)).all()
         if not inside or self._grid.clearance_m[cell(next_pixel)] < CLEAR_M:
             return self

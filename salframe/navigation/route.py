@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -32,6 +33,11 @@ class Guide:
         map = straighten(chart.map)
         self._planner.prepare(map)
         self._point_m = {node.id: np.array(node.xyz_m) for node in map.nodes}
+
+    @cached_property
+    def roomy(self) -> Guide:
+        """The guide on the chart with room to spare."""
+        return Guide(self.chart.roomy(), self.planner)
 
     def way(self, position_m: np.ndarray, goal: str) -> Way:
         """The shortest way from a position (3,): straight to a node in reach, then along the map. Raises NoRoute."""

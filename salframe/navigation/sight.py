@@ -48,7 +48,7 @@ class Sight:
         if pose is not None and abs(wrap_angle(pose_yaw(pose) - yaw_rad)) <= ASTRAY_RAD:
             return Located(pose, best.score)
         x, y, z = self._frames[best.frame].T_world_pano[:3, 3]
-        return Located(pose_2d(x, y, yaw_rad, z), best.score)
+        return Located(pose_2d(x, y, yaw_rad, z), best.score, best.frame)
 
     def _take_map(self, frames: Sequence[Frame]) -> None:
         """Hand the localizer these frames, described once each; those that cannot be used are left out."""

@@ -8,9 +8,9 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from salframe_house.dataset import House
-from salframe_house.rendering import VISIBLE_PIXELS
+from salframe_house.rendering import VISIBLE_PIXELS, buildings
 
-from salframe.errors import ConfigError
+from salframe.errors import ConfigError, DataError
 from salframe.geometry import equirectangular_rays
 from salframe.presets import configure, settings
 
@@ -115,3 +115,29 @@ def test_colour_is_rendered_under_other_light(tmp_path: Path, monkeypatch: pytes
     day = np.mean([frame.load().rgb.mean() for frame in fold.mapping])
     dim = np.mean([frame.load().rgb.mean() for frame in fold.queries])
     assert day > dim + 25
+
+
+def test_it_renders_where_the_agent_stands(house: House) -> None:
+    """A panorama observed where a query stands is that query's; its name tells the pose, so that detector noise differs by pose."""
+    for query in house.folds()[0].queries[:2]:
+        pose = house.truth(query.id).T_world_pano
+        seen, stored = house.observe(pose), query.load()
+        np.testing.assert_array_equal(seen.annotations.instance_id, stored.annotations.instance_id)
+        np.testing.assert_allclose(np.nan_to_num(seen.range_m), np.nan_to_num(stored.range_m), atol=1e-3)
+        assert seen.annotations.labels == stored.annotations.labels
+        assert seen.provides == house.provides
+        assert seen.id == house.observe(pose).id
+    assert len({house.observe(house.truth(query.id).T_world_pano).id for query in house.folds()[0].queries}) == 6
+
+
+def test_what_was_moved_stops_the_agent_and_is_not_on_its_map(house: House) -> None:
+    (world,) = house.worlds()
+    (floor,) = house.floors()
+    building, changed = buildings("home", 6, 0, 0.1)
+    assert not np.array_equal(building.floor_masks().obstacle, changed.floor_masks().obstacle)
+    np.testing.assert_array_equal(floor.obstacle, building.floor_masks().obstacle)
+    new = changed.floor_masks().obstacle & floor.free & ~floor.obstacle
+    row, column = np.argwhere(new)[new.sum() // 2]
+    x, y = floor.origin_m[0] + (column + 0.5) * floor.resolution_m, floor.origin_m[1] - (row + 0.5) * floor.resolution_m
+    with pytest.raises(DataError, match="is in a wall or obstacle"):
+        world.stand(x, y, 0.0)

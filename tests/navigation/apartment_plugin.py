@@ -1,0 +1,138 @@
+"""Two rooms with a door between them, a data set that shows where a panorama was taken, and localizers that read it off.
+
+Room a covers x from 0 to 4 m, room b from 4.2 to 8 m, both y from 0 to 4 m; the door in the wall between them is at y from 1.5 to 2.5 m.
+A panorama's first row of ranges holds x, y, z and yaw.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from pydantic import Field
+
+import salframe
+from salframe.config import ComponentConfig
+from salframe.errors import WeightsMissing
+from salframe.geometry import pose_2d, pose_yaw
+from salframe.localizer import Description, Localizer, rank_places
+from salframe.roles import Dataset
+from salframe.types import FloorMasks, Fold, Frame, Localization, MapFrame, Panorama, Truth
+
+RESOLUTION_M = 0.05
+POSES = {"a-west": (1.0, 2.0, 0.3), "a-north": (3.0, 3.5, -1.0), "b": (7.0, 2.0, 2.0), "door": (4.1, 2.0, 0.0)}
+
+
+def masks(*boxes: tuple[float, float, float, float]) -> FloorMasks:
+    """The floor, with obstacles in boxes (x0, y0, x1, y1) in metres."""
+    y, x = np.meshgrid(4.5 - (np.arange(100) + 0.5) * RESOLUTION_M, -0.5 + (np.arange(180) + 0.5) * RESOLUTION_M, indexing="ij")
+    inside = (y > 0) & (y < 4)
+    door = (y > 1.5) & (y < 2.5) & (x >= 4) & (x <= 4.2)
+    region = np.where(inside & (x > 0) & (x < 4.1), 1, 0) + np.where(inside & (x > 4.1) & (x < 8), 2, 0)
+    free = inside & (((x > 0) & (x < 4)) | ((x > 4.2) & (x < 8)) | door)
+    obstacle = np.zeros(free.shape, bool)
+    for x0, y0, x1, y1 in boxes:
+        obstacle |= (x > x0) & (x < x1) & (y > y0) & (y < y1)
+    return FloorMasks(free, region.astype(np.int32) * free, obstacle, RESOLUTION_M, (-0.5, 4.5), {1: "a", 2: "b"})
+
+
+def panorama(id: str, pose: np.ndarray) -> Panorama:
+    range_m = np.ones((4, 8), np.float32)
+    range_m[0, :4] = *pose[:3, 3], pose_yaw(pose)
+    return Panorama(id, range_m=range_m)
+
+
+def mapping() -> tuple[Frame, ...]:
+    frames = []
+    for id, (x, y, yaw) in POSES.items():
+        pose = pose_2d(x, y, yaw, 1.5)
+        kind = "transition" if id == "door" else "scene"
+        frames.append(Frame(id, lambda id=id, pose=pose: panorama(id, pose), pose, id[0] if kind == "scene" else id, kind))
+    return tuple(frames)
+
+
+class Still(Dataset):
+    """Has panoramas at its own frames only."""
+
+    name = "still"
+    version = "1"
+    provides = frozenset({"range"})
+    fingerprint = "still"
+
+    def folds(self) -> Sequence[Fold]:
+        return [Fold("all", mapping(), (Frame("query", mapping()[0].load),))]
+
+    def truth(self, query_id: str) -> Truth:
+        return Truth("a")
+
+    def floors(self) -> Sequence[FloorMasks]:
+        return [masks()]
+
+
+class Apartment(Still):
+    """Shows where a panorama was taken, anywhere."""
+
+    name = "apartment"
+
+    def observe(self, T_world_pano: np.ndarray) -> Panorama:
+        x, y, _ = T_world_pano[:3, 3]
+        return panorama(f"at {x:.3f} {y:.3f}", T_world_pano)
+
+
+class Unmasked(Apartment):
+    """Renders, but nobody knows where its walls are."""
+
+    name = "unmasked"
+
+    def floors(self) -> Sequence[FloorMasks]:
+        return ()
+
+
+class Seer(Localizer):
+    """Reads the pose off the panorama."""
+
+    name = "seer"
+    version = "1"
+    needs = frozenset({"range"})
+
+    class Config(ComponentConfig):
+        shift_m: float = Field(0.0, description="how far to the east of the truth its answers are")
+        crash_east_of_m: float = Field(99.0, description="raise on panoramas taken there")
+        blind: bool = Field(False, description="never answer")
+        posed: bool = Field(True, description="give poses, or places alone")
+
+    def describe(self, panorama: Panorama) -> Description:
+        return {"pose": panorama.range_m[0, :4].astype(float)}
+
+    def describe_identity(self) -> dict:
+        return {"name": self.name}
+
+    def index(self, descriptions: Sequence[Description], frames: Sequence[MapFrame]) -> None:
+        self.frames = frames
+
+    def match(self, description: Description) -> Localization:
+        x, y, z, yaw = description["pose"]
+        if x > self.config.crash_east_of_m:
+            raise ValueError("too far east")
+        if self.config.blind:
+            return Localization((), None, "low-score")
+        scores = np.exp([-np.hypot(frame.T_world_pano[0, 3] - x, frame.T_world_pano[1, 3] - y) for frame in self.frames])
+        places = rank_places(self.frames, scores)
+        if not self.config.posed:
+            return Localization(places, None, "no-pose")
+        return Localization(places, pose_2d(x + self.config.shift_m, y, yaw, z), "ok")
+
+
+class Weightless(Seer):
+    """Its weights are never there."""
+
+    name = "weightless"
+
+    @classmethod
+    def check(cls, config: ComponentConfig) -> None:
+        raise WeightsMissing("weightless.pth is not at hand: salframe weights fetch weightless")
+
+
+@salframe.hookimpl
+def salframe_components():
+    return [Still, Apartment, Unmasked, Seer, Weightless]

@@ -1,0 +1,91 @@
+"""Episodes drawn from a seed, and read from files."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from salframe_planners.planners import Dijkstra
+
+from salframe.errors import DataError
+from salframe.geometry import pose_yaw
+from salframe.navigation.episodes import Site, draw_episodes, read_episodes
+from salframe.navigation.route import Guide
+
+
+@pytest.fixture
+def sites(world):
+    return {"floor": Site(world, Guide(world.chart, Dijkstra.Config()))}
+
+
+def write(content) -> Path:
+    path = Path("episodes.json")
+    path.write_text(content if isinstance(content, str) else json.dumps(content))
+    return path
+
+
+def test_goals_lie_in_another_room(sites):
+    episodes, left_out = draw_episodes(sites, 40, 3)
+    assert len(episodes) == 40
+    assert not left_out
+    for episode in episodes:
+        start = np.reshape(episode.start, (4, 4))
+        assert sites["floor"].world.region(start) != episode.goal[0]
+        assert episode.shortest_m >= np.linalg.norm(start[:2, 3] - sites["floor"].world.node(episode.goal).xyz_m[:2]) - 1e-9
+    assert {episode.goal for episode in episodes} == {"a-west", "a-north", "b"}
+
+
+def test_a_seed_gives_the_same_episodes_and_more_of_them_begin_alike(sites):
+    assert draw_episodes(sites, 8, 3)[0] == draw_episodes(sites, 12, 3)[0][:8]
+    assert draw_episodes(sites, 8, 3)[0] != draw_episodes(sites, 8, 4)[0]
+
+
+def test_a_file_gives_starts_and_goals(sites):
+    episodes, left_out = read_episodes(write([
+        {"start": [1.0, 1.0], "goal": "b", "yaw_deg": 90}, {"start": "a-west", "goal": "b", "world": "floor"}]), sites, 0)  # fmt: skip
+    assert not left_out
+    first, second = (np.reshape(episode.start, (4, 4)) for episode in episodes)
+    np.testing.assert_allclose(first[:3, 3], [1.0, 1.0, 1.5])
+    assert pose_yaw(first) == pytest.approx(np.pi / 2)
+    np.testing.assert_allclose(second[:2, 3], [1.0, 2.0])
+    assert episodes[1].shortest_m == pytest.approx(6.0)
+
+
+@pytest.mark.parametrize(
+    ("entry", "line"),
+    [
+        ({"start": [4.1, 0.5], "goal": "b"}, r"episode 1: floor: \(4.10, 0.50\) m is in a wall or obstacle"),
+        ({"start": "a-wets", "goal": "b"}, "episode 1: floor: unknown node 'a-wets', did you mean 'a-west'"),
+        ({"start": "b", "goal": "c"}, "episode 1: floor: unknown node 'c'"),
+        ({"start": "b", "goal": "a-west", "world": "attic"}, "episode 1: unknown world 'attic', expected one of floor"),
+    ],
+)
+def test_an_episode_that_cannot_be_walked_costs_only_itself(sites, entry, line):
+    episodes, left_out = read_episodes(write([{"start": "a-west", "goal": "b"}, entry]), sites, 0)
+    assert [episode.number for episode in episodes] == [0]
+    with pytest.raises(DataError, match=line):
+        raise DataError(*left_out)
+    with pytest.raises(DataError, match=line.replace("episode 1", "episode 0")):
+        read_episodes(write([entry]), sites, 0)
+
+
+@pytest.mark.parametrize(
+    ("content", "line"),
+    [
+        ("nonsense", "episodes.json is not JSON"),
+        ({"start": "b"}, "episodes.json, Input should be a valid list"),
+        ([{"start": "b"}], "episodes.json, episode 0: goal Field required"),
+        ([{"start": "b", "goal": "a-west", "yaw": 3}], "episodes.json, episode 0: yaw Extra inputs are not permitted"),
+        ([], "episodes.json holds no episode, expected at least one"),
+    ],
+)
+def test_a_malformed_file_is_one_line(sites, content, line):
+    with pytest.raises(DataError, match=line):
+        read_episodes(write(content), sites, 0)
+
+
+def test_several_worlds_must_be_told_apart(sites):
+    with pytest.raises(DataError, match="episode 0: it names no world, expected one of floor, attic"):
+        read_episodes(write([{"start": "b", "goal": "a-west"}]), {**sites, "attic": sites["floor"]}, 0)

@@ -1,0 +1,117 @@
+"""One episode in closed loop, against closed forms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from salframe_planners.planners import Dijkstra
+
+from salframe.geometry import pose_2d
+from salframe.navigation.agent import Located
+from salframe.navigation.episodes import Episode, Site
+from salframe.navigation.route import Guide
+from salframe.navigation.walk import NavigationConfig, walk
+
+STILL = {"turn_noise_deg": 0.0, "length_noise": 0.0, "odometry_turn_noise_deg": 0.0, "odometry_length_noise": 0.0}
+
+
+@pytest.fixture
+def site(world):
+    return Site(world, Guide(world.chart, Dijkstra.Config()))
+
+
+def episode(site, x, y, goal="b", number=0) -> Episode:
+    start = pose_2d(x, y, 2.0, 1.5)
+    return Episode(number, "floor", tuple(start.ravel().tolist()), goal, site.guide.way(start[:3, 3], goal).length_m)
+
+
+def truly(T, yaw_rad):
+    return Located(T, 1.0)
+
+
+def test_without_noise_the_way_walked_is_the_shortest(site):
+    row = walk(site, truly, episode(site, 1.5, 2.0), NavigationConfig(**STILL, arrival_m=0.01), 0)
+    assert (row["status"], row["success"], row["collisions"]) == ("arrived", True, 0)
+    assert row["shortest_m"] == row["travelled_m"] == pytest.approx(5.5)
+    assert row["spl"] == pytest.approx(1.0)
+    assert row["panoramas"] == 4 == len(row["believed"])  # 2 m at a time, and one to see that it is there
+    np.testing.assert_allclose([pose[0] for pose in row["path"]], [1.5, 3.5, 5.5, 7.0], atol=1e-4)
+
+
+def test_spl_is_the_shortest_over_the_walked_way(site):
+    longer = [np.array([0.0, 0.4]), np.array([0.0, -0.4])]
+
+    def detour(T, yaw_rad):
+        shift = longer.pop(0) if longer else np.zeros(2)
+        return Located(pose_2d(*(T[:2, 3] + shift), 2.0 if T[0, 3] == 1.5 else yaw_rad, 1.5), 1.0)
+
+    row = walk(site, detour, episode(site, 1.5, 2.0), NavigationConfig(**STILL), 0)
+    steps = np.diff([pose[:2] for pose in row["path"]], axis=0)
+    assert row["travelled_m"] == pytest.approx(np.hypot(*steps.T).sum(), abs=1e-3)
+    assert row["travelled_m"] > 5.55
+    assert row["spl"] == pytest.approx(row["success"] * 5.5 / row["travelled_m"])
+
+
+def test_to_say_so_elsewhere_is_no_success(site):
+    row = walk(site, lambda T, yaw_rad: Located(pose_2d(7.0, 2.0, yaw_rad, 1.5), 1.0), episode(site, 5.0, 2.0), NavigationConfig(**STILL), 0)
+    assert (row["status"], row["success"], row["oracle"], row["success_3m"], row["spl"]) == ("arrived", False, False, True, 0.0)
+    assert row["left_m"] == pytest.approx(2.0)
+
+
+def test_to_pass_the_goal_without_saying_so_is_the_oracles(site):
+    def behind(T, yaw_rad):
+        return Located(pose_2d(T[0, 3] - 1.5, T[1, 3], yaw_rad, 1.5), 1.0)
+
+    row = walk(site, behind, episode(site, 5.0, 2.0), NavigationConfig(**STILL, budget=6), 0)
+    assert (row["success"], row["oracle"], row["status"]) == (False, True, "out of budget")
+
+
+def test_a_wrong_localization_sends_the_agent_the_wrong_way(site):
+    """Taken to be in room b, east of the goal, it walks west, into the wall of room a."""
+    def astray(T, yaw_rad):
+        return Located(pose_2d(7.7, 2.0, yaw_rad, 1.5), 1.0)
+
+    row = walk(site, astray, episode(site, 1.0, 2.0), NavigationConfig(**STILL, budget=2), 0)
+    assert row["path"][1][0] == pytest.approx(1.0 - 0.7, abs=1e-3)
+
+
+def test_never_localized_it_keeps_trying_until_the_budget_ends(site):
+    row = walk(site, lambda T, yaw_rad: None, episode(site, 1.0, 2.0), NavigationConfig(budget=5), 0)
+    assert (row["status"], row["panoramas"], row["not_localized"], row["believed"]) == ("out of budget", 5, 5, [None] * 5)
+
+
+def test_between_localizations_odometry_leads_on(site):
+    answers = [True]
+    row = walk(site, lambda T, yaw_rad: Located(T, 1.0) if answers and answers.pop() else None, episode(site, 1.5, 2.0),
+               NavigationConfig(**STILL), 0)  # fmt: skip
+    assert row["success"]
+    assert row["not_localized"] == row["panoramas"] - 1
+
+
+def test_noise_is_that_of_the_seed_and_has_the_stated_size(site):
+    config = NavigationConfig(budget=1)
+    one = episode(site, 1.5, 2.0)
+    assert walk(site, truly, one, config, 5) == walk(site, truly, one, config, 5)
+    ends = []
+    for number in range(120):
+        row = walk(site, truly, episode(site, 1.5, 2.0, number=number), config, 5)
+        x, y = np.subtract(row["path"][1][:2], (1.5, 2.0))
+        ends.append((np.hypot(x, y) / 2.0, np.degrees(np.arctan2(y, x))))
+    scale, turn_deg = np.std(ends, axis=0)
+    assert scale == pytest.approx(0.05, rel=0.25)
+    assert turn_deg == pytest.approx(2.0, rel=0.25)
+
+
+def test_odometry_has_the_stated_noise(site):
+    """Never localized again, the belief drifts from the truth by the noise of odometry alone."""
+    off = []
+    for number in range(120):
+        answers = [True]
+        row = walk(site, lambda T, yaw_rad, answers=answers: Located(T, 1.0) if answers and answers.pop() else None,
+                   episode(site, 1.5, 2.0, number=number), NavigationConfig(budget=2), 7)  # fmt: skip
+        true, believed = np.array(row["path"][1]), np.array(row["believed"][1])
+        length_m = np.linalg.norm(true[:2] - (1.5, 2.0))
+        off.append((np.linalg.norm(believed[:2] - (1.5, 2.0)) / length_m - 1, np.degrees(believed[3] - true[3])))
+    scale, turn_deg = np.std(off, axis=0)
+    assert scale == pytest.approx(0.05, rel=0.25)
+    assert turn_deg == pytest.approx(2.0, rel=0.25)
