@@ -57,4 +57,4 @@ def distance_codes_from(lines: Sequence[Lines3d], positions_m: np.ndarray, point
 def agreeing_share(codes: np.ndarray, query: np.ndarray, within_rad: float) -> np.ndarray:
     """(T,) share of the distances (T, 3 Q) that differ from a query's (3 Q,) by no more than `within_rad`: the inlier cost of LDL and FGPL."""
     within = np.uint8(round(within_rad * CODES_PER_RAD))
-    return ((codes - (query - within)) <= 2 * within).mean(axis=1)  # uint8 wraps around: one comparison bounds both sides
+    return np.count_nonzero((codes - (query - within)) <= 2 * within, axis=1) / codes.shape[1]  # uint8 wraps: one comparison bounds both sides
