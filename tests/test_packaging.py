@@ -12,7 +12,7 @@ REPOSITORY = Path(__file__).parent.parent
 
 
 @pytest.mark.slow
-def test_the_wheel_holds_every_package_preset_and_template(tmp_path):
+def test_the_wheel_holds_every_package_preset_template_and_network(tmp_path):
     source = tmp_path / "source"
     source.mkdir()
     for name in ("salframe", "plugins", "baselines", "configs", "pyproject.toml", "README.md"):
@@ -25,6 +25,8 @@ def test_the_wheel_holds_every_package_preset_and_template(tmp_path):
     packed = set(zipfile.ZipFile(wheel).namelist())
     expected = {f"salframe/configs/{path.relative_to(REPOSITORY / 'configs')}" for path in (REPOSITORY / "configs").rglob("*.yaml")}
     expected |= {f"salframe/templates/{path.name}" for path in (REPOSITORY / "salframe" / "templates").iterdir()}
+    weights = REPOSITORY / "baselines" / "salframe_keypoints" / "loftr_compact_weights"
+    expected |= {f"salframe_keypoints/{weights.name}/{path.name}" for path in weights.iterdir()}
     for container in (REPOSITORY, REPOSITORY / "plugins", REPOSITORY / "baselines"):
         expected |= {str(path.relative_to(container)) for path in container.glob("salframe*/**/*.py")}
     assert expected - packed == set()

@@ -37,8 +37,10 @@ class Shot:
 
 
 def folder(config: Panoramas) -> Path:
-    """Where the panoramas of these settings are kept."""
-    return cache_home() / "loftr-training" / digest(config.model_dump())[:16]
+    """Where the panoramas of these settings and this generator are kept."""
+    from salframe_house.dataset import House
+
+    return cache_home() / "loftr-training" / digest({"house": House.version, **config.model_dump()})[:16]
 
 
 def render(config: Panoramas, seeds: Sequence[int], progress: Callable[[int, int], None]) -> None:
