@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from salframe.compare import Progress, configure_methods, open_run, watch, work_through
+from salframe.compare import Progress, choose_runnable, configure_methods, open_run, watch, work_through
 from salframe.errors import DataError, InputMissing
 from salframe.geometry import invert_pose, sample_nearest, transform_points
 from salframe.metrics import count_statuses
@@ -40,12 +40,14 @@ class Matching:
     """A run and its table: a row a method with the keys of COLUMNS, None where a number is absent.
 
     `kind` is "points" (mma_1, mma_3, mma_5: mean matching accuracy; pairs_without_match) or "nodes" (precision, recall, true_per_pair): the
-    two are different quantities. All are means over the pairs of panoramas. `left_out`: queries whose place has no scene frame in the map.
+    two are different quantities. All are means over the pairs of panoramas. `left_out`: queries whose place has no scene frame in the map;
+    `notes`: which method ran instead of one that was asked for, and why, a line each.
     """
 
     run: Path
     rows: tuple[dict[str, Any], ...]
     left_out: int
+    notes: tuple[str, ...] = ()
 
     @property
     def measured(self) -> bool:
@@ -58,8 +60,8 @@ class Matching:
         return any("crashed" in row["status"] for row in self.rows)
 
     def to_json(self) -> dict[str, Any]:
-        """{"run": path, "left_out": number, "rows": [...]}."""
-        return {"run": str(self.run), "left_out": self.left_out, "rows": list(self.rows)}
+        """{"run": path, "rows": [...], "left_out": number, "notes": [...]}."""
+        return {"run": str(self.run), "rows": list(self.rows), "left_out": self.left_out, "notes": list(self.notes)}
 
 
 def measure_matching(
@@ -71,6 +73,7 @@ def measure_matching(
     Arguments as for `compare`. Raises SalframeError on names and settings that are wrong, and where the data set tells no ranges or poses.
     """
     configs, given = configure_methods(methods, overrides)
+    configs, notes = choose_runnable(configs, given)
     run, dataset, runner = open_run(configs, data, data_dir, given, name, runs, engine, 0, progress, "matching-", {"task": "matching"})
     if "range" not in dataset.provides:
         raise InputMissing(f"matching accuracy needs panoramas with range, which {dataset.name} does not have")
@@ -79,7 +82,7 @@ def measure_matching(
     with watch(run, lambda label: len(_rows(run, label)), len(pairs), progress):
         work_through(run, runner, match_pairs, todo)
     left_out = sum(len(fold.queries) for fold in dataset.folds()) - len(pairs)
-    return Matching(run.directory, tuple(_summarize(run, label, len(pairs)) for label in run.labels), left_out)
+    return Matching(run.directory, tuple(_summarize(run, label, len(pairs)) for label in run.labels), left_out, notes)
 
 
 @dataclass(frozen=True, eq=False)

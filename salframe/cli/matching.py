@@ -43,9 +43,9 @@ def print_matching(matching: Matching) -> None:
             [row["method"], f"{row['precision'] * 100:.1f}", "-" if row["recall"] is None else f"{row['recall'] * 100:.1f}",
              f"{row['matches_per_pair']:.1f}", f"{row['true_per_pair']:.1f}", str(row["pairs"])] for row in nodes
         ])  # fmt: skip
-    for row in matching.rows:
-        if row["reason"]:
-            print(f"{row['method']}: {row['reason']}")
+    notes = [*matching.notes, *(f"{row['method']}: {row['reason']}" for row in matching.rows if row["reason"])]
     if matching.left_out:
-        print(f"{matching.left_out} queries left out: their place has no scene frame in the map")
+        notes.append(f"{matching.left_out} queries left out: their place has no scene frame in the map")
+    for note in notes:
+        print(note)
     print(f"run: {matching.run}")
