@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 
@@ -47,19 +46,6 @@ class ViewpointChart(Chart):
     def spot(self, position_m: np.ndarray) -> np.ndarray:
         """See Chart: at the nearest viewpoint."""
         return self._camera_m[self.nearest(position_m)]
-
-    def stopped(self, T_world_pano: np.ndarray) -> ViewpointChart:
-        """See Chart: the neighbour straight ahead of the nearest viewpoint is none, or the agent is not where it believes; either way that walk
-        leads nowhere from here."""
-        here, yaw_rad = self.nearest(T_world_pano[:3, 3]), pose_yaw(T_world_pano)
-        along_m = self._camera_m[:, :2] - self._camera_m[here, :2]
-        off_rad = np.abs(wrap_angle(np.arctan2(along_m[:, 1], along_m[:, 0]) - yaw_rad))
-        off_rad[~np.isfinite(self.step_m[here])] = np.inf
-        off_rad[here] = np.inf
-        if off_rad.min() > TURN_OFF_RAD:
-            return self
-        ends = {self.map.nodes[here].id, self.map.nodes[int(off_rad.argmin())].id}
-        return ViewpointChart(replace(self.map, edges=tuple(edge for edge in self.map.edges if {edge.start, edge.end} != ends)), self._camera_m)
 
     def reach(self, position_m: np.ndarray, points_m: np.ndarray) -> np.ndarray:
         """See Chart: from the nearest viewpoint to itself (0) and its neighbours."""

@@ -16,6 +16,8 @@ SPOT_M = 0.3
 """Within this distance an agent is on a spot where it has been."""
 AGREE_M, AGREE_RAD = 1.0, np.radians(30.0)
 """Localizations that odometry brings this near to each other agree."""
+TIGHT_M = 1.0
+"""A way without room to spare is worth it where it is shorter by more than this."""
 AT_M = 0.1
 """A corner of the way this near has been reached."""
 
@@ -82,11 +84,12 @@ class Belief:
 
 
 class Agent:
-    """Walks to a node along the shortest way from where it believes to stand, with room to spare where there is such a way."""
+    """Walks to a node along the shortest way from where it believes to stand, with room to spare unless that is much longer."""
 
     def __init__(self, guide: Guide, goal: str, yaw_rad: float, arrival_m: float, rng: np.random.Generator) -> None:
         self.belief = Belief(yaw_rad)
-        self._tight, self._guide = guide, guide.roomy
+        self._given: tuple[Guide, ...] = (guide.roomy, guide)
+        self._guides: tuple[Guide, ...] = self._given
         self._goal, self._arrival_m, self._rng = goal, arrival_m, rng
         self._off_line = False
 
@@ -94,10 +97,13 @@ class Agent:
         """What the last move came to, by odometry (4, 4), and whether something stopped it."""
         self.belief.moved(odometry)
         self._off_line = stopped
-        if stopped and self.belief.pose is not None:
-            chart = self._guide.chart.stopped(self.belief.pose)
-            if chart is not self._guide.chart:
-                self._guide, self._off_line = Guide(chart, self._guide.planner), False
+        pose = self.belief.pose
+        if not stopped or pose is None:
+            return
+        charts = [guide.chart.stopped(pose) for guide in self._guides]
+        if any(chart is not guide.chart for chart, guide in zip(charts, self._guides, strict=True)):
+            self._guides = tuple(Guide(chart, guide.planner) for chart, guide in zip(charts, self._guides, strict=True))
+            self._off_line = False
 
     def decide(self) -> Move | None:
         """The next move, None where it believes to have arrived.
@@ -113,20 +119,26 @@ class Agent:
             return None
         if self._off_line:
             return self._aside()
-        here_m = self._guide.chart.spot(pose[:3, 3])
-        legs_m = way.corners_m[:, :2] - here_m[:2]
+        chart = self._guides[0].chart
+        legs_m = way.corners_m[:, :2] - chart.spot(pose[:3, 3])[:2]
         ahead = next((leg for leg in legs_m if np.linalg.norm(leg) > AT_M), legs_m[-1])
         turn_rad = float(wrap_angle(np.arctan2(ahead[1], ahead[0]) - pose_yaw(pose)))
-        return Move(turn_rad, min(float(np.linalg.norm(ahead)), self._guide.chart.longest_move_m))
+        return Move(turn_rad, min(float(np.linalg.norm(ahead)), chart.longest_move_m))
 
     def _way(self, position_m: np.ndarray) -> Way | None:
-        """The shortest way; if what it has bumped into leaves none, or there is none with room to spare, that of the chart it was given."""
-        for guide in (self._guide, self._tight):
-            try:
-                return guide.way(position_m, self._goal)
-            except NoRoute:
-                continue
+        """The best way. Where what it has bumped into leaves none, that was elsewhere than it believed, and is forgotten."""
+        for guides in (self._guides, self._given):
+            self._guides = guides
+            ways = []
+            for guide, drawback_m in zip(guides, (0.0, TIGHT_M), strict=True):
+                try:
+                    way = guide.way(position_m, self._goal)
+                except NoRoute:
+                    continue
+                ways.append((way.length_m + drawback_m, way))
+            if ways:
+                return min(ways, key=lambda entry: entry[0])[1]
         return None
 
     def _aside(self) -> Move:
-        return Move(float(self._rng.uniform(np.pi / 2, 3 * np.pi / 2)), self._guide.chart.aside_m)
+        return Move(float(self._rng.uniform(np.pi / 2, 3 * np.pi / 2)), self._guides[0].chart.aside_m)

@@ -84,13 +84,6 @@ def test_reach_is_to_neighbours_and_itself(world):
     np.testing.assert_allclose(world.chart.spot(near_b), [1.2, 0.3, 1.6])
 
 
-def test_a_walk_that_leads_nowhere_is_not_tried_again_from_there(world):
-    towards_b = at(world, "a", np.radians(10.0))
-    chart = world.chart.stopped(towards_b)
-    assert {(edge.start, edge.end) for edge in chart.map.edges} == {("fake/a", "fake/c")}
-    assert chart.stopped(towards_b) is chart
-
-
 def test_episodes_start_at_viewpoints(world):
     sites = {"fake": Site(world, Guide(world.chart, Dijkstra.Config()))}
     episodes, _ = draw_episodes(sites, 20, 0)
