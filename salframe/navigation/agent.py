@@ -40,9 +40,9 @@ class Located(NamedTuple):
 class Belief:
     """Where an agent believes to stand: by those of its localizations that agree with each other most, all brought up to now by odometry.
 
-    Each counts by its score, so a doubtful answer is outvoted, and a wrong belief by better answers that contradict it. On a spot where the agent
-    has been before, the new answer takes the place of the old one: they err alike. A place without a pose tells something where it changes; while it
-    stays the same, odometry knows better where in it the agent is.
+    Each counts by its score, where that is positive: a doubtful answer is outvoted, and so is a wrong belief by better answers that contradict
+    it. On a spot where the agent has been before, the new answer takes the place of the old one: they err alike. A place without a pose tells
+    something where it changes; while it stays the same, odometry knows better where in it the agent is.
     """
 
     def __init__(self, yaw_rad: float) -> None:
@@ -61,9 +61,10 @@ class Belief:
         yaw_rad = np.array([pose_yaw(pose) for pose, _, _ in self._located])
         near = np.linalg.norm(position_m[:, None] - position_m, axis=2) <= AGREE_M
         agree = near & (np.abs(wrap_angle(yaw_rad[:, None] - yaw_rad)) <= AGREE_RAD)
-        votes = agree @ np.array([score for _, score, _ in self._located])
+        votes = agree @ np.array([max(score, 0.0) for _, score, _ in self._located])
+        best = np.flatnonzero(votes == votes.max())[-1]
         # The latest of those that agree with it: odometry has moved it least.
-        return self._located[int(np.flatnonzero(agree[votes.argmax()])[-1])].pose
+        return self._located[int(np.flatnonzero(agree[best])[-1])].pose
 
     def moved(self, odometry: np.ndarray) -> None:
         """Take in a motion (4, 4): the pose after it in the frame of the pose before."""
