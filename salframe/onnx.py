@@ -56,6 +56,7 @@ def open_model(path: Path, inputs: Sequence[Shape] | None = None, outputs: Seque
 
     options = onnxruntime.SessionOptions()
     options.log_severity_level = 3  # errors only: they are raised as well, and warnings are for who made the file
+    options.add_session_config_entry("session.intra_op.allow_spinning", "0")  # waiting threads would hold cores that other methods could use
     try:
         content = path.read_bytes()
     except OSError as error:

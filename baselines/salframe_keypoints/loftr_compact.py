@@ -119,7 +119,7 @@ class Network:
 def mutual_maxima(confidence: np.ndarray, threshold: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rows, columns and values of a matrix's entries above the threshold that are the greatest of both their row and their column."""
     columns = confidence.argmax(1)
-    best = confidence.max(1)
+    best = confidence[np.arange(len(columns)), columns]
     rows = np.flatnonzero((best > threshold) & (confidence.max(0)[columns] == best))
     return rows, columns[rows], best[rows]
 
@@ -127,11 +127,11 @@ def mutual_maxima(confidence: np.ndarray, threshold: float) -> tuple[np.ndarray,
 def windows(features: Features, cells: np.ndarray) -> np.ndarray:
     """(M, WINDOW * WINDOW, D) fine features around coarse cells (M,), row by row; zero beyond the image."""
     margin, step = WINDOW // 2, STRIDE_PX // FINE_STRIDE_PX
-    padded = np.pad(features.fine[0], ((0, 0), (margin, margin), (margin, margin)))
+    padded = np.pad(features.fine[0].transpose(1, 2, 0), ((margin, margin), (margin, margin), (0, 0)))
     around = np.arange(WINDOW)
     rows = (cells // features.columns * step)[:, None, None] + around[:, None]
     columns = (cells % features.columns * step)[:, None, None] + around
-    return padded[:, rows, columns].transpose(1, 2, 3, 0).reshape(len(cells), WINDOW**2, -1)
+    return padded[rows, columns].reshape(len(cells), WINDOW**2, -1)
 
 
 class LoftrCompact(ImagePair):
