@@ -14,10 +14,12 @@ REMEMBERED = 20
 """Latest spots whose localization the agent keeps."""
 SPOT_M = 0.3
 """Within this distance an agent is on a spot where it has been."""
-AGREE_M, AGREE_RAD = 1.0, np.radians(30.0)
+AGREE_M, AGREE_RAD = 0.5, np.radians(30.0)
 """Localizations that odometry brings this near to each other agree."""
 TIGHT_M = 1.0
 """A way without room to spare is worth it where it is shorter by more than this."""
+HEREABOUTS_M = 0.3
+"""Collisions this near to each other are with the same thing."""
 AT_M = 0.1
 """A corner of the way this near has been reached."""
 
@@ -93,6 +95,7 @@ class Agent:
         self._guides: tuple[Guide, ...] = self._given
         self._goal, self._arrival_m, self._rng = goal, arrival_m, rng
         self._off_line = False
+        self._stops_m: list[np.ndarray] = []
 
     def moved(self, odometry: np.ndarray, stopped: bool) -> None:
         """What the last move came to, by odometry (4, 4), and whether something stopped it."""
@@ -101,7 +104,9 @@ class Agent:
         pose = self.belief.pose
         if not stopped or pose is None:
             return
-        charts = [guide.chart.stopped(pose) for guide in self._guides]
+        again = any(np.linalg.norm(pose[:2, 3] - place_m) <= HEREABOUTS_M for place_m in self._stops_m)
+        self._stops_m.append(pose[:2, 3])
+        charts = [guide.chart.stopped(pose, again) for guide in self._guides]
         if any(chart is not guide.chart for chart, guide in zip(charts, self._guides, strict=True)):
             self._guides = tuple(Guide(chart, guide.planner) for chart, guide in zip(charts, self._guides, strict=True))
             self._off_line = False
@@ -128,17 +133,16 @@ class Agent:
 
     def _way(self, position_m: np.ndarray) -> Way | None:
         """The best way. Where what it has bumped into leaves none, that was elsewhere than it believed, and is forgotten."""
-        for guides in (self._guides, self._given):
-            self._guides = guides
-            ways = []
-            for guide, drawback_m in zip(guides, (0.0, TIGHT_M), strict=True):
-                try:
-                    way = guide.way(position_m, self._goal)
-                except NoRoute:
-                    continue
-                ways.append((way.length_m + drawback_m, way))
-            if ways:
-                return min(ways, key=lambda entry: entry[0])[1]
+        ways = []
+        for guide, drawback_m in zip(self._guides, (0.0, TIGHT_M), strict=True):
+            try:
+                way = guide.way(position_m, self._goal)
+            except NoRoute:
+                continue
+            ways.append((way.length_m + drawback_m, way))
+        if ways:
+            return min(ways, key=lambda entry: entry[0])[1]
+        self._guides, self._stops_m = self._given, []
         return None
 
     def _aside(self) -> Move:

@@ -43,8 +43,11 @@ class Chart(ABC):
         """The chart of what can be walked with some room to spare, which may leave parts of the building out of reach."""
         return self
 
-    def stopped(self, T_world_pano: np.ndarray) -> Chart:
-        """The chart after a collision on the way ahead, at a pose as the agent believes it: another one where that tells something new."""
+    def stopped(self, T_world_pano: np.ndarray, again: bool) -> Chart:
+        """The chart after a collision on the way ahead, at a pose as the agent believes it: another one where that tells something new.
+
+        `again`: it has been stopped hereabouts before.
+        """
         return self
 
 
@@ -69,14 +72,14 @@ class FloorChart(Chart):
     def roomy(self) -> FloorChart:
         return self._narrowed(self._grid.clearance_m >= self._radius_m + ROOM_M)
 
-    def stopped(self, T_world_pano: np.ndarray) -> FloorChart:
-        """See Chart. Near a wall or obstacle of the masks the agent was but a little off its line; elsewhere there is something that they do
-        not show, and the map's edges are made again around it."""
+    def stopped(self, T_world_pano: np.ndarray, again: bool) -> FloorChart:
+        """See Chart. Near a wall or obstacle of the masks the agent may have been but a little off its line, once; elsewhere, or again, there is
+        something that they do not show, and the map's edges are made again around it."""
         yaw_rad = pose_yaw(T_world_pano)
         ahead = np.array([np.cos(yaw_rad), np.sin(yaw_rad)])
         next_pixel, centre = (self._grid.to_pixel(T_world_pano[:2, 3] + reach_m * ahead) for reach_m in (AHEAD_M, BUMP_AHEAD_M))
         inside = ((next_pixel >= 0) & (next_pixel < self._grid.clear.shape)).all()
-        if not inside or self._grid.clearance_m[cell(next_pixel)] < CLEAR_M:
+        if not inside or (not again and self._grid.clearance_m[cell(next_pixel)] < CLEAR_M):
             return self
         row, column = np.indices(self._grid.clear.shape)
         away_m = np.hypot(row + 0.5 - centre[0], column + 0.5 - centre[1]) * self._grid.floor.resolution_m

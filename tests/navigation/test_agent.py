@@ -118,6 +118,8 @@ def test_stopped_by_a_known_wall_it_steps_aside_and_by_another_thing_it_goes_aro
     agent.belief.localized(Located(at(3.8, 1.0), 1.0))
     agent.moved(pose_2d(0.0, 0.0, 0.0), stopped=True)
     assert agent.decide().length_m == world.chart.aside_m
+    agent.moved(pose_2d(0.0, 0.0, 0.0), stopped=True)
+    assert agent.decide().length_m != world.chart.aside_m  # twice on the same spot: it is not the wall
     agent = make(world)
     agent.belief.localized(Located(at(2.0, 2.0), 1.0))
     agent.moved(pose_2d(0.0, 0.0, 0.0), stopped=True)

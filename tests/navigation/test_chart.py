@@ -54,7 +54,7 @@ def test_a_roomy_chart_keeps_its_distance(world):
 
 def test_a_bump_in_the_open_is_walked_around(world):
     stopped_at = pose_2d(2.0, 2.0, 0.0, 1.5)
-    chart = world.chart.stopped(stopped_at)
+    chart = world.chart.stopped(stopped_at, again=False)
     assert chart is not world.chart
     centre = np.array([2.0 + BUMP_AHEAD_M, 2.0])
     way = guide(chart).way(np.array([2.0, 2.0, 1.5]), "b")
@@ -66,8 +66,15 @@ def test_a_bump_in_the_open_is_walked_around(world):
 
 
 def test_a_bump_beside_a_known_wall_tells_nothing(world):
-    assert world.chart.stopped(pose_2d(3.8, 1.0, 0.0, 1.5)) is world.chart
-    assert world.chart.stopped(pose_2d(30.0, 1.0, 0.0, 1.5)) is world.chart
+    assert world.chart.stopped(pose_2d(3.75, 1.0, 0.0, 1.5), again=False) is world.chart
+    assert world.chart.stopped(pose_2d(30.0, 1.0, 0.0, 1.5), again=True) is world.chart
+
+
+def test_a_second_bump_there_does(world):
+    point = np.array([[3.75, 1.5, 0.0]])
+    here = np.array([3.75, 0.6, 1.5])
+    np.testing.assert_allclose(world.chart.reach(here, point), [0.9])
+    assert np.isinf(world.chart.stopped(pose_2d(3.75, 0.8, np.pi / 2, 1.5), again=True).reach(here, point)).all()
 
 
 def test_an_edge_is_joined_at_its_corners():
