@@ -214,5 +214,5 @@ def test_missing_weights_name_the_path_the_hash_and_the_command(monkeypatch, tmp
 
 
 def test_an_unknown_pair_is_named_with_the_known_ones():
-    with pytest.raises(ConfigError, match=r"method.pair: received 'xfeet', expected 'xfeat', .*'sift' or 'loftr'"):
+    with pytest.raises(ConfigError, match=r"method.pair: received 'xfeet', expected 'xfeat', .*'loftr' or 'loftr-compact'"):
         validate(Keypoints.Config, {"pair": "xfeet"}, "method")
