@@ -9,7 +9,6 @@ import cv2
 import numpy as np
 import pytest
 from salframe_keypoints.efficient_loftr import in_one_order
-from salframe_keypoints.images import ImagePair
 from salframe_keypoints.localizer import PAIRS, Keypoints
 from salframe_keypoints.pairs import View
 
@@ -201,7 +200,3 @@ def test_another_model_a_damaged_file_and_another_architecture_are_one_clear_lin
 def test_views_that_efficient_loftr_cannot_take_are_refused(checkpoints):
     with pytest.raises(ConfigError, match="multiples of 32 pixels, received 240 x 176"):
         PAIRS["efficient-loftr"](Keypoints.Config(pair="efficient-loftr", checkpoint=checkpoints, view_width_px=240, view_height_px=176))
-
-
-def test_every_pair_without_a_detector_keeps_images():
-    assert {name for name, pair in PAIRS.items() if issubclass(pair, ImagePair)} == {"loftr", "efficient-loftr"}
