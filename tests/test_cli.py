@@ -73,7 +73,7 @@ def test_a_narrow_terminal_cuts_no_column(fakes, monkeypatch):
 def test_compare_prints_json_and_nothing_else(fakes):
     done = run("compare", "--methods", "reader", "--data", "rooms", "--engine", "inline", "--json")
     assert done.err == ""
-    assert set(done.json) == {"run", "rows"}
+    assert set(done.json) == {"run", "rows", "notes"}
     assert [tuple(row) for row in done.json["rows"]] == [COLUMNS]
 
 

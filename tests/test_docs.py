@@ -40,7 +40,7 @@ def test_every_command_and_option_is_in_the_reference():
         for path, leaf in [(name, command), *((f"{name} {child}", leaf) for child, leaf in getattr(command, "commands", {}).items())]:
             assert f"salframe {path}" in known
             for parameter in leaf.params:
-                written = parameter.opts[0] if parameter.param_type_name == "option" else parameter.name.upper()
+                written = parameter.opts[0] if parameter.param_type_name == "option" else parameter.metavar or parameter.name.upper()
                 assert f"`{written}" in known[f"salframe {path}"], f"{written} of salframe {path}"
 
 
