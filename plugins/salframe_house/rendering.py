@@ -17,6 +17,7 @@ from salframe.errors import SalframeError
 from salframe.geometry import pose_2d, pose_yaw
 from salframe.processes import die_with_parent
 from salframe.types import Annotations, FloorMasks, Panorama
+from salframe_house.assets import Catalogue
 from salframe_house.building import Building, Style, change_building, generate_building
 from salframe_house.dataset import House
 from salframe_house.frames import FrameSpec, choose_frames
@@ -93,7 +94,7 @@ def buildings(style: Style, rooms: int, seed: int, changed_fraction: float) -> t
 def render_panorama(config: House.Config, T_world_pano: np.ndarray) -> Panorama:
     """A panorama of the changed building at a pose (4, 4), in the queries' light; where that is not one for all, in the evening's."""
     lighting = "evening" if config.lighting == "other" else config.lighting
-    renderer = _renderer(config.style, config.rooms, config.seed, config.changed_fraction, True, lighting, config.height)
+    renderer = _renderer(config, True, lighting)
     mapped, changed = buildings(config.style, config.rooms, config.seed, config.changed_fraction)
     labels = {**mapped.labels, **changed.labels}
     x, y, z = T_world_pano[:3, 3]
@@ -131,7 +132,7 @@ def _visible(path: Path) -> tuple[int, ...]:
 
 def _render_frame(root: Path, config: House.Config, spec: FrameSpec, entry: FrameEntry) -> None:
     lighting = config.lighting if spec.role == "query" and config.lighting != "other" else spec.lighting
-    renderer = _renderer(config.style, config.rooms, config.seed, config.changed_fraction, spec.role == "query", lighting, config.height)
+    renderer = _renderer(config, spec.role == "query", lighting)
     pose = pose_2d(spec.x_m, spec.y_m, spec.yaw_rad, spec.z_m)
     if config.rgb:
         rendering = renderer.render(pose)
@@ -142,8 +143,10 @@ def _render_frame(root: Path, config: House.Config, spec: FrameSpec, entry: Fram
 
 
 @cache
-def _renderer(style: Style, rooms: int, seed: int, changed_fraction: float, changed: bool, lighting: str, height: int) -> Renderer:
+def _renderer(config: House.Config, changed: bool, lighting: str) -> Renderer:
     """Renderers of a worker process; the lightings of one building share its geometry and textures."""
     if lighting != "day":
-        return _renderer(style, rooms, seed, changed_fraction, changed, "day", height).relit(lighting)
-    return Renderer(buildings(style, rooms, seed, changed_fraction)[changed].scene(), "day", height)
+        return _renderer(config, changed, "day").relit(lighting)
+    building = buildings(config.style, config.rooms, config.seed, config.changed_fraction)[changed]
+    catalogue = Catalogue(config.models, config.models_part) if config.models else None
+    return Renderer(building.scene(catalogue), "day", config.height)

@@ -80,7 +80,8 @@ def _draw(site: Site, rng: np.random.Generator, number: int) -> Episode | None:
             continue
         goal = goals[rng.integers(len(goals))]
         try:
-            world.stand_at(world.node(goal), 0.0)
+            if not world.joined(start, world.stand_at(world.node(goal), 0.0)):
+                continue
             return Episode(number, world.id, tuple(start.ravel().tolist()), goal, guide.way(start[:3, 3], goal).length_m)
         except (DataError, NoRoute):
             continue
@@ -117,6 +118,8 @@ def _place(asked: Asked, sites: Mapping[str, Site], rng: np.random.Generator, nu
     yaw_rad = rng.uniform(-np.pi, np.pi) if asked.yaw_deg is None else np.radians(asked.yaw_deg)
     goal = world.node(asked.goal)
     start = world.stand_at(world.node(asked.start), yaw_rad) if isinstance(asked.start, str) else world.stand(*asked.start, yaw_rad)
+    if not world.joined(start, world.stand_at(goal, 0.0)):
+        raise DataError(f"what stands in {name} today shuts {goal.id} off from the start")
     return Episode(number, name, tuple(start.ravel().tolist()), goal.id, guide.way(start[:3, 3], goal.id).length_m)
 
 

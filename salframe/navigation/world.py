@@ -47,6 +47,10 @@ class World(ABC):
     def stand(self, x_m: float, y_m: float, yaw_rad: float) -> np.ndarray:
         """The pose of an agent at this place. Raises DataError where none can stand there."""
 
+    def joined(self, start: np.ndarray, goal: np.ndarray) -> bool:
+        """Whether an agent could walk from one pose to another, if it knew all."""
+        return True
+
     @abstractmethod
     def draw_start(self, rng: np.random.Generator) -> np.ndarray:
         """The pose of an agent somewhere in a region, uniform over place and heading."""
@@ -76,6 +80,8 @@ class FloorWorld(World):
     """
 
     def __init__(self, id: str, dataset: Dataset, floor: FloorMasks, frames: Sequence[Frame], actual: FloorMasks) -> None:
+        from scipy import ndimage
+
         settings = TopologySettings()
         self._grid = FloorGrid(floor, settings.robot_radius_m)
         super().__init__(id, FloorChart(build_topology([floor], frames, settings), self._grid, settings.robot_radius_m))
@@ -84,6 +90,7 @@ class FloorWorld(World):
         self._camera_z_m = float(np.median([frame.mapped().T_world_pano[2, 3] for frame in frames]))
         self._names = self._grid.names
         self._free = FloorGrid(actual, settings.robot_radius_m).clear
+        self._parts = ndimage.label(self._free)[0]
 
     def stand_at(self, node: MapNode, yaw_rad: float) -> np.ndarray:
         x_m, y_m, _ = node.xyz_m
@@ -95,6 +102,10 @@ class FloorWorld(World):
                 f"{self.id}: ({x_m:.2f}, {y_m:.2f}) m is in a wall or obstacle, or less than {self._radius_m:g} m from one, expected free floor"
             )
         return pose_2d(x_m, y_m, yaw_rad, self._camera_z_m)
+
+    def joined(self, start: np.ndarray, goal: np.ndarray) -> bool:
+        first, last = (self._parts[cell(self._grid.to_pixel(pose[:2, 3]))] for pose in (start, goal))
+        return bool(first == last)
 
     def draw_start(self, rng: np.random.Generator) -> np.ndarray:
         x_m, y_m = self._grid.to_metres(rng.choice(np.argwhere(self._free & self._grid.clear & (self._grid.label > 0))) + 0.5)

@@ -7,12 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from apartment_plugin import Apartment, mapping, masks
 from salframe_planners.planners import Dijkstra
 
 from salframe.errors import DataError
 from salframe.geometry import pose_yaw
 from salframe.navigation.episodes import Site, draw_episodes, read_episodes
 from salframe.navigation.route import Guide
+from salframe.navigation.world import FloorWorld
 
 
 @pytest.fixture
@@ -69,6 +71,15 @@ def test_an_episode_that_cannot_be_walked_costs_only_itself(sites, entry, line):
         raise DataError(*left_out)
     with pytest.raises(DataError, match=line.replace("episode 1", "episode 0")):
         read_episodes(write([entry]), sites, 0)
+
+
+def test_goals_that_what_was_moved_shuts_off_are_not_asked_for():
+    shut = FloorWorld("floor", Apartment(), masks(), mapping(), masks((3.7, 1.0, 4.0, 3.0)))
+    sites = {"floor": Site(shut, Guide(shut.chart, Dijkstra.Config()))}
+    with pytest.raises(DataError, match="floor gives no episode"):
+        draw_episodes(sites, 5, 3)
+    with pytest.raises(DataError, match="episode 0: what stands in floor today shuts b off from the start"):
+        read_episodes(write([{"start": "a-west", "goal": "b"}]), sites, 0)
 
 
 @pytest.mark.parametrize(

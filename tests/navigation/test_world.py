@@ -50,6 +50,14 @@ def test_what_was_moved_since_the_map_was_made_stops_the_agent():
     assert changed.chart.reach(np.array([1.0, 2.0, 1.5]), np.array([[3.0, 2.0, 0.0]])) == pytest.approx(2.0)
 
 
+def test_what_was_moved_may_shut_a_room_off(world):
+    shut = FloorWorld("floor", Apartment(), masks(), mapping(), masks((3.7, 1.0, 4.0, 3.0)))
+    here, there = pose_2d(1.0, 2.0, 0.0, 1.5), pose_2d(7.0, 2.0, 0.0, 1.5)
+    assert world.joined(here, there)
+    assert not shut.joined(here, there)
+    assert shut.joined(here, pose_2d(2.0, 0.5, 0.0, 1.5))
+
+
 @pytest.mark.parametrize("place", [(4.1, 0.5), (0.1, 2.0), (-3.0, 2.0), (50.0, 2.0)])
 def test_nobody_stands_in_a_wall(world, place):
     with pytest.raises(DataError, match=rf"\({place[0]:.2f}, {place[1]:.2f}\) m is in a wall or obstacle, or less than 0.18 m from one"):
