@@ -123,6 +123,25 @@ class Download:
 
 
 @dataclass(frozen=True)
+class Shipped:
+    """Files that lie in `folder` of the installed salframe."""
+
+    folder: Path
+
+    def __str__(self) -> str:
+        return "comes with salframe"
+
+    def installed(self, file: WeightsFile) -> Path | None:
+        """The file, or None where it is missing."""
+        path = self.folder / file.name
+        return path if path.is_file() else None
+
+    def fetch(self, files: tuple[WeightsFile, ...], directory: Path, progress: Progress) -> None:
+        """Raises WeightsMissing: there is nowhere else to get them from."""
+        raise WeightsMissing(f"{self.folder} should hold {', '.join(file.name for file in files)} as installed: install salframe again")
+
+
+@dataclass(frozen=True)
 class Weights:
     """The files of one trained network, their licence (SPDX), and where they come from.
 

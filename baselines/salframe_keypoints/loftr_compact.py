@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from salframe.errors import ConfigError, WeightsMissing
+from salframe.errors import ConfigError
 from salframe.onnx import open_model
-from salframe.weights import Progress, Weights, WeightsFile
+from salframe.weights import Shipped, Weights, WeightsFile
 from salframe_keypoints.images import ImagePair, decode
 from salframe_keypoints.pairs import View
 
@@ -41,25 +41,6 @@ LARGEST_PX = 512
 
 REMEMBERED = 32
 """Views whose features are kept: those of a query are matched with one map frame after the other."""
-
-
-@dataclass(frozen=True)
-class Shipped:
-    """Files that come with this package."""
-
-    folder: Path
-
-    def __str__(self) -> str:
-        return "comes with salframe"
-
-    def installed(self, file: WeightsFile) -> Path | None:
-        """The file, or None where it is missing."""
-        path = self.folder / file.name
-        return path if path.is_file() else None
-
-    def fetch(self, files: tuple[WeightsFile, ...], directory: Path, progress: Progress) -> None:
-        """Raises WeightsMissing: there is nowhere else to get them from."""
-        raise WeightsMissing(f"{self.folder} should hold {', '.join(file.name for file in files)} as installed: install salframe again")
 
 
 LOFTR_COMPACT = Weights(

@@ -37,7 +37,7 @@ class House(FolderDataset):
             "other", description="of the queries: other than the map's day, which is evening or dim, or one for all"
         )
         height: int = Field(512, ge=64, multiple_of=4, description="pixels of a panorama, whose width is twice as much")
-        models: Path | None = Field(None, description="folder with furniture libraries of Sweet Home 3D (.sh3f): many objects become models of theirs")
+        models: Path | None = Field(None, description="folder of Sweet Home 3D's furniture libraries (.sh3f): many objects become models of theirs")
         models_part: Literal["training", "held-out"] | None = Field(None, description="those that `panoseg` was trained on, or the others; null: all")
         rgb: bool = Field(True, description="render colour; without it range and instances alone, 9 times faster")
 

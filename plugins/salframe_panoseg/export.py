@@ -41,7 +41,7 @@ def export(checkpoint: Path, path: Path, card: dict[str, Any]) -> Path:
     network = PanoSeg(len(card["labels"]) + 1)
     network.load_state_dict(torch.load(checkpoint, map_location="cpu", weights_only=True)["network"])
     example = torch.zeros(1, CHANNELS, HEIGHT, 2 * HEIGHT)
-    with atomic_path(path) as temporary:
+    with torch.no_grad(), atomic_path(path) as temporary:
         torch.onnx.export(
             Answer(network).eval(), (example,), temporary, input_names=["image"], output_names=list(OUTPUTS), opset_version=18, dynamo=True,
             external_data=False, verbose=False,

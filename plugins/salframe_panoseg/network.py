@@ -20,16 +20,41 @@ TAPS = {0: 16, 2: 24, 4: 40, 10: 112, 15: 320}
 WIDTH = 64
 
 
+class Closed(torch.autograd.Function):
+    """An image padded by rows of zeros and by columns of the other side. Its gradient in one pass: slices' own make a padded training step 1.4
+    times as long."""
+
+    @staticmethod
+    def forward(ctx: Any, image: Tensor, before: int, after: int) -> Tensor:
+        ctx.padding = before, after
+        return closed(image, before, after)
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, None, None]:
+        before, after = ctx.padding
+        rows = gradients[0][:, :, before:-after]
+        gradient = rows[..., before:-after].clone()
+        gradient[..., :after] += rows[..., -after:]
+        if before:
+            gradient[..., -before:] += rows[..., :before]
+        return gradient, None, None
+
+
+def closed(image: Tensor, before: int, after: int) -> Tensor:
+    """(..., H, W) -> (..., H + before + after, W + before + after), before >= 0, after >= 1."""
+    image = torch.cat([image[..., image.shape[-1] - before :], image, image[..., :after]], -1)
+    return functional.pad(image, (0, 0, before, after))
+
+
 class SeamConv(nn.Conv2d):
     """A convolution that pads as TensorFlow's SAME does, but columns with those of the other side."""
 
     def forward(self, image: Tensor) -> Tensor:
         kernel, stride = self.kernel_size[0], self.stride[0]
         total = kernel - stride if kernel > stride else 0
-        before, after = total // 2, total - total // 2
         if total:
-            image = torch.cat([image[..., image.shape[-1] - before:], image, image[..., :after]], -1)
-            image = functional.pad(image, (0, 0, before, after))
+            pad = Closed.apply if torch.is_grad_enabled() else closed
+            image = pad(image, total // 2, total - total // 2)
         return self._conv_forward(image, self.weight, self.bias)
 
 

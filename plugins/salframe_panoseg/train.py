@@ -6,8 +6,10 @@ card OUTPUT/panoseg.json. A GPU is used where torch finds one.
 
 from __future__ import annotations
 
+import ctypes
 import json
 import math
+import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +19,7 @@ import numpy as np
 import torch
 import typer
 import yaml
+from salframe_house.assets import Catalogue
 from salframe_house.furniture import CLASSES
 from torch import Tensor
 from torch.nn import functional
@@ -75,8 +78,16 @@ def loss_of(logits: Tensor, votes: Tensor, class_id: Tensor, vote_m: Tensor, wei
     return classes, vote_weight * functional.huber_loss(votes[known], vote_m[known], delta=0.1) / 0.1
 
 
+def keep_freed_memory() -> None:
+    """Let glibc reuse the memory of each step's tensors: to hand it back and fault it in again takes as long as the step itself."""
+    if sys.platform == "linux" and hasattr(libc := ctypes.CDLL(None), "mallopt"):
+        for parameter, value in ((-4, 0), (-1, -1)):  # M_MMAP_MAX, M_TRIM_THRESHOLD
+            libc.mallopt(parameter, value)
+
+
 def train(output: Path, paths: list[Path], settings: Training, encoder: Path, threads: int) -> Path:
     """Train, or go on where a checkpoint in `output` stands; returns the last checkpoint."""
+    keep_freed_memory()
     torch.set_num_threads(threads)
     torch.manual_seed(settings.seed)
     device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
@@ -122,6 +133,12 @@ def train(output: Path, paths: list[Path], settings: Training, encoder: Path, th
     return checkpoint
 
 
+def credits(assets: Path) -> list[dict[str, str]]:
+    """Who made the models that training buildings hold: name, creator and licence of each, by name."""
+    models = [model for own in Catalogue(assets, "training").assets.values() for model in own]
+    return [{"name": m.id, "creator": m.creator, "licence": m.licence} for m in sorted(models, key=lambda model: model.id)]
+
+
 def tell(done: int, total: int) -> None:
     """Say how far rendering is."""
     typer.echo(f"rendered {done} of {total} buildings")
@@ -144,7 +161,7 @@ def main(
     root = cache_home() / "panoseg" / ("training-models" if assets else "training")
     paths = render_views(root, seeds, settings.views, HEIGHT, assets, "training", tell)
     checkpoint = train(output, paths, settings, encoder, threads)
-    card = {"labels": LABELS, "training": content, "models": assets is not None, "encoder_sha256": file_sha256(encoder)}
+    card = {"labels": LABELS, "training": content, "encoder_sha256": file_sha256(encoder), "credits": credits(assets) if assets else []}
     typer.echo(f"{export(checkpoint, output / 'panoseg.onnx', card)}")
 
 

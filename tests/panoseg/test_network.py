@@ -6,7 +6,7 @@ import pytest
 torch = pytest.importorskip("torch", reason="the network is trained with torch: salframe[training]")
 
 from salframe_panoseg.classes import CHANNELS, STRIDE  # noqa: E402
-from salframe_panoseg.network import PanoSeg, SeamConv  # noqa: E402
+from salframe_panoseg.network import Closed, PanoSeg, SeamConv  # noqa: E402
 
 from salframe.errors import WeightsMissing  # noqa: E402
 
@@ -22,6 +22,12 @@ def test_a_convolution_pads_as_tensorflow_does_and_closes_the_seam(kernel, strid
     wide = torch.nn.functional.pad(image.repeat(1, 1, 1, 3), (0, 0, before, total - before))[..., 32 - before:64 + total - before]
     expected = torch.nn.functional.conv2d(wide, conv.weight, conv.bias, stride)
     torch.testing.assert_close(conv(image), expected)
+
+
+@pytest.mark.parametrize(("before", "after"), [(1, 1), (0, 1), (1, 2), (2, 2)])
+def test_the_gradient_of_a_closed_image_is_that_of_finite_differences(before, after):
+    image = torch.randn(1, 2, 5, 7, dtype=torch.float64, requires_grad=True)
+    assert torch.autograd.gradcheck(lambda image: Closed.apply(image, before, after), (image,))
 
 
 def test_turning_the_panorama_by_the_stride_turns_the_answer_exactly():
