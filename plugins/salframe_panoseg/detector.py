@@ -16,11 +16,22 @@ from salframe.onnx import open_model
 from salframe.roles import Detector
 from salframe.storage import read_json
 from salframe.types import Detections, Panorama
+from salframe.weights import Shipped, Weights, WeightsFile
 from salframe_panoseg.classes import CHANNELS, HEIGHT, network_input, smaller
 from salframe_panoseg.objects import group_pixels, without_strays
 
-SHIPPED = Path(__file__).with_name("panoseg.onnx")
+NETWORK, CARD = "panoseg.onnx", "panoseg.json"
 OUTPUTS = ("class_id", "score", "vote_m")
+
+PANOSEG = Weights(
+    name="panoseg",
+    licence="Apache-2.0",
+    files=(
+        WeightsFile(NETWORK, "SHA", 0),
+        WeightsFile(CARD, "SHA", 0),
+    ),
+    source=Shipped(Path(__file__).parent),
+)
 
 
 class PanoSegDetector(Detector):
@@ -30,26 +41,30 @@ class PanoSegDetector(Detector):
     version = "1"
     needs: ClassVar[frozenset[str]] = frozenset({"rgb", "range"})
     column_step: ClassVar[int] = 192  # 32 columns of the network's panorama, and whole columns of every height divisible by 48 or 64
+    weights = (PANOSEG,)
     turn_tolerance_m: ClassVar[float] = 0.02  # resampling to the network's panorama rounds colours
 
     class Config(ComponentConfig):
-        model: Path = Field(SHIPPED, description="the network, with its card beside it as .json")
+        model: Path | None = Field(None, description="folder of a training of your own; null: the network that comes with salframe")
         min_score: float = Field(0.4, ge=0, le=1, description="objects whose mean class probability is lower are left out")
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)
-        path = self.config.model
-        shape = (1, CHANNELS, HEIGHT, 2 * HEIGHT)
-        self._model = open_model(path, [shape], OUTPUTS)
-        self._labels: list[str] = ["", *read_json(path.with_suffix(".json"))["labels"]]
+        network, card = PANOSEG.paths(self.config.model)
+        self._model = open_model(network, [(1, CHANNELS, HEIGHT, 2 * HEIGHT)], OUTPUTS)
+        self._labels = _labels(card)
+
+    @classmethod
+    def files(cls, config: ComponentConfig) -> tuple[Path, ...]:
+        """The user's own network and its card; ours are known by their hash."""
+        folder: Path | None = config.model  # type: ignore[attr-defined]
+        return tuple(path for path in (folder / NETWORK, folder / CARD) if path.is_file()) if folder else ()
 
     @classmethod
     def check(cls, config: ComponentConfig) -> None:
         """Raises WeightsMissing where there is no network."""
-        path: Path = config.model  # type: ignore[attr-defined]
-        for file in (path, path.with_suffix(".json")):
-            if not file.is_file():
-                raise WeightsMissing(f"{cls.name}: no file {file}, expected the network and its card")
+        super().check(config)
+        PANOSEG.paths(config.model)  # type: ignore[attr-defined]
 
     def detect(self, panorama: Panorama) -> Detections:
         """See Detector. Raises InputMissing where the panorama has no colour or no range."""
@@ -77,6 +92,15 @@ class PanoSegDetector(Detector):
                 scores.append(min(mean, 1.0))
                 clouds.append(without_strays(points_m.reshape(-1, 3)[pixels]))
         return detections_from_points(labels, np.array(scores), clouds)
+
+
+def _labels(card: Path) -> list[str]:
+    """The label of each class; that of class 0, which is no object, is empty."""
+    content = read_json(card)
+    labels = content.get("labels") if isinstance(content, dict) else None
+    if not isinstance(labels, list) or not all(isinstance(label, str) for label in labels):
+        raise WeightsMissing(f"{card} holds no list of labels, expected the card that training wrote beside its network")
+    return ["", *labels]
 
 
 def into_panorama(vote_m: np.ndarray) -> np.ndarray:
