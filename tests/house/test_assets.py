@@ -15,6 +15,7 @@ pytest.importorskip("trimesh", reason="furniture of Sweet Home 3D needs salframe
 
 from salframe_house.assets import Catalogue, asset_mesh, class_of, read_library
 from salframe_house.building import generate_building
+from salframe_house.dataset import House
 from salframe_house.furniture import CLASSES, object_mesh
 from salframe_house.render import Renderer
 from salframe_house.textures import TILE, texture_tile
@@ -142,3 +143,27 @@ def test_what_is_no_library_is_refused_in_one_line(tmp_path):
     (tmp_path / "broken.sh3f").write_bytes(b"PK no zip")
     with pytest.raises(DataError, match="no furniture library of Sweet Home 3D"):
         Catalogue(tmp_path)
+
+
+def test_the_dataset_furnishes_with_models_where_asked(folder, tmp_path, monkeypatch):
+    """The same building: ranges differ only where a sofa or armchair stands, in one of the two or in both."""
+    monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path))
+    frames = []
+    for models in (None, folder):
+        house = House(House.Config(rooms=4, rgb=False, height=128, queries_per_room=0, models=models))
+        house.prepare(lambda done, total: None)
+        frames.append([frame.load() for frame in house.folds()[0].mapping])
+    changed = 0
+    for plain, furnished in zip(*frames, strict=True):
+        seats = np.array([id for id, label in plain.annotations.labels.items() if label in ("sofa", "armchair")])
+        other = np.abs(plain.range_m - furnished.range_m) > 0.01
+        changed += other.sum()
+        assert (np.isin(plain.annotations.instance_id, seats) | np.isin(furnished.annotations.instance_id, seats))[other].all()
+    assert changed > 100
+
+
+def test_a_folder_without_libraries_is_one_line(tmp_path, monkeypatch):
+    monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path))
+    house = House(House.Config(rooms=4, rgb=False, height=64, models=tmp_path))
+    with pytest.raises(DataError, match=r"holds no .sh3f library, expected those of Sweet Home 3D's furniture"):
+        house.prepare(lambda done, total: None)
