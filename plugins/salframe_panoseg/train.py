@@ -48,6 +48,7 @@ class Training:
     steps: int
     batch: int
     learning_rate: float
+    encoder_learning_rate: float
     weight_decay: float
     warm_up: int
     vote_weight: float
@@ -60,14 +61,14 @@ class Training:
 
 
 def class_weights(paths: list[Path]) -> Tensor:
-    """(C,) float32: the rarer a class, the more its pixels count, by the square root of its share; structure counts half."""
+    """(C,) float32: the rarer a class, the more its pixels count, by the square root of its share; structure, nine pixels in ten, counts least."""
     index = {label: i for i, label in enumerate(LABELS, 1)}
     pixels = np.zeros(len(LABELS) + 1)
     for path in paths[:: max(len(paths) // 200, 1)]:
         pixels += np.bincount(target(read_view(path), index)[0].ravel(), minlength=len(pixels))
     share = np.maximum(pixels, 1) / pixels.sum()
-    weights = np.sqrt(np.median(share[1:]) / share).clip(0.3, 3)
-    weights[0] = 0.5
+    weights = np.sqrt(np.median(share[1:]) / share).clip(0.5, 3)
+    weights[0] = 0.12
     return torch.tensor(weights, dtype=torch.float32)
 
 
@@ -76,6 +77,14 @@ def loss_of(logits: Tensor, votes: Tensor, class_id: Tensor, vote_m: Tensor, wei
     classes = functional.cross_entropy(logits, class_id, weights)
     known = torch.isfinite(vote_m[:, :1]).expand_as(vote_m)
     return classes, vote_weight * functional.huber_loss(votes[known], vote_m[known], delta=0.1) / 0.1
+
+
+def parameter_groups(network: PanoSeg, settings: Training) -> list[dict[str, Any]]:
+    """The optimizer's groups: what ImageNet has taught already learns slower than what is new."""
+    encoder, new = [], []
+    for name, parameter in network.named_parameters():
+        (encoder if name.startswith("_") else new).append(parameter)
+    return [{"params": encoder, "lr": settings.encoder_learning_rate}, {"params": new, "lr": settings.learning_rate}]
 
 
 def keep_freed_memory() -> None:
@@ -95,7 +104,7 @@ def train(output: Path, paths: list[Path], settings: Training, encoder: Path, th
     checkpoint, step = output / "checkpoint.pt", 0
     network.load_encoder(torch.load(encoder, map_location="cpu", weights_only=True))
     network = network.to(device, memory_format=torch.channels_last)
-    optimizer = torch.optim.AdamW(network.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay)
+    optimizer = torch.optim.AdamW(parameter_groups(network, settings), weight_decay=settings.weight_decay)
     schedule = torch.optim.lr_scheduler.LambdaLR(optimizer, settings.rate)
     if checkpoint.exists():
         state = torch.load(checkpoint, map_location=device, weights_only=True)
