@@ -34,6 +34,6 @@ docs: .venv/demo.installed
 	touch $@
 
 .venv/test.installed: .venv/demo.installed
-	$(INSTALL) --editable ".[test,keypoints,transformers,node2vec,clip]"
+	$(INSTALL) --editable ".[test,keypoints,training,transformers,node2vec,clip,assets]"
 	.venv/bin/salframe weights fetch xfeat
 	touch $@

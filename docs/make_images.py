@@ -22,7 +22,7 @@ from salframe.report import RIGHT, WRONG
 from salframe.runs import Run
 from salframe.topology import build_topology
 from salframe.topology.picture import draw_topology
-from salframe.types import Annotations, FloorMasks, Panorama, SaliencyGraph
+from salframe.types import Annotations, Detections, FloorMasks, Panorama, SaliencyGraph
 
 IMAGES = Path(__file__).with_name("images")
 SEED = 7
@@ -98,6 +98,39 @@ def _write(axes: Axes, text: str, x: float, y: float) -> None:
     axes.annotate(text, (x, y), (0, 8), textcoords="offset points", ha="center", fontsize=10, path_effects=HALO, zorder=4)
 
 
+def draw_detections(path: Path) -> None:
+    """What `annotations` and `panoseg` see in rooms of buildings that training never saw."""
+    figure, axes = plt.subplots(4, 1, figsize=(13.5, 19), layout="constrained")
+    annotated = registry().build("detector", configure("detector", "annotations", {"noise": "none"}))
+    panoseg = registry().build("detector", configure("detector", "panoseg", {}))
+    for pair, (style, lighting, frame) in zip(axes.reshape(2, 2), (("home", "day", FRAME), ("office", "dim", "map-meeting-room-01-0")), strict=True):
+        building, changed = buildings(style, 12, SEED, 0.1)
+        spec = next(spec for spec in choose_frames(building, changed, SEED) if spec.id == frame)
+        rendering = Renderer(building.scene(), lighting, HEIGHT).render(pose_2d(spec.x_m, spec.y_m, spec.yaw_rad, spec.z_m))
+        panorama = Panorama(frame, rendering.rgb, rendering.range_m, annotations=Annotations(rendering.instance_id, building.labels))
+        for each, name, detector in zip(pair, ("annotated", "panoseg"), (annotated, panoseg), strict=True):
+            _draw_objects(each, panorama, detector.detect(panorama))
+            each.set_title(f"{style}, {lighting}: {name}", fontsize=11)
+    figure.savefig(path, dpi=100, bbox_inches="tight", pil_kwargs={"quality": 80})
+
+
+def _draw_objects(axes: Axes, panorama: Panorama, found: Detections) -> None:
+    """The panorama with the outline and label of each object, at the network's resolution."""
+    palette = plt.get_cmap("tab20").colors
+    rows = 256
+    scale = len(panorama.rgb) / rows
+    axes.imshow(panorama.rgb)
+    for number, (label, points_m) in enumerate(zip(found.labels, found.points_m or (), strict=True)):
+        mask = np.zeros((rows, 2 * rows), bool)
+        column, row = (np.floor(values).astype(int) for values in rays_to_pixels(points_m, rows))
+        mask[np.clip(row, 0, rows - 1), column % (2 * rows)] = True
+        extent = (np.arange(2 * rows) + 0.5) * scale, (np.arange(rows) + 0.5) * scale
+        axes.contour(*extent, mask, [0.5], colors=[palette[number % len(palette)]], linewidths=1.4)
+        x, y = rays_to_pixels(found.centroid_m[number : number + 1], len(panorama.rgb))
+        _write(axes, label, x[0], y[0])
+    axes.set(xlim=(0, 2 * len(panorama.rgb)), ylim=(len(panorama.rgb) * 5 / 6, len(panorama.rgb) / 6), xticks=[], yticks=[])
+
+
 def draw_floor(path: Path) -> None:
     """The floor plan of house-42 with its map frames, and its queries by what `proposed` made of them."""
     overrides = ["data.rgb=false", f"data.seed={SEED}"]
@@ -139,5 +172,6 @@ def _floor_picture(floor: FloorMasks) -> np.ndarray:
 if __name__ == "__main__":
     IMAGES.mkdir(exist_ok=True)
     draw_panorama_graph(IMAGES / "panorama-graph.jpg")
+    draw_detections(IMAGES / "panoseg.jpg")
     draw_floor(IMAGES / "floor.png")
     draw_map(IMAGES / "topological-map.png")

@@ -80,10 +80,10 @@ def loss_of(logits: Tensor, votes: Tensor, class_id: Tensor, vote_m: Tensor, wei
 
 
 def parameter_groups(network: PanoSeg, settings: Training) -> list[dict[str, Any]]:
-    """The optimizer's groups: what ImageNet has taught already learns slower than what is new."""
+    """The optimizer's groups: what ImageNet has taught already learns slower than what is new, as are the stem's channels of range."""
     encoder, new = [], []
     for name, parameter in network.named_parameters():
-        (encoder if name.startswith("_") else new).append(parameter)
+        (encoder if name.startswith(("_blocks.", "_bn0.")) else new).append(parameter)
     return [{"params": encoder, "lr": settings.encoder_learning_rate}, {"params": new, "lr": settings.learning_rate}]
 
 
