@@ -15,6 +15,8 @@ from salframe_panoseg.views import View, read_view
 
 MIRRORED, HOLED = 0.5, 0.5
 """How often a sample is mirrored, and how often its range has holes."""
+WHOLE, BAND, FIRST_ROWS = 0.15, 160, (32, 64)
+"""How often a batch shows whole panoramas; the others show a band of so many rows, from one of these on: little stands nearer to the poles."""
 
 
 def target(view: View, index: Mapping[str, int]) -> tuple[np.ndarray, np.ndarray]:
@@ -40,17 +42,18 @@ def spoil(rgb: np.ndarray, range_m: np.ndarray, rng: np.random.Generator) -> tup
 
 
 class Samples(Dataset):
-    """Sample number i: a view drawn by the seed and i, so that a run that resumes goes on as it would have."""
+    """Sample number i: a view drawn by the seed and i, so that a run that resumes goes on as it would have. Those of a batch have the same rows."""
 
-    def __init__(self, paths: Sequence[Path], labels: Sequence[str], seed: int, count: int, start: int = 0) -> None:
+    def __init__(self, paths: Sequence[Path], labels: Sequence[str], seed: int, batch: int, count: int, start: int = 0) -> None:
         self._paths, self._index, self._seed = list(paths), {label: i for i, label in enumerate(labels, 1)}, seed
-        self._start, self._count = start, count
+        self._batch, self._start, self._count = batch, start, count
 
     def __len__(self) -> int:
         return self._count - self._start
 
     def __getitem__(self, item: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The network's input (6, H, 2H), class_id (H/2, H) int64, vote_m (3, H/2, H) with NaN where there is none."""
+        """Of rows that are H or BAND: the network's input (6, rows, 2H), class_id (rows/2, H) int64, vote_m (3, rows/2, H) with NaN where there
+        is none."""
         rng = np.random.default_rng((self._seed, self._start + item))
         view = read_view(self._paths[rng.integers(len(self._paths))])
         class_id, vote_m = target(view, self._index)
@@ -59,4 +62,12 @@ class Samples(Dataset):
         image, class_id, vote_m = (np.roll(array, turn, -1) for array in (image, class_id, vote_m))
         if rng.random() < MIRRORED:
             image, class_id, vote_m = image[..., ::-1], class_id[..., ::-1], vote_m[..., ::-1] * np.array([1, -1, 1], np.float32)[:, None, None]
+        image, class_id, vote_m = (array[..., self._rows(item), :] for array in (image, class_id, vote_m))
         return np.ascontiguousarray(image), np.ascontiguousarray(class_id[::2, ::2]), np.ascontiguousarray(vote_m[:, ::2, ::2])
+
+    def _rows(self, item: int) -> slice:
+        rng = np.random.default_rng((self._seed, 1, (self._start + item) // self._batch))
+        if rng.random() < WHOLE:
+            return slice(None)
+        first = int(rng.choice(FIRST_ROWS))
+        return slice(first, first + BAND)

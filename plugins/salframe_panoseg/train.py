@@ -113,7 +113,7 @@ def train(output: Path, paths: list[Path], settings: Training, encoder: Path, th
         optimizer.load_state_dict(state["optimizer"])
         schedule.load_state_dict(state["schedule"])
     weights = class_weights(paths).to(device)
-    samples = Samples(paths, LABELS, settings.seed, settings.steps * settings.batch, step * settings.batch)
+    samples = Samples(paths, LABELS, settings.seed, settings.batch, settings.steps * settings.batch, step * settings.batch)
     start, sums = time.perf_counter(), np.zeros(3)
     network.train()
     for image, class_id, vote_m in DataLoader(samples, settings.batch, num_workers=1):

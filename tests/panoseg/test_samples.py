@@ -49,15 +49,27 @@ def test_the_target_of_every_object_pixel_points_to_the_centre(paths):
 
 def test_a_sample_depends_on_seed_and_number_alone(paths):
     labels = sorted(set(read_view(paths[0]).labels.values()))
-    whole, resumed = Samples(paths, labels, 0, 6), Samples(paths, labels, 0, 6, start=4)
+    whole, resumed = Samples(paths, labels, 0, 2, 6), Samples(paths, labels, 0, 2, 6, start=4)
     assert (len(whole), len(resumed)) == (6, 2)
     for first, second in zip(whole[5], resumed[1], strict=True):
         np.testing.assert_array_equal(first, second)
     image, class_id, vote_m = whole[5]
-    assert image.shape == (6, HEIGHT, 2 * HEIGHT)
-    assert class_id.shape == (HEIGHT // 2, HEIGHT)
+    assert class_id.shape == vote_m.shape[1:] == (image.shape[1] // 2, HEIGHT)
     assert np.isfinite(vote_m[:, class_id > 0]).all()
     assert np.abs(whole[4][0] - image).max() > 0.1
+
+
+def test_a_batch_shows_whole_panoramas_or_the_same_band_of_them(paths):
+    labels = sorted(set(read_view(paths[0]).labels.values()))
+    samples = Samples(paths, labels, 0, 2, 60)
+    first_rows = []
+    for number in range(0, 60, 2):
+        one, other = samples[number][0], samples[number + 1][0]
+        assert one.shape == other.shape
+        assert one.shape[1:] in ((HEIGHT, 2 * HEIGHT), (160, 2 * HEIGHT))
+        elevation = np.arcsin(one[5, 0, 0])
+        first_rows.append(round((np.pi / 2 - elevation) / np.pi * HEIGHT - 0.5))
+    assert set(first_rows) == {0, 32, 64}
 
 
 def test_the_networks_input_keeps_what_is_unknown_apart(paths):
