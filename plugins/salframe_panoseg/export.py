@@ -17,14 +17,19 @@ from salframe_panoseg.network import PanoSeg
 
 
 class Answer(nn.Module):
-    """(B, 6, H, W) -> class_id (B, H, W) uint8, score (B, H, W) float32 (the class's probability), vote_m (B, 3, H, W) float32."""
+    """(B, 6, H, W) -> class_id (B, H, W) uint8, score (B, H, W) float32 (the class's probability), vote_m (B, 3, H, W) float32.
 
-    def __init__(self, network: PanoSeg) -> None:
+    Trained with `weights` (C,), the network overrates what counted more; here that is taken back.
+    """
+
+    def __init__(self, network: PanoSeg, weights: Tensor) -> None:
         super().__init__()
         self.network = network
+        self.register_buffer("overrated", weights.log()[:, None, None])
 
     def forward(self, image: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         logits, votes = self.network(image)
+        logits = logits - self.overrated
         best = logits.softmax(1).amax(1, keepdim=True)
         score = functional.interpolate(best, scale_factor=2, mode="nearest")[:, 0]
         return doubled(logits).argmax(1).to(torch.uint8), score, doubled(votes)
@@ -38,12 +43,13 @@ def doubled(image: Tensor) -> Tensor:
 
 def export(checkpoint: Path, path: Path, card: dict[str, Any]) -> Path:
     """Write the checkpoint's network to `path` and its card beside it, with its labels and sha256."""
+    state = torch.load(checkpoint, map_location="cpu", weights_only=True)
     network = PanoSeg(len(card["labels"]) + 1)
-    network.load_state_dict(torch.load(checkpoint, map_location="cpu", weights_only=True)["network"])
+    network.load_state_dict(state["network"])
     example = torch.zeros(1, CHANNELS, HEIGHT, 2 * HEIGHT)
     with torch.no_grad(), atomic_path(path) as temporary:
         torch.onnx.export(
-            Answer(network).eval(), (example,), temporary, input_names=["image"], output_names=list(OUTPUTS), opset_version=18, dynamo=True,
+            Answer(network, state["weights"]).eval(), (example,), temporary, input_names=["image"], output_names=list(OUTPUTS), opset_version=18, dynamo=True,
             external_data=False, verbose=False,
         )  # fmt: skip
     write_json(path.with_suffix(".json"), card | {"sha256": file_sha256(path)})

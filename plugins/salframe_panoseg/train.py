@@ -129,7 +129,8 @@ def train(output: Path, paths: list[Path], settings: Training, encoder: Path, th
         right = (logits.detach().argmax(1) == class_id)[class_id > 0].float().mean()
         sums += classes.item(), vote.item(), right.item()
         if step % CHECKPOINT_STEPS == 0 or step == settings.steps:
-            state = {"step": step, "network": network.state_dict(), "optimizer": optimizer.state_dict(), "schedule": schedule.state_dict()}
+            state = {"step": step, "network": network.state_dict(), "optimizer": optimizer.state_dict(), "schedule": schedule.state_dict(),
+                     "weights": weights.cpu()}  # fmt: skip
             with atomic_path(checkpoint) as temporary:
                 torch.save(state, temporary)
             done = (step - 1) % CHECKPOINT_STEPS + 1
