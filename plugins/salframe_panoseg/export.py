@@ -46,10 +46,11 @@ def export(checkpoint: Path, path: Path, card: dict[str, Any]) -> Path:
     state = torch.load(checkpoint, map_location="cpu", weights_only=True)
     network = PanoSeg(len(card["labels"]) + 1)
     network.load_state_dict(state["network"])
+    answer = Answer(network, state["weights"]).eval()
     example = torch.zeros(1, CHANNELS, HEIGHT, 2 * HEIGHT)
     with torch.no_grad(), atomic_path(path) as temporary:
         torch.onnx.export(
-            Answer(network, state["weights"]).eval(), (example,), temporary, input_names=["image"], output_names=list(OUTPUTS), opset_version=18, dynamo=True,
+            answer, (example,), temporary, input_names=["image"], output_names=list(OUTPUTS), opset_version=18, dynamo=True,
             external_data=False, verbose=False,
         )  # fmt: skip
     write_json(path.with_suffix(".json"), card | {"sha256": file_sha256(path)})
