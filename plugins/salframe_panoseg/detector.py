@@ -27,8 +27,8 @@ PANOSEG = Weights(
     name="panoseg",
     licence="Apache-2.0",
     files=(
-        WeightsFile(NETWORK, "SHA", 0),
-        WeightsFile(CARD, "SHA", 0),
+        WeightsFile(NETWORK, "74aeaf720c834c5f6044f09a47256d7f3f7f1b60169360908dc4a5c9ae331155", 12_343_539),
+        WeightsFile(CARD, "81b096b527475832c3640dfaf6fd643d2227a15d01c9971ecfdf5db80da74e69", 42_301),
     ),
     source=Shipped(Path(__file__).parent),
 )
@@ -46,7 +46,7 @@ class PanoSegDetector(Detector):
 
     class Config(ComponentConfig):
         model: Path | None = Field(None, description="folder of a training of your own; null: the network that comes with salframe")
-        min_score: float = Field(0.4, ge=0, le=1, description="objects whose mean class probability is lower are left out")
+        min_score: float = Field(0.5, ge=0, le=1, description="objects whose mean class probability is lower are left out")
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)

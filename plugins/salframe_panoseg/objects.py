@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-LEAST_POINTS = 12
+LEAST_POINTS = 25
 """An object on fewer pixels of the network's panorama is not reported."""
-LINK_M = 0.12
+LINK_M = 0.2
 """Neighbouring pixels vote for the same object where their votes differ by less."""
-SAME_M = 0.35
+SAME_M = 0.7
 """Parts of a class, cut by what stands before them, are one object where the centres that they vote for are nearer than this."""
 STRAY = 4.0
 """A point this many times farther from an object's median than half of its points are is a stray."""

@@ -20,7 +20,7 @@ SEEN = np.ones((H, W), bool)
 
 
 def test_touching_objects_of_a_class_come_apart_by_their_votes():
-    class_id, centre_m = scene((slice(8, 16), slice(10, 20), 3, (1, 0, 0)), (slice(8, 16), slice(20, 30), 3, (1, 0.6, 0)))
+    class_id, centre_m = scene((slice(8, 16), slice(10, 20), 3, (1, 0, 0)), (slice(8, 16), slice(20, 30), 3, (1, 0.8, 0)))
     objects = group_pixels(class_id, centre_m, SEEN)
     assert np.unique(objects[8:16, 10:20]).tolist() != np.unique(objects[8:16, 20:30]).tolist()
     assert objects.max() == 2
@@ -30,10 +30,10 @@ def test_touching_objects_of_a_class_come_apart_by_their_votes():
 def test_an_object_cut_by_the_seam_or_by_what_stands_before_it_is_one():
     seam = scene((slice(8, 16), slice(0, 5), 3, (1, 0, 0)), (slice(8, 16), slice(58, 64), 3, (1, 0, 0)))
     assert group_pixels(*seam, SEEN).max() == 1
-    cut = scene((slice(8, 16), slice(10, 30), 3, (1, 0, 0)), (slice(8, 16), slice(19, 21), 5, (0.5, 0, 0)))
+    cut = scene((slice(8, 16), slice(10, 30), 3, (1, 0, 0)), (slice(8, 16), slice(19, 23), 5, (0.5, 0, 0)))
     objects = group_pixels(*cut, SEEN)
     assert objects.max() == 2
-    assert objects[10, 12] == objects[10, 28] != objects[10, 20]
+    assert objects[10, 12] == objects[10, 28] != objects[10, 21]
 
 
 def test_two_classes_at_one_place_are_two_objects_and_what_is_unseen_or_tiny_is_none():

@@ -1,0 +1,150 @@
+"""The shipped network in rooms that training never saw, and what is not fit for it."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from salframe_house.building import generate_building
+from salframe_house.render import Renderer
+from salframe_panoseg.classes import HEIGHT as NETWORK_HEIGHT
+from salframe_panoseg.classes import STRIDE
+from salframe_panoseg.detector import PANOSEG, PanoSegDetector
+
+from salframe.config import identity
+from salframe.detection import count_right
+from salframe.errors import InputMissing, WeightsMissing
+from salframe.geometry import pose_2d, transform_points, wrap_angle
+from salframe.presets import configure
+from salframe.registry import registry
+from salframe.testing import check_component
+from salframe.types import Annotations, Detections, Panorama
+
+HEIGHT = 384
+SEED = 7
+
+
+@pytest.fixture(scope="module")
+def detector() -> PanoSegDetector:
+    return PanoSegDetector()
+
+
+@pytest.fixture(scope="module")
+def panoramas() -> list[Panorama]:
+    """In the middle of each room of a home, by day."""
+    building = generate_building("home", 6, SEED)
+    renderer = Renderer(building.scene(), "day", HEIGHT)
+    shots = []
+    for room, points in building.free_space(0.3).items():
+        x, y = points[np.argmin(np.linalg.norm(points - points.mean(0), axis=1))]
+        shot = renderer.render(pose_2d(x, y, 0.4, 1.5))
+        shots.append(Panorama(room, shot.rgb, shot.range_m, annotations=Annotations(shot.instance_id, building.labels)))
+    return shots
+
+
+def truth(panorama: Panorama) -> Detections:
+    return registry().build("detector", configure("detector", "annotations", {"noise": "none"})).detect(panorama)
+
+
+def test_it_finds_most_of_what_is_annotated(detector, panoramas):
+    right = found = annotated = 0
+    for panorama in panoramas:
+        seen, there = detector.detect(panorama), truth(panorama)
+        right += count_right(seen, there).total()
+        found, annotated = found + len(seen.labels), annotated + len(there.labels)
+    assert right / found > 0.6
+    assert right / annotated > 0.5
+
+
+def test_labels_of_another_room_would_not_fit(detector, panoramas):
+    """Found objects held against the next room's annotations: what chance gives."""
+    right = found = 0
+    for panorama, other in zip(panoramas, panoramas[1:] + panoramas[:1], strict=True):
+        seen = detector.detect(panorama)
+        right, found = right + count_right(seen, truth(other)).total(), found + len(seen.labels)
+    assert right / found < 0.1
+
+
+def turned(panorama: Panorama, columns: int) -> Panorama:
+    return replace(panorama, rgb=np.roll(panorama.rgb, columns, 1), range_m=np.roll(panorama.range_m, columns, 1), annotations=None)
+
+
+def directions(found: Detections) -> np.ndarray:
+    return np.arctan2(found.centroid_m[:, 1], found.centroid_m[:, 0])
+
+
+@pytest.mark.parametrize("columns", [1, 100, 331])
+def test_turned_by_any_angle_most_objects_turn_with_it(detector, panoramas, columns):
+    same = total = 0
+    for panorama in panoramas:
+        before, after = detector.detect(panorama), detector.detect(turned(panorama, columns))
+        expected_m = transform_points(pose_2d(0, 0, -np.pi * columns / HEIGHT), before.centroid_m)
+        for label, (x, y, _) in zip(before.labels, expected_m, strict=True):
+            off = [abs(wrap_angle(d - np.arctan2(y, x))) for d, name in zip(directions(after), after.labels, strict=True) if name == label]
+            same += bool(off) and min(off) < np.radians(2)
+        total += len(before.labels)
+    assert same / total >= 0.8
+
+
+def test_an_object_on_the_seam_comes_out_once(detector, panoramas):
+    """Each large object is turned onto the seam, by the network's own step: what was found stays what is found."""
+    for panorama in panoramas:
+        found = detector.detect(panorama)
+        largest = int(np.argmax(np.prod(found.size_m, axis=1)))
+        step = STRIDE * HEIGHT // NETWORK_HEIGHT
+        columns = round((np.pi + directions(found)[largest]) / np.pi * HEIGHT / step) * step
+        again = detector.detect(turned(panorama, columns))
+        assert sorted(again.labels) == sorted(found.labels)
+
+
+def test_it_keeps_the_promises_of_a_detector():
+    check_component(PanoSegDetector)
+
+
+def test_where_the_range_has_holes_the_rest_is_found(detector, panoramas):
+    panorama = panoramas[0]
+    holed = panorama.range_m.copy()
+    holed[:, : HEIGHT // 2] = np.nan
+    found = detector.detect(replace(panorama, range_m=holed))
+    assert len(found.labels) > 0
+    assert np.isfinite(found.centroid_m).all()
+    everywhere = np.full_like(holed, np.nan)
+    assert detector.detect(replace(panorama, range_m=everywhere)).labels == ()
+
+
+def test_what_it_lacks_is_named(detector, panoramas):
+    with pytest.raises(InputMissing, match="has no range, which the detector 'panoseg' needs; 'onnx' needs colour alone"):
+        detector.detect(replace(panoramas[0], range_m=None))
+    with pytest.raises(InputMissing, match="has no rgb, which the detector 'panoseg' needs"):
+        detector.detect(replace(panoramas[0], rgb=None))
+
+
+def own(folder, network: bytes | None = None, card: object = None) -> PanoSegDetector.Config:
+    """A training folder: the shipped files, or others in their place."""
+    for path in PANOSEG.paths():
+        shutil.copy(path, folder)
+    if network is not None:
+        (folder / "panoseg.onnx").write_bytes(network)
+    if card is not None:
+        (folder / "panoseg.json").write_text(json.dumps(card))
+    return PanoSegDetector.Config(model=folder)
+
+
+def test_a_training_of_ones_own_takes_its_place(detector, panoramas, tmp_path):
+    config = own(tmp_path)
+    assert PanoSegDetector(config).detect(panoramas[0]).labels == detector.detect(panoramas[0]).labels
+    before = identity(config)
+    assert identity(own(tmp_path, card={"labels": []})) != before
+
+
+def test_networks_that_do_not_fit_are_one_line(tmp_path):
+    whole = PANOSEG.paths()[0].read_bytes()
+    with pytest.raises(WeightsMissing, match=r"panoseg.onnx is no ONNX network"):
+        PanoSegDetector(own(tmp_path, network=whole[: len(whole) // 2]))
+    with pytest.raises(WeightsMissing, match=r"panoseg.json holds no list of labels, expected the card"):
+        PanoSegDetector(own(tmp_path, card={"classes": 3}))
+    with pytest.raises(WeightsMissing, match=r"no file .*nowhere; give another path"):
+        PanoSegDetector.check(PanoSegDetector.Config(model=tmp_path / "nowhere"))
