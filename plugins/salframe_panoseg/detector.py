@@ -38,7 +38,7 @@ class PanoSegDetector(Detector):
     """Objects from colour and range by a segmentation network trained on rendered buildings; it ships with salframe."""
 
     name = "panoseg"
-    version = "1"
+    version = "1"  # another one for another network, too: caches know ours by it
     needs: ClassVar[frozenset[str]] = frozenset({"rgb", "range"})
     column_step: ClassVar[int] = 192  # 32 columns of the network's panorama, and whole columns of every height divisible by 48 or 64
     weights = (PANOSEG,)
