@@ -27,6 +27,7 @@ def test_the_wheel_holds_every_package_preset_template_and_network(tmp_path):
     expected |= {f"salframe/templates/{path.name}" for path in (REPOSITORY / "salframe" / "templates").iterdir()}
     weights = REPOSITORY / "baselines" / "salframe_keypoints" / "loftr_compact_weights"
     expected |= {f"salframe_keypoints/{weights.name}/{path.name}" for path in weights.iterdir()}
+    expected |= {f"salframe_panoseg/{name}" for name in ("panoseg.onnx", "panoseg.json", "training.yaml")}
     for container in (REPOSITORY, REPOSITORY / "plugins", REPOSITORY / "baselines"):
         expected |= {str(path.relative_to(container)) for path in container.glob("salframe*/**/*.py")}
     assert expected - packed == set()
