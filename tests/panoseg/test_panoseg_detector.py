@@ -20,7 +20,6 @@ from salframe.errors import InputMissing, WeightsMissing
 from salframe.geometry import pose_2d, transform_points, wrap_angle
 from salframe.presets import configure
 from salframe.registry import registry
-from salframe.testing import check_component
 from salframe.types import Annotations, Detections, Panorama
 
 HEIGHT = 384
@@ -98,10 +97,6 @@ def test_an_object_on_the_seam_comes_out_once(detector, panoramas):
         columns = round((np.pi + directions(found)[largest]) / np.pi * HEIGHT / step) * step
         again = detector.detect(turned(panorama, columns))
         assert sorted(again.labels) == sorted(found.labels)
-
-
-def test_it_keeps_the_promises_of_a_detector():
-    check_component(PanoSegDetector)
 
 
 def test_where_the_range_has_holes_the_rest_is_found(detector, panoramas):
