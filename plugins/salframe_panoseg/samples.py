@@ -42,10 +42,14 @@ def spoil(rgb: np.ndarray, range_m: np.ndarray, rng: np.random.Generator) -> tup
 
 
 class Samples(Dataset):
-    """Sample number i: a view drawn by the seed and i, so that a run that resumes goes on as it would have. Those of a batch have the same rows."""
+    """Sample number i: a view drawn by the seed and i, so that a run that resumes goes on as it would have. Those of a batch have the same rows.
 
-    def __init__(self, paths: Sequence[Path], labels: Sequence[str], seed: int, batch: int, count: int, start: int = 0) -> None:
-        self._paths, self._index, self._seed = list(paths), {label: i for i, label in enumerate(labels, 1)}, seed
+    `shares` (V,) float64, sum 1: how often each view is drawn.
+    """
+
+    def __init__(self, paths: Sequence[Path], shares: np.ndarray, labels: Sequence[str], seed: int, batch: int, count: int, start: int = 0) -> None:
+        self._paths, self._shares, self._seed = list(paths), shares, seed
+        self._index = {label: i for i, label in enumerate(labels, 1)}
         self._batch, self._start, self._count = batch, start, count
 
     def __len__(self) -> int:
@@ -55,7 +59,7 @@ class Samples(Dataset):
         """Of rows that are H or BAND: the network's input (6, rows, 2H), class_id (rows/2, H) int64, vote_m (3, rows/2, H) with NaN where there
         is none."""
         rng = np.random.default_rng((self._seed, self._start + item))
-        view = read_view(self._paths[rng.integers(len(self._paths))])
+        view = read_view(self._paths[rng.choice(len(self._paths), p=self._shares)])
         class_id, vote_m = target(view, self._index)
         image = network_input(*spoil(view.rgb, view.range_m, rng))
         turn = int(rng.integers(2 * HEIGHT))

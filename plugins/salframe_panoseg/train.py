@@ -11,6 +11,7 @@ import json
 import math
 import sys
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -30,10 +31,12 @@ from salframe.weights import file_sha256
 from salframe_panoseg.classes import HEIGHT
 from salframe_panoseg.export import export
 from salframe_panoseg.network import PanoSeg
-from salframe_panoseg.samples import Samples, target
-from salframe_panoseg.views import read_view, render_views
+from salframe_panoseg.samples import Samples
+from salframe_panoseg.views import read_instances, render_views
 
 CHECKPOINT_STEPS = 100
+SHOWN_PIXELS, COMMON_SHARE = 50, 0.1
+"""A view shows a class on so many pixels at least; a class that fewer than this share of the views show is drawn more often."""
 LABELS = tuple(sorted(CLASSES))
 
 
@@ -60,16 +63,34 @@ class Training:
         return 0.5 * (1 + math.cos(math.pi * (step - self.warm_up) / max(self.steps - self.warm_up, 1)))
 
 
-def class_weights(paths: list[Path]) -> Tensor:
-    """(C,) float32: the rarer a class, the more its pixels count, by the square root of its share; structure, nine pixels in ten, counts least."""
+def class_pixels(paths: Sequence[Path]) -> np.ndarray:
+    """(V, C) int64: how many pixels of each view show each class, structure first."""
     index = {label: i for i, label in enumerate(LABELS, 1)}
-    pixels = np.zeros(len(LABELS) + 1)
-    for path in paths[:: max(len(paths) // 200, 1)]:
-        pixels += np.bincount(target(read_view(path), index)[0].ravel(), minlength=len(pixels))
-    share = np.maximum(pixels, 1) / pixels.sum()
+    pixels = np.empty((len(paths), len(LABELS) + 1), np.int64)
+    for row, path in zip(pixels, paths, strict=True):
+        ids, labels = read_instances(path)
+        number = np.bincount(ids.ravel(), minlength=max(labels, default=0) + 1)
+        row[:] = 0
+        for instance, label in labels.items():
+            row[index[label]] += number[instance]
+        row[0] = number.sum() - row[1:].sum()
+    return pixels
+
+
+def class_weights(pixels: np.ndarray) -> Tensor:
+    """(C,) float32: the rarer a class, the more its pixels count, by the square root of its share; structure, nine pixels in ten, counts least."""
+    share = np.maximum(pixels.sum(0), 1) / pixels.sum()
     weights = np.sqrt(np.median(share[1:]) / share).clip(0.5, 3)
     weights[0] = 0.12
     return torch.tensor(weights, dtype=torch.float32)
+
+
+def view_shares(pixels: np.ndarray) -> np.ndarray:
+    """(V,) float64, sum 1: how often each view is drawn; those of classes that few views show, more often (LVIS; Gupta et al. 2019)."""
+    shown = pixels[:, 1:] >= SHOWN_PIXELS
+    repeat = np.sqrt(COMMON_SHARE / np.maximum(shown.mean(0), 1 / len(pixels)))
+    factor = np.maximum((shown * repeat).max(1), 1)
+    return factor / factor.sum()
 
 
 def loss_of(logits: Tensor, votes: Tensor, class_id: Tensor, vote_m: Tensor, weights: Tensor, vote_weight: float) -> tuple[Tensor, Tensor]:
@@ -112,8 +133,9 @@ def train(output: Path, paths: list[Path], settings: Training, encoder: Path, th
         network.load_state_dict(state["network"])
         optimizer.load_state_dict(state["optimizer"])
         schedule.load_state_dict(state["schedule"])
-    weights = class_weights(paths).to(device)
-    samples = Samples(paths, LABELS, settings.seed, settings.batch, settings.steps * settings.batch, step * settings.batch)
+    pixels = class_pixels(paths)
+    weights = class_weights(pixels).to(device)
+    samples = Samples(paths, view_shares(pixels), LABELS, settings.seed, settings.batch, settings.steps * settings.batch, step * settings.batch)
     start, sums = time.perf_counter(), np.zeros(3)
     network.train()
     for image, class_id, vote_m in DataLoader(samples, settings.batch, num_workers=1):

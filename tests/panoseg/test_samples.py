@@ -10,9 +10,12 @@ pytest.importorskip("torch", reason="the network is trained with torch: salframe
 from salframe_panoseg.classes import HEIGHT, network_input
 from salframe_panoseg.detector import into_panorama
 from salframe_panoseg.samples import Samples, target
+from salframe_panoseg.train import LABELS, class_pixels, class_weights, view_shares
 from salframe_panoseg.views import read_view, render_views
 
 from salframe.geometry import equirectangular_rays
+
+EQUAL = np.full(2, 0.5)
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +52,7 @@ def test_the_target_of_every_object_pixel_points_to_the_centre(paths):
 
 def test_a_sample_depends_on_seed_and_number_alone(paths):
     labels = sorted(set(read_view(paths[0]).labels.values()))
-    whole, resumed = Samples(paths, labels, 0, 2, 6), Samples(paths, labels, 0, 2, 6, start=4)
+    whole, resumed = Samples(paths, EQUAL, labels, 0, 2, 6), Samples(paths, EQUAL, labels, 0, 2, 6, start=4)
     assert (len(whole), len(resumed)) == (6, 2)
     for first, second in zip(whole[5], resumed[1], strict=True):
         np.testing.assert_array_equal(first, second)
@@ -61,7 +64,7 @@ def test_a_sample_depends_on_seed_and_number_alone(paths):
 
 def test_a_batch_shows_whole_panoramas_or_the_same_band_of_them(paths):
     labels = sorted(set(read_view(paths[0]).labels.values()))
-    samples = Samples(paths, labels, 0, 2, 60)
+    samples = Samples(paths, EQUAL, labels, 0, 2, 60)
     first_rows = []
     for number in range(0, 60, 2):
         one, other = samples[number][0], samples[number + 1][0]
@@ -70,6 +73,38 @@ def test_a_batch_shows_whole_panoramas_or_the_same_band_of_them(paths):
         elevation = np.arcsin(one[5, 0, 0])
         first_rows.append(round((np.pi / 2 - elevation) / np.pi * HEIGHT - 0.5))
     assert set(first_rows) == {0, 32, 64}
+
+
+def test_a_view_is_drawn_as_often_as_its_share_says(paths):
+    labels = sorted(set(read_view(paths[0]).labels.values()))
+    never_first, second_alone = Samples(paths, np.array([0.0, 1.0]), labels, 0, 2, 4), Samples(paths[1:], np.ones(1), labels, 0, 2, 4)
+    for number in range(4):
+        np.testing.assert_array_equal(never_first[number][1], second_alone[number][1])
+
+
+def test_the_pixels_of_a_view_are_counted_by_class(paths):
+    pixels = class_pixels(paths)
+    assert pixels.shape == (2, len(LABELS) + 1)
+    assert (pixels.sum(1) == 2 * HEIGHT**2).all()
+    view = read_view(paths[1])
+    for label in set(view.labels.values()):
+        instances = [instance for instance, own in view.labels.items() if own == label]
+        assert pixels[1, 1 + LABELS.index(label)] == np.isin(view.instance_id, instances).sum()
+
+
+def test_views_of_rare_classes_are_drawn_more_often():
+    pixels = np.zeros((400, 3), int)
+    pixels[:, 0], pixels[:, 1] = 1000, 60  # structure and class 1 everywhere, class 2 in one view of 400, and too small in a second
+    pixels[7, 2], pixels[8, 2] = 50, 49
+    shares = view_shares(pixels)
+    assert shares.sum() == pytest.approx(1)
+    assert shares[7] / shares[0] == pytest.approx((0.1 / (1 / 400)) ** 0.5)  # LVIS: sqrt(t / f)
+    assert shares[8] == shares[0]
+
+
+def test_rare_classes_count_more_and_structure_least():
+    weights = class_weights(np.array([[900, 25, 50, 100]])).numpy()
+    np.testing.assert_allclose(weights, [0.12, 2**0.5, 1, 0.5**0.5], rtol=1e-6)
 
 
 def test_the_networks_input_keeps_what_is_unknown_apart(paths):
