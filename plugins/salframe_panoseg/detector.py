@@ -77,7 +77,7 @@ class PanoSegDetector(Detector):
             seen &= smaller(panorama.valid.astype(np.uint8)) > 0
         class_id, score, vote_m = (found[0] for found in self._model.run(network_input(panorama.rgb, panorama.range_m)[None]))
         points_m = equirectangular_rays(HEIGHT) * np.nan_to_num(range_m)[..., None]
-        objects = group_pixels(class_id, points_m + into_panorama(vote_m), seen)
+        objects = group_pixels(class_id, points_m, points_m + into_panorama(vote_m), seen)
         return self._detections(objects, class_id, score, points_m)
 
     def _detections(self, objects: np.ndarray, class_id: np.ndarray, score: np.ndarray, points_m: np.ndarray) -> Detections:

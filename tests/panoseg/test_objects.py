@@ -17,11 +17,13 @@ def scene(*blocks: tuple[slice, slice, int, tuple[float, float, float]]) -> tupl
 
 
 SEEN = np.ones((H, W), bool)
+POINTS_M = np.zeros((H, W, 3))
+"""Where the surfaces are matters only to how long an object is."""
 
 
 def test_touching_objects_of_a_class_come_apart_by_their_votes():
     class_id, centre_m = scene((slice(8, 16), slice(10, 20), 3, (1, 0, 0)), (slice(8, 16), slice(20, 30), 3, (1, 0.8, 0)))
-    objects = group_pixels(class_id, centre_m, SEEN)
+    objects = group_pixels(class_id, POINTS_M, centre_m, SEEN)
     assert np.unique(objects[8:16, 10:20]).tolist() != np.unique(objects[8:16, 20:30]).tolist()
     assert objects.max() == 2
     assert (objects > 0).sum() == 160
@@ -29,11 +31,19 @@ def test_touching_objects_of_a_class_come_apart_by_their_votes():
 
 def test_an_object_cut_by_the_seam_or_by_what_stands_before_it_is_one():
     seam = scene((slice(8, 16), slice(0, 5), 3, (1, 0, 0)), (slice(8, 16), slice(58, 64), 3, (1, 0, 0)))
-    assert group_pixels(*seam, SEEN).max() == 1
+    assert group_pixels(seam[0], POINTS_M, seam[1], SEEN).max() == 1
     cut = scene((slice(8, 16), slice(10, 30), 3, (1, 0, 0)), (slice(8, 16), slice(19, 23), 5, (0.5, 0, 0)))
-    objects = group_pixels(*cut, SEEN)
+    objects = group_pixels(cut[0], POINTS_M, cut[1], SEEN)
     assert objects.max() == 2
     assert objects[10, 12] == objects[10, 28] != objects[10, 21]
+
+
+@pytest.mark.parametrize(("length_m", "count"), [(1.5, 1), (1.0, 2)])
+def test_parts_whose_votes_differ_by_less_than_the_larger_is_long_are_one(length_m, count):
+    class_id, centre_m = scene((slice(8, 16), slice(10, 20), 3, (1, 0, 0)), (slice(8, 16), slice(20, 26), 3, (1, 1.2, 0)))
+    points_m = POINTS_M.copy()
+    points_m[:, 10:20, 1] = np.linspace(0, length_m, 10)
+    assert group_pixels(class_id, points_m, centre_m, SEEN).max() == count
 
 
 def test_two_classes_at_one_place_are_two_objects_and_what_is_unseen_or_tiny_is_none():
@@ -41,7 +51,7 @@ def test_two_classes_at_one_place_are_two_objects_and_what_is_unseen_or_tiny_is_
     class_id, centre_m = scene((slice(8, 16), slice(10, 20), 3, (1, 0, 0)), (slice(8, 16), slice(20, 30), 4, (1, 0, 0)), tiny)
     seen = SEEN.copy()
     seen[:, 26:] = False
-    objects = group_pixels(class_id, centre_m, seen)
+    objects = group_pixels(class_id, POINTS_M, centre_m, seen)
     assert objects.max() == 2
     assert (objects[:, 26:] == 0).all()
     assert (objects[0] == 0).all()
@@ -51,8 +61,8 @@ def test_turning_the_panorama_turns_the_objects():
     rng = np.random.default_rng(0)
     class_id = np.repeat(np.repeat(rng.integers(0, 4, (H // 8, W // 8)), 8, 0), 8, 1)
     centre_m = np.repeat(np.repeat(rng.uniform(-2, 2, (H // 8, W // 8, 3)), 8, 0), 8, 1)
-    objects = np.roll(group_pixels(class_id, centre_m, SEEN), 24, 1)
-    turned = group_pixels(np.roll(class_id, 24, 1), np.roll(centre_m, 24, 1), SEEN)
+    objects = np.roll(group_pixels(class_id, POINTS_M, centre_m, SEEN), 24, 1)
+    turned = group_pixels(np.roll(class_id, 24, 1), POINTS_M, np.roll(centre_m, 24, 1), SEEN)
     pairs = set(zip(objects.ravel().tolist(), turned.ravel().tolist(), strict=True))
     assert len(pairs) == objects.max() + 1  # the same partition, numbered otherwise
 
