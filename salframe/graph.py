@@ -39,7 +39,7 @@ def build_graph(detections: Detections, saliency: np.ndarray, config: GraphConfi
     a, b = np.triu_indices(len(chosen), 1)
     linked = np.minimum(extent[a], extent[b]) > distance[a, b]
     edges = np.column_stack([a[linked], b[linked]])
-    return SaliencyGraph(chosen.labels, saliency, chosen.centroid_m, chosen.size_m, chosen.yaw_rad, edges)
+    return SaliencyGraph(chosen.labels, chosen.scores, saliency, chosen.centroid_m, chosen.size_m, chosen.yaw_rad, edges)
 
 
 def _centroid_distances(centroid_m: np.ndarray) -> np.ndarray:
@@ -61,11 +61,12 @@ def box_distances(detections: Detections) -> np.ndarray:
     return np.hypot(flat, gap)
 
 
-_NODE = np.dtype([("label", "<u2"), ("saliency", "<u2"), ("position_mm", "<i2", 3), ("size_mm", "<u2", 3), ("yaw", "<u2")])
+_NODE = np.dtype([("label", "<u2"), ("score", "u1"), ("yaw", "u1"), ("saliency", "<u2"), ("position_mm", "<i2", 3), ("size_mm", "<u2", 3)])
 
 
 def pack_graph(graph: SaliencyGraph, vocabulary: Mapping[str, int]) -> bytes:
-    """The graph in 2 + 18 N bytes and an edge bit matrix: label index, saliency (1/65535), position and box in mm, yaw (pi/65536).
+    """The graph in 2 + 18 N bytes and an edge bit matrix: label index, score (1/255), yaw (pi/256), saliency (1/65535), position and box
+    in mm.
 
     Raises DataError on a label outside the vocabulary or a position beyond +-32.7 m.
     """
@@ -76,10 +77,11 @@ def pack_graph(graph: SaliencyGraph, vocabulary: Mapping[str, int]) -> bytes:
         raise DataError(f"an object lies {np.abs(graph.centroid_m).max():.1f} m away, expected at most 32.767 m")
     nodes = np.zeros(len(graph), _NODE)
     nodes["label"] = [vocabulary[label] for label in graph.labels]
+    nodes["score"] = np.round(graph.scores * 255)
     nodes["saliency"] = np.round(graph.saliency * 65535)
     nodes["position_mm"] = np.round(graph.centroid_m * 1000)
     nodes["size_mm"] = np.round(np.minimum(graph.size_m, 65.535) * 1000)
-    nodes["yaw"] = np.round(graph.yaw_rad % np.pi * 65536 / np.pi).astype(int) % 65536
+    nodes["yaw"] = np.round(graph.yaw_rad % np.pi * 256 / np.pi).astype(int) % 256
     bits = graph.adjacency[np.triu_indices(len(graph), 1)]
     return struct.pack("<H", len(graph)) + nodes.tobytes() + np.packbits(bits).tobytes()
 
@@ -95,20 +97,21 @@ def unpack_graph(data: bytes, labels: Sequence[str]) -> SaliencyGraph:
     edges = np.column_stack(np.triu_indices(count, 1))[bits]
     names = tuple(labels[i] for i in nodes["label"])
     return SaliencyGraph(
-        names, nodes["saliency"] / 65535, nodes["position_mm"] / 1000, nodes["size_mm"] / 1000, nodes["yaw"] * np.pi / 65536, edges
-    )
+        names, nodes["score"] / 255, nodes["saliency"] / 65535, nodes["position_mm"] / 1000, nodes["size_mm"] / 1000,
+        nodes["yaw"] * np.pi / 256, edges,
+    )  # fmt: skip
 
 
 def graph_to_arrays(graph: SaliencyGraph) -> dict[str, np.ndarray]:
     """The graph as named arrays, exact."""
     labels = np.array(graph.labels, dtype=np.str_)
-    return {"labels": labels, "saliency": graph.saliency, "centroid_m": graph.centroid_m, "size_m": graph.size_m,
+    return {"labels": labels, "scores": graph.scores, "saliency": graph.saliency, "centroid_m": graph.centroid_m, "size_m": graph.size_m,
             "yaw_rad": graph.yaw_rad, "edges": graph.edges}  # fmt: skip
 
 
 def graph_from_arrays(arrays: Mapping[str, np.ndarray]) -> SaliencyGraph:
     """The graph that `graph_to_arrays` made."""
-    fields = {name: arrays[name] for name in ("saliency", "centroid_m", "size_m", "yaw_rad", "edges")}
+    fields = {name: arrays[name] for name in ("scores", "saliency", "centroid_m", "size_m", "yaw_rad", "edges")}
     return SaliencyGraph(tuple(arrays["labels"].tolist()), **fields)
 
 
@@ -117,12 +120,12 @@ def write_graphs(path: Path, graphs: Sequence[SaliencyGraph]) -> None:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    rows: dict[str, list] = {name: [] for name in ("scene", "node", "label", "saliency", "x_m", "y_m", "z_m", "length_m", "width_m",
+    rows: dict[str, list] = {name: [] for name in ("scene", "node", "label", "score", "saliency", "x_m", "y_m", "z_m", "length_m", "width_m",
                                                    "height_m", "yaw_rad", "azimuth_rad", "range_m", "neighbours")}  # fmt: skip
     for scene, graph in enumerate(graphs):
         for node in range(len(graph)):
             neighbours = graph.edges[graph.edges[:, 0] == node, 1].tolist()
-            values = (scene, node, graph.labels[node], graph.saliency[node], *graph.centroid_m[node], *graph.size_m[node],
+            values = (scene, node, graph.labels[node], graph.scores[node], graph.saliency[node], *graph.centroid_m[node], *graph.size_m[node],
                       graph.yaw_rad[node], graph.azimuth_rad[node], graph.range_m[node], neighbours)  # fmt: skip
             for column, value in zip(rows.values(), values, strict=True):
                 column.append(value)
@@ -150,7 +153,7 @@ def read_graphs(path: Path, count: int) -> list[SaliencyGraph]:
         rows = np.flatnonzero(column["scene"] == scene)
         edges = [(int(column["node"][r]), b) for r in rows for b in neighbours[r]]
         graphs.append(SaliencyGraph(
-            tuple(label[r] for r in rows), column["saliency"][rows], centroid[rows], size[rows], column["yaw_rad"][rows],
+            tuple(label[r] for r in rows), column["score"][rows], column["saliency"][rows], centroid[rows], size[rows], column["yaw_rad"][rows],
             np.array(edges, np.int64).reshape(-1, 2),
         ))  # fmt: skip
     return graphs

@@ -213,11 +213,12 @@ class FloorMasks:
 class SaliencyGraph:
     """A place as a 360-degree saliency graph (method.md 2): salient objects and the context between them.
 
-    labels: N names; saliency (N,) float64, shares of volume; centroid_m, size_m (N, 3) and yaw_rad (N,) float64 in the panorama frame;
-    edges (E, 2) int64 with edges[:, 0] < edges[:, 1].
+    labels: N names; scores (N,) float64 in [0, 1], the detector's; saliency (N,) float64, shares of volume; centroid_m, size_m (N, 3) and
+    yaw_rad (N,) float64 in the panorama frame; edges (E, 2) int64 with edges[:, 0] < edges[:, 1].
     """
 
     labels: tuple[str, ...]
+    scores: np.ndarray
     saliency: np.ndarray
     centroid_m: np.ndarray
     size_m: np.ndarray
@@ -227,6 +228,7 @@ class SaliencyGraph:
     def __post_init__(self) -> None:
         object.__setattr__(self, "labels", tuple(self.labels))
         n = len(self.labels)
+        _array(self, "scores", np.float64, n)
         _array(self, "saliency", np.float64, n)
         _array(self, "centroid_m", np.float64, n, 3)
         _array(self, "size_m", np.float64, n, 3)

@@ -21,7 +21,7 @@ class SaliencyGraphLocalizer(Localizer):
     """Places as 360-degree saliency graphs: matched for the place, aligned for the pose."""
 
     name = "saliency-graph"
-    version = "1"
+    version = "2"
 
     class Config(ComponentConfig):
         detector: slot("detector", "annotations")  # type: ignore[valid-type]

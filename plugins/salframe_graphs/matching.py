@@ -22,7 +22,7 @@ from salframe_graphs.verification import Verified, verify
 class GraphIndex:
     """A map's S graphs, laid out for matching: counts (L, S), a row a label, so that a query reads its own labels' rows; rarity (L,),
     inverse document frequency. The nodes padded to the largest graph, m nodes: label (S, m), -1 where padded;
-    centroid_m, size_m (S, m, 3); saliency (S, m); features (S, m, F).
+    centroid_m, size_m (S, m, 3); saliency (S, m); features (S, m, F); weight (S, m), what a node counts in the score, 0 where padded.
     """
 
     graphs: tuple[SaliencyGraph, ...]
@@ -34,17 +34,19 @@ class GraphIndex:
     size_m: np.ndarray
     saliency: np.ndarray
     features: np.ndarray
+    weight: np.ndarray
 
 
 class TripletMatcher(GraphMatcher):
     """Label-set candidates, one-to-one node alignment, weighted triplets, and geometric verification of the survivors."""
 
     name = "triplet"
-    version = "1"
+    version = "2"
 
     class Config(ComponentConfig):
         labels: Literal["set", "multiset"] = Field("multiset", description="Jaccard index over which labels are there, or how many of each")
         rarity: bool = Field(True, description="weigh labels by their smooth inverse document frequency over the map, ln((1 + S) / (1 + s)) + 1")
+        confidence: bool = Field(True, description="a node counts in the score as much as its detector is sure of it")
         keep: float = Field(0.25, ge=0, le=1, description="candidates: Jaccard index at least this share of the best (paper: 0.6)")
         height_scale_m: float | None = Field(0.2, gt=0, description="difference in height that halves node similarity; null: height ignored")
         size_scale: tuple[float, float] | None = Field(
@@ -89,7 +91,11 @@ class TripletMatcher(GraphMatcher):
             counts = np.minimum(counts, 1)
         scenes = (counts > 0).sum(1)
         rarity = np.log((1 + len(graphs)) / (1 + scenes)) + 1 if self.config.rarity else np.ones(len(vocabulary))
-        return GraphIndex(tuple(graphs), vocabulary, counts, rarity, label, centroid, size, saliency, features)
+        weight = np.where(label >= 0, rarity[label], 0) if len(rarity) else np.zeros(shape)
+        if self.config.confidence:
+            for s, graph in enumerate(graphs):
+                weight[s, : len(graph)] *= graph.scores
+        return GraphIndex(tuple(graphs), vocabulary, counts, rarity, label, centroid, size, saliency, features, weight)
 
     def match(self, query: SaliencyGraph, index: GraphIndex, top_k: int) -> list[GraphMatch]:
         known = np.array([index.vocabulary.get(label, -1) for label in query.labels], int)
@@ -99,16 +105,17 @@ class TripletMatcher(GraphMatcher):
         rarity = np.where(known >= 0, index.rarity[known], np.log(1 + len(index.graphs)) + 1 if self.config.rarity else 1.0)
         jaccard = self._jaccard(query.labels, known, rarity, index)
         candidates = np.flatnonzero((jaccard > 0) & (jaccard >= self.config.keep * jaccard.max()))
+        weight = rarity * query.scores if self.config.confidence else rarity
         similarity = self._similarity(query, known, index, candidates)
         alike = np.where(similarity >= self.config.least_similarity, similarity, 0)
         score = np.zeros(len(candidates))
         kernel, poses = np.zeros_like(alike), [None] * len(candidates)
         if self.config.similarity_score:
-            score += self.config.similarity_score * self._shared(similarity, rarity, index, candidates)
+            score += self.config.similarity_score * self._shared(similarity, weight, index.weight[candidates])
         if self.config.geometry_score:
-            found = self._verify(query, rarity, index, candidates, alike)
+            found = self._verify(query, weight, index, candidates, alike)
             kernel, poses = found.kernel, found.poses()
-            score += self.config.geometry_score * self._shared(kernel, rarity, index, candidates)
+            score += self.config.geometry_score * self._shared(kernel, weight, index.weight[candidates])
         if self.config.triplet_score:
             pairs = [self._align(alike[k], kernel[k]) for k in range(len(candidates))]
             triplets = [self._triplets(query, index.graphs[s], p) for s, p in zip(candidates, pairs, strict=True)]
@@ -156,19 +163,19 @@ class TripletMatcher(GraphMatcher):
                 similarity /= 1 + (change / scale) ** 2
         return similarity
 
-    def _shared(self, similarity: np.ndarray, rarity: np.ndarray, index: GraphIndex, candidates: np.ndarray) -> np.ndarray:
-        """(K,) Jaccard index in which a node counts as shared by its similarity to the most similar node of the other graph."""
-        label = index.label[candidates]
-        reference = np.where(label >= 0, index.rarity[label], 0)
-        shared = np.minimum(similarity.max(2) @ rarity, (similarity.max(1) * reference).sum(1))
-        return shared / (rarity.sum() + reference.sum(1) - shared)
+    def _shared(self, similarity: np.ndarray, weight: np.ndarray, reference: np.ndarray) -> np.ndarray:
+        """(K,) Jaccard index over nodes of weight (n,) and reference (K, m), each shared by its similarity to the most similar node of the other
+        graph."""
+        shared = np.minimum(similarity.max(2) @ weight, (similarity.max(1) * reference).sum(1))
+        whole = weight.sum() + reference.sum(1) - shared
+        return np.divide(shared, whole, out=np.zeros(len(shared)), where=whole > 0)
 
-    def _verify(self, query, rarity, index, candidates, similarity) -> Verified:
+    def _verify(self, query, weight, index, candidates, similarity) -> Verified:
         reference = index.centroid_m[candidates]
         ranges = np.hypot(query.range_m[None, :, None], np.linalg.norm(reference, axis=2)[:, None])
         tolerance = self.config.tolerance_m + self.config.tolerance_share * ranges
         return verify(
-            query.centroid_m[:, :2], reference[..., :2], similarity, tolerance, rarity / rarity.sum(), self.config.largest_shift_m
+            query.centroid_m[:, :2], reference[..., :2], similarity, tolerance, weight, self.config.largest_shift_m
         )
 
     def _align(self, similarity: np.ndarray, kernel: np.ndarray) -> np.ndarray:

@@ -46,7 +46,7 @@ class PanoSegDetector(Detector):
 
     class Config(ComponentConfig):
         model: Path | None = Field(None, description="folder of a training of your own; null: the network that comes with salframe")
-        min_score: float = Field(0.5, ge=0, le=1, description="objects whose mean class probability is lower are left out")
+        min_score: float = Field(0.25, ge=0, le=1, description="objects whose mean class probability is lower are left out")
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)

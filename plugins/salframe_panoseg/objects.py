@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-LEAST_POINTS = 25
+LEAST_POINTS = 12
 """An object on fewer pixels of the network's panorama is not reported."""
 LINK_M = 0.2
 """Neighbouring pixels vote for the same object where their votes differ by less."""

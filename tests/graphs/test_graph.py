@@ -80,7 +80,8 @@ def test_orientation_of_nodes():
 @pytest.fixture
 def graph():
     rng = np.random.default_rng(4)
-    found = detections(rng.uniform(-3, 3, (9, 3)), rng.uniform(0.3, 2, (9, 3)), list("abcabcabc"))
+    centroid_m, size_m = rng.uniform(-3, 3, (9, 3)), rng.uniform(0.3, 2, (9, 3))
+    found = Detections(list("abcabcabc"), rng.uniform(size=9), centroid_m, size_m, rng.uniform(0, np.pi, 9))
     return build_graph(found, np.full(9, 1 / 9), GraphConfig())
 
 
@@ -93,6 +94,8 @@ def test_packed_graph_is_small_and_read_back_to_the_millimetre(graph):
     np.testing.assert_allclose(back.centroid_m, graph.centroid_m, atol=0.00051)
     np.testing.assert_allclose(back.size_m, graph.size_m, atol=0.00051)
     np.testing.assert_allclose(back.saliency, graph.saliency, atol=1e-5)
+    np.testing.assert_allclose(back.scores, graph.scores, atol=0.5 / 255)
+    assert np.abs(np.sin(back.yaw_rad - graph.yaw_rad)).max() <= np.sin(np.pi / 512)
 
 
 def test_packing_says_what_does_not_fit(graph):
@@ -109,6 +112,7 @@ def test_graph_table_is_read_back_exactly(graph, tmp_path):
     assert [len(g) for g in back] == [9, 0, 9]
     np.testing.assert_array_equal(back[2].edges, graph.edges)
     np.testing.assert_array_equal(back[2].centroid_m, graph.centroid_m)
+    np.testing.assert_array_equal(back[2].scores, graph.scores)
     (tmp_path / "bad.parquet").write_bytes(b"PAR1 no")
     with pytest.raises(DataError, match=r"bad\.parquet is not a table of graphs"):
         read_graphs(tmp_path / "bad.parquet", 1)

@@ -118,7 +118,8 @@ def test_strangers_and_empty_maps_match_nothing(rooms):
 def test_triplet_score_by_hand():
     """A path a-b-c against one that lacks b-c: I = w_ab over w_ab + w_bc."""
     saliency = np.array([0.5, 0.3, 0.2])
-    base = {"labels": ("a", "b", "c"), "saliency": saliency, "centroid_m": np.eye(3), "size_m": np.ones((3, 3)), "yaw_rad": np.zeros(3)}
+    base = {"labels": ("a", "b", "c"), "scores": np.ones(3), "saliency": saliency, "centroid_m": np.eye(3),
+            "size_m": np.ones((3, 3)), "yaw_rad": np.zeros(3)}  # fmt: skip
     query = SaliencyGraph(**base, edges=np.array([[0, 1], [1, 2]]))
     reference = SaliencyGraph(**base, edges=np.array([[0, 1], [0, 2]]))
     settings = {"structure_weight": 0.0, "similarity_score": 0.0, "geometry_score": 0.0, "triplet_score": 1.0}
@@ -131,9 +132,30 @@ def test_triplet_score_by_hand():
     assert one.match(edgeless, one.index([reference]), 1)[0].score == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize(("geometry_score", "weight"), [(0.0, 1.0), (2.0, 3.0)])
+def test_a_node_counts_as_much_as_its_detector_is_sure(geometry_score, weight):
+    """Five objects that query and map share, and two of the map's alone: the Jaccard index is that of the sums of their scores."""
+    shared = Detections(LABELS[:5], np.array([0.9, 0.8, 0.7, 0.6, 0.5]), room(0, 5).centroid_m, np.ones((5, 3)), np.zeros(5))
+    extra = Detections(LABELS[5:7], np.array([0.3, 0.1]), np.array([[2.0, 2, 0], [-2, 2, 0]]), np.ones((2, 3)), np.zeros(2))
+    more = Detections((*shared.labels, *extra.labels), *(np.concatenate([getattr(shared, name), getattr(extra, name)])
+                                                         for name in ("scores", "centroid_m", "size_m", "yaw_rad")))  # fmt: skip
+    settings = {"structure_weight": 0.0, "rarity": False, "geometry_score": geometry_score}
+    for confidence, expected in ((True, 3.5 / 3.9), (False, 5 / 7)):
+        one = matcher(**settings, confidence=confidence)
+        for query, reference in ((shared, more), (more, shared)):
+            found = one.match(graph_of(query), one.index([graph_of(reference)]), 1)[0]
+            assert found.score == pytest.approx(weight * expected)
+
+
+def test_nodes_of_score_zero_count_nothing():
+    unsure = Detections(LABELS[:3], np.zeros(3), room(0, 3).centroid_m, np.ones((3, 3)), np.zeros(3))
+    one = matcher()
+    assert one.match(graph_of(unsure), one.index([graph_of(unsure)]), 1)[0].score == 0
+
+
 def test_ring_and_hop_histograms_by_hand():
     """Labels a, b, c on a line at 0, 1.5 and 3 m; only a and b are linked."""
-    graph = SaliencyGraph(("a", "b", "c"), np.full(3, 1 / 3), np.array([[0, 0, 0], [1.5, 0, 0], [3, 0, 0]], float), np.ones((3, 3)),
+    graph = SaliencyGraph(("a", "b", "c"), np.ones(3), np.full(3, 1 / 3), np.array([[0, 0, 0], [1.5, 0, 0], [3, 0, 0]], float), np.ones((3, 3)),
                           np.zeros(3), np.array([[0, 1]]))  # fmt: skip
     found = ring_hop_histograms(graph, {"a": 0, "b": 1, "c": 2}, (1.0, 2.0, 4.0), 2)
     a = np.array([[0, 0, 0], [0, 1, 0], [0, 0, 1], [0, 1, 0], [0, 0, 0]]).ravel()
@@ -185,7 +207,8 @@ def test_an_unweighted_graph_counts_triplets():
     """Four objects in a row, each in context with the next; the map lacks the edge of the last two."""
     def chain(edges):
         centroid = np.column_stack([np.arange(4.0), np.ones(4), np.zeros(4)])
-        return SaliencyGraph(LABELS[:4], np.array([0.5, 0.3, 0.15, 0.05]), centroid, np.ones((4, 3)), np.zeros(4), np.array(edges))
+        saliency = np.array([0.5, 0.3, 0.15, 0.05])
+        return SaliencyGraph(LABELS[:4], np.ones(4), saliency, centroid, np.ones((4, 3)), np.zeros(4), np.array(edges))
 
     query, reference = chain([(0, 1), (1, 2), (2, 3)]), chain([(0, 1), (1, 2)])
     given = {"triplet_score": 1.0, "similarity_score": 0.0, "geometry_score": 0.0}
