@@ -63,8 +63,13 @@ def _join_parts(class_id: np.ndarray, points_m: np.ndarray, vote_m: np.ndarray, 
         elif count[part] >= LEAST_POINTS:
             number += 1
             object_of[part] = number
-            same.append((part, max(SAME_M, float(np.linalg.norm(np.ptp(points_m[own[part]], axis=0))))))
+            same.append((part, max(SAME_M, _length_m(points_m[own[part]]))))
     return object_of
+
+
+def _length_m(points_m: np.ndarray) -> float:
+    """The length of a bar whose points (n, 3) lie as far from their mean, whichever way it is turned."""
+    return float(np.sqrt(12 * points_m.var(0).sum()))
 
 
 def without_strays(points_m: np.ndarray) -> np.ndarray:

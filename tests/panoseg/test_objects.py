@@ -38,11 +38,13 @@ def test_an_object_cut_by_the_seam_or_by_what_stands_before_it_is_one():
     assert objects[10, 12] == objects[10, 28] != objects[10, 21]
 
 
-@pytest.mark.parametrize(("length_m", "count"), [(1.5, 1), (1.0, 2)])
-def test_parts_whose_votes_differ_by_less_than_the_larger_is_long_are_one(length_m, count):
+@pytest.mark.parametrize("turn", [0.0, 0.8])
+@pytest.mark.parametrize(("length_m", "count"), [(1.25, 1), (1.15, 2)])
+def test_parts_whose_votes_differ_by_less_than_the_larger_is_long_are_one(length_m, count, turn):
     class_id, centre_m = scene((slice(8, 16), slice(10, 20), 3, (1, 0, 0)), (slice(8, 16), slice(20, 26), 3, (1, 1.2, 0)))
     points_m = POINTS_M.copy()
-    points_m[:, 10:20, 1] = np.linspace(0, length_m, 10)
+    along = (np.arange(10) + 0.5) / 10 * length_m
+    points_m[:, 10:20, :2] = along[:, None] * (np.cos(turn), np.sin(turn))
     assert group_pixels(class_id, points_m, centre_m, SEEN).max() == count
 
 

@@ -22,7 +22,7 @@ from salframe.presets import configure
 from salframe.registry import registry
 from salframe.types import Annotations, Detections, Panorama
 
-HEIGHT = 384
+HEIGHT = 512
 SEED = 7
 
 
@@ -48,10 +48,15 @@ def truth(panorama: Panorama) -> Detections:
     return registry().build("detector", configure("detector", "annotations", {"noise": "none"})).detect(panorama)
 
 
+def sure(found: Detections) -> Detections:
+    """Those that the network is rather sure of."""
+    return found.take(np.flatnonzero(found.scores >= 0.5))
+
+
 def test_it_finds_most_of_what_is_annotated(detector, panoramas):
     right = found = annotated = 0
     for panorama in panoramas:
-        seen, there = detector.detect(panorama), truth(panorama)
+        seen, there = sure(detector.detect(panorama)), truth(panorama)
         right += count_right(seen, there).total()
         found, annotated = found + len(seen.labels), annotated + len(there.labels)
     assert right / found > 0.6
@@ -76,16 +81,16 @@ def directions(found: Detections) -> np.ndarray:
 
 
 @pytest.mark.parametrize("columns", [1, 100, 331])
-def test_turned_by_any_angle_most_objects_turn_with_it(detector, panoramas, columns):
+def test_turned_by_any_angle_most_sure_objects_turn_with_it(detector, panoramas, columns):
     same = total = 0
     for panorama in panoramas:
-        before, after = detector.detect(panorama), detector.detect(turned(panorama, columns))
+        before, after = sure(detector.detect(panorama)), detector.detect(turned(panorama, columns))
         expected_m = transform_points(pose_2d(0, 0, -np.pi * columns / HEIGHT), before.centroid_m)
         for label, (x, y, _) in zip(before.labels, expected_m, strict=True):
             off = [abs(wrap_angle(d - np.arctan2(y, x))) for d, name in zip(directions(after), after.labels, strict=True) if name == label]
             same += bool(off) and min(off) < np.radians(2)
         total += len(before.labels)
-    assert same / total >= 0.8
+    assert same / total >= 0.85
 
 
 def test_an_object_on_the_seam_comes_out_once(detector, panoramas):
