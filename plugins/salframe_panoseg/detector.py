@@ -27,8 +27,8 @@ PANOSEG = Weights(
     name="panoseg",
     licence="Apache-2.0",
     files=(
-        WeightsFile(NETWORK, "74aeaf720c834c5f6044f09a47256d7f3f7f1b60169360908dc4a5c9ae331155", 12_343_539),
-        WeightsFile(CARD, "81b096b527475832c3640dfaf6fd643d2227a15d01c9971ecfdf5db80da74e69", 42_301),
+        WeightsFile(NETWORK, "c8308cd62db4fb23a765fc9c07821d3e02416bc7b281d6ca8946967635d4b8a2", 12_345_511),
+        WeightsFile(CARD, "a4e014dcd4a811fa1fb7b1315013ce138fd454645345e1a7d41bb66ebc1c4ccb", 42_302),
     ),
     source=Shipped(Path(__file__).parent),
 )
@@ -38,7 +38,7 @@ class PanoSegDetector(Detector):
     """Objects from colour and range by a segmentation network trained on rendered buildings; it ships with salframe."""
 
     name = "panoseg"
-    version = "1"  # another one for another network, too: caches know ours by it
+    version = "2"  # another one for another network, too: caches know ours by it
     needs: ClassVar[frozenset[str]] = frozenset({"rgb", "range"})
     column_step: ClassVar[int] = 192  # 32 columns of the network's panorama, and whole columns of every height divisible by 48 or 64
     weights = (PANOSEG,)

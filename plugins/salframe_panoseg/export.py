@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -16,23 +17,29 @@ from salframe_panoseg.detector import OUTPUTS
 from salframe_panoseg.network import PanoSeg
 
 
+DOUBT = 4.0
+"""A pixel is structure where that is so many times as probable as any object: what may be an object is told, with its low score."""
+
+
 class Answer(nn.Module):
     """(B, 6, H, W) -> class_id (B, H, W) uint8, score (B, H, W) float32 (the class's probability), vote_m (B, 3, H, W) float32.
 
-    Trained with `weights` (C,), the network overrates what counted more; here that is taken back.
+    Trained with `weights` (C,), the network overrates what counted more; in `score` that is taken back.
     """
 
     def __init__(self, network: PanoSeg, weights: Tensor) -> None:
         super().__init__()
         self.network = network
         self.register_buffer("overrated", weights.log()[:, None, None])
+        self.register_buffer("doubt", torch.tensor([math.log(DOUBT)] + [0.0] * (len(weights) - 1))[:, None, None])
 
     def forward(self, image: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         logits, votes = self.network(image)
         logits = logits - self.overrated
-        best = logits.softmax(1).amax(1, keepdim=True)
-        score = functional.interpolate(best, scale_factor=2, mode="nearest")[:, 0]
-        return doubled(logits).argmax(1).to(torch.uint8), score, doubled(votes)
+        chosen = logits - self.doubt
+        probability = logits.softmax(1).gather(1, chosen.argmax(1, keepdim=True))
+        score = functional.interpolate(probability, scale_factor=2, mode="nearest")[:, 0]
+        return doubled(chosen).argmax(1).to(torch.uint8), score, doubled(votes)
 
 
 def doubled(image: Tensor) -> Tensor:

@@ -12,7 +12,7 @@ pytest.importorskip("onnxscript", reason="the network is exported by torch: salf
 
 from salframe_panoseg.classes import CHANNELS, HEIGHT  # noqa: E402
 from salframe_panoseg.detector import OUTPUTS  # noqa: E402
-from salframe_panoseg.export import doubled, export  # noqa: E402
+from salframe_panoseg.export import DOUBT, doubled, export  # noqa: E402
 from salframe_panoseg.network import PanoSeg  # noqa: E402
 
 from salframe.onnx import open_model  # noqa: E402
@@ -36,8 +36,11 @@ def test_it_answers_as_in_torch_and_takes_the_weights_of_training_back(tmp_path)
     # What the network learnt are p(class) * weight; of that, p(class) is left.
     posterior = (logits.double().softmax(1) / weights[:, None, None]).float()
     posterior /= posterior.sum(1, keepdim=True)
-    np.testing.assert_allclose(score[0, ::2, ::2], posterior.amax(1)[0], atol=1e-4)
+    # Structure only where it is DOUBT times as probable as any object.
+    lenient = posterior / torch.tensor([DOUBT, 1, 1, 1])[:, None, None]
+    expected_score = posterior.gather(1, lenient.argmax(1, keepdim=True))[0, 0]
+    assert (np.abs(score[0, ::2, ::2] - expected_score.numpy()) < 1e-4).mean() > 0.999
     np.testing.assert_allclose(vote_m, doubled(votes), atol=1e-4)
-    expected = doubled(logits - weights.log()[:, None, None]).argmax(1)[0].numpy()
+    expected = doubled(lenient.log()).argmax(1)[0].numpy()
     assert (class_id[0] == expected).mean() > 0.999
     assert len(np.unique(class_id)) > 1
