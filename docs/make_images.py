@@ -99,16 +99,16 @@ def _write(axes: Axes, text: str, x: float, y: float) -> None:
 
 
 def draw_detections(path: Path) -> None:
-    """What `annotations` and `panoseg` see in rooms of buildings that training never saw."""
+    """What `annotations` and `panoseg` (a score of 0.5) see in rooms of buildings that training never saw."""
     figure, axes = plt.subplots(4, 1, figsize=(13.5, 19), layout="constrained")
     annotated = registry().build("detector", configure("detector", "annotations", {"noise": "none"}))
-    panoseg = registry().build("detector", configure("detector", "panoseg", {}))
+    panoseg = registry().build("detector", configure("detector", "panoseg", {"min_score": 0.5}))
     for pair, (style, lighting, frame) in zip(axes.reshape(2, 2), (("home", "day", FRAME), ("office", "dim", "map-meeting-room-01-0")), strict=True):
         building, changed = buildings(style, 12, SEED, 0.1)
         spec = next(spec for spec in choose_frames(building, changed, SEED) if spec.id == frame)
         rendering = Renderer(building.scene(), lighting, HEIGHT).render(pose_2d(spec.x_m, spec.y_m, spec.yaw_rad, spec.z_m))
         panorama = Panorama(frame, rendering.rgb, rendering.range_m, annotations=Annotations(rendering.instance_id, building.labels))
-        for each, name, detector in zip(pair, ("annotated", "panoseg"), (annotated, panoseg), strict=True):
+        for each, name, detector in zip(pair, ("annotated", "panoseg, score at least 0.5"), (annotated, panoseg), strict=True):
             _draw_objects(each, panorama, detector.detect(panorama))
             each.set_title(f"{style}, {lighting}: {name}", fontsize=11)
     figure.savefig(path, dpi=100, bbox_inches="tight", pil_kwargs={"quality": 80})
