@@ -16,7 +16,6 @@ from salframe_panoseg.classes import CHANNELS, HEIGHT
 from salframe_panoseg.detector import OUTPUTS
 from salframe_panoseg.network import PanoSeg
 
-
 DOUBT = 4.0
 """A pixel is structure where that is so many times as probable as any object: what may be an object is told, with its low score."""
 
