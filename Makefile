@@ -35,5 +35,5 @@ docs: .venv/demo.installed
 
 .venv/test.installed: .venv/demo.installed
 	$(INSTALL) --editable ".[test,keypoints,training,transformers,node2vec,clip,assets]"
-	.venv/bin/salframe weights fetch xfeat
+	for name in xfeat xfeat-nn aliked-nn aliked-lightglue disk-lightglue efficientnet-lite0; do .venv/bin/salframe weights fetch $$name || exit 1; done
 	touch $@

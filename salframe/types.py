@@ -46,7 +46,10 @@ class Detections:
     def __post_init__(self) -> None:
         object.__setattr__(self, "labels", tuple(self.labels))
         n = len(self.labels)
-        _array(self, "scores", np.float64, n)
+        scores = _array(self, "scores", np.float64, n)
+        outside = scores[~((scores >= 0) & (scores <= 1))]
+        if len(outside):
+            raise DataError(f"Detections.scores holds {outside[0]}, expected numbers from 0 to 1")
         _array(self, "centroid_m", np.float64, n, 3)
         _array(self, "size_m", np.float64, n, 3)
         _array(self, "yaw_rad", np.float64, n)

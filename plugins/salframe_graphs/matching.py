@@ -79,23 +79,20 @@ class TripletMatcher(GraphMatcher):
         shape = (len(graphs), max((len(graph) for graph in graphs), default=0))
         counts = np.zeros((len(vocabulary), len(graphs)))
         label = np.full(shape, -1)
-        centroid, size, saliency = np.zeros((*shape, 3)), np.ones((*shape, 3)), np.zeros(shape)
+        centroid, size, saliency, sureness = np.zeros((*shape, 3)), np.ones((*shape, 3)), np.zeros(shape), np.zeros(shape)
         features = np.zeros((*shape, self._features(graphs[0], vocabulary).shape[1] if graphs else 0))
         for s, graph in enumerate(graphs):
             n = len(graph)
             label[s, :n] = [vocabulary[name] for name in graph.labels]
             np.add.at(counts[:, s], label[s, :n], 1)
             centroid[s, :n], size[s, :n], saliency[s, :n] = graph.centroid_m, graph.size_m, graph.saliency
+            sureness[s, :n] = self._sureness(graph)
             features[s, :n] = self._features(graph, vocabulary)
         if self.config.labels == "set":
             counts = np.minimum(counts, 1)
         scenes = (counts > 0).sum(1)
         rarity = np.log((1 + len(graphs)) / (1 + scenes)) + 1 if self.config.rarity else np.ones(len(vocabulary))
-        weight = np.where(label >= 0, rarity[label], 0) if len(rarity) else np.zeros(shape)
-        if self.config.confidence:
-            for s, graph in enumerate(graphs):
-                weight[s, : len(graph)] *= graph.scores
-        return GraphIndex(tuple(graphs), vocabulary, counts, rarity, label, centroid, size, saliency, features, weight)
+        return GraphIndex(tuple(graphs), vocabulary, counts, rarity, label, centroid, size, saliency, features, sureness * rarity[label])
 
     def match(self, query: SaliencyGraph, index: GraphIndex, top_k: int) -> list[GraphMatch]:
         known = np.array([index.vocabulary.get(label, -1) for label in query.labels], int)
@@ -105,7 +102,7 @@ class TripletMatcher(GraphMatcher):
         rarity = np.where(known >= 0, index.rarity[known], np.log(1 + len(index.graphs)) + 1 if self.config.rarity else 1.0)
         jaccard = self._jaccard(query.labels, known, rarity, index)
         candidates = np.flatnonzero((jaccard > 0) & (jaccard >= self.config.keep * jaccard.max()))
-        weight = rarity * query.scores if self.config.confidence else rarity
+        weight = self._sureness(query) * rarity
         similarity = self._similarity(query, known, index, candidates)
         alike = np.where(similarity >= self.config.least_similarity, similarity, 0)
         score = np.zeros(len(candidates))
@@ -122,6 +119,10 @@ class TripletMatcher(GraphMatcher):
             score += self.config.triplet_score * np.array(triplets)
         order = np.lexsort((-jaccard[candidates], -score))[:top_k]
         return [GraphMatch(int(candidates[k]), float(score[k]), self._align(alike[k], kernel[k]), poses[k]) for k in order]
+
+    def _sureness(self, graph: SaliencyGraph) -> np.ndarray:
+        """(N,) what each node counts before its label's rarity: its detector's score, or 1."""
+        return graph.scores if self.config.confidence else np.ones(len(graph))
 
     def _features(self, graph: SaliencyGraph, vocabulary: dict[str, int]) -> np.ndarray:
         """(N, F) structural features that a graph has on its own; node2vec's are trained with the query."""

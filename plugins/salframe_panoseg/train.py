@@ -66,11 +66,10 @@ class Training:
 def class_pixels(paths: Sequence[Path]) -> np.ndarray:
     """(V, C) int64: how many pixels of each view show each class, structure first."""
     index = {label: i for i, label in enumerate(LABELS, 1)}
-    pixels = np.empty((len(paths), len(LABELS) + 1), np.int64)
+    pixels = np.zeros((len(paths), len(LABELS) + 1), np.int64)
     for row, path in zip(pixels, paths, strict=True):
         ids, labels = read_instances(path)
         number = np.bincount(ids.ravel(), minlength=max(labels, default=0) + 1)
-        row[:] = 0
         for instance, label in labels.items():
             row[index[label]] += number[instance]
         row[0] = number.sum() - row[1:].sum()

@@ -82,23 +82,25 @@ def _render_building(root: Path, seed: int, views: int, height: int, assets: Pat
     write_json(root / f"{seed}.json", {"poses": poses, "objects": objects})
 
 
-def read_instances(path: Path) -> tuple[np.ndarray, dict[int, str]]:
-    """Instance ids (H, 2H) int32 of a view that `render_views` named so, and the labels of its building's instances."""
-    objects = _building(path)[0]["objects"]
-    return read_ids(path.with_name(path.name + ".instances.png")), {int(key): value[0] for key, value in objects.items()}
-
-
 def read_view(path: Path) -> View:
     """The view that `render_views` named so."""
-    content, number = _building(path)
-    T_world_pano = np.array(content["poses"][number])
-    centre_m = {int(key): (np.array(value[1:]) - T_world_pano[:3, 3]) @ T_world_pano[:3, :3] for key, value in content["objects"].items()}
-    instance_id, labels = read_instances(path)
+    building, number = _building(path)
+    T_world_pano = np.array(building["poses"][number])
+    centre_m = {int(key): (np.array(value[1:]) - T_world_pano[:3, 3]) @ T_world_pano[:3, :3] for key, value in building["objects"].items()}
     rgb, range_m = read_color(path.with_name(path.name + ".jpg")), read_range(path.with_name(path.name + ".range.png"))
-    return View(rgb, range_m, instance_id, labels, centre_m)
+    return View(rgb, range_m, *_instances(path, building), centre_m)
+
+
+def read_instances(path: Path) -> tuple[np.ndarray, dict[int, str]]:
+    """Of a view as in `read_view`, only instance_id (H, 2H) int32 and labels."""
+    return _instances(path, _building(path)[0])
 
 
 def _building(path: Path) -> tuple[dict[str, Any], int]:
     """What is known of a view's building, and the view's number in it."""
     seed, _, number = path.name.rpartition("-")
     return read_json(path.with_name(f"{seed}.json")), int(number)
+
+
+def _instances(path: Path, building: dict[str, Any]) -> tuple[np.ndarray, dict[int, str]]:
+    return read_ids(path.with_name(path.name + ".instances.png")), {int(key): value[0] for key, value in building["objects"].items()}

@@ -70,6 +70,12 @@ def test_nodes_are_chosen_by_share_and_number():
     assert build_graph(found, saliency, GraphConfig(top_k=1)).labels == ("object-1",)
 
 
+@pytest.mark.parametrize("score", [1.5, -0.1, np.nan])
+def test_a_score_that_is_no_share_is_refused(score):
+    with pytest.raises(DataError, match=rf"Detections.scores holds {score}, expected numbers from 0 to 1"):
+        Detections(("bed", "sofa"), np.array([0.5, score]), np.ones((2, 3)), np.ones((2, 3)), np.zeros(2))
+
+
 def test_orientation_of_nodes():
     graph = build_graph(detections([[0, 2, 0], [0, 0, 3], [-1, 0, 1]], np.ones((3, 3))), np.array([0.5, 0.3, 0.2]), GraphConfig())
     assert graph.azimuth_rad[0] == pytest.approx(np.pi / 2)

@@ -88,7 +88,7 @@ def test_views_without_texture_leave_the_pose_to_the_others(rooms, configure):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", ["aliked-nn", "disk-lightglue"])
+@pytest.mark.parametrize("method", ["xfeat", "aliked-nn", "disk-lightglue"])
 def test_networks_of_kornia_keep_the_promises_of_a_localizer(method):
     config = configure("localizer", method, settings("localizer", method))
     try:
