@@ -46,7 +46,6 @@ def turns(column_step: int) -> list[int]:
 def _check_detections(checked: str, found: Detections) -> None:
     expect(isinstance(found, Detections), checked, type(found).__name__, "Detections")
     expect(all(isinstance(label, str) and label for label in found.labels), checked, f"the labels {found.labels}", "words")
-    expect(((found.scores >= 0) & (found.scores <= 1)).all(), checked, f"scores {found.scores}", "scores from 0 to 1")
     known = np.isfinite(found.centroid_m).all(1)
     expect((known | np.isnan(found.centroid_m).any(1)).all(), checked, "an infinite centroid", "metres, NaN where the range is not known")
     expect((found.size_m[known] >= 0).all(), checked, f"sizes {found.size_m[known].tolist()}", "metres, at least 0")
