@@ -16,7 +16,13 @@ from salframe_graphs.saliency import VolumetricSaliency
 
 from salframe.config import ComponentConfig
 from salframe.geometry import pose_2d
+from salframe.testing.rooms import HEIGHT_PX
 from salframe.types import Detections, PoseEstimate
+
+
+def columns(found: Detections) -> np.ndarray:
+    """(N,) columns of the suite's panoramas that the centroids lie in."""
+    return (np.pi - np.arctan2(found.centroid_m[:, 1], found.centroid_m[:, 0])) * HEIGHT_PX / np.pi
 
 
 class Described(AnnotationDetector):
@@ -132,6 +138,16 @@ class AxisAligned(Described):
         found = super().detect(panorama)
         sizes = [np.maximum(np.ptp(points, axis=0), 0.05) for points in found.points_m]
         return replace(found, size_m=np.reshape(sizes, (-1, 3)), yaw_rad=np.zeros(len(found)))
+
+
+class Strided(Described):
+    """Broken."""
+
+    column_step = 4
+
+    def detect(self, panorama):
+        found = super().detect(panorama)
+        return found.take(np.flatnonzero(np.round(columns(found)) % 4))
 
 
 class Unturned(Described):
@@ -317,6 +333,7 @@ BROKEN = [
     (Certain, r"received DataError: Detections.scores holds 100.0, expected numbers from 0 to 1"),
     (Seamed, r"detect in the \w+ rolled by \d+ columns: received \["),
     (Offset, r"rolled by 1 columns: received a \w+ that moved 0\.0\d+ m"),
+    (Strided, r"turned by columns between its steps of 4: received \d+ of \d+ objects within 2 deg, expected 95%"),
     (AxisAligned, r"rolled by \d+ columns: received a \w+ that changed its size by"),
     (Unturned, r"received a \w+ that turned \d.* deg within the room"),
     (Haunted, "detect where nothing is seen: received 1 objects, expected none"),

@@ -1,11 +1,12 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from broken_components import BROKEN
+from broken_components import BROKEN, columns
 from broken_datasets import BROKEN_DATASETS
 from broken_planners import Dijkstra, OneWay, Retracing, Swimming
 from salframe_annotations.detector import AnnotationDetector
@@ -16,7 +17,7 @@ from salframe.geometry import rays_to_pixels
 from salframe.presets import configure, settings
 from salframe.registry import registry
 from salframe.testing import ConformanceError, check_component
-from salframe.testing.rooms import ROOMS, look, stand
+from salframe.testing.rooms import HEIGHT_PX, ROOMS, look, stand
 
 REAL = Path(os.environ.get("SALFRAME_SHARED_DATA", Path(__file__).parents[2] / "shared" / "data")) / "matterport3d"
 
@@ -103,6 +104,24 @@ def test_rooms_are_seen_where_they_are():
         column, row = (int(pixel) for pixel in rays_to_pixels(np.array(direction), len(panorama.range_m)))
         assert panorama.range_m[row, column] == pytest.approx(range_m, abs=0.02)  # a pixel spans 1 deg
         assert panorama.annotations.labels.get(panorama.annotations.instance_id[row, column]) == label
+
+
+class Coarse(AnnotationDetector):
+    """Bearings to two columns: no object goes, each is up to a column (0.9 deg) off once the panorama is turned by one."""
+
+    name = "coarse"
+    column_step = 2
+
+    def detect(self, panorama):
+        found = super().detect(panorama)
+        column = columns(found)
+        off_rad = (column - 2 * np.round(column / 2)) * np.pi / HEIGHT_PX
+        c, s, (x, y, z) = np.cos(off_rad), np.sin(off_rad), found.centroid_m.T
+        return replace(found, centroid_m=np.stack([c * x - s * y, s * x + c * y, z], 1))
+
+
+def test_between_its_steps_a_detector_may_be_off_a_little():
+    check_component(Coarse)
 
 
 @pytest.mark.parametrize(("component", "message"), BROKEN, ids=lambda value: getattr(value, "__name__", ""))

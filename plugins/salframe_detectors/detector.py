@@ -13,6 +13,7 @@ from salframe.boxes import detections_from_points
 from salframe.config import ComponentConfig
 from salframe.errors import ConfigError, InputMissing, WeightsMissing
 from salframe.roles import Detector
+from salframe.turning import from_near_side
 from salframe.types import Detections, Panorama
 from salframe_detectors.decoders import DECODERS, Found, Question, suppress
 from salframe_detectors.depth import foreground
@@ -23,7 +24,7 @@ from salframe_detectors.zoo import COCO_80, ZOO
 BATCH = 4
 """Views that a network with a free batch axis is given at a time: more take memory and save no time on a CPU."""
 LEAST_PIXELS = 5
-"""Fewer points than this tell no position."""
+"""Fewer points than this tell no position, and fewer pixels of an object at a view's border nothing."""
 
 
 class OnnxDetector(Detector):
@@ -34,9 +35,8 @@ class OnnxDetector(Detector):
     """
 
     name = "onnx"
-    version = "1"
+    version = "2"
     needs: ClassVar[frozenset[str]] = frozenset({"rgb"})
-    column_step: ClassVar[int] = 96  # the views repeat every quarter turn: a quarter of the conformance suite's panoramas
     weights = tuple(ZOO.values())
 
     class Config(ComponentConfig):
@@ -84,6 +84,7 @@ class OnnxDetector(Detector):
         """What was found in each image of a batch. A subclass overrides it for a network of another kind."""
         return DECODERS[self.config.decoder](outputs, asked)
 
+    @from_near_side
     def detect(self, panorama: Panorama) -> Detections:
         if panorama.rgb is None:
             raise InputMissing(f"{panorama.id} has no colour, which the detector {self.name!r} reads")
@@ -97,12 +98,14 @@ class OnnxDetector(Detector):
         """The objects behind what was found in each view; range_m (P,) at the grid's pixels."""
         view = np.repeat(np.arange(len(found)), [len(one.score) for one in found])
         label, score = (np.concatenate([getattr(one, name) for one in found]) for name in ("label", "score"))
+        cut = self._rig.cuts(np.concatenate([one.box_px for one in found]))
         marked = [grid.footprint(v, box, mask) for v, one in enumerate(found) for box, mask in zip(one.box_px, one.masks(), strict=True)]
         footprint = np.array(marked, bool).reshape(len(view), len(grid.rays))
+        known = ~cut | (footprint.sum(1) >= LEAST_PIXELS)
         labels, scores, points = [], [], []
-        for kind in np.unique(label):
-            alike = np.flatnonzero(label == kind)
-            for members in group(footprint[alike], view[alike], grid.seen, grid.solid_angle_sr):
+        for kind in np.unique(label[known]):
+            alike = np.flatnonzero(known & (label == kind))
+            for members in group(footprint[alike], view[alike], cut[alike], grid.seen, grid.solid_angle_sr):
                 own = alike[members]
                 labels.append(self._labels[kind])
                 scores.append(score[own].max())

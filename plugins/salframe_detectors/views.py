@@ -51,6 +51,10 @@ class Rig:
                 views.append(cv2.remap(seen, columns, sampled_rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP))
         return np.stack(views)
 
+    def cuts(self, box_px: np.ndarray) -> np.ndarray:
+        """(n,) bool: boxes (n, 4) that come within a pixel of their view's border, where the view may cut the object."""
+        return (box_px[:, :2] < 1).any(1) | (box_px[:, 2:] > (self.width_px - 1, self.height_px - 1)).any(1)
+
     def grid(self, height: int) -> Grid:
         """Where the thinned pixels of a panorama of this height lie in the views."""
         return _grid(self, height)

@@ -9,8 +9,6 @@ from salframe.geometry import equirectangular_rays
 
 HEIGHT = 256
 """Rows of the panorama that the network sees; it has twice as many columns."""
-STRIDE = 32
-"""Columns of that panorama by whose multiples it may be turned without changing the answer but for the turn."""
 CHANNELS = 6
 
 _MEAN, _STD = np.array([0.485, 0.456, 0.406], np.float32), np.array([0.229, 0.224, 0.225], np.float32)

@@ -15,6 +15,7 @@ from salframe.geometry import column_azimuth, equirectangular_rays
 from salframe.onnx import open_model
 from salframe.roles import Detector
 from salframe.storage import read_json
+from salframe.turning import from_near_side
 from salframe.types import Detections, Panorama
 from salframe.weights import Shipped, Weights, WeightsFile
 from salframe_panoseg.classes import CHANNELS, HEIGHT, network_input, smaller
@@ -38,11 +39,9 @@ class PanoSegDetector(Detector):
     """Objects from colour and range by a segmentation network trained on rendered buildings; it ships with salframe."""
 
     name = "panoseg"
-    version = "2"  # another one for another network, too: caches know ours by it
+    version = "3"  # another one for another network, too: caches know ours by it
     needs: ClassVar[frozenset[str]] = frozenset({"rgb", "range"})
-    column_step: ClassVar[int] = 192  # 32 columns of the network's panorama, and whole columns of every height divisible by 48 or 64
     weights = (PANOSEG,)
-    turn_tolerance_m: ClassVar[float] = 0.02  # resampling to the network's panorama rounds colours
 
     class Config(ComponentConfig):
         model: Path | None = Field(None, description="folder of a training of your own; null: the network that comes with salframe")
@@ -66,6 +65,7 @@ class PanoSegDetector(Detector):
         super().check(config)
         PANOSEG.paths(config.model)  # type: ignore[attr-defined]
 
+    @from_near_side
     def detect(self, panorama: Panorama) -> Detections:
         """See Detector. Raises InputMissing where the panorama has no colour or no range."""
         if panorama.rgb is None or panorama.range_m is None:

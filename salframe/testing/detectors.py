@@ -10,10 +10,13 @@ from salframe.geometry import pose_2d, transform_points, wrap_angle
 from salframe.roles import Detector
 from salframe.testing.asking import ask, expect, same
 from salframe.testing.rooms import HEIGHT_PX, PARTS, ROOMS, blind, halved, look, stand, turned
+from salframe.turning import turned_detections
 from salframe.types import Detections, Panorama
 
 YAW_SLACK_M = 0.01
 """What the ends of a box may move beyond the tolerance when the panorama turns: the yaw of a box hangs on single points of its outline."""
+BETWEEN_SHARE, BETWEEN_DEG = 0.95, 2.0
+"""Of the objects of panoramas turned by columns between a detector's steps so many come out again, at most so far beside the turn."""
 
 
 def check_detector(make: Callable[[], Detector]) -> None:
@@ -22,12 +25,14 @@ def check_detector(make: Callable[[], Detector]) -> None:
     expect(detector.needs and detector.needs <= PARTS, "needs", set(detector.needs), f"some of {', '.join(sorted(PARTS))}")
     # An instance image says what is where; how far it is, the range image beside it.
     parts = detector.needs | ({"range"} if "annotations" in detector.needs else set())
-    for room in ROOMS:
-        panorama = look(room, room.name, stand(room), parts)
+    panoramas = [look(room, room.name, stand(room), parts) for room in ROOMS]
+    for room, panorama in zip(ROOMS, panoramas, strict=True):
         found = ask(f"detect in the {room.name}", detector.detect, panorama)
         _check_detections(f"detect in the {room.name}", found)
         for columns in turns(detector.column_step):
             _check_turn(detector, panorama, found, columns)
+    if detector.column_step > 1:
+        _check_between_steps(detector, panoramas)
     expect(same(found, make().detect(panorama)), f"detect in the {room.name} by another instance", "another answer", "the same")
 
     empty = look(room.emptied(), "empty", stand(room), parts)
@@ -82,3 +87,30 @@ def _check_turn(detector: Detector, panorama: Panorama, found: Detections, colum
             not off_rad * length / 2 > tolerance_m + YAW_SLACK_M, checked, f"{seen} turned {np.degrees(off_rad):.2g} deg within the room",
             "a box that turns with the panorama",
         )  # fmt: skip
+
+
+def _check_between_steps(detector: Detector, panoramas: list[Panorama]) -> None:
+    """Most objects come out again, and few others, within BETWEEN_DEG of the angle that the panorama was turned by."""
+    again = total = 0
+    for panorama in panoramas:
+        before = detector.detect(panorama)
+        for columns in (detector.column_step // 2, HEIGHT_PX + 1):
+            if columns % detector.column_step:
+                after = detector.detect(turned(panorama, columns))
+                again += _alike(turned_detections(before, -np.pi * columns / HEIGHT_PX), after)
+                total += max(len(before), len(after))
+    expect(
+        again >= BETWEEN_SHARE * total, f"detect in rooms turned by columns between its steps of {detector.column_step}",
+        f"{again} of {total} objects within {BETWEEN_DEG:g} deg", f"{BETWEEN_SHARE:.0%}: salframe.turning.from_near_side sees to it",
+    )  # fmt: skip
+
+
+def _alike(one: Detections, other: Detections) -> int:
+    """How many objects of both, one to one, have the same label and an azimuth within BETWEEN_DEG, or none."""
+    from scipy.optimize import linear_sum_assignment
+
+    azimuth, partner = (np.arctan2(found.centroid_m[:, 1], found.centroid_m[:, 0]) for found in (one, other))
+    near = np.abs(wrap_angle(azimuth[:, None] - partner)) <= np.radians(BETWEEN_DEG)
+    near |= np.isnan(azimuth)[:, None] & np.isnan(partner)
+    near &= np.array(one.labels, str)[:, None] == np.array(other.labels, str)
+    return int(near[linear_sum_assignment(near, maximize=True)].sum())

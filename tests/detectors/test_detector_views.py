@@ -75,8 +75,9 @@ def marks(*spans):
     return footprint
 
 
-def groups(footprint, view):
-    return [members.tolist() for members in group(footprint, np.array(view), SEEN, AREA)]
+def groups(footprint, view, cut=None):
+    cut = np.zeros(len(view), bool) if cut is None else np.array(cut)
+    return [members.tolist() for members in group(footprint, np.array(view), cut, SEEN, AREA)]
 
 
 def test_parts_that_agree_where_both_views_look_are_one():
@@ -93,6 +94,15 @@ def test_parts_that_do_not_agree_stay_apart():
 def test_a_view_shows_an_object_once():
     footprint = marks((0, 2), (2, 5), (0, 5))  # two in view 0, and one in view 2 over both
     assert groups(footprint, [0, 0, 2]) == [[0], [1, 2]]  # the second agrees more
+
+
+def test_a_sliver_belongs_to_the_object_that_it_lies_in():
+    footprint = marks((5, 5), (0, 9))  # they agree on one pixel of the six that both views show
+    assert groups(footprint, [0, 2]) == [[0], [1]]
+    assert groups(footprint, [0, 2], cut=[True, False]) == [[0, 1]]
+    assert groups(footprint, [0, 2], cut=[False, True]) == [[0], [1]]
+    footprint = marks((5, 5), (0, 4), (0, 9))
+    assert groups(footprint, [0, 0, 2], cut=[True, False, False]) == [[0], [1, 2]]  # view 0 shows the large one already
 
 
 def test_an_outline_is_where_most_views_put_it():

@@ -5,10 +5,13 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="the network is trained with torch: salframe[training]")
 
-from salframe_panoseg.classes import CHANNELS, STRIDE  # noqa: E402
+from salframe_panoseg.classes import CHANNELS  # noqa: E402
 from salframe_panoseg.network import Closed, PanoSeg, SeamConv  # noqa: E402
 
 from salframe.errors import WeightsMissing  # noqa: E402
+
+STRIDE = 32
+"""Columns of a pixel of the encoder's last block."""
 
 
 @pytest.mark.parametrize(("kernel", "stride"), [(3, 1), (3, 2), (5, 1), (5, 2)])
