@@ -36,7 +36,8 @@ def from_near_side(detect: Callable[[Any, Panorama], Detections]) -> Callable[[A
 
 def peak_column(side: np.ndarray) -> int:
     """The column around which values (W,) are high: the phase of their first Fourier coefficient. Rolling them by c adds c, modulo W."""
-    return round(-float(np.angle(np.fft.rfft(side)[1])) * len(side) / (2 * np.pi))
+    column = -np.angle(np.fft.rfft(side)[1]) * len(side) / (2 * np.pi)
+    return int(np.floor(column + 0.5 + 1e-6))  # half columns, where mirrored rooms peak, go up in spite of rounding errors
 
 
 def turned_detections(found: Detections, angle_rad: float) -> Detections:

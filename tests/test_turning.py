@@ -19,8 +19,11 @@ def test_the_peak_of_a_cosine_is_where_it_is_highest(peak):
 
 
 @pytest.mark.parametrize("width", [10, 62, 1000])
-def test_the_peak_moves_with_the_values(width):
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_the_peak_moves_with_the_values(width, mirrored):
     values = np.random.default_rng(0).random(width)
+    if mirrored:
+        values += values[::-1]  # it lies half-way between two columns
     assert [(peak_column(np.roll(values, c)) - peak_column(values) - c) % width for c in range(width)] == [0] * width
 
 
