@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from salframe.geometry import pose_2d, transform_points, wrap_angle
+from salframe.geometry import wrap_angle
 from salframe.roles import Detector
 from salframe.testing.asking import ask, expect, same
 from salframe.testing.rooms import HEIGHT_PX, PARTS, ROOMS, blind, halved, look, stand, turned
@@ -25,14 +25,21 @@ def check_detector(make: Callable[[], Detector]) -> None:
     expect(detector.needs and detector.needs <= PARTS, "needs", set(detector.needs), f"some of {', '.join(sorted(PARTS))}")
     # An instance image says what is where; how far it is, the range image beside it.
     parts = detector.needs | ({"range"} if "annotations" in detector.needs else set())
-    panoramas = [look(room, room.name, stand(room), parts) for room in ROOMS]
-    for room, panorama in zip(ROOMS, panoramas, strict=True):
+    again = total = 0
+    for room in ROOMS:
+        panorama = look(room, room.name, stand(room), parts)
         found = ask(f"detect in the {room.name}", detector.detect, panorama)
         _check_detections(f"detect in the {room.name}", found)
         for columns in turns(detector.column_step):
             _check_turn(detector, panorama, found, columns)
-    if detector.column_step > 1:
-        _check_between_steps(detector, panoramas)
+        for columns in (detector.column_step // 2, HEIGHT_PX + 1):
+            if columns % detector.column_step:
+                expected, after = _turn(detector, panorama, found, columns)
+                again, total = again + _alike(expected, after), total + max(len(expected), len(after))
+    expect(
+        again >= BETWEEN_SHARE * total, f"detect in rooms turned by columns between its steps of {detector.column_step}",
+        f"{again} of {total} objects within {BETWEEN_DEG:g} deg", f"{BETWEEN_SHARE:.0%}: salframe.turning.from_near_side sees to it",
+    )  # fmt: skip
     expect(same(found, make().detect(panorama)), f"detect in the {room.name} by another instance", "another answer", "the same")
 
     empty = look(room.emptied(), "empty", stand(room), parts)
@@ -59,16 +66,24 @@ def _check_detections(checked: str, found: Detections) -> None:
         expect(fits and len(points), checked, f"points_m of shape {np.shape(points)} for a {label}", "(n, 3) floats, n at least 1")
 
 
+def _turned_by(panorama: Panorama, columns: int) -> str:
+    return f"detect in the {panorama.id} rolled by {columns} columns"
+
+
+def _turn(detector: Detector, panorama: Panorama, found: Detections, columns: int) -> tuple[Detections, Detections]:
+    """What was found, turned as the panorama is, and what is found in the panorama turned."""
+    after = ask(_turned_by(panorama, columns), detector.detect, turned(panorama, columns))
+    return turned_detections(found, -np.pi * columns / HEIGHT_PX), after
+
+
 def _check_turn(detector: Detector, panorama: Panorama, found: Detections, columns: int) -> None:
     """The same objects, turned by the angle that the panorama was, and nothing else."""
     from scipy.optimize import linear_sum_assignment
 
-    checked, tolerance_m = f"detect in the {panorama.id} rolled by {columns} columns", detector.turn_tolerance_m
-    after = ask(checked, detector.detect, turned(panorama, columns))
+    checked, tolerance_m = _turned_by(panorama, columns), detector.turn_tolerance_m
+    expected, after = _turn(detector, panorama, found, columns)
     expect(sorted(after.labels) == sorted(found.labels), checked, sorted(after.labels), f"{sorted(found.labels)} as before")
-    angle_rad = -np.pi * columns / HEIGHT_PX
-    before_m = transform_points(pose_2d(0, 0, angle_rad), found.centroid_m)
-    distance_m = np.nan_to_num(np.linalg.norm(before_m[:, None] - after.centroid_m[None], axis=2))
+    distance_m = np.nan_to_num(np.linalg.norm(expected.centroid_m[:, None] - after.centroid_m[None], axis=2))
     other_label = np.array(found.labels)[:, None] != np.array(after.labels)[None]
     rows, partners = linear_sum_assignment(distance_m + 1e3 * other_label)
     for i, j in zip(rows, partners, strict=True):
@@ -81,28 +96,12 @@ def _check_turn(detector: Detector, panorama: Panorama, found: Detections, colum
         expect(change_m <= tolerance_m, checked, f"{seen} changed its size by {change_m:.2g} m", f"at most turn_tolerance_m = {tolerance_m:g} m")
         length, width = found.size_m[i, :2]
         period_rad = np.pi / 2 if length - width <= tolerance_m else np.pi
-        turn_rad = (after.yaw_rad[j] - found.yaw_rad[i] - angle_rad) * 2 * np.pi / period_rad
+        turn_rad = (after.yaw_rad[j] - expected.yaw_rad[i]) * 2 * np.pi / period_rad
         off_rad = float(np.abs(wrap_angle(turn_rad))) * period_rad / (2 * np.pi)
         expect(
             not off_rad * length / 2 > tolerance_m + YAW_SLACK_M, checked, f"{seen} turned {np.degrees(off_rad):.2g} deg within the room",
             "a box that turns with the panorama",
         )  # fmt: skip
-
-
-def _check_between_steps(detector: Detector, panoramas: list[Panorama]) -> None:
-    """Most objects come out again, and few others, within BETWEEN_DEG of the angle that the panorama was turned by."""
-    again = total = 0
-    for panorama in panoramas:
-        before = detector.detect(panorama)
-        for columns in (detector.column_step // 2, HEIGHT_PX + 1):
-            if columns % detector.column_step:
-                after = detector.detect(turned(panorama, columns))
-                again += _alike(turned_detections(before, -np.pi * columns / HEIGHT_PX), after)
-                total += max(len(before), len(after))
-    expect(
-        again >= BETWEEN_SHARE * total, f"detect in rooms turned by columns between its steps of {detector.column_step}",
-        f"{again} of {total} objects within {BETWEEN_DEG:g} deg", f"{BETWEEN_SHARE:.0%}: salframe.turning.from_near_side sees to it",
-    )  # fmt: skip
 
 
 def _alike(one: Detections, other: Detections) -> int:

@@ -15,6 +15,7 @@ from salframe.localizer import Localizer
 from salframe.presets import configure
 from salframe.registry import registry
 from salframe.testing import check_component
+from salframe.testing.rooms import turned
 from salframe.types import Frame, Panorama
 
 HEIGHT = 256
@@ -106,19 +107,14 @@ def test_equal_objects_stay_apart_and_other_classes_too(detector):
     assert azimuth_deg[order] == pytest.approx([12, -130, 0, 120], abs=0.7)
 
 
-def rolled(panorama, columns):
-    range_m = None if panorama.range_m is None else np.roll(panorama.range_m, columns, 1)
-    return replace(panorama, rgb=np.roll(panorama.rgb, columns, 1), range_m=range_m)
-
-
 @pytest.mark.parametrize("columns", [1, 37, HEIGHT // 2, HEIGHT, 311])
 def test_a_turned_panorama_has_the_same_objects_turned(detector, columns):
     panorama, _ = scene(("red", 40, -10, 25, 20, 2.0), ("green", 178, 5, 16, 30, 2.0), ("blue", -70, 45, 20, 20, 2.0))
     before = detector.detect(panorama)
     assert before.labels == ("red", "green", "blue")
     for given in (panorama, replace(panorama, range_m=None)):
-        assert detector.detect(rolled(given, columns)).labels == before.labels
-    after = detector.detect(rolled(panorama, columns))
+        assert detector.detect(turned(given, columns)).labels == before.labels
+    after = detector.detect(turned(panorama, columns))
     turned_m = transform_points(pose_2d(0, 0, -np.pi * columns / HEIGHT), before.centroid_m)
     np.testing.assert_allclose(after.centroid_m, turned_m, atol=1e-5)
 
@@ -180,7 +176,7 @@ def test_without_range_labels_are_known_and_places_can_be_told(network, detector
     assert registry().get("saliency", "volumetric")().score(found).tolist() == [0.5, 0.5]
     objects = localizer("objects", network)
     objects.build([Frame(name, lambda p=p: p, np.eye(4), name) for name, p in (("kitchen", kitchen), ("lounge", lounge))])
-    assert objects.localize(Frame("query", lambda: rolled(lounge, 100))).places[0].place == "lounge"
+    assert objects.localize(Frame("query", lambda: turned(lounge, 100))).places[0].place == "lounge"
     with pytest.raises(InputMissing, match=r"needs range, which scene does not have: .* found 2 objects .* enough for 'objects'"):
         localizer("saliency-graph", network).localize(Frame("query", lambda: kitchen))
 

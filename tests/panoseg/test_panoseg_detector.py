@@ -18,6 +18,7 @@ from salframe.errors import InputMissing, WeightsMissing
 from salframe.geometry import pose_2d, transform_points, wrap_angle
 from salframe.presets import configure
 from salframe.registry import registry
+from salframe.testing.rooms import turned
 from salframe.types import Annotations, Detections, Panorama
 
 HEIGHT = 512
@@ -77,10 +78,6 @@ def test_labels_of_another_room_would_not_fit(detector, panoramas):
         seen = detector.detect(panorama)
         right, found = right + count_right(seen, truth(other)).total(), found + len(seen.labels)
     assert right / found < 0.1
-
-
-def turned(panorama: Panorama, columns: int) -> Panorama:
-    return replace(panorama, rgb=np.roll(panorama.rgb, columns, 1), range_m=np.roll(panorama.range_m, columns, 1), annotations=None)
 
 
 def directions(found: Detections) -> np.ndarray:
