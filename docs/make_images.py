@@ -1,4 +1,5 @@
-"""Draw the pictures of the documentation into docs/images: `python docs/make_images.py`. Takes some minutes, most of it rendering."""
+"""Draw the pictures of the documentation into docs/images: `python docs/make_images.py`. Takes some minutes, most of it
+rendering."""
 
 from __future__ import annotations
 
@@ -12,17 +13,20 @@ from salframe_house.frames import choose_frames
 from salframe_house.render import Renderer
 from salframe_house.rendering import buildings
 
-from salframe.compare import compare
-from salframe.evaluate import measure
-from salframe.geometry import pose_2d, rays_to_pixels
-from salframe.maps import find_dataset, mapping_frames
-from salframe.presets import configure, settings
-from salframe.registry import registry
-from salframe.report import RIGHT, WRONG
-from salframe.runs import Run
+from salframe.evaluation.compare import compare
+from salframe.evaluation.evaluate import measure
+from salframe.evaluation.report import RIGHT, WRONG
+from salframe.evaluation.run import Run
+from salframe.framework.presets import configure, settings
+from salframe.framework.registry import registry
+from salframe.graphs.detections import Detections
+from salframe.graphs.graph import SaliencyGraph
+from salframe.panoramas.floors import FloorMasks
+from salframe.panoramas.geometry import pose_2d, rays_to_pixels
+from salframe.panoramas.opening import find_dataset, mapping_frames
+from salframe.panoramas.panorama import Annotations, Panorama
 from salframe.topology import build_topology
 from salframe.topology.picture import draw_topology
-from salframe.types import Annotations, Detections, FloorMasks, Panorama, SaliencyGraph
 
 IMAGES = Path(__file__).with_name("images")
 SEED = 7
@@ -74,11 +78,19 @@ def _draw_image(axes: Axes, panorama: Panorama, graph: SaliencyGraph, colours: d
 
 
 def _draw_plan(axes: Axes, graph: SaliencyGraph, colours: dict[str, tuple]) -> None:
-    """The graph from above, x up as the picture's centre is ahead; a node's area is its saliency, an edge's width its weight."""
+    """The graph from above, x up as the picture's centre is ahead; a node's area is its saliency, an edge's width its
+    weight."""
     ahead, left = graph.centroid_m[:, 0], graph.centroid_m[:, 1]
     for (a, b), weight in zip(graph.edges, graph.weights, strict=True):
         axes.plot(left[[a, b]], ahead[[a, b]], color="0.6", linewidth=0.8 + 14 * weight, zorder=1)
-    axes.scatter(left, ahead, s=40 + 2600 * graph.saliency, c=[colours[label] for label in graph.labels], edgecolors="white", zorder=2)
+    axes.scatter(
+        left,
+        ahead,
+        s=40 + 2600 * graph.saliency,
+        c=[colours[label] for label in graph.labels],
+        edgecolors="white",
+        zorder=2,
+    )
     for label, x, y, share in zip(graph.labels, left, ahead, graph.saliency, strict=True):
         text = f"{label} {share:.0%}" if share >= 0.01 else label
         _write(axes, text, x, y)
@@ -95,7 +107,9 @@ def _draw_plan(axes: Axes, graph: SaliencyGraph, colours: dict[str, tuple]) -> N
 
 def _write(axes: Axes, text: str, x: float, y: float) -> None:
     """A label above a point."""
-    axes.annotate(text, (x, y), (0, 8), textcoords="offset points", ha="center", fontsize=10, path_effects=HALO, zorder=4)
+    axes.annotate(
+        text, (x, y), (0, 8), textcoords="offset points", ha="center", fontsize=10, path_effects=HALO, zorder=4
+    )
 
 
 def draw_detections(path: Path) -> None:
@@ -103,12 +117,20 @@ def draw_detections(path: Path) -> None:
     figure, axes = plt.subplots(4, 1, figsize=(13.5, 19), layout="constrained")
     annotated = registry().build("detector", configure("detector", "annotations", {"noise": "none"}))
     panoseg = registry().build("detector", configure("detector", "panoseg", {"min_score": 0.5}))
-    for pair, (style, lighting, frame) in zip(axes.reshape(2, 2), (("home", "day", FRAME), ("office", "dim", "map-meeting-room-01-0")), strict=True):
+    for pair, (style, lighting, frame) in zip(
+        axes.reshape(2, 2), (("home", "day", FRAME), ("office", "dim", "map-meeting-room-01-0")), strict=True
+    ):
         building, changed = buildings(style, 12, SEED, 0.1)
         spec = next(spec for spec in choose_frames(building, changed, SEED) if spec.id == frame)
-        rendering = Renderer(building.scene(), lighting, HEIGHT).render(pose_2d(spec.x_m, spec.y_m, spec.yaw_rad, spec.z_m))
-        panorama = Panorama(frame, rendering.rgb, rendering.range_m, annotations=Annotations(rendering.instance_id, building.labels))
-        for each, name, detector in zip(pair, ("annotated", "panoseg, score at least 0.5"), (annotated, panoseg), strict=True):
+        rendering = Renderer(building.scene(), lighting, HEIGHT).render(
+            pose_2d(spec.x_m, spec.y_m, spec.yaw_rad, spec.z_m)
+        )
+        panorama = Panorama(
+            frame, rendering.rgb, rendering.range_m, annotations=Annotations(rendering.instance_id, building.labels)
+        )
+        for each, name, detector in zip(
+            pair, ("annotated", "panoseg, score at least 0.5"), (annotated, panoseg), strict=True
+        ):
             _draw_objects(each, panorama, detector.detect(panorama))
             each.set_title(f"{style}, {lighting}: {name}", fontsize=11)
     figure.savefig(path, dpi=100, bbox_inches="tight", pil_kwargs={"quality": 80})
@@ -128,7 +150,9 @@ def _draw_objects(axes: Axes, panorama: Panorama, found: Detections) -> None:
         axes.contour(*extent, mask, [0.5], colors=[palette[number % len(palette)]], linewidths=1.4)
         x, y = rays_to_pixels(found.centroid_m[number : number + 1], len(panorama.rgb))
         _write(axes, label, x[0], y[0])
-    axes.set(xlim=(0, 2 * len(panorama.rgb)), ylim=(len(panorama.rgb) * 5 / 6, len(panorama.rgb) / 6), xticks=[], yticks=[])
+    axes.set(
+        xlim=(0, 2 * len(panorama.rgb)), ylim=(len(panorama.rgb) * 5 / 6, len(panorama.rgb) / 6), xticks=[], yticks=[]
+    )
 
 
 def draw_floor(path: Path) -> None:

@@ -12,4 +12,6 @@ FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>',
 
 
 def on_page_content(content: str, **_: Any) -> str:
-    return FORMULA.sub(lambda match: convert(html.unescape(match[2]), display="block" if match[1] == "div" else "inline"), content)
+    return FORMULA.sub(
+        lambda match: convert(html.unescape(match[2]), display="block" if match[1] == "div" else "inline"), content
+    )

@@ -5,4 +5,4 @@ from pluggy import HookimplMarker
 __all__ = ["hookimpl"]
 
 hookimpl = HookimplMarker("salframe")
-"""Marks a plugin's `salframe_components` function."""
+"""Marks a plugin's `salframe_provides` and `salframe_commands` functions."""

@@ -14,10 +14,11 @@ from salframe_graphs.matching import TripletMatcher
 from salframe_graphs.positioning import RobustPositioner
 from salframe_graphs.saliency import VolumetricSaliency
 
-from salframe.config import ComponentConfig
-from salframe.geometry import pose_2d
+from salframe.framework.config import ComponentConfig
+from salframe.graphs.detections import Detections
+from salframe.localization.positioner import PoseEstimate
+from salframe.panoramas.geometry import pose_2d
 from salframe.testing.rooms import HEIGHT_PX
-from salframe.types import Detections, PoseEstimate
 
 
 def columns(found: Detections) -> np.ndarray:
@@ -120,7 +121,9 @@ class Seamed(Described):
 
     def detect(self, panorama):
         found = super().detect(panorama)
-        return found.take([i for i in range(len(found)) if (found.points_m[i][:, 1] > 0).all() or found.points_m[i][:, 0].max() > 0])
+        return found.take(
+            [i for i in range(len(found)) if (found.points_m[i][:, 1] > 0).all() or found.points_m[i][:, 0].max() > 0]
+        )
 
 
 class Offset(Described):
@@ -162,7 +165,11 @@ class Haunted(Described):
     """Broken."""
 
     def detect(self, panorama):
-        return super().detect(panorama) if panorama.annotations.labels else Detections(("ghost",), [1.0], [[1.0, 0, 0]], [[1.0, 1, 1]], [0.0])
+        return (
+            super().detect(panorama)
+            if panorama.annotations.labels
+            else Detections(("ghost",), [1.0], [[1.0, 0, 0]], [[1.0, 1, 1]], [0.0])
+        )
 
 
 class Volume(VolumetricSaliency):
@@ -219,7 +226,10 @@ class Misled(TripletMatcher):
     """Broken."""
 
     def match(self, query, index, top_k):
-        return [replace(match, scene=(match.scene + 1) % len(index.graphs), pairs=match.pairs[:0]) for match in super().match(query, index, top_k)]
+        return [
+            replace(match, scene=(match.scene + 1) % len(index.graphs), pairs=match.pairs[:0])
+            for match in super().match(query, index, top_k)
+        ]
 
 
 class Hopeful(TripletMatcher):
@@ -272,7 +282,11 @@ class North(SaliencyGraphLocalizer):
 
     def match(self, description):
         answer = super().match(description)
-        return answer if answer.T_world_query is None else replace(answer, T_world_query=pose_2d(*answer.T_world_query[:2, 3], 0.0))
+        return (
+            answer
+            if answer.T_world_query is None
+            else replace(answer, T_world_query=pose_2d(*answer.T_world_query[:2, 3], 0.0))
+        )
 
 
 class Scolding(SaliencyGraphLocalizer):
@@ -359,4 +373,4 @@ BROKEN = [
     (Fragile, "map: received ValueError: 3 is odd"),
     (Backwards, r"received \[4, 1\], expected \[1, 4\], in order"),
     (int, "received <class 'int'>, expected a subclass of Dataset"),
-]  # fmt: skip
+]

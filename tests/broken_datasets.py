@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from salframe_folder.dataset import FolderDataset
-
-from salframe.types import Fold
+from salframe.panoramas.folder import FolderDataset
+from salframe.panoramas.frames import Fold
 
 
 class Leaky(FolderDataset):
@@ -52,7 +51,9 @@ class Promising(FolderDataset):
 
     def folds(self):
         (fold,) = super().folds()
-        return [replace(fold, mapping=tuple(replace(f, load=lambda f=f: replace(f.load(), rgb=None)) for f in fold.mapping))]
+        return [
+            replace(fold, mapping=tuple(replace(f, load=lambda f=f: replace(f.load(), rgb=None)) for f in fold.mapping))
+        ]
 
 
 class Anonymous(FolderDataset):
@@ -60,7 +61,11 @@ class Anonymous(FolderDataset):
 
     def folds(self):
         (fold,) = super().folds()
-        return [replace(fold, mapping=tuple(replace(f, load=lambda f=f: replace(f.load(), id="frame")) for f in fold.mapping))]
+        return [
+            replace(
+                fold, mapping=tuple(replace(f, load=lambda f=f: replace(f.load(), id="frame")) for f in fold.mapping)
+            )
+        ]
 
 
 class Changing(FolderDataset):

@@ -6,9 +6,8 @@ from dataclasses import replace
 
 import networkx as nx
 
-from salframe.errors import NoRoute
-from salframe.roles import Planner
-from salframe.types import Route
+from salframe.framework.errors import NoRoute
+from salframe.topology.planner import Planner, Route
 
 
 class Dijkstra(Planner):
@@ -21,7 +20,9 @@ class Dijkstra(Planner):
         self.graph = nx.Graph()
         self.graph.add_nodes_from(node.id for node in map.nodes)
         for edge in map.edges:
-            self.graph.add_edge(edge.start, edge.end, **{edge.start: edge, edge.end: edge.reversed()}, length=edge.length_m)
+            self.graph.add_edge(
+                edge.start, edge.end, **{edge.start: edge, edge.end: edge.reversed()}, length=edge.length_m
+            )
 
     def route(self, start, goal):
         try:

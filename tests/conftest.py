@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from salframe.registry import registry
+from salframe.framework.registry import registry
 
 
 @pytest.fixture

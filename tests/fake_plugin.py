@@ -1,6 +1,7 @@
 """A tiny dataset and localizers that behave in known ways, for the tests of runs, metrics and the command line.
 
-The dataset is a row of rooms 4 m apart; the panorama of a frame is one pixel row that holds the room's number and the frame's yaw.
+The dataset is a row of rooms 4 m apart; the panorama of a frame is one pixel row that holds the room's number and the
+frame's yaw.
 """
 
 from __future__ import annotations
@@ -13,12 +14,16 @@ import numpy as np
 from pydantic import Field
 
 import salframe
-from salframe.config import ComponentConfig, digest
-from salframe.errors import DataError, WeightsMissing
-from salframe.geometry import pose_2d
-from salframe.localizer import Description, Localizer, rank_places
-from salframe.roles import Dataset
-from salframe.types import FloorMasks, Fold, Frame, Localization, MapFrame, Panorama, Truth
+from salframe.framework.config import ComponentConfig
+from salframe.framework.errors import DataError, WeightsMissing
+from salframe.framework.identity import digest
+from salframe.localization.answers import Localization
+from salframe.localization.localizer import Description, Localizer, rank_places
+from salframe.panoramas.dataset import Dataset
+from salframe.panoramas.floors import FloorMasks
+from salframe.panoramas.frames import Fold, Frame, MapFrame, Truth
+from salframe.panoramas.geometry import pose_2d
+from salframe.panoramas.panorama import Panorama
 
 
 class Rooms(Dataset):
@@ -57,7 +62,9 @@ class Rooms(Dataset):
 
     def folds(self) -> Sequence[Fold]:
         mapping = tuple(self._frame(room, None) for room in range(self.config.rooms))
-        queries = tuple(self._frame(room, query) for room in range(self.config.rooms) for query in range(self.config.queries))
+        queries = tuple(
+            self._frame(room, query) for room in range(self.config.rooms) for query in range(self.config.queries)
+        )
         if not self.config.leave_one_out:
             return [Fold("all", mapping, queries)]
         return [Fold(query.id, mapping, (query,)) for query in queries]
@@ -164,5 +171,5 @@ class Ranger(Reader):
 
 
 @salframe.hookimpl
-def salframe_components():
+def salframe_provides():
     return [Rooms, Reader, Greedy, Suicidal, Unbuildable, Weightless, Ranger]

@@ -1,4 +1,5 @@
-"""A data set of rendered rooms and localizers whose matches are off by as much as they are told, for the tests of matching accuracy."""
+"""A data set of rendered rooms and localizers whose matches are off by as much as they are told, for the tests of
+matching accuracy."""
 
 from __future__ import annotations
 
@@ -6,13 +7,14 @@ import numpy as np
 from salframe_annotations.detector import AnnotationDetector
 
 import salframe
-from salframe.config import ComponentConfig
-from salframe.geometry import pose_2d, sample_nearest, transform_points
-from salframe.localizer import Localizer
-from salframe.matching import PIXEL_RAD
-from salframe.roles import Dataset
+from salframe.evaluation.matching import PIXEL_RAD
+from salframe.framework.config import ComponentConfig
+from salframe.localization.answers import Localization, NodeMatches, PointMatches
+from salframe.localization.localizer import Localizer
+from salframe.panoramas.dataset import Dataset
+from salframe.panoramas.frames import Fold, Frame, Truth
+from salframe.panoramas.geometry import pose_2d, sample_nearest, transform_points
 from salframe.testing.rooms import ROOMS, look, stand
-from salframe.types import Fold, Frame, Localization, NodeMatches, PointMatches, Truth
 
 STEP = pose_2d(0.3, 0.2, 0.5)
 """Where a query stands in the axes of the map frame next to it."""
@@ -40,10 +42,14 @@ class Furnished(Dataset):
 
     @property
     def provides(self):
-        return frozenset({"rgb", *(["range"] if self.config.ranges else []), *(["annotations"] if self.config.instances else [])})
+        return frozenset(
+            {"rgb", *(["range"] if self.config.ranges else []), *(["annotations"] if self.config.instances else [])}
+        )
 
     def _frame(self, id, room, T_world_pano, place=None, kind="scene"):
-        return Frame(id, lambda: look(room, id, T_world_pano, self.provides), T_world_pano if place else None, place, kind)
+        return Frame(
+            id, lambda: look(room, id, T_world_pano, self.provides), T_world_pano if place else None, place, kind
+        )
 
     def folds(self):
         mapping, queries = [], []
@@ -113,7 +119,10 @@ class Nodes(Points):
     def correspond(self, query, reference):
         both = [label for label in query["labels"] if label in reference["labels"]][: self.config.first]
         other = both[:-2] + both[:-3:-1] if self.config.crossed else both
-        position = [[side.tolist().index(label) for label in labels] for side, labels in ((query["labels"], both), (reference["labels"], other))]
+        position = [
+            [side.tolist().index(label) for label in labels]
+            for side, labels in ((query["labels"], both), (reference["labels"], other))
+        ]
         return NodeMatches(query["centroid_m"], reference["centroid_m"], np.array(position, int).reshape(2, -1).T)
 
 
@@ -127,5 +136,5 @@ class Neither(Points):
 
 
 @salframe.hookimpl
-def salframe_components():
+def salframe_provides():
     return [Furnished, Points, Nodes, Neither]

@@ -1,4 +1,5 @@
-"""What a user can get wrong, through the command line: one line that names what was received and what was expected, and a non-zero exit."""
+"""What a user can get wrong, through the command line: one line that names what was received and what was expected, and
+a non-zero exit."""
 
 from __future__ import annotations
 
@@ -15,7 +16,7 @@ import pytest
 from command_line import Result, run
 from tiny_folder import write_tiny_folder
 
-from salframe.registry import registry
+from salframe.framework.registry import registry
 
 
 @pytest.fixture(scope="module")
@@ -56,25 +57,49 @@ def with_image(name: str, image: np.ndarray) -> Callable[[Path], None]:
 
 
 SPOILT_FOLDERS = {
-    "cut image": (lambda data: cut(data / "frames/kitchen-map.rgb.png"), r"kitchen-map\.rgb\.png is no readable image .*expected a JPEG or PNG"),
-    "no image": (lambda data: (data / "frames/kitchen-map.rgb.png").write_text("hello"), r"kitchen-map\.rgb\.png is no readable image \(5 bytes\)"),
-    "image gone": (lambda data: (data / "frames/kitchen-map.rgb.png").unlink(), r"cannot read .*kitchen-map\.rgb\.png: No such file"),
+    "cut image": (
+        lambda data: cut(data / "frames/kitchen-map.rgb.png"),
+        r"kitchen-map\.rgb\.png is no readable image .*expected a JPEG or PNG",
+    ),
+    "no image": (
+        lambda data: (data / "frames/kitchen-map.rgb.png").write_text("hello"),
+        r"kitchen-map\.rgb\.png is no readable image \(5 bytes\)",
+    ),
+    "image gone": (
+        lambda data: (data / "frames/kitchen-map.rgb.png").unlink(),
+        r"cannot read .*kitchen-map\.rgb\.png: No such file",
+    ),
     "range of another size": (
-        with_image("kitchen-map.range.png", np.ones((100, 200), np.uint16)), "kitchen-map: the range image is 200 x 100, expected 384 x 192",
+        with_image("kitchen-map.range.png", np.ones((100, 200), np.uint16)),
+        "kitchen-map: the range image is 200 x 100, expected 384 x 192",
     ),
     "range of 8 bits": (
-        with_image("kitchen-map.range.png", np.ones((192, 384), np.uint8)), r"range\.png has 1 channel\(s\) of 8 bits, expected one of 16 bits",
+        with_image("kitchen-map.range.png", np.ones((192, 384), np.uint8)),
+        r"range\.png has 1 channel\(s\) of 8 bits, expected one of 16 bits",
     ),
     "not twice as wide": (
-        with_image("kitchen-map.rgb.png", np.ones((192, 500, 3), np.uint8)), "the rgb image is 500 x 192, expected a width of twice the height",
+        with_image("kitchen-map.rgb.png", np.ones((192, 500, 3), np.uint8)),
+        "the rgb image is 500 x 192, expected a width of twice the height",
     ),
     "missing key": (change_manifest(lambda manifest: manifest.pop("format")), r"manifest\.json: format is missing"),
-    "missing id": (change_manifest(lambda manifest: manifest["frames"][1].pop("id")), r"manifest\.json: frames\.1\.id is missing"),
-    "unknown key": (change_manifest(lambda manifest: manifest.update(frame=[])), r"unknown key .*manifest\.json: frame \(known: .*frames"),
-    "wrong format": (change_manifest(lambda manifest: manifest.update(format="coco")), "format: received 'coco', expected 'salframe-folder'"),
-    "no frame": (change_manifest(lambda manifest: manifest["frames"].clear()), r"manifest\.json: the manifest has 0 frames .*expected at least one"),
+    "missing id": (
+        change_manifest(lambda manifest: manifest["frames"][1].pop("id")),
+        r"manifest\.json: frames\.1\.id is missing",
+    ),
+    "unknown key": (
+        change_manifest(lambda manifest: manifest.update(frame=[])),
+        r"unknown key .*manifest\.json: frame \(known: .*frames",
+    ),
+    "wrong format": (
+        change_manifest(lambda manifest: manifest.update(format="coco")),
+        "format: received 'coco', expected 'salframe-folder'",
+    ),
+    "no frame": (
+        change_manifest(lambda manifest: manifest["frames"].clear()),
+        r"manifest\.json: the manifest has 0 frames .*expected at least one",
+    ),
     "no JSON": (lambda data: cut(data / "manifest.json"), r"manifest\.json is not JSON"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize(("spoil", "message"), SPOILT_FOLDERS.values(), ids=SPOILT_FOLDERS.keys())
@@ -103,8 +128,9 @@ def test_a_comparison_says_which_frames_it_could_not_use_and_measures_the_rest(d
     assert row["status"] == {"no-pose": 2, "error": 1}
     assert re.fullmatch(
         r"1 mapping frame\(s\) left out, the first: .*kitchen-map\.range\.png is no readable image.*; "
-        r"1 query frame\(s\) that cannot be used, the first: .*lounge-query\.range\.png is no readable image.*", row["reason"],
-    )  # fmt: skip
+        r"1 query frame\(s\) that cannot be used, the first: .*lounge-query\.range\.png is no readable image.*",
+        row["reason"],
+    )
 
 
 def test_a_comparison_without_any_usable_frame_fails(data):
@@ -112,13 +138,20 @@ def test_a_comparison_without_any_usable_frame_fails(data):
         cut(path)
     done = compare("./data", "--json")
     assert done.code == 1
-    assert re.fullmatch(r"DataError: .*|fold data has no mapping frame that can be used; .*is no readable image.*", done.json["rows"][0]["reason"])
+    assert re.fullmatch(
+        r"DataError: .*|fold data has no mapping frame that can be used; .*is no readable image.*",
+        done.json["rows"][0]["reason"],
+    )
 
 
 def test_an_empty_dataset(data):
     Path("nothing").mkdir()
-    assert_one_line(compare("./nothing"), r"\./nothing is no dataset: expected a folder with a manifest\.json, or one of .*house-12")
-    change_manifest(lambda manifest: manifest.update(frames=[f for f in manifest["frames"] if f["role"] == "map"]))(data)
+    assert_one_line(
+        compare("./nothing"), r"\./nothing is no dataset: expected a folder with a manifest\.json, or one of .*house-12"
+    )
+    change_manifest(lambda manifest: manifest.update(frames=[f for f in manifest["frames"] if f["role"] == "map"]))(
+        data
+    )
     assert_one_line(compare("./data"), "has no query, expected at least one")
     change_manifest(lambda manifest: manifest["frames"].clear())(data)
     assert_one_line(compare("./data"), r"manifest\.json: the manifest has 0 frames")
@@ -134,10 +167,23 @@ def test_an_unknown_method_tells_the_closest(data):
 def test_missing_weights_are_told_and_how_to_get_them(data):
     told = r"weights 'loftr': no file .*\.ckpt \(sha256 [0-9a-f]{64}\); get it with: salframe weights fetch loftr"
     assert_one_line(run("build", data, "-o", "map", "--method", "loftr"), told)
-    done = run("compare", "--methods", "loftr", "--data", "./data", "--engine", "inline", "--set", "checkpoint=absent.ckpt", "--json")
+    done = run(
+        "compare",
+        "--methods",
+        "loftr",
+        "--data",
+        "./data",
+        "--engine",
+        "inline",
+        "--set",
+        "checkpoint=absent.ckpt",
+        "--json",
+    )
     (row,) = done.json["rows"]
     assert (done.code, row["method"], row["available"]) == (1, "loftr", False)
-    assert re.fullmatch(r"weights 'loftr': no file absent\.ckpt; give another path, or: salframe weights fetch loftr", row["reason"])
+    assert re.fullmatch(
+        r"weights 'loftr': no file absent\.ckpt; give another path, or: salframe weights fetch loftr", row["reason"]
+    )
 
 
 def test_another_method_in_the_place_of_one_that_cannot_run_is_named(data):
@@ -149,12 +195,18 @@ def test_another_method_in_the_place_of_one_that_cannot_run_is_named(data):
 
 BROKEN_PLUGINS = {
     "import": ("import no_such_package", "ModuleNotFoundError: No module named 'no_such_package'"),
-    "syntax": ("def salframe_components(:", "SyntaxError: invalid syntax"),
-    "hook": ("import salframe\n@salframe.hookimpl\ndef salframe_components():\n    return [1 / 0]", "ZeroDivisionError: division by zero"),
-    "class": ("import salframe\n@salframe.hookimpl\ndef salframe_components():\n    return [int]", "SalframeError: <class 'int'> is no component"),
+    "syntax": ("def salframe_provides(:", "SyntaxError: invalid syntax"),
+    "hook": (
+        "import salframe\n@salframe.hookimpl\ndef salframe_provides():\n    return [1 / 0]",
+        "ZeroDivisionError: division by zero",
+    ),
+    "class": (
+        "import salframe\n@salframe.hookimpl\ndef salframe_provides():\n    return [int]",
+        "SalframeError: <class 'int'> is no component",
+    ),
     "weights": (
         "import salframe\nfrom salframe.roles import Engine\nclass E(Engine):\n    name, version = 'e', '1'\n    def weights(self): ...\n"
-        "@salframe.hookimpl\ndef salframe_components():\n    return [E]",
+        "@salframe.hookimpl\ndef salframe_provides():\n    return [E]",
         "SalframeError: E.weights is function, expected a tuple",
     ),
 }
@@ -165,11 +217,16 @@ def test_a_broken_plugin_is_told_and_stops_nothing(data, monkeypatch, code, reas
     name = f"broken_{request.node.callspec.id}"
     Path(f"{name}.py").write_text(code)
     monkeypatch.syspath_prepend(Path.cwd())
-    monkeypatch.setenv("SALFRAME_PLUGINS", f"salframe_annotations,salframe_folder,salframe_objects,salframe_engines,{name}")
+    monkeypatch.setenv(
+        "SALFRAME_PLUGINS", f"salframe_annotations,salframe_folder,salframe_objects,salframe_engines,{name}"
+    )
     registry.cache_clear()
     try:
         assert_one_line(run("show", name), rf"{name}.*{re.escape(reason)}")
-        assert_one_line(run("compare", "--methods", "objects", "--set", f"detector={name}", "--data", "./data"), rf"{name}.*{re.escape(reason)}")
+        assert_one_line(
+            run("compare", "--methods", "objects", "--set", f"detector={name}", "--data", "./data"),
+            rf"{name}.*{re.escape(reason)}",
+        )
         checked = run("doctor")
         assert checked.code == 1
         assert f"{name}: {reason}" in checked.out
@@ -181,8 +238,14 @@ def test_a_broken_plugin_is_told_and_stops_nothing(data, monkeypatch, code, reas
 def test_a_yaml_with_an_unknown_key(data):
     for content, message in (
         ("method: objects\nvary: {labels: [set]}\nverbose: true", r"unknown key sweep\.yaml: verbose \(known: .*vary"),
-        ("method: objects\nvary: {lables: [set]}", r"received the setting lables: unknown key 'lables', did you mean 'labels'"),
-        ("method: objects\nset: {detector.noize: none}\nvary: {labels: [set]}", r"unknown key detector\.noize \(known: noise, seed\)"),
+        (
+            "method: objects\nvary: {lables: [set]}",
+            r"received the setting lables: unknown key 'lables', did you mean 'labels'",
+        ),
+        (
+            "method: objects\nset: {detector.noize: none}\nvary: {labels: [set]}",
+            r"unknown key detector\.noize \(known: noise, seed\)",
+        ),
         ("method: objects\nvary: [labels", r"sweep\.yaml is not YAML"),
         ("- objects", r"sweep\.yaml holds list, expected a mapping"),
     ):
@@ -191,6 +254,10 @@ def test_a_yaml_with_an_unknown_key(data):
 
 
 def test_a_wrong_setting(data):
-    assert_one_line(compare("./data", "--set", "detector.noise=loud"), r"detector\.noise.*received 'loud', expected .*'none'")
+    assert_one_line(
+        compare("./data", "--set", "detector.noise=loud"), r"detector\.noise.*received 'loud', expected .*'none'"
+    )
     assert_one_line(compare("./data", "--set", "detector=yolo"), r"unknown detector 'yolo'.* Known: annotations")
-    assert_one_line(compare("house-12", "--set", "data.rooms=many"), r"house-12\.rooms: received 'many', expected .*integer")
+    assert_one_line(
+        compare("house-12", "--set", "data.rooms=many"), r"house-12\.rooms: received 'many', expected .*integer"
+    )

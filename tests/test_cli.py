@@ -14,9 +14,9 @@ from command_line import run
 from rich.console import Console
 
 from salframe.cli import tables
-from salframe.evaluate import COLUMNS
-from salframe.presets import CONFIGS
-from salframe.registry import registry
+from salframe.evaluation.evaluate import COLUMNS
+from salframe.framework.presets import CONFIGS
+from salframe.framework.registry import registry
 
 
 def modules_after(*arguments: str) -> set[str]:
@@ -44,13 +44,34 @@ def test_plugins_does_not_load_torch():
 
 def test_every_command_has_help():
     listed = run("--help").out
-    for command in ("compare", "ablate", "evaluate", "build", "localize", "plugins", "show", "doctor", "data", "weights"):
+    for command in (
+        "compare",
+        "ablate",
+        "evaluate",
+        "build",
+        "localize",
+        "plugins",
+        "show",
+        "doctor",
+        "data",
+        "weights",
+    ):
         assert command in listed
         assert run(command, "--help").code == 0
 
 
 def test_compare_prints_a_table(fakes):
-    done = run("compare", "--methods", "reader,greedy,weightless", "--data", "rooms", "--set", "greedy.offset=1", "--engine", "inline")
+    done = run(
+        "compare",
+        "--methods",
+        "reader,greedy,weightless",
+        "--data",
+        "rooms",
+        "--set",
+        "greedy.offset=1",
+        "--engine",
+        "inline",
+    )
     assert done.code == 0
     lines = done.out.splitlines()
     assert max(map(len, lines[:8])) <= 100
@@ -89,11 +110,26 @@ def test_exit_status_says_whether_something_was_measured_and_nothing_crashed(fak
     [
         (["compare", "--methods", "raeder", "--data", "rooms"], "unknown method 'raeder', did you mean 'reader'?"),
         (["compare", "--methods", "reader", "--data", "roms"], "unknown dataset 'roms', did you mean 'rooms'?"),
-        (["compare", "--methods", "reader", "--data", "rooms", "--engine", "inlin"], "unknown engine 'inlin', did you mean 'inline'?"),
-        (["compare", "--methods", "reader", "--data", "rooms", "--set", "offset"], "received --set 'offset', expected key.path=value"),
-        (["compare", "--methods", "reader", "--data", "rooms", "--set", "offset=far"], "reader.offset: received 'far', expected"),
-        (["compare", "--methods", "reader", "--data", "rooms", "--set", "data.size=1"], "unknown key rooms.size (known: rooms,"),
-        (["compare", "--methods", "reader", "--data", "rooms", "--set", "data.rooms=0"], "rooms has no query, expected at least one"),
+        (
+            ["compare", "--methods", "reader", "--data", "rooms", "--engine", "inlin"],
+            "unknown engine 'inlin', did you mean 'inline'?",
+        ),
+        (
+            ["compare", "--methods", "reader", "--data", "rooms", "--set", "offset"],
+            "received --set 'offset', expected key.path=value",
+        ),
+        (
+            ["compare", "--methods", "reader", "--data", "rooms", "--set", "offset=far"],
+            "reader.offset: received 'far', expected",
+        ),
+        (
+            ["compare", "--methods", "reader", "--data", "rooms", "--set", "data.size=1"],
+            "unknown key rooms.size (known: rooms,",
+        ),
+        (
+            ["compare", "--methods", "reader", "--data", "rooms", "--set", "data.rooms=0"],
+            "rooms has no query, expected at least one",
+        ),
         (["ablate", "absent.yaml"], "cannot read absent.yaml"),
         (["evaluate", "."], "is no run folder"),
         (["show", "raeder"], "unknown preset or component 'raeder', did you mean 'reader'?"),
@@ -111,15 +147,25 @@ def test_what_a_user_gets_wrong_is_one_line(fakes, arguments, message):
 
 
 def test_debug_shows_the_traceback(fakes):
-    from salframe.errors import UnknownName
+    from salframe.framework.errors import UnknownName
 
     with pytest.raises(UnknownName):
         run("--debug", "show", "raeder")
 
 
 def test_an_interrupt_says_how_to_resume(fakes, tmp_path):
-    command = [sys.executable, "-c", "from salframe.cli import main; main()", "compare", "--methods", "reader", "--data", "rooms",
-               "--set", "sleep_s=0.3"]  # fmt: skip
+    command = [
+        sys.executable,
+        "-c",
+        "from salframe.cli import main; main()",
+        "compare",
+        "--methods",
+        "reader",
+        "--data",
+        "rooms",
+        "--set",
+        "sleep_s=0.3",
+    ]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     while not any(path.stat().st_size for path in tmp_path.glob("runs/*/reader/predictions.jsonl")):
         time.sleep(0.02)
@@ -147,9 +193,14 @@ def test_a_plugin_that_fails_to_import_is_told_and_stops_nothing(fakes, monkeypa
 def test_plugins_tells_what_is_missing(fakes):
     components = {entry["name"]: entry for entry in run("plugins", "--json").json["components"]}
     assert components["reader"] == {
-        "role": "localizer", "name": "reader", "version": "1", "package": "fake_plugin", "missing": None, "available": True,
+        "role": "localizer",
+        "name": "reader",
+        "version": "1",
+        "package": "fake_plugin",
+        "missing": None,
+        "available": True,
         "summary": "Reads the room's number off the image; `offset` makes it wrong by so many rooms.",
-    }  # fmt: skip
+    }
     assert not components["weightless"]["available"]
     assert "weightless.pth is not at hand" in run("plugins").out
 
@@ -190,7 +241,13 @@ def test_show_lists_settings_with_values_types_and_help():
 
 def test_show_tells_default_type_and_help(fakes):
     reader = {setting["key"]: setting for setting in run("show", "reader", "--json").json[0]["settings"]}
-    assert reader["sleep_s"] == {"key": "sleep_s", "value": 0.0, "default": 0.0, "type": "float, at least 0", "help": "seconds a query takes"}
+    assert reader["sleep_s"] == {
+        "key": "sleep_s",
+        "value": 0.0,
+        "default": 0.0,
+        "type": "float, at least 0",
+        "help": "seconds a query takes",
+    }
 
 
 def test_data_list_and_info(fakes):
@@ -206,7 +263,11 @@ def test_build_then_localize(fakes, tmp_path):
     assert (tmp_path / "map" / "map.json").is_file()
     found = run("localize", "map", "query-2-0", "--data", "rooms", "--json").json
     assert found["status"] == "ok"
-    assert found["places"][0] == {"place": "room-3", "frame": "map-3", "score": 0.0}  # the map was built with a localizer that is one off
+    assert found["places"][0] == {
+        "place": "room-3",
+        "frame": "map-3",
+        "score": 0.0,
+    }  # the map was built with a localizer that is one off
     assert found["pose"] == {"x_m": 12.0, "y_m": 0.0, "yaw_deg": 0.0}
     printed = run("localize", "map", "query-2-0", "--data", "rooms").out
     assert "room-3" in printed
@@ -246,9 +307,11 @@ def test_ablate_runs_every_combination(fakes, tmp_path):
     assert "/offsets-" in done.json["run"]
     accuracy = {row["method"]: row["accuracy"] for row in done.json["rows"]}
     assert accuracy == {
-        "reader[offset=0,refuse_in=-1]": 1.0, "reader[offset=0,refuse_in=2]": 0.75,
-        "reader[offset=-1,refuse_in=-1]": 0.25, "reader[offset=-1,refuse_in=2]": 0.25,  # only room 0 is the nearest to one too few
-    }  # fmt: skip
+        "reader[offset=0,refuse_in=-1]": 1.0,
+        "reader[offset=0,refuse_in=2]": 0.75,
+        "reader[offset=-1,refuse_in=-1]": 0.25,
+        "reader[offset=-1,refuse_in=2]": 0.25,  # only room 0 is the nearest to one too few
+    }
 
 
 @pytest.mark.parametrize(

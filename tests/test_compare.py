@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from salframe.compare import compare, evaluate
-from salframe.errors import ConfigError, DataError
-from salframe.evaluate import COLUMNS
-from salframe.runs import Run
-from salframe.types import Localization
+from salframe.evaluation.compare import compare, evaluate
+from salframe.evaluation.evaluate import COLUMNS
+from salframe.evaluation.run import Run
+from salframe.framework.errors import ConfigError, DataError
+from salframe.localization.answers import Localization
 
 
 def run(methods, *overrides, engine="inline", **given):
@@ -29,7 +29,9 @@ def test_rows_have_the_promised_keys_and_numbers(fakes):
     assert tuple(row) == COLUMNS
     assert (row["queries"], row["accuracy"], row["status"]) == (10, 0.8, {"ok": 10})
     assert row["recall_at_5"] == 1.0
-    assert row["median_translation_m"] == pytest.approx(0.15)  # queries stand 0.1 and 0.2 m from the map frame whose pose is answered
+    assert row["median_translation_m"] == pytest.approx(
+        0.15
+    )  # queries stand 0.1 and 0.2 m from the map frame whose pose is answered
     assert row["recall_025m_2deg"] == 0.8  # room 3 is answered 4 m off
     assert row["bytes_per_scene"] == 16  # two int64
     assert row["available"]
@@ -48,7 +50,10 @@ def test_significance_is_against_the_first_measured_method(fakes):
 
 def test_a_method_that_cannot_run_keeps_its_row(fakes):
     rows, _, comparison = run(["reader", "weightless", "ranger"])
-    for method, reason in (("weightless", "salframe weights fetch weightless"), ("ranger", "needs range, which rooms does not have")):
+    for method, reason in (
+        ("weightless", "salframe weights fetch weightless"),
+        ("ranger", "needs range, which rooms does not have"),
+    ):
         assert not rows[method]["available"]
         assert reason in rows[method]["reason"]
         assert rows[method]["accuracy"] is None
@@ -176,8 +181,18 @@ def test_a_changed_dataset_is_not_resumed(fakes, monkeypatch):
 
 
 def test_a_kill_loses_no_finished_query(fakes, tmp_path):
-    command = [sys.executable, "-c", "from salframe.cli import main; main()", "compare", "--methods", "reader", "--data", "rooms",
-               "--set", "sleep_s=0.12"]  # fmt: skip
+    command = [
+        sys.executable,
+        "-c",
+        "from salframe.cli import main; main()",
+        "compare",
+        "--methods",
+        "reader",
+        "--data",
+        "rooms",
+        "--set",
+        "sleep_s=0.12",
+    ]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     before = b""
     while before.count(b"\n") < 3:
@@ -237,5 +252,7 @@ def test_progress_reaches_the_total(fakes):
 
 
 def test_runs_are_made_where_asked(fakes, tmp_path):
-    assert compare(["reader"], "rooms", engine="inline", runs=Path("elsewhere"), name="mine").run.name.startswith("mine-")
+    assert compare(["reader"], "rooms", engine="inline", runs=Path("elsewhere"), name="mine").run.name.startswith(
+        "mine-"
+    )
     assert [folder.name[:5] for folder in (tmp_path / "elsewhere").iterdir()] == ["mine-"]

@@ -5,14 +5,16 @@ import pytest
 from command_line import run
 from tiny_folder import write_tiny_folder
 
-from salframe.boxes import detections_from_points
-from salframe.detection import count_right, measure_detection
-from salframe.errors import ConfigError
+from salframe.evaluation.detection import count_right, measure_detection
+from salframe.framework.errors import ConfigError
+from salframe.graphs.boxes import detections_from_points
 
 
 def cubes(*objects: tuple[str, tuple[float, float, float]]):
     corners = np.array(np.meshgrid([-0.1, 0.1], [-0.1, 0.1], [-0.1, 0.1])).reshape(3, 8).T
-    return detections_from_points([label for label, _ in objects], np.ones(len(objects)), [corners + centre for _, centre in objects])
+    return detections_from_points(
+        [label for label, _ in objects], np.ones(len(objects)), [corners + centre for _, centre in objects]
+    )
 
 
 def test_a_detection_is_right_near_an_annotated_object_of_its_label_and_each_counts_once():

@@ -12,8 +12,8 @@ import yaml
 from command_line import run
 
 from salframe.cli import app
-from salframe.presets import CONFIGS
-from salframe.registry import registry
+from salframe.framework.presets import CONFIGS
+from salframe.framework.registry import registry
 
 REPOSITORY = Path(__file__).parent.parent
 DOCS = REPOSITORY / "docs"
@@ -30,17 +30,26 @@ def generator():
 
 @pytest.mark.parametrize("page", ["cli.md", "components.md", "furniture-credits.md"])
 def test_the_generated_reference_is_up_to_date(page):
-    assert (DOCS / "reference" / page).read_text() == generator().PAGES[page](), "run: python docs/generate_reference.py"
+    assert (DOCS / "reference" / page).read_text() == generator().PAGES[page](), (
+        "run: python docs/generate_reference.py"
+    )
 
 
 def test_every_command_and_option_is_in_the_reference():
     sections = (DOCS / "reference/cli.md").read_text().split("\n## ")
     known = {section.partition("\n")[0]: section for section in sections}
     for name, command in typer.main.get_command(app).commands.items():
-        for path, leaf in [(name, command), *((f"{name} {child}", leaf) for child, leaf in getattr(command, "commands", {}).items())]:
+        for path, leaf in [
+            (name, command),
+            *((f"{name} {child}", leaf) for child, leaf in getattr(command, "commands", {}).items()),
+        ]:
             assert f"salframe {path}" in known
             for parameter in leaf.params:
-                written = parameter.opts[0] if parameter.param_type_name == "option" else parameter.metavar or parameter.name.upper()
+                written = (
+                    parameter.opts[0]
+                    if parameter.param_type_name == "option"
+                    else parameter.metavar or parameter.name.upper()
+                )
                 assert f"`{written}" in known[f"salframe {path}"], f"{written} of salframe {path}"
 
 

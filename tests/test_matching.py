@@ -10,14 +10,22 @@ import pytest
 from command_line import run
 from matching_plugin import STEP, turned_by
 
-from salframe.compare import compare
-from salframe.errors import DataError, InputMissing
-from salframe.geometry import equirectangular_rays, invert_pose, pose_2d, transform_points
-from salframe.matching import COLUMNS, PIXEL_RAD, check_matches, measure_matching, own_objects, point_errors_px
-from salframe.presets import configure, settings
-from salframe.registry import registry
+from salframe.evaluation.compare import compare
+from salframe.evaluation.matching import (
+    COLUMNS,
+    PIXEL_RAD,
+    check_matches,
+    measure_matching,
+    own_objects,
+    point_errors_px,
+)
+from salframe.framework.errors import DataError, InputMissing
+from salframe.framework.presets import configure, settings
+from salframe.framework.registry import registry
+from salframe.localization.answers import NodeMatches, PointMatches
+from salframe.panoramas.geometry import equirectangular_rays, invert_pose, pose_2d, transform_points
+from salframe.panoramas.panorama import Panorama
 from salframe.testing.rooms import ROOMS, look, stand
-from salframe.types import NodeMatches, Panorama, PointMatches
 
 RADIUS_M = 3.0
 
@@ -26,7 +34,10 @@ def round_room(T_world_pano: np.ndarray) -> Panorama:
     """A ball of RADIUS_M around the world's origin, seen from inside."""
     rays = equirectangular_rays(256).astype(np.float64) @ T_world_pano[:3, :3].T
     along = rays @ T_world_pano[:3, 3]
-    return Panorama("round", range_m=(-along + np.sqrt(along**2 - (T_world_pano[:3, 3] ** 2).sum() + RADIUS_M**2)).astype(np.float32))
+    return Panorama(
+        "round",
+        range_m=(-along + np.sqrt(along**2 - (T_world_pano[:3, 3] ** 2).sum() + RADIUS_M**2)).astype(np.float32),
+    )
 
 
 QUERY, REFERENCE = pose_2d(0.5, -0.4, 1.1), pose_2d(-0.6, 0.3, -2.0, 0.2)
@@ -47,7 +58,8 @@ def matches_off_by(px: float, count: int = 200) -> PointMatches:
 def test_errors_of_points_are_great_circle_angles_in_pixels_of_a_panorama_1024_wide(px):
     errors = point_errors_px(matches_off_by(px), round_room(QUERY), round_room(REFERENCE), STEP_ROUND)
     assert len(errors) == 200
-    # the range is read at the nearest of 512 x 256 pixels, half a pixel off: less than 0.3 px of direction across the step
+    # the range is read at the nearest of 512 x 256 pixels, half a pixel off: less than 0.3 px of direction across the
+    # step
     np.testing.assert_allclose(errors, px, atol=0.3)
 
 
@@ -79,8 +91,12 @@ def test_nodes_belong_to_the_nearest_object_within_half_a_metre_and_one_to_one()
     panorama = look(bedroom, "bedroom", stand(bedroom))
     # the middle of each box's visible part lies inside the box; nodes there, a little off, and far off
     world = {box.label: (i, np.array(box.centre_m)) for i, box in enumerate(bedroom.boxes, 1)}
-    inside = [transform_points(invert_pose(stand(bedroom)), world[label][1]) for label in ("nightstand", "chair", "lamp")]
-    np.testing.assert_array_equal(own_objects(np.array(inside), panorama), [world[label][0] for label in ("nightstand", "chair", "lamp")])
+    inside = [
+        transform_points(invert_pose(stand(bedroom)), world[label][1]) for label in ("nightstand", "chair", "lamp")
+    ]
+    np.testing.assert_array_equal(
+        own_objects(np.array(inside), panorama), [world[label][0] for label in ("nightstand", "chair", "lamp")]
+    )
     nodes = np.array([inside[1], inside[1] + (0, 0, 0.05), inside[1] + (0, 0, 1.5)])
     own = own_objects(nodes, panorama)
     assert sorted(own.tolist()) == [0, 0, world["chair"][0]]
@@ -90,7 +106,12 @@ def test_nodes_belong_to_the_nearest_object_within_half_a_metre_and_one_to_one()
 
 def test_nodes_without_an_instance_image_cannot_be_judged():
     with pytest.raises(InputMissing, match="round has no instance image"):
-        check_matches(NodeMatches(np.zeros((1, 3)), np.zeros((1, 3)), np.array([[0, 0]])), round_room(QUERY), round_room(REFERENCE), np.eye(4))
+        check_matches(
+            NodeMatches(np.zeros((1, 3)), np.zeros((1, 3)), np.array([[0, 0]])),
+            round_room(QUERY),
+            round_room(REFERENCE),
+            np.eye(4),
+        )
 
 
 @pytest.mark.parametrize("pairs", [[[0, 3]], [[0, 1], [0, 2]], [[-1, 0]]])
@@ -133,7 +154,12 @@ def test_rows_of_points_and_of_nodes(furnished):
     rows, matching = measure(["points", "nodes", "neither"], "points.off_px=2")
     points, nodes, neither = rows.values()
     assert all(tuple(row) == COLUMNS for row in matching.rows)
-    assert (points["kind"], points["pairs"], points["matches_per_pair"], points["pairs_without_match"]) == ("points", 2, 40, 0)
+    assert (points["kind"], points["pairs"], points["matches_per_pair"], points["pairs_without_match"]) == (
+        "points",
+        2,
+        40,
+        0,
+    )
     assert (points["mma_1"], points["mma_5"]) == (0, 1)
     assert (points["precision"], points["recall"]) == (None, None)
     # 5 of 7 objects of the bedroom and of 6 of the kitchen are matched

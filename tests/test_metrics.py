@@ -6,18 +6,21 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from salframe.geometry import pose_2d
-from salframe.metrics import accuracy_interval, count_statuses, judge, mcnemar_exact, summarize
-from salframe.types import Truth
+from salframe.evaluation.metrics import accuracy_interval, count_statuses, judge, mcnemar_exact, summarize
+from salframe.panoramas.frames import Truth
+from salframe.panoramas.geometry import pose_2d
 
 TRUTH = Truth("kitchen", pose_2d(1, 2, 0))
 
 
 def answer(*places: str, pose=None, status="ok", query_ms=1.0, memory=10.0):
     return {
-        "status": status, "places": [[f"frame-of-{place}", place, 1.0] for place in places],
-        "pose": None if pose is None else pose.ravel().tolist(), "query_ms": query_ms, "peak_memory_mb": memory,
-    }  # fmt: skip
+        "status": status,
+        "places": [[f"frame-of-{place}", place, 1.0] for place in places],
+        "pose": None if pose is None else pose.ravel().tolist(),
+        "query_ms": query_ms,
+        "peak_memory_mb": memory,
+    }
 
 
 def test_the_first_place_counts():
@@ -28,12 +31,17 @@ def test_the_first_place_counts():
 
 
 def test_recall_counts_distinct_places():
-    judged = judge([answer("a", "a", "b", "c", "d", "kitchen"), answer("a", "b", "c", "d", "e", "kitchen")], [TRUTH] * 2)
+    judged = judge(
+        [answer("a", "a", "b", "c", "d", "kitchen"), answer("a", "b", "c", "d", "e", "kitchen")], [TRUTH] * 2
+    )
     assert judged.in_top_5.tolist() == [True, False]
 
 
 def test_a_failure_counts_neither_place_nor_pose():
-    judged = judge([answer("kitchen", pose=TRUTH.T_world_pano, status="low-score"), answer("kitchen", status="no-pose")], [TRUTH] * 2)
+    judged = judge(
+        [answer("kitchen", pose=TRUTH.T_world_pano, status="low-score"), answer("kitchen", status="no-pose")],
+        [TRUTH] * 2,
+    )
     assert judged.correct.tolist() == [False, True]
     assert judged.translation_m.tolist() == [math.inf, math.inf]
 
@@ -56,11 +64,19 @@ def test_a_truth_without_a_pose_is_not_judged():
 def test_summary_of_four_queries():
     answers = [
         answer("kitchen", pose=pose_2d(1.1, 2, math.radians(1)), query_ms=1.0, memory=10.0),  # within every bound
-        answer("kitchen", pose=pose_2d(1.4, 2, math.radians(1)), query_ms=2.0, memory=30.0),  # within the second and third
-        answer("hall", pose=pose_2d(1.9, 2, math.radians(9)), query_ms=9.0, memory=20.0),  # wrong place, pose within the third
+        answer(
+            "kitchen", pose=pose_2d(1.4, 2, math.radians(1)), query_ms=2.0, memory=30.0
+        ),  # within the second and third
+        answer(
+            "hall", pose=pose_2d(1.9, 2, math.radians(9)), query_ms=9.0, memory=20.0
+        ),  # wrong place, pose within the third
         answer(status="no-objects", query_ms=None, memory=None),
     ]
-    descriptions = {"map-1": {"ms": 5.0, "bytes": 100}, "map-2": {"ms": 7.0, "bytes": 300}, "query": {"ms": 100.0, "bytes": 9000}}
+    descriptions = {
+        "map-1": {"ms": 5.0, "bytes": 100},
+        "map-2": {"ms": 7.0, "bytes": 300},
+        "query": {"ms": 100.0, "bytes": 9000},
+    }
     row = summarize(judge(answers, [TRUTH] * 4), answers, descriptions, ["map-1", "map-2", "left-out"], 0)
     assert row["accuracy"] == 0.5
     assert (row["recall_025m_2deg"], row["recall_05m_5deg"], row["recall_1m_10deg"]) == (0.25, 0.5, 0.75)
@@ -96,4 +112,8 @@ def test_mcnemar_against_the_sum_of_binomial_coefficients():
 
 
 def test_statuses_are_counted_ok_first():
-    assert list(count_statuses(["low-score", "no-pose", "ok", "no-pose"]).items()) == [("ok", 1), ("no-pose", 2), ("low-score", 1)]
+    assert list(count_statuses(["low-score", "no-pose", "ok", "no-pose"]).items()) == [
+        ("ok", 1),
+        ("no-pose", 2),
+        ("low-score", 1),
+    ]

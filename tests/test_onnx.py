@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from salframe.errors import WeightsMissing
-from salframe.onnx import Tensor, open_model
+from salframe.framework.errors import WeightsMissing
+from salframe.framework.onnx import Tensor, open_model
 
 onnx = pytest.importorskip("onnx")
 RNG = np.random.default_rng(360)
@@ -18,8 +18,14 @@ def write(path: Path, shape=("n", 3, 4, 4), nodes=None) -> Path:
     """A network y = mean over rows and columns of 2 x."""
     from onnx import TensorProto, helper
 
-    nodes = nodes or [helper.make_node("Add", ["x", "x"], [INNER]), helper.make_node("GlobalAveragePool", [INNER], ["y"])]
-    value = [helper.make_tensor_value_info("x", TensorProto.FLOAT, shape), helper.make_tensor_value_info("y", TensorProto.FLOAT, None)]
+    nodes = nodes or [
+        helper.make_node("Add", ["x", "x"], [INNER]),
+        helper.make_node("GlobalAveragePool", [INNER], ["y"]),
+    ]
+    value = [
+        helper.make_tensor_value_info("x", TensorProto.FLOAT, shape),
+        helper.make_tensor_value_info("y", TensorProto.FLOAT, None),
+    ]
     graph = helper.make_graph(nodes, "net", value[:1], value[1:])
     onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8), path)
     return path
@@ -50,7 +56,9 @@ def test_an_inner_tensor_is_an_output_where_it_is_named(tmp_path):
 
 
 def test_a_tensor_that_is_not_there_is_one_line(tmp_path):
-    with pytest.raises(WeightsMissing, match=r"net\.onnx is no ONNX network with a tensor feature: .*feature") as caught:
+    with pytest.raises(
+        WeightsMissing, match=r"net\.onnx is no ONNX network with a tensor feature: .*feature"
+    ) as caught:
         open_model(write(tmp_path / "net.onnx"), outputs=["feature"])
     assert "\n" not in str(caught.value)
 
@@ -74,7 +82,10 @@ def test_a_file_that_is_not_there_is_one_line(tmp_path):
 def test_another_layout_names_what_was_received_and_expected(tmp_path, shape):
     received = ", ".join("*" if length == "n" else str(length) for length in shape)
     with pytest.raises(WeightsMissing, match=re.escape(f"takes x float32 ({received}), expected float32 (*, 3, 4, 4)")):
-        open_model(write(tmp_path / "net.onnx", shape, nodes=[onnx.helper.make_node("Identity", ["x"], ["y"])]), [(None, 3, 4, 4)])
+        open_model(
+            write(tmp_path / "net.onnx", shape, nodes=[onnx.helper.make_node("Identity", ["x"], ["y"])]),
+            [(None, 3, 4, 4)],
+        )
 
 
 def test_another_dtype_or_number_of_inputs_is_refused(tmp_path):

@@ -18,12 +18,19 @@ def test_the_wheel_holds_every_package_preset_template_and_network(tmp_path):
     for name in ("salframe", "plugins", "baselines", "configs", "pyproject.toml", "README.md"):
         path = REPOSITORY / name
         copy = shutil.copytree if path.is_dir() else shutil.copy
-        copy(path, source / name, **({"symlinks": True, "ignore": shutil.ignore_patterns("__pycache__")} if path.is_dir() else {}))
+        copy(
+            path,
+            source / name,
+            **({"symlinks": True, "ignore": shutil.ignore_patterns("__pycache__")} if path.is_dir() else {}),
+        )
     command = [sys.executable, "-c", "from setuptools.build_meta import build_wheel; build_wheel('.')"]
     subprocess.run(command, cwd=source, check=True, capture_output=True)
     (wheel,) = source.glob("*.whl")
     packed = set(zipfile.ZipFile(wheel).namelist())
-    expected = {f"salframe/configs/{path.relative_to(REPOSITORY / 'configs')}" for path in (REPOSITORY / "configs").rglob("*.yaml")}
+    expected = {
+        f"salframe/configs/{path.relative_to(REPOSITORY / 'configs')}"
+        for path in (REPOSITORY / "configs").rglob("*.yaml")
+    }
     expected |= {f"salframe/templates/{path.name}" for path in (REPOSITORY / "salframe" / "templates").iterdir()}
     weights = REPOSITORY / "baselines" / "salframe_keypoints" / "loftr_compact_weights"
     expected |= {f"salframe_keypoints/{weights.name}/{path.name}" for path in weights.iterdir()}

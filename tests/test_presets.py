@@ -5,10 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from salframe.config import parse_override, validate
-from salframe.errors import ConfigError, UnknownName
-from salframe.presets import CONFIGS, Overrides, configure, dataset_settings, names, preset_names, settings
-from salframe.registry import registry
+from salframe.framework.config import parse_override, validate
+from salframe.framework.errors import ConfigError, UnknownName
+from salframe.framework.presets import CONFIGS, Overrides, configure, names, preset_names, settings
+from salframe.framework.registry import registry
+from salframe.panoramas.opening import dataset_settings
 
 
 def route(*texts: str, methods: tuple[str, ...] = ("reader", "greedy")) -> Overrides:

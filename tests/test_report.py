@@ -5,12 +5,17 @@ import xml.etree.ElementTree as ElementTree
 
 import pytest
 
-from salframe.compare import compare
+from salframe.evaluation.compare import compare
 
 
 @pytest.fixture
 def comparison(fakes):
-    return compare(["reader", "greedy", "weightless"], "rooms", overrides=["greedy.wrong_from=2", "greedy.refuse_in=1"], engine="inline")
+    return compare(
+        ["reader", "greedy", "weightless"],
+        "rooms",
+        overrides=["greedy.wrong_from=2", "greedy.refuse_in=1"],
+        engine="inline",
+    )
 
 
 def test_the_report_needs_nothing_else(comparison):

@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 from command_line import run
 
-from salframe.compare import compare
-from salframe.config import validate
-from salframe.errors import ConfigError
-from salframe.evaluate import COLUMNS
-from salframe.reported import Reported, read_reported
+from salframe.evaluation.compare import compare
+from salframe.evaluation.evaluate import COLUMNS
+from salframe.evaluation.reported import Reported, read_reported
+from salframe.framework.config import validate
+from salframe.framework.errors import ConfigError
 
 
 def test_the_papers_figures_are_shipped_with_their_source():
@@ -33,7 +33,9 @@ def test_json_holds_them_under_a_key_of_their_own(fakes):
 
 
 def test_the_terminal_shows_them_below_the_measured_table(fakes):
-    lines = run("compare", "--methods", "reader,weightless", "--data", "rooms", "--engine", "inline", "--reported").out.splitlines()
+    lines = run(
+        "compare", "--methods", "reader,weightless", "--data", "rooms", "--engine", "inline", "--reported"
+    ).out.splitlines()
     (heading,) = [i for i, line in enumerate(lines) if line.strip() == "reported, not measured"]
     assert any(line.strip().startswith("reader") for line in lines[:heading])
     assert not any(line.strip().startswith(("reader", "weightless")) for line in lines[heading:])

@@ -5,9 +5,10 @@ import json
 import pytest
 import yaml
 
-from salframe.errors import ConfigError, DataError
-from salframe.presets import configure, settings
-from salframe.runs import RowWriter, Run, environment, read_rows
+from salframe.evaluation.run import RowWriter, Run, read_rows
+from salframe.framework.errors import ConfigError, DataError
+from salframe.framework.installation import environment
+from salframe.framework.presets import configure, settings
 
 
 def config(role: str, name: str, **given: object):
@@ -42,7 +43,11 @@ def test_rows_refuse_nan(tmp_path):
 
 def test_the_folder_follows_every_setting(fakes, tmp_path):
     assert open_run(tmp_path).directory == open_run(tmp_path).directory
-    folders = {open_run(tmp_path).directory, open_run(tmp_path, seed=1).directory, open_run(tmp_path, offset=1).directory}
+    folders = {
+        open_run(tmp_path).directory,
+        open_run(tmp_path, seed=1).directory,
+        open_run(tmp_path, offset=1).directory,
+    }
     assert len(folders) == 3
     assert all(len(folder.name) == len("test-") + 8 for folder in folders)
 

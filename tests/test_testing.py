@@ -12,10 +12,10 @@ from broken_planners import Dijkstra, OneWay, Retracing, Swimming
 from salframe_annotations.detector import AnnotationDetector
 from tiny_folder import write_tiny_folder
 
-from salframe.config import merge
-from salframe.geometry import rays_to_pixels
-from salframe.presets import configure, settings
-from salframe.registry import registry
+from salframe.framework.config import merge
+from salframe.framework.presets import configure, settings
+from salframe.framework.registry import registry
+from salframe.panoramas.geometry import rays_to_pixels
 from salframe.testing import ConformanceError, check_component
 from salframe.testing.rooms import HEIGHT_PX, ROOMS, look, stand
 
@@ -85,7 +85,8 @@ def test_annotations_turn_exactly_under_heavy_noise():
 
 @pytest.mark.parametrize("structure", ["rings", slow("node2vec")])
 def test_the_papers_angles_do_not_turn_with_the_panorama(structure):
-    """The arccos loses the sign and the arithmetic mean wraps (method.md 4); without them the paper's localizer conforms."""
+    """The arccos loses the sign and the arithmetic mean wraps (method.md 4); without them the paper's localizer
+    conforms."""
     paper = merge(settings("localizer", "paper"), {"matcher": {"structure": structure}})
     config = configure("localizer", "paper", paper)
     with pytest.raises(ConformanceError, match=r"rolled by 1 columns: received a pose that moved .* rad off the turn"):
@@ -97,10 +98,14 @@ def test_the_papers_angles_do_not_turn_with_the_panorama(structure):
 def test_rooms_are_seen_where_they_are():
     bedroom = ROOMS[0]
     panorama = look(bedroom, "a", stand(bedroom, yaw_rad=0.0))
-    # From (2.1, 1.8, 1.5) in a room of 4.2 x 3.6 x 2.6 m: the wall behind, the ceiling, the floor, and the bed, whose top is at (1.1, 0.8, 0.6).
+    # From (2.1, 1.8, 1.5) in a room of 4.2 x 3.6 x 2.6 m: the wall behind, the ceiling, the floor, and the bed, whose
+    # top is at (1.1, 0.8, 0.6).
     for direction, label, range_m in (
-        ((-2.1, 0, 0.1), None, 2.10), ((0, 0.01, 1.1), None, 1.1), ((0, 0.01, -1.5), None, 1.5), ((-1, -1, -0.9), "bed", 1.676),
-    ):  # fmt: skip
+        ((-2.1, 0, 0.1), None, 2.10),
+        ((0, 0.01, 1.1), None, 1.1),
+        ((0, 0.01, -1.5), None, 1.5),
+        ((-1, -1, -0.9), "bed", 1.676),
+    ):
         column, row = (int(pixel) for pixel in rays_to_pixels(np.array(direction), len(panorama.range_m)))
         assert panorama.range_m[row, column] == pytest.approx(range_m, abs=0.02)  # a pixel spans 1 deg
         assert panorama.annotations.labels.get(panorama.annotations.instance_id[row, column]) == label
@@ -144,5 +149,7 @@ def test_a_planner_is_checked_against_the_shortest_route():
         check_component(OneWay)
     with pytest.raises(ConformanceError, match="received a route, expected NoRoute"):
         check_component(Swimming)
-    with pytest.raises(ConformanceError, match=r"route from room to hall: received the path .* in the walking direction"):
+    with pytest.raises(
+        ConformanceError, match=r"route from room to hall: received the path .* in the walking direction"
+    ):
         check_component(Retracing)

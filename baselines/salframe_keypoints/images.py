@@ -12,7 +12,8 @@ JPEG_QUALITY = 90
 
 
 class ImagePair(Pair):
-    """A view is its grey JPEG, and its points are those of a grid `stride_px` apart, to which matches in the reference are brought.
+    """A view is its grey JPEG, and its points are those of a grid `stride_px` apart, to which matches in the reference
+    are brought.
 
     As detector-free matching has no descriptors to pool, the shortlist comes from SIFT of the same JPEG.
     """

@@ -11,13 +11,15 @@ import cv2
 import numpy as np
 from pydantic import Field
 
-from salframe.config import ComponentConfig
-from salframe.errors import RequirementMissing
-from salframe.geometry import sample_nearest
-from salframe.localizer import Description, Localizer, rank_places
-from salframe.types import Localization, MapFrame, Panorama, PointMatches
-from salframe.views import ViewRig, turned_similarity
-from salframe.weights import file_sha256
+from salframe.framework.config import ComponentConfig
+from salframe.framework.errors import RequirementMissing
+from salframe.framework.weights import file_sha256
+from salframe.localization.answers import Localization, LocalizationStatus, PointMatches
+from salframe.localization.localizer import Description, Localizer, rank_places
+from salframe.panoramas.frames import MapFrame
+from salframe.panoramas.geometry import sample_nearest
+from salframe.panoramas.panorama import Panorama
+from salframe.panoramas.perspective import ViewRig, turned_similarity
 from salframe_keypoints.aliked import AlikedLightGlue, AlikedNearest
 from salframe_keypoints.disk import DiskLightGlue
 from salframe_keypoints.efficient_loftr import EfficientLoftr
@@ -67,20 +69,29 @@ class Keypoints(Localizer):
         hfov_deg: float = Field(90.0, gt=0, lt=150, description="horizontal field of view of each view")
         max_keypoints: int = Field(512, ge=16, description="keypoints a view")
         words: int = Field(64, ge=1, description="size of the vocabulary behind the global descriptor")
-        shortlist: int | None = Field(5, ge=1, description="map frames, best by the global descriptor, that are matched in full; null: all")
-        inlier_deg: float = Field(1.0, gt=0, description="a match agrees with a pose where its bearing is off by less than this")
+        shortlist: int | None = Field(
+            5, ge=1, description="map frames, best by the global descriptor, that are matched in full; null: all"
+        )
+        inlier_deg: float = Field(
+            1.0, gt=0, description="a match agrees with a pose where its bearing is off by less than this"
+        )
         hypotheses: int = Field(500, ge=1, description="three-point samples that poses are drawn from")
         min_inliers: int = Field(20, ge=4, description="a pose with fewer agreeing matches is none")
-        checkpoint: Path | None = Field(None, description="local weights instead of the fetched ones: the file, or the folder that holds them")
+        checkpoint: Path | None = Field(
+            None, description="local weights instead of the fetched ones: the file, or the folder that holds them"
+        )
         loftr_config: dict[str, Any] = Field(
-            {"coarse": {"temp_bug_fix": True}}, description="what a LoFTR checkpoint changes in kornia's default_cfg; as given, the official one",
-        )  # fmt: skip
+            {"coarse": {"temp_bug_fix": True}},
+            description="what a LoFTR checkpoint changes in kornia's default_cfg; as given, the official one",
+        )
         loftr_fine: bool = Field(True, description="false for a LoFTR checkpoint that has no fine stage")
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)
         settings = self.config
-        self._rig = ViewRig(settings.views, settings.view_width_px, settings.view_height_px, np.deg2rad(settings.hfov_deg))
+        self._rig = ViewRig(
+            settings.views, settings.view_width_px, settings.view_height_px, np.deg2rad(settings.hfov_deg)
+        )
         self._pair = PAIRS[settings.pair](settings)
 
     @classmethod
@@ -89,7 +100,9 @@ class Keypoints(Localizer):
         pair = PAIRS[config.pair]  # type: ignore[attr-defined]
         absent = [package for package in pair.requires if importlib.util.find_spec(package) is None]
         if absent:
-            raise RequirementMissing(f"{cls.name} pair {config.pair} needs {', '.join(absent)}, not installed: pip install '{pair.extra}'")
+            raise RequirementMissing(
+                f"{cls.name} pair {config.pair} needs {', '.join(absent)}, not installed: pip install '{pair.extra}'"
+            )
         pair.files(config)  # type: ignore[arg-type]
 
     @property
@@ -104,14 +117,21 @@ class Keypoints(Localizer):
         return {"localizer": self.name, "version": self.version, "settings": settings, "weights": hashes}
 
     def describe(self, panorama: Panorama) -> Description:
-        """The points of all views one after the other, how many each view has, their features, and the range at each point.
+        """The points of all views one after the other, how many each view has, their features, and the range at each
+        point.
 
-        points_px (K, 2); range_m (K,) float32, NaN where unknown; features, their rows of all views; point_count, feature_count (V,) int64.
+        points_px (K, 2); range_m (K,) float32, NaN where unknown; features, their rows of all views; point_count,
+        feature_count (V,) int64.
         """
         views = self._pair.extract(self._rig.cut(panorama.rgb))
         if panorama.valid is not None:
-            inside = cv2.erode(panorama.valid.astype(np.uint8), np.ones((2 * EDGE_PX + 1, 2 * EDGE_PX + 1), np.uint8)).astype(bool)
-            views = [self._pair.restrict(view, sample_nearest(inside, self._rig.bearings(i, view.points_px))) for i, view in enumerate(views)]
+            inside = cv2.erode(
+                panorama.valid.astype(np.uint8), np.ones((2 * EDGE_PX + 1, 2 * EDGE_PX + 1), np.uint8)
+            ).astype(bool)
+            views = [
+                self._pair.restrict(view, sample_nearest(inside, self._rig.bearings(i, view.points_px)))
+                for i, view in enumerate(views)
+            ]
         bearings = np.concatenate([self._rig.bearings(i, view.points_px) for i, view in enumerate(views)])
         range_m = np.full(len(bearings), np.nan, np.float32)
         if panorama.range_m is not None:
@@ -132,11 +152,12 @@ class Keypoints(Localizer):
         self._vlad, self._map_pooled = self._pool(self._map_views)
 
     def match(self, description: Description) -> Localization:
-        """Match the shortlist in full; a frame scores its agreeing matches plus its global similarity, which is below 1."""
+        """Match the shortlist in full; a frame scores its agreeing matches plus its global similarity, which is below
+        1."""
         views = _views(description)
         pooled = np.stack([self._vlad.pool(self._pair.retrieval_features(view)) for view in views])
         if not pooled.any():
-            return Localization((), None, "no-features")
+            return Localization((), None, LocalizationStatus.NO_FEATURES)
         similarity = turned_similarity(pooled, self._map_pooled)
         scores = similarity.max(1).astype(np.float64)
         best_pose, most = None, self.config.min_inliers - 1
@@ -145,10 +166,15 @@ class Keypoints(Localizer):
             scores[frame] += support
             if pose is not None and support > most:
                 best_pose, most = self._map_frames[frame].T_world_pano @ pose, support
-        return Localization(rank_places(self._map_frames, scores, best_pose), best_pose, "no-pose" if best_pose is None else "ok")
+        return Localization(
+            rank_places(self._map_frames, scores, best_pose),
+            best_pose,
+            LocalizationStatus.NO_POSE if best_pose is None else LocalizationStatus.OK,
+        )
 
     def correspond(self, query: Description, reference: Description) -> PointMatches:
-        """The matches of a shortlisted frame, though the turn between the panoramas comes from a vocabulary of these two."""
+        """The matches of a shortlisted frame, though the turn between the panoramas comes from a vocabulary of these
+        two."""
         views, others = _views(query), _views(reference)
         _, (pooled, pooled_others) = self._pool([views, others])
         turn = int(turned_similarity(pooled, pooled_others[None]).argmax())
@@ -164,8 +190,11 @@ class Keypoints(Localizer):
         vlad = Vlad([features for views in local for features in views], self.config.words)
         return vlad, np.stack([[vlad.pool(features) for features in views] for views in local])
 
-    def _match_views(self, views: Sequence[View], others: Sequence[View], turn: int) -> Iterator[tuple[np.ndarray, int, np.ndarray]]:
-        """Match each view i with the other panorama's view j = i + turn: bearings (M, 3) in the first, j, and (M,) positions of points in j."""
+    def _match_views(
+        self, views: Sequence[View], others: Sequence[View], turn: int
+    ) -> Iterator[tuple[np.ndarray, int, np.ndarray]]:
+        """Match each view i with the other panorama's view j = i + turn: bearings (M, 3) in the first, j, and (M,)
+        positions of points in j."""
         for i, view in enumerate(views):
             j = (i + turn) % len(views)
             pixels, matched = self._pair.match(view, others[j])
@@ -192,7 +221,10 @@ class Keypoints(Localizer):
         """(K, 3) points of each view in the panorama frame, NaN where the range is unknown."""
         ends = np.cumsum(description["point_count"])[:-1]
         pixels, ranges = np.split(description["points_px"], ends), np.split(description["range_m"], ends)
-        return [self._rig.bearings(i, px) * range_m[:, None] for i, (px, range_m) in enumerate(zip(pixels, ranges, strict=True))]
+        return [
+            self._rig.bearings(i, px) * range_m[:, None]
+            for i, (px, range_m) in enumerate(zip(pixels, ranges, strict=True))
+        ]
 
 
 def _views(description: Description) -> list[View]:

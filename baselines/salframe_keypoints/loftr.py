@@ -9,16 +9,20 @@ from typing import Any
 
 import numpy as np
 
-from salframe.config import merge
-from salframe.errors import ConfigError, WeightsMissing
-from salframe.weights import Download, Weights, WeightsFile
+from salframe.framework.config import merge
+from salframe.framework.errors import ConfigError, WeightsMissing
+from salframe.framework.weights import Download, Weights, WeightsFile
 from salframe_keypoints.images import ImagePair, decode
 from salframe_keypoints.pairs import View, load_strictly, read_checkpoint
 
 LOFTR = Weights(
     name="loftr",
     licence="Apache-2.0",
-    files=(WeightsFile("loftr_indoor_ds_new.ckpt", "be9ff88b323ec27889114719f668ae41aff7034b56a4c4acbd46b8b180b87ed3", 46_300_000),),
+    files=(
+        WeightsFile(
+            "loftr_indoor_ds_new.ckpt", "be9ff88b323ec27889114719f668ae41aff7034b56a4c4acbd46b8b180b87ed3", 46_300_000
+        ),
+    ),
     source=Download(("https://huggingface.co/kornia/loftr/resolve/main", "https://cmp.felk.cvut.cz/~mishkdmy/models")),
 )
 
@@ -42,13 +46,16 @@ class Loftr(ImagePair):
         try:
             self._model = loftr.LoFTR(pretrained=None, config=settings).eval()
         except (ValueError, KeyError, TypeError) as error:
-            raise ConfigError(f"loftr_config is no architecture that kornia knows: {' '.join(str(error).split())}") from None
+            raise ConfigError(
+                f"loftr_config is no architecture that kornia knows: {' '.join(str(error).split())}"
+            ) from None
         if not config.loftr_fine:
             _remove_fine_stage(self._model)
         load_strictly(self._model, checkpoint_state(read_checkpoint(path), path), path)
 
     def match(self, query: View, reference: View) -> tuple[np.ndarray, np.ndarray]:
-        """See Pair. The reference is LoFTR's first image, whose matches lie on the grid; those of the second are refined off it."""
+        """See Pair. The reference is LoFTR's first image, whose matches lie on the grid; those of the second are
+        refined off it."""
         images = [self._torch.from_numpy(decode(view)).float()[None, None] / 255 for view in (reference, query)]
         with self._torch.inference_mode():
             found = self._model({"image0": images[0], "image1": images[1]})
@@ -58,18 +65,27 @@ class Loftr(ImagePair):
 
 
 def checkpoint_state(content: Any, path: Path) -> dict[str, Any]:
-    """The network's state in a checkpoint: the mapping itself or what it holds as state_dict or model_state_dict. Raises WeightsMissing."""
+    """The network's state in a checkpoint: the mapping itself or what it holds as state_dict or model_state_dict.
+    Raises WeightsMissing."""
     for key in ("state_dict", "model_state_dict"):
         if isinstance(content, Mapping) and key in content:
             content = content[key]
-    if not isinstance(content, Mapping) or not any(name.removeprefix("matcher.").startswith("backbone.") for name in content):
-        raise WeightsMissing(f"{path} is no LoFTR checkpoint: expected a state_dict or model_state_dict with backbone.* inside")
+    if not isinstance(content, Mapping) or not any(
+        name.removeprefix("matcher.").startswith("backbone.") for name in content
+    ):
+        raise WeightsMissing(
+            f"{path} is no LoFTR checkpoint: expected a state_dict or model_state_dict with backbone.* inside"
+        )
     return {name.removeprefix("matcher."): value for name, value in content.items()}
 
 
 def _remove_fine_stage(model: Any) -> None:
-    """Make matches end on the coarse grid: kornia always refines, and refines at random where the fine stage was never trained."""
+    """Make matches end on the coarse grid: kornia always refines, and refines at random where the fine stage was never
+    trained."""
     for name in ("fine_preprocess", "loftr_fine", "fine_matching"):
         delattr(model, name)
-    model.fine_preprocess = lambda fine0, fine1, coarse0, coarse1, data: (fine0[:0], fine1[:0])  # none: kornia skips loftr_fine
+    model.fine_preprocess = lambda fine0, fine1, coarse0, coarse1, data: (
+        fine0[:0],
+        fine1[:0],
+    )  # none: kornia skips loftr_fine
     model.fine_matching = lambda fine0, fine1, data: data.update(mkpts0_f=data["mkpts0_c"], mkpts1_f=data["mkpts1_c"])

@@ -1,4 +1,5 @@
-"""`loftr-compact`: a small LoFTR, trained by `python -m salframe_keypoints.training` and shipped with salframe; onnxruntime alone runs it."""
+"""`loftr-compact`: a small LoFTR, trained by `python -m salframe_keypoints.training` and shipped with salframe;
+onnxruntime alone runs it."""
 
 from __future__ import annotations
 
@@ -8,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from salframe.errors import ConfigError
-from salframe.onnx import open_model
-from salframe.weights import Shipped, Weights, WeightsFile
+from salframe.framework.errors import ConfigError
+from salframe.framework.onnx import open_model
+from salframe.framework.weights import Shipped, Weights, WeightsFile
 from salframe_keypoints.images import ImagePair, decode
 from salframe_keypoints.pairs import View
 
@@ -21,8 +22,8 @@ STATE = "state.pt"
 FOLDER = Path(__file__).with_name("loftr_compact_weights")
 
 THRESHOLD = 0.5
-"""Of a match's confidence. On a building that nothing is reported on (house-12, seed 100), going from kornia's 0.2 to this left 67 % of
-the matches that were right to 3 pixels and 29 % of the others.
+"""Of a match's confidence. On a building that nothing is reported on (house-12, seed 100), going from kornia's 0.2 to
+this left 67 % of the matches that were right to 3 pixels and 29 % of the others.
 """
 
 ARCHITECTURE = {
@@ -34,7 +35,8 @@ ARCHITECTURE = {
 """What it changes in kornia's default_cfg: with this as `loftr_config`, `pair: loftr` runs its state in kornia."""
 
 STRIDE_PX, FINE_STRIDE_PX, WINDOW = 8, 2, 5
-"""Pixels between cells of the coarse and of the fine grid, and cells along a side of the fine stage's window: kornia's defaults."""
+"""Pixels between cells of the coarse and of the fine grid, and cells along a side of the fine stage's window: kornia's
+defaults."""
 
 LARGEST_PX = 512
 """Sides of a view; the position encoding in the file goes no further."""
@@ -84,21 +86,23 @@ class Network:
     def match(self, first: Features, second: Features) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Cells (M,) int64 of the first image, points (M, 2) float32 of the second in pixels, and confidences (M,).
 
-        A match is each the other's most confident one, above THRESHOLD (LoFTR section 3.3); the fine stage then moves its second point.
+        A match is each the other's most confident one, above THRESHOLD (LoFTR section 3.3); the fine stage then moves
+        its second point.
         """
         confidence, *tokens = self._coarse.run(first.tokens, second.tokens)
         cells, second_cells, best = mutual_maxima(confidence[0], THRESHOLD)
         if not len(cells):
             return cells, np.zeros((0, 2), np.float32), best
         offset = self._fine.run(
-            windows(first, cells), windows(second, second_cells), tokens[0][0, cells], tokens[1][0, second_cells],
-        )[0]  # fmt: skip
+            windows(first, cells), windows(second, second_cells), tokens[0][0, cells], tokens[1][0, second_cells]
+        )[0]
         grid = np.stack([second_cells % second.columns, second_cells // second.columns], 1) * STRIDE_PX
         return cells, (grid + offset * (WINDOW // 2 * FINE_STRIDE_PX)).astype(np.float32), best
 
 
 def mutual_maxima(confidence: np.ndarray, threshold: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rows, columns and values of a matrix's entries above the threshold that are the greatest of both their row and their column."""
+    """Rows, columns and values of a matrix's entries above the threshold that are the greatest of both their row and
+    their column."""
     columns = confidence.argmax(1)
     best = confidence[np.arange(len(columns)), columns]
     rows = np.flatnonzero((best > threshold) & (confidence.max(0)[columns] == best))
@@ -125,11 +129,14 @@ class LoftrCompact(ImagePair):
         super().__init__(config)
         size_px = config.view_width_px, config.view_height_px
         if any(side % STRIDE_PX or side > LARGEST_PX for side in size_px):
-            raise ConfigError(f"loftr-compact: views of {size_px[0]} x {size_px[1]} pixels, expected multiples of {STRIDE_PX} up to {LARGEST_PX}")
+            raise ConfigError(
+                f"loftr-compact: views of {size_px[0]} x {size_px[1]} pixels, expected multiples of {STRIDE_PX} up to {LARGEST_PX}"
+            )
         self._network = Network(LOFTR_COMPACT.paths(config.checkpoint))
         self._see = lru_cache(maxsize=REMEMBERED)(lambda jpeg: self._network.features(decode(jpeg)))
 
     def match(self, query: View, reference: View) -> tuple[np.ndarray, np.ndarray]:
-        """See Pair. The reference is LoFTR's first image, whose matches lie on the grid; those of the second are refined off it."""
+        """See Pair. The reference is LoFTR's first image, whose matches lie on the grid; those of the second are
+        refined off it."""
         cells, points, _ = self._network.match(self._see(reference), self._see(query))
         return points, cells

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from salframe.errors import WeightsMissing
+from salframe.framework.errors import WeightsMissing
 from salframe_keypoints.pairs import DescriptorPair, View, load_strictly, read_checkpoint
 
 if TYPE_CHECKING:
@@ -27,7 +27,8 @@ class NetworkPair(DescriptorPair):
 
     @abstractmethod
     def detect(self, image: Any) -> tuple[Any, Any]:
-        """Keypoints (K, 2) in the library's pixels and descriptors of unit length (K, D), tensors, of an image (1, 3, h, w) from 0 to 1."""
+        """Keypoints (K, 2) in the library's pixels and descriptors of unit length (K, D), tensors, of an image (1, 3,
+        h, w) from 0 to 1."""
 
     def extract(self, images: np.ndarray) -> list[View]:
         """See Pair. One image at a time, which bounds the memory; descriptors are kept as float16."""
@@ -60,7 +61,9 @@ class LightGlueMatcher:
 
         settings = {key: value for key, value in feature.LightGlue.features[features].items() if key != "weights"}
         self._network = feature.LightGlue(features=None, **settings).eval()
-        load_strictly(self._network, lightglue_state(read_checkpoint(path), path), path, computed="confidence_thresholds")
+        load_strictly(
+            self._network, lightglue_state(read_checkpoint(path), path), path, computed="confidence_thresholds"
+        )
         self._size = torch.tensor([[config.view_width_px, config.view_height_px]])
 
     def match(self, query: View, reference: View) -> np.ndarray:
@@ -79,11 +82,16 @@ class LightGlueMatcher:
 
 
 def lightglue_state(content: Any, path: Path) -> dict[str, Any]:
-    """A LightGlue checkpoint of its authors in kornia's names; what it carries besides the matcher is left out. Raises WeightsMissing."""
+    """A LightGlue checkpoint of its authors in kornia's names; what it carries besides the matcher is left out. Raises
+    WeightsMissing."""
     if not isinstance(content, Mapping):
-        raise WeightsMissing(f"{path} is no LightGlue checkpoint: received a {type(content).__name__}, expected a mapping of tensors")
+        raise WeightsMissing(
+            f"{path} is no LightGlue checkpoint: received a {type(content).__name__}, expected a mapping of tensors"
+        )
     if any(name.startswith("matcher.") for name in content):  # XFeat's authors store the features' network with it
-        content = {name.removeprefix("matcher."): value for name, value in content.items() if name.startswith("matcher.")}
+        content = {
+            name.removeprefix("matcher."): value for name, value in content.items() if name.startswith("matcher.")
+        }
     return {
         re.sub(r"^(self_attn|cross_attn)\.(\d+)", r"transformers.\2.\1", name): value
         for name, value in content.items()

@@ -1,4 +1,5 @@
-"""What every feature and matcher pair has in common. An adapter is one class in a module of its own and one line in PAIRS."""
+"""What every feature and matcher pair has in common. An adapter is one class in a module of its own and one line in
+PAIRS."""
 
 from __future__ import annotations
 
@@ -10,8 +11,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from salframe.errors import WeightsMissing
-from salframe.weights import Weights
+from salframe.framework.errors import WeightsMissing
+from salframe.framework.weights import Weights
 
 if TYPE_CHECKING:
     from salframe_keypoints.localizer import Keypoints
@@ -21,8 +22,8 @@ if TYPE_CHECKING:
 class View:
     """One perspective view as a pair remembers it.
 
-    points_px (K, 2): x and y of the points that can be matched, pixel centres at +0.5; features: their descriptors (K, D), or whatever else
-    the pair matches by. Both are stored as they are, so their dtypes are what a map costs.
+    points_px (K, 2): x and y of the points that can be matched, pixel centres at +0.5; features: their descriptors (K,
+    D), or whatever else the pair matches by. Both are stored as they are, so their dtypes are what a map costs.
     """
 
     points_px: np.ndarray
@@ -39,7 +40,8 @@ class Pair(ABC):
 
     @classmethod
     def files(cls, config: Keypoints.Config) -> tuple[Path, ...]:
-        """The files that the networks are loaded from, verified; they are part of what a description is known by. Raises WeightsMissing."""
+        """The files that the networks are loaded from, verified; they are part of what a description is known by.
+        Raises WeightsMissing."""
         return tuple(path for weights in cls.weights for path in weights.paths(config.checkpoint))
 
     @abstractmethod

@@ -1,4 +1,5 @@
-"""The pose of a query panorama from its bearings and points of the map: P3P hypotheses, then refinement over the whole sphere."""
+"""The pose of a query panorama from its bearings and points of the map: P3P hypotheses, then refinement over the whole
+sphere."""
 
 from __future__ import annotations
 
@@ -9,14 +10,15 @@ STEPS = 5
 
 
 def robust_pose(
-    bearings: np.ndarray, points_m: np.ndarray, inlier_rad: float, hypotheses: int, rng: np.random.Generator,
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    bearings: np.ndarray, points_m: np.ndarray, inlier_rad: float, hypotheses: int, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
     """The pose that most matches agree with: T_map_query (4, 4) and inliers (M,) bool.
 
-    bearings (M, 3): unit vectors in the query frame; points_m (M, 3): the matched points in the map frame's axes. A match is an inlier where
-    its bearing and the direction to its point differ by less than `inlier_rad`. Random samples of three are solved by P3P, and the best
-    solution is that whose squared errors, each cut off at the inlier bound, sum to the least (MSAC, Torr and Zisserman 2000). It is refined
-    by least squares on the angles of its inliers, taken anew a few times. The identity and no inlier where there are fewer than 4 matches.
+    bearings (M, 3): unit vectors in the query frame; points_m (M, 3): the matched points in the map frame's axes. A
+    match is an inlier where its bearing and the direction to its point differ by less than `inlier_rad`. Random samples
+    of three are solved by P3P, and the best solution is that whose squared errors, each cut off at the inlier bound,
+    sum to the least (MSAC, Torr and Zisserman 2000). It is refined by least squares on the angles of its inliers, taken
+    anew a few times. The identity and no inlier where there are fewer than 4 matches.
     """
     count = len(bearings)
     if count < 4:
@@ -26,7 +28,8 @@ def robust_pose(
     if not len(rotations):
         return np.eye(4), np.zeros(count, bool)
     cosine = np.cos(inlier_rad)
-    # 1 - cos is half the squared angle. The number of inliers would not do: refining the most supported solution often loses a few of them
+    # 1 - cos is half the squared angle. The number of inliers would not do: refining the most supported solution often
+    # loses a few of them
     cost = np.minimum(1 - _cosines(rotations, centres, bearings, points_m), 1 - cosine).sum(1)
     best = int(cost.argmin())
     rotation, centre = rotations[best], centres[best]
@@ -40,7 +43,8 @@ def robust_pose(
 
 
 def _cosines(rotations, centres, bearings, points_m):
-    """(H, M) cosines between bearings and the directions to the points, for camera centres (H, 3) and rotations (H, 3, 3) to the map."""
+    """(H, M) cosines between bearings and the directions to the points, for camera centres (H, 3) and rotations (H, 3,
+    3) to the map."""
     seen = np.einsum("hij,mj->hmi", rotations, bearings)
     along = np.einsum("hmi,mi->hm", seen, points_m) - np.einsum("hmi,hi->hm", seen, centres)
     squared = (points_m**2).sum(1) - 2 * centres @ points_m.T + (centres**2).sum(1)[:, None]
@@ -48,24 +52,36 @@ def _cosines(rotations, centres, bearings, points_m):
 
 
 def solve_p3p(bearings: np.ndarray, points_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """All poses (H, 3, 3), (H, 3), query to map, that put three points each on their bearings, for many samples at once.
+    """All poses (H, 3, 3), (H, 3), query to map, that put three points each on their bearings, for many samples at
+    once.
 
-    bearings, points_m (S, 3, 3): sample, match, coordinates. Grunert's solution as given by Haralick et al., "Review and analysis of solutions
-    of the three point perspective pose estimation problem" (1994); degenerate samples give none.
+    bearings, points_m (S, 3, 3): sample, match, coordinates. Grunert's solution as given by Haralick et al., "Review
+    and analysis of solutions of the three point perspective pose estimation problem" (1994); degenerate samples give
+    none.
     """
     f, p = bearings, points_m
     a2, b2, c2 = (((p[:, i] - p[:, j]) ** 2).sum(1) for i, j in ((1, 2), (0, 2), (0, 1)))
     cos_a, cos_b, cos_c = ((f[:, i] * f[:, j]).sum(1) for i, j in ((1, 2), (0, 2), (0, 1)))
     with np.errstate(divide="ignore", invalid="ignore"):
         q, r = (a2 - c2) / b2, (a2 + c2) / b2
-        quartic = np.stack([
-            (q - 1) ** 2 - 4 * c2 / b2 * cos_a**2,
-            4 * (q * (1 - q) * cos_b - (1 - r) * cos_a * cos_c + 2 * c2 / b2 * cos_a**2 * cos_b),
-            2 * (q**2 - 1 + 2 * q**2 * cos_b**2 + 2 * (b2 - c2) / b2 * cos_a**2 - 4 * r * cos_a * cos_b * cos_c
-                 + 2 * (b2 - a2) / b2 * cos_c**2),
-            4 * (-q * (1 + q) * cos_b + 2 * a2 / b2 * cos_c**2 * cos_b - (1 - r) * cos_a * cos_c),
-            (1 + q) ** 2 - 4 * a2 / b2 * cos_c**2,
-        ], 1)  # fmt: skip
+        quartic = np.stack(
+            [
+                (q - 1) ** 2 - 4 * c2 / b2 * cos_a**2,
+                4 * (q * (1 - q) * cos_b - (1 - r) * cos_a * cos_c + 2 * c2 / b2 * cos_a**2 * cos_b),
+                2
+                * (
+                    q**2
+                    - 1
+                    + 2 * q**2 * cos_b**2
+                    + 2 * (b2 - c2) / b2 * cos_a**2
+                    - 4 * r * cos_a * cos_b * cos_c
+                    + 2 * (b2 - a2) / b2 * cos_c**2
+                ),
+                4 * (-q * (1 + q) * cos_b + 2 * a2 / b2 * cos_c**2 * cos_b - (1 - r) * cos_a * cos_c),
+                (1 + q) ** 2 - 4 * a2 / b2 * cos_c**2,
+            ],
+            1,
+        )
         monic = quartic[:, 1:] / quartic[:, :1]
     usable = np.flatnonzero(np.isfinite(monic).all(1))
     companion = np.zeros((len(usable), 4, 4))
@@ -85,7 +101,8 @@ def solve_p3p(bearings: np.ndarray, points_m: np.ndarray) -> tuple[np.ndarray, n
 
 
 def _align(source, target):
-    """Rotations (H, 3, 3) and shifts (H, 3) that move three points each, (H, 3, 3), onto three others: their triangles' axes."""
+    """Rotations (H, 3, 3) and shifts (H, 3) that move three points each, (H, 3, 3), onto three others: their triangles'
+    axes."""
     rotations = np.einsum("hij,hkj->hik", _triangle_axes(target), _triangle_axes(source))
     shifts = target.mean(1) - np.einsum("hij,hj->hi", rotations, source.mean(1))
     finite = np.isfinite(rotations).all((1, 2))
@@ -109,7 +126,8 @@ def _refine(rotation, centre, bearings, points_m):
         distance = np.linalg.norm(local, axis=1)
         direction = local / distance[:, None]
         residual = np.einsum("mki,mi->mk", tangents, direction).ravel()
-        # direction moves by direction x w as the query turns by w, and by -(I - d d^T) R^T t / distance as it shifts by t
+        # direction moves by direction x w as the query turns by w, and by -(I - d d^T) R^T t / distance as it shifts by
+        # t
         turning = np.einsum("mki,mij->mkj", tangents, _cross_matrices(direction))
         projection = np.eye(3) - direction[:, :, None] * direction[:, None, :]
         shifting = -np.einsum("mki,mij,lj->mkl", tangents, projection, rotation) / distance[:, None, None]

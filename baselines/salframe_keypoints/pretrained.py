@@ -6,15 +6,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from salframe.errors import DataError, WeightsMissing
-from salframe.storage import read_json
+from salframe.framework.errors import DataError, WeightsMissing
+from salframe.framework.files import read_json
 
 
 @dataclass(frozen=True)
 class Pretrained:
-    """A model as Hugging Face's hub lays it out, a folder of config.json and model.safetensors; the weights are read without running code.
+    """A model as Hugging Face's hub lays it out, a folder of config.json and model.safetensors; the weights are read
+    without running code.
 
-    It has no entry among the weights that can be fetched, as nobody publishes a hash of its files that could be held against a download.
+    It has no entry among the weights that can be fetched, as nobody publishes a hash of its files that could be held
+    against a download.
     """
 
     repository: str
@@ -23,7 +25,8 @@ class Pretrained:
     model_type: str
 
     def files(self, folder: Path | None) -> tuple[Path, Path]:
-        """config.json and model.safetensors of a local folder. Raises WeightsMissing where they are not there or are of another model."""
+        """config.json and model.safetensors of a local folder. Raises WeightsMissing where they are not there or are of
+        another model."""
         where = f"a folder with config.json and model.safetensors of https://huggingface.co/{self.repository} ({self.licence})"
         if folder is None:
             raise WeightsMissing(f"{self.model_type} is not shipped: set checkpoint to {where}")
@@ -52,8 +55,12 @@ class Pretrained:
             )
         except Exception as error:  # the library raises whatever its parsers stumble over
             text = " ".join(str(error).split())
-            raise WeightsMissing(f"{weights} does not fit {self.model_class}: {type(error).__name__} {text[:200]}") from None
+            raise WeightsMissing(
+                f"{weights} does not fit {self.model_class}: {type(error).__name__} {text[:200]}"
+            ) from None
         for what in ("missing_keys", "unexpected_keys", "mismatched_keys"):
             if report[what]:
-                raise WeightsMissing(f"{weights} does not fit {self.model_class}: {what.replace('_', ' ')} {sorted(map(str, report[what]))[:3]}")
+                raise WeightsMissing(
+                    f"{weights} does not fit {self.model_class}: {what.replace('_', ' ')} {sorted(map(str, report[what]))[:3]}"
+                )
         return model.eval()

@@ -21,7 +21,9 @@ class Vlad:
         rng = np.random.default_rng(0)
         sample = stacked[np.sort(rng.permutation(len(stacked))[:SAMPLE])]
         start = sample[np.sort(rng.permutation(len(sample))[:words])]
-        self.words = kmeans2(sample, start, iter=ITERATIONS, minit="matrix", missing="warn")[0] if len(sample) > words else start
+        self.words = (
+            kmeans2(sample, start, iter=ITERATIONS, minit="matrix", missing="warn")[0] if len(sample) > words else start
+        )
 
     def pool(self, features: np.ndarray) -> np.ndarray:
         """(words * D,) float32 of unit length for local features (N, D); zeros where there is none."""

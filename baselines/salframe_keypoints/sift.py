@@ -8,7 +8,8 @@ import numpy as np
 from salframe_keypoints.pairs import DescriptorPair, View, gray, unit_rows
 
 RATIO = 0.8
-"""A match is kept where the nearest descriptor is closer than this share of the distance to the second (Lowe 2004, section 7.1)."""
+"""A match is kept where the nearest descriptor is closer than this share of the distance to the second (Lowe 2004,
+section 7.1)."""
 
 
 class Sift(DescriptorPair):
@@ -25,7 +26,9 @@ class Sift(DescriptorPair):
             keypoints, descriptors = self._sift.detectAndCompute(image, None)
             keypoints = keypoints[: self._limit]  # OpenCV returns some more where the last responses tie
             points = np.array([point.pt for point in keypoints], np.float32).reshape(-1, 2) + np.float32(0.5)
-            described = np.zeros((0, 128), np.uint8) if descriptors is None else descriptors[: self._limit].astype(np.uint8)
+            described = (
+                np.zeros((0, 128), np.uint8) if descriptors is None else descriptors[: self._limit].astype(np.uint8)
+            )
             views.append(View(points, described))
         return views
 

@@ -1,4 +1,5 @@
-"""SuperPoint (DeTone et al., CVPRW 2018) by `transformers`: by nearest neighbours, or by SuperGlue (Sarlin et al., CVPR 2020).
+"""SuperPoint (DeTone et al., CVPRW 2018) by `transformers`: by nearest neighbours, or by SuperGlue (Sarlin et al., CVPR
+2020).
 
 Their weights are under Magic Leap's licence: for research, not for commerce.
 """
@@ -41,7 +42,8 @@ class SuperPointNearest(NetworkPair):
 
 
 class SuperPointSuperGlue(NetworkPair):
-    """SuperPoint keypoints with SuperGlue, which reads their scores too: a point's features are its descriptor, then its score."""
+    """SuperPoint keypoints with SuperGlue, which reads their scores too: a point's features are its descriptor, then
+    its score."""
 
     requires = ("torch", "transformers")
     extra = "salframe[transformers]"
@@ -65,7 +67,8 @@ class SuperPointSuperGlue(NetworkPair):
         return keypoints, torch.cat([descriptors, scores[:, None]], 1)
 
     def match_descriptors(self, query: View, reference: View) -> np.ndarray:
-        """See DescriptorPair. SuperGlue detects points on its own; here its detector is one that recalls those of the two views."""
+        """See DescriptorPair. SuperGlue detects points on its own; here its detector is one that recalls those of the
+        two views."""
         import torch
 
         if not len(query.features) or not len(reference.features):
@@ -73,7 +76,9 @@ class SuperPointSuperGlue(NetworkPair):
         del self._network.keypoint_detector
         self._network.keypoint_detector = lambda pixels: self._recall((query, reference))
         with torch.inference_mode():
-            found = self._network(torch.empty(1, 2, 3, *self._size_px[::-1])).matches[0, 0, : len(query.features)].numpy()
+            found = (
+                self._network(torch.empty(1, 2, 3, *self._size_px[::-1])).matches[0, 0, : len(query.features)].numpy()
+            )
         matched = np.flatnonzero(found >= 0)
         return np.stack([matched, found[matched]], 1)
 
@@ -82,21 +87,29 @@ class SuperPointSuperGlue(NetworkPair):
         return super().retrieval_features(View(view.points_px, view.features[:, :-1]))
 
     def _recall(self, views: tuple[View, View]) -> tuple[Any, Any, Any, Any]:
-        """What SuperPoint gives of two images: relative positions, scores and descriptors, padded to as many points, and which are points."""
+        """What SuperPoint gives of two images: relative positions, scores and descriptors, padded to as many points,
+        and which are points."""
         import torch
 
         most = max(len(view.points_px) for view in views)
-        keypoints, features, mask = torch.zeros(2, most, 2), torch.zeros(2, most, views[0].features.shape[1]), torch.zeros(2, most, dtype=torch.int)
+        keypoints, features, mask = (
+            torch.zeros(2, most, 2),
+            torch.zeros(2, most, views[0].features.shape[1]),
+            torch.zeros(2, most, dtype=torch.int),
+        )
         for i, view in enumerate(views):
             count = len(view.points_px)
-            keypoints[i, :count] = torch.from_numpy((view.points_px - PIXEL_CENTRE) / np.array(self._size_px, np.float32))
+            keypoints[i, :count] = torch.from_numpy(
+                (view.points_px - PIXEL_CENTRE) / np.array(self._size_px, np.float32)
+            )
             features[i, :count] = torch.tensor(view.features).float()
             mask[i, :count] = 1
         return keypoints, features[..., -1], features[..., :-1], mask
 
 
 def detect_points(extractor: Any, image: Any) -> tuple[Any, Any, Any]:
-    """Keypoints (K, 2) in whole pixels, their scores (K,) and descriptors of unit length (K, D) of an image (1, 3, h, w) from 0 to 1."""
+    """Keypoints (K, 2) in whole pixels, their scores (K,) and descriptors of unit length (K, D) of an image (1, 3, h,
+    w) from 0 to 1."""
     grey = (image * image.new_tensor([0.299, 0.587, 0.114])[:, None, None]).sum(1, keepdim=True)
     found = extractor(grey)
     height, width = image.shape[2:]

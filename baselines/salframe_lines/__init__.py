@@ -5,6 +5,6 @@ from salframe_lines.localizer import Lines
 
 
 @salframe.hookimpl
-def salframe_components() -> list[type]:
+def salframe_provides() -> list[type]:
     """The `lines` localizer."""
     return [Lines]

@@ -1,6 +1,7 @@
 """The position of a query among lines in space, from how the query sees them: a local search, then least squares.
 
-Everything is in the principal frame of the lines, and the query's arcs are turned into it: what is left to find is a shift and a small turn.
+Everything is in the principal frame of the lines, and the query's arcs are turned into it: what is left to find is a
+shift and a small turn.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from salframe.geometry import wrap_angle
+from salframe.panoramas.geometry import wrap_angle
 from salframe_lines.arcs import Arcs, Lines3d, seen_from
 
 SEARCH = ((0.16, 0.10), (0.06, 0.05))
@@ -25,10 +26,13 @@ LONG_RAD = 0.5
 MAX_STEP_M = 0.4
 
 
-def agreement(arcs: Sequence[Arcs], lines: Sequence[Lines3d], positions_m: np.ndarray, tolerance_rad: float) -> np.ndarray:
+def agreement(
+    arcs: Sequence[Arcs], lines: Sequence[Lines3d], positions_m: np.ndarray, tolerance_rad: float
+) -> np.ndarray:
     """(T,) share of the length of the query's arcs that agrees with lines as seen from positions (T, 3).
 
-    Each arc takes the line along its axis that covers and fits it best: the common length times 1 - (angle apart / tolerance)^2.
+    Each arc takes the line along its axis that covers and fits it best: the common length times 1 - (angle apart /
+    tolerance)^2.
     """
     agreeing, total = np.zeros(len(positions_m)), 0.0
     for axis in range(3):
@@ -42,11 +46,14 @@ def agreement(arcs: Sequence[Arcs], lines: Sequence[Lines3d], positions_m: np.nd
 
 
 def _compare(seen: Arcs, expected: Arcs) -> tuple[np.ndarray, np.ndarray]:
-    """(..., N, M) float32 each: the angle by which expected arcs (..., M) lie off seen ones (N,), signed, and the length they have in common."""
+    """(..., N, M) float32 each: the angle by which expected arcs (..., M) lie off seen ones (N,), signed, and the
+    length they have in common."""
     low_rad, high_rad = (seen.along_rad[:, i, None].astype(np.float32) for i in (0, 1))
     expected_rad = expected.along_rad.astype(np.float32)[..., None, :, :]
     common_rad = np.minimum(high_rad, expected_rad[..., 1]) - np.maximum(low_rad, expected_rad[..., 0])
-    off_rad = expected.around_rad.astype(np.float32)[..., None, :] - wrap_angle(seen.around_rad[:, None]).astype(np.float32)
+    off_rad = expected.around_rad.astype(np.float32)[..., None, :] - wrap_angle(seen.around_rad[:, None]).astype(
+        np.float32
+    )
     off_rad -= np.float32(2 * np.pi) * np.round(off_rad * np.float32(0.5 / np.pi))
     return off_rad * np.sin((low_rad + high_rad) / 2), common_rad
 
@@ -65,14 +72,17 @@ def search(arcs: Sequence[Arcs], lines: Sequence[Lines3d], position_m: np.ndarra
 def refine(arcs: Sequence[Arcs], lines: Sequence[Lines3d], position_m: np.ndarray) -> tuple[np.ndarray, float]:
     """Position (3,) and turn (radians) of the query for which its arcs lie on the lines nearest to them.
 
-    Least squares on the angle between the middle of each arc and the plane through its line, arcs by their length, with Tukey's weights and
-    nearest lines taken anew at each step, under a tolerance that shrinks (FGPL refines on the sphere likewise, by intersections of lines).
+    Least squares on the angle between the middle of each arc and the plane through its line, arcs by their length, with
+    Tukey's weights and nearest lines taken anew at each step, under a tolerance that shrinks (FGPL refines on the
+    sphere likewise, by intersections of lines).
     """
     position_m, turn_rad = position_m.astype(np.float64), 0.0
     for tolerance_rad in REFINE_RAD:
         normal, gradient = np.diag([1e-4, 1e-4, 1e-4, 1e-2]), np.zeros(4)
         for axis in range(3):
-            residual_rad, weight, jacobian = _residuals(arcs[axis], lines[axis], axis, position_m, turn_rad, tolerance_rad)
+            residual_rad, weight, jacobian = _residuals(
+                arcs[axis], lines[axis], axis, position_m, turn_rad, tolerance_rad
+            )
             normal += jacobian.T @ (jacobian * weight[:, None])
             gradient += jacobian.T @ (residual_rad * weight)
         step = np.linalg.solve(normal, -gradient)
@@ -82,7 +92,8 @@ def refine(arcs: Sequence[Arcs], lines: Sequence[Lines3d], position_m: np.ndarra
 
 
 def _residuals(seen, lines, axis, position_m, turn_rad, tolerance_rad):
-    """Of the arcs that have a line within the tolerance: residual (K,), weight (K,), and the residual's derivatives (K, 4) by position and turn."""
+    """Of the arcs that have a line within the tolerance: residual (K,), weight (K,), and the residual's derivatives (K,
+    4) by position and turn."""
     middle_rad = seen.along_rad.mean(axis=1)
     radius = np.sin(middle_rad)
     height = (radius * np.sin(seen.around_rad), radius * np.cos(seen.around_rad), np.cos(middle_rad))[axis]

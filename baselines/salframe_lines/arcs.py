@@ -1,8 +1,9 @@
 """Segments along the three principal directions of a room, as arcs on the sphere and as lines in space.
 
-The principal frame of a panorama is its frame turned about the vertical until x and y run along the walls. A segment along axis k, seen in that
-frame, lies on a half circle through both poles of k, and has two coordinates: the half circle's angle around k, from axis k + 1 towards k + 2
-(cyclic), and the angles of its ends along it, measured from k's pole, in (0, pi). A line in space has its place across k and its ends along k.
+The principal frame of a panorama is its frame turned about the vertical until x and y run along the walls. A segment
+along axis k, seen in that frame, lies on a half circle through both poles of k, and has two coordinates: the half
+circle's angle around k, from axis k + 1 towards k + 2 (cyclic), and the angles of its ends along it, measured from k's
+pole, in (0, pi). A line in space has its place across k and its ends along k.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from salframe.geometry import rays_to_pixels, wrap_angle
+from salframe.panoramas.geometry import rays_to_pixels, wrap_angle
 
 OFF_AXIS_RAD = np.deg2rad(2.5)
 """A segment belongs to the axis whose pole its great circle passes this close to."""
@@ -35,7 +36,8 @@ class Arcs(NamedTuple):
 
 
 class Lines3d(NamedTuple):
-    """Lines along one axis k, in a principal frame: across_m (N, 2), on axes k + 1 and k + 2; along_m (N, 2), the lower end first."""
+    """Lines along one axis k, in a principal frame: across_m (N, 2), on axes k + 1 and k + 2; along_m (N, 2), the lower
+    end first."""
 
     across_m: np.ndarray
     along_m: np.ndarray
@@ -44,14 +46,17 @@ class Lines3d(NamedTuple):
 def principal_yaw(ends: np.ndarray) -> float:
     """The yaw_rad in [0, pi / 2) of the walls: what turns the principal frame into the frame of segments (N, 2, 3).
 
-    The panorama is upright, so that the vertical direction is known, and each segment that is horizontal in truth tells where it points to: the
-    horizontal line in the plane through it and the eye. The peak of a histogram over azimuth modulo 90 degrees, each segment by its length (LDL:
-    principal directions by votes on the sphere), then the mean of what lies around it.
+    The panorama is upright, so that the vertical direction is known, and each segment that is horizontal in truth tells
+    where it points to: the horizontal line in the plane through it and the eye. The peak of a histogram over azimuth
+    modulo 90 degrees, each segment by its length (LDL: principal directions by votes on the sphere), then the mean of
+    what lies around it.
     """
     normal = np.cross(ends[:, 0], ends[:, 1])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     level = np.hypot(normal[:, 0], normal[:, 1])  # 0: the segment lies on the horizon and points anywhere
-    votes = np.where(np.abs(normal[:, 2]) > np.sin(np.deg2rad(5)), level * _lengths(ends), 0)  # the others may be vertical
+    votes = np.where(
+        np.abs(normal[:, 2]) > np.sin(np.deg2rad(5)), level * _lengths(ends), 0
+    )  # the others may be vertical
     if not votes.any():
         return 0.0
     azimuth_rad = np.arctan2(normal[:, 0], -normal[:, 1])
@@ -70,7 +75,8 @@ def _lengths(ends):
 
 
 def arcs_along_axes(ends: np.ndarray, yaw_rad: float, limit: int) -> tuple[Arcs, Arcs, Arcs]:
-    """The segments (N, 2, 3) along the three axes of the principal frame; pieces of one line joined, the `limit` longest an axis, longest first.
+    """The segments (N, 2, 3) along the three axes of the principal frame; pieces of one line joined, the `limit`
+    longest an axis, longest first.
 
     Segments along no axis, or along two as far as one can see, are left out.
     """
@@ -99,7 +105,9 @@ def _joined(ends, limit):
     gap = np.maximum(along_rad[:, None, 0], along_rad[:, 0]) - np.minimum(along_rad[:, None, 1], along_rad[:, 1])
     count, line = connected_components((apart < SAME_LINE_RAD) & (gap < SAME_LINE_GAP_RAD), directed=False)
     weight = (along_rad[:, 1] - along_rad[:, 0]) * radius**2
-    mean_rad = np.arctan2(np.bincount(line, weight * np.sin(around_rad), count), np.bincount(line, weight * np.cos(around_rad), count))
+    mean_rad = np.arctan2(
+        np.bincount(line, weight * np.sin(around_rad), count), np.bincount(line, weight * np.cos(around_rad), count)
+    )
     reach_rad = np.stack([np.full(count, np.inf), np.full(count, -np.inf)], axis=1)
     np.minimum.at(reach_rad[:, 0], line, along_rad[:, 0])
     np.maximum.at(reach_rad[:, 1], line, along_rad[:, 1])
@@ -113,17 +121,19 @@ def quarter_turned(arcs: tuple[Arcs, Arcs, Arcs]) -> tuple[Arcs, Arcs, Arcs]:
     """The arcs turned by 90 degrees about the vertical: those along x come to lie along y, those along y along -x."""
     x, y, z = arcs
     return (
-        Arcs(np.pi / 2 - y.around_rad, np.pi - y.along_rad[:, ::-1]), Arcs(x.around_rad - np.pi / 2, x.along_rad),
+        Arcs(np.pi / 2 - y.around_rad, np.pi - y.along_rad[:, ::-1]),
+        Arcs(x.around_rad - np.pi / 2, x.along_rad),
         Arcs(z.around_rad + np.pi / 2, z.along_rad),
-    )  # fmt: skip
+    )
 
 
 def line_distances(arcs: Arcs, axis: int, yaw_rad: float, range_m: np.ndarray) -> np.ndarray:
-    """(N,) distance_m of the eye from the lines behind arcs along `axis`, by a range image (H, 2H); NaN where it is not known.
+    """(N,) distance_m of the eye from the lines behind arcs along `axis`, by a range image (H, 2H); NaN where it is not
+    known.
 
-    At points along the arc the range is taken, or that of the arc's one side or the other where it is much nearer: a line at which one surface
-    ends before another belongs to the nearer one. A range times the sine of its angle from the axis is the line's distance, the same all along
-    the line; the median is taken.
+    At points along the arc the range is taken, or that of the arc's one side or the other where it is much nearer: a
+    line at which one surface ends before another belongs to the nearer one. A range times the sine of its angle from
+    the axis is the line's distance, the same all along the line; the median is taken.
     """
     height = range_m.shape[0]
     shares = (np.arange(RANGE_SAMPLES) + 0.5) / RANGE_SAMPLES
@@ -132,7 +142,9 @@ def line_distances(arcs: Arcs, axis: int, yaw_rad: float, range_m: np.ndarray) -
     ranges_m = []
     for side in (-1, 0, 1):
         around_rad = arcs.around_rad[:, None] + side * beside_rad
-        local = np.stack([np.cos(along_rad), np.sin(along_rad) * np.cos(around_rad), np.sin(along_rad) * np.sin(around_rad)], axis=-1)
+        local = np.stack(
+            [np.cos(along_rad), np.sin(along_rad) * np.cos(around_rad), np.sin(along_rad) * np.sin(around_rad)], axis=-1
+        )
         x, y, z = np.moveaxis(np.roll(local, axis, axis=-1), -1, 0)
         c, s = np.cos(yaw_rad), np.sin(yaw_rad)
         columns, rows = rays_to_pixels(np.stack([c * x - s * y, s * x + c * y, z], axis=-1), height)
@@ -147,7 +159,8 @@ def line_distances(arcs: Arcs, axis: int, yaw_rad: float, range_m: np.ndarray) -
 
 
 def lifted(arcs: Arcs, distance_m: np.ndarray) -> Lines3d:
-    """The lines in space behind arcs, in the principal frame, by their distances (N,) from the eye; those of unknown distance are left out."""
+    """The lines in space behind arcs, in the principal frame, by their distances (N,) from the eye; those of unknown
+    distance are left out."""
     known = np.isfinite(distance_m)
     distance_m, around_rad, along_rad = distance_m[known], arcs.around_rad[known], arcs.along_rad[known]
     across_m = distance_m[:, None] * np.stack([np.cos(around_rad), np.sin(around_rad)], axis=1)

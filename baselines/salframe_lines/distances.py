@@ -1,4 +1,5 @@
-"""Line distance functions (LDL, section 3): how far each point of the sphere is from the nearest line along each principal direction."""
+"""Line distance functions (LDL, section 3): how far each point of the sphere is from the nearest line along each
+principal direction."""
 
 from __future__ import annotations
 
@@ -9,7 +10,8 @@ import numpy as np
 from salframe_lines.arcs import Arcs, Lines3d, seen_from
 
 CODES_PER_RAD, LARGEST_CODE = 128, 200
-"""Distances are kept as uint8, none larger than 1.56 rad: what is left of 256 keeps differences that wrap around from being small."""
+"""Distances are kept as uint8, none larger than 1.56 rad: what is left of 256 keeps differences that wrap around from
+being small."""
 CHUNK = 8
 """Positions computed at once: few enough that the arrays stay in the processor's cache."""
 
@@ -23,7 +25,8 @@ def sphere_points(count: int) -> np.ndarray:
 
 
 def distance_codes(arcs: Sequence[Arcs], points: np.ndarray) -> np.ndarray:
-    """(..., 3 Q) uint8: distances from each sphere point (Q, 3) to the nearest arc along x, then y, then z; arcs in batches (..., N)."""
+    """(..., 3 Q) uint8: distances from each sphere point (Q, 3) to the nearest arc along x, then y, then z; arcs in
+    batches (..., N)."""
     codes = []
     for axis, (around_rad, along_rad) in enumerate(arcs):
         cosine = _nearest_cosines(around_rad, along_rad, np.roll(points, -axis, axis=1))
@@ -32,10 +35,11 @@ def distance_codes(arcs: Sequence[Arcs], points: np.ndarray) -> np.ndarray:
 
 
 def _nearest_cosines(around_rad, along_rad, points):
-    """(..., Q) cosine of the angle from points (Q, 3), first coordinate along the arcs' axis, to the nearest arc; -1 where there is none.
+    """(..., Q) cosine of the angle from points (Q, 3), first coordinate along the arcs' axis, to the nearest arc; -1
+    where there is none.
 
-    In an arc's plane a point has two coordinates, along the axis and away from it: their length is the cosine to the great circle, which holds
-    between the arc's ends; elsewhere the nearer end counts.
+    In an arc's plane a point has two coordinates, along the axis and away from it: their length is the cosine to the
+    great circle, which holds between the arc's ends; elsewhere the nearer end counts.
     """
     around_rad, along_rad = around_rad.astype(np.float32)[..., None], along_rad.astype(np.float32)
     low_rad, high_rad = along_rad[..., 0, None], along_rad[..., 1, None]
@@ -51,10 +55,15 @@ def _nearest_cosines(around_rad, along_rad, points):
 def distance_codes_from(lines: Sequence[Lines3d], positions_m: np.ndarray, points: np.ndarray) -> np.ndarray:
     """(T, 3 Q) uint8: the same of lines in space, seen from positions (T, 3)."""
     chunks = [positions_m[i : i + CHUNK] for i in range(0, len(positions_m), CHUNK)]
-    return np.concatenate([distance_codes([seen_from(lines[k], k, chunk) for k in range(3)], points) for chunk in chunks])
+    return np.concatenate(
+        [distance_codes([seen_from(lines[k], k, chunk) for k in range(3)], points) for chunk in chunks]
+    )
 
 
 def agreeing_share(codes: np.ndarray, query: np.ndarray, within_rad: float) -> np.ndarray:
-    """(T,) share of the distances (T, 3 Q) that differ from a query's (3 Q,) by no more than `within_rad`: the inlier cost of LDL and FGPL."""
+    """(T,) share of the distances (T, 3 Q) that differ from a query's (3 Q,) by no more than `within_rad`: the inlier
+    cost of LDL and FGPL."""
     within = np.uint8(round(within_rad * CODES_PER_RAD))
-    return np.count_nonzero((codes - (query - within)) <= 2 * within, axis=1) / codes.shape[1]  # uint8 wraps: one comparison bounds both sides
+    return (
+        np.count_nonzero((codes - (query - within)) <= 2 * within, axis=1) / codes.shape[1]
+    )  # uint8 wraps: one comparison bounds both sides

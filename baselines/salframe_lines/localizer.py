@@ -8,10 +8,12 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from salframe.config import ComponentConfig
-from salframe.geometry import pose_2d
-from salframe.localizer import Description, Localizer, rank_places
-from salframe.types import Localization, MapFrame, Panorama
+from salframe.framework.config import ComponentConfig
+from salframe.localization.answers import Localization, LocalizationStatus
+from salframe.localization.localizer import Description, Localizer, rank_places
+from salframe.panoramas.frames import MapFrame
+from salframe.panoramas.geometry import pose_2d
+from salframe.panoramas.panorama import Panorama
 from salframe_lines.alignment import AGREE_RAD, agreement, refine, search
 from salframe_lines.arcs import Arcs, Lines3d, arcs_along_axes, lifted, line_distances, principal_yaw, quarter_turned
 from salframe_lines.distances import agreeing_share, distance_codes, distance_codes_from, sphere_points
@@ -25,7 +27,8 @@ OUTLIER_SHARE = 0.05
 
 
 class _MapLines(NamedTuple):
-    """What a map frame adds: T_world_principal (4, 4), its lines along each axis, whether they have their distances, and where a query may stand."""
+    """What a map frame adds: T_world_principal (4, 4), its lines along each axis, whether they have their distances,
+    and where a query may stand."""
 
     T_world_principal: np.ndarray
     lines: tuple[Lines3d, Lines3d, Lines3d]
@@ -34,10 +37,12 @@ class _MapLines(NamedTuple):
 
 
 class Lines(Localizer):
-    """Line segments of panorama and map on the sphere, after LDL (Kim et al. 2023) and FGPL (Kim et al. 2024); gives place and pose.
+    """Line segments of panorama and map on the sphere, after LDL (Kim et al. 2023) and FGPL (Kim et al. 2024); gives
+    place and pose.
 
-    Line distance functions along three principal directions are compared at a grid of positions and the four alignments of the directions of
-    upright panoramas (LDL, section 3); the best of them are aligned by geometry alone (FGPL), and the one that explains most of the lines answers.
+    Line distance functions along three principal directions are compared at a grid of positions and the four alignments
+    of the directions of upright panoramas (LDL, section 3); the best of them are aligned by geometry alone (FGPL), and
+    the one that explains most of the lines answers.
     """
 
     name = "lines"
@@ -46,12 +51,22 @@ class Lines(Localizer):
 
     class Config(ComponentConfig):
         max_lines: int = Field(100, ge=1, description="segments kept along each of the three directions, the longest")
-        sphere_points: int = Field(162, ge=1, description="points of the sphere at which distance functions are compared")
-        step_m: float = Field(0.35, gt=0, description="between the positions around a map frame that a query is looked for at")
+        sphere_points: int = Field(
+            162, ge=1, description="points of the sphere at which distance functions are compared"
+        )
+        step_m: float = Field(
+            0.35, gt=0, description="between the positions around a map frame that a query is looked for at"
+        )
         reach_m: float = Field(5.0, ge=0, description="how far from a map frame, along x and y, a query is looked for")
-        inlier_rad: float = Field(0.1, gt=0, le=0.3, description="distance functions agree where they differ by no more than this")
-        shortlist: int = Field(8, ge=1, description="pairs of map frame and turn, best by distance functions, that are aligned")
-        min_agreement: float = Field(0.1, ge=0, le=1, description="a pose that explains a smaller share of the query's lines is none")
+        inlier_rad: float = Field(
+            0.1, gt=0, le=0.3, description="distance functions agree where they differ by no more than this"
+        )
+        shortlist: int = Field(
+            8, ge=1, description="pairs of map frame and turn, best by distance functions, that are aligned"
+        )
+        min_agreement: float = Field(
+            0.1, ge=0, le=1, description="a pose that explains a smaller share of the query's lines is none"
+        )
 
     @property
     def needs(self) -> frozenset[str]:
@@ -60,13 +75,17 @@ class Lines(Localizer):
 
     def describe_identity(self) -> dict[str, Any]:
         """The settings that a description depends on."""
-        return {"localizer": self.name, "version": self.version, "settings": self.config.model_dump(mode="json", include=DESCRIBED_BY)}
+        return {
+            "localizer": self.name,
+            "version": self.version,
+            "settings": self.config.model_dump(mode="json", include=DESCRIBED_BY),
+        }
 
     def describe(self, panorama: Panorama) -> Description:
         """The lines of a panorama in its principal frame, 17 bytes each.
 
-        yaw_rad (): of the principal frame. axis (N,) uint8, around_rad (N,), along_rad (N, 2) float32: see salframe_lines.arcs; distance_m (N,)
-        float32 of the eye from the line, NaN where unknown.
+        yaw_rad (): of the principal frame. axis (N,) uint8, around_rad (N,), along_rad (N, 2) float32: see
+        salframe_lines.arcs; distance_m (N,) float32 of the eye from the line, NaN where unknown.
         """
         ends = find_segments(panorama.rgb, panorama.valid)
         yaw_rad = principal_yaw(ends)
@@ -84,17 +103,23 @@ class Lines(Localizer):
         }
 
     def index(self, descriptions: Sequence[Description], frames: Sequence[MapFrame]) -> None:
-        """Lift the lines, and compute their distance functions at every position a query is looked for at; they are no part of a saved map."""
+        """Lift the lines, and compute their distance functions at every position a query is looked for at; they are no
+        part of a saved map."""
         self._frames = list(frames)
         self._points = sphere_points(self.config.sphere_points)
-        self._map = [self._map_lines(description, frame) for description, frame in zip(descriptions, frames, strict=True)]
-        self._codes = np.concatenate([distance_codes_from(known.lines, known.positions_m, self._points) for known in self._map])
+        self._map = [
+            self._map_lines(description, frame) for description, frame in zip(descriptions, frames, strict=True)
+        ]
+        self._codes = np.concatenate(
+            [distance_codes_from(known.lines, known.positions_m, self._points) for known in self._map]
+        )
         self._starts = np.cumsum([0, *(len(known.positions_m) for known in self._map)])
 
     def match(self, description: Description) -> Localization:
-        """Compare distance functions everywhere, align the shortlist; a frame scores its share of agreeing distances, or 1 + its agreement."""
+        """Compare distance functions everywhere, align the shortlist; a frame scores its share of agreeing distances,
+        or 1 + its agreement."""
         if not len(description["axis"]):
-            return Localization((), None, "no-lines")
+            return Localization((), None, LocalizationStatus.NO_FEATURES)
         turned = [_arcs(description)]
         for _ in range(3):
             turned.append(quarter_turned(turned[-1]))
@@ -118,10 +143,15 @@ class Lines(Localizer):
                 x_m, y_m, z_m = position_m
                 yaw_rad = turn_rad + quarter * np.pi / 2 - float(description["yaw_rad"])
                 pose, most = known.T_world_principal @ pose_2d(x_m, y_m, yaw_rad, z_m), explained
-        return Localization(rank_places(self._frames, scores, pose), pose, "no-pose" if pose is None else "ok")
+        return Localization(
+            rank_places(self._frames, scores, pose),
+            pose,
+            LocalizationStatus.NO_POSE if pose is None else LocalizationStatus.OK,
+        )
 
     def _map_lines(self, description: Description, frame: MapFrame) -> _MapLines:
-        """The frame's lines, and a grid over the extent of their ends. Without range they are taken 1 m away: right as seen from the frame alone."""
+        """The frame's lines, and a grid over the extent of their ends. Without range they are taken 1 m away: right as
+        seen from the frame alone."""
         distance_m = description["distance_m"]
         has_range = bool(np.isfinite(distance_m).any())
         if not has_range:
@@ -137,9 +167,14 @@ class Lines(Localizer):
         ticks = []
         for axis in (0, 1):
             across_m = [lines[k].across_m[:, (axis - k) % 3 - 1] for k in range(3) if k != axis]
-            low_m, high_m = np.quantile(np.concatenate([lines[axis].along_m.ravel(), *across_m]), [OUTLIER_SHARE, 1 - OUTLIER_SHARE])
+            low_m, high_m = np.quantile(
+                np.concatenate([lines[axis].along_m.ravel(), *across_m]), [OUTLIER_SHARE, 1 - OUTLIER_SHARE]
+            )
             low_m, high_m = max(min(low_m, 0), -self.config.reach_m), min(max(high_m, 0), self.config.reach_m)
-            ticks.append(np.arange(np.ceil(low_m / self.config.step_m), np.floor(high_m / self.config.step_m) + 1) * self.config.step_m)
+            ticks.append(
+                np.arange(np.ceil(low_m / self.config.step_m), np.floor(high_m / self.config.step_m) + 1)
+                * self.config.step_m
+            )
         return np.stack(np.meshgrid(*ticks, 0.0), axis=-1).reshape(-1, 3)
 
 

@@ -1,4 +1,5 @@
-"""Line segments of an equirectangular panorama: straight lines are great circles on the sphere, and straight again in perspective views."""
+"""Line segments of an equirectangular panorama: straight lines are great circles on the sphere, and straight again in
+perspective views."""
 
 from __future__ import annotations
 
@@ -7,10 +8,11 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from salframe.geometry import rays_to_pixels
+from salframe.panoramas.geometry import rays_to_pixels
 
 FACE_FOV_RAD = np.deg2rad(100)
-"""Of each of the six views, the faces of a cube; what exceeds 90 degrees is overlap, so that no segment is lost on the seams."""
+"""Of each of the six views, the faces of a cube; what exceeds 90 degrees is overlap, so that no segment is lost on the
+seams."""
 LSD_SCALE = 0.8
 """LineSegmentDetector's own reduction of the image (von Gioi et al. 2012, section 2.1)."""
 MIN_LENGTH_PX = 10
@@ -21,9 +23,10 @@ EDGE_PX = 3
 def find_segments(rgb: np.ndarray, valid: np.ndarray | None) -> np.ndarray:
     """(N, 2, 3) float64 unit vectors in the panorama frame: the ends of the segments in an image (H, 2H, 3) uint8.
 
-    OpenCV's LineSegmentDetector ("LSD: a line segment detector", von Gioi et al. 2012) on six views as fine as the panorama. It compares
-    directions of gradients, so that light matters little: evening light costs weak segments, and raising the contrast first (CLAHE) costs more,
-    since texture turns into segments. valid (H, 2H) bool: where the panorama was seen, None for all of it.
+    OpenCV's LineSegmentDetector ("LSD: a line segment detector", von Gioi et al. 2012) on six views as fine as the
+    panorama. It compares directions of gradients, so that light matters little: evening light costs weak segments, and
+    raising the contrast first (CLAHE) costs more, since texture turns into segments. valid (H, 2H) bool: where the
+    panorama was seen, None for all of it.
     """
     height = rgb.shape[0]
     gray = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
@@ -59,10 +62,15 @@ _ROTATIONS = _rotations()
 
 @lru_cache(maxsize=4)
 def _faces(height: int) -> tuple[int, float, list[tuple[np.ndarray, np.ndarray]]]:
-    """Size and focal length (pixels) of the views of a panorama of this height, and the columns and rows they sample, in OpenCV's convention."""
+    """Size and focal length (pixels) of the views of a panorama of this height, and the columns and rows they sample,
+    in OpenCV's convention."""
     focal_px = height / np.pi
     size_px = round(2 * focal_px * np.tan(FACE_FOV_RAD / 2))
     y, x = np.mgrid[:size_px, :size_px] + 0.5
     rays = np.stack([(x - size_px / 2) / focal_px, (y - size_px / 2) / focal_px, np.ones_like(x)], axis=-1)
     pixels = [rays_to_pixels(rays @ rotation.T, height) for rotation in _ROTATIONS]
-    return size_px, focal_px, [((columns - 0.5).astype(np.float32), (rows - 0.5).astype(np.float32)) for columns, rows in pixels]
+    return (
+        size_px,
+        focal_px,
+        [((columns - 0.5).astype(np.float32), (rows - 0.5).astype(np.float32)) for columns, rows in pixels],
+    )

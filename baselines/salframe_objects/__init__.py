@@ -6,5 +6,5 @@ from salframe_objects.sovs import SalientVolumesLocalizer
 
 
 @salframe.hookimpl
-def salframe_components():
+def salframe_provides():
     return [ObjectSetLocalizer, SalientObjectsLocalizer, SalientVolumesLocalizer]

@@ -7,15 +7,17 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from salframe.localizer import Description, Localizer, rank_places
-from salframe.types import Localization, MapFrame
+from salframe.localization.answers import Localization, LocalizationStatus
+from salframe.localization.localizer import Description, Localizer, rank_places
+from salframe.panoramas.frames import MapFrame
 
 
 class WeightedLabels(Localizer):
-    """Weighted Jaccard index of labels: J = sum_l min(w_l, w'_l) / sum_l max(w_l, w'_l) over the labels l of query and map; no pose.
+    """Weighted Jaccard index of labels: J = sum_l min(w_l, w'_l) / sum_l max(w_l, w'_l) over the labels l of query and
+    map; no pose.
 
-    With weights of 1 it is the Jaccard index of sets, with numbers of objects that of multisets. A description holds `labels` (L,), each
-    once.
+    With weights of 1 it is the Jaccard index of sets, with numbers of objects that of multisets. A description holds
+    `labels` (L,), each once.
     """
 
     @abstractmethod
@@ -24,7 +26,9 @@ class WeightedLabels(Localizer):
 
     def index(self, descriptions: Sequence[Description], frames: Sequence[MapFrame]) -> None:
         self._map_frames = list(frames)
-        self._vocabulary = {label: i for i, label in enumerate(sorted({str(label) for d in descriptions for label in d["labels"]}))}
+        self._vocabulary = {
+            label: i for i, label in enumerate(sorted({str(label) for d in descriptions for label in d["labels"]}))
+        }
         self._weights = np.zeros((len(self._vocabulary), len(frames)))
         for scene, description in enumerate(descriptions):
             rows = [self._vocabulary[str(label)] for label in description["labels"]]
@@ -33,10 +37,10 @@ class WeightedLabels(Localizer):
     def match(self, description: Description) -> Localization:
         weight = self.weigh(description)
         if not len(weight):
-            return Localization((), None, "no-objects")
+            return Localization((), None, LocalizationStatus.NO_OBJECTS)
         row = np.array([self._vocabulary.get(str(label), -1) for label in description["labels"]])
         known = row >= 0
         shared = np.minimum(self._weights[row[known]], weight[known, None]).sum(0)
         score = shared / (self._weights.sum(0) + weight.sum() - shared)
         places = rank_places(self._map_frames, np.where(score > 0, score, -np.inf))
-        return Localization(places, None, "no-pose" if places else "no-match")
+        return Localization(places, None, LocalizationStatus.NO_POSE if places else LocalizationStatus.NO_MATCH)

@@ -1,4 +1,5 @@
-"""The localizers `objects` and `salient-objects`: which labels are there (the paper's rows "objects" and "salient objects")."""
+"""The localizers `objects` and `salient-objects`: which labels are there (the paper's rows "objects" and "salient
+objects")."""
 
 from __future__ import annotations
 
@@ -7,10 +8,11 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from salframe.config import ComponentConfig, identity, slot
-from salframe.localizer import Description
-from salframe.registry import registry
-from salframe.types import Panorama
+from salframe.framework.config import ComponentConfig, slot
+from salframe.framework.identity import identity
+from salframe.framework.registry import registry
+from salframe.localization.localizer import Description
+from salframe.panoramas.panorama import Panorama
 from salframe_objects.labels import WeightedLabels
 from salframe_objects.salient import SalientObjects
 
@@ -41,7 +43,11 @@ class ObjectSetLocalizer(WeightedLabels):
         return {"labels": labels, "counts": counts}
 
     def weigh(self, description: Description) -> np.ndarray:
-        return np.ones(len(description["labels"])) if self.config.labels == "set" else np.asarray(description["counts"], float)
+        return (
+            np.ones(len(description["labels"]))
+            if self.config.labels == "set"
+            else np.asarray(description["counts"], float)
+        )
 
     def scene_bytes(self, description: Description) -> int:
         """A 16-bit label index each, and a byte for the number where numbers are kept."""
@@ -51,9 +57,10 @@ class ObjectSetLocalizer(WeightedLabels):
 class SalientObjectsLocalizer(SalientObjects, WeightedLabels):
     """Jaccard index of labels weighted by their saliency; gives a place and no pose.
 
-    J = sum_l min(w_l, w'_l) / sum_l max(w_l, w'_l), where w_l is the sum of S^p over the objects with the label l in the query, w'_l in the
-    map frame, S the saliency and p `saliency_power`. The paper names "a collection of salient objects" and no formula: a weight for each
-    object, instead of a threshold, is our reading; p = 1/3 was the best of 0.33, 0.5 and 1 on buildings set aside for tuning.
+    J = sum_l min(w_l, w'_l) / sum_l max(w_l, w'_l), where w_l is the sum of S^p over the objects with the label l in
+    the query, w'_l in the map frame, S the saliency and p `saliency_power`. The paper names "a collection of salient
+    objects" and no formula: a weight for each object, instead of a threshold, is our reading; p = 1/3 was the best of
+    0.33, 0.5 and 1 on buildings set aside for tuning.
     """
 
     name = "salient-objects"

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 from pydantic import Field
 
-from salframe.config import ComponentConfig, slot
-from salframe.localizer import Localizer
-from salframe.registry import registry
-from salframe.types import Detections, Panorama
+from salframe.framework.config import ComponentConfig, slot
+from salframe.framework.registry import registry
+from salframe.graphs.detections import Detections
+from salframe.localization.localizer import Localizer
+from salframe.panoramas.panorama import Panorama
 
 
 class SalientObjects(Localizer):
@@ -17,7 +18,9 @@ class SalientObjects(Localizer):
     class Config(ComponentConfig):
         detector: slot("detector", "annotations")  # type: ignore[valid-type]
         saliency: slot("saliency", "volumetric")  # type: ignore[valid-type]
-        saliency_power: float = Field(1 / 3, ge=0, description="p of an object's weight S^p: 1 share of volume, 1/3 of length, 0 all alike")
+        saliency_power: float = Field(
+            1 / 3, ge=0, description="p of an object's weight S^p: 1 share of volume, 1/3 of length, 0 all alike"
+        )
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)

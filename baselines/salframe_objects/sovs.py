@@ -6,23 +6,26 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from salframe.localizer import Description, rank_places
-from salframe.types import Localization, MapFrame, NodeMatches, Panorama
+from salframe.localization.answers import Localization, LocalizationStatus, NodeMatches
+from salframe.localization.localizer import Description, rank_places
+from salframe.panoramas.frames import MapFrame
+from salframe.panoramas.panorama import Panorama
 from salframe_objects.salient import SalientObjects
 
 
 class SalientVolumesLocalizer(SalientObjects):
     """Salient objects matched one to one by label, saliency, direction and range; gives a place and no pose.
 
-    After SOVS (Meena et al. 2024, "volumetric saliency") as the paper tells of it: objects weighted by their share of the volume, with
-    "visual, spatial, and directional features", and no structure. How these make a score is our reading. Two objects a, b of a label share
+    After SOVS (Meena et al. 2024, "volumetric saliency") as the paper tells of it: objects weighted by their share of
+    the volume, with "visual, spatial, and directional features", and no structure. How these make a score is our
+    reading. Two objects a, b of a label share
 
         s_ab(t) = min(w_a, w_b) * max(cos(angle between the directions of a turned by t and b), 0) * min(r_a, r_b) / max(r_a, r_b)
 
-    with w = S^p, S the saliency and p `saliency_power`, and r the range in metres. M is the largest sum of s_ab(t) over one-to-one
-    matchings and turns t about the vertical, and the score M / (sum w + sum w' - M), the weighted Jaccard index of `salient-objects` object
-    by object. The heading of a panorama is arbitrary, so the turns tried are all that bring two objects of one label to the same azimuth.
-    Objects of unknown range are left out.
+    with w = S^p, S the saliency and p `saliency_power`, and r the range in metres. M is the largest sum of s_ab(t) over
+    one-to-one matchings and turns t about the vertical, and the score M / (sum w + sum w' - M), the weighted Jaccard
+    index of `salient-objects` object by object. The heading of a panorama is arbitrary, so the turns tried are all that
+    bring two objects of one label to the same azimuth. Objects of unknown range are left out.
     """
 
     name = "sovs"
@@ -40,10 +43,10 @@ class SalientVolumesLocalizer(SalientObjects):
 
     def match(self, description: Description) -> Localization:
         if not len(description["labels"]):
-            return Localization((), None, "no-objects")
+            return Localization((), None, LocalizationStatus.NO_OBJECTS)
         score = np.array([compare_places(description, place) for place in self._places])
         places = rank_places(self._map_frames, np.where(score > 0, score, -np.inf))
-        return Localization(places, None, "no-pose" if places else "no-match")
+        return Localization(places, None, LocalizationStatus.NO_POSE if places else LocalizationStatus.NO_MATCH)
 
     def correspond(self, query: Description, reference: Description) -> NodeMatches:
         """The one-to-one matching that the score is made of, without the pairs that add nothing to it."""

@@ -5,5 +5,5 @@ from salframe_annotations.detector import AnnotationDetector
 
 
 @salframe.hookimpl
-def salframe_components():
+def salframe_provides():
     return [AnnotationDetector]

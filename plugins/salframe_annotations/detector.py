@@ -3,32 +3,30 @@
 from __future__ import annotations
 
 import zlib
-from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
-from salframe.boxes import detections_from_points, upright_box
-from salframe.config import ComponentConfig
-from salframe.errors import InputMissing
-from salframe.geometry import equirectangular_rays, pose_2d, transform_points
-from salframe.roles import Detector
-from salframe.types import Annotations, Detections, Panorama
-
-MIN_PIXELS = 50
-"""An object that fills fewer pixels is not visible."""
+from salframe.framework.config import ComponentConfig, Settings
+from salframe.framework.errors import InputMissing
+from salframe.graphs.annotated import Annotated, annotated_objects, as_detections
+from salframe.graphs.boxes import upright_box
+from salframe.graphs.detections import Detections
+from salframe.graphs.detector import Detector
+from salframe.panoramas.panorama import Panorama
 
 
-class Noise(BaseModel):
+class Noise(Settings):
     """How often a detector errs, and by how much. Every draw is keyed by seed, frame and object."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
     missed: float = Field(0.0, ge=0, le=1, description="share of the objects not found")
     mislabelled: float = Field(0.0, ge=0, le=1, description="share of the objects given another label of the data set")
     split: float = Field(0.0, ge=0, le=1, description="share of the objects found as two halves")
     merged: float = Field(0.0, ge=0, le=1, description="share of the objects joined to the nearest of the same label")
-    range_share: float = Field(0.0, ge=0, description="standard deviation of an object's range, a share of the range, one factor an object")
+    range_share: float = Field(
+        0.0, ge=0, description="standard deviation of an object's range, a share of the range, one factor an object"
+    )
 
 
 LEVELS = {
@@ -57,69 +55,37 @@ class AnnotationDetector(Detector):
         annotations = panorama.annotations
         if annotations is None:
             raise InputMissing(f"{panorama.id} has no annotations, which the detector {self.name!r} reads")
-        if annotations.objects is None:
-            objects, vocabulary = objects_in_image(panorama), sorted(set(annotations.labels.values()))
-        else:
-            objects, vocabulary = objects_in_list(annotations), sorted(set(annotations.objects.labels))
+        objects = annotated_objects(panorama)
+        named = annotations.labels.values() if annotations.objects is None else annotations.objects.labels
+        vocabulary = sorted(set(named))
         noise = self.config.noise
         if isinstance(noise, str):
             auto = "realistic" if annotations.rendered else "none"
             noise = LEVELS[auto if noise == "auto" else noise]
         found = spoil(objects, vocabulary, noise, (self.config.seed, zlib.crc32(panorama.id.encode())))
-        return detections_from_points([o.label for o in found], np.ones(len(found)), [o.points_m for o in found])
-
-
-@dataclass(frozen=True)
-class Annotated:
-    """One annotated object: `key` keys its noise; points_m (n, 3) float32 in the panorama frame."""
-
-    key: int
-    label: str
-    points_m: np.ndarray
-
-
-def objects_in_image(panorama: Panorama) -> list[Annotated]:
-    """The visible objects of an instance image, by instance id. Raises InputMissing where the panorama has no range."""
-    annotations = panorama.annotations
-    if annotations is None or annotations.instance_id is None or panorama.range_m is None:
-        raise InputMissing(f"{panorama.id} lacks an instance image or range, expected both")
-    seen = (annotations.instance_id > 0) & (panorama.range_m > 0)
-    ids = annotations.instance_id[seen]
-    order = np.argsort(ids.astype(np.uint16) if ids.max(initial=0) < 2**16 else ids, kind="stable")
-    points = (equirectangular_rays(len(seen))[seen] * panorama.range_m[seen][:, None])[order]
-    instances, counts = np.unique(ids, return_counts=True)
-    ends = np.cumsum(counts)
-    return [
-        Annotated(int(instance), annotations.labels[int(instance)], points[end - count : end])
-        for instance, count, end in zip(instances, counts, ends, strict=True)
-        if count >= MIN_PIXELS and int(instance) in annotations.labels
-    ]
-
-
-def objects_in_list(annotations: Annotations) -> list[Annotated]:
-    """The objects of a list, each as the eight corners of its box; those of unknown range are left out."""
-    objects = annotations.objects
-    if objects is None:
-        return []
-    signs = np.array(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5])).reshape(3, 8).T
-    found = []
-    for i in np.flatnonzero(np.isfinite(objects.centroid_m).all(1)):
-        pose = pose_2d(*objects.centroid_m[i, :2], objects.yaw_rad[i], objects.centroid_m[i, 2])
-        corners = transform_points(pose, signs * objects.size_m[i])
-        found.append(Annotated(zlib.crc32(annotations.keys[i].encode()), objects.labels[i], corners.astype(np.float32)))
-    return found
+        return as_detections(found)
 
 
 def spoil(objects: list[Annotated], vocabulary: list[str], noise: Noise, seed: tuple[int, int]) -> list[Annotated]:
-    """The objects with a detector's errors. The draws of an object depend on the seed and its key alone, not on the other objects."""
+    """The objects with a detector's errors. The draws of an object depend on the seed and its key alone, not on the
+    other objects."""
     found: list[Annotated] = []
     for whole in objects:
         rng = np.random.default_rng((*seed, whole.key))
-        missed, mislabelled, split, merged = rng.random(4) < (noise.missed, noise.mislabelled, noise.split, noise.merged)
+        missed, mislabelled, split, merged = rng.random(4) < (
+            noise.missed,
+            noise.mislabelled,
+            noise.split,
+            noise.merged,
+        )
         factor, other = 1 + noise.range_share * rng.standard_normal(), int(rng.integers(max(len(vocabulary) - 1, 1)))
         if missed:
             continue
-        label = [name for name in vocabulary if name != whole.label][other] if mislabelled and len(vocabulary) > 1 else whole.label
+        label = (
+            [name for name in vocabulary if name != whole.label][other]
+            if mislabelled and len(vocabulary) > 1
+            else whole.label
+        )
         # An object is at no less than a tenth of its range, however unlucky the draw.
         spoilt = Annotated(whole.key, label, (whole.points_m * max(factor, 0.1)).astype(np.float32))
         if merged and (near := _nearest_alike(whole, objects)) is not None:

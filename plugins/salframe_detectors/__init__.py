@@ -4,7 +4,7 @@ import salframe
 
 
 @salframe.hookimpl
-def salframe_components():
+def salframe_provides():
     from salframe_detectors.detector import OnnxDetector
 
     return [OnnxDetector]

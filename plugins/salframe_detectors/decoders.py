@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from salframe.errors import WeightsMissing
+from salframe.framework.errors import WeightsMissing
 
 YOLOX_STRIDES_PX = (8, 16, 32)
 MASK_COEFFICIENTS = 32
@@ -19,8 +19,8 @@ MASK_COEFFICIENTS = 32
 class Found:
     """What a network found in one image.
 
-    box_px (n, 4) left, top, right, bottom, pixel centres at +0.5; score (n,) in [0, 1]; label (n,) int, the class; mask (n, height, width)
-    bool, or None where only boxes are known.
+    box_px (n, 4) left, top, right, bottom, pixel centres at +0.5; score (n,) in [0, 1]; label (n,) int, the class; mask
+    (n, height, width) bool, or None where only boxes are known.
     """
 
     box_px: np.ndarray
@@ -30,7 +30,9 @@ class Found:
 
     def take(self, index: np.ndarray) -> Found:
         """What was found at these positions."""
-        return Found(self.box_px[index], self.score[index], self.label[index], None if self.mask is None else self.mask[index])
+        return Found(
+            self.box_px[index], self.score[index], self.label[index], None if self.mask is None else self.mask[index]
+        )
 
     def masks(self) -> Sequence[np.ndarray | None]:
         """The mask of each, None where only boxes are known."""
@@ -39,7 +41,8 @@ class Found:
 
 @dataclass(frozen=True)
 class Question:
-    """What a decoder needs to know besides the numbers: the images' size, how many classes there are, the least score wanted."""
+    """What a decoder needs to know besides the numbers: the images' size, how many classes there are, the least score
+    wanted."""
 
     width_px: int
     height_px: int
@@ -55,10 +58,17 @@ def yolox(outputs: Sequence[np.ndarray], asked: Question) -> list[Found]:
     """YOLOX's raw grid (B, cells, 5 + classes): offset from the cell and log size in strides, objectness, classes."""
     cells = [(asked.height_px // stride, asked.width_px // stride, stride) for stride in YOLOX_STRIDES_PX]
     (raw,) = _shaped("yolox", outputs, (sum(rows * columns for rows, columns, _ in cells), 5 + asked.classes))
-    corner = np.concatenate([np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), -1).reshape(-1, 2) for rows, columns, _ in cells])
+    corner = np.concatenate(
+        [np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), -1).reshape(-1, 2) for rows, columns, _ in cells]
+    )
     stride_px = np.concatenate([np.full((rows * columns, 1), stride) for rows, columns, stride in cells])
     return [
-        _pick((image[:, :2] + corner) * stride_px, np.exp(np.minimum(image[:, 2:4], 20)) * stride_px, image[:, 4:5] * image[:, 5:], asked)
+        _pick(
+            (image[:, :2] + corner) * stride_px,
+            np.exp(np.minimum(image[:, 2:4], 20)) * stride_px,
+            image[:, 4:5] * image[:, 5:],
+            asked,
+        )
         for image in raw
     ]
 
@@ -76,21 +86,25 @@ def yolov8(outputs: Sequence[np.ndarray], asked: Question) -> list[Found]:
 
 
 def yolov8_seg(outputs: Sequence[np.ndarray], asked: Question) -> list[Found]:
-    """YOLOv8's segmentation: as yolov8 with 32 coefficients more a candidate, and (B, 32, h, w) prototypes that these weigh to masks."""
+    """YOLOv8's segmentation: as yolov8 with 32 coefficients more a candidate, and (B, 32, h, w) prototypes that these
+    weigh to masks."""
     wanted = (4 + asked.classes + MASK_COEFFICIENTS, None), (MASK_COEFFICIENTS, None, None)
     raw, prototypes = _shaped("yolov8-seg", outputs, *wanted)
     found = []
     for image, prototype in zip(raw, prototypes, strict=True):
         weights = image[4 + asked.classes :].T
         picked, kept = _pick_from(image[:2].T, image[2:4].T, image[4 : 4 + asked.classes].T, asked)
-        masks = [cv2.resize(np.tensordot(w, prototype, 1), (asked.width_px, asked.height_px)) > 0 for w in weights[kept]]
+        masks = [
+            cv2.resize(np.tensordot(w, prototype, 1), (asked.width_px, asked.height_px)) > 0 for w in weights[kept]
+        ]
         mask = np.array(masks, bool).reshape(-1, asked.height_px, asked.width_px)
         found.append(Found(picked.box_px, picked.score, picked.label, mask))
     return found
 
 
 def detr(outputs: Sequence[np.ndarray], asked: Question) -> list[Found]:
-    """DETR: logits (B, queries, classes + 1), the last "no object", softmax; boxes (B, queries, 4), centre and size as shares."""
+    """DETR: logits (B, queries, classes + 1), the last "no object", softmax; boxes (B, queries, 4), centre and size as
+    shares."""
     logits, boxes = _shaped("detr", outputs, (None, asked.classes + 1), (None, 4))
     odds = np.exp(logits - logits.max(-1, keepdims=True))
     return _pick_shares(boxes, (odds / odds.sum(-1, keepdims=True))[..., :-1], asked)
@@ -103,8 +117,13 @@ def rt_detr(outputs: Sequence[np.ndarray], asked: Question) -> list[Found]:
 
 
 DECODERS: dict[str, Decoder] = {
-    "yolox": yolox, "yolov5": yolov5, "yolov8": yolov8, "yolov8-seg": yolov8_seg, "detr": detr, "rt-detr": rt_detr,
-}  # fmt: skip
+    "yolox": yolox,
+    "yolov5": yolov5,
+    "yolov8": yolov8,
+    "yolov8-seg": yolov8_seg,
+    "detr": detr,
+    "rt-detr": rt_detr,
+}
 
 
 def suppress(found: Found, overlap: float) -> Found:
@@ -112,25 +131,32 @@ def suppress(found: Found, overlap: float) -> Found:
     if not len(found.score):
         return found
     corner, size = found.box_px[:, :2], found.box_px[:, 2:] - found.box_px[:, :2]
-    kept = cv2.dnn.NMSBoxesBatched(np.hstack([corner, size]).tolist(), found.score.tolist(), found.label.tolist(), 0.0, overlap)
+    kept = cv2.dnn.NMSBoxesBatched(
+        np.hstack([corner, size]).tolist(), found.score.tolist(), found.label.tolist(), 0.0, overlap
+    )
     return found.take(np.array(kept, int).ravel())
 
 
 def _shaped(name: str, outputs: Sequence[np.ndarray], *shapes: tuple[int | None, ...]) -> list[np.ndarray]:
-    """The outputs with these shapes after the batch axis (None: any length), in this order. Raises WeightsMissing where one is absent."""
+    """The outputs with these shapes after the batch axis (None: any length), in this order. Raises WeightsMissing where
+    one is absent."""
     found, left = [], list(range(len(outputs)))
     for shape in shapes:
         fitting = [i for i in left if _fits(outputs[i].shape[1:], shape)]
         if not fitting:
             received = ", ".join(_spell(output.shape[1:]) for output in outputs)
-            raise WeightsMissing(f"the network gives {received} an image, the decoder {name} expects {', '.join(map(_spell, shapes))}")
+            raise WeightsMissing(
+                f"the network gives {received} an image, the decoder {name} expects {', '.join(map(_spell, shapes))}"
+            )
         left.remove(fitting[0])
         found.append(outputs[fitting[0]])
     return found
 
 
 def _fits(received: Sequence[int], wanted: Sequence[int | None]) -> bool:
-    return len(received) == len(wanted) and all(length in (None, got) for length, got in zip(wanted, received, strict=True))
+    return len(received) == len(wanted) and all(
+        length in (None, got) for length, got in zip(wanted, received, strict=True)
+    )
 
 
 def _spell(shape: Sequence[int | None]) -> str:
@@ -139,15 +165,21 @@ def _spell(shape: Sequence[int | None]) -> str:
 
 def _pick_shares(boxes: np.ndarray, scores: np.ndarray, asked: Question) -> list[Found]:
     size_px = np.array([asked.width_px, asked.height_px])
-    return [_pick(box[:, :2] * size_px, box[:, 2:] * size_px, score, asked) for box, score in zip(boxes, scores, strict=True)]
+    return [
+        _pick(box[:, :2] * size_px, box[:, 2:] * size_px, score, asked)
+        for box, score in zip(boxes, scores, strict=True)
+    ]
 
 
 def _pick(centre_px: np.ndarray, size_px: np.ndarray, scores: np.ndarray, asked: Question) -> Found:
     return _pick_from(centre_px, size_px, scores, asked)[0]
 
 
-def _pick_from(centre_px: np.ndarray, size_px: np.ndarray, scores: np.ndarray, asked: Question) -> tuple[Found, np.ndarray]:
-    """The candidates (n, 2), (n, 2), (n, classes) that score enough, by their best class, cut at the border; and their positions."""
+def _pick_from(
+    centre_px: np.ndarray, size_px: np.ndarray, scores: np.ndarray, asked: Question
+) -> tuple[Found, np.ndarray]:
+    """The candidates (n, 2), (n, 2), (n, classes) that score enough, by their best class, cut at the border; and their
+    positions."""
     label = scores.argmax(1)
     score = scores[np.arange(len(scores)), label].astype(np.float64)
     kept = np.flatnonzero(score >= asked.min_score)

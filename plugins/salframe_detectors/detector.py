@@ -9,12 +9,13 @@ from typing import ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from salframe.boxes import detections_from_points
-from salframe.config import ComponentConfig
-from salframe.errors import ConfigError, InputMissing, WeightsMissing
-from salframe.roles import Detector
-from salframe.turning import from_near_side
-from salframe.types import Detections, Panorama
+from salframe.framework.config import ComponentConfig
+from salframe.framework.errors import ConfigError, InputMissing, WeightsMissing
+from salframe.graphs.boxes import detections_from_points
+from salframe.graphs.detections import Detections
+from salframe.graphs.detector import Detector
+from salframe.graphs.turning import from_near_side
+from salframe.panoramas.panorama import Panorama
 from salframe_detectors.decoders import DECODERS, Found, Question, suppress
 from salframe_detectors.depth import foreground
 from salframe_detectors.merging import group, outline
@@ -28,10 +29,11 @@ LEAST_PIXELS = 5
 
 
 class OnnxDetector(Detector):
-    """Any perspective detector in ONNX, on overlapping views that cover the sphere; what several views show comes out once.
+    """Any perspective detector in ONNX, on overlapping views that cover the sphere; what several views show comes out
+    once.
 
-    Works from colour alone; then nothing tells how far the objects are: labels and scores are known, every position is NaN, which is enough
-    for `objects` and too little for a graph.
+    Works from colour alone; then nothing tells how far the objects are: labels and scores are known, every position is
+    NaN, which is enough for `objects` and too little for a graph.
     """
 
     name = "onnx"
@@ -42,27 +44,38 @@ class OnnxDetector(Detector):
     class Config(ComponentConfig):
         model: str = Field("yolox-nano", description=f"path of an ONNX file, or weights to fetch: {', '.join(ZOO)}")
         decoder: Literal[tuple(DECODERS)] = Field("yolox", description="what the network's outputs mean")  # type: ignore[valid-type]
-        labels: Literal["coco-80"] | tuple[str, ...] = Field("coco-80", description="the classes in the network's order")
-        size_px: tuple[int, int] | None = Field(None, description="width and height of the network's images; null: as the file says")
+        labels: Literal["coco-80"] | tuple[str, ...] = Field(
+            "coco-80", description="the classes in the network's order"
+        )
+        size_px: tuple[int, int] | None = Field(
+            None, description="width and height of the network's images; null: as the file says"
+        )
         channels: Literal["bgr", "rgb"] = Field("bgr", description="order of the colours")
         scale: float = Field(1.0, gt=0, description="a colour from 0 to 255 becomes (colour * scale - mean) / std")
         mean: tuple[float, float, float] = Field((0, 0, 0), description="in the order of `channels`")
         std: tuple[float, float, float] = Field((1, 1, 1), description="in the order of `channels`")
         fill: int = Field(114, ge=0, le=255, description="colour of what a partial panorama did not see")
         min_score: float = Field(0.3, gt=0, le=1, description="a detection that scores less is none")
-        overlap: float = Field(0.45, gt=0, lt=1, description="boxes of a class in a view are one object above this intersection over union")
-        fov_deg: float = Field(90.0, ge=LEAST_FOV_DEG, le=120, description="field of view across the shorter side of a view")
+        overlap: float = Field(
+            0.45, gt=0, lt=1, description="boxes of a class in a view are one object above this intersection over union"
+        )
+        fov_deg: float = Field(
+            90.0, ge=LEAST_FOV_DEG, le=120, description="field of view across the shorter side of a view"
+        )
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
-        """Raises WeightsMissing where the file is no network, or takes or gives something else than the settings say; ConfigError."""
-        from salframe.onnx import open_model
+        """Raises WeightsMissing where the file is no network, or takes or gives something else than the settings say;
+        ConfigError."""
+        from salframe.framework.onnx import open_model
 
         super().__init__(config)
         self._path = _model_path(self.config.model)
         self._labels = COCO_80 if self.config.labels == "coco-80" else self.config.labels
         width, height = self.config.size_px or (None, None)
         self._model = open_model(self._path, [(None, 3, height, width)])
-        height, width = (own or wanted for own, wanted in zip(self._model.inputs[0].shape[2:], (height, width), strict=True))
+        height, width = (
+            own or wanted for own, wanted in zip(self._model.inputs[0].shape[2:], (height, width), strict=True)
+        )
         if width is None or height is None:
             raise ConfigError(f"{self._path} takes images of any size: say which, as size_px: [640, 640]")
         self._asked = Question(width, height, len(self._labels), self.config.min_score)
@@ -92,14 +105,20 @@ class OnnxDetector(Detector):
         if panorama.valid is not None:
             image = np.where(panorama.valid[..., None], image, np.uint8(self.config.fill))
         grid = self._rig.grid(len(image))
-        return self._join(self._look(self._rig.cut(image)), grid, None if panorama.range_m is None else grid.thin(panorama.range_m))
+        return self._join(
+            self._look(self._rig.cut(image)), grid, None if panorama.range_m is None else grid.thin(panorama.range_m)
+        )
 
     def _join(self, found: list[Found], grid: Grid, range_m: np.ndarray | None) -> Detections:
         """The objects behind what was found in each view; range_m (P,) at the grid's pixels."""
         view = np.repeat(np.arange(len(found)), [len(one.score) for one in found])
         label, score = (np.concatenate([getattr(one, name) for one in found]) for name in ("label", "score"))
         cut = self._rig.cuts(np.concatenate([one.box_px for one in found]))
-        marked = [grid.footprint(v, box, mask) for v, one in enumerate(found) for box, mask in zip(one.box_px, one.masks(), strict=True)]
+        marked = [
+            grid.footprint(v, box, mask)
+            for v, one in enumerate(found)
+            for box, mask in zip(one.box_px, one.masks(), strict=True)
+        ]
         footprint = np.array(marked, bool).reshape(len(view), len(grid.rays))
         known = ~cut | (footprint.sum(1) >= LEAST_PIXELS)
         labels, scores, points = [], [], []
@@ -119,7 +138,9 @@ class OnnxDetector(Detector):
         """What the network finds in each view (V, height, width, 3) uint8 RGB."""
         found = []
         ordered = views[..., ::-1] if self.config.channels == "bgr" else views
-        scale, mean, std = (np.float32(value).reshape(-1, 1, 1) for value in (self.config.scale, self.config.mean, self.config.std))
+        scale, mean, std = (
+            np.float32(value).reshape(-1, 1, 1) for value in (self.config.scale, self.config.mean, self.config.std)
+        )
         for first in range(0, len(views), BATCH):
             batch = ordered[first : first + BATCH].transpose(0, 3, 1, 2).astype(np.float32, order="C")
             batch *= scale
@@ -142,9 +163,14 @@ def _model_path(model: str) -> Path:
 
 
 def _detections(labels: list[str], scores: np.ndarray, points_m: list[np.ndarray] | None) -> Detections:
-    """Detections by the points behind them; where these are too few or there are none at all, position and size are NaN."""
+    """Detections by the points behind them; where these are too few or there are none at all, position and size are
+    NaN."""
     unknown = np.full((1, 3), np.nan, np.float32)
-    centroid, size, yaw = np.full((len(labels), 3), np.nan), np.full((len(labels), 3), np.nan), np.full(len(labels), np.nan)
+    centroid, size, yaw = (
+        np.full((len(labels), 3), np.nan),
+        np.full((len(labels), 3), np.nan),
+        np.full(len(labels), np.nan),
+    )
     if points_m is None:
         return Detections(tuple(labels), scores, centroid, size, yaw)
     known = [i for i, points in enumerate(points_m) if len(points) >= LEAST_PIXELS]

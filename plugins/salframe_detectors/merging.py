@@ -5,23 +5,27 @@ from __future__ import annotations
 import numpy as np
 
 AGREEMENT = 0.2
-"""Two views show the same object above this intersection over union. Low, because the box that a tilted view draws is another one on the
-sphere. Boxes around the objects of three rendered buildings, cut at the views' borders: of 1,995 objects 7 came out twice (24 at 0.45), one
-pair was mixed."""
+"""Two views show the same object above this intersection over union. Low, because the box that a tilted view draws is
+another one on the sphere. Boxes around the objects of three rendered buildings, cut at the views' borders: of 1,995
+objects 7 came out twice (24 at 0.45), one pair was mixed."""
 INSIDE = 0.3
-"""What a view's border left of an object belongs to one that covers more than this share of it. Of those 1,995 objects 70 came out twice without."""
+"""What a view's border left of an object belongs to one that covers more than this share of it. Of those 1,995 objects
+70 came out twice without."""
 LEAST_SHARED = 0.1
 """Two detections agree on no less than this share of the smaller: slivers at the border of two views prove nothing."""
 
 
-def group(footprint: np.ndarray, view: np.ndarray, cut: np.ndarray, seen: np.ndarray, solid_angle_sr: np.ndarray) -> list[np.ndarray]:
+def group(
+    footprint: np.ndarray, view: np.ndarray, cut: np.ndarray, seen: np.ndarray, solid_angle_sr: np.ndarray
+) -> list[np.ndarray]:
     """Which detections of one class are the same object: arrays of positions, one an object.
 
-    footprint (D, P) bool: the pixels of the sphere that each covers; view (D,) the view that it was found in; cut (D,) bool: it reaches that
-    view's border; seen (V, P) bool: the pixels that each view shows; solid_angle_sr (P,). Two views show the same object where, in the part of
-    the sphere that both show, the intersection of the detections over their union exceeds AGREEMENT: so what one view cuts off is made up by the
-    other. A view shows an object once; the pairs that agree most are joined first. What the borders of views leave of an object, too little to
-    agree with the others, then joins the larger detection that covers most of it, if it covers more than INSIDE.
+    footprint (D, P) bool: the pixels of the sphere that each covers; view (D,) the view that it was found in; cut (D,)
+    bool: it reaches that view's border; seen (V, P) bool: the pixels that each view shows; solid_angle_sr (P,). Two
+    views show the same object where, in the part of the sphere that both show, the intersection of the detections over
+    their union exceeds AGREEMENT: so what one view cuts off is made up by the other. A view shows an object once; the
+    pairs that agree most are joined first. What the borders of views leave of an object, too little to agree with the
+    others, then joins the larger detection that covers most of it, if it covers more than INSIDE.
     """
     used = footprint.any(0)
     covered, area = footprint[:, used].astype(np.float32), solid_angle_sr[used]
@@ -50,7 +54,8 @@ def group(footprint: np.ndarray, view: np.ndarray, cut: np.ndarray, seen: np.nda
 
 
 def outline(footprint: np.ndarray, view: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """(P,) bool: the pixels of an object found in several views: those that more than half of the views which show them count to it.
+    """(P,) bool: the pixels of an object found in several views: those that more than half of the views which show them
+    count to it.
 
     footprint (D, P), view (D,) and seen (V, P) as in `group`, of one object's detections.
     """

@@ -9,23 +9,25 @@ from itertools import accumulate
 import cv2
 import numpy as np
 
-from salframe.geometry import equirectangular_rays, rays_to_pixels
+from salframe.panoramas.geometry import equirectangular_rays, rays_to_pixels
 
 RINGS = ((8, 0.0), (4, np.pi / 3), (4, -np.pi / 3))
-"""Views in each ring and the ring's elevation_rad: around the horizon, up and down. The views of a ring are equally spaced, the first looks
-along +x, the others follow counter-clockwise. All repeat every quarter turn."""
+"""Views in each ring and the ring's elevation_rad: around the horizon, up and down. The views of a ring are equally
+spaced, the first looks along +x, the others follow counter-clockwise. All repeat every quarter turn."""
 LEAST_FOV_DEG = 75
 """With a smaller field of view some directions are in no view."""
 GRID_ROWS = 256
-"""The panorama's pixels are thinned to about this many rows where boxes are laid on it: 0.7 deg a pixel, finer than boxes are."""
+"""The panorama's pixels are thinned to about this many rows where boxes are laid on it: 0.7 deg a pixel, finer than
+boxes are."""
 
 
 @dataclass(frozen=True)
 class Rig:
     """Pinhole views of width_px x height_px; fov_rad is the field of view across the shorter side.
 
-    Pixel centres lie at +0.5 and the principal point in the image's centre, as in salframe.geometry. Every view of a ring is the first one,
-    taken of the panorama turned by whole columns: turning the panorama by as much gives the same pixels, bit for bit.
+    Pixel centres lie at +0.5 and the principal point in the image's centre, as in salframe.geometry. Every view of a
+    ring is the first one, taken of the panorama turned by whole columns: turning the panorama by as much gives the same
+    pixels, bit for bit.
     """
 
     width_px: int
@@ -39,7 +41,8 @@ class Rig:
 
     def cut(self, image: np.ndarray) -> np.ndarray:
         """(V, height_px, width_px, 3) uint8 views of an equirectangular uint8 image (H, 2H, 3), bilinear."""
-        # Far finer than the views: average first, or they alias. Of a height divisible by four quarter turns stay whole columns.
+        # Far finer than the views: average first, or they alias. Of a height divisible by four quarter turns stay whole
+        # columns.
         rows = 4 * round(self.focal_px * np.pi / 4)
         if image.shape[0] > 2 * rows:
             image = cv2.resize(image, (2 * rows, rows), interpolation=cv2.INTER_AREA)
@@ -64,8 +67,8 @@ class Rig:
 class Grid:
     """Every `step`-th pixel of a panorama, P = rows * columns of them, and where they lie in the views.
 
-    rays (P, 3) float32 unit vectors in the panorama frame; solid_angle_sr (P,) float64; seen (V, P) bool, the pixels that a view shows.
-    pixel, x_px, y_px: for each ring, the grid pixels that its first view shows and where, float32.
+    rays (P, 3) float32 unit vectors in the panorama frame; solid_angle_sr (P,) float64; seen (V, P) bool, the pixels
+    that a view shows. pixel, x_px, y_px: for each ring, the grid pixels that its first view shows and where, float32.
     """
 
     step: int
@@ -82,7 +85,8 @@ class Grid:
         return np.reshape(image[:: self.step, :: self.step], (self.shape[0] * self.shape[1], *image.shape[2:]))
 
     def footprint(self, view: int, box_px: np.ndarray, mask: np.ndarray | None = None) -> np.ndarray:
-        """(P,) bool: the grid's pixels inside a box (left, top, right, bottom) of a view, and inside its mask (height, width) if any."""
+        """(P,) bool: the grid's pixels inside a box (left, top, right, bottom) of a view, and inside its mask (height,
+        width) if any."""
         ring, turned = ring_of(view)
         x, y = self.x_px[ring], self.y_px[ring]
         inside = (x >= box_px[0]) & (x <= box_px[2]) & (y >= box_px[1]) & (y <= box_px[3])
@@ -102,26 +106,32 @@ def ring_of(view: int) -> tuple[int, int]:
 
 
 def _shift(turned: int, count: int, width: int) -> int:
-    """Columns to roll a panorama to the right by, so that the first of `count` views sees what the view at position `turned` saw."""
+    """Columns to roll a panorama to the right by, so that the first of `count` views sees what the view at position
+    `turned` saw."""
     return round(turned * width / count)
 
 
 def _turn(marked: np.ndarray, shape: tuple[int, int], turned: int, count: int) -> np.ndarray:
-    """The grid's pixels (P,) that the first of `count` views marks, brought to where the view at position `turned` marks them."""
+    """The grid's pixels (P,) that the first of `count` views marks, brought to where the view at position `turned`
+    marks them."""
     return np.roll(marked.reshape(shape), -_shift(turned, count, shape[1]), axis=1).ravel()
 
 
 def _axes(elevation_rad: float) -> np.ndarray:
-    """(3, 3) rows right, down and forward, in the panorama frame, of a view that looks along azimuth 0 and this elevation."""
+    """(3, 3) rows right, down and forward, in the panorama frame, of a view that looks along azimuth 0 and this
+    elevation."""
     c, s = np.cos(elevation_rad), np.sin(elevation_rad)
     return np.array([[0, -1, 0], [s, 0, -c], [c, 0, s]])
 
 
 @lru_cache(maxsize=4)
 def _sampling(rig: Rig, height: int) -> list[tuple[np.ndarray, np.ndarray]]:
-    """For the first view of each ring, the (height_px, width_px) float32 columns and rows it is sampled at, in OpenCV's pixels."""
+    """For the first view of each ring, the (height_px, width_px) float32 columns and rows it is sampled at, in OpenCV's
+    pixels."""
     y, x = np.mgrid[: rig.height_px, : rig.width_px] + 0.5
-    local = np.stack([(x - rig.width_px / 2) / rig.focal_px, (y - rig.height_px / 2) / rig.focal_px, np.ones_like(x)], -1)
+    local = np.stack(
+        [(x - rig.width_px / 2) / rig.focal_px, (y - rig.height_px / 2) / rig.focal_px, np.ones_like(x)], -1
+    )
     maps = []
     for _, elevation_rad in RINGS:
         columns, rows = rays_to_pixels(local @ _axes(elevation_rad), height)

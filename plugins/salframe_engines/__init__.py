@@ -12,10 +12,11 @@ from typing import Any
 from pydantic import Field
 
 import salframe
-from salframe.config import ComponentConfig
-from salframe.errors import SalframeError
-from salframe.processes import die_with_parent
-from salframe.roles import Component, Engine
+from salframe.evaluation.engine import Engine
+from salframe.framework.component import Component
+from salframe.framework.config import ComponentConfig
+from salframe.framework.errors import SalframeError
+from salframe.framework.processes import die_with_parent
 
 
 class Inline(Engine):
@@ -39,7 +40,9 @@ class Processes(Engine):
     version = "1"
 
     class Config(ComponentConfig):
-        workers: int = Field(1, ge=1, description="how many at a time; more than 1 makes the measured times compete for the machine")
+        workers: int = Field(
+            1, ge=1, description="how many at a time; more than 1 makes the measured times compete for the machine"
+        )
 
     def map(self, function: Callable[[Any], Any], items: Sequence[Any]) -> Iterator[Any]:
         with ThreadPoolExecutor(self.config.workers) as threads:
@@ -54,7 +57,9 @@ class Processes(Engine):
 def _alone(function: Callable[[Any], Any], item: Any) -> Any:
     """function(item) in a pool of one: a pool that breaks takes no other item with it."""
     try:
-        with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"), initializer=die_with_parent) as pool:
+        with ProcessPoolExecutor(
+            1, mp_context=multiprocessing.get_context("spawn"), initializer=die_with_parent
+        ) as pool:
             return pool.submit(function, item).result()
     except BrokenProcessPool:
         return SalframeError("its process died: killed, out of memory, or a fault in a library")
@@ -63,5 +68,5 @@ def _alone(function: Callable[[Any], Any], item: Any) -> Any:
 
 
 @salframe.hookimpl
-def salframe_components() -> list[type[Component]]:
+def salframe_provides() -> list[type[Component]]:
     return [Inline, Processes]

@@ -8,5 +8,5 @@ from salframe_graphs.saliency import VolumetricSaliency
 
 
 @salframe.hookimpl
-def salframe_components():
+def salframe_provides():
     return [VolumetricSaliency, TripletMatcher, RobustPositioner, LeastSquaresPositioner, SaliencyGraphLocalizer]

@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from salframe.geometry import wrap_angle
-from salframe.types import GraphMatch, MapFrame
+from salframe.graphs.matcher import GraphMatch
+from salframe.panoramas.frames import MapFrame
+from salframe.panoramas.geometry import wrap_angle
 
 _TURN_RAD = np.radians(30)
 """Turn at which two poses no longer agree: chance agreement of position is common, of both rare."""
@@ -17,7 +18,8 @@ _TURN_RAD = np.radians(30)
 def agree(matches: Sequence[GraphMatch], frames: Sequence[MapFrame], share: float, radius_m: float) -> list[GraphMatch]:
     """The matches, best first, each score raised by `share` of the scores of the matches that agree with it.
 
-    Agreement of two poses in the world falls from 1 to 0 at radius_m and at 30 degrees; matches without a pose keep their score.
+    Agreement of two poses in the world falls from 1 to 0 at radius_m and at 30 degrees; matches without a pose keep
+    their score.
     """
     posed = [i for i, match in enumerate(matches) if match.T_scene_query is not None]
     if len(posed) < 2:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from salframe.types import SaliencyGraph
+from salframe.graphs.graph import SaliencyGraph
 
 
 def label_one_hot(graph: SaliencyGraph, vocabulary: Mapping[str, int]) -> np.ndarray:
@@ -18,8 +18,11 @@ def label_one_hot(graph: SaliencyGraph, vocabulary: Mapping[str, int]) -> np.nda
     return hot
 
 
-def ring_hop_histograms(graph: SaliencyGraph, vocabulary: Mapping[str, int], ring_edges_m: Sequence[float], hops: int) -> np.ndarray:
-    """(N, (len(ring_edges_m) + hops) * L) float64: labels of the other nodes by distance ring, then by 1..hops edges away; unit rows.
+def ring_hop_histograms(
+    graph: SaliencyGraph, vocabulary: Mapping[str, int], ring_edges_m: Sequence[float], hops: int
+) -> np.ndarray:
+    """(N, (len(ring_edges_m) + hops) * L) float64: labels of the other nodes by distance ring, then by 1..hops edges
+    away; unit rows.
 
     Ring r holds the nodes nearer than ring_edges_m[r] and not nearer than the edge before.
     """
@@ -37,11 +40,14 @@ def ring_hop_histograms(graph: SaliencyGraph, vocabulary: Mapping[str, int], rin
     return features / np.maximum(np.linalg.norm(features, axis=1, keepdims=True), 1e-12)
 
 
-def node2vec(graphs: Sequence[SaliencyGraph], seed: int, size: int = 32, walks: int = 10, length: int = 8) -> list[np.ndarray]:
-    """node2vec (Grover and Leskovec 2016, p = q = 1) trained jointly on several graphs, (N, size) float64 unit rows for each.
+def node2vec(
+    graphs: Sequence[SaliencyGraph], seed: int, size: int = 32, walks: int = 10, length: int = 8
+) -> list[np.ndarray]:
+    """node2vec (Grover and Leskovec 2016, p = q = 1) trained jointly on several graphs, (N, size) float64 unit rows for
+    each.
 
-    Every second token of a walk is the label of the node before it: labels are shared between graphs and tie their embeddings together;
-    embeddings of separately trained graphs are not comparable (method.md 3).
+    Every second token of a walk is the label of the node before it: labels are shared between graphs and tie their
+    embeddings together; embeddings of separately trained graphs are not comparable (method.md 3).
     """
     from gensim.models import Word2Vec
 
@@ -57,6 +63,11 @@ def node2vec(graphs: Sequence[SaliencyGraph], seed: int, size: int = 32, walks: 
                     break
                 node = rng.choice(neighbours)
             sentences.append(sentence)
-    model = Word2Vec(sentences, vector_size=size, window=4, min_count=1, sg=1, workers=1, seed=seed, epochs=50, alpha=0.1)
-    vectors = [np.array([model.wv[f"{i}:{n}"] for n in range(len(graph))], float).reshape(-1, size) for i, graph in enumerate(graphs)]
+    model = Word2Vec(
+        sentences, vector_size=size, window=4, min_count=1, sg=1, workers=1, seed=seed, epochs=50, alpha=0.1
+    )
+    vectors = [
+        np.array([model.wv[f"{i}:{n}"] for n in range(len(graph))], float).reshape(-1, size)
+        for i, graph in enumerate(graphs)
+    ]
     return [v / np.maximum(np.linalg.norm(v, axis=1, keepdims=True), 1e-12) for v in vectors]

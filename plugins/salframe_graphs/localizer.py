@@ -8,12 +8,16 @@ from pathlib import Path
 import numpy as np
 from pydantic import Field
 
-from salframe.config import ComponentConfig, identity, slot
-from salframe.errors import InputMissing
-from salframe.graph import GraphConfig, build_graph, graph_from_arrays, graph_to_arrays, pack_graph, read_graphs, write_graphs
-from salframe.localizer import Description, Localizer, rank_places
-from salframe.registry import registry
-from salframe.types import Localization, MapFrame, NodeMatches, Panorama, SaliencyGraph
+from salframe.framework.config import ComponentConfig, slot
+from salframe.framework.errors import InputMissing
+from salframe.framework.identity import identity
+from salframe.framework.registry import registry
+from salframe.graphs.graph import GraphConfig, SaliencyGraph, build_graph
+from salframe.graphs.packing import graph_from_arrays, graph_to_arrays, pack_graph, read_graphs, write_graphs
+from salframe.localization.answers import Localization, LocalizationStatus, NodeMatches
+from salframe.localization.localizer import Description, Localizer, rank_places
+from salframe.panoramas.frames import MapFrame
+from salframe.panoramas.panorama import Panorama
 from salframe_graphs.agreement import agree
 
 
@@ -31,9 +35,17 @@ class SaliencyGraphLocalizer(Localizer):
         positioner: slot("positioner", "robust")  # type: ignore[valid-type]
         top_k: int = Field(20, ge=1, description="map graphs that the matcher ranks")
         min_score: float = Field(0.0, ge=0, description="a best match below this score is no answer")
-        agreement: float = Field(0.5, ge=0, description="share of the scores of matches that put the query in the same spot, added to a match's own")
-        agreement_radius_m: float = Field(1.5, gt=0, description="distance in the world at which two matches no longer agree")
-        nearest_scene: bool = Field(True, description="a match with a transition frame answers with the scene frame nearest to the pose")
+        agreement: float = Field(
+            0.5,
+            ge=0,
+            description="share of the scores of matches that put the query in the same spot, added to a match's own",
+        )
+        agreement_radius_m: float = Field(
+            1.5, gt=0, description="distance in the world at which two matches no longer agree"
+        )
+        nearest_scene: bool = Field(
+            True, description="a match with a transition frame answers with the scene frame nearest to the pose"
+        )
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)
@@ -48,10 +60,16 @@ class SaliencyGraphLocalizer(Localizer):
 
     def describe_identity(self) -> dict:
         stages = {name: identity(getattr(self.config, name)) for name in ("detector", "saliency")}
-        return {"localizer": self.name, "version": self.version, **stages, "graph": self.config.graph.model_dump(mode="json")}
+        return {
+            "localizer": self.name,
+            "version": self.version,
+            **stages,
+            "graph": self.config.graph.model_dump(mode="json"),
+        }
 
     def graph(self, panorama: Panorama) -> SaliencyGraph:
-        """The panorama's 360-degree saliency graph. Raises InputMissing where it has no range and the detector finds objects by colour alone."""
+        """The panorama's 360-degree saliency graph. Raises InputMissing where it has no range and the detector finds
+        objects by colour alone."""
         detections = self._detector.detect(panorama)
         if panorama.range_m is None and len(detections) and np.isnan(detections.centroid_m).any(1).all():
             raise InputMissing(
@@ -71,24 +89,26 @@ class SaliencyGraphLocalizer(Localizer):
     def match(self, description: Description) -> Localization:
         query = graph_from_arrays(description)
         if not len(query):
-            return Localization((), None, "no-objects")
+            return Localization((), None, LocalizationStatus.NO_OBJECTS)
         matches = self._matcher.match(query, self._index, self.config.top_k)
         if not matches:
-            return Localization((), None, "no-match")
+            return Localization((), None, LocalizationStatus.NO_MATCH)
         if matches[0].score < self.config.min_score:
-            return Localization((), None, "low-score")
+            return Localization((), None, LocalizationStatus.LOW_SCORE)
         if self.config.agreement:
             matches = agree(matches, self._map_frames, self.config.agreement, self.config.agreement_radius_m)
         scores = np.full(len(self._map_frames), -np.inf)
         scores[[match.scene for match in matches]] = [match.score for match in matches]
         best = matches[0]
         nodes, reference = best.pairs[:, 0], self._graphs[best.scene]
-        pose = self._positioner.solve(query.centroid_m[nodes], reference.centroid_m[best.pairs[:, 1]], query.saliency[nodes])
+        pose = self._positioner.solve(
+            query.centroid_m[nodes], reference.centroid_m[best.pairs[:, 1]], query.saliency[nodes]
+        )
         if pose.T_reference_query is None:
-            return Localization(rank_places(self._map_frames, scores), None, "no-pose")
+            return Localization(rank_places(self._map_frames, scores), None, LocalizationStatus.NO_POSE)
         T_world_query = self._map_frames[best.scene].T_world_pano @ pose.T_reference_query
         places = rank_places(self._map_frames, scores, T_world_query if self.config.nearest_scene else None)
-        return Localization(places, T_world_query, "ok", pose.covariance)
+        return Localization(places, T_world_query, LocalizationStatus.OK, pose.covariance)
 
     def correspond(self, query: Description, reference: Description) -> NodeMatches:
         """The node alignment of the two graphs, in a map of this one reference."""

@@ -10,19 +10,20 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field
 
-from salframe.config import ComponentConfig
-from salframe.errors import RequirementMissing
-from salframe.roles import GraphMatcher
-from salframe.types import GraphMatch, SaliencyGraph
+from salframe.framework.config import ComponentConfig
+from salframe.framework.errors import RequirementMissing
+from salframe.graphs.graph import SaliencyGraph
+from salframe.graphs.matcher import GraphMatch, GraphMatcher
 from salframe_graphs.features import node2vec, ring_hop_histograms
 from salframe_graphs.verification import Verified, verify
 
 
 @dataclass(frozen=True)
 class GraphIndex:
-    """A map's S graphs, laid out for matching: counts (L, S), a row a label, so that a query reads its own labels' rows; rarity (L,),
-    inverse document frequency. The nodes padded to the largest graph, m nodes: label (S, m), -1 where padded;
-    centroid_m, size_m (S, m, 3); saliency (S, m); features (S, m, F); weight (S, m), what a node counts in the score, 0 where padded.
+    """A map's S graphs, laid out for matching: counts (L, S), a row a label, so that a query reads its own labels'
+    rows; rarity (L,), inverse document frequency. The nodes padded to the largest graph, m nodes: label (S, m), -1
+    where padded; centroid_m, size_m (S, m, 3); saliency (S, m); features (S, m, F); weight (S, m), what a node counts
+    in the score, 0 where padded.
     """
 
     graphs: tuple[SaliencyGraph, ...]
@@ -44,28 +45,54 @@ class TripletMatcher(GraphMatcher):
     version = "2"
 
     class Config(ComponentConfig):
-        labels: Literal["set", "multiset"] = Field("multiset", description="Jaccard index over which labels are there, or how many of each")
-        rarity: bool = Field(True, description="weigh labels by their smooth inverse document frequency over the map, ln((1 + S) / (1 + s)) + 1")
+        labels: Literal["set", "multiset"] = Field(
+            "multiset", description="Jaccard index over which labels are there, or how many of each"
+        )
+        rarity: bool = Field(
+            True,
+            description="weigh labels by their smooth inverse document frequency over the map, ln((1 + S) / (1 + s)) + 1",
+        )
         confidence: bool = Field(True, description="a node counts in the score as much as its detector is sure of it")
-        keep: float = Field(0.25, ge=0, le=1, description="candidates: Jaccard index at least this share of the best (paper: 0.6)")
-        height_scale_m: float | None = Field(0.2, gt=0, description="difference in height that halves node similarity; null: height ignored")
+        keep: float = Field(
+            0.25, ge=0, le=1, description="candidates: Jaccard index at least this share of the best (paper: 0.6)"
+        )
+        height_scale_m: float | None = Field(
+            0.2, gt=0, description="difference in height that halves node similarity; null: height ignored"
+        )
         size_scale: tuple[float, float] | None = Field(
-            (0.8, 0.5), description="log ratios of box length and box height that halve node similarity; null: size ignored"
+            (0.8, 0.5),
+            description="log ratios of box length and box height that halve node similarity; null: size ignored",
         )
         structure: Literal["rings", "node2vec"] = Field("rings", description="structural feature of a node")
         ring_edges_m: tuple[float, ...] = Field((1.0, 2.0, 4.0), description="outer edges of the distance rings")
         hops: int = Field(2, ge=0, description="context hops whose labels are counted")
-        saliency_weight: float = Field(0.0, ge=0, description="weight of the saliency ratio in node similarity (label: 1)")
-        structure_weight: float = Field(0.3, ge=0, description="weight of the structural feature in node similarity (label: 1)")
+        saliency_weight: float = Field(
+            0.0, ge=0, description="weight of the saliency ratio in node similarity (label: 1)"
+        )
+        structure_weight: float = Field(
+            0.3, ge=0, description="weight of the structural feature in node similarity (label: 1)"
+        )
         least_similarity: float = Field(0.1, ge=0, le=1, description="node pairs below this similarity are rejected")
         normalise: bool = Field(True, description="divide the triplet score by the query's edge mass (paper: raw sum)")
-        similarity_score: float = Field(1.0, ge=0, description="weight in the score of the Jaccard index over aligned nodes")
+        similarity_score: float = Field(
+            1.0, ge=0, description="weight in the score of the Jaccard index over aligned nodes"
+        )
         triplet_score: float = Field(0.0, ge=0, description="weight in the score of the triplets")
-        edge_weights: Literal["saliency", "unit"] = Field("saliency", description="what a triplet counts: sqrt(S_a S_b), or 1 (an unweighted graph)")
-        geometry_score: float = Field(2.0, ge=0, description="weight in the score of the nodes consistent with one pose; 0: no verification")
-        tolerance_m: float = Field(0.3, gt=0, description="verification: distance at which two nodes cannot be one, at no range")
-        tolerance_share: float = Field(0.05, ge=0, description="verification: added tolerance, a share of the nodes' ranges")
-        largest_shift_m: float = Field(6.0, gt=0, description="verification: a query this far from a map frame is not matched to it")
+        edge_weights: Literal["saliency", "unit"] = Field(
+            "saliency", description="what a triplet counts: sqrt(S_a S_b), or 1 (an unweighted graph)"
+        )
+        geometry_score: float = Field(
+            2.0, ge=0, description="weight in the score of the nodes consistent with one pose; 0: no verification"
+        )
+        tolerance_m: float = Field(
+            0.3, gt=0, description="verification: distance at which two nodes cannot be one, at no range"
+        )
+        tolerance_share: float = Field(
+            0.05, ge=0, description="verification: added tolerance, a share of the nodes' ranges"
+        )
+        largest_shift_m: float = Field(
+            6.0, gt=0, description="verification: a query this far from a map frame is not matched to it"
+        )
         seed: int = Field(0, ge=0, description="seed of node2vec")
 
     @classmethod
@@ -79,7 +106,12 @@ class TripletMatcher(GraphMatcher):
         shape = (len(graphs), max((len(graph) for graph in graphs), default=0))
         counts = np.zeros((len(vocabulary), len(graphs)))
         label = np.full(shape, -1)
-        centroid, size, saliency, sureness = np.zeros((*shape, 3)), np.ones((*shape, 3)), np.zeros(shape), np.zeros(shape)
+        centroid, size, saliency, sureness = (
+            np.zeros((*shape, 3)),
+            np.ones((*shape, 3)),
+            np.zeros(shape),
+            np.zeros(shape),
+        )
         features = np.zeros((*shape, self._features(graphs[0], vocabulary).shape[1] if graphs else 0))
         for s, graph in enumerate(graphs):
             n = len(graph)
@@ -92,14 +124,27 @@ class TripletMatcher(GraphMatcher):
             counts = np.minimum(counts, 1)
         scenes = (counts > 0).sum(1)
         rarity = np.log((1 + len(graphs)) / (1 + scenes)) + 1 if self.config.rarity else np.ones(len(vocabulary))
-        return GraphIndex(tuple(graphs), vocabulary, counts, rarity, label, centroid, size, saliency, features, sureness * rarity[label])
+        return GraphIndex(
+            tuple(graphs),
+            vocabulary,
+            counts,
+            rarity,
+            label,
+            centroid,
+            size,
+            saliency,
+            features,
+            sureness * rarity[label],
+        )
 
     def match(self, query: SaliencyGraph, index: GraphIndex, top_k: int) -> list[GraphMatch]:
         known = np.array([index.vocabulary.get(label, -1) for label in query.labels], int)
         if not (known >= 0).any():
             return []
         # A label that the map lacks is as rare as can be.
-        rarity = np.where(known >= 0, index.rarity[known], np.log(1 + len(index.graphs)) + 1 if self.config.rarity else 1.0)
+        rarity = np.where(
+            known >= 0, index.rarity[known], np.log(1 + len(index.graphs)) + 1 if self.config.rarity else 1.0
+        )
         jaccard = self._jaccard(query.labels, known, rarity, index)
         candidates = np.flatnonzero((jaccard > 0) & (jaccard >= self.config.keep * jaccard.max()))
         weight = self._sureness(query) * rarity
@@ -118,7 +163,9 @@ class TripletMatcher(GraphMatcher):
             triplets = [self._triplets(query, index.graphs[s], p) for s, p in zip(candidates, pairs, strict=True)]
             score += self.config.triplet_score * np.array(triplets)
         order = np.lexsort((-jaccard[candidates], -score))[:top_k]
-        return [GraphMatch(int(candidates[k]), float(score[k]), self._align(alike[k], kernel[k]), poses[k]) for k in order]
+        return [
+            GraphMatch(int(candidates[k]), float(score[k]), self._align(alike[k], kernel[k]), poses[k]) for k in order
+        ]
 
     def _sureness(self, graph: SaliencyGraph) -> np.ndarray:
         """(N,) what each node counts before its label's rarity: its detector's score, or 1."""
@@ -139,7 +186,9 @@ class TripletMatcher(GraphMatcher):
         union = index.rarity @ index.counts + weight @ number - shared
         return np.divide(shared, union, out=np.zeros(len(shared)), where=union > 0)
 
-    def _similarity(self, query: SaliencyGraph, known: np.ndarray, index: GraphIndex, candidates: np.ndarray) -> np.ndarray:
+    def _similarity(
+        self, query: SaliencyGraph, known: np.ndarray, index: GraphIndex, candidates: np.ndarray
+    ) -> np.ndarray:
         """(K, n, m) node similarity in [0, 1], 0 where labels differ: height, size, saliency ratio, structural feature."""
         same = (known[None, :, None] == index.label[candidates][:, None]) & (known >= 0)[None, :, None]
         a, b = query.saliency[None, :, None], index.saliency[candidates][:, None]
@@ -165,8 +214,8 @@ class TripletMatcher(GraphMatcher):
         return similarity
 
     def _shared(self, similarity: np.ndarray, weight: np.ndarray, reference: np.ndarray) -> np.ndarray:
-        """(K,) Jaccard index over nodes of weight (n,) and reference (K, m), each shared by its similarity to the most similar node of the other
-        graph."""
+        """(K,) Jaccard index over nodes of weight (n,) and reference (K, m), each shared by its similarity to the most
+        similar node of the other graph."""
         shared = np.minimum(similarity.max(2) @ weight, (similarity.max(1) * reference).sum(1))
         whole = weight.sum() + reference.sum(1) - shared
         return np.divide(shared, whole, out=np.zeros(len(shared)), where=whole > 0)
@@ -180,7 +229,8 @@ class TripletMatcher(GraphMatcher):
         )
 
     def _align(self, similarity: np.ndarray, kernel: np.ndarray) -> np.ndarray:
-        """(M, 2) one-to-one node pairs: those that one pose explains (kernel) where there are two, else of greatest total similarity."""
+        """(M, 2) one-to-one node pairs: those that one pose explains (kernel) where there are two, else of greatest
+        total similarity."""
         from scipy.optimize import linear_sum_assignment
 
         for value in (kernel, similarity):
@@ -191,7 +241,8 @@ class TripletMatcher(GraphMatcher):
         return np.column_stack([rows[accepted], columns[accepted]])
 
     def _triplets(self, query: SaliencyGraph, reference: SaliencyGraph, pairs: np.ndarray) -> float:
-        """I = sum(W o M) over edges present in both graphs between aligned nodes; without edges in the query, the aligned saliency."""
+        """I = sum(W o M) over edges present in both graphs between aligned nodes; without edges in the query, the
+        aligned saliency."""
         if not len(query.edges):
             return float(query.saliency[pairs[:, 0]].sum())
         a, b = np.triu_indices(len(pairs), 1)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from salframe.boxes import LEAST_SIDE_M
-from salframe.roles import SaliencyModel
-from salframe.types import Detections
+from salframe.graphs.boxes import LEAST_SIDE_M
+from salframe.graphs.detections import Detections
+from salframe.graphs.saliency import SaliencyModel
 
 
 class VolumetricSaliency(SaliencyModel):
-    """Share of the volume of all objects: S_b = V_b / sum(V), V_b the convex hull's; 0 where it is not known, equal shares where none is."""
+    """Share of the volume of all objects: S_b = V_b / sum(V), V_b the convex hull's; 0 where it is not known, equal
+    shares where none is."""
 
     name = "volumetric"
     version = "1"
@@ -21,8 +22,8 @@ class VolumetricSaliency(SaliencyModel):
 
 
 def object_volumes_m3(detections: Detections) -> np.ndarray:
-    """(N,) float64 m^3: the convex hull of an object's points; the upright box where they are flat or too few, or where only boxes are known; NaN
-    where the size is not known."""
+    """(N,) float64 m^3: the convex hull of an object's points; the upright box where they are flat or too few, or where
+    only boxes are known; NaN where the size is not known."""
     from scipy.spatial import ConvexHull, QhullError
 
     volume = detections.size_m.prod(1)

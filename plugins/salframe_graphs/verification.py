@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from salframe.geometry import pose_2d
+from salframe.panoramas.geometry import pose_2d
 
 
 @dataclass(frozen=True)
@@ -25,17 +25,26 @@ class Verified:
 
     def poses(self) -> list[np.ndarray | None]:
         """The best pose of each candidate (4, 4), query frame to map frame; None where there is none."""
-        return [None if np.isnan(yaw) else pose_2d(*shift, yaw) for yaw, shift in zip(self.yaw_rad, self.shift_m, strict=True)]
+        return [
+            None if np.isnan(yaw) else pose_2d(*shift, yaw)
+            for yaw, shift in zip(self.yaw_rad, self.shift_m, strict=True)
+        ]
 
 
 def verify(
-    query_xy: np.ndarray, map_xy: np.ndarray, similarity: np.ndarray, tolerance_m: np.ndarray, weights: np.ndarray,
-    largest_shift_m: float, most_hypotheses: int = 120,
-) -> Verified:  # fmt: skip
+    query_xy: np.ndarray,
+    map_xy: np.ndarray,
+    similarity: np.ndarray,
+    tolerance_m: np.ndarray,
+    weights: np.ndarray,
+    largest_shift_m: float,
+    most_hypotheses: int = 120,
+) -> Verified:
     """Two-point hypotheses from alike nodes, each scored by all alike nodes.
 
-    query_xy (n, 2), map_xy (K, m, 2) metres; similarity (K, n, m), 0 where two nodes cannot be the same; tolerance_m (K, n, m); weights (n,).
-    A pose further than largest_shift_m from the map frame is none. Per candidate the `most_hypotheses` with the most similar pairs are tried.
+    query_xy (n, 2), map_xy (K, m, 2) metres; similarity (K, n, m), 0 where two nodes cannot be the same; tolerance_m
+    (K, n, m); weights (n,). A pose further than largest_shift_m from the map frame is none. Per candidate the
+    `most_hypotheses` with the most similar pairs are tried.
     """
     candidates, n, m = similarity.shape
     pair_k, pair_i, pair_j = np.nonzero(similarity)
@@ -45,11 +54,18 @@ def verify(
     query_edge, map_edge = query_xy[i2] - query_xy[i1], map_xy[k, j2] - map_xy[k, j1]
     query_length, map_length = np.hypot(*query_edge.T), np.hypot(*map_edge.T)
     slack = tolerance_m[k, i1, j1] + tolerance_m[k, i2, j2]
-    possible = (i1 != i2) & (j1 != j2) & (np.abs(query_length - map_length) < slack) & (np.minimum(query_length, map_length) > 0.3)
+    possible = (
+        (i1 != i2)
+        & (j1 != j2)
+        & (np.abs(query_length - map_length) < slack)
+        & (np.minimum(query_length, map_length) > 0.3)
+    )
     rank = np.where(possible, value[first] + value[second] + 0.1 * np.minimum(query_length, 4.0), -np.inf)
     chosen = _best_per_candidate(rank, k, most_hypotheses)
     k, i1, j1, i2, j2 = k[chosen], i1[chosen], j1[chosen], i2[chosen], j2[chosen]
-    yaw = np.arctan2(map_edge[chosen, 1], map_edge[chosen, 0]) - np.arctan2(query_edge[chosen, 1], query_edge[chosen, 0])
+    yaw = np.arctan2(map_edge[chosen, 1], map_edge[chosen, 0]) - np.arctan2(
+        query_edge[chosen, 1], query_edge[chosen, 0]
+    )
     c, s = np.cos(yaw), np.sin(yaw)
     rotation_t = np.stack([np.stack([c, s], 1), np.stack([-s, c], 1)], 1)
     middle = (query_xy[i1] + query_xy[i2]) / 2

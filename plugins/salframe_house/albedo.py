@@ -10,7 +10,10 @@ from salframe_house.textures import MAX_PATTERN, TILE, texture_kind, texture_til
 from salframe_house.tracing import Surface
 
 _LEVELS = 6
-_SLOT_ROWS, _SLOT_COLUMNS = TILE + 2, TILE + TILE // 2 + 4  # a tile and its smaller levels, each with a border of one texel
+_SLOT_ROWS, _SLOT_COLUMNS = (
+    TILE + 2,
+    TILE + TILE // 2 + 4,
+)  # a tile and its smaller levels, each with a border of one texel
 _ATLAS_COLUMNS = 16
 _STEP = MAX_PATTERN / 65535
 _SHARPNESS = 0.5  # pixels over which a texture is averaged: sharper than 1, short of visible aliasing
@@ -46,12 +49,15 @@ class SurfaceColor:
         corner = self._uv_m[triangle]
         uv_m = corner[:, 0] + (corner[:, 1] - corner[:, 0]) * surface.weight_u[:, None]
         uv_m += (corner[:, 2] - corner[:, 0]) * surface.weight_v[:, None]
-        # The footprint is an ellipse, longer where the surface is slanted; its geometric mean is between blur and aliasing.
+        # The footprint is an ellipse, longer where the surface is slanted; its geometric mean is between blur and
+        # aliasing.
         cosine = np.maximum(np.abs(np.einsum("ij,ij->i", surface.normal, surface.direction)), 0.06)
         footprint_m = np.nan_to_num(surface.range_m) * np.float32(pixel_rad) / np.sqrt(cosine)
         extent_m = self._extent_m[triangle]
         pattern = _lookup(self._atlas, self._slot[triangle], uv_m / extent_m, footprint_m / extent_m.min(axis=1))
-        wear = _lookup(self._wear, np.zeros(len(triangle), np.int32), uv_m / np.float32(_WEAR_M), footprint_m / np.float32(_WEAR_M))[:, :1]
+        wear = _lookup(
+            self._wear, np.zeros(len(triangle), np.int32), uv_m / np.float32(_WEAR_M), footprint_m / np.float32(_WEAR_M)
+        )[:, :1]
         pattern *= 1 + self._wear_contrast[triangle, None] * (wear - 1) * np.float32(5)
         return np.minimum(pattern * self._color[triangle], np.float32(_LARGEST_ALBEDO))
 
@@ -59,9 +65,12 @@ class SurfaceColor:
 def _anchors_m(scene: Scene) -> np.ndarray:
     """(F, 2) float32 shift of each triangle's texture, so that surfaces that start at (0, 0) alike do not look alike.
 
-    Furniture is shifted by its material, which it keeps when it is moved; structure by where its texture's origin lies in the world.
+    Furniture is shifted by its material, which it keeps when it is moved; structure by where its texture's origin lies
+    in the world.
     """
-    material = np.array([_hash_unit(m.variant, *(int(c * 1000) for c in m.color_rgb)) for m in scene.materials])[scene.material_index]
+    material = np.array([_hash_unit(m.variant, *(int(c * 1000) for c in m.color_rgb)) for m in scene.materials])[
+        scene.material_index
+    ]
     corner, uv = scene.vertices_m[scene.triangles].astype(np.float64), scene.uv_m.astype(np.float64)
     edges, uv_edges = corner[:, 1:] - corner[:, :1], uv[:, 1:] - uv[:, :1]
     singular = np.abs(np.linalg.det(uv_edges)) < 1e-12
@@ -86,8 +95,11 @@ def _hash_unit(*values: np.ndarray | int) -> np.ndarray:
 
 
 def _extents_m(scene: Scene) -> np.ndarray:
-    """(F, 2) float32 size of a tile on each triangle; where a texture fills its surface, the uv range of its instance and material."""
-    extent = np.array([texture_kind(m.texture).extent_m for m in scene.materials], float)[scene.material_index]  # None becomes NaN
+    """(F, 2) float32 size of a tile on each triangle; where a texture fills its surface, the uv range of its instance
+    and material."""
+    extent = np.array([texture_kind(m.texture).extent_m for m in scene.materials], float)[
+        scene.material_index
+    ]  # None becomes NaN
     group = scene.instance_id.astype(np.int64) * len(scene.materials) + scene.material_index
     _, group = np.unique(group, return_inverse=True)
     largest = np.zeros((group.max() + 1, 2))
@@ -96,7 +108,8 @@ def _extents_m(scene: Scene) -> np.ndarray:
 
 
 def _atlas(tiles: list[np.ndarray]) -> np.ndarray:
-    """uint16 image of all tiles, each in a slot with its levels: the full one at the left, the smaller ones in a column at its right."""
+    """uint16 image of all tiles, each in a slot with its levels: the full one at the left, the smaller ones in a column
+    at its right."""
     rows = -(-len(tiles) // _ATLAS_COLUMNS)
     atlas = np.zeros((rows * _SLOT_ROWS, min(len(tiles), _ATLAS_COLUMNS) * _SLOT_COLUMNS, 3), np.uint16)
     for slot, tile in enumerate(tiles):
@@ -105,7 +118,9 @@ def _atlas(tiles: list[np.ndarray]) -> np.ndarray:
         for down, right in zip(_LEVEL_ROW, _LEVEL_COLUMN, strict=True):
             side = len(level) + 2
             top, left = row * _SLOT_ROWS + down, column * _SLOT_COLUMNS + right
-            atlas[top:top + side, left:left + side] = np.pad(level, ((1, 1), (1, 1), (0, 0)), mode="wrap") / _STEP + 0.5
+            atlas[top : top + side, left : left + side] = (
+                np.pad(level, ((1, 1), (1, 1), (0, 0)), mode="wrap") / _STEP + 0.5
+            )
             level = level.reshape(len(level) // 2, 2, len(level) // 2, 2, 3).mean(axis=(1, 3))
     return atlas
 
@@ -116,8 +131,11 @@ _LEVEL_ROW = np.concatenate([[0], np.cumsum(np.concatenate([[0], _LEVEL_SIDE[1:-
 
 
 def _lookup(atlas: np.ndarray, slot: np.ndarray, uv: np.ndarray, footprint: np.ndarray) -> np.ndarray:
-    """(N, 3) float32 patterns at uv (N, 2) in tiles, blended between the two levels nearest to the footprint (N,) in tiles."""
-    level = np.clip(np.log2(np.maximum(footprint * np.float32(TILE * _SHARPNESS), 1)), 0, _LEVELS - 1.001).astype(np.float32)
+    """(N, 3) float32 patterns at uv (N, 2) in tiles, blended between the two levels nearest to the footprint (N,) in
+    tiles."""
+    level = np.clip(np.log2(np.maximum(footprint * np.float32(TILE * _SHARPNESS), 1)), 0, _LEVELS - 1.001).astype(
+        np.float32
+    )
     fine = level.astype(np.int32)
     blend = (level - fine)[:, None]
     row, column = np.divmod(slot, _ATLAS_COLUMNS)

@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from salframe.errors import DataError, RequirementMissing
+from salframe.framework.errors import DataError, RequirementMissing
 from salframe_house.looks import GLASS
 from salframe_house.mesh import Mesh
 from salframe_house.object_class import Size
@@ -107,7 +107,8 @@ NAMES = {
 
 @dataclass(frozen=True)
 class Asset:
-    """A model of a catalogue: `id` is unique, `rotation` nine numbers by rows that turn it (x right, y up, z to the front)."""
+    """A model of a catalogue: `id` is unique, `rotation` nine numbers by rows that turn it (x right, y up, z to the
+    front)."""
 
     id: str
     label: str
@@ -121,8 +122,8 @@ class Asset:
 class Catalogue:
     """The models of all .sh3f libraries in a folder that stand for one of our classes.
 
-    `part` restricts them: of every five models of a class one is held out from training. Raises DataError where the folder holds no
-    library, RequirementMissing without trimesh.
+    `part` restricts them: of every five models of a class one is held out from training. Raises DataError where the
+    folder holds no library, RequirementMissing without trimesh.
     """
 
     def __init__(self, folder: Path, part: Part | None = None) -> None:
@@ -131,10 +132,17 @@ class Catalogue:
         if not libraries:
             raise DataError(f"{folder} holds no .sh3f library, expected those of Sweet Home 3D's furniture")
         found: dict[str, list[Asset]] = defaultdict(list)
-        for asset in sorted((asset for library in libraries for asset in read_library(library)), key=lambda asset: zlib.crc32(asset.id.encode())):
+        for asset in sorted(
+            (asset for library in libraries for asset in read_library(library)),
+            key=lambda asset: zlib.crc32(asset.id.encode()),
+        ):
             found[asset.label].append(asset)
         self.assets = {
-            label: [asset for number, asset in enumerate(assets) if part is None or (number % 5 == 2) == (part == "held-out")]
+            label: [
+                asset
+                for number, asset in enumerate(assets)
+                if part is None or (number % 5 == 2) == (part == "held-out")
+            ]
             for label, assets in found.items()
         }
         """Label -> its models."""
@@ -146,7 +154,8 @@ class Catalogue:
         return known[rng.integers(len(known))] if known and rng.random() < SHARE else None
 
     def mesh(self, label: str, size_m: Size, seed: int) -> Mesh | None:
-        """The chosen model, stretched to size_m, in the frame of our objects (ObjectClass); None where it stays parametric."""
+        """The chosen model, stretched to size_m, in the frame of our objects (ObjectClass); None where it stays
+        parametric."""
         asset = self.choose(label, seed)
         if asset is None:
             return None
@@ -155,7 +164,8 @@ class Catalogue:
 
 
 def read_library(path: Path) -> list[Asset]:
-    """The models of a library that stand for one of our classes and are small enough. Raises DataError where it is no .sh3f file."""
+    """The models of a library that stand for one of our classes and are small enough. Raises DataError where it is no
+    .sh3f file."""
     try:
         with zipfile.ZipFile(path) as archive:
             sizes = {item.filename: item.file_size for item in archive.infolist()}
@@ -183,7 +193,8 @@ def class_of(name: str) -> str | None:
 
 @lru_cache(maxsize=512)
 def asset_mesh(asset: Asset) -> Mesh:
-    """A model in a box of side 1: footprint centred on the origin, base at 0, front along +x. Raises DataError where it cannot be read."""
+    """A model in a box of side 1: footprint centred on the origin, base at 0, front along +x. Raises DataError where it
+    cannot be read."""
     parts = _read_parts(asset)
     front_left_up = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]]) @ np.reshape(asset.rotation, (3, 3))
     vertices = np.concatenate([np.asarray(part.vertices) for part in parts]) @ front_left_up.T
@@ -193,9 +204,12 @@ def asset_mesh(asset: Asset) -> Mesh:
     materials: dict[Material, int] = {}
     index = [np.full(len(part.faces), materials.setdefault(_look(part), len(materials))) for part in parts]
     return Mesh(
-        vertices, np.concatenate([part.faces + count for part, count in zip(parts, counts, strict=True)]),
-        np.concatenate([_corners_uv(part) for part in parts]), np.concatenate(index), tuple(materials),
-    )  # fmt: skip
+        vertices,
+        np.concatenate([part.faces + count for part, count in zip(parts, counts, strict=True)]),
+        np.concatenate([_corners_uv(part) for part in parts]),
+        np.concatenate(index),
+        tuple(materials),
+    )
 
 
 def _read_parts(asset: Asset) -> list[Any]:
@@ -251,5 +265,7 @@ def _trimesh() -> Any:
     try:
         import trimesh
     except ImportError:
-        raise RequirementMissing("furniture of Sweet Home 3D needs trimesh, not installed: pip install 'salframe[assets]'") from None
+        raise RequirementMissing(
+            "furniture of Sweet Home 3D needs trimesh, not installed: pip install 'salframe[assets]'"
+        ) from None
     return trimesh

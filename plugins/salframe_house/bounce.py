@@ -14,10 +14,13 @@ _OFFSET_M = np.float32(0.004)
 
 
 def gather_directions(normal: np.ndarray, sample_set: np.ndarray, count: int) -> np.ndarray:
-    """(N, count, 3) float32 unit directions about normals (N, 3), cosine-distributed; the sets of samples together are stratified."""
+    """(N, count, 3) float32 unit directions about normals (N, 3), cosine-distributed; the sets of samples together are
+    stratified."""
     order = np.arange(count * INTERLEAVED)
     radius = np.sqrt((order + 0.5) / len(order))
-    angle = order * np.pi * (3 - np.sqrt(5))  # a sunflower: even over the disc, and so over the hemisphere under a cosine
+    angle = (
+        order * np.pi * (3 - np.sqrt(5))
+    )  # a sunflower: even over the disc, and so over the hemisphere under a cosine
     disc = np.stack([radius * np.cos(angle), radius * np.sin(angle), np.sqrt(1 - radius**2)], axis=1).astype(np.float32)
     local = disc.reshape(count, INTERLEAVED, 3).transpose(1, 0, 2)[sample_set]
     # Orthonormal basis without branches (Duff et al. 2017).
@@ -32,8 +35,8 @@ def gather_directions(normal: np.ndarray, sample_set: np.ndarray, count: int) ->
 class Bounce:
     """Indirect irradiance around one camera position.
 
-    The surfaces that the gathered rays hit are grouped into patches by place and facing; each patch is lit directly at one of its
-    points and exchanges light with the others, so that a ray that ends on a patch knows what it sends back.
+    The surfaces that the gathered rays hit are grouped into patches by place and facing; each patch is lit directly at
+    one of its points and exchanges light with the others, so that a ray that ends on a patch knows what it sends back.
     """
 
     def __init__(self, tracer: Tracer, lights: Lights, albedo: np.ndarray, centre_m: np.ndarray):

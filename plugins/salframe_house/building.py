@@ -10,8 +10,8 @@ from typing import Literal, get_args
 import numpy as np
 from scipy import ndimage
 
-from salframe.errors import ConfigError
-from salframe.types import FloorMasks
+from salframe.framework.errors import ConfigError
+from salframe.panoramas.floors import FloorMasks
 from salframe_house.assets import Catalogue
 from salframe_house.furnish import draw_item, furnish
 from salframe_house.furniture import object_mesh
@@ -25,8 +25,23 @@ Style = Literal["home", "office", "hotel"]
 LEAST_ROOMS = 4
 
 # What is part of the house is changed only after everything else.
-_FIXED = frozenset({"ceiling lamp", "toilet", "sink", "bathtub", "shower", "urinal", "bathroom vanity", "kitchen counter", "kitchen sink",
-                    "kitchen cabinet", "radiator", "fireplace", "hand dryer"})
+_FIXED = frozenset(
+    {
+        "ceiling lamp",
+        "toilet",
+        "sink",
+        "bathtub",
+        "shower",
+        "urinal",
+        "bathroom vanity",
+        "kitchen counter",
+        "kitchen sink",
+        "kitchen cabinet",
+        "radiator",
+        "fireplace",
+        "hand dryer",
+    }
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +65,8 @@ class Building:
         return {placed.instance_id: placed.label for placed in self.objects}
 
     def scene(self, catalogue: Catalogue | None = None) -> Scene:
-        """The triangles, materials and lights of the building; with a catalogue, some of its furniture are models of that."""
+        """The triangles, materials and lights of the building; with a catalogue, some of its furniture are models of
+        that."""
         meshes: list[tuple[Mesh, PlacedObject | None]] = [(shell_mesh(self.layout, self.style, self.seed), None)]
         meshes += [(object_mesh(o.label, o.size_m, o.seed, o.mirrored, catalogue), o) for o in self.objects]
         materials: dict[Material, int] = {}
@@ -60,21 +76,28 @@ class Building:
             vertices.append(_in_world(mesh, placed))
             triangles.append(mesh.triangles + count)
             uv.append(mesh.uv_m)
-            material_index.append(np.array([materials.setdefault(m, len(materials)) for m in mesh.materials])[mesh.material_index])
+            material_index.append(
+                np.array([materials.setdefault(m, len(materials)) for m in mesh.materials])[mesh.material_index]
+            )
             instance_id.append(np.full(len(mesh.triangles), placed.instance_id if placed else 0))
             count += len(mesh.vertices_m)
         lights = [_lamp_light(placed) for placed in self.objects if placed.label == "ceiling lamp"]
         lights += [window_light(window) for window in self.windows]
         return Scene(
-            np.concatenate(vertices).astype(np.float32), np.concatenate(triangles).astype(np.int32), np.concatenate(uv).astype(np.float32),
-            np.concatenate(material_index).astype(np.int32), np.concatenate(instance_id).astype(np.int32), tuple(materials), tuple(lights),
+            np.concatenate(vertices).astype(np.float32),
+            np.concatenate(triangles).astype(np.int32),
+            np.concatenate(uv).astype(np.float32),
+            np.concatenate(material_index).astype(np.int32),
+            np.concatenate(instance_id).astype(np.int32),
+            tuple(materials),
+            tuple(lights),
         )
 
     def floor_masks(self, resolution_m: float = 0.05) -> FloorMasks:
         """Free floor, room labels (1 + index in `rooms`) and obstacles as seen from above.
 
-        Thresholds are floor; the labels of two rooms meet in the middle of theirs (method.md 1). Open door leaves are no free floor.
-        Obstacles are the footprints of all objects, save rugs, that begin below 1.5 m.
+        Thresholds are floor; the labels of two rooms meet in the middle of theirs (method.md 1). Open door leaves are
+        no free floor. Obstacles are the footprints of all objects, save rugs, that begin below 1.5 m.
         """
         low, high = self._extent_m
         shape = tuple(np.ceil((high - low)[::-1] / resolution_m).astype(int))
@@ -105,10 +128,13 @@ class Building:
         return FloorMasks(free, region, obstacle, resolution_m, (float(low[0]), float(high[1])), regions)
 
     def free_space(self, clearance_m: float, resolution_m: float = 0.05) -> dict[str, np.ndarray]:
-        """Room id -> (N, 2) points (x, y) in metres of the room's floor at least `clearance_m` from walls, doorways, leaves and obstacles."""
+        """Room id -> (N, 2) points (x, y) in metres of the room's floor at least `clearance_m` from walls, doorways,
+        leaves and obstacles."""
         masks = self.floor_masks(resolution_m)
         # Distances are between pixel centres; what blocks a pixel may reach half a diagonal beyond its centre.
-        clear = (ndimage.distance_transform_edt(masks.free & ~masks.obstacle) - np.sqrt(0.5)) * resolution_m >= clearance_m
+        clear = (
+            ndimage.distance_transform_edt(masks.free & ~masks.obstacle) - np.sqrt(0.5)
+        ) * resolution_m >= clearance_m
         points = {}
         for number, room in enumerate(self.rooms, 1):
             row, column = np.nonzero(clear & (masks.region == number))
@@ -125,7 +151,8 @@ class Building:
 
 
 def generate_building(style: Style, rooms: int, seed: int) -> Building:
-    """Draw a building of a style with exactly this many rooms, corridors counted; the same arguments give the same building.
+    """Draw a building of a style with exactly this many rooms, corridors counted; the same arguments give the same
+    building.
 
     Raises ConfigError on an unknown style and on fewer than 4 rooms.
     """
@@ -138,10 +165,12 @@ def generate_building(style: Style, rooms: int, seed: int) -> Building:
 
 
 def change_building(building: Building, fraction: float, seed: int) -> Building:
-    """The building after a while: `fraction` of its objects removed, moved within their room, or newly added, a third each.
+    """The building after a while: `fraction` of its objects removed, moved within their room, or newly added, a third
+    each.
 
-    Objects that carry others stay until these are gone; fittings (lavatories, counters, lamps, radiators) change last. Moved objects
-    keep their instance id, new ones get new ids. Nothing collides. Raises ConfigError where `fraction` is not in [0, 1].
+    Objects that carry others stay until these are gone; fittings (lavatories, counters, lamps, radiators) change last.
+    Moved objects keep their instance id, new ones get new ids. Nothing collides. Raises ConfigError where `fraction` is
+    not in [0, 1].
     """
     if not 0 <= fraction <= 1:
         raise ConfigError(f"a fraction of {fraction} of changed objects, expected 0 to 1")
@@ -162,12 +191,20 @@ def change_building(building: Building, fraction: float, seed: int) -> Building:
         plan = plans[building.rooms[rng.integers(len(building.rooms))].id]
         if plan.place(*draw_item(plan.room.kind, rng), rng, next_id + added):
             added += 1
-    objects = sorted((placed for plan in plans.values() for placed in plan.objects), key=lambda placed: placed.instance_id)
+    objects = sorted(
+        (placed for plan in plans.values() for placed in plan.objects), key=lambda placed: placed.instance_id
+    )
     return replace(building, objects=tuple(objects))
 
 
-def _change(waiting: list[PlacedObject], count: int, plans: dict[str, RoomPlan], change: Callable[[RoomPlan, PlacedObject], bool]) -> None:
-    """Apply a change to the first `count` waiting objects that carry nothing and that it succeeds with; they no longer wait."""
+def _change(
+    waiting: list[PlacedObject],
+    count: int,
+    plans: dict[str, RoomPlan],
+    change: Callable[[RoomPlan, PlacedObject], bool],
+) -> None:
+    """Apply a change to the first `count` waiting objects that carry nothing and that it succeeds with; they no longer
+    wait."""
     while count:
         for placed in waiting:
             plan = plans[placed.room]

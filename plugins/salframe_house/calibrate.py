@@ -1,7 +1,7 @@
 """How hard a generated building is: `python -m salframe_house.calibrate --seeds 0..9`.
 
-Localizes the queries with perfect annotations by the Jaccard index of label sets alone, which is what the share of twins and the overlap of
-the rooms' furniture are set by: on house-42 between 0.70 and 0.85.
+Localizes the queries with perfect annotations by the Jaccard index of label sets alone, which is what the share of
+twins and the overlap of the rooms' furniture are set by: on house-42 between 0.70 and 0.85.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
 
-from salframe.geometry import equirectangular_rays, pose_2d
+from salframe.panoramas.geometry import equirectangular_rays, pose_2d
 from salframe_house.building import Building, Style, change_building, generate_building
 from salframe_house.frames import FrameSpec, choose_frames
 from salframe_house.furniture import CLASSES
@@ -65,17 +65,21 @@ def measure(style: Style, rooms: int, seed: int, queries_per_room: int = 3, frac
     viewer, later = _Viewer(building), _Viewer(changed)
     seen = [viewer.labels(frame) for frame in mapping]
     correct, shifts = [], []
-    for query in frames[len(mapping):]:
+    for query in frames[len(mapping) :]:
         labels = set(later.labels(query))
         score = [len(labels & set(s)) / max(len(labels | set(s)), 1) for s in seen]
         correct.append(mapping[int(np.argmax(score))].place == query.place)
         shifts.append(min(np.hypot(f.x_m - query.x_m, f.y_m - query.y_m) for f in mapping if f.place == query.place))
     held = [sum(o.room == room.id for o in building.objects) for room in building.rooms]
     return Difficulty(
-        seed, float(np.mean(correct)), (min(held), float(np.median(held)), max(held)),
+        seed,
+        float(np.mean(correct)),
+        (min(held), float(np.median(held)), max(held)),
         float(np.mean([len(s) for s, f in zip(seen, mapping, strict=True) if f.role == "map"])),
-        float(np.mean([room.twin is not None for room in building.rooms])), float(np.mean(shifts)),
-        sum(f.role == "map" for f in mapping), len({o.label for o in building.objects}),
+        float(np.mean([room.twin is not None for room in building.rooms])),
+        float(np.mean(shifts)),
+        sum(f.role == "map" for f in mapping),
+        len({o.label for o in building.objects}),
     )
 
 
@@ -87,13 +91,18 @@ def main() -> None:
     parser.add_argument("--seeds", default="0..9", help="first..last")
     arguments = parser.parse_args()
     first, _, last = arguments.seeds.partition("..")
-    print(f"{len(CLASSES)} classes\nseed accuracy objects/room (least median most)  visible  twins  shift/m  map frames  classes used")
+    print(
+        f"{len(CLASSES)} classes\nseed accuracy objects/room (least median most)  visible  twins  shift/m  map frames  classes used"
+    )
     rows = []
     for seed in range(int(first), int(last or first) + 1):
         rows.append(row := measure(arguments.style, arguments.rooms, seed))
         least, median, most = row.objects
-        print(f"{seed:4d} {row.accuracy:8.3f} {least:6.0f} {median:.1f} {most:.0f} {row.visible:24.1f} {row.twins:6.2f} {row.shift_m:8.3f} "
-              f"{row.map_frames:8d} {row.classes:12d}", flush=True)
+        print(
+            f"{seed:4d} {row.accuracy:8.3f} {least:6.0f} {median:.1f} {most:.0f} {row.visible:24.1f} {row.twins:6.2f} {row.shift_m:8.3f} "
+            f"{row.map_frames:8d} {row.classes:12d}",
+            flush=True,
+        )
     accuracy = [row.accuracy for row in rows]
     print(f"accuracy mean {np.mean(accuracy):.3f}, {min(accuracy):.3f} to {max(accuracy):.3f}")
 

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
-from salframe.geometry import wrap_angle
+from salframe.panoramas.geometry import wrap_angle
 from salframe_house.building import Building
 
 Role = Literal["map", "transition", "query"]
@@ -28,7 +28,8 @@ _NORMAL_YAW_RAD = np.radians(16.6) * np.sqrt(np.pi / 2)  # deviation of a normal
 
 @dataclass(frozen=True)
 class FrameSpec:
-    """A panorama to take. `place` is the room's id, or "transition-.." in a doorway; `yaw_rad` turns its x axis from the world's."""
+    """A panorama to take. `place` is the room's id, or "transition-.." in a doorway; `yaw_rad` turns its x axis from
+    the world's."""
 
     id: str
     role: Role
@@ -40,30 +41,39 @@ class FrameSpec:
     lighting: str
 
 
-def choose_frames(building: Building, changed: Building, seed: int, queries_per_room: int = 3,
-                  query_yaw: QueryYaw = "uniform") -> tuple[FrameSpec, ...]:
-    """Map and transition frames of a building by day, and queries of its changed version in the evening or in dim light.
+def choose_frames(
+    building: Building, changed: Building, seed: int, queries_per_room: int = 3, query_yaw: QueryYaw = "uniform"
+) -> tuple[FrameSpec, ...]:
+    """Map and transition frames of a building by day, and queries of its changed version in the evening or in dim
+    light.
 
-    Queries stand in free space, 0.3 to 1.1 m from the nearest map frame of their room; the mean of these shifts is within 0.01 m of 0.70 m.
-    Their yaw is uniform over the circle, or that of this map frame plus a normal angle of 16.6 deg mean absolute value.
+    Queries stand in free space, 0.3 to 1.1 m from the nearest map frame of their room; the mean of these shifts is
+    within 0.01 m of 0.70 m. Their yaw is uniform over the circle, or that of this map frame plus a normal angle of 16.6
+    deg mean absolute value.
     """
     rng = np.random.default_rng((building.seed, seed, 6))
     frames = []
     for room, points in _map_points(building).items():
-        frames += [_frame(f"map-{room}-{i}", "map", room, point, rng.uniform(-np.pi, np.pi), "day") for i, point in enumerate(points)]
+        frames += [
+            _frame(f"map-{room}-{i}", "map", room, point, rng.uniform(-np.pi, np.pi), "day")
+            for i, point in enumerate(points)
+        ]
     for number, door in enumerate(building.doors, 1):
         name = f"transition-{number:02d}"
         frames.append(_frame(name, "transition", name, door.centre_m, rng.uniform(-np.pi, np.pi), "day"))
     return (*frames, *_queries(frames, changed, rng, queries_per_room, query_yaw))
 
 
-def _frame(name: str, role: Role, place: str, point_m, yaw_rad: float, lighting: str, z_m: float = CAMERA_HEIGHT_M) -> FrameSpec:
+def _frame(
+    name: str, role: Role, place: str, point_m, yaw_rad: float, lighting: str, z_m: float = CAMERA_HEIGHT_M
+) -> FrameSpec:
     x, y = (round(float(value), 4) for value in point_m)
     return FrameSpec(name, role, place, x, y, round(z_m, 4), round(float(yaw_rad), 6), lighting)
 
 
 def _map_points(building: Building) -> dict[str, np.ndarray]:
-    """Room id -> (N, 2) places in the open near all of its free floor: greedy medians, each then put in the middle of its share."""
+    """Room id -> (N, 2) places in the open near all of its free floor: greedy medians, each then put in the middle of
+    its share."""
     open_space = building.free_space(_MAP_CLEARANCE_M, 0.1)
     chosen = {}
     for room, free in building.free_space(CLEARANCE_M, 0.1).items():
@@ -77,7 +87,9 @@ def _map_points(building: Building) -> dict[str, np.ndarray]:
     return chosen
 
 
-def _queries(frames: list[FrameSpec], changed: Building, rng: np.random.Generator, per_room: int, yaw: QueryYaw) -> list[FrameSpec]:
+def _queries(
+    frames: list[FrameSpec], changed: Building, rng: np.random.Generator, per_room: int, yaw: QueryYaw
+) -> list[FrameSpec]:
     free = changed.free_space(CLEARANCE_M)
     own = {room.id: [frame for frame in frames if frame.place == room.id] for room in changed.rooms}
     rooms = [room.id for room in changed.rooms for _ in range(per_room)]
@@ -96,7 +108,9 @@ def _queries(frames: list[FrameSpec], changed: Building, rng: np.random.Generato
         angle = rng.uniform(-np.pi, np.pi) if yaw == "uniform" else nearest.yaw_rad + rng.normal(0.0, _NORMAL_YAW_RAD)
         z = CAMERA_HEIGHT_M + rng.uniform(-_HEIGHT_JITTER_M, _HEIGHT_JITTER_M)
         lighting = str(rng.choice(("evening", "dim")))
-        queries.append(_frame(f"query-{room}-{number % per_room}", "query", room, point, wrap_angle(angle), lighting, z))
+        queries.append(
+            _frame(f"query-{room}-{number % per_room}", "query", room, point, wrap_angle(angle), lighting, z)
+        )
     return queries
 
 
@@ -107,7 +121,8 @@ def _near(shift_m: np.ndarray, wanted_m: float, rng: np.random.Generator) -> int
 
 
 def _balance(rooms: list[str], chosen: list[int], shift_m: dict[str, np.ndarray], rng: np.random.Generator) -> None:
-    """Draw random queries again, nearer or farther, until the mean shift is right: not all rooms have room for the larger shifts."""
+    """Draw random queries again, nearer or farther, until the mean shift is right: not all rooms have room for the
+    larger shifts."""
     values = np.array([shift_m[room][index] for room, index in zip(rooms, chosen, strict=True)])
     for _ in range(200 * len(rooms)):
         excess = values.mean() - MEAN_SHIFT_M

@@ -13,7 +13,9 @@ from salframe_house.object_class import CLASSES, Size
 __all__ = ["CLASSES", "object_mesh"]
 
 
-def object_mesh(label: str, size_m: Size, seed: int, mirrored: bool = False, catalogue: Catalogue | None = None) -> Mesh:
+def object_mesh(
+    label: str, size_m: Size, seed: int, mirrored: bool = False, catalogue: Catalogue | None = None
+) -> Mesh:
     """The mesh of an object of this class, size and seed in its own frame; a mirrored one has left and right exchanged.
 
     With a catalogue, some objects are models of it.
@@ -25,4 +27,6 @@ def object_mesh(label: str, size_m: Size, seed: int, mirrored: bool = False, cat
         mesh = builder.mesh()
     if not mirrored:
         return mesh
-    return Mesh(mesh.vertices_m * (1, -1, 1), mesh.triangles[:, ::-1], mesh.uv_m[:, ::-1], mesh.material_index, mesh.materials)
+    return Mesh(
+        mesh.vertices_m * (1, -1, 1), mesh.triangles[:, ::-1], mesh.uv_m[:, ::-1], mesh.material_index, mesh.materials
+    )

@@ -26,14 +26,21 @@ def ceiling_lamp(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
         m.box((-x + 0.02, -y + 0.02, 0), (x - 0.02, y - 0.02, 0.01), looks.WHITE, bottom=glow)
 
 
-@furniture("lamp", (0.22, 0.22, 0.38), (0.34, 0.34, 0.58), "top",
-           ("nightstand", "side table", "desk", "dresser", "cabinet", "file cabinet", "tv stand", "reception desk"))
+@furniture(
+    "lamp",
+    (0.22, 0.22, 0.38),
+    (0.34, 0.34, 0.58),
+    "top",
+    ("nightstand", "side table", "desk", "dresser", "cabinet", "file cabinet", "tv stand", "reception desk"),
+)
 def lamp(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
     """A table lamp with a shade."""
     r, h, foot = size[0] / 2, size[2], looks.metal(rng) if rng.random() < 0.5 else looks.CERAMIC
     m.cylinder((0, 0, 0), r * 0.55, 0.03, foot, segments=12)
     m.cylinder((0, 0, 0.03), r * 0.18, h * 0.55 - 0.03, foot, segments=8)
-    m.cylinder((0, 0, h * 0.55), (r, size[1] / 2), h * 0.45, looks.shade(rng, SHADE_EMISSION), top_radius=r * 0.6, segments=14)
+    m.cylinder(
+        (0, 0, h * 0.55), (r, size[1] / 2), h * 0.45, looks.shade(rng, SHADE_EMISSION), top_radius=r * 0.6, segments=14
+    )
 
 
 @furniture("floor lamp", (0.34, 0.34, 1.45), (0.46, 0.46, 1.75), "corner")
@@ -42,7 +49,9 @@ def floor_lamp(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
     r, h, foot = size[0] / 2, size[2], looks.metal(rng)
     m.cylinder((0, 0, 0), (r * 0.75, size[1] * 0.37), 0.03, foot, segments=14)
     m.cylinder((0, 0, 0.03), 0.015, h - 0.33, foot, segments=8)
-    m.cylinder((0, 0, h - 0.34), (r, size[1] / 2), 0.34, looks.shade(rng, SHADE_EMISSION), top_radius=r * 0.7, segments=16)
+    m.cylinder(
+        (0, 0, h - 0.34), (r, size[1] / 2), 0.34, looks.shade(rng, SHADE_EMISSION), top_radius=r * 0.7, segments=16
+    )
 
 
 @furniture("wall lamp", (0.14, 0.14, 0.22), (0.20, 0.22, 0.34), "hung", base_m=(1.65, 1.8))
@@ -51,10 +60,14 @@ def wall_lamp(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
     x, y, h = size[0] / 2, size[1] / 2, size[2]
     m.box((-x, -y * 0.5, h * 0.2), (-x + 0.02, y * 0.5, h * 0.8), looks.metal(rng))
     m.box((-x + 0.02, -0.01, h * 0.45), (0.0, 0.01, h * 0.5), looks.CHROME)
-    m.cylinder((x * 0.15, 0, 0), (x * 0.6, y * 0.7), h, looks.shade(rng, SHADE_EMISSION), top_radius=(x * 0.85, y), segments=12)
+    m.cylinder(
+        (x * 0.15, 0, 0), (x * 0.6, y * 0.7), h, looks.shade(rng, SHADE_EMISSION), top_radius=(x * 0.85, y), segments=12
+    )
 
 
-def _foliage(m: MeshBuilder, rng: np.random.Generator, radius: tuple[float, float], low: float, high: float, count: int) -> None:
+def _foliage(
+    m: MeshBuilder, rng: np.random.Generator, radius: tuple[float, float], low: float, high: float, count: int
+) -> None:
     """Bent leaves that spread from the stem, each two quads, within an elliptic cylinder."""
     look = looks.leaf(rng)
     for angle in 2 * np.pi * (np.arange(count) + rng.random(count) * 0.7) / count:
@@ -72,19 +85,37 @@ def _foliage(m: MeshBuilder, rng: np.random.Generator, radius: tuple[float, floa
 def plant(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
     """A pot plant on the floor."""
     pot, r, h = looks.plastic(rng) if rng.random() < 0.6 else looks.CERAMIC, size[0] / 2, size[2]
-    m.cylinder((0, 0, 0), r * 0.42, 0.30, pot, top_radius=r * 0.55, segments=14, cap=Material("fabric", (0.08, 0.05, 0.03)))
+    m.cylinder(
+        (0, 0, 0), r * 0.42, 0.30, pot, top_radius=r * 0.55, segments=14, cap=Material("fabric", (0.08, 0.05, 0.03))
+    )
     m.cylinder((0, 0, 0.30), 0.02, h * 0.25, looks.wood(rng), segments=6)
     _foliage(m, rng, (r, size[1] / 2), 0.30 + h * 0.1, h, int(rng.integers(14, 22)))
     _foliage(m, rng, (r * 0.7, size[1] * 0.35), 0.30 + h * 0.2, h, 7)
 
 
-@furniture("flowers", (0.20, 0.20, 0.30), (0.30, 0.30, 0.45), "top",
-           ("dining table", "conference table", "breakfast table", "coffee table", "cabinet", "dresser", "side table", "reception desk",
-            "bar table"))
+@furniture(
+    "flowers",
+    (0.20, 0.20, 0.30),
+    (0.30, 0.30, 0.45),
+    "top",
+    (
+        "dining table",
+        "conference table",
+        "breakfast table",
+        "coffee table",
+        "cabinet",
+        "dresser",
+        "side table",
+        "reception desk",
+        "bar table",
+    ),
+)
 def flowers(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
     """A vase with a bunch."""
     r, h = size[0] / 2, size[2]
-    m.loft([(circle(10) * r * 0.35, 0.0), (circle(10) * r * 0.5, h * 0.25), (circle(10) * r * 0.3, h * 0.5)], looks.CERAMIC)
+    m.loft(
+        [(circle(10) * r * 0.35, 0.0), (circle(10) * r * 0.5, h * 0.25), (circle(10) * r * 0.3, h * 0.5)], looks.CERAMIC
+    )
     _foliage(m, rng, (r * 0.9, size[1] * 0.45), h * 0.45, h * 0.9, 8)
     petal = Material("fabric", tuple(float(c) for c in rng.uniform((0.35, 0.15, 0.15), (0.6, 0.45, 0.4)).round(3)))
     for angle in 2 * np.pi * (np.arange(6) + rng.random(6)) / 6:
@@ -105,7 +136,12 @@ def picture(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
     """A framed painting, with a mount at times."""
     x, y, h, frame, rim = size[0] / 2, size[1] / 2, size[2], looks.wood(rng), 0.03
     m.box((-x, -y, 0), (x * 0.4, y, h), frame)
-    for low, high in (((-y, 0), (y, rim)), ((-y, h - rim), (y, h)), ((-y, rim), (-y + rim, h - rim)), ((y - rim, rim), (y, h - rim))):
+    for low, high in (
+        ((-y, 0), (y, rim)),
+        ((-y, h - rim), (y, h)),
+        ((-y, rim), (-y + rim, h - rim)),
+        ((y - rim, rim), (y, h - rim)),
+    ):
         m.box((x * 0.4, *low), (x, *high), frame)
     inset = rim
     if rng.random() < 0.4:
@@ -129,7 +165,10 @@ def clock(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
     m.cylinder((-x, 0, radius[1]), radius, size[0] * 0.8, rim, axis="x", segments=20, cap=looks.PAPER)
     hour = rng.uniform(0, 2 * np.pi)
     for angle, length, width in ((hour, 0.5, 0.012), (12 * hour, 0.75, 0.008)):
-        along, across = np.array([0, np.cos(angle), np.sin(angle)]), np.array([0, -np.sin(angle), np.cos(angle)]) * width
+        along, across = (
+            np.array([0, np.cos(angle), np.sin(angle)]),
+            np.array([0, -np.sin(angle), np.cos(angle)]) * width,
+        )
         centre, end = np.array([x * 0.9, 0, radius[1]]), along * radius[0] * length
         m.quad(np.array([centre - across, centre + end - across, centre + end + across, centre + across]), looks.BLACK)
     m.cylinder((x * 0.6, 0, radius[1]), 0.015, x * 0.4, looks.BLACK, axis="x", segments=8)
@@ -208,7 +247,9 @@ def fireplace(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
 def trash_can(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
     """A bin, wider at the top."""
     r, look = size[0] / 2, looks.metal(rng) if rng.random() < 0.5 else looks.plastic(rng)
-    m.cylinder((0, 0, 0), r * 0.78, size[2] - 0.02, look, top_radius=(r * 0.97, size[1] * 0.485), segments=14, cap=looks.BLACK)
+    m.cylinder(
+        (0, 0, 0), r * 0.78, size[2] - 0.02, look, top_radius=(r * 0.97, size[1] * 0.485), segments=14, cap=looks.BLACK
+    )
     m.cylinder((0, 0, size[2] - 0.02), (r, size[1] / 2), 0.02, look, segments=14, cap=looks.BLACK)
 
 
@@ -239,7 +280,9 @@ def umbrella_stand(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None
     r = size[0] / 2
     m.cylinder((0, 0, 0), (r, size[1] / 2), 0.48, looks.metal(rng), segments=14, cap=looks.BLACK)
     for shift in (-0.35, 0.4):
-        m.cylinder((shift * r, shift * r * 0.5, 0.48), 0.03, size[2] - 0.62, looks.fabric(rng), top_radius=0.015, segments=6)
+        m.cylinder(
+            (shift * r, shift * r * 0.5, 0.48), 0.03, size[2] - 0.62, looks.fabric(rng), top_radius=0.015, segments=6
+        )
         m.cylinder((shift * r, shift * r * 0.5, size[2] - 0.14), 0.012, 0.14, looks.wood(rng), segments=6)
 
 
@@ -267,4 +310,6 @@ def brochure_stand(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None
     for step, z in enumerate(np.linspace(0.25, h - 0.30, 3)):
         depth = 0.20 - 0.05 * step
         m.box((-x + 0.03, -y + 0.02, z), (-x + 0.03 + depth, y - 0.02, z + 0.02), frame)
-        m.box((-x + 0.03 + depth - 0.03, -y + 0.04, z + 0.02), (-x + 0.03 + depth, y - 0.04, z + 0.24), looks.books(rng))
+        m.box(
+            (-x + 0.03 + depth - 0.03, -y + 0.04, z + 0.02), (-x + 0.03 + depth, y - 0.04, z + 0.24), looks.books(rng)
+        )

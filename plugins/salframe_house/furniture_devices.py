@@ -8,7 +8,16 @@ from salframe_house import looks
 from salframe_house.mesh import MeshBuilder
 from salframe_house.object_class import Size, furniture
 
-TABLES = ("desk", "reception desk", "dining table", "conference table", "cabinet", "dresser", "file cabinet", "coffee table")
+TABLES = (
+    "desk",
+    "reception desk",
+    "dining table",
+    "conference table",
+    "cabinet",
+    "dresser",
+    "file cabinet",
+    "coffee table",
+)
 WORKTOPS = ("kitchen counter", "cabinet", "dishwasher", "washing machine", "breakfast table")
 
 
@@ -32,7 +41,9 @@ def laptop(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
     m.quad((lid - (0, 0, 0.006))[::-1], body)
 
 
-@furniture("printer", (0.36, 0.38, 0.24), (0.46, 0.50, 0.38), "top", ("cabinet", "file cabinet", "desk", "reception desk"))
+@furniture(
+    "printer", (0.36, 0.38, 0.24), (0.46, 0.50, 0.38), "top", ("cabinet", "file cabinet", "desk", "reception desk")
+)
 def printer(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
     """A desktop printer with trays."""
     x, y, h, body = size[0] / 2, size[1] / 2, size[2], looks.plastic(rng)
@@ -97,7 +108,9 @@ def microwave(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
     m.box((x - 0.015, -y + 0.13, 0.04), (x, -y + 0.145, h - 0.04), looks.CHROME)
 
 
-@furniture("coffee machine", (0.28, 0.24, 0.32), (0.38, 0.34, 0.45), "top", (*WORKTOPS, "conference table", "reception desk"))
+@furniture(
+    "coffee machine", (0.28, 0.24, 0.32), (0.38, 0.34, 0.45), "top", (*WORKTOPS, "conference table", "reception desk")
+)
 def coffee_machine(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
     """A back with a tank, a head and a drip tray."""
     x, y, h, body = size[0] / 2, size[1] / 2, size[2], looks.plastic(rng)
@@ -128,7 +141,9 @@ def water_cooler(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
     m.box((x - 0.05, -y, 0), (x - 0.03, y, top * 0.68), looks.paint(rng))
     m.box((x - 0.05, -y + 0.02, top * 0.68), (x, y - 0.02, top * 0.72), looks.BLACK)
     for side, tint in ((-0.06, (0.12, 0.20, 0.45)), (0.06, (0.45, 0.10, 0.08))):
-        m.box((x - 0.05, side - 0.015, top * 0.9), (x - 0.02, side + 0.015, top * 0.94), looks.Material("plastic", tint))
+        m.box(
+            (x - 0.05, side - 0.015, top * 0.9), (x - 0.02, side + 0.015, top * 0.94), looks.Material("plastic", tint)
+        )
     bottle = looks.Material("glass", (0.30, 0.45, 0.58))
     m.cylinder((-0.02, 0, top), 0.05, 0.06, bottle, top_radius=y * 0.8, segments=12)
     m.cylinder((-0.02, 0, top + 0.06), y * 0.8, 0.30, bottle, segments=12)

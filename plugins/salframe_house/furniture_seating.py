@@ -19,16 +19,27 @@ def legs(m: MeshBuilder, size: Size, top: float, thickness: float, material: Mat
             m.box((cx - thickness / 2, cy - thickness / 2, 0), (cx + thickness / 2, cy + thickness / 2, top), material)
 
 
-def _backrest(m: MeshBuilder, size: Size, low: float, material: Material, thickness: float, width: float, lean: float = 0.05) -> None:
+def _backrest(
+    m: MeshBuilder, size: Size, low: float, material: Material, thickness: float, width: float, lean: float = 0.05
+) -> None:
     """A back that leans towards -x, from height `low` to the top."""
     x, half = -size[0] / 2, width / 2
+
     def section(shift: float) -> np.ndarray:
-        return np.array([[x + shift, -half], [x + shift + thickness, -half], [x + shift + thickness, half], [x + shift, half]])
+        return np.array(
+            [[x + shift, -half], [x + shift + thickness, -half], [x + shift + thickness, half], [x + shift, half]]
+        )
+
     m.loft([(section(lean), low), (section(0.0), size[2])], material)
 
 
-@furniture("chair", (0.42, 0.40, 0.80), (0.52, 0.48, 0.98), "around",
-           ("dining table", "conference table", "breakfast table", "desk"))
+@furniture(
+    "chair",
+    (0.42, 0.40, 0.80),
+    (0.52, 0.48, 0.98),
+    "around",
+    ("dining table", "conference table", "breakfast table", "desk"),
+)
 def chair(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
     """Four legs, a seat, and a back of slats or in one piece."""
     frame = looks.wood(rng) if rng.random() < 0.6 else looks.metal(rng)
@@ -53,7 +64,9 @@ def office_chair(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
     for angle in 2 * np.pi * (np.arange(5) + rng.random()) / 5:
         cx, cy = (x - 0.04) * np.cos(angle), (y - 0.04) * np.sin(angle)
         sx, sy = -np.sin(angle) * 0.025, np.cos(angle) * 0.025
-        m.quad(np.array([[sx, sy, 0.10], [-sx, -sy, 0.10], [cx - sx, cy - sy, 0.07], [cx + sx, cy + sy, 0.07]])[::-1], dark)
+        m.quad(
+            np.array([[sx, sy, 0.10], [-sx, -sy, 0.10], [cx - sx, cy - sy, 0.07], [cx + sx, cy + sy, 0.07]])[::-1], dark
+        )
         m.cylinder((cx, cy, 0.0), 0.03, 0.07, looks.RUBBER, segments=6)
     m.cylinder((0, 0, 0.08), 0.03, h - 0.16, looks.STEEL, segments=8)
     m.cushion((-x * 0.75, -y * 0.8, h - 0.08), (x * 0.9, y * 0.8, h), pad, 0.04)
@@ -105,7 +118,9 @@ def ottoman(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
     m.cushion((-x, -y, 0.08), (x, y, size[2]), looks.upholstery(rng), 0.05)
 
 
-@furniture("stool", (0.32, 0.32, 0.44), (0.38, 0.38, 0.72), "front", ("kitchen counter", "piano", "dresser", "breakfast table"))
+@furniture(
+    "stool", (0.32, 0.32, 0.44), (0.38, 0.38, 0.72), "front", ("kitchen counter", "piano", "dresser", "breakfast table")
+)
 def stool(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
     """A round seat on four legs with a ring."""
     frame, r = looks.metal(rng) if rng.random() < 0.5 else looks.wood(rng), size[0] / 2
@@ -119,13 +134,22 @@ def bench(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
     """A seat for a corridor or the foot of a wall."""
     x, y = size[0] / 2, size[1] / 2
     legs(m, size, size[2] - 0.06, 0.05, looks.metal(rng) if rng.random() < 0.5 else looks.wood(rng), 0.03)
-    m.cushion((-x, -y, size[2] - 0.06), (x, y, size[2]), looks.wood(rng) if rng.random() < 0.4 else looks.upholstery(rng), 0.02)
+    m.cushion(
+        (-x, -y, size[2] - 0.06),
+        (x, y, size[2]),
+        looks.wood(rng) if rng.random() < 0.4 else looks.upholstery(rng),
+        0.02,
+    )
 
 
 @furniture("bed", (1.95, 1.00, 0.85), (2.10, 1.80, 1.15), "wall")
 def bed(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
     """Frame, headboard, mattress, blanket and pillows."""
-    frame, cloth, cover = looks.upholstery(rng) if rng.random() < 0.4 else looks.wood(rng), looks.linen(rng), looks.linen(rng)
+    frame, cloth, cover = (
+        looks.upholstery(rng) if rng.random() < 0.4 else looks.wood(rng),
+        looks.linen(rng),
+        looks.linen(rng),
+    )
     x, y, h = size[0] / 2, size[1] / 2, rng.uniform(0.28, 0.34)
     legs(m, size, 0.14, 0.07, frame, 0.04)
     m.box((-x, -y, 0.14), (x, y, h), frame)

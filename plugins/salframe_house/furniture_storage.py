@@ -18,7 +18,9 @@ def carcass(m: MeshBuilder, size: Size, low: float, high: float, body: Material)
     m.box((-size[0] / 2, -size[1] / 2, low), (size[0] / 2 - FRONT_M - 0.01, size[1] / 2, high), body)
 
 
-def fronts(m: MeshBuilder, size: Size, low: float, high: float, columns: int, rows: int, front: Material, handle: Material) -> None:
+def fronts(
+    m: MeshBuilder, size: Size, low: float, high: float, columns: int, rows: int, front: Material, handle: Material
+) -> None:
     """A grid of doors or drawers with handles, on the +x side."""
     x, width, height = size[0] / 2 - 0.01, size[1] / columns, (high - low) / rows
     for column in range(columns):
@@ -27,13 +29,19 @@ def fronts(m: MeshBuilder, size: Size, low: float, high: float, columns: int, ro
             z = low + row * height
             m.box((x - FRONT_M, y + 0.005, z + 0.005), (x, y + width - 0.005, z + height - 0.005), front)
             if height < width * 1.2:
-                m.box((x, y + width / 2 - 0.05, z + height * 0.7), (x + 0.01, y + width / 2 + 0.05, z + height * 0.7 + 0.015), handle)
+                m.box(
+                    (x, y + width / 2 - 0.05, z + height * 0.7),
+                    (x + 0.01, y + width / 2 + 0.05, z + height * 0.7 + 0.015),
+                    handle,
+                )
             else:
                 side = y + (width - 0.06 if column % 2 == 0 else 0.045)
                 m.box((x, side, z + height * 0.45), (x + 0.01, side + 0.015, z + height * 0.45 + 0.12), handle)
 
 
-def _shelves(m: MeshBuilder, size: Size, boards: int, body: Material, thickness: float = 0.025, back: bool = True) -> list[float]:
+def _shelves(
+    m: MeshBuilder, size: Size, boards: int, body: Material, thickness: float = 0.025, back: bool = True
+) -> list[float]:
     """Sides, back and boards; returns the heights of the boards' upper faces."""
     x, y = size[0] / 2, size[1] / 2
     for side in (-1, 1):
@@ -86,7 +94,16 @@ def cabinet(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
     carcass(m, size, 0.08, size[2] - 0.025, body)
     legs(m, size, 0.08, 0.05, body, 0.02)
     m.box((-size[0] / 2, -size[1] / 2, size[2] - 0.025), (size[0] / 2, size[1] / 2, size[2]), body)
-    fronts(m, size, 0.08, size[2] - 0.025, 2 if size[1] < 1.1 else 3, 1, looks.board(rng) if rng.random() < 0.4 else body, looks.metal(rng))
+    fronts(
+        m,
+        size,
+        0.08,
+        size[2] - 0.025,
+        2 if size[1] < 1.1 else 3,
+        1,
+        looks.board(rng) if rng.random() < 0.4 else body,
+        looks.metal(rng),
+    )
 
 
 @furniture("file cabinet", (0.48, 0.42, 0.70), (0.62, 0.50, 1.35), "wall", front_m=0.4)
@@ -102,7 +119,16 @@ def wardrobe(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
     """A tall cupboard for clothes; a door may be a mirror."""
     body = looks.board(rng)
     carcass(m, size, 0.0, size[2], body)
-    fronts(m, size, 0.06, size[2] - 0.02, 2 if size[1] < 1.3 else 3, 1, body if rng.random() < 0.7 else looks.board(rng), looks.metal(rng))
+    fronts(
+        m,
+        size,
+        0.06,
+        size[2] - 0.02,
+        2 if size[1] < 1.3 else 3,
+        1,
+        body if rng.random() < 0.7 else looks.board(rng),
+        looks.metal(rng),
+    )
 
 
 @furniture("locker", (0.40, 0.60, 1.70), (0.50, 1.20, 1.95), "wall", front_m=0.4)
@@ -197,7 +223,14 @@ def carton(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
 def laundry_basket(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
     """A woven hamper with a lid."""
     look = Material("fabric", (0.48, 0.38, 0.26), int(rng.integers(looks.VARIANTS)))
-    m.cylinder((0, 0, 0), (size[0] * 0.42, size[1] * 0.42), size[2] - 0.04, look, top_radius=(size[0] * 0.49, size[1] * 0.49), segments=14)
+    m.cylinder(
+        (0, 0, 0),
+        (size[0] * 0.42, size[1] * 0.42),
+        size[2] - 0.04,
+        look,
+        top_radius=(size[0] * 0.49, size[1] * 0.49),
+        segments=14,
+    )
     m.cylinder((0, 0, size[2] - 0.04), (size[0] / 2, size[1] / 2), 0.04, looks.linen(rng), segments=14)
 
 
@@ -208,7 +241,9 @@ def wall_shelf(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
     m.box((-x, -y, 0.04), (x, y, 0.07), body)
     for side in (-1, 1):
         m.box((-x, side * y * 0.7 - 0.015, 0.0), (x * 0.6, side * y * 0.7 + 0.015, 0.04), looks.STEEL)
-    m.box((-x + 0.02, -y + 0.05, 0.07), (x - 0.04, -y + 0.05 + size[1] * rng.uniform(0.3, 0.5), size[2]), looks.books(rng))
+    m.box(
+        (-x + 0.02, -y + 0.05, 0.07), (x - 0.04, -y + 0.05 + size[1] * rng.uniform(0.3, 0.5), size[2]), looks.books(rng)
+    )
     m.cylinder((0, y - 0.15, 0.07), 0.04, 0.12, looks.plastic(rng), top_radius=0.055, segments=10)
 
 

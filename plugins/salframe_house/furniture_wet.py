@@ -12,8 +12,15 @@ from salframe_house.object_class import Size, furniture
 from salframe_house.scene import Material
 
 
-def _basin(m: MeshBuilder, low: tuple[float, float], high: tuple[float, float], top: float, depth: float, look: Material,
-           rim: float = 0.03) -> None:
+def _basin(
+    m: MeshBuilder,
+    low: tuple[float, float],
+    high: tuple[float, float],
+    top: float,
+    depth: float,
+    look: Material,
+    rim: float = 0.03,
+) -> None:
     """A rectangular basin: four walls and a bottom, open at the top."""
     (x0, y0), (x1, y1), bottom = low, high, top - depth
     m.box((x0, y0, bottom), (x1, y1, bottom + 0.03), look)
@@ -124,7 +131,9 @@ def dishwasher(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
 def bathtub(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
     """A tub behind a panel, with taps."""
     x, y = size[0] / 2, size[1] / 2
-    panel = looks.CERAMIC if rng.random() < 0.5 else Material("tile", (0.55, 0.56, 0.56), int(rng.integers(looks.VARIANTS)))
+    panel = (
+        looks.CERAMIC if rng.random() < 0.5 else Material("tile", (0.55, 0.56, 0.56), int(rng.integers(looks.VARIANTS)))
+    )
     m.box((-x, -y, 0), (x, y, 0.12), panel)
     _basin(m, (-x, -y), (x, y), size[2] - 0.06, size[2] - 0.18, looks.CERAMIC, 0.07)
     _tap(m, -x + 0.03, y * 0.1, size[2] - 0.06, 0.06, 0.12)
@@ -152,10 +161,20 @@ def toilet(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
     x, y, h, ring = size[0] / 2, size[1] / 2, 0.40, circle(14)
     reach = (size[0] - 0.18) / 2
     centre = x - reach
-    m.loft([(ring * (reach * 0.55, y * 0.6) + (centre - 0.06, 0), 0.0), (ring * (reach * 0.6, y * 0.65) + (centre - 0.05, 0), 0.20),
-            (ring * (reach, y) + (centre, 0), h - 0.03), (ring * (reach, y) + (centre, 0), h)], looks.CERAMIC)
+    m.loft(
+        [
+            (ring * (reach * 0.55, y * 0.6) + (centre - 0.06, 0), 0.0),
+            (ring * (reach * 0.6, y * 0.65) + (centre - 0.05, 0), 0.20),
+            (ring * (reach, y) + (centre, 0), h - 0.03),
+            (ring * (reach, y) + (centre, 0), h),
+        ],
+        looks.CERAMIC,
+    )
     lid = looks.WHITE if rng.random() < 0.8 else looks.wood(rng)
-    m.loft([(ring * (reach * 0.98, y * 0.98) + (centre, 0), h), (ring * (reach * 0.98, y * 0.98) + (centre, 0), h + 0.03)], lid)
+    m.loft(
+        [(ring * (reach * 0.98, y * 0.98) + (centre, 0), h), (ring * (reach * 0.98, y * 0.98) + (centre, 0), h + 0.03)],
+        lid,
+    )
     m.box((-x, -y, h - 0.04), (-x + 0.18, y, size[2] - 0.03), looks.CERAMIC)
     m.box((-x, -y, size[2] - 0.03), (-x + 0.19, y, size[2] - 0.01), looks.CERAMIC)
     m.cylinder((-x + 0.09, 0, size[2] - 0.01), 0.025, 0.01, looks.CHROME, segments=10)
@@ -166,7 +185,9 @@ def urinal(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
     """A wall-hung bowl with a flush pipe."""
     x, y, h = size[0] / 2, size[1] / 2, size[2]
     m.box((-x, -y, 0.10), (-x + 0.06, y, h - 0.12), looks.CERAMIC)
-    half = np.array([[-x + 0.06, -y], [x * 0.5, -y * 0.9], [x, -y * 0.4], [x, y * 0.4], [x * 0.5, y * 0.9], [-x + 0.06, y]])
+    half = np.array(
+        [[-x + 0.06, -y], [x * 0.5, -y * 0.9], [x, -y * 0.4], [x, y * 0.4], [x * 0.5, y * 0.9], [-x + 0.06, y]]
+    )
     m.loft([(half * (0.5, 0.5) + (-x / 2 + 0.03, 0), 0.0), (half, 0.18), (half, 0.26)], looks.CERAMIC)
     m.cylinder((-x + 0.03, 0, h - 0.12), 0.015, 0.12, looks.CHROME, segments=8)
 
@@ -241,4 +262,8 @@ def drying_rack(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
         m.box((cx - 0.008, -y + 0.02, h - 0.03), (cx + 0.008, y - 0.02, h - 0.014), looks.WHITE)
     for cx in np.linspace(-x + 0.01, x - 0.01, 5)[1:-1]:
         start, length = rng.uniform(-y + 0.05, 0.0), rng.uniform(0.3, y)
-        m.box((cx - 0.012, start, h - rng.uniform(0.4, 0.6)), (cx + 0.012, min(start + length, y - 0.03), h - 0.01), looks.linen(rng))
+        m.box(
+            (cx - 0.012, start, h - rng.uniform(0.4, 0.6)),
+            (cx + 0.012, min(start + length, y - 0.03), h - 0.01),
+            looks.linen(rng),
+        )

@@ -18,7 +18,8 @@ DOOR_HEIGHT_M = 2.05
 class Room:
     """A rectangle from `low_m` to `high_m` (x, y), measured between the wall faces.
 
-    Rooms of one `twin` group hold the same list of objects; `mirror_of` names the room whose furniture this one repeats mirrored.
+    Rooms of one `twin` group hold the same list of objects; `mirror_of` names the room whose furniture this one repeats
+    mirrored.
     """
 
     id: str
@@ -45,9 +46,11 @@ class Room:
 
 @dataclass(frozen=True)
 class Door:
-    """An opening in the wall between two rooms, which one walks through along `axis` ("x" or "y"); rooms[0] lies at the smaller coordinate.
+    """An opening in the wall between two rooms, which one walks through along `axis` ("x" or "y"); rooms[0] lies at the
+    smaller coordinate.
 
-    `leaf_room` names the room an open leaf stands in (None: an opening without a leaf); `hinge` is the side, -1 or +1 across the axis.
+    `leaf_room` names the room an open leaf stands in (None: an opening without a leaf); `hinge` is the side, -1 or +1
+    across the axis.
     """
 
     centre_m: tuple[float, float]
@@ -59,7 +62,8 @@ class Door:
 
     @property
     def leaf_m(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Where an open leaf stands, seen from the door's centre: along `axis` from hinge to edge, and across it from back to face."""
+        """Where an open leaf stands, seen from the door's centre: along `axis` from hinge to edge, and across it from
+        back to face."""
         into, half = (1 if self.leaf_room == self.rooms[1] else -1), self.width_m / 2
         near = WALL_M / 2 + 0.015
         return (into * near, into * (near + self.width_m - 0.04)), (self.hinge * half, self.hinge * (half - 0.04))
@@ -67,7 +71,8 @@ class Door:
 
 @dataclass(frozen=True)
 class Window:
-    """A window in an outer wall: `inward` is the unit vector from the pane into the room, `centre_m` lies on the wall's inner face."""
+    """A window in an outer wall: `inward` is the unit vector from the pane into the room, `centre_m` lies on the wall's
+    inner face."""
 
     centre_m: tuple[float, float]
     width_m: float
@@ -88,7 +93,8 @@ class Layout:
 
 @dataclass(frozen=True)
 class RoomKind:
-    """Width range of a room along its corridor and the share of it among the rooms of a style; wet rooms have a small, high window."""
+    """Width range of a room along its corridor and the share of it among the rooms of a style; wet rooms have a small,
+    high window."""
 
     width_m: tuple[float, float]
     weight: float
@@ -132,10 +138,12 @@ _ROOMS_PER_WING = 12
 
 @dataclass(frozen=True)
 class _Cell:
-    """A piece of a row, in its own coordinates: u along the corridor from 0 to `width_m`, v away from it from 0 to the row's depth.
+    """A piece of a row, in its own coordinates: u along the corridor from 0 to `width_m`, v away from it from 0 to the
+    row's depth.
 
-    rooms: (kind, u0, u1, v0, v1) between wall axes; doors: (u, v, axis, width, room, other room or -1 for the corridor);
-    windows: (u, width, sill, head, room), all in the outer wall; leaves: hinge of the leaf of each door, 0 for none.
+    rooms: (kind, u0, u1, v0, v1) between wall axes; doors: (u, v, axis, width, room, other room or -1 for the
+    corridor); windows: (u, width, sill, head, room), all in the outer wall; leaves: hinge of the leaf of each door, 0
+    for none.
     """
 
     width_m: float
@@ -158,8 +166,14 @@ class _Plan:
     doors: list[Door] = field(default_factory=list)
     windows: list[Window] = field(default_factory=list)
 
-    def add_room(self, kind: str, corner_a: tuple[float, float], corner_b: tuple[float, float], twin: str | None = None,
-                 mirror_of: str | None = None) -> str:
+    def add_room(
+        self,
+        kind: str,
+        corner_a: tuple[float, float],
+        corner_b: tuple[float, float],
+        twin: str | None = None,
+        mirror_of: str | None = None,
+    ) -> str:
         """Add the room between two opposite corners of its wall axes; returns its id."""
         low = tuple(min(a, b) + WALL_M / 2 for a, b in zip(corner_a, corner_b, strict=True))
         high = tuple(max(a, b) - WALL_M / 2 for a, b in zip(corner_a, corner_b, strict=True))
@@ -167,8 +181,16 @@ class _Plan:
         self.rooms.append(Room(f"{kind}-{number:02d}", kind, low, high, self.height_m, twin, mirror_of))
         return self.rooms[-1].id
 
-    def add_door(self, centre: tuple[float, float], width: float, axis: str, first: str, second: str, leaf_room: str | None = None,
-                 hinge: int = 1) -> None:
+    def add_door(
+        self,
+        centre: tuple[float, float],
+        width: float,
+        axis: str,
+        first: str,
+        second: str,
+        leaf_room: str | None = None,
+        hinge: int = 1,
+    ) -> None:
         """Add the door between two rooms, which are put in the order of their coordinates."""
         by_id = {room.id: room for room in self.rooms}
         along = "xy".index(axis)
@@ -179,7 +201,8 @@ class _Plan:
 def plan_layout(style: str, rooms: int, seed: int) -> Layout:
     """Draw the floor plan of a building with exactly this many rooms, corridors counted.
 
-    A single corridor serves small buildings; from 18 rooms on, wings of about 12 rooms branch off a spine to both sides.
+    A single corridor serves small buildings; from 18 rooms on, wings of about 12 rooms branch off a spine to both
+    sides.
     """
     rng = np.random.default_rng((seed, rooms, 1))
     plan = _Plan(style, round(rng.uniform(*_HEIGHT_M[style]), 2))
@@ -189,7 +212,7 @@ def plan_layout(style: str, rooms: int, seed: int) -> Layout:
     cells = _draw_cells(style, rooms - wings - levels, math.ceil(_TWIN_SHARE[style] * rooms), depth, rng)
     wing_cells = _share_out(cells, 2 * wings, rng)
     pitch = corridor + 2 * depth + round(rng.uniform(4.0, 6.0), 2)
-    lengths = [max(sum(cells[i].width_m for i in row) for row in wing_cells[2 * w:2 * w + 2]) for w in range(wings)]
+    lengths = [max(sum(cells[i].width_m for i in row) for row in wing_cells[2 * w : 2 * w + 2]) for w in range(wings)]
     corridors = [_add_wing(plan, w, lengths[w], corridor, pitch, wings > 1) for w in range(wings)]
     if levels:
         _add_spine(plan, corridors, corridor, depth, pitch)
@@ -203,8 +226,14 @@ def plan_layout(style: str, rooms: int, seed: int) -> Layout:
 
 
 def _wing_place(wing: int, corridor: float, pitch: float, spine: bool) -> tuple[float, float, int, float]:
-    """Where a wing starts: x of its first wall axis, y of its corridor's middle, direction along x, width of the corridor."""
-    return (corridor / 2 * (1 if wing % 2 == 0 else -1) if spine else 0.0), wing // 2 * pitch, 1 if wing % 2 == 0 else -1, corridor
+    """Where a wing starts: x of its first wall axis, y of its corridor's middle, direction along x, width of the
+    corridor."""
+    return (
+        (corridor / 2 * (1 if wing % 2 == 0 else -1) if spine else 0.0),
+        wing // 2 * pitch,
+        1 if wing % 2 == 0 else -1,
+        corridor,
+    )
 
 
 def _add_wing(plan: _Plan, wing: int, length: float, corridor: float, pitch: float, spine: bool) -> str:
@@ -221,7 +250,9 @@ def _add_wing(plan: _Plan, wing: int, length: float, corridor: float, pitch: flo
 def _add_spine(plan: _Plan, wings: list[str], corridor: float, depth: float, pitch: float) -> None:
     """One corridor a level, joined end to end, with an opening to each of its wings and windows to the courtyards."""
     half, levels = corridor / 2, math.ceil(len(wings) / 2)
-    bounds = [-half - depth] + [(level + 0.5) * pitch for level in range(levels - 1)] + [(levels - 1) * pitch + half + depth]
+    bounds = (
+        [-half - depth] + [(level + 0.5) * pitch for level in range(levels - 1)] + [(levels - 1) * pitch + half + depth]
+    )
     opening = round(corridor - 0.5, 2)
     names = []
     for level in range(levels):
@@ -238,8 +269,17 @@ def _add_spine(plan: _Plan, wings: list[str], corridor: float, depth: float, pit
         plan.windows.append(Window((0.0, y), round(corridor - 0.8, 2), 0.9, 2.2, (0, inward), name))
 
 
-def _add_row(plan: _Plan, cells: list[_Cell], row_cells: list[int], copies: bool, placed: dict[int, tuple[str, ...]], corridor_id: str,
-             place: tuple[float, float, int, float], row: int, depth: float) -> None:
+def _add_row(
+    plan: _Plan,
+    cells: list[_Cell],
+    row_cells: list[int],
+    copies: bool,
+    placed: dict[int, tuple[str, ...]],
+    corridor_id: str,
+    place: tuple[float, float, int, float],
+    row: int,
+    depth: float,
+) -> None:
     """Put the cells of a row (0 above the corridor, 1 below) that are copies, or those that are not, in their places."""
     x, y, direction, corridor = place
     up = 1 if row == 0 else -1
@@ -251,7 +291,9 @@ def _add_row(plan: _Plan, cells: list[_Cell], row_cells: list[int], copies: bool
         x += direction * cell.width_m
         if (cell.copy_of is not None) != copies:
             continue
-        flip = (up < 0) != cell.mirrored  # the lower row is the upper one turned round, so that unmirrored cells stay congruent
+        flip = (
+            up < 0
+        ) != cell.mirrored  # the lower row is the upper one turned round, so that unmirrored cells stay congruent
 
         def world(u: float, v: float, left=left, flip=flip, width=cell.width_m) -> tuple[float, float]:
             return round(left + (width - u if flip else u), 4), round(base + up * v, 4)
@@ -264,8 +306,15 @@ def _add_row(plan: _Plan, cells: list[_Cell], row_cells: list[int], copies: bool
         placed[index] = names
         for (u, v, axis, width, room, other), leaf in zip(cell.doors, cell.leaves, strict=True):
             hinge = leaf * (-1 if axis == "v" and flip else 1) * (up if axis == "u" else 1)
-            plan.add_door(world(u, v), width, "x" if axis == "u" else "y", names[room], names[other] if other >= 0 else corridor_id,
-                          names[room] if leaf else None, hinge or 1)
+            plan.add_door(
+                world(u, v),
+                width,
+                "x" if axis == "u" else "y",
+                names[room],
+                names[other] if other >= 0 else corridor_id,
+                names[room] if leaf else None,
+                hinge or 1,
+            )
         for u, width, sill, head, room in cell.windows:
             plan.windows.append(Window(world(u, depth - WALL_M / 2), width, sill, head, (0, -up), names[room]))
         if plan.style == "home" and previous and {cell.rooms[0][0], previous.rsplit("-", 1)[0]} <= _OPEN_PLAN:
@@ -305,7 +354,7 @@ def _draw_kinds(style: str, count: int, rng: np.random.Generator) -> list[str]:
     share = np.array([kind.weight for kind in kinds.values()]) * rng.uniform(0.8, 1.2, len(kinds))
     share *= count / share.sum()
     number = np.floor(share).astype(int)
-    for index in np.argsort(number - share, kind="stable")[:count - number.sum()]:
+    for index in np.argsort(number - share, kind="stable")[: count - number.sum()]:
         number[index] += 1
     return [name for name, times in zip(kinds, number, strict=True) for _ in range(times)]
 
@@ -334,20 +383,33 @@ def _suite_cell(depth: float, rng: np.random.Generator) -> _Cell:
     """Two hotel rooms with two bathrooms back to back between them."""
     width_a, width_b, bath = (round(rng.uniform(low, high), 2) for low, high in ((3.5, 4.1), (3.5, 4.1), (2.4, 2.8)))
     end, middle = width_a + bath, depth / 2
-    rooms = (("hotel-room", 0.0, width_a, 0.0, depth), ("bathroom", width_a, end, 0.0, middle),
-             ("bathroom", width_a, end, middle, depth), ("hotel-room", end, end + width_b, 0.0, depth))
-    doors = ((0.75, 0.0, "v", 0.9, 0, -1), (end + width_b - 0.75, 0.0, "v", 0.9, 3, -1),
-             (width_a, round(rng.uniform(0.7, middle - 0.7), 3), "u", 0.85, 1, 0),
-             (end, round(rng.uniform(middle + 0.7, depth - 0.7), 3), "u", 0.85, 2, 3))
-    windows = ((width_a / 2, round(rng.uniform(1.4, 1.8), 2), 0.8, 2.2, 0), (width_a + bath / 2, 0.7, 1.5, 2.15, 2),
-               (end + width_b / 2, round(rng.uniform(1.4, 1.8), 2), 0.8, 2.2, 3))
-    return _Cell(end + width_b, rooms, doors, windows, (int(rng.choice((0, -1))), int(rng.choice((0, 1))), 0, 0), (None,) * 4)
+    rooms = (
+        ("hotel-room", 0.0, width_a, 0.0, depth),
+        ("bathroom", width_a, end, 0.0, middle),
+        ("bathroom", width_a, end, middle, depth),
+        ("hotel-room", end, end + width_b, 0.0, depth),
+    )
+    doors = (
+        (0.75, 0.0, "v", 0.9, 0, -1),
+        (end + width_b - 0.75, 0.0, "v", 0.9, 3, -1),
+        (width_a, round(rng.uniform(0.7, middle - 0.7), 3), "u", 0.85, 1, 0),
+        (end, round(rng.uniform(middle + 0.7, depth - 0.7), 3), "u", 0.85, 2, 3),
+    )
+    windows = (
+        (width_a / 2, round(rng.uniform(1.4, 1.8), 2), 0.8, 2.2, 0),
+        (width_a + bath / 2, 0.7, 1.5, 2.15, 2),
+        (end + width_b / 2, round(rng.uniform(1.4, 1.8), 2), 0.8, 2.2, 3),
+    )
+    return _Cell(
+        end + width_b, rooms, doors, windows, (int(rng.choice((0, -1))), int(rng.choice((0, 1))), 0, 0), (None,) * 4
+    )
 
 
 def _make_twins(cells: list[_Cell], start: int, wanted: int, rng: np.random.Generator) -> list[_Cell]:
     """Turn cells into copies of others until `wanted` rooms are twins: pairs, about 40 % of the copies mirrored.
 
-    Cells before `start` are suites and pair among themselves. A lone suite makes twins of its own two rooms and two bathrooms.
+    Cells before `start` are suites and pair among themselves. A lone suite makes twins of its own two rooms and two
+    bathrooms.
     """
     cells = list(cells)
     made, group = 0, 0

@@ -16,9 +16,10 @@ from salframe_house.tracing import Tracer
 class Condition:
     """A time of day. Intensities are relative to each other: the exposure adapts to the picture.
 
-    `window` is the radiance of a window's area, `lamp` that of a lamp of 0.36 m^2, `lamps_on` the share of lamps that are switched on,
-    `glow` scales the emission of their materials; zenith, horizon and ground are the radiance outdoors; `key` is the brightness that the
-    exposure aims at and `noise` the deviation of sensor noise, white being 1.
+    `window` is the radiance of a window's area, `lamp` that of a lamp of 0.36 m^2, `lamps_on` the share of lamps that
+    are switched on, `glow` scales the emission of their materials; zenith, horizon and ground are the radiance
+    outdoors; `key` is the brightness that the exposure aims at and `noise` the deviation of sensor noise, white being
+    1.
     """
 
     window: float
@@ -36,21 +37,47 @@ class Condition:
 
 CONDITIONS = {
     "day": Condition(
-        window=6.0, window_rgb=(0.93, 1.0, 1.09), lamp=7.0, lamp_rgb=(1.06, 1.0, 0.88), lamps_on=1.0, glow=1.5,
-        zenith_rgb=(1.5, 2.2, 3.4), horizon_rgb=(3.2, 3.6, 4.0), ground_rgb=(0.9, 1.0, 0.8), key=0.17,
+        window=6.0,
+        window_rgb=(0.93, 1.0, 1.09),
+        lamp=7.0,
+        lamp_rgb=(1.06, 1.0, 0.88),
+        lamps_on=1.0,
+        glow=1.5,
+        zenith_rgb=(1.5, 2.2, 3.4),
+        horizon_rgb=(3.2, 3.6, 4.0),
+        ground_rgb=(0.9, 1.0, 0.8),
+        key=0.17,
     ),
     "evening": Condition(
-        window=0.12, window_rgb=(0.6, 0.9, 1.6), lamp=14.0, lamp_rgb=(1.12, 0.99, 0.78), lamps_on=1.0, glow=2.0,
-        zenith_rgb=(0.02, 0.035, 0.09), horizon_rgb=(0.09, 0.10, 0.16), ground_rgb=(0.015, 0.018, 0.025), key=0.14,
+        window=0.12,
+        window_rgb=(0.6, 0.9, 1.6),
+        lamp=14.0,
+        lamp_rgb=(1.12, 0.99, 0.78),
+        lamps_on=1.0,
+        glow=2.0,
+        zenith_rgb=(0.02, 0.035, 0.09),
+        horizon_rgb=(0.09, 0.10, 0.16),
+        ground_rgb=(0.015, 0.018, 0.025),
+        key=0.14,
     ),
     "dim": Condition(
-        window=0.35, window_rgb=(0.8, 0.97, 1.25), lamp=8.0, lamp_rgb=(1.11, 0.99, 0.80), lamps_on=0.4, glow=1.5,
-        zenith_rgb=(0.06, 0.09, 0.17), horizon_rgb=(0.20, 0.22, 0.27), ground_rgb=(0.04, 0.045, 0.05), key=0.08, noise=0.008,
+        window=0.35,
+        window_rgb=(0.8, 0.97, 1.25),
+        lamp=8.0,
+        lamp_rgb=(1.11, 0.99, 0.80),
+        lamps_on=0.4,
+        glow=1.5,
+        zenith_rgb=(0.06, 0.09, 0.17),
+        horizon_rgb=(0.20, 0.22, 0.27),
+        ground_rgb=(0.04, 0.045, 0.05),
+        key=0.08,
+        noise=0.008,
     ),
 }
 
 INTERLEAVED = 16
-"""Points are shaded with one of so many sets of samples; together the sets are stratified, so averaging 4 x 4 points removes noise."""
+"""Points are shaded with one of so many sets of samples; together the sets are stratified, so averaging 4 x 4 points
+removes noise."""
 
 _CELL_M = 0.5
 _CANDIDATES = 12
@@ -67,7 +94,8 @@ def is_hollow(scene: Scene) -> np.ndarray:
 
 
 def lights_on(lights: tuple[Light, ...], condition: Condition) -> np.ndarray:
-    """(L,) bool: which lights shine. Windows all do; which lamps do is fixed by where they stand, and a room keeps its first lamp."""
+    """(L,) bool: which lights shine. Windows all do; which lamps do is fixed by where they stand, and a room keeps its
+    first lamp."""
     first_lamp: dict[str, int] = {}
     for index, light in enumerate(lights):
         if light.kind == "lamp":
@@ -78,7 +106,8 @@ def lights_on(lights: tuple[Light, ...], condition: Condition) -> np.ndarray:
 
 
 class Lights:
-    """The lights of a building under one condition, and for every half metre of floor those that can be seen from there.
+    """The lights of a building under one condition, and for every half metre of floor those that can be seen from
+    there.
 
     Looking candidates up by place bounds the cost of a point, however many rooms the building has.
     """
@@ -88,7 +117,9 @@ class Lights:
         on = [light for light, shines in zip(scene.lights, lights_on(scene.lights, condition), strict=True) if shines]
         # The last light is dark: it fills the places of cells that see fewer lights.
         self._centre_m = np.array([light.position_m for light in on] + [(0, 0, -1e3)], np.float32)
-        self._edges_m = np.array([(light.edge_u_m, light.edge_v_m) for light in on] + [np.eye(3)[:2] * 1e-3], np.float32)
+        self._edges_m = np.array(
+            [(light.edge_u_m, light.edge_v_m) for light in on] + [np.eye(3)[:2] * 1e-3], np.float32
+        )
         normal = np.cross(self._edges_m[:, 0], self._edges_m[:, 1])
         area_m2 = np.linalg.norm(normal, axis=1)
         normal /= area_m2[:, None]
@@ -105,7 +136,8 @@ class Lights:
         self._candidates = self._seen_by_cells(scene.vertices_m.max(axis=0) - self._low_m)
 
     def _seen_by_cells(self, size_m: np.ndarray) -> np.ndarray:
-        """(rows along y, columns along x, _CANDIDATES) int32 lights that some point in or beside each cell sees, strongest first."""
+        """(rows along y, columns along x, _CANDIDATES) int32 lights that some point in or beside each cell sees,
+        strongest first."""
         self._shape = rows, columns = tuple(np.ceil(size_m[1::-1] / _CELL_M).astype(int) + 1)
         # Points spread over the cell and most of the height, each with another part of the light.
         spread = np.arange(1, 13)[:, None] * np.append(_GOLDEN, 0.438) % 1
@@ -117,7 +149,9 @@ class Lights:
         for light in range(len(self._centre_m) - 1):
             cells = np.flatnonzero(np.linalg.norm(corner[:, :2] - self._centre_m[light, :2], axis=1) < _REACH_M)
             points = (corner[cells, None] + offset).reshape(-1, 3).astype(np.float32)
-            seen = ~self._tracer.blocked(points, np.tile(self._centre_m[light] + part @ self._edges_m[light], (len(cells), 1)))
+            seen = ~self._tracer.blocked(
+                points, np.tile(self._centre_m[light] + part @ self._edges_m[light], (len(cells), 1))
+            )
             distance_sq = np.sum((points - self._centre_m[light]) ** 2, axis=1)
             received = self._intensity[light] * seen / (distance_sq + self._radius_sq_m2[light])
             strength[cells, light] = received.reshape(len(cells), -1).max(axis=1)
@@ -131,8 +165,9 @@ class Lights:
     def direct(self, point_m: np.ndarray, normal: np.ndarray, sample_set: np.ndarray, samples: int) -> np.ndarray:
         """(N, 3) float32 irradiance that reaches points straight from the lights, with soft shadows.
 
-        What each light would give unshadowed is computed in closed form; `samples` shadow rays a point are shared out over the lights in
-        proportion to it. `sample_set` (N,) int in [0, INTERLEAVED) chooses the set of samples of each point.
+        What each light would give unshadowed is computed in closed form; `samples` shadow rays a point are shared out
+        over the lights in proportion to it. `sample_set` (N,) int in [0, INTERLEAVED) chooses the set of samples of
+        each point.
         """
         cell = (point_m[:, 1::-1] - self._low_m[1::-1].astype(np.float32)) / np.float32(_CELL_M)
         row, column = np.clip(cell.astype(np.int32), 0, np.array(self._shape) - 1).T

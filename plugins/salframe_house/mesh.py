@@ -11,9 +11,12 @@ from salframe_house.scene import Material
 Point = tuple[float, float, float]
 
 _FACE_AXES = {  # face -> (normal axis, side, axis and direction of u, axis of v), such that u x v points outwards
-    "+x": (0, 1, 1, 1, 2), "-x": (0, 0, 1, -1, 2),
-    "+y": (1, 1, 0, -1, 2), "-y": (1, 0, 0, 1, 2),
-    "+z": (2, 1, 0, 1, 1), "-z": (2, 0, 0, -1, 1),
+    "+x": (0, 1, 1, 1, 2),
+    "-x": (0, 0, 1, -1, 2),
+    "+y": (1, 1, 0, -1, 2),
+    "-y": (1, 0, 0, 1, 2),
+    "+z": (2, 1, 0, 1, 1),
+    "-z": (2, 0, 0, -1, 1),
 }
 
 
@@ -68,7 +71,8 @@ class MeshBuilder:
         return self._materials.setdefault(material, len(self._materials))
 
     def quad(self, corners: np.ndarray, material: Material, uv: np.ndarray | None = None) -> None:
-        """A flat four-cornered face, corners (4, 3) counter-clockwise; uv (4, 2), by default from corner 0 along its two edges."""
+        """A flat four-cornered face, corners (4, 3) counter-clockwise; uv (4, 2), by default from corner 0 along its
+        two edges."""
         corners = np.asarray(corners, float)
         if uv is None:
             width, height = np.linalg.norm(corners[1] - corners[0]), np.linalg.norm(corners[3] - corners[0])
@@ -76,7 +80,8 @@ class MeshBuilder:
         self._add(corners, _QUAD, np.asarray(uv, float)[_QUAD], np.full(2, self._index(material)))
 
     def box(self, low: Point, high: Point, material: Material, **faces: Material) -> None:
-        """An axis-aligned box; `front`, `back`, `left`, `right`, `top`, `bottom` name faces (+x, -x, +y, -y, +z, -z) of another look."""
+        """An axis-aligned box; `front`, `back`, `left`, `right`, `top`, `bottom` name faces (+x, -x, +y, -y, +z, -z) of
+        another look."""
         low, size = np.asarray(low, float), np.subtract(high, low)
         vertices = (low + _BOX_CORNERS * size).reshape(24, 3)
         uv = _BOX_UV * size[_BOX_UV_AXES][:, None]
@@ -86,11 +91,20 @@ class MeshBuilder:
             material_index[("front", "back", "left", "right", "top", "bottom").index(name)] = self._index(look)
         self._add(vertices, triangles, uv[:, _QUAD].reshape(12, 3, 2), np.repeat(material_index, 2))
 
-    def loft(self, sections: list[tuple[np.ndarray, float]], material: Material, axis: str = "z",
-             origin: Point = (0.0, 0.0, 0.0), caps: tuple[bool, bool] = (True, True), cap: Material | None = None) -> None:
-        """A solid through cross-sections ((n, 2) points, counter-clockwise; height along `axis`), closed by flat caps at its ends.
+    def loft(
+        self,
+        sections: list[tuple[np.ndarray, float]],
+        material: Material,
+        axis: str = "z",
+        origin: Point = (0.0, 0.0, 0.0),
+        caps: tuple[bool, bool] = (True, True),
+        cap: Material | None = None,
+    ) -> None:
+        """A solid through cross-sections ((n, 2) points, counter-clockwise; height along `axis`), closed by flat caps
+        at its ends.
 
-        The cross-section of an "x" loft lies in (y, z), of a "y" loft in (z, x). `cap` is another look for the last cap.
+        The cross-section of an "x" loft lies in (y, z), of a "y" loft in (z, x). `cap` is another look for the last
+        cap.
         """
         rings = np.array([np.column_stack([points, np.full(len(points), height)]) for points, height in sections])
         count, n = rings.shape[:2]
@@ -102,11 +116,15 @@ class MeshBuilder:
         rise = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(rings, axis=0), axis=-1).mean(1))])
         u0, v0 = np.meshgrid(along[:-1], rise[:-1])
         u1, v1 = np.meshgrid(along[1:], rise[1:])
-        uv = np.stack([np.stack([u0, v0], -1), np.stack([u1, v0], -1), np.stack([u1, v1], -1), np.stack([u0, v1], -1)], 2)
+        uv = np.stack(
+            [np.stack([u0, v0], -1), np.stack([u1, v0], -1), np.stack([u1, v1], -1), np.stack([u0, v1], -1)], 2
+        )
         triangles, texture = [quads[:, _QUAD].reshape(-1, 3)], [uv.reshape(-1, 4, 2)[:, _QUAD].reshape(-1, 3, 2)]
         look = [np.full(2 * len(quads), self._index(material))]
         fan = np.array([[0, i, i + 1] for i in range(1, n - 1)])
-        for closed, ring, order, surface in zip(caps, (0, count - 1), (fan[:, ::-1], fan), (material, cap or material), strict=True):
+        for closed, ring, order, surface in zip(
+            caps, (0, count - 1), (fan[:, ::-1], fan), (material, cap or material), strict=True
+        ):
             if closed:
                 triangles.append(order + ring * n)
                 texture.append(rings[ring, order, :2] - rings[ring, :, :2].min(0))
@@ -114,8 +132,17 @@ class MeshBuilder:
         vertices = rings.reshape(-1, 3)[:, _PERMUTATION[axis]] + np.asarray(origin, float)
         self._add(vertices, np.concatenate(triangles), np.concatenate(texture), np.concatenate(look))
 
-    def cylinder(self, centre: Point, radius: float | tuple[float, float], height: float, material: Material, axis: str = "z",
-                 top_radius: float | tuple[float, float] | None = None, segments: int = 12, cap: Material | None = None) -> None:
+    def cylinder(
+        self,
+        centre: Point,
+        radius: float | tuple[float, float],
+        height: float,
+        material: Material,
+        axis: str = "z",
+        top_radius: float | tuple[float, float] | None = None,
+        segments: int = 12,
+        cap: Material | None = None,
+    ) -> None:
         """A cylinder, cone stump or elliptic pipe from `centre` (of its first cap) along `axis`."""
         ring = circle(segments)
         sections = [(ring * radius, 0.0), (ring * (radius if top_radius is None else top_radius), height)]
@@ -125,13 +152,21 @@ class MeshBuilder:
         """A box with its upright and upper edges rounded off, open below: upholstery, mattresses, pillows."""
         (x0, y0, z0), (x1, y1, z1) = low, high
         bevel = min(bevel_m, (x1 - x0) / 4, (y1 - y0) / 4, (z1 - z0) / 2)
-        outline, inset = _octagon(x0, y0, x1, y1, bevel), _octagon(x0 + bevel, y0 + bevel, x1 - bevel, y1 - bevel, bevel / 2)
+        outline, inset = (
+            _octagon(x0, y0, x1, y1, bevel),
+            _octagon(x0 + bevel, y0 + bevel, x1 - bevel, y1 - bevel, bevel / 2),
+        )
         self.loft([(outline, z0), (outline, z1 - bevel), (inset, z1)], material, caps=(False, True))
 
     def mesh(self) -> Mesh:
         """All parts as one mesh."""
-        return Mesh(np.concatenate(self._vertices), np.concatenate(self._triangles), np.concatenate(self._uv),
-                    np.concatenate(self._material_index), tuple(self._materials))
+        return Mesh(
+            np.concatenate(self._vertices),
+            np.concatenate(self._triangles),
+            np.concatenate(self._uv),
+            np.concatenate(self._material_index),
+            tuple(self._materials),
+        )
 
 
 def circle(segments: int) -> np.ndarray:
@@ -142,5 +177,15 @@ def circle(segments: int) -> np.ndarray:
 
 def _octagon(x0: float, y0: float, x1: float, y1: float, cut: float) -> np.ndarray:
     """A rectangle with its corners cut off, counter-clockwise."""
-    return np.array([[x0 + cut, y0], [x1 - cut, y0], [x1, y0 + cut], [x1, y1 - cut],
-                     [x1 - cut, y1], [x0 + cut, y1], [x0, y1 - cut], [x0, y0 + cut]])
+    return np.array(
+        [
+            [x0 + cut, y0],
+            [x1 - cut, y0],
+            [x1, y0 + cut],
+            [x1, y1 - cut],
+            [x1 - cut, y1],
+            [x0 + cut, y1],
+            [x0, y1 - cut],
+            [x0, y0 + cut],
+        ]
+    )

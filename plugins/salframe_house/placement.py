@@ -25,7 +25,8 @@ _INWARD = ((1, 0), (-1, 0), (0, 1), (0, -1))  # of the walls: at low x, high x, 
 
 @dataclass(frozen=True)
 class PlacedObject:
-    """An object in the building: origin (x, y, z) at the middle of its base, front along `yaw_rad`, size_m along its own x, y, z.
+    """An object in the building: origin (x, y, z) at the middle of its base, front along `yaw_rad`, size_m along its
+    own x, y, z.
 
     Label, size, seed and `mirrored` (left and right exchanged) determine its mesh.
     """
@@ -51,7 +52,9 @@ class PlacedObject:
     def bounds_m(self) -> np.ndarray:
         """(2, 3) lowest and highest corner in the world."""
         hx, hy = self.half_extent_m
-        return np.array([[self.x_m - hx, self.y_m - hy, self.z_m], [self.x_m + hx, self.y_m + hy, self.z_m + self.size_m[2]]])
+        return np.array(
+            [[self.x_m - hx, self.y_m - hy, self.z_m], [self.x_m + hx, self.y_m + hy, self.z_m + self.size_m[2]]]
+        )
 
     @property
     def is_obstacle(self) -> bool:
@@ -93,17 +96,28 @@ class RoomPlan:
         del self.objects[index]
         self._boxes = np.delete(self._boxes, index, 0)
 
-    def place(self, label: str, seed: int, rng: np.random.Generator, instance_id: int = 0,
-              away_from: PlacedObject | None = None) -> PlacedObject | None:
-        """Find a valid place for an object, put it there and return it, or None where there is none among some random candidates.
+    def place(
+        self,
+        label: str,
+        seed: int,
+        rng: np.random.Generator,
+        instance_id: int = 0,
+        away_from: PlacedObject | None = None,
+    ) -> PlacedObject | None:
+        """Find a valid place for an object, put it there and return it, or None where there is none among some random
+        candidates.
 
         With `away_from` the place is at least half a metre (half the room where that is less) from that object's.
         """
         kind = CLASSES[label]
         for x, y, z, yaw, size in self._candidates(kind, kind.draw_size(seed), rng):
-            if away_from and np.hypot(x - away_from.x_m, y - away_from.y_m) < min(0.5, *(side / 2 for side in self.room.size_m)):
+            if away_from and np.hypot(x - away_from.x_m, y - away_from.y_m) < min(
+                0.5, *(side / 2 for side in self.room.size_m)
+            ):
                 continue
-            placed = PlacedObject(instance_id, label, self.room.id, round(x, 4), round(y, 4), round(z, 4), round(yaw, 6), size, seed)
+            placed = PlacedObject(
+                instance_id, label, self.room.id, round(x, 4), round(y, 4), round(z, 4), round(yaw, 6), size, seed
+            )
             if z >= 0 and self._fits(placed, kind):
                 self.add(placed)
                 return placed
@@ -125,12 +139,18 @@ class RoomPlan:
         """The space before a window that only curtains enter."""
         inward = np.array(window.inward)
         across = np.abs(inward[::-1]) * (window.width_m / 2 + 0.06)
-        ends = np.array([window.centre_m - across, window.centre_m + across + inward * 0.2, window.centre_m + inward * 0.2])
+        ends = np.array(
+            [window.centre_m - across, window.centre_m + across + inward * 0.2, window.centre_m + inward * 0.2]
+        )
         return np.array([[*ends.min(0), window.sill_m - 0.02], [*ends.max(0), window.head_m + 0.1]])
 
     def _fits(self, placed: PlacedObject, kind: ObjectClass) -> bool:
         box = placed.bounds_m
-        if (box[0, :2] < self._low).any() or (box[1, :2] > self._high).any() or box[1, 2] > self.room.height_m + _CONTACT_M:
+        if (
+            (box[0, :2] < self._low).any()
+            or (box[1, :2] > self._high).any()
+            or box[1, 2] > self.room.height_m + _CONTACT_M
+        ):
             return False
         if _overlaps(box, self._boxes).any() or _overlaps(box, self._door_boxes).any():
             return False
@@ -149,7 +169,11 @@ class RoomPlan:
             if kind.front_m and placed.label not in other_kind.partners and _overlaps(front, box[None])[0]:
                 return False
             other_front = _front_box(other, other_kind)
-            if other_kind.front_m and other.label not in kind.partners and _overlaps(placed.bounds_m, other_front[None])[0]:
+            if (
+                other_kind.front_m
+                and other.label not in kind.partners
+                and _overlaps(placed.bounds_m, other_front[None])[0]
+            ):
                 return False
         return True
 
@@ -163,7 +187,7 @@ class RoomPlan:
         for low, high in (*blocking, box):
             first = np.maximum(np.round((low[:2] - self._low - _PASSAGE_M / 2) / _CELL_M).astype(int), 0)
             last = np.maximum(np.round((high[:2] - self._low + _PASSAGE_M / 2) / _CELL_M).astype(int), 0)
-            free[first[0]:last[0], first[1]:last[1]] = False
+            free[first[0] : last[0], first[1] : last[1]] = False
         labels, count = ndimage.label(free)
         if count == 0:
             return False
@@ -173,7 +197,9 @@ class RoomPlan:
             return False
         return (labels == at_doors[0]).sum() >= 0.85 * free.sum() if len(at_doors) else True
 
-    def _candidates(self, kind: ObjectClass, size: Size, rng: np.random.Generator) -> Iterator[tuple[float, float, float, float, Size]]:
+    def _candidates(
+        self, kind: ObjectClass, size: Size, rng: np.random.Generator
+    ) -> Iterator[tuple[float, float, float, float, Size]]:
         """Poses (x, y, z, yaw) and sizes worth trying, in random order."""
         if kind.stand == "window":
             for index in rng.permutation(len(self.windows)):
@@ -218,16 +244,26 @@ class RoomPlan:
         x, y = np.array(self.room.centre_m) + slack * rng.uniform(-0.8, 0.8, 2)
         return float(x), float(y), 0.0, turned * np.pi / 2 + rng.integers(2) * np.pi
 
-    def _along_walls(self, kind: ObjectClass, size: Size, rng: np.random.Generator) -> tuple[float, float, float, float]:
+    def _along_walls(
+        self, kind: ObjectClass, size: Size, rng: np.random.Generator
+    ) -> tuple[float, float, float, float]:
         """Back to a wall; four in ten (corner furniture: nine) right in one of its ends."""
         wall = int(rng.integers(4))
         hung = kind.stand == "hung"
         slack = np.array(self.room.size_m) / 2 - size[1] / 2 - _WALL_GAP_M
-        shift = rng.uniform(-1, 1) if hung or rng.random() > (0.9 if kind.stand == "corner" else 0.4) else rng.choice((-1.0, 1.0))
-        x, y, yaw = self._at_wall(size, _HUNG_GAP_M if hung else _WALL_GAP_M, wall, np.array(self.room.centre_m) + shift * slack)
+        shift = (
+            rng.uniform(-1, 1)
+            if hung or rng.random() > (0.9 if kind.stand == "corner" else 0.4)
+            else rng.choice((-1.0, 1.0))
+        )
+        x, y, yaw = self._at_wall(
+            size, _HUNG_GAP_M if hung else _WALL_GAP_M, wall, np.array(self.room.centre_m) + shift * slack
+        )
         return x, y, float(rng.uniform(*kind.base_m)) if hung else 0.0, yaw
 
-    def _at_wall(self, size: Size, gap: float, wall: int, beside_m: np.ndarray | tuple[float, float]) -> tuple[float, float, float]:
+    def _at_wall(
+        self, size: Size, gap: float, wall: int, beside_m: np.ndarray | tuple[float, float]
+    ) -> tuple[float, float, float]:
         """Position and yaw with the back at a wall (an index of _INWARD), next to a point."""
         inward = np.array(_INWARD[wall])
         face = np.where(inward > 0, self._low, self._high)
@@ -243,14 +279,19 @@ def _over_window(size: Size, window: Window) -> tuple[float, float, float, float
     return float(x), float(y), window.sill_m - 0.12, yaw, fitted
 
 
-def _by_partner(kind: ObjectClass, size: Size, partner: PlacedObject, rng: np.random.Generator) -> tuple[float, float, float, float]:
+def _by_partner(
+    kind: ObjectClass, size: Size, partner: PlacedObject, rng: np.random.Generator
+) -> tuple[float, float, float, float]:
     """In front of another object or around it, facing it; beside it, facing its way; or on top of it."""
     half_x, half_y, gap = partner.size_m[0] / 2, partner.size_m[1] / 2, rng.uniform(*kind.gap_m)
     turn, z = 0.0, 0.0
     if kind.stand == "beside":
         x, y = size[0] / 2 - half_x, rng.choice((-1, 1)) * (half_y + size[1] / 2 + gap)
     elif kind.stand == "top":
-        x, y = (max(half - side / 2, 0.0) * rng.uniform(-0.9, 0.9) for half, side in zip((half_x, half_y), size, strict=False))
+        x, y = (
+            max(half - side / 2, 0.0) * rng.uniform(-0.9, 0.9)
+            for half, side in zip((half_x, half_y), size, strict=False)
+        )
         z = partner.z_m + partner.size_m[2]
         if size[0] > partner.size_m[0] or size[1] > partner.size_m[1]:
             z = -1.0  # does not fit on it

@@ -10,8 +10,8 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from salframe.errors import DataError
-from salframe.geometry import equirectangular_rays, rays_to_pixels
+from salframe.framework.errors import DataError
+from salframe.panoramas.geometry import equirectangular_rays, rays_to_pixels
 from salframe_house.albedo import SurfaceColor
 from salframe_house.bounce import Bounce
 from salframe_house.lighting import CONDITIONS, Condition, Lights, is_hollow, lights_on
@@ -40,7 +40,8 @@ class Rendering:
 
 
 class _Surfaces:
-    """What does not depend on the lighting. Textures are painted when a picture first needs them: range and instances do not."""
+    """What does not depend on the lighting. Textures are painted when a picture first needs them: range and instances
+    do not."""
 
     def __init__(self, scene: Scene):
         for material in scene.materials:
@@ -59,12 +60,16 @@ class _Surfaces:
 class Renderer:
     """Renders panoramas of one scene under one lighting.
 
-    The same scene, lighting, height and pose give the same bytes. Raises DataError on an unknown lighting or texture and on a height
-    that is no multiple of 4.
+    The same scene, lighting, height and pose give the same bytes. Raises DataError on an unknown lighting or texture
+    and on a height that is no multiple of 4.
     """
 
     def __init__(
-        self, scene: Scene, lighting: Literal["day", "evening", "dim"], height: int = 512, _surfaces: _Surfaces | None = None
+        self,
+        scene: Scene,
+        lighting: Literal["day", "evening", "dim"],
+        height: int = 512,
+        _surfaces: _Surfaces | None = None,
     ):
         if height % _INDIRECT_STEP or height <= 0:
             raise DataError(f"a panorama's height of {height}, expected a positive multiple of {_INDIRECT_STEP}")
@@ -86,7 +91,11 @@ class Renderer:
     def _emission(self) -> np.ndarray:
         """(F,) float32 radiance that each triangle sends out by itself."""
         on = lights_on(self._scene.lights, self._condition)
-        off = [light.instance_id for light, shines in zip(self._scene.lights, on, strict=True) if not shines and light.instance_id]
+        off = [
+            light.instance_id
+            for light, shines in zip(self._scene.lights, on, strict=True)
+            if not shines and light.instance_id
+        ]
         glow = [_SCREEN_GLOW if m.texture == "screen" else self._condition.glow for m in self._scene.materials]
         emission = np.array([m.emission * g for m, g in zip(self._scene.materials, glow, strict=True)], np.float32)
         return np.where(np.isin(self._scene.instance_id, off), np.float32(0), emission[self._scene.material_index])
@@ -109,7 +118,7 @@ class Renderer:
         surface = self._primary(T_world_pano)
         range_m, instance_id = self._images(surface)
         irradiance = self._irradiance(surface, T_world_pano[:3, 3])
-        row, column = (a.ravel().astype(np.float32) for a in np.mgrid[:self._height, :2 * self._height])
+        row, column = (a.ravel().astype(np.float32) for a in np.mgrid[: self._height, : 2 * self._height])
         radiance = self._radiance(surface, row, column, irradiance, T_world_pano)
         exposure = self._exposure(radiance, surface)
         edge = self._edges(surface)
@@ -129,14 +138,24 @@ class Renderer:
         return fine
 
     def _radiance(
-        self, surface: Surface, row: np.ndarray, column: np.ndarray, irradiance: IrradianceGrid, pose: np.ndarray, depth: int = 0
+        self,
+        surface: Surface,
+        row: np.ndarray,
+        column: np.ndarray,
+        irradiance: IrradianceGrid,
+        pose: np.ndarray,
+        depth: int = 0,
     ) -> np.ndarray:
         """(N, 3) float32 linear radiance of what rays hit; row, column are where the panorama sees these points."""
         albedo = self._surfaces.color.albedo(surface, np.pi / self._height)
         radiance = albedo * irradiance.at(row, column, surface) * np.float32(1 / np.pi)
         shining = np.flatnonzero(self._emission[surface.triangle] > 0)
         triangle = surface.triangle[shining]
-        radiance[shining] += self._emission[triangle, None] * albedo[shining] / self._surfaces.color.mean[triangle].max(axis=1, keepdims=True)
+        radiance[shining] += (
+            self._emission[triangle, None]
+            * albedo[shining]
+            / self._surfaces.color.mean[triangle].max(axis=1, keepdims=True)
+        )
         radiance[~surface.hit] = _sky(surface.direction[~surface.hit], self._condition)
         mirror = self._surfaces.mirror[surface.triangle]
         specular = np.flatnonzero((mirror | self._surfaces.glass[surface.triangle]) & surface.hit)
@@ -145,9 +164,13 @@ class Renderer:
             across = np.einsum("ij,ij->i", met.direction, met.normal)[:, None]
             direction = np.where(mirror, met.direction - 2 * across * met.normal, met.direction)
             beyond = self._tracer.trace(met.point_m + direction * np.float32(1e-3), direction)
-            beyond = replace(beyond, range_m=beyond.range_m + met.range_m)  # a pixel covers more, the longer its light has travelled
+            beyond = replace(
+                beyond, range_m=beyond.range_m + met.range_m
+            )  # a pixel covers more, the longer its light has travelled
             column, row = rays_to_pixels((beyond.point_m - pose[:3, 3]) @ pose[:3, :3], self._height)
-            seen = self._radiance(beyond, row.astype(np.float32) - 0.5, column.astype(np.float32) - 0.5, irradiance, pose, depth + 1)
+            seen = self._radiance(
+                beyond, row.astype(np.float32) - 0.5, column.astype(np.float32) - 0.5, irradiance, pose, depth + 1
+            )
             radiance[specular] = seen * np.where(mirror, self._surfaces.color.mean[met.triangle], _GLASS_RGB)
         return radiance
 
@@ -166,13 +189,17 @@ class Renderer:
         edge[:-1] |= below
         return np.flatnonzero(edge)
 
-    def _supersampled(self, pixel: np.ndarray, exposure: float, irradiance: IrradianceGrid, pose: np.ndarray) -> np.ndarray:
+    def _supersampled(
+        self, pixel: np.ndarray, exposure: float, irradiance: IrradianceGrid, pose: np.ndarray
+    ) -> np.ndarray:
         """(N, 3) tone-mapped colour of pixels, each the mean of 2 x 2 rays."""
         row, column = (a.astype(np.float32) for a in np.divmod(pixel, 2 * self._height))
         total = np.zeros((len(pixel), 3), np.float32)
         for down, right in ((-0.25, -0.25), (-0.25, 0.25), (0.25, -0.25), (0.25, 0.25)):
             sub_row, sub_column = row + np.float32(down), column + np.float32(right)
-            surface = self._tracer.trace(pose[:3, 3], self._rays(sub_row, sub_column) @ pose[:3, :3].T.astype(np.float32))
+            surface = self._tracer.trace(
+                pose[:3, 3], self._rays(sub_row, sub_column) @ pose[:3, :3].T.astype(np.float32)
+            )
             total += _filmic(self._radiance(surface, sub_row, sub_column, irradiance, pose) * exposure)
         return total / 4
 
@@ -180,11 +207,15 @@ class Renderer:
         azimuth = np.pi - np.float32(np.pi / self._height) * (column + 0.5)
         elevation = np.pi / 2 - np.float32(np.pi / self._height) * (row + 0.5)
         level = np.cos(elevation)
-        return np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=1).astype(np.float32)
+        return np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=1).astype(
+            np.float32
+        )
 
     def _exposure(self, radiance: np.ndarray, surface: Surface) -> float:
         """What brings the picture's surfaces to the lighting's key, without letting bright ones wash out."""
-        lit = np.flatnonzero(surface.hit & (self._emission[surface.triangle] == 0) & ~self._surfaces.glass[surface.triangle])[::7]
+        lit = np.flatnonzero(
+            surface.hit & (self._emission[surface.triangle] == 0) & ~self._surfaces.glass[surface.triangle]
+        )[::7]
         luminance = radiance[lit] @ _LUMINANCE
         weight = np.cos(np.pi * ((lit // (2 * self._height) + 0.5) / self._height - 0.5))
         if not len(lit) or luminance.max() <= 0:
@@ -199,18 +230,22 @@ class Renderer:
         value = _sharpened(_SRGB[(display * (len(_SRGB) - 1)).astype(np.int32)].reshape(shape))
         if self._condition.noise:
             rng = np.random.default_rng(zlib.crc32(np.ascontiguousarray(pose, np.float64).tobytes()))
-            value = value + rng.standard_normal(shape[:2], np.float32)[..., None] * np.float32(255 * self._condition.noise)
+            value = value + rng.standard_normal(shape[:2], np.float32)[..., None] * np.float32(
+                255 * self._condition.noise
+            )
         return np.clip(value + np.float32(0.5), 0, 255).astype(np.uint8)
 
 
 def _filmic(radiance: np.ndarray) -> np.ndarray:
-    """Linear display values in [0, 1] of exposed radiance: a curve with a toe and a long shoulder (Narkowicz's fit of ACES, 2015)."""
+    """Linear display values in [0, 1] of exposed radiance: a curve with a toe and a long shoulder (Narkowicz's fit of
+    ACES, 2015)."""
     a, b, c, d, e = (np.float32(x) for x in (2.51, 0.03, 2.43, 0.59, 0.14))
     return np.clip(radiance * (a * radiance + b) / (radiance * (c * radiance + d) + e), 0, 1)
 
 
 def _sharpened(image: np.ndarray) -> np.ndarray:
-    """The image (H, 2H, 3) float32 after the unsharp mask that cameras apply, with no seam between its first and last column."""
+    """The image (H, 2H, 3) float32 after the unsharp mask that cameras apply, with no seam between its first and last
+    column."""
     margin = 4
     around = np.concatenate([image[:, -margin:], image, image[:, :margin]], axis=1)
     blurred = cv2.GaussianBlur(around, (0, 0), _SHARPENING_SIGMA)[:, margin:-margin]
@@ -230,8 +265,14 @@ def _sky(direction: np.ndarray, condition: Condition) -> np.ndarray:
     azimuth = np.arctan2(direction[:, 1], direction[:, 0])
     skyline = 0.05 + 0.03 * np.sin(5 * azimuth + 1) + 0.02 * np.sin(17 * azimuth) + 0.012 * np.sin(43 * azimuth + 2)
     height = direction[:, 2]
-    zenith, horizon, ground = (np.array(rgb, np.float32) for rgb in (condition.zenith_rgb, condition.horizon_rgb, condition.ground_rgb))
+    zenith, horizon, ground = (
+        np.array(rgb, np.float32) for rgb in (condition.zenith_rgb, condition.horizon_rgb, condition.ground_rgb)
+    )
     sky = horizon + (zenith - horizon) * np.sqrt(np.clip(height, 0, 1))[:, None].astype(np.float32)
-    land = ground * (1 + 0.25 * np.sin(60 * azimuth + 25 * height) * np.clip(1 + 6 * height, 0, 1))[:, None].astype(np.float32)
-    above = np.clip((height - skyline) * 200, 0, 1)[:, None].astype(np.float32)  # over a third of a degree, not from one pixel to the next
+    land = ground * (1 + 0.25 * np.sin(60 * azimuth + 25 * height) * np.clip(1 + 6 * height, 0, 1))[:, None].astype(
+        np.float32
+    )
+    above = np.clip((height - skyline) * 200, 0, 1)[:, None].astype(
+        np.float32
+    )  # over a third of a degree, not from one pixel to the next
     return land + (sky - land) * above

@@ -1,4 +1,5 @@
-"""Rendering a building into a dataset folder: the frames in a few processes, what describes them, and the manifest last."""
+"""Rendering a building into a dataset folder: the frames in a few processes, what describes them, and the manifest
+last."""
 
 from __future__ import annotations
 
@@ -10,13 +11,22 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-from salframe_folder.format import FrameEntry, TruthEntry, is_written, write_floor, write_manifest, write_objects, write_panorama
-from salframe_folder.images import read_ids
 
-from salframe.errors import SalframeError
-from salframe.geometry import pose_2d, pose_yaw
-from salframe.processes import die_with_parent
-from salframe.types import Annotations, FloorMasks, Panorama
+from salframe.framework.errors import SalframeError
+from salframe.framework.processes import die_with_parent
+from salframe.panoramas.floors import FloorMasks
+from salframe.panoramas.folder_format import (
+    FrameEntry,
+    TruthEntry,
+    is_written,
+    write_floor,
+    write_manifest,
+    write_objects,
+    write_panorama,
+)
+from salframe.panoramas.geometry import pose_2d, pose_yaw
+from salframe.panoramas.images import read_ids
+from salframe.panoramas.panorama import Annotations, Panorama
 from salframe_house.assets import Catalogue
 from salframe_house.building import Building, Style, change_building, generate_building
 from salframe_house.dataset import House
@@ -56,12 +66,16 @@ def _render(
             done += 1
             progress(done, len(frames))
     except BrokenProcessPool:
-        raise SalframeError(f"a rendering process died after {done} of {len(frames)} frames: run it again to resume") from None
+        raise SalframeError(
+            f"a rendering process died after {done} of {len(frames)} frames: run it again to resume"
+        ) from None
     finally:
         pool.shutdown(cancel_futures=True)
 
 
-def _describe(root: Path, building: Building, changed: Building, specs: Sequence[FrameSpec], entries: list[FrameEntry]) -> None:
+def _describe(
+    root: Path, building: Building, changed: Building, specs: Sequence[FrameSpec], entries: list[FrameEntry]
+) -> None:
     """Write what describes the frames; the manifest, which says that all is there, comes last."""
     truth = {
         entry.id: TruthEntry(place=spec.place, pose=_pose(spec), instances=_visible(root / str(entry.instances)))
@@ -72,14 +86,17 @@ def _describe(root: Path, building: Building, changed: Building, specs: Sequence
     objects = [*building.objects, *(placed for placed in changed.objects if placed.instance_id not in mapped)]
     centre = np.array([placed.bounds_m.mean(axis=0) for placed in objects])
     size = np.array([placed.size_m for placed in objects])
-    write_objects(root / "objects.parquet", {
-        "instance_id": [placed.instance_id for placed in objects],
-        "label": [placed.label for placed in objects],
-        "room": [placed.room for placed in objects],
-        **dict(zip(("x_m", "y_m", "z_m"), centre.T, strict=True)),
-        **dict(zip(("length_m", "width_m", "height_m"), size.T, strict=True)),
-        "yaw_rad": [placed.yaw_rad for placed in objects],
-    })  # fmt: skip
+    write_objects(
+        root / "objects.parquet",
+        {
+            "instance_id": [placed.instance_id for placed in objects],
+            "label": [placed.label for placed in objects],
+            "room": [placed.room for placed in objects],
+            **dict(zip(("x_m", "y_m", "z_m"), centre.T, strict=True)),
+            **dict(zip(("length_m", "width_m", "height_m"), size.T, strict=True)),
+            "yaw_rad": [placed.yaw_rad for placed in objects],
+        },
+    )
     floor = write_floor(root, "floor", building.floor_masks())
     write_manifest(root, entries, truth, "objects.parquet", [floor], rendered=True)
 
@@ -92,7 +109,8 @@ def buildings(style: Style, rooms: int, seed: int, changed_fraction: float) -> t
 
 
 def render_panorama(config: House.Config, T_world_pano: np.ndarray) -> Panorama:
-    """A panorama of the changed building at a pose (4, 4), in the queries' light; where that is not one for all, in the evening's."""
+    """A panorama of the changed building at a pose (4, 4), in the queries' light; where that is not one for all, in the
+    evening's."""
     lighting = "evening" if config.lighting == "other" else config.lighting
     renderer = _renderer(config, True, lighting)
     mapped, changed = buildings(config.style, config.rooms, config.seed, config.changed_fraction)
@@ -101,7 +119,9 @@ def render_panorama(config: House.Config, T_world_pano: np.ndarray) -> Panorama:
     id = f"at {x:.4f} {y:.4f} {z:.4f} {np.degrees(pose_yaw(T_world_pano)):.3f}"
     if config.rgb:
         rendering = renderer.render(T_world_pano)
-        return Panorama(id, rendering.rgb, rendering.range_m, annotations=Annotations(rendering.instance_id, labels, rendered=True))
+        return Panorama(
+            id, rendering.rgb, rendering.range_m, annotations=Annotations(rendering.instance_id, labels, rendered=True)
+        )
     range_m, instance_id = renderer.geometry(T_world_pano)
     return Panorama(id, None, range_m, annotations=Annotations(instance_id, labels, rendered=True))
 
@@ -116,9 +136,14 @@ def _entry(number: int, spec: FrameSpec, rgb: bool) -> FrameEntry:
     query = spec.role == "query"
     id = f"query-{number:04d}" if query else spec.id
     return FrameEntry(
-        id=id, role=spec.role, rgb=f"frames/{id}.jpg" if rgb else None, range=f"frames/{id}.range.png", instances=f"frames/{id}.instances.png",
-        pose=None if query else _pose(spec), place=None if query else spec.place,
-    )  # fmt: skip
+        id=id,
+        role=spec.role,
+        rgb=f"frames/{id}.jpg" if rgb else None,
+        range=f"frames/{id}.range.png",
+        instances=f"frames/{id}.instances.png",
+        pose=None if query else _pose(spec),
+        place=None if query else spec.place,
+    )
 
 
 def _pose(spec: FrameSpec) -> tuple[float, ...]:

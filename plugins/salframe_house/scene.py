@@ -11,8 +11,8 @@ import numpy as np
 class Material:
     """Surface look: a procedural texture of a kind, tinted, repeated in metric texture coordinates.
 
-    `texture` names an entry of `textures.TEXTURES` (plaster, wood, fabric, tile, carpet, metal, leaf, picture, screen, ...);
-    `color_rgb` is its mean linear albedo, each in [0, 1]; `variant` seeds the pattern, so that two rugs differ;
+    `texture` names an entry of `textures.TEXTURES` (plaster, wood, fabric, tile, carpet, metal, leaf, picture, screen,
+    ...); `color_rgb` is its mean linear albedo, each in [0, 1]; `variant` seeds the pattern, so that two rugs differ;
     `emission` is linear radiance added to what the surface reflects (lamp shades, lit windows, screens).
     """
 
@@ -26,8 +26,8 @@ class Material:
 class Light:
     """A rectangular area light facing down (a lamp) or inwards (a window): `position_m` is its centre, world frame.
 
-    `edge_u_m`, `edge_v_m` (3,) span it; `kind` is "lamp" or "window", by which a lighting condition scales it; `room` is the id of
-    the room it stands in, since light through a doorway is left to the renderer's indirect term.
+    `edge_u_m`, `edge_v_m` (3,) span it; `kind` is "lamp" or "window", by which a lighting condition scales it; `room`
+    is the id of the room it stands in, since light through a doorway is left to the renderer's indirect term.
     """
 
     position_m: tuple[float, float, float]
@@ -42,8 +42,9 @@ class Light:
 class Scene:
     """A triangle soup in the world frame (metres, z up).
 
-    vertices_m (V, 3) float32; triangles (F, 3) int32; uv_m (F, 3, 2) float32 texture coordinates in metres at the corners;
-    material_index (F,) int32 into `materials`; instance_id (F,) int32, 0 for structure (walls, floor, ceiling, doors' frames).
+    vertices_m (V, 3) float32; triangles (F, 3) int32; uv_m (F, 3, 2) float32 texture coordinates in metres at the
+    corners; material_index (F,) int32 into `materials`; instance_id (F,) int32, 0 for structure (walls, floor, ceiling,
+    doors' frames).
     """
 
     vertices_m: np.ndarray

@@ -1,4 +1,5 @@
-"""Irradiance computed on a coarse grid of a panorama's pixels, smoothed and brought to any surface without crossing edges."""
+"""Irradiance computed on a coarse grid of a panorama's pixels, smoothed and brought to any surface without crossing
+edges."""
 
 from __future__ import annotations
 
@@ -33,11 +34,17 @@ class IrradianceGrid:
         """Take irradiance (N, 3) of the grid's points, smoothed over the interleaved samples."""
         shape = self._rows, self._columns
         value = irradiance.reshape(*shape, 3)
-        point, normal, tolerance = self.point_m.reshape(*shape, 3), self.normal.reshape(*shape, 3), self._tolerance_m.reshape(shape)
+        point, normal, tolerance = (
+            self.point_m.reshape(*shape, 3),
+            self.normal.reshape(*shape, 3),
+            self._tolerance_m.reshape(shape),
+        )
         for axis in (1, 0):
             total, weights = np.zeros_like(value), np.zeros(shape, np.float32)
             for shift, tap in _TAPS:
-                weight = tap * _likeness(point, normal, _shifted(point, shift, axis), _shifted(normal, shift, axis), tolerance)
+                weight = tap * _likeness(
+                    point, normal, _shifted(point, shift, axis), _shifted(normal, shift, axis), tolerance
+                )
                 total += weight[..., None] * _shifted(value, shift, axis)
                 weights += weight
             value = total / weights[..., None]
@@ -48,11 +55,14 @@ class IrradianceGrid:
         self._packed[:, 6:] += irradiance
 
     def at(self, row: np.ndarray, column: np.ndarray, surface: Surface) -> np.ndarray:
-        """(M, 3) float32 irradiance of surfaces seen at pixel coordinates `row`, `column` (M,), whole numbers at pixel centres."""
+        """(M, 3) float32 irradiance of surfaces seen at pixel coordinates `row`, `column` (M,), whole numbers at pixel
+        centres."""
         irradiance = np.empty((len(surface), 3), np.float32)
         for start in range(0, len(surface), _CHUNK):
             part = slice(start, start + _CHUNK)
-            irradiance[part] = self._at(row[part], column[part], surface.point_m[part], surface.normal[part], surface.range_m[part])
+            irradiance[part] = self._at(
+                row[part], column[part], surface.point_m[part], surface.normal[part], surface.range_m[part]
+            )
         return irradiance
 
     def _at(self, row, column, point_m, normal, range_m) -> np.ndarray:
@@ -83,7 +93,8 @@ def _shifted(image: np.ndarray, shift: int, axis: int) -> np.ndarray:
 
 
 def _likeness(point_m, normal, other_point_m, other_normal, tolerance_m) -> np.ndarray:
-    """How far two points lie on one smooth surface: 1 on a plane, falling with the distance off it and the angle between the normals."""
+    """How far two points lie on one smooth surface: 1 on a plane, falling with the distance off it and the angle
+    between the normals."""
     facing = np.maximum(np.einsum("...i,...i->...", normal, other_normal), 0)
     facing *= facing
     facing *= facing

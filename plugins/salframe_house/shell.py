@@ -21,12 +21,18 @@ _WALLS = {
     "home": ("plaster", ((0.66, 0.64, 0.60), (0.60, 0.58, 0.50), (0.52, 0.57, 0.58), (0.62, 0.55, 0.50))),
 }
 _FLOORS = {
-    "office": (("carpet", ((0.20, 0.21, 0.23), (0.26, 0.24, 0.22), (0.17, 0.20, 0.24))),
-               ("laminate", ((0.38, 0.28, 0.18), (0.30, 0.23, 0.16)))),
-    "hotel": (("carpet", ((0.26, 0.17, 0.15), (0.22, 0.22, 0.25), (0.30, 0.26, 0.19))),
-              ("parquet", ((0.32, 0.21, 0.12), (0.26, 0.17, 0.10)))),
-    "home": (("parquet", ((0.38, 0.26, 0.15), (0.30, 0.19, 0.11), (0.45, 0.34, 0.22))),
-             ("laminate", ((0.42, 0.34, 0.25), (0.30, 0.23, 0.17)))),
+    "office": (
+        ("carpet", ((0.20, 0.21, 0.23), (0.26, 0.24, 0.22), (0.17, 0.20, 0.24))),
+        ("laminate", ((0.38, 0.28, 0.18), (0.30, 0.23, 0.16))),
+    ),
+    "hotel": (
+        ("carpet", ((0.26, 0.17, 0.15), (0.22, 0.22, 0.25), (0.30, 0.26, 0.19))),
+        ("parquet", ((0.32, 0.21, 0.12), (0.26, 0.17, 0.10))),
+    ),
+    "home": (
+        ("parquet", ((0.38, 0.26, 0.15), (0.30, 0.19, 0.11), (0.45, 0.34, 0.22))),
+        ("laminate", ((0.42, 0.34, 0.25), (0.30, 0.23, 0.17))),
+    ),
 }
 _TILES = ((0.55, 0.56, 0.56), (0.46, 0.44, 0.40), (0.36, 0.38, 0.40), (0.60, 0.58, 0.53))
 
@@ -55,22 +61,33 @@ def window_light(window: Window) -> Light:
     x, y = np.array(window.centre_m) + np.array(window.inward) * 0.02
     across = np.abs(window.inward[::-1]) * (window.width_m - 0.1)
     height = window.head_m - window.sill_m
-    return Light((float(x), float(y), window.sill_m + height / 2), (float(across[0]), float(across[1]), 0.0), (0.0, 0.0, height - 0.1),
-                 "window", window.room)
+    return Light(
+        (float(x), float(y), window.sill_m + height / 2),
+        (float(across[0]), float(across[1]), 0.0),
+        (0.0, 0.0, height - 0.1),
+        "window",
+        window.room,
+    )
 
 
 def _room_looks(room: Room, style: str, rng: np.random.Generator) -> tuple[Material, Material, Material]:
     """Wall, floor and ceiling of a room."""
+
     def pick(texture: str, palette) -> Material:
         return Material(texture, palette[rng.integers(len(palette))], int(rng.integers(looks.VARIANTS)))
+
     texture, palette = _WALLS[style]
     wall = pick("tile", _TILES) if room.kind in _TILED else pick(texture, palette)
     floor = pick("tile", _TILES) if room.kind in _WET else pick(*_FLOORS[style][int(rng.random() < 0.3)])
-    ceiling = Material("ceiling" if style == "office" else "plaster", (0.68, 0.68, 0.67), int(rng.integers(looks.VARIANTS)))
+    ceiling = Material(
+        "ceiling" if style == "office" else "plaster", (0.68, 0.68, 0.67), int(rng.integers(looks.VARIANTS))
+    )
     return wall, floor, ceiling
 
 
-def _room(m: MeshBuilder, room: Room, layout: Layout, wall: Material, floor: Material, ceiling: Material, trim: Material) -> None:
+def _room(
+    m: MeshBuilder, room: Room, layout: Layout, wall: Material, floor: Material, ceiling: Material, trim: Material
+) -> None:
     (x0, y0), (x1, y1), h = room.low_m, room.high_m, room.height_m
     corners = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
     m.quad(np.column_stack([corners, np.zeros(4)]), floor, corners)
@@ -80,8 +97,12 @@ def _room(m: MeshBuilder, room: Room, layout: Layout, wall: Material, floor: Mat
     for side in range(4):  # clockwise, so that quads face the room
         start, end = corners[-side], corners[-side - 1]
         along = (end - start) / np.linalg.norm(end - start)
-        openings = [(d.centre_m, d.width_m, 0.0, DOOR_HEIGHT_M) for d in doors if _on_wall(d.centre_m, start, along, WALL_M)]
-        openings += [(w.centre_m, w.width_m, w.sill_m, w.head_m) for w in windows if _on_wall(w.centre_m, start, along, 0.01)]
+        openings = [
+            (d.centre_m, d.width_m, 0.0, DOOR_HEIGHT_M) for d in doors if _on_wall(d.centre_m, start, along, WALL_M)
+        ]
+        openings += [
+            (w.centre_m, w.width_m, w.sill_m, w.head_m) for w in windows if _on_wall(w.centre_m, start, along, 0.01)
+        ]
         _wall(m, start, along, float(np.linalg.norm(end - start)), h, openings, wall, trim)
 
 
@@ -90,10 +111,21 @@ def _on_wall(point_m: tuple[float, float], start: np.ndarray, along: np.ndarray,
     return bool(abs((np.array(point_m) - start) @ across) < tolerance_m)
 
 
-def _wall(m: MeshBuilder, start: np.ndarray, along: np.ndarray, length: float, height: float,
-          openings: list[tuple[tuple[float, float], float, float, float]], look: Material, trim: Material) -> None:
+def _wall(
+    m: MeshBuilder,
+    start: np.ndarray,
+    along: np.ndarray,
+    length: float,
+    height: float,
+    openings: list[tuple[tuple[float, float], float, float, float]],
+    look: Material,
+    trim: Material,
+) -> None:
     """One face of a wall, in strips between and around its openings, with skirting where it reaches the floor."""
-    spans = sorted((float((np.array(centre) - start) @ along) - width / 2, width, low, high) for centre, width, low, high in openings)
+    spans = sorted(
+        (float((np.array(centre) - start) @ along) - width / 2, width, low, high)
+        for centre, width, low, high in openings
+    )
     offset = float(np.abs(along) @ start)  # so that the pattern differs from room to room
 
     def patch(s0: float, s1: float, z0: float, z1: float) -> None:
@@ -101,7 +133,11 @@ def _wall(m: MeshBuilder, start: np.ndarray, along: np.ndarray, length: float, h
             return
         low, high = start + along * s0, start + along * s1
         u0, u1 = s0 + offset, s1 + offset
-        m.quad(np.array([[*low, z0], [*high, z0], [*high, z1], [*low, z1]]), look, np.array([[u0, z0], [u1, z0], [u1, z1], [u0, z1]]))
+        m.quad(
+            np.array([[*low, z0], [*high, z0], [*high, z1], [*low, z1]]),
+            look,
+            np.array([[u0, z0], [u1, z0], [u1, z1], [u0, z1]]),
+        )
 
     at = skirting = 0.0
     inward = np.array([along[1], -along[0]])
@@ -118,8 +154,15 @@ def _wall(m: MeshBuilder, start: np.ndarray, along: np.ndarray, length: float, h
             skirting = at + _FRAME_M
 
 
-def _oriented_box(m: MeshBuilder, centre: tuple[float, float], axis: int, along: tuple[float, float], across: tuple[float, float],
-                  z: tuple[float, float], look: Material) -> None:
+def _oriented_box(
+    m: MeshBuilder,
+    centre: tuple[float, float],
+    axis: int,
+    along: tuple[float, float],
+    across: tuple[float, float],
+    z: tuple[float, float],
+    look: Material,
+) -> None:
     """A box given by ranges along an axis (0: x, 1: y) and across it, relative to a centre."""
     low, high = np.array([0.0, 0.0, z[0]]), np.array([0.0, 0.0, z[1]])
     low[axis], high[axis] = centre[axis] + min(along), centre[axis] + max(along)
@@ -131,14 +174,18 @@ def _door(m: MeshBuilder, door: Door, trim: Material, leaf: Material) -> None:
     axis, half, reach = "xy".index(door.axis), door.width_m / 2, WALL_M / 2 + _TRIM_M
     top = DOOR_HEIGHT_M + _FRAME_M
     for side in (-1, 1):
-        _oriented_box(m, door.centre_m, axis, (-reach, reach), (side * half, side * (half + _FRAME_M)), (0.0, top), trim)
+        _oriented_box(
+            m, door.centre_m, axis, (-reach, reach), (side * half, side * (half + _FRAME_M)), (0.0, top), trim
+        )
     _oriented_box(m, door.centre_m, axis, (-reach, reach), (-half, half), (DOOR_HEIGHT_M, top), trim)
     _oriented_box(m, door.centre_m, axis, (-WALL_M / 2, WALL_M / 2), (-half, half), (-0.02, 0.0), leaf)
     if door.leaf_room is not None:
         along, across = door.leaf_m
         _oriented_box(m, door.centre_m, axis, along, across, (0.01, DOOR_HEIGHT_M - 0.01), leaf)
         handle = along[1] - np.sign(along[1]) * 0.16, along[1] - np.sign(along[1]) * 0.04
-        _oriented_box(m, door.centre_m, axis, handle, (across[1], across[1] - door.hinge * 0.04), (1.02, 1.04), looks.CHROME)
+        _oriented_box(
+            m, door.centre_m, axis, handle, (across[1], across[1] - door.hinge * 0.04), (1.02, 1.04), looks.CHROME
+        )
 
 
 def _window(m: MeshBuilder, window: Window, trim: Material, pane: Material) -> None:
@@ -149,9 +196,25 @@ def _window(m: MeshBuilder, window: Window, trim: Material, pane: Material) -> N
     for side in (-1, 1):
         _oriented_box(m, window.centre_m, axis, depth, (side * (half - 0.05), side * half), (low, high), trim)
     _oriented_box(m, window.centre_m, axis, depth, (-half + 0.05, half - 0.05), (high - 0.05, high), trim)
-    _oriented_box(m, window.centre_m, axis, (-inwards * 0.10, inwards * 0.02), (-half + 0.05, half - 0.05), (low, low + 0.04), trim)
+    _oriented_box(
+        m,
+        window.centre_m,
+        axis,
+        (-inwards * 0.10, inwards * 0.02),
+        (-half + 0.05, half - 0.05),
+        (low, low + 0.04),
+        trim,
+    )
     if window.width_m > 1.0:
-        _oriented_box(m, window.centre_m, axis, (-inwards * 0.09, -inwards * 0.05), (-0.025, 0.025), (low + 0.04, high - 0.05), trim)
+        _oriented_box(
+            m,
+            window.centre_m,
+            axis,
+            (-inwards * 0.09, -inwards * 0.05),
+            (-0.025, 0.025),
+            (low + 0.04, high - 0.05),
+            trim,
+        )
     across = np.array([0.0, 0.0])
     across[1 - axis] = half
     centre = np.array(window.centre_m) - np.array(window.inward) * 0.07

@@ -1,6 +1,7 @@
 """Procedural surface patterns: seamless tiles with mean 1 that multiply a material's albedo.
 
-Their detail lies at 2 to 10 cm, where a keypoint detector sees it from across a room; none of it is noise at the scale of a pixel.
+Their detail lies at 2 to 10 cm, where a keypoint detector sees it from across a room; none of it is noise at the scale
+of a pixel.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from salframe.errors import DataError
+from salframe.framework.errors import DataError
 
 TILE = 256
 """Texels along each side of a tile."""
@@ -26,9 +27,9 @@ MAX_PATTERN = 3.0
 class TextureKind:
     """How a texture is made and laid on a surface.
 
-    `paint` draws the tile (TILE, TILE, 3), v growing with the rows, upwards on a wall; `extent_m` is the size of a tile along (u, v),
-    None where one tile fills the surface; `wear` is the contrast of stains and scuffs on it. A `fixed` texture lies where its coordinates
-    say, others start anywhere.
+    `paint` draws the tile (TILE, TILE, 3), v growing with the rows, upwards on a wall; `extent_m` is the size of a tile
+    along (u, v), None where one tile fills the surface; `wear` is the contrast of stains and scuffs on it. A `fixed`
+    texture lies where its coordinates say, others start anywhere.
     """
 
     paint: Callable[[np.random.Generator], np.ndarray]
@@ -46,7 +47,8 @@ def texture_kind(name: str) -> TextureKind:
 
 
 def image_texture(rgb: np.ndarray) -> str:
-    """Take an image (h, w, 3) uint8 sRGB in as a texture and return its name; the rows go upwards, and the image spans one unit of u and v."""
+    """Take an image (h, w, 3) uint8 sRGB in as a texture and return its name; the rows go upwards, and the image spans
+    one unit of u and v."""
     tile = (cv2.resize(rgb, (TILE, TILE), interpolation=cv2.INTER_AREA) / 255) ** 2.2
     name = f"image {zlib.crc32(tile.tobytes()):08x}"
     _IMAGES[name] = TextureKind(lambda rng: tile, (1.0, 1.0), fixed=True)
@@ -72,7 +74,8 @@ def texture_tile(name: str, variant: int) -> np.ndarray:
 
 @lru_cache(maxsize=1)
 def wear_tile() -> np.ndarray:
-    """(TILE, TILE) float32 stains and scuffs, mean 0, about unit contrast: what tells one stretch of a plain surface from the next."""
+    """(TILE, TILE) float32 stains and scuffs, mean 0, about unit contrast: what tells one stretch of a plain surface
+    from the next."""
     rng = np.random.default_rng(zlib.crc32(b"wear"))
     wear = _blobs(rng, 700, (1.2, 2.8), aspect=2.0) + 0.25 * _blobs(rng, 60, (3.0, 9.0)) + 0.1 * _noise(rng, 2, 12)
     return (wear - wear.mean()).astype(np.float32)
@@ -209,7 +212,10 @@ def _rug(rng):
     repeat = rng.integers(3, 7, 2)
     figure = np.sign(np.cos(2 * np.pi * repeat[0] * _U) * np.cos(2 * np.pi * repeat[1] * _V) + rng.uniform(-0.3, 0.3))
     field = (to_edge > 0.16) * 0.25 * figure
-    return _tinted(1 + bands + field + 0.05 * _noise(rng, 6, 40) + 0.25 * _blobs(rng, 300, (2, 5)), tuple(rng.uniform(-0.15, 0.15, 3)))
+    return _tinted(
+        1 + bands + field + 0.05 * _noise(rng, 6, 40) + 0.25 * _blobs(rng, 300, (2, 5)),
+        tuple(rng.uniform(-0.15, 0.15, 3)),
+    )
 
 
 def _tile(rng):
@@ -219,12 +225,21 @@ def _tile(rng):
 
 def _marble(rng):
     warp = _noise(rng, 1, 7)
-    veins = np.exp(-((np.sin(2 * np.pi * (_U + _V) + 1.6 * warp) / 0.15) ** 2)) + 0.6 * np.exp(-((_noise(rng, 2, 8) / 0.08) ** 2))
-    return _tinted(1 - 0.4 * veins + 0.05 * _noise(rng, 2, 10) + 0.25 * _blobs(rng, 150, (2, 6), aspect=2), (0.05, 0.0, -0.05))
+    veins = np.exp(-((np.sin(2 * np.pi * (_U + _V) + 1.6 * warp) / 0.15) ** 2)) + 0.6 * np.exp(
+        -((_noise(rng, 2, 8) / 0.08) ** 2)
+    )
+    return _tinted(
+        1 - 0.4 * veins + 0.05 * _noise(rng, 2, 10) + 0.25 * _blobs(rng, 150, (2, 6), aspect=2), (0.05, 0.0, -0.05)
+    )
 
 
 def _metal(rng):
-    return _tinted(1 + 0.06 * _noise(rng, 4, 30, stretch=(8, 1)) + 0.05 * _noise(rng, 1, 6) + 0.35 * _blobs(rng, 70, (3, 7), aspect=4))
+    return _tinted(
+        1
+        + 0.06 * _noise(rng, 4, 30, stretch=(8, 1))
+        + 0.05 * _noise(rng, 1, 6)
+        + 0.35 * _blobs(rng, 70, (3, 7), aspect=4)
+    )
 
 
 def _plastic(rng):
@@ -236,13 +251,15 @@ def _paper(rng):
     for row in range(20, TILE - 30, 24):
         end = int(rng.uniform(0.5, 0.92) * TILE)
         words = np.repeat(rng.random(TILE // 16 + 1) < 0.8, 16)[:TILE]
-        page[row:row + 10] = np.where(words & (np.arange(TILE) > 20) & (np.arange(TILE) < end), 0.5, 1)
+        page[row : row + 10] = np.where(words & (np.arange(TILE) > 20) & (np.arange(TILE) < end), 0.5, 1)
     return _tinted(page + 0.02 * _noise(rng, 3, 20))[::-1]
 
 
 def _leaf(rng):
     veins = np.abs(((_U * 6 + 3 * np.abs(_V - 0.5)) % 1) - 0.5) < 0.06
-    return _tinted(1 + 0.12 * _noise(rng, 2, 14) + 0.3 * veins + 0.25 * _blobs(rng, 120, (5, 12), aspect=2.5), (0.3, 0.0, 0.1))
+    return _tinted(
+        1 + 0.12 * _noise(rng, 2, 14) + 0.3 * veins + 0.25 * _blobs(rng, 120, (5, 12), aspect=2.5), (0.3, 0.0, 0.1)
+    )
 
 
 def _palette(rng: np.random.Generator, count: int) -> np.ndarray:
@@ -263,7 +280,10 @@ def _picture(rng):
     for color in _palette(rng, int(rng.integers(6, 16))):  # shapes
         centre, size, angle = rng.random(2), rng.uniform(0.03, 0.2, 2), rng.uniform(0, np.pi)
         du, dv = _U - centre[0], _V - centre[1]
-        along, across = (du * np.cos(angle) + dv * np.sin(angle)) / size[0], (dv * np.cos(angle) - du * np.sin(angle)) / size[1]
+        along, across = (
+            (du * np.cos(angle) + dv * np.sin(angle)) / size[0],
+            (dv * np.cos(angle) - du * np.sin(angle)) / size[1],
+        )
         round_shape = np.hypot(along, across) < 1
         shape = round_shape if rng.random() < 0.5 else np.maximum(np.abs(along), np.abs(across)) < 1
         paint = np.where(shape[..., None], color, paint)
@@ -280,9 +300,9 @@ def _screen(rng):
         left, top = rng.integers(4, TILE // 2, 2)
         right, bottom = left + rng.integers(60, 130), top + rng.integers(60, 120)
         paint[top:bottom, left:right] = 0.8 * (0.5 + 0.5 * color)
-        paint[top:top + 10, left:right] = 0.5 * color
+        paint[top : top + 10, left:right] = 0.5 * color
         for row in range(top + 18, min(bottom, TILE) - 6, 10):
-            paint[row:row + 4, left + 6:left + 6 + rng.integers(20, 50)] *= 0.4
+            paint[row : row + 4, left + 6 : left + 6 + rng.integers(20, 50)] *= 0.4
     return paint[::-1]
 
 
@@ -293,7 +313,7 @@ def _books(rng):
         color, height = _palette(rng, 1)[0], rng.uniform(0.72, 0.97)
         spine = np.where((_V[:, :1] > 1 - height)[..., None], color, 0.08) * np.ones((1, right - left, 1))
         for band in rng.uniform(1 - height + 0.05, 0.95, int(rng.integers(1, 4))):
-            spine[int(band * TILE):int(band * TILE) + 8] *= rng.choice((0.5, 1.5))
+            spine[int(band * TILE) : int(band * TILE) + 8] *= rng.choice((0.5, 1.5))
         spine[:, 0] *= 0.4
         paint[:, left:right] = spine
         left = right

@@ -19,9 +19,10 @@ _THREADS = 2  # embreex lets go of the interpreter while it traces
 class Surface:
     """What N rays hit: flat arrays, one entry a ray, world frame.
 
-    direction (N, 3) float32 unit, of the rays; range_m (N,) float32, NaN where nothing was hit; triangle (N,) int32 into the scene, 0 where
-    nothing was hit; weight_u, weight_v (N,) float32 barycentric weights of its second and third corner; normal (N, 3) float32 unit, turned
-    towards the ray; point_m (N, 3) float32 where it hit, its origin where nothing was hit.
+    direction (N, 3) float32 unit, of the rays; range_m (N,) float32, NaN where nothing was hit; triangle (N,) int32
+    into the scene, 0 where nothing was hit; weight_u, weight_v (N,) float32 barycentric weights of its second and third
+    corner; normal (N, 3) float32 unit, turned towards the ray; point_m (N, 3) float32 where it hit, its origin where
+    nothing was hit.
     """
 
     direction: np.ndarray
@@ -48,8 +49,8 @@ class Surface:
 class Tracer:
     """The triangles of a scene, ready for rays. One tracer serves every lighting of the scene.
 
-    `hollow` (F,) bool marks triangles that cast no shadow: what shines, the lamps around the lights, and window panes. A shadow ray ends
-    at the light inside of them, and would otherwise strike them.
+    `hollow` (F,) bool marks triangles that cast no shadow: what shines, the lamps around the lights, and window panes.
+    A shadow ray ends at the light inside of them, and would otherwise strike them.
     """
 
     def __init__(self, scene: Scene, hollow: np.ndarray):
@@ -77,7 +78,8 @@ class Tracer:
         return Surface(direction, range_m, triangle, found["u"], found["v"], normal, point_m)
 
     def blocked(self, start_m: np.ndarray, end_m: np.ndarray) -> np.ndarray:
-        """(N,) bool: something that casts shadows lies between the points (N, 3); within 2 cm of the end does not count."""
+        """(N,) bool: something that casts shadows lies between the points (N, 3); within 2 cm of the end does not
+        count."""
         return np.concatenate(list(self._pool.map(self._blocked_part, *_halves(start_m, end_m))))
 
     def _blocked_part(self, start_m: np.ndarray, end_m: np.ndarray) -> np.ndarray:

@@ -4,7 +4,7 @@ import salframe
 
 
 @salframe.hookimpl
-def salframe_components():
+def salframe_provides():
     from salframe_matterport.dataset import MatterportAnnotations
     from salframe_matterport.habitat_maps import HabitatMaps
     from salframe_matterport.matterport3d import Matterport3D

@@ -1,7 +1,8 @@
 """From the boxes of an object in the 36 views of a viewpoint to one bearing and its angular size.
 
-Directions are in the world frame, z up. The views are those of the Matterport3D Simulator: 640 x 480 pixels, vertical field of view 60 deg,
-view i looks at heading 30 deg (i mod 12), clockwise from world +y, and elevation 30 deg (i div 12 - 1).
+Directions are in the world frame, z up. The views are those of the Matterport3D Simulator: 640 x 480 pixels, vertical
+field of view 60 deg, view i looks at heading 30 deg (i mod 12), clockwise from world +y, and elevation 30 deg (i div 12
+- 1).
 """
 
 from __future__ import annotations
@@ -14,13 +15,15 @@ VIEWS = 36
 VIEW_WIDTH_PX, VIEW_HEIGHT_PX = 640, 480
 FOCAL_PX = VIEW_HEIGHT_PX / 2 / np.tan(np.pi / 6)
 SAMPLES = 8
-"""Sampled rays along a side of a box, ends included: more change neither the bearings nor what is triangulated from them."""
+"""Sampled rays along a side of a box, ends included: more change neither the bearings nor what is triangulated from
+them."""
 SLACK_PX = 2.0
 """Boxes are whole pixels in views that are 30 deg apart: a border may be off by this much."""
 
 
 class Bearing(NamedTuple):
-    """Where an object is seen: azimuth_rad (counter-clockwise from +x) and elevation_rad of its middle, and the angles it spans across."""
+    """Where an object is seen: azimuth_rad (counter-clockwise from +x) and elevation_rad of its middle, and the angles
+    it spans across."""
 
     azimuth_rad: float
     elevation_rad: float
@@ -43,7 +46,14 @@ _AXES = _view_axes()
 
 def direction(azimuth_rad, elevation_rad) -> np.ndarray:
     """(..., 3) unit vectors towards bearings."""
-    return np.stack([np.cos(elevation_rad) * np.cos(azimuth_rad), np.cos(elevation_rad) * np.sin(azimuth_rad), np.sin(elevation_rad)], -1)
+    return np.stack(
+        [
+            np.cos(elevation_rad) * np.cos(azimuth_rad),
+            np.cos(elevation_rad) * np.sin(azimuth_rad),
+            np.sin(elevation_rad),
+        ],
+        -1,
+    )
 
 
 def project(rays: np.ndarray, view: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -58,9 +68,9 @@ def project(rays: np.ndarray, view: np.ndarray) -> tuple[np.ndarray, np.ndarray,
 def bearing(view: np.ndarray, box_px: np.ndarray) -> Bearing:
     """Join an object's boxes: it lies in the directions that no view denies.
 
-    view (K,) indices of the views that see it, box_px (K, 4) x, y, width, height in them. A direction inside a view and outside the
-    object's box there is denied, so a box that a view's border cuts is completed by the neighbouring views, and a box loosened by
-    perspective is tightened by them. The bearing is the mean direction by solid angle.
+    view (K,) indices of the views that see it, box_px (K, 4) x, y, width, height in them. A direction inside a view and
+    outside the object's box there is denied, so a box that a view's border cuts is completed by the neighbouring views,
+    and a box loosened by perspective is tightened by them. The bearing is the mean direction by solid angle.
     """
     left, top, width, height = np.maximum(np.asarray(box_px, float), [0, 0, 1, 1]).T
     steps = np.linspace(0, 1, SAMPLES)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Literal
@@ -13,21 +12,30 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from salframe.config import ComponentConfig, digest
-from salframe.errors import DataError
-from salframe.geometry import pose_2d, pose_yaw
-from salframe.navigation.world import World
-from salframe.roles import Dataset
-from salframe.types import Fold, Frame, Panorama, Truth
-from salframe_matterport.readers import boxes_path, connectivity_path, find_scans, read_connectivity, read_regions, regions_path
+from salframe.framework.config import ComponentConfig
+from salframe.framework.errors import DataError
+from salframe.framework.identity import digest
+from salframe.navigation.world import NavigableDataset, World
+from salframe.panoramas.frames import Fold, MapFrame, QueryFrame, Truth
+from salframe.panoramas.geometry import pose_2d, pose_yaw
+from salframe.panoramas.panorama import Panorama
+from salframe_matterport.readers import (
+    boxes_path,
+    connectivity_path,
+    find_scans,
+    read_connectivity,
+    read_regions,
+    regions_path,
+)
 from salframe_matterport.scenes import Scene, generator, read_scenes
 
 
-class MatterportAnnotations(Dataset):
+class MatterportAnnotations(NavigableDataset):
     """Real buildings: viewpoints of Matterport3D, objects from REVERIE's boxes, one fold a query.
 
-    Every included viewpoint that sees an object is a scene; ranges come from the positions triangulated from all bearings of an object. A query
-    is a viewpoint whose region has another scene; its own scene is not in its fold's map and its frame is turned by a random yaw.
+    Every included viewpoint that sees an object is a scene; ranges come from the positions triangulated from all
+    bearings of an object. A query is a viewpoint whose region has another scene; its own scene is not in its fold's map
+    and its frame is turned by a random yaw.
     """
 
     name = "matterport-annotations"
@@ -36,7 +44,9 @@ class MatterportAnnotations(Dataset):
     class Config(ComponentConfig):
         root: Path | None = Field(None, description="folder of connectivity/, reverie/BBox/ and vp2room_label.json")
         scans: Literal["all"] | tuple[str, ...] = Field("all", description="buildings to use")
-        range_noise: float = Field(0.05, ge=0, lt=1, description="standard deviation of the range's factor, drawn per viewpoint and object")
+        range_noise: float = Field(
+            0.05, ge=0, lt=1, description="standard deviation of the range's factor, drawn per viewpoint and object"
+        )
         min_visible: int = Field(3, ge=1, description="visible objects a query must have")
         seed: int = Field(0, description="of range noise, ranges of objects seen once, and the yaw of queries")
 
@@ -51,7 +61,9 @@ class MatterportAnnotations(Dataset):
     @cached_property
     def _root(self) -> Path:
         if self.config.root is None:
-            raise DataError(f"{self.name} needs the folder of the official files (docs/how-to/matterport.md): --data-dir DIR")
+            raise DataError(
+                f"{self.name} needs the folder of the official files (docs/how-to/matterport.md): --data-dir DIR"
+            )
         return self.config.root
 
     @cached_property
@@ -100,7 +112,13 @@ class MatterportAnnotations(Dataset):
         from salframe_matterport.navigation import viewpoint_world
 
         return [
-            viewpoint_world(connectivity_path(self._root, scan), scan, self._building(scan), self._mapping(scan), self._regions.get(scan, {}))
+            viewpoint_world(
+                connectivity_path(self._root, scan),
+                scan,
+                self._building(scan),
+                self._mapping(scan),
+                self._regions.get(scan, {}),
+            )
             for scan in self._scans
         ]
 
@@ -118,11 +136,14 @@ class MatterportAnnotations(Dataset):
             self._buildings[scan] = read_scenes(self._root, scan, regions, self.config.range_noise, self.config.seed)
         return self._buildings[scan]
 
-    def _mapping(self, scan: str) -> list[Frame]:
+    def _mapping(self, scan: str) -> list[MapFrame]:
         """The mapping frames of all scenes of a building."""
-        scenes = self._building(scan)
-        frames = [_frame(scene, scene.id, pose_yaw(scene.T_world_pano)) for scene in scenes]
-        return [replace(frame, T_world_pano=scene.T_world_pano, place=scene.place) for frame, scene in zip(frames, scenes, strict=True)]
+        return [
+            MapFrame(
+                scene.id, scene.place, scene.T_world_pano, load=_load(scene, scene.id, pose_yaw(scene.T_world_pano))
+            )
+            for scene in self._building(scan)
+        ]
 
     @cached_property
     def _folds(self) -> dict[str, tuple[Fold, Truth]]:
@@ -138,8 +159,13 @@ class MatterportAnnotations(Dataset):
                 query = f"{scene.id}/query"
                 x_m, y_m, z_m = scene.T_world_pano[:3, 3]
                 yaw_rad = generator(self.config.seed, "yaw", query).uniform(-np.pi, np.pi)
-                fold = Fold(scene.id, tuple(mapping[:i] + mapping[i + 1 :]), (_frame(scene, query, yaw_rad),))
-                folds[query] = fold, Truth(scene.place, pose_2d(x_m, y_m, yaw_rad, z_m), tuple(scene.object_id.tolist()))
+                fold = Fold(
+                    scene.id, tuple(mapping[:i] + mapping[i + 1 :]), (QueryFrame(query, _load(scene, query, yaw_rad)),)
+                )
+                folds[query] = (
+                    fold,
+                    Truth(scene.place, pose_2d(x_m, y_m, yaw_rad, z_m), tuple(scene.object_id.tolist())),
+                )
         if not folds:
             raise DataError(
                 f"{self._root} gives no query: expected a viewpoint with {self.config.min_visible} visible objects and another in its region"
@@ -147,6 +173,8 @@ class MatterportAnnotations(Dataset):
         return folds
 
 
-def _frame(scene: Scene, id: str, yaw_rad: float) -> Frame:
-    """The scene turned to look along `yaw_rad`. It holds the objects alone, so that no query carries its pose or place along."""
-    return Frame(id, partial(Panorama, id, annotations=scene.annotations(yaw_rad)))
+def _load(scene: Scene, id: str, yaw_rad: float) -> Callable[[], Panorama]:
+    """What gives the panorama of a scene turned to look along `yaw_rad`. It holds the objects alone, so that no query
+    carries its pose or place along.
+    """
+    return partial(Panorama, id, annotations=scene.annotations(yaw_rad))

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from salframe.errors import DataError, SalframeError
-from salframe.runs import Run
+from salframe.evaluation.run import Run
+from salframe.framework.errors import DataError, SalframeError
 from salframe_matterport.bearings import direction
 from salframe_matterport.dataset import MatterportAnnotations
 from salframe_matterport.scenes import Scene
@@ -47,10 +47,12 @@ def diagnose(run: Run, method: str) -> dict[str, list[str]]:
 
 
 def cause_of(query: Scene, own: list[Scene], winning: list[Scene]) -> str:
-    """The first of CAUSES that holds for a query, given the other viewpoints of its own region and those of the winning one.
+    """The first of CAUSES that holds for a query, given the other viewpoints of its own region and those of the winning
+    one.
 
-    Shared are objects, by id, with the viewpoint of its own region that has most of them. "bad bearing or range": the two viewpoints put fewer
-    than two of these within MISPLACED_M of each other. "twin room": the winning region has as many labels of the query as its own.
+    Shared are objects, by id, with the viewpoint of its own region that has most of them. "bad bearing or range": the
+    two viewpoints put fewer than two of these within MISPLACED_M of each other. "twin room": the winning region has as
+    many labels of the query as its own.
     """
     shared = [np.intersect1d(query.object_id, scene.object_id, return_indices=True)[1:] for scene in own]
     most, (in_query, in_own) = max(zip(own, shared, strict=True), key=lambda pair: len(pair[1][0]))
@@ -77,7 +79,9 @@ def _shared_labels(query: Scene, others: list[Scene]) -> int:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(prog="salframe_matterport.diagnose", description="Why queries of a finished run went wrong.")
+    parser = argparse.ArgumentParser(
+        prog="salframe_matterport.diagnose", description="Why queries of a finished run went wrong."
+    )
     parser.add_argument("run", type=Path, help="run folder of a comparison on matterport-annotations")
     parser.add_argument("method", help="method of that run")
     parser.add_argument("--queries", action="store_true", help="list the queries of each cause")

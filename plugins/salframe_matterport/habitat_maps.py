@@ -1,9 +1,9 @@
 """`habitat-maps`: a real building with its floor seen from above, from the top-down pictures of Object2HabitatMap.
 
-The pictures are coloured by a palette that gives regions and objects the colour of their index modulo its length, about 100, so that in a
-large building two rooms may share one; neither scale nor origin are stored. Both are found here from where the rooms lie: each connected patch
-of colour belongs to the region whose box of the .house file it fills, and the boxes' edges tell metres a pixel and origin. Only what can be
-walked on is known by its colour.
+The pictures are coloured by a palette that gives regions and objects the colour of their index modulo its length, about
+100, so that in a large building two rooms may share one; neither scale nor origin are stored. Both are found here from
+where the rooms lie: each connected patch of colour belongs to the region whose box of the .house file it fills, and the
+boxes' edges tell metres a pixel and origin. Only what can be walked on is known by its colour.
 """
 
 from __future__ import annotations
@@ -15,18 +15,19 @@ from pathlib import Path
 import cv2
 import numpy as np
 from pydantic import Field
-from salframe_folder.images import read_color
 
-from salframe.errors import DataError
-from salframe.types import FloorMasks
+from salframe.framework.errors import DataError
+from salframe.panoramas.floors import FloorMasks
+from salframe.panoramas.house_file import HouseFile, Region, read_house
+from salframe.panoramas.images import read_color
 from salframe_matterport.dataset import MatterportAnnotations
-from salframe_matterport.house_file import HouseFile, Region, read_house
 
 _PICTURES = {"region": "the regions", "cat": "the categories of objects"}
 _WALKABLE_RGB = {"floor": (0, 255, 0), "door": (246, 0, 0), "stairs": (0, 244, 67), "void": (100, 100, 5)}
 """A lintel hides its doorway from above; void is nothing but unlabelled patches of floor."""
 _PATCH = 0.002
-"""Patches that cover a smaller share of the picture are stains at walls and furniture; the cells under them go to the nearest room."""
+"""Patches that cover a smaller share of the picture are stains at walls and furniture; the cells under them go to the
+nearest room."""
 _OVERLAP = 0.5
 """Least intersection over union of a patch's box with its region's."""
 _EDGE_SCALE_M = 0.05
@@ -35,7 +36,8 @@ _MISFIT_M = 0.25
 
 
 class HabitatMaps(MatterportAnnotations):
-    """A real building with floor masks: `matterport-annotations` of one whose top-down maps by Object2HabitatMap are at hand.
+    """A real building with floor masks: `matterport-annotations` of one whose top-down maps by Object2HabitatMap are at
+    hand.
 
     The floor is the regions of the map, obstacles all objects that are neither floor, door nor stairs.
     """
@@ -45,9 +47,12 @@ class HabitatMaps(MatterportAnnotations):
 
     class Config(MatterportAnnotations.Config):
         root: Path | None = Field(
-            None, description="folder of habitat_map/<scan>/, house/<scan>.house, and the files of matterport-annotations"
+            None,
+            description="folder of habitat_map/<scan>/, house/<scan>.house, and the files of matterport-annotations",
         )
-        resolution_m: float = Field(0.05, gt=0, description="cell of the floor masks; the nearest whole number of pixels is taken")
+        resolution_m: float = Field(
+            0.05, gt=0, description="cell of the floor masks; the nearest whole number of pixels is taken"
+        )
 
     @cached_property
     def _scans(self) -> Sequence[str]:
@@ -57,7 +62,9 @@ class HabitatMaps(MatterportAnnotations):
                 f"{self._root} has no folder habitat_map/<scan>/ of any building, expected Object2HabitatMap's region.png and cat.png there"
             )
         if len(scans) > 1:  # each has a world of its own
-            raise DataError(f"{self._root} has maps of {', '.join(scans)}, expected one building a map: --set data.scans=[{scans[0]}]")
+            raise DataError(
+                f"{self._root} has maps of {', '.join(scans)}, expected one building a map: --set data.scans=[{scans[0]}]"
+            )
         return scans
 
     @cached_property
@@ -87,12 +94,16 @@ def read_floor(root: Path, scan: str, resolution_m: float) -> FloorMasks:
     for name, what in _PICTURES.items():
         path = maps_path(root, scan) / f"{name}.png"
         if not path.exists():
-            raise DataError(f"{path} is missing: the top-down map of {what}, which Object2HabitatMap's collect_2d_map.py draws")
+            raise DataError(
+                f"{path} is missing: the top-down map of {what}, which Object2HabitatMap's collect_2d_map.py draws"
+            )
         pictures[name] = _coded(read_color(path))
     region, category = pictures["region"], pictures["cat"]
     if region.shape != category.shape:
         shapes = [f"{picture.shape[1]} x {picture.shape[0]}" for picture in (region, category)]
-        raise DataError(f"{maps_path(root, scan)}: region.png is {shapes[0]} and cat.png {shapes[1]}, expected one size")
+        raise DataError(
+            f"{maps_path(root, scan)}: region.png is {shapes[0]} and cat.png {shapes[1]}, expected one size"
+        )
     house = read_house(root / "house" / f"{scan}.house")
     label, pixel_m, origin_m = _place(region, house, maps_path(root, scan))
     shown = [region for region in house.regions if (label == region.index + 1).any()]
@@ -116,9 +127,13 @@ def _coded(rgb: np.ndarray) -> np.ndarray:
 
 
 def _place(colour: np.ndarray, house: HouseFile, source: Path) -> tuple[np.ndarray, float, tuple[float, float]]:
-    """Label (H, W) int32 of a region's index + 1, 0 where unknown, the metres a pixel, and the world's x and y of the upper left corner."""
+    """Label (H, W) int32 of a region's index + 1, 0 where unknown, the metres a pixel, and the world's x and y of the
+    upper left corner."""
     patches, number = _patches(colour)
-    fits = [_fit(patches, [region for region in house.regions if region.level == level]) for level in {r.level for r in house.regions}]
+    fits = [
+        _fit(patches, [region for region in house.regions if region.level == level])
+        for level in {r.level for r in house.regions}
+    ]
     matched, pixel_m, origin_m, misfit_m = max(fits, key=lambda fit: len(fit[0]))
     if len(matched) < 2 or misfit_m > _MISFIT_M:
         raise DataError(
@@ -132,7 +147,8 @@ def _place(colour: np.ndarray, house: HouseFile, source: Path) -> tuple[np.ndarr
 
 
 def _patches(colour: np.ndarray) -> tuple[dict[int, np.ndarray], np.ndarray]:
-    """Boxes (left, top, right, bottom) in pixels of the large connected patches of one colour by their number, and the numbers (H, W)."""
+    """Boxes (left, top, right, bottom) in pixels of the large connected patches of one colour by their number, and the
+    numbers (H, W)."""
     boxes: dict[int, np.ndarray] = {}
     number = np.zeros(colour.shape, np.int32)
     for value in np.unique(colour[colour > 0]):
@@ -145,11 +161,14 @@ def _patches(colour: np.ndarray) -> tuple[dict[int, np.ndarray], np.ndarray]:
     return boxes, number
 
 
-def _fit(patches: dict[int, np.ndarray], regions: list[Region]) -> tuple[dict[int, int], float, tuple[float, float], float]:
-    """The regions of a level laid on the patches: region index by patch, metres a pixel, origin, and the median distance of their edges.
+def _fit(
+    patches: dict[int, np.ndarray], regions: list[Region]
+) -> tuple[dict[int, int], float, tuple[float, float], float]:
+    """The regions of a level laid on the patches: region index by patch, metres a pixel, origin, and the median
+    distance of their edges.
 
-    To begin with, the regions' common box is laid on the patches' common box. Then the edges of the boxes of patches and regions that overlap
-    give scale and origin by least squares (soft L1: curtains and open doors move an edge).
+    To begin with, the regions' common box is laid on the patches' common box. Then the edges of the boxes of patches
+    and regions that overlap give scale and origin by least squares (soft L1: curtains and open doors move an edge).
     """
     from scipy.optimize import least_squares
 
@@ -176,11 +195,17 @@ def _fit(patches: dict[int, np.ndarray], regions: list[Region]) -> tuple[dict[in
 
         solution = least_squares(misfit_m, solution, loss="soft_l1", f_scale=_EDGE_SCALE_M).x
     matched = {number: regions[region[i]].index for i, number in enumerate(patches) if sound[i]}
-    return matched, float(solution[0]), (float(solution[1]), float(solution[2])), float(np.median(np.abs(misfit_m(solution))))
+    return (
+        matched,
+        float(solution[0]),
+        (float(solution[1]), float(solution[2])),
+        float(np.median(np.abs(misfit_m(solution)))),
+    )
 
 
 def _to_metres(solution: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """(N, 4) x low, y high, x high, y low of boxes (N, 4) left, top, right, bottom; solution: metres a pixel, x and y of the origin."""
+    """(N, 4) x low, y high, x high, y low of boxes (N, 4) left, top, right, bottom; solution: metres a pixel, x and y
+    of the origin."""
     scale, x, y = solution
     return pixels * np.array([scale, -scale, scale, -scale]) + np.array([x, y, x, y])
 
@@ -202,7 +227,8 @@ def _share(mask: np.ndarray, step: int) -> np.ndarray:
 
 
 def _cells(label: np.ndarray, step: int, free: np.ndarray) -> np.ndarray:
-    """(rows, columns) the label that most of a cell has; stripes at thresholds and stains take that of the nearest room."""
+    """(rows, columns) the label that most of a cell has; stripes at thresholds and stains take that of the nearest
+    room."""
     from scipy import ndimage
 
     numbers = np.unique(label[label > 0])

@@ -11,15 +11,17 @@ from typing import Literal
 
 import numpy as np
 from pydantic import Field
-from salframe_folder import images
 
-from salframe.config import ComponentConfig, digest
-from salframe.errors import DataError
-from salframe.geometry import pose_2d, pose_yaw
-from salframe.roles import Dataset
-from salframe.storage import cache_home
-from salframe.types import Annotations, Fold, Frame, Panorama, Truth
-from salframe_matterport.house_file import HouseFile, read_house
+from salframe.framework.cache import cache_home
+from salframe.framework.config import ComponentConfig
+from salframe.framework.errors import DataError
+from salframe.framework.identity import digest
+from salframe.panoramas import images
+from salframe.panoramas.dataset import Dataset
+from salframe.panoramas.frames import Fold, MapFrame, QueryFrame, Truth
+from salframe.panoramas.geometry import pose_2d, pose_yaw
+from salframe.panoramas.house_file import HouseFile, read_house
+from salframe.panoramas.panorama import Annotations, Panorama
 from salframe_matterport.objects import label_pixels, labels
 from salframe_matterport.release import Color, Viewpoint, cameras_path, find_buildings, house_path, read_viewpoints
 from salframe_matterport.scenes import generator
@@ -29,11 +31,13 @@ VISIBLE_PIXELS = 50
 
 
 class Matterport3D(Dataset):
-    """Real buildings: the 18 colour and depth images of each viewpoint of Matterport3D as one RGB-D panorama, one fold a query.
+    """Real buildings: the 18 colour and depth images of each viewpoint of Matterport3D as one RGB-D panorama, one fold
+    a query.
 
-    Annotations are the objects of the .house file: a pixel shows the one whose oriented box its point lies in. Places are its regions;
-    viewpoints that stand in none are left out. A query is a viewpoint whose region has another one; it is not in its fold's map and its panorama
-    is turned by a random yaw. Panoramas are stitched once and kept in salframe's cache.
+    Annotations are the objects of the .house file: a pixel shows the one whose oriented box its point lies in. Places
+    are its regions; viewpoints that stand in none are left out. A query is a viewpoint whose region has another one; it
+    is not in its fold's map and its panorama is turned by a random yaw. Panoramas are stitched once and kept in
+    salframe's cache.
     """
 
     name = "matterport3d"
@@ -43,7 +47,10 @@ class Matterport3D(Dataset):
     class Config(ComponentConfig):
         root: Path | None = Field(None, description="folder of the release: v1/scans/<scan>/...")
         scans: Literal["all"] | tuple[str, ...] = Field("all", description="buildings to use")
-        color: Color = Field("skybox", description="skybox: its six faces, evenly exposed; pictures: the 18 that belong to the depth images")
+        color: Color = Field(
+            "skybox",
+            description="skybox: its six faces, evenly exposed; pictures: the 18 that belong to the depth images",
+        )
         height: int = Field(512, ge=64, description="pixels of a panorama, whose width is twice as much")
         seed: int = Field(0, description="of the yaw of queries")
 
@@ -54,13 +61,17 @@ class Matterport3D(Dataset):
     @cached_property
     def _buildings(self) -> dict[str, Path]:
         if self.config.root is None:
-            raise DataError(f"{self.name} needs the folder of the Matterport3D release (docs/how-to/real-buildings.md): --data-dir DIR")
+            raise DataError(
+                f"{self.name} needs the folder of the Matterport3D release (docs/how-to/real-buildings.md): --data-dir DIR"
+            )
         known = find_buildings(self.config.root)
         if self.config.scans == "all":
             return known
         absent = sorted(set(self.config.scans) - set(known))
         if absent:
-            raise DataError(f"{self.config.root} has no building {', '.join(absent)}, expected some of {', '.join(known)}")
+            raise DataError(
+                f"{self.config.root} has no building {', '.join(absent)}, expected some of {', '.join(known)}"
+            )
         return {scan: known[scan] for scan in self.config.scans}
 
     @cached_property
@@ -93,7 +104,8 @@ class Matterport3D(Dataset):
         return cache_home() / "matterport3d" / id.split("/")[0] / f"{self._key(id)[:24]}.jpg"
 
     def prepare(self, progress: Callable[[int, int], None]) -> None:
-        """Stitch the panoramas that are not there yet. A viewpoint whose images are missing or damaged says so when it is loaded."""
+        """Stitch the panoramas that are not there yet. A viewpoint whose images are missing or damaged says so when it
+        is loaded."""
         for done, (id, (viewpoint, _)) in enumerate(self._viewpoints.items()):
             progress(done, len(self._viewpoints))
             if not self._kept(id).exists():
@@ -118,9 +130,10 @@ class Matterport3D(Dataset):
     @cached_property
     def _folds(self) -> dict[str, tuple[Fold, Truth]]:
         """Fold and truth of each query, by the query's id."""
-        mapping: dict[str, list[Frame]] = {scan: [] for scan in self._buildings}
+        mapping: dict[str, list[MapFrame]] = {scan: [] for scan in self._buildings}
         for id, (viewpoint, place) in self._viewpoints.items():
-            mapping[id.split("/")[0]].append(replace(self._frame(id, id, 0), T_world_pano=viewpoint.T_world_pano, place=place))
+            load = self._load(id, id, 0)
+            mapping[id.split("/")[0]].append(MapFrame(id, place, viewpoint.T_world_pano, load=load))
         folds = {}
         for frames in mapping.values():
             scenes_of = Counter(frame.place for frame in frames)
@@ -131,16 +144,22 @@ class Matterport3D(Dataset):
                 columns = int(generator(self.config.seed, "yaw", query).integers(2 * self.config.height))
                 x_m, y_m, z_m = frame.T_world_pano[:3, 3]
                 pose = pose_2d(x_m, y_m, pose_yaw(frame.T_world_pano) + np.pi * columns / self.config.height, z_m)
-                fold = Fold(frame.id, tuple(frames[:i] + frames[i + 1 :]), (self._frame(query, frame.id, columns),))
+                fold = Fold(
+                    frame.id,
+                    tuple(frames[:i] + frames[i + 1 :]),
+                    (QueryFrame(query, self._load(query, frame.id, columns)),),
+                )
                 folds[query] = fold, Truth(frame.place, pose)
         if not folds:
             raise DataError(f"{self.config.root} gives no query: expected two viewpoints in one region")
         return folds
 
-    def _frame(self, id: str, viewpoint_id: str, columns: int) -> Frame:
-        """The panorama of a viewpoint turned by whole columns. It holds a path and labels, so that no query carries its pose or place along."""
+    def _load(self, id: str, viewpoint_id: str, columns: int) -> Callable[[], Panorama]:
+        """What gives the panorama of a viewpoint turned by whole columns. It holds a path and labels, so that no query
+        carries its pose or place along.
+        """
         named = labels(self._houses[viewpoint_id.split("/")[0]].objects)
-        return Frame(id, partial(_load, id, self._kept(viewpoint_id), columns, named, self._broken.get(viewpoint_id)))
+        return partial(_load, id, self._kept(viewpoint_id), columns, named, self._broken.get(viewpoint_id))
 
 
 def _stamp(path: Path) -> list[str | int]:

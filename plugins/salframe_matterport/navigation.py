@@ -8,12 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from salframe.errors import DataError
-from salframe.geometry import pose_2d, pose_yaw, wrap_angle
+from salframe.framework.errors import DataError
+from salframe.framework.files import read_json
 from salframe.navigation.chart import Chart
 from salframe.navigation.world import World
-from salframe.storage import read_json
-from salframe.types import Annotations, Detections, Frame, MapEdge, MapNode, Panorama, TopologicalMap
+from salframe.panoramas.frames import MapFrame
+from salframe.panoramas.geometry import pose_2d, pose_yaw, wrap_angle
+from salframe.panoramas.panorama import Annotations, ObjectBoxes, Panorama
+from salframe.topology.topological_map import MapEdge, MapNode, NodeKind, TopologicalMap
 from salframe_matterport.readers import format_of, read_connectivity
 from salframe_matterport.scenes import Scene
 
@@ -54,12 +56,19 @@ class ViewpointChart(Chart):
 
 
 class ViewpointWorld(World):
-    """The viewpoint graph of a building. What is seen at a viewpoint are its annotations; its own scene is left out of the map meanwhile."""
+    """The viewpoint graph of a building. What is seen at a viewpoint are its annotations; its own scene is left out of
+    the map meanwhile."""
 
-    def __init__(self, id: str, map: TopologicalMap, poses: Mapping[str, np.ndarray], scenes: Mapping[str, Scene],
-                 mapping: Sequence[Frame]) -> None:  # fmt: skip
-        """`poses`: T_world_pano (4, 4) of the map's nodes by id, in their order; `scenes` by the id of their node, for those that have one;
-        `mapping`: the frames of all scenes."""
+    def __init__(
+        self,
+        id: str,
+        map: TopologicalMap,
+        poses: Mapping[str, np.ndarray],
+        scenes: Mapping[str, Scene],
+        mapping: Sequence[MapFrame],
+    ) -> None:
+        """`poses`: T_world_pano (4, 4) of the map's nodes by id, in their order; `scenes` by the id of their node, for
+        those that have one; `mapping`: the frames of all scenes."""
         self._poses, self._scenes, self._frames = list(poses.values()), scenes, tuple(mapping)
         self._viewpoints = ViewpointChart(map, np.array([pose[:3, 3] for pose in self._poses]))
         super().__init__(id, self._viewpoints)
@@ -68,7 +77,9 @@ class ViewpointWorld(World):
         return self._turned(self._viewpoints.map.nodes.index(node), yaw_rad)
 
     def stand(self, x_m: float, y_m: float, yaw_rad: float) -> np.ndarray:
-        raise DataError(f"{self.id}: received the start ({x_m:.2f}, {y_m:.2f}) m, expected a viewpoint: only there is something to be seen")
+        raise DataError(
+            f"{self.id}: received the start ({x_m:.2f}, {y_m:.2f}) m, expected a viewpoint: only there is something to be seen"
+        )
 
     def draw_start(self, rng: np.random.Generator) -> np.ndarray:
         placed = [number for number, node in enumerate(self._viewpoints.map.nodes) if node.regions]
@@ -77,19 +88,21 @@ class ViewpointWorld(World):
     def region(self, T_world_pano: np.ndarray) -> str:
         return next(iter(self._node(T_world_pano).regions), "")
 
-    def mapping(self, T_world_pano: np.ndarray) -> Sequence[Frame]:
+    def mapping(self, T_world_pano: np.ndarray) -> Sequence[MapFrame]:
         own = self._node(T_world_pano).id
         return [frame for frame in self._frames if frame.id != own]
 
     def observe(self, T_world_pano: np.ndarray) -> Panorama:
         node, yaw_rad = self._node(T_world_pano), pose_yaw(T_world_pano)
         scene = self._scenes.get(node.id)
-        nothing = Annotations(objects=Detections.empty())
-        return Panorama(f"{node.id} {np.degrees(yaw_rad):.3f}", annotations=nothing if scene is None else scene.annotations(yaw_rad))
+        nothing = Annotations(objects=ObjectBoxes.empty())
+        return Panorama(
+            f"{node.id} {np.degrees(yaw_rad):.3f}", annotations=nothing if scene is None else scene.annotations(yaw_rad)
+        )
 
     def move(self, T_world_pano: np.ndarray, turn_rad: float, length_m: float) -> tuple[np.ndarray, bool]:
-        """See World: to the neighbour that agrees best with the walk, within TURN_OFF_RAD and LENGTH_OFF_M of its bearing and distance on the
-        ground. Where none does, the agent turns and stays."""
+        """See World: to the neighbour that agrees best with the walk, within TURN_OFF_RAD and LENGTH_OFF_M of its
+        bearing and distance on the ground. Where none does, the agent turns and stays."""
         here, yaw_rad = self._viewpoints.nearest(T_world_pano[:3, 3]), pose_yaw(T_world_pano) + turn_rad
         walk_m = length_m * np.array([np.cos(yaw_rad), np.sin(yaw_rad)])
         best, best_m = here, np.inf
@@ -110,26 +123,37 @@ class ViewpointWorld(World):
         return pose_2d(x_m, y_m, yaw_rad, z_m)
 
 
-def viewpoint_world(path: Path, scan: str, scenes: Sequence[Scene], mapping: Sequence[Frame], regions: Mapping[str, int]) -> ViewpointWorld:
-    """The world of a building from its connectivity file, the scenes of its viewpoints with their frames, and viewpoint -> region index.
+def viewpoint_world(
+    path: Path, scan: str, scenes: Sequence[Scene], mapping: Sequence[MapFrame], regions: Mapping[str, int]
+) -> ViewpointWorld:
+    """The world of a building from its connectivity file, the scenes of its viewpoints with their frames, and viewpoint
+    -> region index.
 
-    Two included viewpoints are neighbours where the way between them is unobstructed; an edge is as long as the straight line in 3D. Nodes lie
-    the camera's height below it. Raises DataError on a missing or malformed file.
+    Two included viewpoints are neighbours where the way between them is unobstructed; an edge is as long as the
+    straight line in 3D. Nodes lie the camera's height below it. Raises DataError on a missing or malformed file.
     """
     poses = read_connectivity(path)
     with format_of(path):
         listed = read_json(path)
-        free = {(a["image_id"], b["image_id"]) for a in listed for b, clear in zip(listed, a["unobstructed"], strict=True) if clear}
+        free = {
+            (a["image_id"], b["image_id"])
+            for a in listed
+            for b, clear in zip(listed, a["unobstructed"], strict=True)
+            if clear
+        }
         height_m = {viewpoint["image_id"]: float(viewpoint["height"]) for viewpoint in listed}
     name = {viewpoint: f"{scan}/{viewpoint}" for viewpoint in poses}
     seen = {scene.id: scene for scene in scenes}
     nodes = [
         MapNode(
-            name[viewpoint], "scene", (float(pose[0, 3]), float(pose[1, 3]), float(pose[2, 3]) - height_m[viewpoint]),
-            (f"{scan}/region-{regions[viewpoint]}",) if viewpoint in regions else (), (name[viewpoint],) if name[viewpoint] in seen else (),
+            name[viewpoint],
+            NodeKind.SCENE,
+            (float(pose[0, 3]), float(pose[1, 3]), float(pose[2, 3]) - height_m[viewpoint]),
+            (f"{scan}/region-{regions[viewpoint]}",) if viewpoint in regions else (),
+            (name[viewpoint],) if name[viewpoint] in seen else (),
         )
         for viewpoint, pose in poses.items()
-    ]  # fmt: skip
+    ]
     edges = []
     for a, b in combinations(poses, 2):
         if (a, b) in free or (b, a) in free:

@@ -6,8 +6,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from salframe.geometry import equirectangular_rays, transform_points
-from salframe_matterport.house_file import HouseObject
+from salframe.panoramas.geometry import equirectangular_rays, transform_points
+from salframe.panoramas.house_file import HouseObject
 
 _STUFF = frozenset({"void", "wall", "floor", "ceiling", "beam", "column", "stairs", "railing", "unlabeled"})
 """Categories that are no objects."""
@@ -22,9 +22,12 @@ def labels(objects: Iterable[HouseObject]) -> dict[int, str]:
 
 
 def label_pixels(range_m: np.ndarray, T_world_pano: np.ndarray, objects: Iterable[HouseObject]) -> np.ndarray:
-    """Instance ids (H, 2H) int32 of a panorama with range_m (H, 2H), 0 where there is no object or no range; of nested boxes the smallest counts."""
+    """Instance ids (H, 2H) int32 of a panorama with range_m (H, 2H), 0 where there is no object or no range; of nested
+    boxes the smallest counts."""
     known = np.flatnonzero(~np.isnan(range_m))
-    points_m = transform_points(T_world_pano, (equirectangular_rays(len(range_m)) * range_m[..., None]).reshape(-1, 3)[known])
+    points_m = transform_points(
+        T_world_pano, (equirectangular_rays(len(range_m)) * range_m[..., None]).reshape(-1, 3)[known]
+    )
     instance_id = np.zeros(range_m.size, np.int32)
     objects = list(objects)
     named = labels(objects)

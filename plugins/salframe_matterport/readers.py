@@ -9,14 +9,15 @@ from pathlib import Path
 
 import numpy as np
 
-from salframe.errors import DataError
-from salframe.geometry import pose_2d
-from salframe.storage import read_json
+from salframe.framework.errors import DataError
+from salframe.framework.files import read_json
+from salframe.panoramas.geometry import pose_2d
 
 
 @dataclass(frozen=True, eq=False)
 class Boxes:
-    """An object in the views of one viewpoint: its label, the views that see it (K,) int64, its boxes (K, 4) x, y, width, height in pixels."""
+    """An object in the views of one viewpoint: its label, the views that see it (K,) int64, its boxes (K, 4) x, y,
+    width, height in pixels."""
 
     label: str
     view: np.ndarray
@@ -52,14 +53,17 @@ def find_scans(root: Path) -> list[str]:
     scans = sorted(path.name.removesuffix(suffix) for path in connectivity_path(root, "*").parent.glob(f"*{suffix}"))
     if not scans:
         received = "a folder without any" if root.is_dir() else "no folder"
-        raise DataError(f"{root} is {received}, expected connectivity/*{suffix}, reverie/BBox/*.json and vp2room_label.json in it")
+        raise DataError(
+            f"{root} is {received}, expected connectivity/*{suffix}, reverie/BBox/*.json and vp2room_label.json in it"
+        )
     return scans
 
 
 def read_connectivity(path: Path) -> dict[str, np.ndarray]:
     """T_world_pano (4, 4) of the included viewpoints of a building, by viewpoint id, in the order of the file.
 
-    The file's pose has camera axes x right, y down, z forward; the panorama frame stands upright at the camera and looks where it looks.
+    The file's pose has camera axes x right, y down, z forward; the panorama frame stands upright at the camera and
+    looks where it looks.
     """
     with format_of(path):
         poses = {}

@@ -1,6 +1,7 @@
 """The files of the Matterport3D release: cameras, pictures and depth of each viewpoint, joined to a panorama.
 
-Format: data_organization.md of the release. A viewpoint is 18 pictures, by three cameras (up, level, down) at six stops of the tripod.
+Format: data_organization.md of the release. A viewpoint is 18 pictures, by three cameras (up, level, down) at six stops
+of the tripod.
 """
 
 from __future__ import annotations
@@ -11,17 +12,18 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from salframe_folder import images
 
-from salframe.errors import DataError
-from salframe.geometry import pose_2d
-from salframe.types import Panorama
+from salframe.framework.errors import DataError
+from salframe.panoramas import images
+from salframe.panoramas.geometry import pose_2d
+from salframe.panoramas.panorama import Panorama
 from salframe_matterport.stitching import Camera, stitch_color, stitch_range
 
 WIDTH_PX, HEIGHT_PX = 1280, 1024
 _DEPTH_PER_METRE = 4000
 _SKYBOX_STOP = "i1_5"
-"""The level picture that looks the way of the skybox's face 1; faces 2, 3 and 4 follow clockwise, 0 is above and 5 below."""
+"""The level picture that looks the way of the skybox's face 1; faces 2, 3 and 4 follow clockwise, 0 is above and 5
+below."""
 
 Color = Literal["skybox", "pictures"]
 
@@ -37,8 +39,8 @@ class Shot:
 
 @dataclass(frozen=True, eq=False)
 class Viewpoint:
-    """A place of the tripod: its name, the building's folder, its shots, and the pose (4, 4) of its panorama, which stands upright amid the
-    cameras and looks the way of the first level picture."""
+    """A place of the tripod: its name, the building's folder, its shots, and the pose (4, 4) of its panorama, which
+    stands upright amid the cameras and looks the way of the first level picture."""
 
     name: str
     folder: Path
@@ -62,7 +64,9 @@ class Viewpoint:
         """Its panorama at `T_world_pano`. Raises DataError on a missing, damaged or wrongly sized image."""
         for path in self.files(color):
             if not path.exists():
-                raise DataError(f"{path} is missing: unpack {path.parent.name}.zip of the building from the Matterport3D release")
+                raise DataError(
+                    f"{path} is missing: unpack {path.parent.name}.zip of the building from the Matterport3D release"
+                )
         cameras = [shot.camera for shot in self.shots]
         depth_m = [_read_depth(self.folder / "undistorted_depth_images" / shot.depth) for shot in self.shots]
         range_m = stitch_range(depth_m, cameras, self.T_world_pano, height)
@@ -78,7 +82,9 @@ class Viewpoint:
         """Cameras of the faces of a cube, of these widths in pixels, amid the viewpoint's cameras."""
         first = next((shot.camera for shot in self.shots if _SKYBOX_STOP in shot.picture), None)
         if first is None:
-            raise DataError(f"{self.name} of {self.folder.name} has no picture {_SKYBOX_STOP}, which tells where its skybox looks")
+            raise DataError(
+                f"{self.name} of {self.folder.name} has no picture {_SKYBOX_STOP}, which tells where its skybox looks"
+            )
         right, down, ahead = first.T_world_camera[:3, :3].T
         around = [(right, down, ahead), (-ahead, down, right), (-right, down, -ahead), (ahead, down, -right)]
         faces = [(right, ahead, -down), *around, (right, -ahead, down)]
@@ -93,11 +99,16 @@ class Viewpoint:
 def find_buildings(root: Path) -> dict[str, Path]:
     """The folders of the buildings whose cameras are at hand, by building. Raises DataError where there is none."""
     for scans in (root / "v1" / "scans", root / "scans", root):
-        found = {path.parent.parent.name: path.parent.parent for path in sorted(scans.glob("*/undistorted_camera_parameters/*.conf"))}
+        found = {
+            path.parent.parent.name: path.parent.parent
+            for path in sorted(scans.glob("*/undistorted_camera_parameters/*.conf"))
+        }
         if found:
             return found
     received = "a folder without any" if root.is_dir() else "no folder"
-    raise DataError(f"{root} is {received}, expected v1/scans/<scan>/undistorted_camera_parameters/<scan>.conf of the Matterport3D release in it")
+    raise DataError(
+        f"{root} is {received}, expected v1/scans/<scan>/undistorted_camera_parameters/<scan>.conf of the Matterport3D release in it"
+    )
 
 
 def cameras_path(folder: Path) -> Path:
@@ -109,7 +120,8 @@ def house_path(folder: Path) -> Path:
 
 
 def read_viewpoints(folder: Path) -> dict[str, Viewpoint]:
-    """The viewpoints of a building by name, in the order of its camera file. Raises DataError where that is missing or malformed.
+    """The viewpoints of a building by name, in the order of its camera file. Raises DataError where that is missing or
+    malformed.
 
     The file's cameras have y up and look along -z, and its principal points are counted from the lower left pixel.
     """
@@ -117,7 +129,9 @@ def read_viewpoints(folder: Path) -> dict[str, Viewpoint]:
     try:
         lines = [line.split() for line in path.read_text().splitlines()]
     except OSError as error:
-        raise DataError(f"cannot read {path}: {error.strerror} (undistorted_camera_parameters of the Matterport3D release)") from None
+        raise DataError(
+            f"cannot read {path}: {error.strerror} (undistorted_camera_parameters of the Matterport3D release)"
+        ) from None
     shots: dict[str, list[Shot]] = {}
     try:
         for words in lines:
@@ -149,5 +163,7 @@ def _read_depth(path: Path) -> np.ndarray:
 
 def _sized(path: Path, image: np.ndarray) -> np.ndarray:
     if image.shape[:2] != (HEIGHT_PX, WIDTH_PX):
-        raise DataError(f"{path} is {image.shape[1]} x {image.shape[0]}, expected {WIDTH_PX} x {HEIGHT_PX}, which its camera was calibrated for")
+        raise DataError(
+            f"{path} is {image.shape[1]} x {image.shape[0]}, expected {WIDTH_PX} x {HEIGHT_PX}, which its camera was calibrated for"
+        )
     return image

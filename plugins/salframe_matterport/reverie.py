@@ -1,7 +1,8 @@
 """The scorer `reverie`: an agent's answers to REVERIE by the rules of the task's own evaluation.
 
-REVERIE: Qi et al., "REVERIE: Remote Embodied Visual Referring Expression in Real Indoor Environments", CVPR 2020. Paths are scored as its
-`eval_release.py` does; the object metrics, which that leaves out, as DUET does (Chen et al., CVPR 2022), by whose evaluation later agents report.
+REVERIE: Qi et al., "REVERIE: Remote Embodied Visual Referring Expression in Real Indoor Environments", CVPR 2020. Paths
+are scored as its `eval_release.py` does; the object metrics, which that leaves out, as DUET does (Chen et al., CVPR
+2022), by whose evaluation later agents report.
 """
 
 from __future__ import annotations
@@ -13,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from salframe.errors import DataError
-from salframe.roles import Scorer
-from salframe.storage import read_json
+from salframe.evaluation.scorer import Scorer
+from salframe.framework.errors import DataError
+from salframe.framework.files import read_json
 from salframe_matterport.readers import boxes_path, connectivity_path, format_of, read_boxes, read_connectivity
 
 METRICS = ("SR", "OSR", "SPL", "RGS", "RGSPL")
@@ -32,10 +33,11 @@ class Reverie(Scorer):
     version = "1"
 
     def score(self, answers: Path, root: Path) -> Sequence[Mapping[str, Any]]:
-        """See Scorer. Metrics in percent, to two decimals; the paths' lengths are shortest ways along the connectivity graph, in 3D.
+        """See Scorer. Metrics in percent, to two decimals; the paths' lengths are shortest ways along the connectivity
+        graph, in 3D.
 
-        A split is scored where the file answers any of its instructions, and then must answer all of them. `ignored`: answers that count in no
-        split, to instructions that `root` does not have, and the second to one instruction.
+        A split is scored where the file answers any of its instructions, and then must answer all of them. `ignored`:
+        answers that count in no split, to instructions that `root` does not have, and the second to one instruction.
         """
         splits = read_episodes(root)
         given = read_json(answers)
@@ -48,14 +50,27 @@ class Reverie(Scorer):
             missing = [name for name in episodes if name not in read]
             if missing:
                 named = ", ".join(missing[:NAMED]) + (", ..." if len(missing) > NAMED else "")
-                raise DataError(f"{answers} lacks {len(missing)} of the {len(episodes)} instructions of {split}: {named}")
-        building = {scan: Building(root, scan) for episodes in touched.values() for scan in {e.scan for e in episodes.values()}}
+                raise DataError(
+                    f"{answers} lacks {len(missing)} of the {len(episodes)} instructions of {split}: {named}"
+                )
+        building = {
+            scan: Building(root, scan) for episodes in touched.values() for scan in {e.scan for e in episodes.values()}
+        }
         ignored = len(given) - sum(map(len, touched.values()))
         rows = []
         for split, episodes in touched.items():
-            scores = np.array([score_episode(name, episode, read[name], building[episode.scan]) for name, episode in episodes.items()])
+            scores = np.array(
+                [score_episode(name, episode, read[name], building[episode.scan]) for name, episode in episodes.items()]
+            )
             percent = (round(float(mean) * 100, 2) for mean in scores.mean(0))
-            rows.append({"split": split, "episodes": len(episodes), "ignored": ignored, **dict(zip(METRICS, percent, strict=True))})
+            rows.append(
+                {
+                    "split": split,
+                    "episodes": len(episodes),
+                    "ignored": ignored,
+                    **dict(zip(METRICS, percent, strict=True)),
+                }
+            )
         return rows
 
 
@@ -90,16 +105,19 @@ class Building:
         return float(self._distance_m[self.number[start], self.number[end]])
 
     def shows(self, viewpoint: str, object_id: int) -> bool:
-        """Whether any view of the viewpoint has the object, by REVERIE's boxes (within 3 m). Raises DataError on a missing box file."""
+        """Whether any view of the viewpoint has the object, by REVERIE's boxes (within 3 m). Raises DataError on a
+        missing box file."""
         if viewpoint not in self._visible:
             self._visible[viewpoint] = frozenset(read_boxes(boxes_path(self._root, self._scan, viewpoint), viewpoint))
         return object_id in self._visible[viewpoint]
 
 
 def walking_distances(path: Path) -> tuple[dict[str, int], np.ndarray]:
-    """Row of each included viewpoint of a connectivity file, by its id, and the (N, N) float64 lengths in metres of the shortest ways.
+    """Row of each included viewpoint of a connectivity file, by its id, and the (N, N) float64 lengths in metres of the
+    shortest ways.
 
-    Two included viewpoints are joined where the way between them is unobstructed; an edge is as long as the straight line in 3D.
+    Two included viewpoints are joined where the way between them is unobstructed; an edge is as long as the straight
+    line in 3D.
     """
     from scipy.sparse.csgraph import dijkstra
 
@@ -112,15 +130,17 @@ def walking_distances(path: Path) -> tuple[dict[str, int], np.ndarray]:
             for b, free in zip(listed, a["unobstructed"], strict=True):
                 if free and a["included"] and b["included"]:
                     ends = a["image_id"], b["image_id"]
-                    straight_m[number[ends[0]], number[ends[1]]] = np.linalg.norm(position_m[ends[0]] - position_m[ends[1]])
+                    straight_m[number[ends[0]], number[ends[1]]] = np.linalg.norm(
+                        position_m[ends[0]] - position_m[ends[1]]
+                    )
     return number, dijkstra(straight_m, directed=False)
 
 
 def score_episode(name: str, episode: Episode, answer: Answer, building: Building) -> tuple[float, ...]:
     """The METRICS of one episode, each from 0 to 1. Raises DataError on a path that could not have been walked.
 
-    A step between viewpoints that are not joined counts as long as the shortest way between them. Naming the object counts wherever the agent
-    stopped.
+    A step between viewpoints that are not joined counts as long as the shortest way between them. Naming the object
+    counts wherever the agent stopped.
     """
     for viewpoint in answer.path:
         if viewpoint not in building.number:
@@ -139,7 +159,8 @@ def score_episode(name: str, episode: Episode, answer: Answer, building: Buildin
 
 
 def read_episodes(root: Path) -> dict[str, dict[str, Episode]]:
-    """The episodes of every REVERIE_<split>.json by split and instr_id; those whose answer is not published are left out. Raises DataError."""
+    """The episodes of every REVERIE_<split>.json by split and instr_id; those whose answer is not published are left
+    out. Raises DataError."""
     splits = {}
     for path in sorted((root / "reverie").glob("REVERIE_*.json")):
         with format_of(path):
@@ -152,15 +173,18 @@ def read_episodes(root: Path) -> dict[str, dict[str, Episode]]:
         if episodes:
             splits[path.stem.removeprefix("REVERIE_")] = episodes
     if not splits:
-        raise DataError(f"{root} has no episodes, expected reverie/REVERIE_<split>.json, reverie/BBox/*.json and connectivity/*.json in it")
+        raise DataError(
+            f"{root} has no episodes, expected reverie/REVERIE_<split>.json, reverie/BBox/*.json and connectivity/*.json in it"
+        )
     return splits
 
 
 def read_answers(content: Any, path: Path) -> dict[str, Answer]:
-    """The answers in the content of a submission file, by instr_id; the first counts where there are two. `path`: the file, for messages.
+    """The answers in the content of a submission file, by instr_id; the first counts where there are two. `path`: the
+    file, for messages.
 
-    Raises DataError on another form than REVERIE's (`predObjId`, a step is [viewpoint, heading, elevation]) or that of the DUET family
-    (`pred_objid`, trajectories nested one list deeper, steps may be bare viewpoints).
+    Raises DataError on another form than REVERIE's (`predObjId`, a step is [viewpoint, heading, elevation]) or that of
+    the DUET family (`pred_objid`, trajectories nested one list deeper, steps may be bare viewpoints).
     """
     expected = 'a list of {"instr_id": ..., "trajectory": [[viewpoint, heading, elevation], ...], "predObjId": ...}'
     if isinstance(content, dict):  # eval_release takes a mapping too, whatever its keys
@@ -181,7 +205,8 @@ def read_answers(content: Any, path: Path) -> dict[str, Answer]:
 
 
 def viewpoints(trajectory: Any) -> Iterator[str]:
-    """The viewpoints of a trajectory in order: of [viewpoint, heading, elevation], of bare viewpoints, and of lists of these."""
+    """The viewpoints of a trajectory in order: of [viewpoint, heading, elevation], of bare viewpoints, and of lists of
+    these."""
     if not isinstance(trajectory, list):
         raise TypeError(f"a trajectory of {type(trajectory).__name__}")
     if len(trajectory) == 3 and isinstance(trajectory[0], str) and not isinstance(trajectory[1], str):

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from salframe.config import digest
-from salframe.errors import DataError
-from salframe.types import Annotations, Detections
+from salframe.framework.errors import DataError
+from salframe.framework.identity import digest
+from salframe.panoramas.panorama import Annotations, ObjectBoxes
 from salframe_matterport.bearings import bearing, direction
 from salframe_matterport.readers import boxes_path, connectivity_path, read_boxes, read_connectivity
 from salframe_matterport.triangulation import triangulate
@@ -20,8 +20,8 @@ from salframe_matterport.triangulation import triangulate
 class Scene:
     """A viewpoint and the objects it sees.
 
-    T_world_pano (4, 4); object_id (N,) int64, for triangulation and truth only; azimuth_rad, counter-clockwise from world +x, elevation_rad,
-    the angles spanned width_rad and height_rad, and range_m, each (N,).
+    T_world_pano (4, 4); object_id (N,) int64, for triangulation and truth only; azimuth_rad, counter-clockwise from
+    world +x, elevation_rad, the angles spanned width_rad and height_rad, and range_m, each (N,).
     """
 
     id: str
@@ -40,15 +40,17 @@ class Scene:
         """The objects in the frame of an upright panorama that looks along `yaw_rad`, an azimuth in the world."""
         azimuth = self.azimuth_rad - yaw_rad
         # The width of a ball that spans this angle; bounded where an object reaches around the viewpoint.
-        width, height = (2 * self.range_m * np.sin(np.minimum(angle, np.pi) / 2) for angle in (self.width_rad, self.height_rad))
-        objects = Detections(
+        width, height = (
+            2 * self.range_m * np.sin(np.minimum(angle, np.pi) / 2) for angle in (self.width_rad, self.height_rad)
+        )
+        objects = ObjectBoxes(
             self.labels,
-            np.ones(len(self.labels)),
+            self.keys,
             self.range_m[:, None] * direction(azimuth, self.elevation_rad),
             np.stack([width, np.minimum(width, height), height], 1),
             (azimuth + np.pi / 2) % np.pi,
         )
-        return Annotations(objects=objects, keys=self.keys)
+        return Annotations(objects=objects)
 
 
 def generator(*key: object) -> np.random.Generator:
@@ -59,18 +61,23 @@ def generator(*key: object) -> np.random.Generator:
 def read_scenes(root: Path, scan: str, regions: Mapping[str, int], range_noise: float, seed: int) -> list[Scene]:
     """The viewpoints of a building that see an object, in the order of its connectivity file.
 
-    regions: viewpoint -> region index. A range is the distance to the object's triangulated position, times a factor of which range_noise is the
-    standard deviation; for an object that was not triangulated it is drawn from the other ranges of the building, NaN where there are none.
-    Raises DataError on a missing or malformed file, or a viewpoint without a region.
+    regions: viewpoint -> region index. A range is the distance to the object's triangulated position, times a factor of
+    which range_noise is the standard deviation; for an object that was not triangulated it is drawn from the other
+    ranges of the building, NaN where there are none. Raises DataError on a missing or malformed file, or a viewpoint
+    without a region.
     """
     poses = read_connectivity(connectivity_path(root, scan))
     seen = {viewpoint: read_boxes(boxes_path(root, scan, viewpoint), viewpoint) for viewpoint in poses}
     seen = {viewpoint: objects for viewpoint, objects in seen.items() if objects}
     unplaced = sorted(seen.keys() - regions.keys())
     if unplaced:
-        raise DataError(f"{len(unplaced)} viewpoints of {scan} have no region in vp2room_label.json, the first is {unplaced[0]}")
+        raise DataError(
+            f"{len(unplaced)} viewpoints of {scan} have no region in vp2room_label.json, the first is {unplaced[0]}"
+        )
 
-    origin_m = np.array([poses[viewpoint][:3, 3] for viewpoint, objects in seen.items() for _ in objects]).reshape(-1, 3)
+    origin_m = np.array([poses[viewpoint][:3, 3] for viewpoint, objects in seen.items() for _ in objects]).reshape(
+        -1, 3
+    )
     object_id = np.array([number for objects in seen.values() for number in objects], np.int64)
     angles = np.array([bearing(b.view, b.box_px) for objects in seen.values() for b in objects.values()]).reshape(-1, 4)
     distinct, target = np.unique(object_id, return_inverse=True)

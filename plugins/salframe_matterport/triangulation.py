@@ -16,9 +16,10 @@ RANGE_FLOOR_M = 0.3
 def triangulate(origin_m: np.ndarray, direction: np.ndarray, target: np.ndarray, targets: int) -> np.ndarray:
     """Positions (targets, 3) in metres that are nearest to all rays of each target, NaN where they do not tell one.
 
-    origin_m, direction (N, 3): rays with unit directions, target (N,) int in [0, targets): what each ray points at. Minimises the sum of
-    angles between rays and position (iteratively reweighted least squares), so that a single bad bearing among several moves little.
-    A target with one ray only, or whose position lies behind one of its viewpoints or farther than MAX_RANGE_M from one, is NaN.
+    origin_m, direction (N, 3): rays with unit directions, target (N,) int in [0, targets): what each ray points at.
+    Minimises the sum of angles between rays and position (iteratively reweighted least squares), so that a single bad
+    bearing among several moves little. A target with one ray only, or whose position lies behind one of its viewpoints
+    or farther than MAX_RANGE_M from one, is NaN.
     """
     several = np.bincount(target, minlength=targets) > 1
     used = several[target]

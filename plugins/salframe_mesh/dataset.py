@@ -10,14 +10,16 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
-from salframe_folder.dataset import FolderDataset
 
-from salframe.config import ComponentConfig, digest
-from salframe.errors import DataError
-from salframe.geometry import pose_2d
-from salframe.presets import MANIFEST
-from salframe.storage import cache_home
-from salframe.types import FloorMasks, Panorama
+from salframe.framework.cache import cache_home
+from salframe.framework.config import ComponentConfig
+from salframe.framework.errors import DataError
+from salframe.framework.identity import digest
+from salframe.panoramas.floors import FloorMasks
+from salframe.panoramas.folder import FolderDataset
+from salframe.panoramas.folder_format import MANIFEST
+from salframe.panoramas.geometry import pose_2d
+from salframe.panoramas.panorama import Panorama
 from salframe_mesh.floors import Room, floor_masks, read_rooms
 from salframe_mesh.mesh_file import SUFFIXES, Surface, read_mesh
 from salframe_mesh.renderer import Renderer
@@ -49,8 +51,9 @@ class FrameSpec(NamedTuple):
 class MeshDataset(FolderDataset):
     """RGB-D panoramas rendered from a mesh: Matterport3D (.obj), HM3D (.glb), Replica (.ply), or any building of yours.
 
-    The folder holds one mesh and says where panoramas are taken: frames.csv, or the .house file of a Matterport3D building, whose panoramas map
-    and whose queries stand beside them on free floor, turned at random. It can render a panorama at any pose.
+    The folder holds one mesh and says where panoramas are taken: frames.csv, or the .house file of a Matterport3D
+    building, whose panoramas map and whose queries stand beside them on free floor, turned at random. It can render a
+    panorama at any pose.
     """
 
     name = "mesh"
@@ -60,9 +63,14 @@ class MeshDataset(FolderDataset):
     provides = frozenset({"rgb", "range"})
 
     class Config(ComponentConfig):
-        root: Path | None = Field(None, description="folder of a mesh, frames.csv or a .house file, and regions.json where rooms are known otherwise")
+        root: Path | None = Field(
+            None,
+            description="folder of a mesh, frames.csv or a .house file, and regions.json where rooms are known otherwise",
+        )
         mesh: str | None = Field(None, description="the mesh's file in the folder; null: the only one there")
-        up: Literal["z", "y"] = Field("z", description="axis of the mesh that points up: z in Matterport3D and Replica, y in HM3D")
+        up: Literal["z", "y"] = Field(
+            "z", description="axis of the mesh that points up: z in Matterport3D and Replica, y in HM3D"
+        )
         height: int = Field(512, ge=64, description="pixels of a panorama, whose width is twice as much")
         resolution_m: float = Field(0.05, gt=0, description="cell of the floor masks")
         queries_per_frame: int = Field(1, ge=0, description="queries beside each panorama of a .house file")
@@ -83,7 +91,9 @@ class MeshDataset(FolderDataset):
         found = sorted(path for path in self._source.iterdir() if path.suffix.lower() in SUFFIXES)
         if len(found) != 1:
             names = ", ".join(path.name for path in found) or "none"
-            raise DataError(f"{self._source} has {len(found)} meshes ({names}), expected one, or its name: --set data.mesh=FILE")
+            raise DataError(
+                f"{self._source} has {len(found)} meshes ({names}), expected one, or its name: --set data.mesh=FILE"
+            )
         return found[0]
 
     @property
@@ -93,8 +103,13 @@ class MeshDataset(FolderDataset):
 
     @cached_property
     def fingerprint(self) -> str:
-        """Of the settings, of frames.csv, regions.json and .house, and of the mesh's and its textures' names, sizes and times of change."""
-        texts = [path.read_text(errors="replace") for path in sorted(self._source.iterdir()) if path.suffix in (".csv", ".json", ".house", ".mtl")]
+        """Of the settings, of frames.csv, regions.json and .house, and of the mesh's and its textures' names, sizes and
+        times of change."""
+        texts = [
+            path.read_text(errors="replace")
+            for path in sorted(self._source.iterdir())
+            if path.suffix in (".csv", ".json", ".house", ".mtl")
+        ]
         looks = [path for path in self._source.rglob("*") if path.suffix.lower() in (*SUFFIXES, ".jpg", ".png")]
         stamps = [[path.name, path.stat().st_size, path.stat().st_mtime_ns] for path in sorted(looks)]
         return digest([self.version, self.config.model_dump(mode="json", exclude={"root"}), texts, stamps])
@@ -115,7 +130,14 @@ class MeshDataset(FolderDataset):
         """Render the frames that are not there yet."""
         if (self.root / MANIFEST).exists():
             return
-        from salframe_folder.format import FrameEntry, TruthEntry, is_written, write_floor, write_manifest, write_panorama
+        from salframe.panoramas.folder_format import (
+            FrameEntry,
+            TruthEntry,
+            is_written,
+            write_floor,
+            write_manifest,
+            write_panorama,
+        )
 
         if (self._source / "frames.csv").exists():
             specs, floors = read_frames(self._source / "frames.csv"), self._floor_masks()
@@ -127,9 +149,13 @@ class MeshDataset(FolderDataset):
             progress(done, len(specs))
             asked, pose = spec.role == "query", tuple(spec.pose.ravel().tolist())
             entry = FrameEntry(
-                id=spec.id, role=spec.role, rgb=f"frames/{done:05d}.jpg", range=f"frames/{done:05d}.range.png",
-                pose=None if asked else pose, place=None if asked else spec.place,
-            )  # fmt: skip
+                id=spec.id,
+                role=spec.role,
+                rgb=f"frames/{done:05d}.jpg",
+                range=f"frames/{done:05d}.range.png",
+                pose=None if asked else pose,
+                place=None if asked else spec.place,
+            )
             if not is_written(self.root, entry):
                 panorama = self._renderer.render(spec.pose, self.config.height, spec.id)
                 write_panorama(self.root, entry, panorama.rgb, panorama.range_m)
@@ -145,7 +171,10 @@ class MeshDataset(FolderDataset):
         levels: dict[int, list[Room]] = {}
         for room in read_rooms(self._source):
             levels.setdefault(room.level, []).append(room)
-        return [floor_masks(self._surface, self._renderer, rooms, self.config.resolution_m) for _, rooms in sorted(levels.items())]
+        return [
+            floor_masks(self._surface, self._renderer, rooms, self.config.resolution_m)
+            for _, rooms in sorted(levels.items())
+        ]
 
     def _standing(self) -> list[FrameSpec]:
         """A map frame at every panorama of the .house file that stands in a region."""
@@ -155,7 +184,7 @@ class MeshDataset(FolderDataset):
                 f"{self._source} has neither frames.csv ({', '.join(_COLUMNS)}) nor one .house file (house_segmentations of the Matterport3D "
                 "release), expected either to say where panoramas are taken"
             )
-        from salframe_matterport.house_file import read_house
+        from salframe.panoramas.house_file import read_house
 
         standing = read_house(houses[0]).panoramas
         mapped = [
@@ -164,27 +193,38 @@ class MeshDataset(FolderDataset):
             if point.region is not None
         ]
         if not mapped:
-            raise DataError(f"{houses[0]} has no panorama in a region, expected lines that begin with P, or a frames.csv beside it")
+            raise DataError(
+                f"{houses[0]} has no panorama in a region, expected lines that begin with P, or a frames.csv beside it"
+            )
         return mapped
 
 
 def read_frames(path: Path) -> list[FrameSpec]:
-    """The rows of frames.csv: id, role (map, transition or query), place, x_m, y_m, z_m, yaw_rad. Raises DataError on a malformed row."""
+    """The rows of frames.csv: id, role (map, transition or query), place, x_m, y_m, z_m, yaw_rad. Raises DataError on a
+    malformed row."""
     with path.open(newline="") as file:
         reader = csv.DictReader(file)
         absent = set(_COLUMNS) - set(reader.fieldnames or ())
         if absent:
-            raise DataError(f"{path} has no column {' and no column '.join(sorted(absent))}, expected {', '.join(_COLUMNS)}")
+            raise DataError(
+                f"{path} has no column {' and no column '.join(sorted(absent))}, expected {', '.join(_COLUMNS)}"
+            )
         specs: list[FrameSpec] = []
         for number, row in enumerate(reader, 2):
             try:
                 spec = FrameSpec(row["id"], row["role"], row["place"], *(float(row[name]) for name in _COLUMNS[3:]))
             except (TypeError, ValueError):
-                raise DataError(f"{path}, line {number}: received {list(row.values())}, expected numbers in {', '.join(_COLUMNS[3:])}") from None
+                raise DataError(
+                    f"{path}, line {number}: received {list(row.values())}, expected numbers in {', '.join(_COLUMNS[3:])}"
+                ) from None
             if spec.role not in _ROLES:
-                raise DataError(f"{path}, line {number}: the role is {spec.role!r}, expected one of {', '.join(_ROLES)}")
+                raise DataError(
+                    f"{path}, line {number}: the role is {spec.role!r}, expected one of {', '.join(_ROLES)}"
+                )
             if any(spec.id == other.id for other in specs):
-                raise DataError(f"{path}, line {number}: a second frame {spec.id!r}, expected an id of its own for each")
+                raise DataError(
+                    f"{path}, line {number}: a second frame {spec.id!r}, expected an id of its own for each"
+                )
             specs.append(spec)
     if not any(spec.role == "map" for spec in specs):
         raise DataError(f"{path} has no row of role map, expected at least one frame to map with")
@@ -192,7 +232,8 @@ def read_frames(path: Path) -> list[FrameSpec]:
 
 
 def beside(mapped: Sequence[FrameSpec], floors: Sequence[FloorMasks], per_frame: int, seed: int) -> list[FrameSpec]:
-    """Queries in the open, on the floor of their map frame's room, 0.3 to 1.1 m from it, turned at random; none where there is no such floor."""
+    """Queries in the open, on the floor of their map frame's room, 0.3 to 1.1 m from it, turned at random; none where
+    there is no such floor."""
     from scipy import ndimage
 
     queries: list[FrameSpec] = []
@@ -204,7 +245,10 @@ def beside(mapped: Sequence[FrameSpec], floors: Sequence[FloorMasks], per_frame:
             if label is None:
                 continue
             row, column = np.nonzero((floor.region == label) & (clear_m >= _CLEARANCE_M))
-            x_m, y_m = floor.origin_m[0] + (column + 0.5) * floor.resolution_m, floor.origin_m[1] - (row + 0.5) * floor.resolution_m
+            x_m, y_m = (
+                floor.origin_m[0] + (column + 0.5) * floor.resolution_m,
+                floor.origin_m[1] - (row + 0.5) * floor.resolution_m,
+            )
             shift_m = np.hypot(x_m - frame.x_m, y_m - frame.y_m)
             near = np.flatnonzero((shift_m >= SHIFT_M[0]) & (shift_m <= SHIFT_M[1]))
             for at in random.choice(near, min(per_frame, len(near)), replace=False):

@@ -9,9 +9,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from salframe.errors import DataError
-from salframe.storage import read_json
-from salframe.types import FloorMasks
+from salframe.framework.errors import DataError
+from salframe.framework.files import read_json
+from salframe.panoramas.floors import FloorMasks
 from salframe_mesh.mesh_file import Surface
 from salframe_mesh.renderer import Renderer
 
@@ -38,7 +38,8 @@ class Room:
 
 
 def read_rooms(root: Path) -> tuple[Room, ...]:
-    """The rooms that a folder tells of: regions.json ({place: {"outline_m": [[x, y], ...], "floor_m": z}}), else a .house file, else none.
+    """The rooms that a folder tells of: regions.json ({place: {"outline_m": [[x, y], ...], "floor_m": z}}), else a
+    .house file, else none.
 
     Raises DataError on a malformed file.
     """
@@ -49,21 +50,26 @@ def read_rooms(root: Path) -> tuple[Room, ...]:
     try:
         heights = sorted({float(entry["floor_m"]) for entry in content.values()})
         outlines = {place: np.array(entry["outline_m"], float).reshape(-1, 2) for place, entry in content.items()}
-        return tuple(Room(place, (outlines[place],), float(e["floor_m"]), heights.index(float(e["floor_m"]))) for place, e in content.items())
+        return tuple(
+            Room(place, (outlines[place],), float(e["floor_m"]), heights.index(float(e["floor_m"])))
+            for place, e in content.items()
+        )
     except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise DataError(f'{path} is malformed ({error}), expected {{place: {{"outline_m": [[x, y], ...], "floor_m": z}}}}') from None
+        raise DataError(
+            f'{path} is malformed ({error}), expected {{place: {{"outline_m": [[x, y], ...], "floor_m": z}}}}'
+        ) from None
 
 
 def _of_house(path: Path) -> list[Room]:
-    from salframe_matterport.house_file import read_house
+    from salframe.panoramas.house_file import read_house
 
     regions = read_house(path).regions
     return [Room(f"{path.stem}/region-{r.index}", r.outlines_m, float(r.low_m[2]), r.level) for r in regions]
 
 
 def floor_masks(surface: Surface, renderer: Renderer, rooms: Sequence[Room], resolution_m: float) -> FloorMasks:
-    """The masks of the rooms of one level. Free is floor that a ray from above finds; an obstacle is what that ray meets 0.1 to 1.5 m
-    above the floor, or what level cuts of the mesh show in between."""
+    """The masks of the rooms of one level. Free is floor that a ray from above finds; an obstacle is what that ray
+    meets 0.1 to 1.5 m above the floor, or what level cuts of the mesh show in between."""
     floor_m = float(np.median([room.floor_m for room in rooms]))
     corners = np.concatenate([outline for room in rooms for outline in room.outlines_m])
     left_m, top_m = corners[:, 0].min() - _MARGIN_M, corners[:, 1].max() + _MARGIN_M
@@ -76,8 +82,12 @@ def floor_masks(surface: Surface, renderer: Renderer, rooms: Sequence[Room], res
         return (xy_m - origin_m) * [1, -1] / resolution_m
 
     column, row = np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5)
-    above = np.stack([left_m + column * resolution_m, top_m - row * resolution_m, np.full_like(row, floor_m + BAND_M[1])], -1).reshape(-1, 3)
-    down_m = renderer.trace(above, np.broadcast_to(np.array([0, 0, -1], np.float32), above.shape))[0].reshape(rows, columns)
+    above = np.stack(
+        [left_m + column * resolution_m, top_m - row * resolution_m, np.full_like(row, floor_m + BAND_M[1])], -1
+    ).reshape(-1, 3)
+    down_m = renderer.trace(above, np.broadcast_to(np.array([0, 0, -1], np.float32), above.shape))[0].reshape(
+        rows, columns
+    )
     height_m = BAND_M[1] - down_m
     found = height_m > -_BELOW_M
     obstacle = height_m > BAND_M[0]
@@ -93,7 +103,9 @@ def floor_masks(surface: Surface, renderer: Renderer, rooms: Sequence[Room], res
     free = (region > 0) & (found | obstacle)
     obstacle |= _pockets(free & ~obstacle, _POCKET_M2 / resolution_m**2)
     places = {number: room.place for number, room in enumerate(rooms, 1)}
-    return FloorMasks(free, np.where(free, region, 0), obstacle & free, resolution_m, (float(left_m), float(top_m)), places, floor_m)
+    return FloorMasks(
+        free, np.where(free, region, 0), obstacle & free, resolution_m, (float(left_m), float(top_m)), places, floor_m
+    )
 
 
 def _cut(surface: Surface, height_m: float) -> np.ndarray:

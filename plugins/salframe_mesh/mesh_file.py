@@ -1,4 +1,5 @@
-"""Reading a building's mesh with its colours: .obj with textures, .glb with textures inside, .ply with colours at its vertices."""
+"""Reading a building's mesh with its colours: .obj with textures, .glb with textures inside, .ply with colours at its
+vertices."""
 
 from __future__ import annotations
 
@@ -7,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from salframe.errors import DataError, RequirementMissing
+from salframe.framework.errors import DataError, RequirementMissing
 
 SUFFIXES = (".obj", ".glb", ".ply")
 _GREY = (200, 200, 200)
@@ -19,8 +20,9 @@ _TO_Z_UP = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]], np.float32)
 class Surface:
     """Triangles in the world, metres, z up, and what they look like.
 
-    vertices_m (V, 3) float32; triangles (F, 3) int32; paint (F,) int32 into `textures`; uv (F, 3, 2) float32 at the corners, (0, 0) the lower left
-    of the texture; colors (V, 3) float32 in 0..255, what textures are multiplied with (white where there is a texture). A texture is (h, w, 3) uint8.
+    vertices_m (V, 3) float32; triangles (F, 3) int32; paint (F,) int32 into `textures`; uv (F, 3, 2) float32 at the
+    corners, (0, 0) the lower left of the texture; colors (V, 3) float32 in 0..255, what textures are multiplied with
+    (white where there is a texture). A texture is (h, w, 3) uint8.
     """
 
     vertices_m: np.ndarray
@@ -34,7 +36,8 @@ class Surface:
 def read_mesh(path: Path, up: str) -> Surface:
     """Read a mesh file whose axis `up` ("z" or "y") points up.
 
-    Raises DataError where it is missing, unreadable or has no faces, RequirementMissing where Open3D lacks a library of the system.
+    Raises DataError where it is missing, unreadable or has no faces, RequirementMissing where Open3D lacks a library of
+    the system.
     """
     try:
         import open3d
@@ -52,7 +55,10 @@ def read_mesh(path: Path, up: str) -> Surface:
             parts, looks = [(mesh, 0)], [_plain(_GREY if not mesh.has_vertex_colors() else (255, 255, 255))]
         else:
             model = open3d.io.read_triangle_model(str(path))
-            parts, looks = [(part.mesh, part.material_idx) for part in model.meshes], [_look(material) for material in model.materials]
+            parts, looks = (
+                [(part.mesh, part.material_idx) for part in model.meshes],
+                [_look(material) for material in model.materials],
+            )
     parts = [(mesh, look) for mesh, look in parts if len(mesh.triangles)]
     if not parts:
         raise DataError(f"{path} is no mesh with faces, expected triangles or polygons")
@@ -83,7 +89,15 @@ def _joined(parts: list, looks: tuple[np.ndarray, ...]) -> Surface:
         triangles.append(corners + first)
         paint.append(np.full(len(corners), look, np.int32))
         has_uv = len(mesh.triangle_uvs) == 3 * len(corners)
-        uv.append(np.asarray(mesh.triangle_uvs, np.float32).reshape(-1, 3, 2) if has_uv else np.zeros((len(corners), 3, 2), np.float32))
-        colors.append(np.asarray(mesh.vertex_colors, np.float32) * 255 if mesh.has_vertex_colors() else np.full_like(vertices[-1], 255))
+        uv.append(
+            np.asarray(mesh.triangle_uvs, np.float32).reshape(-1, 3, 2)
+            if has_uv
+            else np.zeros((len(corners), 3, 2), np.float32)
+        )
+        colors.append(
+            np.asarray(mesh.vertex_colors, np.float32) * 255
+            if mesh.has_vertex_colors()
+            else np.full_like(vertices[-1], 255)
+        )
         first += len(vertices[-1])
     return Surface(*(np.concatenate(arrays) for arrays in (vertices, triangles, paint, uv, colors)), looks)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from salframe.geometry import equirectangular_rays
-from salframe.types import Panorama
+from salframe.panoramas.geometry import equirectangular_rays
+from salframe.panoramas.panorama import Panorama
 from salframe_mesh.mesh_file import Surface
 
 _NOTHING = np.float32(1e30)  # embree's range where a ray hits nothing is 1e37
@@ -13,7 +13,8 @@ _SUPERSAMPLING = 2
 
 
 class Renderer:
-    """Renders panoramas of one mesh as it is: its colours are taken to hold the light. The same pose gives the same bytes."""
+    """Renders panoramas of one mesh as it is: its colours are taken to hold the light. The same pose gives the same
+    bytes."""
 
     def __init__(self, surface: Surface):
         from embreex.mesh_construction import TriangleMesh
@@ -24,8 +25,8 @@ class Renderer:
         TriangleMesh(self._scene, surface.vertices_m, surface.triangles)
 
     def trace(self, origin_m: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Along unit directions (N, 3) from one origin (3,) or N: range_m (N,) float32, NaN where nothing is hit, the triangle (N,) int32, 0 where
-        nothing is, and the weights (N, 3) float32 of its corners."""
+        """Along unit directions (N, 3) from one origin (3,) or N: range_m (N,) float32, NaN where nothing is hit, the
+        triangle (N,) int32, 0 where nothing is, and the weights (N, 3) float32 of its corners."""
         direction = np.ascontiguousarray(direction, np.float32)
         origin_m = np.ascontiguousarray(np.broadcast_to(np.asarray(origin_m, np.float32), direction.shape))
         found = self._scene.run(origin_m, direction, query="INTERSECT", output=True)

@@ -1,11 +1,12 @@
-"""What the network tells apart, and what it looks at: shared by training and detection, so that neither drifts from the other."""
+"""What the network tells apart, and what it looks at: shared by training and detection, so that neither drifts from the
+other."""
 
 from __future__ import annotations
 
 import cv2
 import numpy as np
 
-from salframe.geometry import equirectangular_rays
+from salframe.panoramas.geometry import equirectangular_rays
 
 HEIGHT = 256
 """Rows of the panorama that the network sees; it has twice as many columns."""
@@ -16,7 +17,8 @@ _TALL_M = 1.5
 
 
 def network_input(rgb: np.ndarray, range_m: np.ndarray) -> np.ndarray:
-    """(6, HEIGHT, 2 HEIGHT) float32: colour as ImageNet's networks take it, nearness 1 / (1 + range), height above the camera, elevation.
+    """(6, HEIGHT, 2 HEIGHT) float32: colour as ImageNet's networks take it, nearness 1 / (1 + range), height above the
+    camera, elevation.
 
     rgb (H, 2H, 3) uint8; range_m (H, 2H) float32, NaN where unknown, which gives nearness and height 0.
     """

@@ -8,16 +8,17 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
-from salframe.boxes import detections_from_points
-from salframe.config import ComponentConfig
-from salframe.errors import InputMissing, WeightsMissing
-from salframe.geometry import column_azimuth, equirectangular_rays
-from salframe.onnx import open_model
-from salframe.roles import Detector
-from salframe.storage import read_json
-from salframe.turning import from_near_side
-from salframe.types import Detections, Panorama
-from salframe.weights import Shipped, Weights, WeightsFile
+from salframe.framework.config import ComponentConfig
+from salframe.framework.errors import InputMissing, WeightsMissing
+from salframe.framework.files import read_json
+from salframe.framework.onnx import open_model
+from salframe.framework.weights import Shipped, Weights, WeightsFile
+from salframe.graphs.boxes import detections_from_points
+from salframe.graphs.detections import Detections
+from salframe.graphs.detector import Detector
+from salframe.graphs.turning import from_near_side
+from salframe.panoramas.geometry import column_azimuth, equirectangular_rays
+from salframe.panoramas.panorama import Panorama
 from salframe_panoseg.classes import CHANNELS, HEIGHT, network_input, smaller
 from salframe_panoseg.objects import group_pixels, without_strays
 
@@ -44,8 +45,12 @@ class PanoSegDetector(Detector):
     weights = (PANOSEG,)
 
     class Config(ComponentConfig):
-        model: Path | None = Field(None, description="folder of a training of your own; null: the network that comes with salframe")
-        min_score: float = Field(0.25, ge=0, le=1, description="objects whose mean class probability is lower are left out")
+        model: Path | None = Field(
+            None, description="folder of a training of your own; null: the network that comes with salframe"
+        )
+        min_score: float = Field(
+            0.25, ge=0, le=1, description="objects whose mean class probability is lower are left out"
+        )
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)
@@ -70,17 +75,23 @@ class PanoSegDetector(Detector):
         """See Detector. Raises InputMissing where the panorama has no colour or no range."""
         if panorama.rgb is None or panorama.range_m is None:
             absent = " and ".join(sorted({"rgb", "range"} - panorama.provides))
-            raise InputMissing(f"{panorama.id} has no {absent}, which the detector {self.name!r} needs; 'onnx' needs colour alone")
+            raise InputMissing(
+                f"{panorama.id} has no {absent}, which the detector {self.name!r} needs; 'onnx' needs colour alone"
+            )
         range_m = smaller(panorama.range_m)
         seen = np.isfinite(range_m)
         if panorama.valid is not None:
             seen &= smaller(panorama.valid.astype(np.uint8)) > 0
-        class_id, score, vote_m = (found[0] for found in self._model.run(network_input(panorama.rgb, panorama.range_m)[None]))
+        class_id, score, vote_m = (
+            found[0] for found in self._model.run(network_input(panorama.rgb, panorama.range_m)[None])
+        )
         points_m = equirectangular_rays(HEIGHT) * np.nan_to_num(range_m)[..., None]
         objects = group_pixels(class_id, points_m, points_m + into_panorama(vote_m), seen)
         return self._detections(objects, class_id, score, points_m)
 
-    def _detections(self, objects: np.ndarray, class_id: np.ndarray, score: np.ndarray, points_m: np.ndarray) -> Detections:
+    def _detections(
+        self, objects: np.ndarray, class_id: np.ndarray, score: np.ndarray, points_m: np.ndarray
+    ) -> Detections:
         pixels = np.flatnonzero(objects)
         order = pixels[np.argsort(objects.flat[pixels], kind="stable")]
         found = np.split(order, np.cumsum(np.bincount(objects.flat[pixels])[1:])[:-1]) if len(pixels) else []
@@ -99,12 +110,15 @@ def _labels(card: Path) -> list[str]:
     content = read_json(card)
     labels = content.get("labels") if isinstance(content, dict) else None
     if not isinstance(labels, list) or not all(isinstance(label, str) for label in labels):
-        raise WeightsMissing(f"{card} holds no list of labels, expected the card that training wrote beside its network")
+        raise WeightsMissing(
+            f"{card} holds no list of labels, expected the card that training wrote beside its network"
+        )
     return ["", *labels]
 
 
 def into_panorama(vote_m: np.ndarray) -> np.ndarray:
-    """(H, W, 3) votes in the panorama frame, from votes (3, H, W) along the floor, to the left, and up, seen by each pixel."""
+    """(H, W, 3) votes in the panorama frame, from votes (3, H, W) along the floor, to the left, and up, seen by each
+    pixel."""
     azimuth = column_azimuth(vote_m.shape[2])
     cosine, sine = np.cos(azimuth), np.sin(azimuth)
     along, left, up = vote_m

@@ -1,4 +1,5 @@
-"""The trained network as an ONNX file that answers in classes, scores and votes at the panorama's own resolution, and its card."""
+"""The trained network as an ONNX file that answers in classes, scores and votes at the panorama's own resolution, and
+its card."""
 
 from __future__ import annotations
 
@@ -10,18 +11,20 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from salframe.storage import atomic_path, write_json
-from salframe.weights import file_sha256
+from salframe.framework.files import atomic_path, write_json
+from salframe.framework.weights import file_sha256
 from salframe_panoseg.classes import CHANNELS, HEIGHT
 from salframe_panoseg.detector import OUTPUTS
 from salframe_panoseg.network import PanoSeg
 
 DOUBT = 4.0
-"""A pixel is structure where that is so many times as probable as any object: what may be an object is told, with its low score."""
+"""A pixel is structure where that is so many times as probable as any object: what may be an object is told, with its
+low score."""
 
 
 class Answer(nn.Module):
-    """(B, 6, H, W) -> class_id (B, H, W) uint8, score (B, H, W) float32 (the class's probability), vote_m (B, 3, H, W) float32.
+    """(B, 6, H, W) -> class_id (B, H, W) uint8, score (B, H, W) float32 (the class's probability), vote_m (B, 3, H, W)
+    float32.
 
     Trained with `weights` (C,), the network overrates what counted more; in `score` that is taken back.
     """
@@ -56,8 +59,15 @@ def export(checkpoint: Path, path: Path, card: dict[str, Any]) -> Path:
     example = torch.zeros(1, CHANNELS, HEIGHT, 2 * HEIGHT)
     with torch.no_grad(), atomic_path(path) as temporary:
         torch.onnx.export(
-            answer, (example,), temporary, input_names=["image"], output_names=list(OUTPUTS), opset_version=18, dynamo=True,
-            external_data=False, verbose=False,
-        )  # fmt: skip
+            answer,
+            (example,),
+            temporary,
+            input_names=["image"],
+            output_names=list(OUTPUTS),
+            opset_version=18,
+            dynamo=True,
+            external_data=False,
+            verbose=False,
+        )
     write_json(path.with_suffix(".json"), card | {"sha256": file_sha256(path)})
     return path

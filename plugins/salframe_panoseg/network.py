@@ -1,4 +1,5 @@
-"""The network in torch, for training and export: EfficientNet-Lite0 and a light pyramid, both closed at the panorama's seam."""
+"""The network in torch, for training and export: EfficientNet-Lite0 and a light pyramid, both closed at the panorama's
+seam."""
 
 from __future__ import annotations
 
@@ -9,19 +10,28 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from salframe.errors import WeightsMissing
+from salframe.framework.errors import WeightsMissing
 from salframe_panoseg.classes import CHANNELS
 
-LITE0 = ((1, 3, 1, 1, 32, 16), (2, 3, 2, 6, 16, 24), (2, 5, 2, 6, 24, 40), (3, 3, 2, 6, 40, 80), (3, 5, 1, 6, 80, 112), (4, 5, 2, 6, 112, 192),
-         (1, 3, 1, 6, 192, 320))  # fmt: skip
-"""EfficientNet-Lite0: repeats, kernel, stride, expansion, channels in and out of each stage (Tan and Le 2019; SE and swish left out)."""
+LITE0 = (
+    (1, 3, 1, 1, 32, 16),
+    (2, 3, 2, 6, 16, 24),
+    (2, 5, 2, 6, 24, 40),
+    (3, 3, 2, 6, 40, 80),
+    (3, 5, 1, 6, 80, 112),
+    (4, 5, 2, 6, 112, 192),
+    (1, 3, 1, 6, 192, 320),
+)
+"""EfficientNet-Lite0: repeats, kernel, stride, expansion, channels in and out of each stage (Tan and Le 2019; SE and
+swish left out)."""
 TAPS = {0: 16, 2: 24, 4: 40, 10: 112, 15: 320}
 """Blocks whose outputs the pyramid takes, and their channels: strides 2, 4, 8, 16, 32."""
 WIDTH = 64
 
 
 class Closed(torch.autograd.Function):
-    """`closed` with its gradient in one pass: those of its slices, one after the other, make a training step 1.4 times as long."""
+    """`closed` with its gradient in one pass: those of its slices, one after the other, make a training step 1.4 times
+    as long."""
 
     @staticmethod
     def forward(ctx: Any, image: Tensor, before: int, after: int) -> Tensor:
@@ -40,7 +50,8 @@ class Closed(torch.autograd.Function):
 
 
 def closed(image: Tensor, before: int, after: int) -> Tensor:
-    """(..., H, W) -> (..., H + before + after, W + before + after) by rows of zeros and columns of the other side; before >= 0, after >= 1."""
+    """(..., H, W) -> (..., H + before + after, W + before + after) by rows of zeros and columns of the other side;
+    before >= 0, after >= 1."""
     image = torch.cat([image[..., image.shape[-1] - before :], image, image[..., :after]], -1)
     return functional.pad(image, (0, 0, before, after))
 
@@ -98,8 +109,8 @@ class Separable(nn.Sequential):
 class PanoSeg(nn.Module):
     """Classes and votes for every other pixel of a panorama.
 
-    forward: (B, 6, H, 2H) float32 (`network_input`) -> logits (B, C, H/2, H) and votes (B, 3, H/2, H), metres from the pixel's point to the
-    centre of its object, along the line of sight's direction on the floor, to its left, and up.
+    forward: (B, 6, H, 2H) float32 (`network_input`) -> logits (B, C, H/2, H) and votes (B, 3, H/2, H), metres from the
+    pixel's point to the centre of its object, along the line of sight's direction on the floor, to its left, and up.
     """
 
     def __init__(self, classes: int) -> None:
@@ -130,12 +141,15 @@ class PanoSeg(nn.Module):
         return self.classify(merged), self.vote(merged)
 
     def load_encoder(self, state: Mapping[str, Any]) -> None:
-        """Take ImageNet's EfficientNet-Lite0 over; the stem's new channels begin at 0. Raises WeightsMissing where the state does not fit."""
+        """Take ImageNet's EfficientNet-Lite0 over; the stem's new channels begin at 0. Raises WeightsMissing where the
+        state does not fit."""
         own = self.state_dict()
         encoder = {name for name in own if name.startswith(("_conv_stem.", "_bn0.", "_blocks."))}
         absent = sorted(name for name in encoder if name not in state)
         if absent:
-            raise WeightsMissing(f"the checkpoint is no EfficientNet-Lite0: {len(absent)} of {len(encoder)} tensors missing, first {absent[0]}")
+            raise WeightsMissing(
+                f"the checkpoint is no EfficientNet-Lite0: {len(absent)} of {len(encoder)} tensors missing, first {absent[0]}"
+            )
         taken = {name: state[name] for name in encoder}
         stem = torch.zeros_like(own["_conv_stem.weight"])
         stem[:, :3] = taken["_conv_stem.weight"]

@@ -9,8 +9,8 @@ LEAST_POINTS = 12
 LINK_M = 0.2
 """Neighbouring pixels vote for the same object where their votes differ by less."""
 SAME_M = 0.7
-"""Parts of a class, cut by what stands before them, are one object where the centres that they vote for are nearer than this, or than the larger
-part is long: votes are as far off as an object is large."""
+"""Parts of a class, cut by what stands before them, are one object where the centres that they vote for are nearer than
+this, or than the larger part is long: votes are as far off as an object is large."""
 STRAY = 4.0
 """A point this many times farther from an object's median than half of its points are is a stray."""
 
@@ -18,9 +18,10 @@ STRAY = 4.0
 def group_pixels(class_id: np.ndarray, points_m: np.ndarray, centre_m: np.ndarray, seen: np.ndarray) -> np.ndarray:
     """Number the objects of a panorama's pixels: (H, W) int32, 0 for none.
 
-    class_id (H, W) int, 0 for structure; points_m (H, W, 3) float, where a pixel's surface is; centre_m (H, W, 3) float, the object's centre that it
-    votes for; seen (H, W) bool. Neighbours, the seam's among them, are one part where their class is the same and their votes differ by less than
-    LINK_M; parts of a class are one object where their mean votes are close.
+    class_id (H, W) int, 0 for structure; points_m (H, W, 3) float, where a pixel's surface is; centre_m (H, W, 3)
+    float, the object's centre that it votes for; seen (H, W) bool. Neighbours, the seam's among them, are one part
+    where their class is the same and their votes differ by less than LINK_M; parts of a class are one object where
+    their mean votes are close.
     """
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
@@ -42,13 +43,17 @@ def group_pixels(class_id: np.ndarray, points_m: np.ndarray, centre_m: np.ndarra
     part = connected_components(graph, directed=False)[1].reshape(height, width)
     pixels = np.flatnonzero(usable)
     _, part_of, count = np.unique(part.flat[pixels], return_inverse=True, return_counts=True)
-    owner = _join_parts(class_id.flat[pixels], points_m.reshape(-1, 3)[pixels], centre_m.reshape(-1, 3)[pixels], part_of, count)
+    owner = _join_parts(
+        class_id.flat[pixels], points_m.reshape(-1, 3)[pixels], centre_m.reshape(-1, 3)[pixels], part_of, count
+    )
     objects = np.zeros(height * width, np.int32)
     objects[pixels] = owner[part_of]
     return objects.reshape(height, width)
 
 
-def _join_parts(class_id: np.ndarray, points_m: np.ndarray, vote_m: np.ndarray, part_of: np.ndarray, count: np.ndarray) -> np.ndarray:
+def _join_parts(
+    class_id: np.ndarray, points_m: np.ndarray, vote_m: np.ndarray, part_of: np.ndarray, count: np.ndarray
+) -> np.ndarray:
     """(P,) int32: the object number of each part, 0 for parts too small to join and too small to stand alone."""
     mean_m = np.stack([np.bincount(part_of, vote_m[:, axis]) for axis in range(3)], 1) / count[:, None]
     own = np.split(np.argsort(part_of, kind="stable"), np.cumsum(count)[:-1])

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from torch.utils.data import Dataset
 
-from salframe.geometry import equirectangular_rays
+from salframe.panoramas.geometry import equirectangular_rays
 from salframe_panoseg.classes import HEIGHT, network_input
 from salframe_panoseg.detector import from_panorama
 from salframe_panoseg.views import View, read_view
@@ -16,11 +16,13 @@ from salframe_panoseg.views import View, read_view
 MIRRORED, HOLED = 0.5, 0.5
 """How often a sample is mirrored, and how often its range has holes."""
 WHOLE, BAND, FIRST_ROWS = 0.15, 160, (32, 64)
-"""How often a batch shows whole panoramas; the others show a band of so many rows, from one of these on: little stands nearer to the poles."""
+"""How often a batch shows whole panoramas; the others show a band of so many rows, from one of these on: little stands
+nearer to the poles."""
 
 
 def target(view: View, index: Mapping[str, int]) -> tuple[np.ndarray, np.ndarray]:
-    """class_id (H, W) int64 and vote_m (3, H, W) float32, NaN where there is no object, of a view at the network's size."""
+    """class_id (H, W) int64 and vote_m (3, H, W) float32, NaN where there is no object, of a view at the network's
+    size."""
     classes = np.zeros(max(view.labels, default=0) + 1, np.int64)
     centre_m = np.full((len(classes), 3), np.nan)
     for instance, label in view.labels.items():
@@ -42,12 +44,22 @@ def spoil(rgb: np.ndarray, range_m: np.ndarray, rng: np.random.Generator) -> tup
 
 
 class Samples(Dataset):
-    """Sample number i: a view drawn by the seed and i, so that a run that resumes goes on as it would have. Those of a batch have the same rows.
+    """Sample number i: a view drawn by the seed and i, so that a run that resumes goes on as it would have. Those of a
+    batch have the same rows.
 
     `shares` (V,) float64, sum 1: how often each view is drawn.
     """
 
-    def __init__(self, paths: Sequence[Path], shares: np.ndarray, labels: Sequence[str], seed: int, batch: int, count: int, start: int = 0) -> None:
+    def __init__(
+        self,
+        paths: Sequence[Path],
+        shares: np.ndarray,
+        labels: Sequence[str],
+        seed: int,
+        batch: int,
+        count: int,
+        start: int = 0,
+    ) -> None:
         self._paths, self._shares, self._seed = list(paths), shares, seed
         self._index = {label: i for i, label in enumerate(labels, 1)}
         self._batch, self._start, self._count = batch, start, count
@@ -56,8 +68,8 @@ class Samples(Dataset):
         return self._count - self._start
 
     def __getitem__(self, item: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Of rows that are H or BAND: the network's input (6, rows, 2H), class_id (rows/2, H) int64, vote_m (3, rows/2, H) with NaN where there
-        is none."""
+        """Of rows that are H or BAND: the network's input (6, rows, 2H), class_id (rows/2, H) int64, vote_m (3, rows/2,
+        H) with NaN where there is none."""
         rng = np.random.default_rng((self._seed, self._start + item))
         view = read_view(self._paths[rng.choice(len(self._paths), p=self._shares)])
         class_id, vote_m = target(view, self._index)
@@ -65,9 +77,17 @@ class Samples(Dataset):
         turn = int(rng.integers(2 * HEIGHT))
         image, class_id, vote_m = (np.roll(array, turn, -1) for array in (image, class_id, vote_m))
         if rng.random() < MIRRORED:
-            image, class_id, vote_m = image[..., ::-1], class_id[..., ::-1], vote_m[..., ::-1] * np.array([1, -1, 1], np.float32)[:, None, None]
+            image, class_id, vote_m = (
+                image[..., ::-1],
+                class_id[..., ::-1],
+                vote_m[..., ::-1] * np.array([1, -1, 1], np.float32)[:, None, None],
+            )
         image, class_id, vote_m = (array[..., self._rows(item), :] for array in (image, class_id, vote_m))
-        return np.ascontiguousarray(image), np.ascontiguousarray(class_id[::2, ::2]), np.ascontiguousarray(vote_m[:, ::2, ::2])
+        return (
+            np.ascontiguousarray(image),
+            np.ascontiguousarray(class_id[::2, ::2]),
+            np.ascontiguousarray(vote_m[:, ::2, ::2]),
+        )
 
     def _rows(self, item: int) -> slice:
         rng = np.random.default_rng((self._seed, 1, (self._start + item) // self._batch))

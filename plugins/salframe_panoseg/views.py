@@ -10,15 +10,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from salframe_folder.images import read_color, read_ids, read_range, write_color, write_ids, write_range
 from salframe_house.assets import Catalogue, Part
 from salframe_house.building import generate_building
 from salframe_house.lighting import CONDITIONS
 from salframe_house.render import Renderer
 
-from salframe.geometry import pose_2d
-from salframe.processes import die_with_parent
-from salframe.storage import read_json, write_json
+from salframe.framework.files import read_json, write_json
+from salframe.framework.processes import die_with_parent
+from salframe.panoramas.geometry import pose_2d
+from salframe.panoramas.images import read_color, read_ids, read_range, write_color, write_ids, write_range
 
 STYLES = ("home", "office", "hotel")
 ROOMS = (8, 16)
@@ -31,8 +31,9 @@ WORKERS = 2
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A rendered panorama with its truth: rgb (H, 2H, 3) uint8, range_m (H, 2H) float32, instance_id (H, 2H) int32, and of the instances
-    `labels` and `centre_m` (id -> (3,) float64, the centre of the whole object's box in the panorama frame)."""
+    """A rendered panorama with its truth: rgb (H, 2H, 3) uint8, range_m (H, 2H) float32, instance_id (H, 2H) int32, and
+    of the instances `labels` and `centre_m` (id -> (3,) float64, the centre of the whole object's box in the panorama
+    frame)."""
 
     rgb: np.ndarray
     range_m: np.ndarray
@@ -42,9 +43,16 @@ class View:
 
 
 def render_views(
-    root: Path, seeds: Sequence[int], views: int, height: int, assets: Path | None, part: Part | None, progress: Callable[[int, int], None],
-) -> list[Path]:  # fmt: skip
-    """Render `views` panoramas, `height` pixels high, of the building of each seed into `root`, those that are not there yet.
+    root: Path,
+    seeds: Sequence[int],
+    views: int,
+    height: int,
+    assets: Path | None,
+    part: Part | None,
+    progress: Callable[[int, int], None],
+) -> list[Path]:
+    """Render `views` panoramas, `height` pixels high, of the building of each seed into `root`, those that are not
+    there yet.
 
     Returns one path a view, without suffix, for `read_view`. `progress(done, total)` counts buildings.
     """
@@ -52,8 +60,12 @@ def render_views(
     done = len(seeds) - len(todo)
     progress(done, len(seeds))
     root.mkdir(parents=True, exist_ok=True)
-    with ProcessPoolExecutor(WORKERS, mp_context=multiprocessing.get_context("spawn"), initializer=die_with_parent) as pool:
-        for future in as_completed([pool.submit(_render_building, root, seed, views, height, assets, part) for seed in todo]):
+    with ProcessPoolExecutor(
+        WORKERS, mp_context=multiprocessing.get_context("spawn"), initializer=die_with_parent
+    ) as pool:
+        for future in as_completed(
+            [pool.submit(_render_building, root, seed, views, height, assets, part) for seed in todo]
+        ):
             future.result()
             done += 1
             progress(done, len(seeds))
@@ -78,7 +90,9 @@ def _render_building(root: Path, seed: int, views: int, height: int, assets: Pat
         write_range(root / f"{seed}-{number}.range.png", rendering.range_m)
         write_ids(root / f"{seed}-{number}.instances.png", rendering.instance_id)
         poses.append(pose.tolist())
-    objects = {str(placed.instance_id): [placed.label, *placed.bounds_m.mean(0).tolist()] for placed in building.objects}
+    objects = {
+        str(placed.instance_id): [placed.label, *placed.bounds_m.mean(0).tolist()] for placed in building.objects
+    }
     write_json(root / f"{seed}.json", {"poses": poses, "objects": objects})
 
 
@@ -86,7 +100,10 @@ def read_view(path: Path) -> View:
     """The view that `render_views` named so."""
     building, number = _building(path)
     T_world_pano = np.array(building["poses"][number])
-    centre_m = {int(key): (np.array(value[1:]) - T_world_pano[:3, 3]) @ T_world_pano[:3, :3] for key, value in building["objects"].items()}
+    centre_m = {
+        int(key): (np.array(value[1:]) - T_world_pano[:3, 3]) @ T_world_pano[:3, :3]
+        for key, value in building["objects"].items()
+    }
     rgb, range_m = read_color(path.with_name(path.name + ".jpg")), read_range(path.with_name(path.name + ".range.png"))
     return View(rgb, range_m, *_instances(path, building), centre_m)
 
@@ -103,4 +120,6 @@ def _building(path: Path) -> tuple[dict[str, Any], int]:
 
 
 def _instances(path: Path, building: dict[str, Any]) -> tuple[np.ndarray, dict[int, str]]:
-    return read_ids(path.with_name(path.name + ".instances.png")), {int(key): value[0] for key, value in building["objects"].items()}
+    return read_ids(path.with_name(path.name + ".instances.png")), {
+        int(key): value[0] for key, value in building["objects"].items()
+    }

@@ -5,5 +5,5 @@ from salframe_planners.planners import Dijkstra, FloydWarshall
 
 
 @salframe.hookimpl
-def salframe_components():
+def salframe_provides():
     return [FloydWarshall, Dijkstra]

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from salframe.errors import NoRoute, UnknownName
-from salframe.registry import unknown
-from salframe.roles import Planner
-from salframe.types import MapEdge, Route, TopologicalMap
+from salframe.framework.errors import NoRoute, UnknownName
+from salframe.framework.registry import unknown
+from salframe.topology.planner import Planner, Route
+from salframe.topology.topological_map import MapEdge, TopologicalMap
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
@@ -21,7 +21,8 @@ _NO_NODE = -9999  # scipy's predecessor of the start and of what cannot be reach
 
 
 class _GraphPlanner(Planner):
-    """Nodes numbered, the shortest edge of each pair as a sparse matrix, and routes read off the nodes before each node."""
+    """Nodes numbered, the shortest edge of each pair as a sparse matrix, and routes read off the nodes before each
+    node."""
 
     def prepare(self, map: TopologicalMap) -> None:
         from scipy.sparse import coo_matrix
@@ -38,7 +39,8 @@ class _GraphPlanner(Planner):
         self._take(coo_matrix((length_m, tuple(ends.T)), (len(self._names),) * 2).tocsr())
 
     def route(self, start: str, goal: str) -> Route:
-        """The shortest route. Raises NoRoute where none leads to the goal, UnknownName on a node that the map does not have."""
+        """The shortest route. Raises NoRoute where none leads to the goal, UnknownName on a node that the map does not
+        have."""
         for name in (start, goal):
             if name not in self._number:
                 raise UnknownName(unknown("node", name, self._names))

@@ -7,13 +7,16 @@ import sys
 import typer
 
 from salframe.cli import compare, data, detection, inspect, localize, map, matching, navigate, score, weights
-from salframe.errors import SalframeError
+from salframe.framework.errors import SalframeError
 
 app = typer.Typer(
     help="Where am I, and which way do I turn? Localization from one RGB-D panorama, and the baselines to compare with.",
-    no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, rich_markup_mode="rich",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help"]},
-)  # fmt: skip
+)
 _debug = False
 
 

@@ -17,12 +17,14 @@ Data = Annotated[str, typer.Argument(help="A dataset preset, a dataset, or a fol
 def list_(as_json: Json = False) -> None:
     """List datasets and their presets."""
     from salframe.cli.tables import print_table
-    from salframe.doctor import list_components
-    from salframe.presets import names, settings
+    from salframe.framework.installation import list_components
+    from salframe.framework.presets import names, settings
 
     summaries = {component.name: component.summary for component in list_components() if component.role == "dataset"}
     kinds = {name: settings("dataset", name)["kind"] for name in names("dataset")}
-    rows = [[name, kind, summaries.get(kind, "its plugin is not at hand: salframe doctor")] for name, kind in kinds.items()]
+    rows = [
+        [name, kind, summaries.get(kind, "its plugin is not at hand: salframe doctor")] for name, kind in kinds.items()
+    ]
     if as_json:
         print(json.dumps([dict(zip(("name", "kind", "summary"), row, strict=True)) for row in rows], indent=2))
     else:
@@ -33,17 +35,23 @@ def list_(as_json: Json = False) -> None:
 def info(data: Data, data_dir: DataDir = None, overrides: Set = None, as_json: Json = False) -> None:
     """Count a dataset's folds, mapping frames, queries and places; renders it where that was not done."""
     from salframe.cli.tables import Bars
-    from salframe.maps import find_dataset, mapping_frames
+    from salframe.panoramas.opening import find_dataset, mapping_frames
 
     with Bars() as bars:
         dataset = find_dataset(data, data_dir, overrides or (), bars.update)
     folds, mapping = dataset.folds(), mapping_frames(dataset)
     queries = {query.id for fold in folds for query in fold.queries}
     facts = {
-        "name": dataset.name, "version": dataset.version, "provides": sorted(dataset.provides), "folds": len(folds),
-        "mapping_frames": len(mapping), "queries": len(queries), "mapped_places": len({frame.place for frame in mapping}),
-        "queried_places": len({dataset.truth(query).place for query in queries}), "fingerprint": dataset.fingerprint,
-    }  # fmt: skip
+        "name": dataset.name,
+        "version": dataset.version,
+        "provides": sorted(dataset.provides),
+        "folds": len(folds),
+        "mapping_frames": len(mapping),
+        "queries": len(queries),
+        "mapped_places": len({frame.place for frame in mapping}),
+        "queried_places": len({dataset.truth(query).place for query in queries}),
+        "fingerprint": dataset.fingerprint,
+    }
     if as_json:
         print(json.dumps(facts, indent=2))
     else:
@@ -55,7 +63,7 @@ def info(data: Data, data_dir: DataDir = None, overrides: Set = None, as_json: J
 def render(data: Data, data_dir: DataDir = None, overrides: Set = None) -> None:
     """Prepare a dataset now that `compare` would prepare when it first needs it; run it again to resume."""
     from salframe.cli.tables import Bars
-    from salframe.maps import find_dataset
+    from salframe.panoramas.opening import find_dataset
 
     with Bars() as bars:
         dataset = find_dataset(data, data_dir, overrides or (), bars.update)

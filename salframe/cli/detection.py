@@ -10,21 +10,27 @@ import typer
 from salframe.cli.compare import DataDir, Json, Set, split_names
 
 if TYPE_CHECKING:
-    from salframe.detection import Counts, DetectorResult
+    from salframe.evaluation.detection import Counts, DetectorResult
 
 
 def detection(
     detectors: Annotated[str, typer.Option(help="Detectors, comma-separated.")] = "panoseg",
-    data: Annotated[str, typer.Option(help="A dataset preset, a dataset, or a folder with a manifest.json; with annotations.")] = "house-12",
-    data_dir: DataDir = None, overrides: Set = None,
-    classes: Annotated[bool, typer.Option("--classes", help="Print a table of the classes too.")] = False, as_json: Json = False,
-) -> None:  # fmt: skip
+    data: Annotated[
+        str, typer.Option(help="A dataset preset, a dataset, or a folder with a manifest.json; with annotations.")
+    ] = "house-12",
+    data_dir: DataDir = None,
+    overrides: Set = None,
+    classes: Annotated[bool, typer.Option("--classes", help="Print a table of the classes too.")] = False,
+    as_json: Json = False,
+) -> None:
     """Detect objects in the query panoramas, and print precision and recall against their annotations."""
     from salframe.cli.tables import Bars
-    from salframe.detection import measure_detection
+    from salframe.evaluation.detection import measure_detection
 
     with Bars() as bars:
-        results = measure_detection(split_names(detectors), data, data_dir=data_dir, overrides=overrides or (), progress=bars.update)
+        results = measure_detection(
+            split_names(detectors), data, data_dir=data_dir, overrides=overrides or (), progress=bars.update
+        )
     if as_json:
         print(json.dumps([result.to_json() for result in results], indent=2))
     else:
@@ -36,14 +42,19 @@ def detection(
 def print_detection(results: list[DetectorResult], classes: bool) -> None:
     """A table of the detectors, one of the classes of each where wanted, and the reasons of those that could not run."""
     from salframe.cli.tables import print_table
-    from salframe.detection import NEAR_M
+    from salframe.evaluation.detection import NEAR_M
 
     measured = [(result, result.overall) for result in results if result.overall is not None]
     headings = ("precision %", "recall %", "annotated", "found", "right")
     if measured:
-        print_table(("detector", *headings, "ms"), [[result.detector, *_cells(overall), f"{result.ms:.0f}"] for result, overall in measured])
+        print_table(
+            ("detector", *headings, "ms"),
+            [[result.detector, *_cells(overall), f"{result.ms:.0f}"] for result, overall in measured],
+        )
     for result, _ in measured if classes else ():
-        print_table((result.detector, *headings), [[label, *_cells(counts)] for label, counts in result.classes.items()])
+        print_table(
+            (result.detector, *headings), [[label, *_cells(counts)] for label, counts in result.classes.items()]
+        )
     for result in results:
         if result.reason:
             print(f"{result.detector}: {result.reason}")

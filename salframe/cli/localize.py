@@ -11,19 +11,20 @@ import typer
 from salframe.cli.compare import DataDir, Json, Set
 
 if TYPE_CHECKING:
-    from salframe.types import Localization
+    from salframe.localization.answers import Localization
 
 
 def build(
     data: Annotated[str, typer.Argument(help="A dataset preset, a dataset, or a folder with a manifest.json.")],
     output: Annotated[Path, typer.Option("--output", "-o", metavar="MAP", help="Folder to write the map to.")],
     method: Annotated[str, typer.Option(help="A preset or localizer.")] = "proposed",
-    data_dir: DataDir = None, overrides: Set = None,
-) -> None:  # fmt: skip
+    data_dir: DataDir = None,
+    overrides: Set = None,
+) -> None:
     """Build a map from a dataset's mapping frames."""
     from salframe.cli.tables import Bars, format_bytes
-    from salframe.doctor import folder_bytes
-    from salframe.maps import build_map
+    from salframe.framework.installation import folder_bytes
+    from salframe.topology.place_map import build_map
 
     with Bars() as bars:
         build_map(data, output, method, data_dir=data_dir, overrides=overrides or (), progress=bars.update)
@@ -32,13 +33,18 @@ def build(
 
 def localize(
     map: Annotated[Path, typer.Argument(help="A folder that `salframe build` wrote.")],
-    frame: Annotated[str, typer.Argument(help="An image of a folder with a manifest.json; or with --data, the id of a frame.")],
+    frame: Annotated[
+        str, typer.Argument(help="An image of a folder with a manifest.json; or with --data, the id of a frame.")
+    ],
     data: Annotated[str | None, typer.Option(help="The dataset that has the frame.")] = None,
-    data_dir: DataDir = None, overrides: Set = None, as_json: Json = False,
-) -> None:  # fmt: skip
+    data_dir: DataDir = None,
+    overrides: Set = None,
+    as_json: Json = False,
+) -> None:
     """Print where a panorama was taken: places, best first, and the pose."""
     from salframe.cli.tables import Bars
-    from salframe.maps import open_frame, open_map
+    from salframe.panoramas.opening import open_frame
+    from salframe.topology.place_map import open_map
 
     localizer = open_map(map)
     with Bars() as bars:
@@ -69,7 +75,9 @@ def print_answer(answer: Localization) -> None:
 def _position(answer: Localization) -> dict[str, float] | None:
     import numpy as np
 
-    from salframe.geometry import pose_yaw
+    from salframe.panoramas.geometry import pose_yaw
 
     pose = answer.T_world_query
-    return None if pose is None else {"x_m": pose[0, 3], "y_m": pose[1, 3], "yaw_deg": float(np.degrees(pose_yaw(pose)))}
+    return (
+        None if pose is None else {"x_m": pose[0, 3], "y_m": pose[1, 3], "yaw_deg": float(np.degrees(pose_yaw(pose)))}
+    )

@@ -9,31 +9,46 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from salframe.cli.compare import DataDir, Json, Set
+from salframe.topology.topological_map import NodeKind
 
 if TYPE_CHECKING:
-    from salframe.types import Route
+    from salframe.topology.planner import Route
 
-app = typer.Typer(help="Make the topological map of a building, look at it, and ask it for the way.", no_args_is_help=True)
+app = typer.Typer(
+    help="Make the topological map of a building, look at it, and ask it for the way.", no_args_is_help=True
+)
 Map = Annotated[Path, typer.Argument(metavar="MAP", help="A folder that `salframe map build` wrote.")]
 PlannerName = Annotated[str, typer.Option("--planner", help="How routes are planned: see `salframe plugins`.")]
-Heading = Annotated[float | None, typer.Option(metavar="DEG", help="Where the agent looks: azimuth from the world's x axis, to the left.")]
+Heading = Annotated[
+    float | None,
+    typer.Option(metavar="DEG", help="Where the agent looks: azimuth from the world's x axis, to the left."),
+]
 
 
 @app.command()
 def build(
-    data: Annotated[str, typer.Argument(help="A dataset preset, a dataset, or a folder with a manifest.json; it must have floor masks.")],
+    data: Annotated[
+        str,
+        typer.Argument(help="A dataset preset, a dataset, or a folder with a manifest.json; it must have floor masks."),
+    ],
     output: Annotated[Path, typer.Option("--output", "-o", metavar="MAP", help="Folder to write the map to.")],
     method: Annotated[str, typer.Option(help="The preset or localizer that `map query` asks.")] = "proposed",
-    choose: Annotated[bool, typer.Option("--choose", help="Put one scene node where each region is widest, not where mapping frames are.")] = False,
-    data_dir: DataDir = None, overrides: Set = None,
-) -> None:  # fmt: skip
+    choose: Annotated[
+        bool,
+        typer.Option("--choose", help="Put one scene node where each region is widest, not where mapping frames are."),
+    ] = False,
+    data_dir: DataDir = None,
+    overrides: Set = None,
+) -> None:
     """Build a topological map from a dataset's floor masks, and the map of a method from its mapping frames."""
     from salframe.cli.tables import Bars
-    from salframe.maps import build_topological_map
+    from salframe.topology.place_map import build_topological_map
 
     with Bars() as bars:
-        made = build_topological_map(data, output, method, choose=choose, data_dir=data_dir, overrides=overrides or (), progress=bars.update)
-    scenes = sum(node.kind == "scene" for node in made.nodes)
+        made = build_topological_map(
+            data, output, method, choose=choose, data_dir=data_dir, overrides=overrides or (), progress=bars.update
+        )
+    scenes = sum(node.kind is NodeKind.SCENE for node in made.nodes)
     print(f"{output}: {scenes} scene nodes, {len(made.nodes) - scenes} transition nodes, {len(made.edges)} edges")
     for note in made.notes:
         print(f"  {note}")
@@ -41,7 +56,10 @@ def build(
 
 @app.command()
 def show(
-    map: Map, output: Annotated[Path | None, typer.Option("--output", "-o", metavar="FILE.png", help="MAP/map.png unless given.")] = None
+    map: Map,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="FILE.png", help="MAP/map.png unless given.")
+    ] = None,
 ) -> None:
     """Draw a map: floor, regions, nodes, edges with their lengths and azimuths."""
     from salframe.topology.picture import draw_topology
@@ -54,10 +72,13 @@ def show(
 
 @app.command()
 def route(
-    map: Map, start: Annotated[str, typer.Argument(metavar="FROM", help="A node or a place.")],
+    map: Map,
+    start: Annotated[str, typer.Argument(metavar="FROM", help="A node or a place.")],
     goal: Annotated[str, typer.Argument(metavar="TO", help="A node or a place.")],
-    planner: PlannerName = "dijkstra", heading: Heading = None, as_json: Json = False,
-) -> None:  # fmt: skip
+    planner: PlannerName = "dijkstra",
+    heading: Heading = None,
+    as_json: Json = False,
+) -> None:
     """Print the shortest way between two nodes or places: lengths, azimuths and turns."""
     import numpy as np
 
@@ -74,17 +95,25 @@ def route(
 
 @app.command()
 def query(
-    map: Map, frame: Annotated[str, typer.Argument(help="An image of a folder with a manifest.json; or with --data, the id of a frame.")],
+    map: Map,
+    frame: Annotated[
+        str, typer.Argument(help="An image of a folder with a manifest.json; or with --data, the id of a frame.")
+    ],
     data: Annotated[str | None, typer.Option(help="The dataset that has the frame.")] = None,
     goal: Annotated[str | None, typer.Option("--to", metavar="GOAL", help="A node or a place to go to.")] = None,
-    planner: PlannerName = "dijkstra", data_dir: DataDir = None, overrides: Set = None, as_json: Json = False,
-) -> None:  # fmt: skip
-    """Localize a panorama, print the nearest node, and with --to the way from there, the first turn from the estimated heading."""
+    planner: PlannerName = "dijkstra",
+    data_dir: DataDir = None,
+    overrides: Set = None,
+    as_json: Json = False,
+) -> None:
+    """Localize a panorama, print the nearest node, and with --to the way from there, the first turn from the estimated
+    heading."""
     import numpy as np
 
     from salframe.cli.localize import answer_json, print_answer
     from salframe.cli.tables import Bars
-    from salframe.maps import ask_map, open_frame
+    from salframe.panoramas.opening import open_frame
+    from salframe.topology.place_map import ask_map
 
     with Bars() as bars:
         asked = open_frame(frame, data, data_dir, overrides or (), bars.update)
@@ -103,7 +132,9 @@ def query(
 
 
 @app.command()
-def export(map: Map, file: Annotated[Path, typer.Argument(metavar="FILE", help="FILE.graphml or FILE.geojson.")]) -> None:
+def export(
+    map: Map, file: Annotated[Path, typer.Argument(metavar="FILE", help="FILE.graphml or FILE.geojson.")]
+) -> None:
     """Write a map for other programs: GraphML, or GeoJSON in local metres."""
     from salframe.topology.export import export_topology
     from salframe.topology.store import read_topology
@@ -126,8 +157,13 @@ def _route_json(route: Route, heading_rad: float | None) -> dict[str, Any]:
     from salframe.topology.routes import directions
 
     steps = [
-        {"to": step.to, "length_m": step.length_m, "azimuth_deg": float(np.degrees(step.azimuth_rad)),
-         "turn_deg": None if step.turn_rad is None else float(np.degrees(step.turn_rad)), "say": str(step)}
+        {
+            "to": step.to,
+            "length_m": step.length_m,
+            "azimuth_deg": float(np.degrees(step.azimuth_rad)),
+            "turn_deg": None if step.turn_rad is None else float(np.degrees(step.turn_rad)),
+            "say": str(step),
+        }
         for step in directions(route, heading_rad)
-    ]  # fmt: skip
+    ]
     return {"nodes": list(route.nodes), "length_m": route.length_m, "steps": steps}

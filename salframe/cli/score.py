@@ -19,10 +19,13 @@ def score(
 ) -> None:
     """Score a file of answers to a published task by the task's own rules, one row a split."""
     from salframe.cli.tables import print_table
-    from salframe.registry import registry
+    from salframe.framework.registry import registry
 
     rows = registry().build("scorer", registry().get("scorer", task).Config()).score(file, data)
     if as_json:
         print(json.dumps(list(rows), indent=2))
     else:
-        print_table(list(rows[0]), [[f"{value:.2f}" if isinstance(value, float) else str(value) for value in row.values()] for row in rows])
+        print_table(
+            list(rows[0]),
+            [[f"{value:.2f}" if isinstance(value, float) else str(value) for value in row.values()] for row in rows],
+        )

@@ -13,15 +13,20 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextC
 from rich.table import Table
 
 if TYPE_CHECKING:
-    from salframe.compare import Comparison
-    from salframe.reported import Reported
+    from salframe.evaluation.compare import Comparison
+    from salframe.evaluation.reported import Reported
 
 
 class Bars:
     """A progress bar on stderr for each thing that is told of."""
 
     def __init__(self) -> None:
-        columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+        columns = (
+            TextColumn("{task.description}", markup=False),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeRemainingColumn(),
+        )
         console = Console(stderr=True)
         self._progress = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
         self._tasks: dict[str, TaskID] = {}
@@ -41,7 +46,16 @@ class Bars:
 
 
 UNITS = ("B", "kB", "MB", "GB")
-HEADINGS = ("accuracy %\n(95 %)", "R@5\n%", "median\npose error", "pose within\n.25/.5/1 m %", "bytes\n/scene", "describe\nms", "query\nms", "p")
+HEADINGS = (
+    "accuracy %\n(95 %)",
+    "R@5\n%",
+    "median\npose error",
+    "pose within\n.25/.5/1 m %",
+    "bytes\n/scene",
+    "describe\nms",
+    "query\nms",
+    "p",
+)
 REACHED, COSTS = (0, 1, 2, 3, 7), (4, 5, 6)
 """Columns by their place in HEADINGS: what a method reaches, and what it costs."""
 
@@ -109,7 +123,9 @@ def _reported(paper: Reported) -> Table:
     for part in paper.tables:
         table.add_row(escape(part.title), *map(escape, part.figures), style="bold")
         for method, numbers in part.rows.items():
-            table.add_row(f"  {escape(method)}", *(f"{number:g}" for number in numbers), end_section=method == list(part.rows)[-1])
+            table.add_row(
+                f"  {escape(method)}", *(f"{number:g}" for number in numbers), end_section=method == list(part.rows)[-1]
+            )
     return table
 
 
@@ -123,9 +139,15 @@ def _cells(row: dict[str, Any]) -> list[str]:
     within = "-" if recalls[0] is None else "/".join(f"{recall * 100:.0f}" for recall in recalls)
     p_value = "" if row["p_value"] is None else f"{row['p_value']:.2g}"
     return [
-        accuracy, f"{row['recall_at_5'] * 100:.0f}", pose, within, format_bytes(row["bytes_per_scene"]), _digits(row["describe_ms"]),
-        _digits(row["query_ms"]), p_value,
-    ]  # fmt: skip
+        accuracy,
+        f"{row['recall_at_5'] * 100:.0f}",
+        pose,
+        within,
+        format_bytes(row["bytes_per_scene"]),
+        _digits(row["describe_ms"]),
+        _digits(row["query_ms"]),
+        p_value,
+    ]
 
 
 def format_bytes(size: float | None) -> str:

@@ -9,7 +9,10 @@ import typer
 
 from salframe.cli.compare import Json
 
-app = typer.Typer(help="List, fetch and find the weights of networks. Nothing is downloaded unless you fetch it.", no_args_is_help=True)
+app = typer.Typer(
+    help="List, fetch and find the weights of networks. Nothing is downloaded unless you fetch it.",
+    no_args_is_help=True,
+)
 Name = Annotated[str, typer.Argument(help="As in `salframe weights list`.")]
 
 
@@ -17,9 +20,9 @@ Name = Annotated[str, typer.Argument(help="As in `salframe weights list`.")]
 def list_(as_json: Json = False) -> None:
     """List the weights that components use, their licence, size and source, and whether they are at hand."""
     from salframe.cli.tables import format_bytes, print_table
-    from salframe.errors import WeightsMissing
-    from salframe.registry import registry
-    from salframe.weights import list_weights
+    from salframe.framework.errors import WeightsMissing
+    from salframe.framework.registry import registry
+    from salframe.framework.weights import list_weights
 
     rows = []
     for weights in list_weights(registry()):
@@ -39,8 +42,8 @@ def list_(as_json: Json = False) -> None:
 def fetch(name: Name) -> None:
     """Download weights into salframe's cache, unless they are at hand, and verify them."""
     from salframe.cli.tables import Bars
-    from salframe.registry import registry
-    from salframe.weights import fetch as get
+    from salframe.framework.registry import registry
+    from salframe.framework.weights import fetch as get
 
     with Bars() as bars:
         paths = get(name, registry(), lambda done, total: bars.update(f"{name} (kB)", done // 1000, total // 1000))
@@ -51,8 +54,8 @@ def fetch(name: Name) -> None:
 @app.command()
 def where(name: Name) -> None:
     """Print the paths of weights that are at hand."""
-    from salframe.registry import registry
-    from salframe.weights import where as find
+    from salframe.framework.registry import registry
+    from salframe.framework.weights import where as find
 
     for path in find(name, registry()):
         print(path)

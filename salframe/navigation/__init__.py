@@ -1,1 +1,2 @@
-"""Navigation in closed loop (method.md 6): look, localize, turn towards the next node, walk; walls and wrong answers are real."""
+"""Navigation in closed loop (method.md 6): look, localize, turn towards the next node, walk; walls and wrong answers
+are real."""

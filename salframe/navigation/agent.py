@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from salframe.errors import NoRoute
-from salframe.geometry import invert_pose, pose_2d, pose_yaw, wrap_angle
-from salframe.navigation.route import Guide, Way
+from salframe.framework.errors import NoRoute
+from salframe.navigation.guide import Guide, Way
+from salframe.panoramas.geometry import invert_pose, pose_2d, pose_yaw, wrap_angle
 
 REMEMBERED = 20
 """Latest spots whose localization the agent keeps."""
@@ -32,7 +32,8 @@ class Move(NamedTuple):
 
 
 class Located(NamedTuple):
-    """A localization: T_world_pano (4, 4), its score, and where it is no more than a place, the frame whose position it takes."""
+    """A localization: T_world_pano (4, 4), its score, and where it is no more than a place, the frame whose position it
+    takes."""
 
     pose: np.ndarray
     score: float
@@ -40,11 +41,13 @@ class Located(NamedTuple):
 
 
 class Belief:
-    """Where an agent believes to stand: by those of its localizations that agree with each other most, all brought up to now by odometry.
+    """Where an agent believes to stand: by those of its localizations that agree with each other most, all brought up
+    to now by odometry.
 
-    Each counts by its score, where that is positive: a doubtful answer is outvoted, and so is a wrong belief by better answers that contradict
-    it. On a spot where the agent has been before, the new answer takes the place of the old one: they err alike. A place without a pose tells
-    something where it changes; while it stays the same, odometry knows better where in it the agent is.
+    Each counts by its score, where that is positive: a doubtful answer is outvoted, and so is a wrong belief by better
+    answers that contradict it. On a spot where the agent has been before, the new answer takes the place of the old
+    one: they err alike. A place without a pose tells something where it changes; while it stays the same, odometry
+    knows better where in it the agent is.
     """
 
     def __init__(self, yaw_rad: float) -> None:
@@ -83,11 +86,15 @@ class Belief:
         x, y, z = found.pose[:3, 3]
         other = [i for i, spot in enumerate(self._spots) if np.linalg.norm(spot[:3, 3]) > SPOT_M][1 - REMEMBERED :]
         self._spots = [*(self._spots[i] for i in other), np.eye(4)]
-        self._located = [*(self._located[i] for i in other), found._replace(pose=pose_2d(x, y, pose_yaw(found.pose), z))]
+        self._located = [
+            *(self._located[i] for i in other),
+            found._replace(pose=pose_2d(x, y, pose_yaw(found.pose), z)),
+        ]
 
 
 class Agent:
-    """Walks to a node along the shortest way from where it believes to stand, with room to spare unless that is much longer."""
+    """Walks to a node along the shortest way from where it believes to stand, with room to spare unless that is much
+    longer."""
 
     def __init__(self, guide: Guide, goal: str, yaw_rad: float, arrival_m: float, rng: np.random.Generator) -> None:
         self.belief = Belief(yaw_rad)
@@ -114,8 +121,8 @@ class Agent:
     def decide(self) -> Move | None:
         """The next move, None where it believes to have arrived.
 
-        Stopped by what its chart shows it was off its line, and steps aside before it tries again. Without a belief, or where the chart gives no
-        way from there, it looks from somewhere else.
+        Stopped by what its chart shows it was off its line, and steps aside before it tries again. Without a belief, or
+        where the chart gives no way from there, it looks from somewhere else.
         """
         pose = self.belief.pose
         way = None if pose is None else self._way(pose[:3, 3])
@@ -132,7 +139,8 @@ class Agent:
         return Move(turn_rad, min(float(np.linalg.norm(ahead)), chart.longest_move_m))
 
     def _way(self, position_m: np.ndarray) -> Way | None:
-        """The best way. Where what it has bumped into leaves none, that was elsewhere than it believed, and is forgotten."""
+        """The best way. Where what it has bumped into leaves none, that was elsewhere than it believed, and is
+        forgotten."""
         ways = []
         for guide, drawback_m in zip(self._guides, (0.0, TIGHT_M), strict=True):
             try:

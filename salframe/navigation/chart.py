@@ -9,17 +9,18 @@ from typing import ClassVar
 
 import numpy as np
 
-from salframe.geometry import pose_yaw
+from salframe.panoramas.geometry import pose_yaw
 from salframe.topology.edges import components, joining_paths, make_edge, sight_pairs
 from salframe.topology.grid import FloorGrid, cell, nearest_pixel, sees
-from salframe.types import TopologicalMap
+from salframe.topology.topological_map import TopologicalMap
 
 ROOM_M = 0.07
 """An agent that is a little off its line keeps this much farther from walls than its radius, where it can."""
 AHEAD_M, CLEAR_M = 0.1, 0.30
 """What stops an agent where the masks have this clearance, so much farther ahead, is something that they do not show."""
 BUMP_M, BUMP_AHEAD_M = 0.2, 0.3
-"""Radius of the disc that an agent keeps out of after such a collision, and how far ahead its centre is: more takes more bumps to learn."""
+"""Radius of the disc that an agent keeps out of after such a collision, and how far ahead its centre is: more takes
+more bumps to learn."""
 
 
 class Chart(ABC):
@@ -44,7 +45,8 @@ class Chart(ABC):
         return self
 
     def stopped(self, T_world_pano: np.ndarray, again: bool) -> Chart:
-        """The chart after a collision on the way ahead, at a pose as the agent believes it: another one where that tells something new.
+        """The chart after a collision on the way ahead, at a pose as the agent believes it: another one where that
+        tells something new.
 
         `again`: it has been stopped hereabouts before.
         """
@@ -73,11 +75,13 @@ class FloorChart(Chart):
         return self._narrowed(self._grid.clearance_m >= self._radius_m + ROOM_M)
 
     def stopped(self, T_world_pano: np.ndarray, again: bool) -> FloorChart:
-        """See Chart. Near a wall or obstacle of the masks the agent may have been but a little off its line, once; elsewhere, or again, there is
-        something that they do not show, and the map's edges are made again around it."""
+        """See Chart. Near a wall or obstacle of the masks the agent may have been but a little off its line, once;
+        elsewhere, or again, there is something that they do not show, and the map's edges are made again around it."""
         yaw_rad = pose_yaw(T_world_pano)
         ahead = np.array([np.cos(yaw_rad), np.sin(yaw_rad)])
-        next_pixel, centre = (self._grid.to_pixel(T_world_pano[:2, 3] + reach_m * ahead) for reach_m in (AHEAD_M, BUMP_AHEAD_M))
+        next_pixel, centre = (
+            self._grid.to_pixel(T_world_pano[:2, 3] + reach_m * ahead) for reach_m in (AHEAD_M, BUMP_AHEAD_M)
+        )
         inside = ((next_pixel >= 0) & (next_pixel < self._grid.clear.shape)).all()
         if not inside or (not again and self._grid.clearance_m[cell(next_pixel)] < CLEAR_M):
             return self

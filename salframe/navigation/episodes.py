@@ -10,17 +10,19 @@ from typing import NamedTuple
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
-from salframe.errors import DataError, NoRoute, UnknownName
-from salframe.navigation.route import Guide
+from salframe.framework.errors import DataError, NoRoute, UnknownName
+from salframe.framework.files import read_json
+from salframe.navigation.guide import Guide
 from salframe.navigation.world import World
-from salframe.storage import read_json
+from salframe.topology.topological_map import NodeKind
 
 TRIES = 100
 
 
 @dataclass(frozen=True)
 class Episode:
-    """An agent at T_world_pano (16 numbers, row by row) in a world, sent to a node; shortest_m along the map. `number` seeds its noise."""
+    """An agent at T_world_pano (16 numbers, row by row) in a world, sent to a node; shortest_m along the map. `number`
+    seeds its noise."""
 
     number: int
     world: str
@@ -35,7 +37,9 @@ class Asked(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
     start: str | tuple[float, float] = Field(description="a node, or x and y in metres")
     goal: str = Field(description="a node")
-    yaw_deg: float | None = Field(None, description="first heading, counter-clockwise from the world's x axis; drawn where absent")
+    yaw_deg: float | None = Field(
+        None, description="first heading, counter-clockwise from the world's x axis; drawn where absent"
+    )
     world: str | None = Field(None, description="the building, where the data set has several")
 
 
@@ -47,7 +51,8 @@ class Site(NamedTuple):
 
 
 def draw_episodes(sites: Mapping[str, Site], count: int, seed: int) -> tuple[list[Episode], list[str]]:
-    """`count` episodes dealt out evenly to the worlds, from a uniform pose in a region to a scene node of another region.
+    """`count` episodes dealt out evenly to the worlds, from a uniform pose in a region to a scene node of another
+    region.
 
     With them a line on each world that gives none. Raises DataError where none does.
     """
@@ -55,7 +60,9 @@ def draw_episodes(sites: Mapping[str, Site], count: int, seed: int) -> tuple[lis
     left_out = []
     for world, site in sites.items():
         if _draw(site, np.random.default_rng([seed, 0]), 0) is None:
-            left_out.append(f"{world} gives no episode: expected a scene node in another region than the start, and a way to it")
+            left_out.append(
+                f"{world} gives no episode: expected a scene node in another region than the start, and a way to it"
+            )
         else:
             drawn[world] = []
     if not drawn:
@@ -75,21 +82,28 @@ def _draw(site: Site, rng: np.random.Generator, number: int) -> Episode | None:
     for _ in range(TRIES):
         start = world.draw_start(rng)
         region = world.region(start)
-        goals = [node.id for node in world.chart.map.nodes if node.kind == "scene" and any(node.regions) and region not in node.regions]
+        goals = [
+            node.id
+            for node in world.chart.map.nodes
+            if node.kind is NodeKind.SCENE and any(node.regions) and region not in node.regions
+        ]
         if not region or not goals:
             continue
         goal = goals[rng.integers(len(goals))]
         try:
             if not world.joined(start, world.stand_at(world.node(goal), 0.0)):
                 continue
-            return Episode(number, world.id, tuple(start.ravel().tolist()), goal, guide.way(start[:3, 3], goal).length_m)
+            return Episode(
+                number, world.id, tuple(start.ravel().tolist()), goal, guide.way(start[:3, 3], goal).length_m
+            )
         except (DataError, NoRoute):
             continue
     return None
 
 
 def read_episodes(path: Path, sites: Mapping[str, Site], seed: int) -> tuple[list[Episode], list[str]]:
-    """The episodes of a JSON file (a list of Asked), and a line on each that cannot be walked. Raises DataError on a malformed file."""
+    """The episodes of a JSON file (a list of Asked), and a line on each that cannot be walked. Raises DataError on a
+    malformed file."""
     try:
         asked = TypeAdapter(list[Asked]).validate_python(read_json(path))
     except ValidationError as error:
@@ -117,7 +131,11 @@ def _place(asked: Asked, sites: Mapping[str, Site], rng: np.random.Generator, nu
     world, guide = sites[name]
     yaw_rad = rng.uniform(-np.pi, np.pi) if asked.yaw_deg is None else np.radians(asked.yaw_deg)
     goal = world.node(asked.goal)
-    start = world.stand_at(world.node(asked.start), yaw_rad) if isinstance(asked.start, str) else world.stand(*asked.start, yaw_rad)
+    start = (
+        world.stand_at(world.node(asked.start), yaw_rad)
+        if isinstance(asked.start, str)
+        else world.stand(*asked.start, yaw_rad)
+    )
     if not world.joined(start, world.stand_at(goal, 0.0)):
         raise DataError(f"what stands in {name} today shuts {goal.id} off from the start")
     return Episode(number, name, tuple(start.ravel().tolist()), goal.id, guide.way(start[:3, 3], goal.id).length_m)

@@ -6,14 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from salframe.errors import DataError
-from salframe.geometry import pose_2d, pose_yaw, wrap_angle
-from salframe.localizer import Description, Localizer
+from salframe.framework.cache import Cache
+from salframe.framework.errors import FRAME_ERRORS, DataError
+from salframe.localization.answers import LocalizationStatus
+from salframe.localization.localizer import Description, Localizer
 from salframe.navigation.agent import Located
 from salframe.navigation.world import World
-from salframe.predict import FRAME_ERRORS
-from salframe.storage import Cache
-from salframe.types import Frame, MapFrame
+from salframe.panoramas.frames import MapFrame, QueryFrame
+from salframe.panoramas.geometry import pose_2d, pose_yaw, wrap_angle
 
 ASTRAY_RAD = np.radians(45.0)
 """Odometry does not go astray by more than this within an episode: a pose that contradicts it is wrong."""
@@ -22,7 +22,8 @@ ASTRAY_RAD = np.radians(45.0)
 class Sight:
     """A localizer that looks around in worlds; `dataset` is the fingerprint under which mapping frames are cached.
 
-    Without `positioning`, or where the localizer gives no pose, an agent takes itself to stand at the frame of the first place.
+    Without `positioning`, or where the localizer gives no pose, an agent takes itself to stand at the frame of the
+    first place.
     """
 
     def __init__(self, localizer: Localizer, dataset: str, positioning: bool) -> None:
@@ -34,33 +35,38 @@ class Sight:
     @property
     def warning(self) -> str | None:
         """What the user must know of the mapping frames."""
-        return f"{len(self._left_out)} mapping frame(s) left out, the first: {self._left_out[0]}" if self._left_out else None
+        return (
+            f"{len(self._left_out)} mapping frame(s) left out, the first: {self._left_out[0]}"
+            if self._left_out
+            else None
+        )
 
     def look(self, world: World, T_world_pano: np.ndarray, yaw_rad: float) -> Located | None:
-        """Where the localizer says that the agent is, None where it fails; `yaw_rad` is the heading where it gives no pose."""
+        """Where the localizer says that the agent is, None where it fails; `yaw_rad` is the heading where it gives no
+        pose."""
         self._take_map(world.mapping(T_world_pano))
         panorama = world.observe(T_world_pano)
-        answer = self._localizer.match(self._localizer.describe_frame(Frame(panorama.id, lambda: panorama))[0])
-        if answer.status not in ("ok", "no-pose") or not answer.places:
+        answer = self._localizer.match(self._localizer.describe_frame(QueryFrame(panorama.id, lambda: panorama))[0])
+        if not answer.status.names_a_place or not answer.places:
             return None
         best = answer.places[0]
-        pose = answer.T_world_query if self._positioning and answer.status == "ok" else None
+        pose = answer.T_world_query if self._positioning and answer.status is LocalizationStatus.OK else None
         if pose is not None and abs(wrap_angle(pose_yaw(pose) - yaw_rad)) <= ASTRAY_RAD:
             return Located(pose, best.score)
         x, y, z = self._frames[best.frame].T_world_pano[:3, 3]
         return Located(pose_2d(x, y, yaw_rad, z), best.score, best.frame)
 
-    def _take_map(self, frames: Sequence[Frame]) -> None:
+    def _take_map(self, frames: Sequence[MapFrame]) -> None:
         """Hand the localizer these frames, described once each; those that cannot be used are left out."""
         usable = [frame for frame in frames if self._describe(frame) is not None]
         if [frame.id for frame in usable] == list(self._frames):
             return
         if not usable:
             raise DataError("; ".join(["no mapping frame can be used", *self._left_out[:1]]))
-        self._frames = {frame.id: frame.mapped() for frame in usable}
+        self._frames = {frame.id: frame for frame in usable}
         self._localizer.take_map([self._described[id] for id in self._frames], list(self._frames.values()))  # type: ignore[misc]
 
-    def _describe(self, frame: Frame) -> Description | None:
+    def _describe(self, frame: MapFrame) -> Description | None:
         if frame.id not in self._described:
             try:
                 self._described[frame.id] = self._localizer.describe_frame(frame, self._cache, self._dataset)[0]

@@ -1,4 +1,5 @@
-"""One episode in closed loop: look, localize, decide, turn and walk, until the agent says it is there or has looked often enough."""
+"""One episode in closed loop: look, localize, decide, turn and walk, until the agent says it is there or has looked
+often enough."""
 
 from __future__ import annotations
 
@@ -8,12 +9,12 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from salframe.config import slot
-from salframe.errors import NoRoute
-from salframe.geometry import pose_2d, pose_yaw
+from salframe.framework.config import slot
+from salframe.framework.errors import NoRoute
 from salframe.navigation.agent import Agent, Located
 from salframe.navigation.episodes import Episode, Site
-from salframe.navigation.route import Guide
+from salframe.navigation.guide import Guide
+from salframe.panoramas.geometry import pose_2d, pose_yaw
 
 SUCCESS_M = 0.5
 """An agent that says it has arrived and has no farther to go than this has succeeded."""
@@ -29,7 +30,9 @@ class NavigationConfig(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
     planner: slot("planner", "floyd-warshall")  # type: ignore[valid-type]
     budget: int = Field(60, ge=1, description="panoramas that an agent may take in an episode")
-    arrival_m: float = Field(0.25, gt=0, description="an agent that believes to have no farther to go says that it has arrived")
+    arrival_m: float = Field(
+        0.25, gt=0, description="an agent that believes to have no farther to go says that it has arrived"
+    )
     turn_noise_deg: float = Field(2.0, ge=0, description="of the heading after a turn")
     length_noise: float = Field(0.05, ge=0, description="of a walk's length, a share of it")
     odometry_turn_noise_deg: float = Field(2.0, ge=0, description="of the turn that odometry tells of a move")
@@ -37,7 +40,8 @@ class NavigationConfig(BaseModel):
 
 
 Look = Callable[[np.ndarray, float], Located | None]
-"""look(T_world_pano, yaw_rad): where a panorama taken at this true pose is localized, None where it is not; `yaw_rad` as the agent believes."""
+"""look(T_world_pano, yaw_rad): where a panorama taken at this true pose is localized, None where it is not; `yaw_rad`
+as the agent believes."""
 
 
 def walk(site: Site, look: Look, episode: Episode, config: NavigationConfig, seed: int) -> Row:
@@ -63,9 +67,16 @@ def walk(site: Site, look: Look, episode: Episode, config: NavigationConfig, see
             break
         turn_noise, length_noise, odometry_turn_noise, odometry_length_noise = rng.standard_normal(4)
         turn_rad = move.turn_rad + np.radians(config.turn_noise_deg) * turn_noise
-        before, (T, stopped) = T, world.move(T, turn_rad, max(move.length_m * (1 + config.length_noise * length_noise), 0.0))
-        told = _odometry(before, T, np.radians(config.odometry_turn_noise_deg) * odometry_turn_noise,
-                         1 + config.odometry_length_noise * odometry_length_noise)  # fmt: skip
+        before, (T, stopped) = (
+            T,
+            world.move(T, turn_rad, max(move.length_m * (1 + config.length_noise * length_noise), 0.0)),
+        )
+        told = _odometry(
+            before,
+            T,
+            np.radians(config.odometry_turn_noise_deg) * odometry_turn_noise,
+            1 + config.odometry_length_noise * odometry_length_noise,
+        )
         agent.moved(told, stopped)
         collisions += stopped
         travelled_m += float(np.linalg.norm(T[:3, 3] - before[:3, 3]))
@@ -74,19 +85,33 @@ def walk(site: Site, look: Look, episode: Episode, config: NavigationConfig, see
     success = arrived and left_m[-1] <= SUCCESS_M
     longer_m = max(episode.shortest_m, travelled_m)
     return {
-        "episode": episode.number, "world": episode.world, "goal": episode.goal, "status": "arrived" if arrived else "out of budget",
-        "success": success, "oracle": min(left_m) <= SUCCESS_M, "spl": success * (episode.shortest_m / longer_m if longer_m else 1.0),
-        "success_3m": arrived and left_m[-1] <= NEAR_M, "shortest_m": episode.shortest_m, "travelled_m": travelled_m,
-        "left_m": left_m[-1] if np.isfinite(left_m[-1]) else None, "panoramas": len(localized), "not_localized": localized.count(False),
-        "collisions": collisions, "path": path, "believed": believed, "error": None,
-    }  # fmt: skip
+        "episode": episode.number,
+        "world": episode.world,
+        "goal": episode.goal,
+        "status": "arrived" if arrived else "out of budget",
+        "success": success,
+        "oracle": min(left_m) <= SUCCESS_M,
+        "spl": success * (episode.shortest_m / longer_m if longer_m else 1.0),
+        "success_3m": arrived and left_m[-1] <= NEAR_M,
+        "shortest_m": episode.shortest_m,
+        "travelled_m": travelled_m,
+        "left_m": left_m[-1] if np.isfinite(left_m[-1]) else None,
+        "panoramas": len(localized),
+        "not_localized": localized.count(False),
+        "collisions": collisions,
+        "path": path,
+        "believed": believed,
+        "error": None,
+    }
 
 
 def _odometry(before: np.ndarray, after: np.ndarray, turn_error_rad: float, scale: float) -> np.ndarray:
     """The motion in the frame of the pose before, as odometry tells it: turned too far by an error, and scaled."""
     c, s = np.cos(turn_error_rad), np.sin(turn_error_rad)
     x, y, z = before[:3, :3].T @ (after[:3, 3] - before[:3, 3])
-    return pose_2d(scale * (c * x - s * y), scale * (s * x + c * y), pose_yaw(after) - pose_yaw(before) + turn_error_rad, z)
+    return pose_2d(
+        scale * (c * x - s * y), scale * (s * x + c * y), pose_yaw(after) - pose_yaw(before) + turn_error_rad, z
+    )
 
 
 def _left(guide: Guide, position_m: np.ndarray, goal: str) -> float:

@@ -4,26 +4,27 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from salframe.errors import DataError, UnknownName
-from salframe.geometry import pose_2d, pose_yaw
+from salframe.framework.errors import DataError, InputMissing, UnknownName
+from salframe.framework.registry import unknown
 from salframe.navigation.chart import Chart, FloorChart
-from salframe.registry import unknown
+from salframe.panoramas.dataset import Dataset
+from salframe.panoramas.floors import FloorMasks
+from salframe.panoramas.frames import MapFrame
+from salframe.panoramas.geometry import pose_2d, pose_yaw
+from salframe.panoramas.panorama import Panorama
 from salframe.topology.build import TopologySettings, build_topology, find_floor
 from salframe.topology.grid import FloorGrid, cell
-from salframe.types import FloorMasks, Frame, MapNode, Panorama
-
-if TYPE_CHECKING:
-    from salframe.roles import Dataset
+from salframe.topology.topological_map import MapNode
 
 _PACE_M = 0.01
 
 
 class World(ABC):
-    """A building to navigate in: its `id`, the `chart` that an agent is given of it, and what happens to an agent in it.
+    """A building to navigate in: its `id`, the `chart` that an agent is given of it, and what happens to an agent in
+    it.
 
     An agent's pose T_world_pano (4, 4) is that of its panorama: upright, looking along its x axis.
     """
@@ -60,7 +61,7 @@ class World(ABC):
         """The region that an agent stands in, "" where it stands in none."""
 
     @abstractmethod
-    def mapping(self, T_world_pano: np.ndarray) -> Sequence[Frame]:
+    def mapping(self, T_world_pano: np.ndarray) -> Sequence[MapFrame]:
         """The map's frames that a panorama taken at this pose is compared with."""
 
     @abstractmethod
@@ -73,13 +74,16 @@ class World(ABC):
 
 
 class FloorWorld(World):
-    """A floor of a data set that can render: a disc of the map's robot radius walks on its clear floor, and walls stop it.
+    """A floor of a data set that can render: a disc of the map's robot radius walks on its clear floor, and walls stop
+    it.
 
-    The chart is made from the masks `floor` and the mapping frames taken on it. What stops the agent are the masks `actual`: those of the
-    building that `observe` shows, which may have changed since it was mapped.
+    The chart is made from the masks `floor` and the mapping frames taken on it. What stops the agent are the masks
+    `actual`: those of the building that `observe` shows, which may have changed since it was mapped.
     """
 
-    def __init__(self, id: str, dataset: Dataset, floor: FloorMasks, frames: Sequence[Frame], actual: FloorMasks) -> None:
+    def __init__(
+        self, id: str, dataset: Dataset, floor: FloorMasks, frames: Sequence[MapFrame], actual: FloorMasks
+    ) -> None:
         from scipy import ndimage
 
         settings = TopologySettings()
@@ -87,7 +91,7 @@ class FloorWorld(World):
         super().__init__(id, FloorChart(build_topology([floor], frames, settings), self._grid, settings.robot_radius_m))
         self._dataset, self._radius_m = dataset, settings.robot_radius_m
         self._mapping = tuple({frame.id: frame for fold in dataset.folds() for frame in fold.mapping}.values())
-        self._camera_z_m = float(np.median([frame.mapped().T_world_pano[2, 3] for frame in frames]))
+        self._camera_z_m = float(np.median([frame.T_world_pano[2, 3] for frame in frames]))
         self._names = self._grid.names
         self._free = FloorGrid(actual, settings.robot_radius_m).clear
         self._parts = ndimage.label(self._free)[0]
@@ -108,13 +112,15 @@ class FloorWorld(World):
         return bool(first == last)
 
     def draw_start(self, rng: np.random.Generator) -> np.ndarray:
-        x_m, y_m = self._grid.to_metres(rng.choice(np.argwhere(self._free & self._grid.clear & (self._grid.label > 0))) + 0.5)
+        x_m, y_m = self._grid.to_metres(
+            rng.choice(np.argwhere(self._free & self._grid.clear & (self._grid.label > 0))) + 0.5
+        )
         return pose_2d(x_m, y_m, rng.uniform(-np.pi, np.pi), self._camera_z_m)
 
     def region(self, T_world_pano: np.ndarray) -> str:
         return self._names.get(int(self._grid.label[cell(self._grid.to_pixel(T_world_pano[:2, 3]))]), "")
 
-    def mapping(self, T_world_pano: np.ndarray) -> Sequence[Frame]:
+    def mapping(self, T_world_pano: np.ndarray) -> Sequence[MapFrame]:
         return self._mapping
 
     def observe(self, T_world_pano: np.ndarray) -> Panorama:
@@ -137,8 +143,28 @@ class FloorWorld(World):
         return inside & self._free[row, column]
 
 
+class NavigableDataset(Dataset):
+    """A data set that says itself where an agent can navigate; others that can render give their floors."""
+
+    @abstractmethod
+    def worlds(self) -> Sequence[World]:
+        """Where an agent can navigate, a world a building or floor."""
+
+
+def open_worlds(dataset: Dataset) -> Sequence[World]:
+    """Where an agent can navigate in a data set. Raises InputMissing in one that cannot show what an agent sees."""
+    if isinstance(dataset, NavigableDataset):
+        return dataset.worlds()
+    if type(dataset).observe is Dataset.observe:
+        raise InputMissing(
+            f"{dataset.name} cannot render, and navigation needs panoramas from wherever the agent stands"
+        )
+    return floor_worlds(dataset)
+
+
 def floor_worlds(dataset: Dataset, actual: Sequence[FloorMasks] | None = None) -> list[FloorWorld]:
-    """The floors of a data set that can render, each a world; `actual` as in FloorWorld, in the order of floors(), or None: the same.
+    """The floors of a data set that can render, each a world; `actual` as in FloorWorld, in the order of floors(), or
+    None: the same.
 
     Raises DataError where the data set has no floor, or a floor no mapping frame.
     """
@@ -148,13 +174,15 @@ def floor_worlds(dataset: Dataset, actual: Sequence[FloorMasks] | None = None) -
     order = sorted(range(len(floors)), key=lambda number: floors[number].z_m)
     by_height = [floors[number] for number in order]
     frames = {frame.id: frame for fold in dataset.folds() for frame in fold.mapping}
-    own: list[list[Frame]] = [[] for _ in floors]
+    own: list[list[MapFrame]] = [[] for _ in floors]
     for frame in frames.values():
-        place = find_floor(by_height, frame.mapped().T_world_pano[:3, 3])
+        place = find_floor(by_height, frame.T_world_pano[:3, 3])
         if place is not None:
             own[order[place]].append(frame)
     bare = [floor.z_m for floor, taken in zip(floors, own, strict=True) if not taken]
     if bare:
         raise DataError(f"{dataset.name} has no mapping frame on its floor at z = {bare[0]:g} m, expected at least one")
     names = ["floor" if len(floors) == 1 else f"floor-{number}" for number in range(len(floors))]
-    return [FloorWorld(*parts) for parts in zip(names, [dataset] * len(floors), floors, own, actual or floors, strict=True)]
+    return [
+        FloorWorld(*parts) for parts in zip(names, [dataset] * len(floors), floors, own, actual or floors, strict=True)
+    ]

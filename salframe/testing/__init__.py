@@ -1,12 +1,13 @@
-"""A conformance suite for components: `check_component(MyDetector)` in your own tests says what breaks a rule of the role, if anything does."""
+"""A conformance suite for components: `check_component(MyDetector)` in your own tests says what breaks a rule of the
+role, if anything does."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Any
 
-from salframe.component import Component
-from salframe.config import ComponentConfig
+from salframe.framework.component import Component
+from salframe.framework.config import ComponentConfig
 from salframe.testing.asking import ConformanceError
 from salframe.testing.datasets import check_dataset
 from salframe.testing.declaration import check_config, check_declaration
@@ -32,10 +33,11 @@ _CHECKS: dict[str, Callable[[Callable[[], Any]], None]] = {
 
 
 def check_component(component: type[Component], config: ComponentConfig | None = None) -> None:
-    """Check a component class against the rules of its role, on furnished rooms that the suite makes itself; `config`: None for the defaults.
+    """Check a component class against the rules of its role, on furnished rooms that the suite makes itself; `config`:
+    None for the defaults.
 
-    Raises ConformanceError on the first rule that is broken, in one line: what was checked, what was received, what was expected. Raises
-    RequirementMissing or WeightsMissing where the component cannot run here.
+    Raises ConformanceError on the first rule that is broken, in one line: what was checked, what was received, what was
+    expected. Raises RequirementMissing or WeightsMissing where the component cannot run here.
     """
     check_declaration(component)
     try:

@@ -26,7 +26,9 @@ def attempt(checked: str, function: Callable[..., Any], *given: Any) -> Any:
         return function(*given)
     except Exception as error:
         line = " ".join(f"{type(error).__name__}: {error}".split())
-        raise ConformanceError(f"{checked}: received {line}, expected an answer (arrays given are read-only)") from error
+        raise ConformanceError(
+            f"{checked}: received {line}, expected an answer (arrays given are read-only)"
+        ) from error
 
 
 def ask(checked: str, function: Callable[..., Any], *given: Any) -> Any:
@@ -56,14 +58,6 @@ def same(a: Any, b: Any) -> bool:
     if dataclasses.is_dataclass(a):
         return all(same(getattr(a, field.name), getattr(b, field.name)) for field in dataclasses.fields(a))
     return bool(a == b) or bool(a != a and b != b)
-
-
-def is_rigid(pose: Any) -> bool:
-    """Whether this is a (4, 4) rigid motion."""
-    if np.shape(pose) != (4, 4) or not np.isfinite(pose).all():
-        return False
-    turn = pose[:3, :3]
-    return np.allclose(turn @ turn.T, np.eye(3), atol=1e-6) and np.linalg.det(turn) > 0 and np.array_equal(pose[3], (0, 0, 0, 1))
 
 
 def _lock(value: Any) -> None:

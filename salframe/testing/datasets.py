@@ -5,18 +5,27 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Sequence
 
-from salframe.errors import SalframeError
-from salframe.roles import Dataset
-from salframe.testing.asking import attempt, expect, is_rigid, same
+from salframe.framework.errors import SalframeError
+from salframe.panoramas.dataset import Dataset
+from salframe.panoramas.floors import FloorMasks
+from salframe.panoramas.frames import Fold, FrameKind, MapFrame, QueryFrame, Truth
+from salframe.panoramas.geometry import is_rigid
+from salframe.panoramas.panorama import Panorama
+from salframe.testing.asking import attempt, expect, same
 from salframe.testing.rooms import PARTS
-from salframe.types import FloorMasks, Fold, Frame, Panorama, Truth
 
 
 def check_dataset(make: Callable[[], Dataset]) -> None:
-    """Folds of mapping frames with poses and queries without, a truth for each query, and panoramas that have what `provides` says."""
+    """Folds of mapping frames with poses and queries without, a truth for each query, and panoramas that have what
+    `provides` says."""
     dataset = make()
     attempt("prepare", dataset.prepare, lambda done, total: None)
-    expect(dataset.provides and dataset.provides <= PARTS, "provides", set(dataset.provides), f"some of {', '.join(sorted(PARTS))}")
+    expect(
+        dataset.provides and dataset.provides <= PARTS,
+        "provides",
+        set(dataset.provides),
+        f"some of {', '.join(sorted(PARTS))}",
+    )
     fingerprint = attempt("fingerprint", lambda: dataset.fingerprint)
     expect(isinstance(fingerprint, str) and fingerprint, "fingerprint", repr(fingerprint), "text")
     other = attempt("fingerprint of another instance", lambda: make().fingerprint)
@@ -46,24 +55,50 @@ def check_dataset(make: Callable[[], Dataset]) -> None:
 
 def _check_fold(dataset: Dataset, fold: Fold) -> None:
     checked = f"fold {fold.id}"
-    expect(fold.mapping and fold.queries, checked, f"{len(fold.mapping)} mapping frames and {len(fold.queries)} queries", "at least one of each")
+    expect(
+        fold.mapping and fold.queries,
+        checked,
+        f"{len(fold.mapping)} mapping frames and {len(fold.queries)} queries",
+        "at least one of each",
+    )
     twice = [id for id, count in Counter(frame.id for frame in (*fold.mapping, *fold.queries)).items() if count > 1]
     expect(not twice, checked, f"more than one frame {', '.join(twice)}", "a name of its own for each frame")
     for frame in fold.mapping:
-        expect(frame.place and is_rigid(frame.T_world_pano), f"mapping frame {frame.id}", f"place {frame.place!r} and pose {frame.T_world_pano}",
-               "a place and a rigid motion (4, 4)")  # fmt: skip
-        expect(frame.kind in ("scene", "transition"), f"mapping frame {frame.id}", f"the kind {frame.kind!r}", "scene or transition")
+        expect(isinstance(frame, MapFrame), f"mapping frame {frame.id}", type(frame).__name__, "MapFrame")
+        expect(
+            frame.place and is_rigid(frame.T_world_pano),
+            f"mapping frame {frame.id}",
+            f"place {frame.place!r} and pose {frame.T_world_pano}",
+            "a place and a rigid motion (4, 4)",
+        )
+        expect(
+            isinstance(frame.kind, FrameKind),
+            f"mapping frame {frame.id}",
+            f"the kind {frame.kind!r}",
+            "one of FrameKind",
+        )
     for frame in fold.queries:
-        expect(frame.T_world_pano is None and frame.place is None, f"query frame {frame.id}", "a pose or place", "none: they are the truth")
+        told = type(frame).__name__
+        expect(type(frame) is QueryFrame, f"query frame {frame.id}", told, "QueryFrame: pose and place are the truth")
         truth = attempt(f"truth of {frame.id}", dataset.truth, frame.id)
         expect(isinstance(truth, Truth) and truth.place, f"truth of {frame.id}", truth, "Truth with a place")
-        expect(truth.T_world_pano is None or is_rigid(truth.T_world_pano), f"truth of {frame.id}", f"{truth.T_world_pano}", "(4, 4) or None")
+        expect(
+            truth.T_world_pano is None or is_rigid(truth.T_world_pano),
+            f"truth of {frame.id}",
+            f"{truth.T_world_pano}",
+            "(4, 4) or None",
+        )
 
 
-def _check_panorama(dataset: Dataset, frame: Frame) -> None:
+def _check_panorama(dataset: Dataset, frame: MapFrame | QueryFrame) -> None:
     checked = f"load of {frame.id}"
     panorama = attempt(checked, frame.load)
     expect(isinstance(panorama, Panorama), checked, type(panorama).__name__, "Panorama")
     expect(panorama.id == frame.id, checked, f"a panorama of {panorama.id!r}", f"one of {frame.id!r}")
-    expect(panorama.provides >= dataset.provides, checked, set(panorama.provides), f"what the dataset provides, {set(dataset.provides)}")
+    expect(
+        panorama.provides >= dataset.provides,
+        checked,
+        set(panorama.provides),
+        f"what the dataset provides, {set(dataset.provides)}",
+    )
     expect(same(panorama, attempt(checked, frame.load)), f"{checked} twice", "two panoramas", "the same one twice")

@@ -6,23 +6,28 @@ from collections.abc import Callable
 
 import numpy as np
 
-from salframe.geometry import wrap_angle
-from salframe.roles import Detector
+from salframe.graphs.detections import Detections
+from salframe.graphs.detector import Detector
+from salframe.graphs.turning import turned_detections
+from salframe.panoramas.geometry import wrap_angle
+from salframe.panoramas.panorama import Panorama
 from salframe.testing.asking import ask, expect, same
 from salframe.testing.rooms import HEIGHT_PX, PARTS, ROOMS, blind, halved, look, stand, turned
-from salframe.turning import turned_detections
-from salframe.types import Detections, Panorama
 
 YAW_SLACK_M = 0.01
-"""What the ends of a box may move beyond the tolerance when the panorama turns: the yaw of a box hangs on single points of its outline."""
+"""What the ends of a box may move beyond the tolerance when the panorama turns: the yaw of a box hangs on single points
+of its outline."""
 BETWEEN_SHARE, BETWEEN_DEG = 0.95, 2.0
-"""Of the objects of panoramas turned by columns between a detector's steps so many come out again, at most so far beside the turn."""
+"""Of the objects of panoramas turned by columns between a detector's steps so many come out again, at most so far
+beside the turn."""
 
 
 def check_detector(make: Callable[[], Detector]) -> None:
     """Well-formed detections, none where there is nothing, and none that the panorama's seam changes."""
     detector = make()
-    expect(detector.needs and detector.needs <= PARTS, "needs", set(detector.needs), f"some of {', '.join(sorted(PARTS))}")
+    expect(
+        detector.needs and detector.needs <= PARTS, "needs", set(detector.needs), f"some of {', '.join(sorted(PARTS))}"
+    )
     # An instance image says what is where; how far it is, the range image beside it.
     parts = detector.needs | ({"range"} if "annotations" in detector.needs else set())
     again = total = 0
@@ -37,10 +42,17 @@ def check_detector(make: Callable[[], Detector]) -> None:
                 expected, after = _turn(detector, panorama, found, columns)
                 again, total = again + _alike(expected, after), total + max(len(expected), len(after))
     expect(
-        again >= BETWEEN_SHARE * total, f"detect in rooms turned by columns between its steps of {detector.column_step}",
-        f"{again} of {total} objects within {BETWEEN_DEG:g} deg", f"{BETWEEN_SHARE:.0%}: salframe.turning.from_near_side sees to it",
-    )  # fmt: skip
-    expect(same(found, make().detect(panorama)), f"detect in the {room.name} by another instance", "another answer", "the same")
+        again >= BETWEEN_SHARE * total,
+        f"detect in rooms turned by columns between its steps of {detector.column_step}",
+        f"{again} of {total} objects within {BETWEEN_DEG:g} deg",
+        f"{BETWEEN_SHARE:.0%}: salframe.turning.from_near_side sees to it",
+    )
+    expect(
+        same(found, make().detect(panorama)),
+        f"detect in the {room.name} by another instance",
+        "another answer",
+        "the same",
+    )
 
     empty = look(room.emptied(), "empty", stand(room), parts)
     for what, given in (("an empty room", empty), ("half a panorama", halved(panorama))):
@@ -57,13 +69,25 @@ def turns(column_step: int) -> list[int]:
 
 def _check_detections(checked: str, found: Detections) -> None:
     expect(isinstance(found, Detections), checked, type(found).__name__, "Detections")
-    expect(all(isinstance(label, str) and label for label in found.labels), checked, f"the labels {found.labels}", "words")
+    expect(
+        all(isinstance(label, str) and label for label in found.labels), checked, f"the labels {found.labels}", "words"
+    )
     known = np.isfinite(found.centroid_m).all(1)
-    expect((known | np.isnan(found.centroid_m).any(1)).all(), checked, "an infinite centroid", "metres, NaN where the range is not known")
+    expect(
+        (known | np.isnan(found.centroid_m).any(1)).all(),
+        checked,
+        "an infinite centroid",
+        "metres, NaN where the range is not known",
+    )
     expect((found.size_m[known] >= 0).all(), checked, f"sizes {found.size_m[known].tolist()}", "metres, at least 0")
     for label, points in zip(found.labels, found.points_m or (), strict=False):
         fits = isinstance(points, np.ndarray) and points.ndim == 2 and points.shape[1] == 3 and points.dtype.kind == "f"
-        expect(fits and len(points), checked, f"points_m of shape {np.shape(points)} for a {label}", "(n, 3) floats, n at least 1")
+        expect(
+            fits and len(points),
+            checked,
+            f"points_m of shape {np.shape(points)} for a {label}",
+            "(n, 3) floats, n at least 1",
+        )
 
 
 def _turned_by(panorama: Panorama, columns: int) -> str:
@@ -82,26 +106,38 @@ def _check_turn(detector: Detector, panorama: Panorama, found: Detections, colum
 
     checked, tolerance_m = _turned_by(panorama, columns), detector.turn_tolerance_m
     expected, after = _turn(detector, panorama, found, columns)
-    expect(sorted(after.labels) == sorted(found.labels), checked, sorted(after.labels), f"{sorted(found.labels)} as before")
+    expect(
+        sorted(after.labels) == sorted(found.labels), checked, sorted(after.labels), f"{sorted(found.labels)} as before"
+    )
     distance_m = np.nan_to_num(np.linalg.norm(expected.centroid_m[:, None] - after.centroid_m[None], axis=2))
     other_label = np.array(found.labels)[:, None] != np.array(after.labels)[None]
     rows, partners = linear_sum_assignment(distance_m + 1e3 * other_label)
     for i, j in zip(rows, partners, strict=True):
         seen = f"a {found.labels[i]} that"
         expect(
-            np.array_equal(np.isnan(found.centroid_m[i]), np.isnan(after.centroid_m[j])) and distance_m[i, j] <= tolerance_m,
-            checked, f"{seen} moved {distance_m[i, j]:.2g} m", f"at most turn_tolerance_m = {tolerance_m:g} m beside the turn",
-        )  # fmt: skip
+            np.array_equal(np.isnan(found.centroid_m[i]), np.isnan(after.centroid_m[j]))
+            and distance_m[i, j] <= tolerance_m,
+            checked,
+            f"{seen} moved {distance_m[i, j]:.2g} m",
+            f"at most turn_tolerance_m = {tolerance_m:g} m beside the turn",
+        )
         change_m = np.nan_to_num(np.abs(found.size_m[i] - after.size_m[j])).max()
-        expect(change_m <= tolerance_m, checked, f"{seen} changed its size by {change_m:.2g} m", f"at most turn_tolerance_m = {tolerance_m:g} m")
+        expect(
+            change_m <= tolerance_m,
+            checked,
+            f"{seen} changed its size by {change_m:.2g} m",
+            f"at most turn_tolerance_m = {tolerance_m:g} m",
+        )
         length, width = found.size_m[i, :2]
         period_rad = np.pi / 2 if length - width <= tolerance_m else np.pi
         turn_rad = (after.yaw_rad[j] - expected.yaw_rad[i]) * 2 * np.pi / period_rad
         off_rad = float(np.abs(wrap_angle(turn_rad))) * period_rad / (2 * np.pi)
         expect(
-            not off_rad * length / 2 > tolerance_m + YAW_SLACK_M, checked, f"{seen} turned {np.degrees(off_rad):.2g} deg within the room",
+            not off_rad * length / 2 > tolerance_m + YAW_SLACK_M,
+            checked,
+            f"{seen} turned {np.degrees(off_rad):.2g} deg within the room",
             "a box that turns with the panorama",
-        )  # fmt: skip
+        )
 
 
 def _alike(one: Detections, other: Detections) -> int:

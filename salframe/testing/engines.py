@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from salframe.roles import Engine
+from salframe.evaluation.engine import Engine
 from salframe.testing.asking import attempt, expect
 
 
@@ -13,8 +13,15 @@ def check_engine(make: Callable[[], Engine]) -> None:
     engine = make()
     received = attempt("map", lambda: list(engine.map(_halve, [2, 3, 8])))
     expect(len(received) == 3, "map of 3 items", f"{len(received)} answers", "an answer for each item")
-    expect(isinstance(received[1], ValueError), "map over an item that raises ValueError", repr(received[1]), "that exception as its answer")
-    expect((received[0], received[2]) == (1, 4), "map over items beside one that raises", received[::2], "[1, 4], in order")
+    expect(
+        isinstance(received[1], ValueError),
+        "map over an item that raises ValueError",
+        repr(received[1]),
+        "that exception as its answer",
+    )
+    expect(
+        (received[0], received[2]) == (1, 4), "map over items beside one that raises", received[::2], "[1, 4], in order"
+    )
     expect(attempt("map of no item", lambda: list(engine.map(_halve, []))) == [], "map of no item", "an answer", "none")
 
 

@@ -8,21 +8,33 @@ from pathlib import Path
 
 import numpy as np
 
-from salframe.config import digest
-from salframe.geometry import pose_2d, pose_errors
-from salframe.localizer import Description, Localizer
-from salframe.testing.asking import ask, attempt, expect, is_rigid, same
+from salframe.framework.identity import digest
+from salframe.localization.answers import Localization
+from salframe.localization.localizer import Description, Localizer
+from salframe.panoramas.frames import MapFrame
+from salframe.panoramas.geometry import is_rigid, pose_2d, pose_errors
+from salframe.panoramas.panorama import Panorama
+from salframe.testing.asking import ask, attempt, expect, same
 from salframe.testing.detectors import turns
 from salframe.testing.rooms import HEIGHT_PX, PARTS, blind, halved, map_frames, query_frames, turned
-from salframe.types import Frame, Localization, Panorama
 
 
 def check_localizer(make: Callable[[], Localizer]) -> None:
     """Well-formed answers from any map, the same after saving and loading, and a pose that turns with the panorama."""
     localizer, frames = make(), map_frames()
-    expect(localizer.needs and localizer.needs <= PARTS, "needs", set(localizer.needs), f"some of {', '.join(sorted(PARTS))}")
+    expect(
+        localizer.needs and localizer.needs <= PARTS,
+        "needs",
+        set(localizer.needs),
+        f"some of {', '.join(sorted(PARTS))}",
+    )
     known_by = attempt("describe_identity as JSON", lambda: digest(localizer.describe_identity()))
-    expect(digest(make().describe_identity()) == known_by, "describe_identity of another instance", "another one", "the same")
+    expect(
+        digest(make().describe_identity()) == known_by,
+        "describe_identity of another instance",
+        "another one",
+        "the same",
+    )
     attempt(f"build of {len(frames)} frames", localizer.build, frames)
 
     queries = [frame.load() for frame in query_frames()]
@@ -36,20 +48,28 @@ def check_localizer(make: Callable[[], Localizer]) -> None:
     _check_saving(localizer, make, queries, answers)
 
     # What a vocabulary is learnt from, or a score divided by, may be missing altogether.
-    nothing = Frame("nothing", lambda: blind(PARTS), np.eye(4), "nowhere")
-    for what, few in (("one frame", frames[:1]), ("a frame where nothing is seen, and another", [nothing, frames[0]]),
-                      ("one frame where nothing is seen", [nothing])):  # fmt: skip
+    nothing = MapFrame("nothing", "nowhere", np.eye(4), load=lambda: blind(PARTS))
+    for what, few in (
+        ("one frame", frames[:1]),
+        ("a frame where nothing is seen, and another", [nothing, frames[0]]),
+        ("one frame where nothing is seen", [nothing]),
+    ):
         small = make()
         attempt(f"build of {what}", small.build, few)
         for query in (queries[0], odd["where nothing is seen"]):
             _answer(small, f"of the {query.id} in a map of {what}", query, few)
 
 
-def _answer(localizer: Localizer, what: str, panorama: Panorama, frames: Sequence[Frame]) -> Localization:
+def _answer(localizer: Localizer, what: str, panorama: Panorama, frames: Sequence[MapFrame]) -> Localization:
     """Describe and match, with every rule on the description and the answer checked."""
     description: Description = ask(f"describe {what}", localizer.describe, panorama)
     arrays = all(isinstance(array, np.ndarray) and array.dtype != object for array in description.values())
-    expect(arrays, f"describe {what}", {name: type(part).__name__ for name, part in description.items()}, "arrays, none of dtype object")
+    expect(
+        arrays,
+        f"describe {what}",
+        {name: type(part).__name__ for name, part in description.items()},
+        "arrays, none of dtype object",
+    )
     bytes_ = localizer.scene_bytes(description)
     expect(isinstance(bytes_, int) and bytes_ >= 0, f"scene_bytes {what}", repr(bytes_), "a number of bytes")
     answer, checked = ask(f"match {what}", localizer.match, description), f"match {what}"
@@ -59,12 +79,26 @@ def _answer(localizer: Localizer, what: str, panorama: Panorama, frames: Sequenc
     belongs = {(frame.id, frame.place) for frame in frames}
     strange = [ranked for ranked in answer.places if (ranked.frame, ranked.place) not in belongs]
     expect(not strange, checked, strange, "frames of the map with their places")
-    expect(np.isfinite(scores).all() and scores == sorted(scores, reverse=True), checked, f"scores {scores}", "finite ones, best first")
+    expect(
+        np.isfinite(scores).all() and scores == sorted(scores, reverse=True),
+        checked,
+        f"scores {scores}",
+        "finite ones, best first",
+    )
     pose = answer.T_world_query
-    expect((pose is not None) == (answer.status == "ok"), checked, f"the status {answer.status!r} with{'out' * (pose is None)} a pose",
-           "a pose where the status is ok, and only there")  # fmt: skip
+    expect(
+        (pose is not None) == (answer.status == "ok"),
+        checked,
+        f"the status {answer.status!r} with{'out' * (pose is None)} a pose",
+        "a pose where the status is ok, and only there",
+    )
     expect(pose is None or is_rigid(pose), checked, f"{pose}", "a rigid motion (4, 4)")
-    expect(bool(places) or answer.status not in ("ok", "no-pose"), checked, f"the status {answer.status!r} without a place", "a place")
+    expect(
+        bool(places) or answer.status not in ("ok", "no-pose"),
+        checked,
+        f"the status {answer.status!r} without a place",
+        "a place",
+    )
     return answer
 
 
@@ -79,9 +113,11 @@ def _check_turn(localizer: Localizer, panorama: Panorama, before: Localization, 
         expected = before.T_world_query @ pose_2d(0, 0, np.pi * columns / HEIGHT_PX)
         shift_m, turn_rad = pose_errors(after.T_world_query, expected)
         expect(
-            max(shift_m, turn_rad) <= tolerance, checked, f"a pose that moved {shift_m:.2g} m and is {turn_rad:.2g} rad off the turn",
+            max(shift_m, turn_rad) <= tolerance,
+            checked,
+            f"a pose that moved {shift_m:.2g} m and is {turn_rad:.2g} rad off the turn",
             f"at most turn_tolerance_m = {tolerance:g} of each",
-        )  # fmt: skip
+        )
 
 
 def _check_needs(localizer: Localizer) -> None:
@@ -91,7 +127,9 @@ def _check_needs(localizer: Localizer) -> None:
         _answer(localizer, f"of a panorama with {' and '.join(sorted(parts))} alone", frame.load(), map_frames())
 
 
-def _check_saving(localizer: Localizer, make: Callable[[], Localizer], queries: Sequence[Panorama], answers: Sequence[Localization]) -> None:
+def _check_saving(
+    localizer: Localizer, make: Callable[[], Localizer], queries: Sequence[Panorama], answers: Sequence[Localization]
+) -> None:
     """A fresh instance that loads the map answers as the one that saved it."""
     with tempfile.TemporaryDirectory() as directory:
         attempt("save", localizer.save, Path(directory) / "map")

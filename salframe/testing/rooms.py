@@ -5,19 +5,21 @@ from __future__ import annotations
 import zlib
 from collections.abc import Callable, Set
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
-from salframe.boxes import detections_from_points
-from salframe.geometry import equirectangular_rays, invert_pose, pose_2d, transform_points
-from salframe.graph import GraphConfig, build_graph
-from salframe.types import Annotations, Detections, Frame, Panorama, SaliencyGraph
+from salframe.graphs.boxes import detections_from_points
+from salframe.graphs.detections import Detections
+from salframe.graphs.graph import GraphConfig, SaliencyGraph, build_graph
+from salframe.panoramas.frames import MapFrame, QueryFrame
+from salframe.panoramas.geometry import equirectangular_rays, invert_pose, pose_2d, transform_points
+from salframe.panoramas.panorama import PARTS, Annotations, Panorama
 
 EYE_M = 1.5
 """Height of the camera above the floor."""
 HEIGHT_PX = 192
 """Height of the suite's panoramas, whose width is twice as much."""
-PARTS = frozenset({"rgb", "range", "annotations"})
 
 
 @dataclass(frozen=True)
@@ -44,32 +46,58 @@ class Room:
 
 
 ROOMS = (
-    Room("bedroom", (4.2, 3.6, 2.6), (
-        Box("bed", (1.1, 0.8, 0.3), (2.0, 1.4, 0.6)), Box("nightstand", (0.3, 1.8, 0.25), (0.4, 0.4, 0.5)),
-        Box("lamp", (0.3, 1.8, 0.7), (0.2, 0.2, 0.4)), Box("wardrobe", (3.8, 0.7, 1.0), (0.6, 1.2, 2.0)),
-        Box("desk", (3.2, 3.2, 0.4), (1.4, 0.6, 0.8)), Box("chair", (3.1, 2.6, 0.45), (0.45, 0.5, 0.9)),
-        Box("picture", (1.2, 3.58, 1.6), (0.8, 0.04, 0.6)),
-    )),
-    Room("kitchen", (3.4, 3.0, 2.6), (
-        Box("counter", (1.4, 0.3, 0.45), (2.4, 0.6, 0.9)), Box("refrigerator", (3.05, 0.4, 0.9), (0.6, 0.7, 1.8)),
-        Box("microwave", (0.6, 0.3, 1.05), (0.5, 0.4, 0.3)), Box("table", (1.0, 2.4, 0.38), (1.2, 0.8, 0.76)),
-        Box("chair", (2.2, 2.5, 0.45), (0.45, 0.45, 0.9)), Box("clock", (3.38, 2.0, 1.9), (0.04, 0.35, 0.35)),
-    ), (6.0, 0.0)),
-    Room("lounge", (5.0, 4.0, 2.6), (
-        Box("sofa", (1.2, 0.5, 0.4), (2.0, 0.9, 0.8)), Box("armchair", (0.5, 2.2, 0.4), (0.8, 0.8, 0.8)),
-        Box("tv", (2.4, 3.93, 1.1), (1.2, 0.1, 0.7)), Box("bookshelf", (4.8, 1.4, 1.0), (0.35, 1.6, 2.0)),
-        Box("plant", (4.6, 3.6, 0.6), (0.5, 0.5, 1.2)), Box("table", (1.3, 1.5, 0.22), (0.9, 0.6, 0.44)),
-    ), (0.0, 6.0)),
-)  # fmt: skip
+    Room(
+        "bedroom",
+        (4.2, 3.6, 2.6),
+        (
+            Box("bed", (1.1, 0.8, 0.3), (2.0, 1.4, 0.6)),
+            Box("nightstand", (0.3, 1.8, 0.25), (0.4, 0.4, 0.5)),
+            Box("lamp", (0.3, 1.8, 0.7), (0.2, 0.2, 0.4)),
+            Box("wardrobe", (3.8, 0.7, 1.0), (0.6, 1.2, 2.0)),
+            Box("desk", (3.2, 3.2, 0.4), (1.4, 0.6, 0.8)),
+            Box("chair", (3.1, 2.6, 0.45), (0.45, 0.5, 0.9)),
+            Box("picture", (1.2, 3.58, 1.6), (0.8, 0.04, 0.6)),
+        ),
+    ),
+    Room(
+        "kitchen",
+        (3.4, 3.0, 2.6),
+        (
+            Box("counter", (1.4, 0.3, 0.45), (2.4, 0.6, 0.9)),
+            Box("refrigerator", (3.05, 0.4, 0.9), (0.6, 0.7, 1.8)),
+            Box("microwave", (0.6, 0.3, 1.05), (0.5, 0.4, 0.3)),
+            Box("table", (1.0, 2.4, 0.38), (1.2, 0.8, 0.76)),
+            Box("chair", (2.2, 2.5, 0.45), (0.45, 0.45, 0.9)),
+            Box("clock", (3.38, 2.0, 1.9), (0.04, 0.35, 0.35)),
+        ),
+        (6.0, 0.0),
+    ),
+    Room(
+        "lounge",
+        (5.0, 4.0, 2.6),
+        (
+            Box("sofa", (1.2, 0.5, 0.4), (2.0, 0.9, 0.8)),
+            Box("armchair", (0.5, 2.2, 0.4), (0.8, 0.8, 0.8)),
+            Box("tv", (2.4, 3.93, 1.1), (1.2, 0.1, 0.7)),
+            Box("bookshelf", (4.8, 1.4, 1.0), (0.35, 1.6, 2.0)),
+            Box("plant", (4.6, 3.6, 0.6), (0.5, 0.5, 1.2)),
+            Box("table", (1.3, 1.5, 0.22), (0.9, 0.6, 0.44)),
+        ),
+        (0.0, 6.0),
+    ),
+)
 
 
 def stand(room: Room, x_share: float = 0.5, y_share: float = 0.5, yaw_rad: float = 0.3) -> np.ndarray:
     """T_world_pano (4, 4) of a camera at eye height, at these shares of the room's sides."""
-    return pose_2d(room.corner_m[0] + x_share * room.size_m[0], room.corner_m[1] + y_share * room.size_m[1], yaw_rad, EYE_M)
+    return pose_2d(
+        room.corner_m[0] + x_share * room.size_m[0], room.corner_m[1] + y_share * room.size_m[1], yaw_rad, EYE_M
+    )
 
 
 def look(room: Room, id: str, T_world_pano: np.ndarray, parts: Set[str] = PARTS) -> Panorama:
-    """What a camera in the room sees: range to the surfaces along each ray, the box that each ray meets, and a pattern to tell surfaces by.
+    """What a camera in the room sees: range to the surfaces along each ray, the box that each ray meets, and a pattern
+    to tell surfaces by.
 
     T_world_pano must be upright and inside the room, outside its boxes.
     """
@@ -126,7 +154,8 @@ def halved(panorama: Panorama) -> Panorama:
 
 
 def turned(panorama: Panorama, columns: int) -> Panorama:
-    """The panorama rolled to the right: what the same camera sees when turned to the left by columns / W of a full turn."""
+    """The panorama rolled to the right: what the same camera sees when turned to the left by columns / W of a full
+    turn."""
     return _changed(panorama, lambda image: np.roll(image, columns, axis=1))
 
 
@@ -139,25 +168,25 @@ def _changed(panorama: Panorama, change: Callable[[np.ndarray], np.ndarray]) -> 
     return replace(panorama, rgb=rgb, range_m=range_m, annotations=annotations)
 
 
-def map_frames(parts: Set[str] = PARTS) -> list[Frame]:
+def map_frames(parts: Set[str] = PARTS) -> list[MapFrame]:
     """A mapping frame in the middle of each room."""
-    return [_frame(room, f"{room.name}-map", stand(room), parts, mapping=True) for room in ROOMS]
+    return [
+        MapFrame(f"{room.name}-map", room.name, pose, load=partial(look, room, f"{room.name}-map", pose, parts))
+        for room, pose in ((room, stand(room)) for room in ROOMS)
+    ]
 
 
-def query_frames(parts: Set[str] = PARTS) -> list[Frame]:
+def query_frames(parts: Set[str] = PARTS) -> list[QueryFrame]:
     """A query in each room, beside the mapping frame and turned."""
-    return [_frame(room, f"{room.name}-query", stand(room, 0.55, 0.45, 2.0 + i), parts, mapping=False) for i, room in enumerate(ROOMS)]
-
-
-def _frame(room: Room, id: str, T_world_pano: np.ndarray, parts: Set[str], mapping: bool) -> Frame:
-    def load() -> Panorama:
-        return look(room, id, T_world_pano, parts)
-
-    return Frame(id, load, T_world_pano, room.name) if mapping else Frame(id, load)
+    return [
+        QueryFrame(id, partial(look, room, id, stand(room, 0.55, 0.45, 2.0 + i), parts))
+        for i, room, id in ((i, room, f"{room.name}-query") for i, room in enumerate(ROOMS))
+    ]
 
 
 def box_detections(room: Room) -> Detections:
-    """The furniture as a perfect detector would give it from the middle of the room, each object by the eight corners of its box."""
+    """The furniture as a perfect detector would give it from the middle of the room, each object by the eight corners
+    of its box."""
     T_pano_world = invert_pose(stand(room))
     signs = np.array(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5])).reshape(3, 8).T
     corners = [np.array(box.centre_m) + signs * box.size_m + (*room.corner_m, 0) for box in room.boxes]

@@ -6,8 +6,8 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
-from salframe.errors import DataError
-from salframe.roles import Scorer
+from salframe.evaluation.scorer import Scorer
+from salframe.framework.errors import DataError
 from salframe.testing.asking import expect
 
 
@@ -18,7 +18,11 @@ def check_scorer(make: Callable[[], Scorer]) -> None:
         root = Path(folder)
         (root / "words.json").write_text("no answers")
         (root / "nothing.json").write_text("[]")
-        for name, what in (("absent.json", "a file that is not there"), ("words.json", "a text"), ("nothing.json", "no answer at all")):
+        for name, what in (
+            ("absent.json", "a file that is not there"),
+            ("words.json", "a text"),
+            ("nothing.json", "no answer at all"),
+        ):
             checked = f"score of {what}, in a folder without data"
             try:
                 rows = scorer.score(root / name, root)

@@ -8,12 +8,17 @@ from itertools import pairwise
 
 import numpy as np
 
-from salframe.errors import NoRoute
-from salframe.geometry import invert_pose, pose_2d, pose_errors, transform_points
-from salframe.roles import GraphMatcher, Planner, Positioner, SaliencyModel
-from salframe.testing.asking import ask, attempt, expect, is_rigid, same
+from salframe.framework.errors import NoRoute
+from salframe.graphs.detections import Detections
+from salframe.graphs.graph import SaliencyGraph
+from salframe.graphs.matcher import GraphMatch, GraphMatcher
+from salframe.graphs.saliency import SaliencyModel
+from salframe.localization.positioner import PoseEstimate, Positioner
+from salframe.panoramas.geometry import invert_pose, is_rigid, pose_2d, pose_errors, transform_points
+from salframe.testing.asking import ask, attempt, expect, same
 from salframe.testing.rooms import ROOMS, box_detections, room_graph
-from salframe.types import Detections, GraphMatch, MapEdge, MapNode, PoseEstimate, Route, SaliencyGraph, TopologicalMap
+from salframe.topology.planner import Planner, Route
+from salframe.topology.topological_map import MapEdge, MapNode, NodeKind, TopologicalMap
 
 
 def check_saliency(make: Callable[[], SaliencyModel]) -> None:
@@ -28,10 +33,20 @@ def check_saliency(make: Callable[[], SaliencyModel]) -> None:
     for what, given in cases.items():
         checked = f"score of {what}"
         share = ask(checked, model.score, given)
-        expect(isinstance(share, np.ndarray) and share.shape == (len(given),), checked, f"shape {np.shape(share)}", f"({len(given)},)")
+        expect(
+            isinstance(share, np.ndarray) and share.shape == (len(given),),
+            checked,
+            f"shape {np.shape(share)}",
+            f"({len(given)},)",
+        )
         expect(share.dtype == np.float64, checked, f"dtype {share.dtype}", "float64")
         expect((share >= 0).all(), checked, share, "shares of at least 0")
-        expect(not len(given) or abs(share.sum() - 1) < 1e-9, checked, f"a sum of {share.sum():.6g}", "shares that sum to 1")
+        expect(
+            not len(given) or abs(share.sum() - 1) < 1e-9,
+            checked,
+            f"a sum of {share.sum():.6g}",
+            "shares that sum to 1",
+        )
     expect(same(model.score(objects), make().score(objects)), "score by another instance", "another answer", "the same")
 
 
@@ -46,10 +61,19 @@ def check_matcher(make: Callable[[], GraphMatcher]) -> None:
         checked = f"match of the {ROOMS[scene].name} among {len(graphs)} graphs"
         matches = ask(checked, lambda query: matcher.match(query, index, len(graphs)), query)
         _check_matches(checked, matches, query, graphs, len(graphs))
-        expect(matches and matches[0].scene == scene, checked, [match.scene for match in matches], f"the same graph, {scene}, first")
+        expect(
+            matches and matches[0].scene == scene,
+            checked,
+            [match.scene for match in matches],
+            f"the same graph, {scene}, first",
+        )
         _check_matches(f"{checked}, top_k = 1", attempt(checked, matcher.match, query, index, 1), query, graphs, 1)
-    expect(same(matches, attempt("match", lambda other: other.match(query, other.index(graphs), len(graphs)), make())),
-           f"{checked} by another instance", "another answer", "the same")  # fmt: skip
+    expect(
+        same(matches, attempt("match", lambda other: other.match(query, other.index(graphs), len(graphs)), make())),
+        f"{checked} by another instance",
+        "another answer",
+        "the same",
+    )
 
     alone = attempt("index of one graph", matcher.index, graphs[:1])
     found = attempt("match against one graph", matcher.match, graphs[0], alone, 5)
@@ -60,22 +84,45 @@ def check_matcher(make: Callable[[], GraphMatcher]) -> None:
         expect(matches == [], f"match of {what}", f"{len(matches)} matches", "an empty list")
 
 
-def _check_matches(checked: str, matches: list[GraphMatch], query: SaliencyGraph, graphs: Sequence[SaliencyGraph], top_k: int) -> None:
+def _check_matches(
+    checked: str, matches: list[GraphMatch], query: SaliencyGraph, graphs: Sequence[SaliencyGraph], top_k: int
+) -> None:
     is_list = isinstance(matches, list) and all(isinstance(match, GraphMatch) for match in matches)
     expect(is_list, checked, type(matches).__name__, "a list of GraphMatch")
     expect(len(matches) <= top_k, checked, f"{len(matches)} matches", f"at most top_k = {top_k}")
     scenes, scores = [match.scene for match in matches], [match.score for match in matches]
-    expect(len(set(scenes)) == len(scenes) and set(scenes) <= set(range(len(graphs))), checked, f"scenes {scenes}",
-           f"different ones below {len(graphs)}")  # fmt: skip
-    expect(np.isfinite(scores).all() and scores == sorted(scores, reverse=True), checked, f"scores {scores}", "finite ones, best first")
+    expect(
+        len(set(scenes)) == len(scenes) and set(scenes) <= set(range(len(graphs))),
+        checked,
+        f"scenes {scenes}",
+        f"different ones below {len(graphs)}",
+    )
+    expect(
+        np.isfinite(scores).all() and scores == sorted(scores, reverse=True),
+        checked,
+        f"scores {scores}",
+        "finite ones, best first",
+    )
     for match in matches:
         pairs, limits = match.pairs, (len(query), len(graphs[match.scene]))
         fits = isinstance(pairs, np.ndarray) and pairs.dtype.kind == "i" and pairs.ndim == 2 and pairs.shape[1] == 2
-        expect(fits, checked, f"pairs of shape {np.shape(pairs)} and dtype {getattr(pairs, 'dtype', None)}", "(M, 2) int64")
-        expect(((pairs >= 0) & (pairs < limits)).all(), checked, f"pairs {pairs.tolist()}", f"indices below {limits[0]} and {limits[1]}")
+        expect(
+            fits, checked, f"pairs of shape {np.shape(pairs)} and dtype {getattr(pairs, 'dtype', None)}", "(M, 2) int64"
+        )
+        expect(
+            ((pairs >= 0) & (pairs < limits)).all(),
+            checked,
+            f"pairs {pairs.tolist()}",
+            f"indices below {limits[0]} and {limits[1]}",
+        )
         one_to_one = all(len(np.unique(side)) == len(pairs) for side in pairs.T)
         expect(one_to_one, checked, f"pairs {pairs.tolist()}", "one-to-one pairs")
-        expect(match.T_scene_query is None or is_rigid(match.T_scene_query), checked, "a T_scene_query that is no rigid motion", "(4, 4) or None")
+        expect(
+            match.T_scene_query is None or is_rigid(match.T_scene_query),
+            checked,
+            "a T_scene_query that is no rigid motion",
+            "(4, 4) or None",
+        )
 
 
 def check_positioner(make: Callable[[], Positioner]) -> None:
@@ -90,11 +137,25 @@ def check_positioner(make: Callable[[], Positioner]) -> None:
         _check_estimate(checked, estimate, 8)
         expect(estimate.status == "ok", checked, f"the status {estimate.status!r}", "ok")
         shift_m, turn_rad = pose_errors(estimate.T_reference_query, truth)
-        expect(max(shift_m, turn_rad) < 1e-6, checked, f"a pose {shift_m:.2g} m and {np.degrees(turn_rad):.2g} deg off", "the exact pose")
-    expect(same(estimate, make().solve(query_m, reference_m, weights)), "solve by another instance", "another answer", "the same")
+        expect(
+            max(shift_m, turn_rad) < 1e-6,
+            checked,
+            f"a pose {shift_m:.2g} m and {np.degrees(turn_rad):.2g} deg off",
+            "the exact pose",
+        )
+    expect(
+        same(estimate, make().solve(query_m, reference_m, weights)),
+        "solve by another instance",
+        "another answer",
+        "the same",
+    )
 
     one = np.tile(query_m[:1], (5, 1)), np.tile(reference_m[:1], (5, 1))
-    failing = {"no point": (query_m[:0], reference_m[:0]), "one point": (query_m[:1], reference_m[:1]), "five times one point": one}
+    failing = {
+        "no point": (query_m[:0], reference_m[:0]),
+        "one point": (query_m[:1], reference_m[:1]),
+        "five times one point": one,
+    }
     for what, (query, reference) in failing.items():
         estimate = ask(f"solve of {what}", positioner.solve, query, reference)
         _check_estimate(f"solve of {what}", estimate, len(query))
@@ -104,8 +165,12 @@ def check_positioner(make: Callable[[], Positioner]) -> None:
 def _check_estimate(checked: str, estimate: PoseEstimate, count: int) -> None:
     expect(isinstance(estimate, PoseEstimate), checked, type(estimate).__name__, "PoseEstimate")
     pose, covariance, inliers = estimate.T_reference_query, estimate.covariance, estimate.inliers
-    expect((pose is not None) == (estimate.status == "ok"), checked, f"the status {estimate.status!r} with{'out' * (pose is None)} a pose",
-           "a pose where the status is ok, and only there")  # fmt: skip
+    expect(
+        (pose is not None) == (estimate.status == "ok"),
+        checked,
+        f"the status {estimate.status!r} with{'out' * (pose is None)} a pose",
+        "a pose where the status is ok, and only there",
+    )
     expect(pose is None or is_rigid(pose), checked, f"{pose}", "a rigid motion (4, 4)")
     is_mask = isinstance(inliers, np.ndarray) and inliers.dtype == bool and inliers.shape == (count,)
     expect(is_mask, checked, f"inliers of shape {np.shape(inliers)}", f"({count},) bool")
@@ -116,15 +181,25 @@ def _check_estimate(checked: str, estimate: PoseEstimate, count: int) -> None:
 
 def check_planner(make: Callable[[], Planner]) -> None:
     """The shortest of two routes, its legs as they are walked, none to the start itself, and NoRoute to an island."""
-    places = {"hall": (0.0, 0.0, 0.0), "door": (3.0, 0.0, 0.0), "room": (3.0, 4.0, 0.0), "yard": (-9.0, 0.0, 0.0), "island": (50.0, 0.0, 0.0)}
-    nodes = tuple(MapNode(name, "scene", xyz_m, (name,)) for name, xyz_m in places.items())
+    places = {
+        "hall": (0.0, 0.0, 0.0),
+        "door": (3.0, 0.0, 0.0),
+        "room": (3.0, 4.0, 0.0),
+        "yard": (-9.0, 0.0, 0.0),
+        "island": (50.0, 0.0, 0.0),
+    }
+    nodes = tuple(MapNode(name, NodeKind.SCENE, xyz_m, (name,)) for name, xyz_m in places.items())
     walks = [("hall", "door"), ("door", "room"), ("hall", "yard"), ("yard", "room")]
     edges = tuple(_walk(places, *walk) for walk in walks)
     bend = ((3.0, 0.0), (3.0, 2.0), (3.0, 4.0))
     edges = tuple(replace(edge, path_m=bend) if (edge.start, edge.end) == ("door", "room") else edge for edge in edges)
     planner = make()
     ask("prepare", planner.prepare, TopologicalMap(nodes, edges))
-    for start, goal, through in (("hall", "room", ("hall", "door", "room")), ("room", "hall", ("room", "door", "hall")), ("hall", "hall", ("hall",))):
+    for start, goal, through in (
+        ("hall", "room", ("hall", "door", "room")),
+        ("room", "hall", ("room", "door", "hall")),
+        ("hall", "hall", ("hall",)),
+    ):
         checked = f"route from {start} to {goal}"
         route = ask(checked, planner.route, start, goal)
         expect(isinstance(route, Route), checked, type(route).__name__, "Route")
@@ -135,9 +210,19 @@ def check_planner(make: Callable[[], Planner]) -> None:
         expect(abs(route.length_m - length_m) < 1e-9, checked, f"a length of {route.length_m} m", f"{length_m} m")
         for leg in route.legs:
             off_rad = np.angle(np.exp(1j * (leg.azimuth_rad - _walk(places, leg.start, leg.end).azimuth_rad)))
-            expect(abs(off_rad) < 1e-9, checked, f"azimuth {leg.azimuth_rad:.4f} from {leg.start} to {leg.end}", "that of the walking direction")
+            expect(
+                abs(off_rad) < 1e-9,
+                checked,
+                f"azimuth {leg.azimuth_rad:.4f} from {leg.start} to {leg.end}",
+                "that of the walking direction",
+            )
             path_m = {("door", "room"): bend, ("room", "door"): bend[::-1]}.get((leg.start, leg.end), ())
-            expect(leg.path_m == path_m, checked, f"the path {leg.path_m} from {leg.start} to {leg.end}", f"{path_m}, in the walking direction")
+            expect(
+                leg.path_m == path_m,
+                checked,
+                f"the path {leg.path_m} from {leg.start} to {leg.end}",
+                f"{path_m}, in the walking direction",
+            )
     try:
         planner.route("hall", "island")
     except NoRoute:

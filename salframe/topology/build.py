@@ -9,20 +9,23 @@ from itertools import pairwise
 
 import numpy as np
 
-from salframe.errors import DataError
+from salframe.framework.errors import DataError
+from salframe.panoramas.floors import FloorMasks
+from salframe.panoramas.frames import FrameKind, MapFrame
 from salframe.topology.edges import components, joining_paths, make_edge, sight_pairs
 from salframe.topology.grid import FloorGrid, cell, nearest_pixel
+from salframe.topology.topological_map import MapEdge, MapNode, NodeKind, TopologicalMap
 from salframe.topology.transitions import Doorway, close_doorways
-from salframe.types import FloorMasks, Frame, MapEdge, MapFrame, MapNode, TopologicalMap
 
 
 @dataclass(frozen=True)
 class TopologySettings:
     """How a topological map is made.
 
-    robot_radius_m: what the free floor is eroded by; min_doorway_m: narrower doorways, measured before erosion, are dropped; snap_m: a scene
-    point that is not clear moves to the nearest clear pixel this near, or is left out; doorway_reach_m: a transition frame belongs to the
-    nearest transition node this near; choose: put one scene node where each region is widest, whatever frames there are.
+    robot_radius_m: what the free floor is eroded by; min_doorway_m: narrower doorways, measured before erosion, are
+    dropped; snap_m: a scene point that is not clear moves to the nearest clear pixel this near, or is left out;
+    doorway_reach_m: a transition frame belongs to the nearest transition node this near; choose: put one scene node
+    where each region is widest, whatever frames there are.
     """
 
     robot_radius_m: float = 0.18
@@ -33,22 +36,24 @@ class TopologySettings:
 
 
 def build_topology(
-    floors: Sequence[FloorMasks], frames: Iterable[Frame | MapFrame] = (), settings: TopologySettings = TopologySettings()
+    floors: Sequence[FloorMasks], frames: Iterable[MapFrame] = (), settings: TopologySettings = TopologySettings()
 ) -> TopologicalMap:
-    """The topological map of floors: transition nodes from the masks, scene nodes from mapping frames, edges by sight over clear floor.
+    """The topological map of floors: transition nodes from the masks, scene nodes from mapping frames, edges by sight
+    over clear floor.
 
-    Frames of kind "scene" are scene points, those of kind "transition" are handed to the transition node they stand at. Without scene frames,
-    or with `choose`, each region has one scene node, in its clear pixel of greatest clearance. Where sight leaves nodes of a floor apart that
-    clear floor joins, the shortest ways over it are added. `notes` of the map tell what was added, moved, dropped or is out of reach.
-    Raises DataError without floors, with floors that cannot be told apart, on a floor without a region, on frames without a pose.
+    Frames of kind "scene" are scene points, those of kind "transition" are handed to the transition node they stand at.
+    Without scene frames, or with `choose`, each region has one scene node, in its clear pixel of greatest clearance.
+    Where sight leaves nodes of a floor apart that clear floor joins, the shortest ways over it are added. `notes` of
+    the map tell what was added, moved, dropped or is out of reach. Raises DataError without floors, with floors that
+    cannot be told apart, on a floor without a region, on frames without a pose.
     """
     if not floors:
         raise DataError("a topological map needs floor masks, received none: the dataset has no floors")
     floors = sorted(floors, key=lambda floor: floor.z_m)
-    mapped = [frame.mapped() if isinstance(frame, Frame) else frame for frame in frames]
+    mapped = list(frames)
     notes: list[str] = []
     frames_of = _share_out(mapped, floors, notes)
-    choose = settings.choose or not any(frame.kind == "scene" for frame in mapped)
+    choose = settings.choose or not any(frame.kind is FrameKind.SCENE for frame in mapped)
     nodes: list[MapNode] = []
     edges: list[MapEdge] = []
     for floor, own in zip(floors, frames_of, strict=True):
@@ -57,15 +62,20 @@ def build_topology(
         edges += made.edges
     twice = [name for name, count in Counter(node.id for node in nodes).items() if count > 1]
     if twice:
-        raise DataError(f"two nodes of the map would be called {twice[0]!r}, expected places with different names on different floors")
+        raise DataError(
+            f"two nodes of the map would be called {twice[0]!r}, expected places with different names on different floors"
+        )
     if len(floors) > 1:
         heights = ", ".join(f"{floor.z_m:.2f}" for floor in floors)
-        notes.append(f"the {len(floors)} floors at z = {heights} m are not connected: no edge leads from one to another")
+        notes.append(
+            f"the {len(floors)} floors at z = {heights} m are not connected: no edge leads from one to another"
+        )
     return TopologicalMap(tuple(nodes), tuple(edges), tuple(floors), asdict(settings), tuple(notes))
 
 
 def find_floor(floors: Sequence[FloorMasks], xyz_m: np.ndarray) -> int | None:
-    """Which floor, of those sorted by height, a camera or an agent at this position is on: the highest below it whose masks it is over."""
+    """Which floor, of those sorted by height, a camera or an agent at this position is on: the highest below it whose
+    masks it is over."""
     for number in reversed(range(len(floors))):
         floor = floors[number]
         column = (xyz_m[0] - floor.origin_m[0]) / floor.resolution_m
@@ -86,7 +96,9 @@ def _share_out(frames: Sequence[MapFrame], floors: Sequence[FloorMasks], notes: 
         number = find_floor(floors, frame.T_world_pano[:3, 3])
         if number is None:
             x, y, z = frame.T_world_pano[:3, 3]
-            notes.append(f"frame {frame.id} at ({x:.2f}, {y:.2f}, {z:.2f}) m is left out: it stands on no floor's masks")
+            notes.append(
+                f"frame {frame.id} at ({x:.2f}, {y:.2f}, {z:.2f}) m is left out: it stands on no floor's masks"
+            )
         else:
             frames_of[number].append(frame)
     return frames_of
@@ -95,17 +107,21 @@ def _share_out(frames: Sequence[MapFrame], floors: Sequence[FloorMasks], notes: 
 class _FloorMap:
     """Nodes and edges of one floor; what a reader must know is added to `notes`."""
 
-    def __init__(self, floor: FloorMasks, frames: Sequence[MapFrame], settings: TopologySettings, choose: bool, notes: list[str]) -> None:
+    def __init__(
+        self, floor: FloorMasks, frames: Sequence[MapFrame], settings: TopologySettings, choose: bool, notes: list[str]
+    ) -> None:
         self._grid = FloorGrid(floor, settings.robot_radius_m)
         self._settings = settings
         self._notes = notes
         doorways, narrow = close_doorways(self._grid, settings.min_doorway_m)
         self._names = self._grid.names
         if not self._names:
-            raise DataError(f"the floor at z = {floor.z_m:g} m has no free floor in any region, expected labelled free floor")
+            raise DataError(
+                f"the floor at z = {floor.z_m:g} m has no free floor in any region, expected labelled free floor"
+            )
         self.nodes: list[MapNode] = []
         self._positions: list[np.ndarray] = []
-        scenes = [frame for frame in frames if frame.kind == "scene"]
+        scenes = [frame for frame in frames if frame.kind is FrameKind.SCENE]
         if choose:
             self._choose_scenes(scenes)
         else:
@@ -113,12 +129,14 @@ class _FloorMap:
         for doorway in narrow:
             notes.append(f"{self._describe(doorway)} is dropped: it is under {settings.min_doorway_m:g} m")
         self._add_transitions(doorways)
-        self._hand_frames([frame for frame in frames if frame.kind == "transition"])
+        self._hand_frames([frame for frame in frames if frame.kind is FrameKind.TRANSITION])
         self.edges: list[MapEdge] = []
         if self.nodes:
             self._add_edges(np.array(self._positions))
 
-    def _add(self, id: str, kind: str, pixel: np.ndarray, regions: tuple[str, ...], frames: tuple[str, ...]) -> None:
+    def _add(
+        self, id: str, kind: NodeKind, pixel: np.ndarray, regions: tuple[str, ...], frames: tuple[str, ...]
+    ) -> None:
         self.nodes.append(MapNode(id, kind, self._grid.world(pixel), regions, frames))
         self._positions.append(pixel)
 
@@ -132,10 +150,11 @@ class _FloorMap:
         for (row, column), here in at.items():
             frame, pixel = here[0]
             region = self._names.get(int(self._grid.label[row, column]), frame.place)
-            self._add(frame.id, "scene", pixel, (region,), tuple(other.id for other, _ in here))
+            self._add(frame.id, NodeKind.SCENE, pixel, (region,), tuple(other.id for other, _ in here))
 
     def _snap(self, frame: MapFrame) -> np.ndarray | None:
-        """The clear pixel position nearest to a frame, one of the frame's own place where the floor has it; None where there is none near."""
+        """The clear pixel position nearest to a frame, one of the frame's own place where the floor has it; None where
+        there is none near."""
         grid, reach_m = self._grid, self._settings.snap_m
         own = [label for label, name in self._names.items() if name == frame.place]
         stands = grid.to_pixel(frame.T_world_pano[:2, 3])
@@ -160,7 +179,7 @@ class _FloorMap:
                 self._notes.append(f"{name} has no scene node: the robot fits nowhere in it")
                 continue
             pixel = np.array(np.unravel_index(widest.argmax(), widest.shape)) + 0.5
-            self._add(name, "scene", pixel, (name,), tuple(frame.id for frame in frames if frame.place == name))
+            self._add(name, NodeKind.SCENE, pixel, (name,), tuple(frame.id for frame in frames if frame.place == name))
 
     def _describe(self, doorway: Doorway) -> str:
         x, y = self._grid.to_metres(doorway.pixels.mean(0) + 0.5)
@@ -173,17 +192,19 @@ class _FloorMap:
         for doorway in doorways:
             if not doorway.points:
                 radius_m = self._settings.robot_radius_m
-                self._notes.append(f"{self._describe(doorway)} is no way: a robot of radius {radius_m:g} m does not fit through")
+                self._notes.append(
+                    f"{self._describe(doorway)} is no way: a robot of radius {radius_m:g} m does not fit through"
+                )
             first, second = (self._names[label] for label in doorway.labels)
             name = f"{first}/{second}"
             for point in doorway.points:
                 count[name] += 1
                 id = name if count[name] == 1 else f"{name}/{count[name]}"
-                self._add(id, "transition", np.array(point) + 0.5, (first, second), ())
+                self._add(id, NodeKind.TRANSITION, np.array(point) + 0.5, (first, second), ())
 
     def _hand_frames(self, frames: Sequence[MapFrame]) -> None:
         """Hand each transition frame to the transition node it stands at."""
-        doors = [number for number, node in enumerate(self.nodes) if node.kind == "transition"]
+        doors = [number for number, node in enumerate(self.nodes) if node.kind is NodeKind.TRANSITION]
         for frame in frames:
             xy = frame.T_world_pano[:2, 3]
             away_m = [float(np.hypot(*(xy - self.nodes[door].xyz_m[:2]))) for door in doors]
@@ -208,11 +229,14 @@ class _FloorMap:
         self._tell_reach(components(len(positions), joined))
 
     def _tell_reach(self, component: np.ndarray) -> None:
-        """Note what cannot be reached from the greatest connected part of the floor, the one with the most regions: regions, and other nodes."""
-        parts = [{name for node, c in zip(self.nodes, component, strict=True) if c == part for name in node.regions}
-                 for part in range(int(component.max()) + 1)]  # fmt: skip
+        """Note what cannot be reached from the greatest connected part of the floor, the one with the most regions:
+        regions, and other nodes."""
+        parts = [
+            {name for node, c in zip(self.nodes, component, strict=True) if c == part for name in node.regions}
+            for part in range(int(component.max()) + 1)
+        ]
         main = int(np.argmax([len(part) for part in parts]))
-        with_door = {name for node in self.nodes if node.kind == "transition" for name in node.regions}
+        with_door = {name for node in self.nodes if node.kind is NodeKind.TRANSITION for name in node.regions}
         for name in self._names.values():
             if name not in parts[main]:
                 why = "its doors lead elsewhere" if name in with_door else "it has no door that the robot fits through"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from salframe.topology.grid import FloorGrid, pixel_graph, sees
-from salframe.types import MapEdge
+from salframe.topology.topological_map import MapEdge
 
 
 def sight_pairs(grid: FloorGrid, pixels: np.ndarray) -> np.ndarray:
@@ -34,11 +34,12 @@ def make_edge(grid: FloorGrid, start: str, end: str, corners: np.ndarray) -> Map
 
 
 def joining_paths(grid: FloorGrid, pixels: np.ndarray, component: np.ndarray) -> list[tuple[int, int, np.ndarray]]:
-    """The shortest ways that join the components of nodes at pixels (N, 2) wherever clear floor does: the minimum spanning tree of them.
+    """The shortest ways that join the components of nodes at pixels (N, 2) wherever clear floor does: the minimum
+    spanning tree of them.
 
-    Each is (i, j, corners), corners (K, 2) the pixels (row, column) of a line from node i to node j over clear floor, pulled straight between
-    its corners. Ways are found from where the nodes' neighbourhoods (pixels nearest to walk to) meet: a tree of shortest ways crosses no
-    other neighbourhood.
+    Each is (i, j, corners), corners (K, 2) the pixels (row, column) of a line from node i to node j over clear floor,
+    pulled straight between its corners. Ways are found from where the nodes' neighbourhoods (pixels nearest to walk to)
+    meet: a tree of shortest ways crosses no other neighbourhood.
     """
     from scipy import ndimage
     from scipy.sparse.csgraph import dijkstra
@@ -84,7 +85,9 @@ def _spanning_ways(first: np.ndarray, second: np.ndarray, length: np.ndarray, co
     order = np.lexsort((length, second, first))
     _, unique = np.unique(np.column_stack([first, second])[order], axis=0, return_index=True)
     shortest = order[unique]
-    tree = minimum_spanning_tree(coo_matrix((length[shortest], (first[shortest], second[shortest])), (count, count)).tocsr()).tocoo()
+    tree = minimum_spanning_tree(
+        coo_matrix((length[shortest], (first[shortest], second[shortest])), (count, count)).tocsr()
+    ).tocoo()
     position = {(int(first[way]), int(second[way])): int(way) for way in shortest}
     return [position[int(i), int(j)] for i, j in zip(tree.row, tree.col, strict=True)]
 

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from salframe.errors import ConfigError
-from salframe.storage import atomic_path, write_text
-from salframe.types import TopologicalMap
+from salframe.framework.errors import ConfigError
+from salframe.framework.files import atomic_path, write_text
+from salframe.topology.topological_map import TopologicalMap
 
 
 def export_topology(topology: TopologicalMap, path: Path) -> None:
@@ -21,31 +21,46 @@ def export_topology(topology: TopologicalMap, path: Path) -> None:
 
 
 def _write_graphml(topology: TopologicalMap, path: Path) -> None:
-    """Nodes with kind, x_m, y_m, z_m, regions and frames, edges with length_m, azimuth_deg and path_m; lists joined by ';'."""
+    """Nodes with kind, x_m, y_m, z_m, regions and frames, edges with length_m, azimuth_deg and path_m; lists joined by
+    ';'."""
     import networkx as nx
 
     graph = nx.MultiGraph(name="topological map")
     for node in topology.nodes:
         x, y, z = node.xyz_m
-        graph.add_node(node.id, kind=node.kind, x_m=x, y_m=y, z_m=z, regions=";".join(node.regions), frames=";".join(node.frames))
+        graph.add_node(
+            node.id, kind=node.kind, x_m=x, y_m=y, z_m=z, regions=";".join(node.regions), frames=";".join(node.frames)
+        )
     for edge in topology.edges:
         corners = ";".join(f"{x} {y}" for x, y in edge.path_m)
-        graph.add_edge(edge.start, edge.end, length_m=edge.length_m, azimuth_deg=float(np.degrees(edge.azimuth_rad)), path_m=corners)
+        graph.add_edge(
+            edge.start,
+            edge.end,
+            length_m=edge.length_m,
+            azimuth_deg=float(np.degrees(edge.azimuth_rad)),
+            path_m=corners,
+        )
     with atomic_path(path) as temporary:
         nx.write_graphml(graph, temporary)
 
 
 def _write_geojson(topology: TopologicalMap, path: Path) -> None:
-    """A point a node and a line an edge. GeoJSON's coordinates are longitude and latitude; these are local metres, and the file says so."""
+    """A point a node and a line an edge. GeoJSON's coordinates are longitude and latitude; these are local metres, and
+    the file says so."""
     height = {node.id: node.xyz_m[2] for node in topology.nodes}
     place = {node.id: node.xyz_m[:2] for node in topology.nodes}
     features = [
-        _feature("Point", node.xyz_m, id=node.id, kind=node.kind, regions=node.regions, frames=node.frames) for node in topology.nodes
+        _feature("Point", node.xyz_m, id=node.id, kind=node.kind, regions=node.regions, frames=node.frames)
+        for node in topology.nodes
     ]
     for edge in topology.edges:
         line = [(x, y, height[edge.start]) for x, y in edge.path_m or (place[edge.start], place[edge.end])]
         azimuth_deg = float(np.degrees(edge.azimuth_rad))
-        features.append(_feature("LineString", line, start=edge.start, end=edge.end, length_m=edge.length_m, azimuth_deg=azimuth_deg))
+        features.append(
+            _feature(
+                "LineString", line, start=edge.start, end=edge.end, length_m=edge.length_m, azimuth_deg=azimuth_deg
+            )
+        )
     note = "x, y, z in metres in the map's own frame, z up; no longitude and latitude, although GeoJSON readers take them for WGS 84"
     collection = {"type": "FeatureCollection", "properties": {"coordinates": note}, "features": features}
     write_text(path, json.dumps(collection, indent=1, allow_nan=False) + "\n")

@@ -1,4 +1,5 @@
-"""A floor's pixels: where a robot may stand, which region each pixel belongs to, what sees what, and the shortest way between."""
+"""A floor's pixels: where a robot may stand, which region each pixel belongs to, what sees what, and the shortest way
+between."""
 
 from __future__ import annotations
 
@@ -7,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from salframe.types import FloorMasks
+from salframe.panoramas.floors import FloorMasks
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
@@ -16,10 +17,11 @@ _CROSSINGS_AT_ONCE = 4_000_000
 
 
 class FloorGrid:
-    """The masks of a floor as a robot of this radius meets them; positions are pixels (row, column), pixel centres at +0.5.
+    """The masks of a floor as a robot of this radius meets them; positions are pixels (row, column), pixel centres at
+    +0.5.
 
-    walkable (rows, columns) bool: free floor without obstacles; clear bool: walkable, and the pixel's centre at least the radius from what
-    blocks (exact along the pixels' axes); label int32: the region of each walkable pixel.
+    walkable (rows, columns) bool: free floor without obstacles; clear bool: walkable, and the pixel's centre at least
+    the radius from what blocks (exact along the pixels' axes); label int32: the region of each walkable pixel.
     """
 
     def __init__(self, floor: FloorMasks, robot_radius_m: float) -> None:
@@ -35,8 +37,8 @@ class FloorGrid:
     def label(self) -> np.ndarray:
         """Regions grown over the free floor that has none, each pixel to the region that is nearest to walk to.
 
-        So the labels of two regions meet in the middle of a threshold however thick the wall (method.md 1). Floor from which no region
-        can be reached keeps 0.
+        So the labels of two regions meet in the middle of a threshold however thick the wall (method.md 1). Floor from
+        which no region can be reached keeps 0.
         """
         from scipy import ndimage
         from scipy.sparse.csgraph import dijkstra
@@ -54,7 +56,11 @@ class FloorGrid:
     @property
     def names(self) -> dict[int, str]:
         """Place of each region label; a label without a name is called after its number."""
-        return {int(label): self.floor.regions.get(int(label), f"region-{label}") for label in np.unique(self.label) if label}
+        return {
+            int(label): self.floor.regions.get(int(label), f"region-{label}")
+            for label in np.unique(self.label)
+            if label
+        }
 
     def to_pixel(self, xy_m: np.ndarray) -> np.ndarray:
         """(..., 2) pixels (row, column), float64, of world positions (x, y) in metres."""
@@ -85,7 +91,8 @@ def cell(position: np.ndarray) -> tuple[int, int]:
 
 
 def nearest_pixel(allowed: np.ndarray, position: np.ndarray) -> np.ndarray | None:
-    """The position (row, column) itself where its pixel is allowed, else the centre of the nearest pixel that is; None where none is."""
+    """The position (row, column) itself where its pixel is allowed, else the centre of the nearest pixel that is; None
+    where none is."""
     if allowed[cell(position)]:
         return position
     centres = np.argwhere(allowed) + 0.5
@@ -95,7 +102,8 @@ def nearest_pixel(allowed: np.ndarray, position: np.ndarray) -> np.ndarray | Non
 def sees(clear: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
     """(P,) bool: whether all pixels that the straight line from start to end passes through are clear.
 
-    clear (rows, columns) bool; start, end (P, 2) float64 positions (row, column) on it. Exact: every pixel the line crosses counts.
+    clear (rows, columns) bool; start, end (P, 2) float64 positions (row, column) on it. Exact: every pixel the line
+    crosses counts.
     """
     seen = _at(clear, start) & _at(clear, end)
     steep = np.abs(end[:, 0] - start[:, 0]) > np.abs(end[:, 1] - start[:, 1])
@@ -111,7 +119,8 @@ def _at(image: np.ndarray, position: np.ndarray) -> np.ndarray:
 
 
 def _sees_flat(clear: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """`sees` for lines that cross at least as many columns as rows: where such a line crosses from a column to the next, both pixels count."""
+    """`sees` for lines that cross at least as many columns as rows: where such a line crosses from a column to the
+    next, both pixels count."""
     swap = start[:, 1] > end[:, 1]
     start, end = np.where(swap[:, None], end, start), np.where(swap[:, None], start, end)
     across = end[:, 1] - start[:, 1]
@@ -132,7 +141,8 @@ def _sees_flat(clear: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndar
 
 
 def pixel_graph(mask: np.ndarray) -> csr_matrix:
-    """Steps between the N pixels of a mask, in the order of np.nonzero, as an (N, N) sparse matrix of lengths in pixels, each both ways.
+    """Steps between the N pixels of a mask, in the order of np.nonzero, as an (N, N) sparse matrix of lengths in
+    pixels, each both ways.
 
     Steps go to 8 neighbours; a diagonal one only where both pixels beside it are in the mask too.
     """
@@ -143,9 +153,11 @@ def pixel_graph(mask: np.ndarray) -> csr_matrix:
     here, right, down, diagonal = number[:-1, :-1], number[:-1, 1:], number[1:, :-1], number[1:, 1:]
     square = (here >= 0) & (right >= 0) & (down >= 0) & (diagonal >= 0)
     steps = [
-        (here, right, (here >= 0) & (right >= 0), 1.0), (here, down, (here >= 0) & (down >= 0), 1.0),
-        (here, diagonal, square, np.sqrt(2)), (right, down, square, np.sqrt(2)),
-    ]  # fmt: skip
+        (here, right, (here >= 0) & (right >= 0), 1.0),
+        (here, down, (here >= 0) & (down >= 0), 1.0),
+        (here, diagonal, square, np.sqrt(2)),
+        (right, down, square, np.sqrt(2)),
+    ]
     start = np.concatenate([a[where] for a, _, where, _ in steps])
     end = np.concatenate([b[where] for _, b, where, _ in steps])
     length = np.concatenate([np.full(np.count_nonzero(where), length) for _, _, where, length in steps])

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from salframe.storage import atomic_path
+from salframe.framework.files import atomic_path
+from salframe.panoramas.floors import FloorMasks
 from salframe.topology.build import find_floor
-from salframe.types import FloorMasks, MapEdge, MapNode, TopologicalMap
+from salframe.topology.topological_map import MapEdge, MapNode, NodeKind, TopologicalMap
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -22,13 +23,23 @@ _LONG_SIDE, _LEAST_SCALE, _LARGEST_SCALE = 3200, 30.0, 110.0  # pixels, and pixe
 _MARGIN, _HEADER, _FOOTER = 40, 72, 90
 _INK, _PAPER, _WALL = (40, 44, 52), (255, 255, 255), (92, 96, 104)
 _SCENE, _TRANSITION, _SIGHT, _BENT = (31, 78, 160), (214, 84, 34), (70, 98, 150), (176, 98, 8)
-_REGIONS = ((222, 235, 247), (229, 241, 222), (253, 238, 217), (240, 229, 243), (252, 228, 226), (224, 242, 241), (249, 245, 215), (232, 232, 240))
+_REGIONS = (
+    (222, 235, 247),
+    (229, 241, 222),
+    (253, 238, 217),
+    (240, 229, 243),
+    (252, 228, 226),
+    (224, 242, 241),
+    (249, 245, 215),
+    (232, 232, 240),
+)
 
 
 def draw_topology(topology: TopologicalMap, path: Path) -> None:
     """Write a PNG of the map, its floors below each other from the top one down.
 
-    An edge is labelled with its length and with its azimuth in the direction that the label reads; labels that would cover something are left out.
+    An edge is labelled with its length and with its azimuth in the direction that the label reads; labels that would
+    cover something are left out.
     """
     from PIL import Image
 
@@ -65,7 +76,10 @@ class _Panel:
         edges = [edge for edge in topology.edges if edge.start in place]
         self._draw_floor(floor, low, high)
         for edge in sorted(edges, key=lambda edge: -edge.length_m):
-            line = [tuple(self._pixel(point)) for point in edge.path_m] or [tuple(place[edge.start]), tuple(place[edge.end])]
+            line = [tuple(self._pixel(point)) for point in edge.path_m] or [
+                tuple(place[edge.start]),
+                tuple(place[edge.end]),
+            ]
             self._draw.line(line, _BENT if edge.path_m else _SIGHT, 3 if edge.path_m else 2, "curve")
         for node in nodes:
             self._mark_node(node, place[node.id])
@@ -86,31 +100,47 @@ class _Panel:
         reach = max(1, round(0.12 / floor.resolution_m))
         wall = ndimage.binary_dilation(inside, np.ones((2 * reach + 1,) * 2, bool)) & ~inside
         colour = np.array(_REGIONS)[floor.region % len(_REGIONS)] * np.where(floor.obstacle, 0.84, 1.0)[..., None]
-        picture = np.select([inside[..., None], wall[..., None]], [colour, np.array(_WALL)], np.array(_PAPER)).astype(np.uint8)
+        picture = np.select([inside[..., None], wall[..., None]], [colour, np.array(_WALL)], np.array(_PAPER)).astype(
+            np.uint8
+        )
         row, column = _rows_columns(floor, low, high)
         cut = Image.fromarray(picture[row, column])
         grown = max(1, round(floor.resolution_m * self._scale))
-        size = (round(cut.width * floor.resolution_m * self._scale), round(cut.height * floor.resolution_m * self._scale))
-        cut = cut.resize((cut.width * grown, cut.height * grown), Image.Resampling.NEAREST).resize(size, Image.Resampling.BOX)
-        corner = self._pixel((floor.origin_m[0] + column.start * floor.resolution_m, floor.origin_m[1] - row.start * floor.resolution_m))
+        size = (
+            round(cut.width * floor.resolution_m * self._scale),
+            round(cut.height * floor.resolution_m * self._scale),
+        )
+        cut = cut.resize((cut.width * grown, cut.height * grown), Image.Resampling.NEAREST).resize(
+            size, Image.Resampling.BOX
+        )
+        corner = self._pixel(
+            (floor.origin_m[0] + column.start * floor.resolution_m, floor.origin_m[1] - row.start * floor.resolution_m)
+        )
         self.image.paste(cut, tuple(np.round(corner).astype(int)))
 
     def _mark_node(self, node: MapNode, at: np.ndarray) -> None:
         (x, y), r = at, 7 * _SMOOTH
-        if node.kind == "scene":
+        if node.kind is NodeKind.SCENE:
             self._draw.ellipse((x - r, y - r, x + r, y + r), _SCENE, _PAPER, _SMOOTH)
         else:
             self._draw.polygon([(x, y - r), (x + r, y), (x, y + r), (x - r, y)], _TRANSITION, _PAPER, _SMOOTH)
         self._take(at, np.array([2.4 * r, 2.4 * r]), 0.0)
 
     def _name_regions(self, floor: FloorMasks, nodes: list[MapNode], place: dict[str, np.ndarray]) -> None:
-        """The name of each region beside its first scene node, or in its middle where it has none, as near as there is room."""
+        """The name of each region beside its first scene node, or in its middle where it has none, as near as there is
+        room."""
         for label, name in floor.regions.items():
             rows, columns = np.nonzero((floor.region == label) & floor.free)
             if not len(rows):
                 continue
-            middle = (floor.origin_m[0] + columns.mean() * floor.resolution_m, floor.origin_m[1] - rows.mean() * floor.resolution_m)
-            at = next((place[node.id] for node in nodes if node.kind == "scene" and name in node.regions), self._pixel(middle))
+            middle = (
+                floor.origin_m[0] + columns.mean() * floor.resolution_m,
+                floor.origin_m[1] - rows.mean() * floor.resolution_m,
+            )
+            at = next(
+                (place[node.id] for node in nodes if node.kind is NodeKind.SCENE and name in node.regions),
+                self._pixel(middle),
+            )
             text = self._text(name, 18, _INK)
             offsets = [(0, dy) for dy in (-1, 1, -2, 2)] + [(dx, dy) for dy in (-1, 1, 0) for dx in (-0.55, 0.55)]
             spots = [at + np.array([dx * text.width, dy * 22 * _SMOOTH]) for dx, dy in offsets]
@@ -119,7 +149,8 @@ class _Panel:
             self._take((free or spots)[0], np.array(text.size), 0.0)
 
     def _label_edges(self, edges: list[MapEdge], place: dict[str, np.ndarray]) -> int:
-        """Length and azimuth along each edge that passes by no other node and has room for them, the shortest edges first; how many have."""
+        """Length and azimuth along each edge that passes by no other node and has room for them, the shortest edges
+        first; how many have."""
         labelled = 0
         nodes = np.array(list(place.values()))
         for edge in sorted(edges, key=lambda edge: edge.length_m):
@@ -130,11 +161,16 @@ class _Panel:
             if second[0] < first[0]:
                 first, second, azimuth_deg = second, first, azimuth_deg - 180
             along = second - first
-            text = self._text(f"{edge.length_m:.1f} m, {(azimuth_deg + 180) % 360 - 180}°", 14, _BENT if edge.path_m else _SIGHT)
+            text = self._text(
+                f"{edge.length_m:.1f} m, {(azimuth_deg + 180) % 360 - 180}°", 14, _BENT if edge.path_m else _SIGHT
+            )
             size, angle = np.array(text.size), float(np.arctan2(along[1], along[0]))
             if size[0] > 0.9 * np.hypot(*along) or _passes_by(first, second, nodes, 10 * _SMOOTH):
                 continue
-            spot = next((s for s in (first + share * along for share in (0.5, 0.35, 0.65)) if self._is_free(s, size, angle)), None)
+            spot = next(
+                (s for s in (first + share * along for share in (0.5, 0.35, 0.65)) if self._is_free(s, size, angle)),
+                None,
+            )
             if spot is not None:
                 self._put(text, spot, angle)
                 self._take(spot, size, angle)
@@ -142,11 +178,17 @@ class _Panel:
         return labelled
 
     def _draw_legend(
-        self, floor: FloorMasks, floors: int, nodes: list[MapNode], edges: list[MapEdge], labelled: int, size: tuple[int, int]
+        self,
+        floor: FloorMasks,
+        floors: int,
+        nodes: list[MapNode],
+        edges: list[MapEdge],
+        labelled: int,
+        size: tuple[int, int],
     ) -> None:
         """Title above; below, what the marks mean, a scale bar and the world's axes."""
         s = _SMOOTH
-        scenes, bent = sum(node.kind == "scene" for node in nodes), sum(bool(edge.path_m) for edge in edges)
+        scenes, bent = sum(node.kind is NodeKind.SCENE for node in nodes), sum(bool(edge.path_m) for edge in edges)
         which = f"Floor at z = {floor.z_m:.2f} m" if floors > 1 else "Topological map"
         title = f"{which}: {len(floor.regions)} regions, {len(nodes)} nodes, {len(edges)} edges"
         self._write(title, (_MARGIN * s, 10 * s), 24)
@@ -191,7 +233,9 @@ class _Panel:
         rim = _SMOOTH
         left, top, right, bottom = _font(points).getbbox(text, stroke_width=rim)
         image = Image.new("RGBA", (int(right - left) + 2, int(bottom - top) + 2), (255, 255, 255, 170))
-        ImageDraw.Draw(image).text((1 - left, 1 - top), text, colour, _font(points), stroke_width=rim, stroke_fill=(255, 255, 255))
+        ImageDraw.Draw(image).text(
+            (1 - left, 1 - top), text, colour, _font(points), stroke_width=rim, stroke_fill=(255, 255, 255)
+        )
         return image
 
     def _put(self, text: Image.Image, centre: np.ndarray, angle: float = 0.0) -> None:

@@ -9,15 +9,16 @@ from typing import cast
 
 import numpy as np
 
-from salframe.errors import DataError, NoRoute, UnknownName
-from salframe.geometry import wrap_angle
-from salframe.registry import registry, unknown
-from salframe.roles import Planner
+from salframe.framework.defaults import default_of
+from salframe.framework.errors import DataError, NoRoute, UnknownName
+from salframe.framework.registry import registry, unknown
+from salframe.panoramas.geometry import wrap_angle
 from salframe.topology.build import find_floor
 from salframe.topology.edges import joining_paths, make_edge
 from salframe.topology.grid import FloorGrid, cell, nearest_pixel, sees
+from salframe.topology.planner import Planner, Route
+from salframe.topology.topological_map import MapNode, NodeKind, TopologicalMap
 from salframe.topology.transitions import close_doorways
-from salframe.types import MapNode, Route, TopologicalMap
 
 HERE = "here"
 """The id of the node that `with_position` adds."""
@@ -25,8 +26,8 @@ HERE = "here"
 
 @dataclass(frozen=True)
 class Step:
-    """Turn by turn_rad (left is positive; None where the heading is not known), then walk length_m straight at azimuth_rad in the world,
-    to the node `to`, or to a corner where that is None."""
+    """Turn by turn_rad (left is positive; None where the heading is not known), then walk length_m straight at
+    azimuth_rad in the world, to the node `to`, or to a corner where that is None."""
 
     to: str | None
     length_m: float
@@ -43,7 +44,8 @@ class Step:
 
 
 def directions(route: Route, heading_rad: float | None = None) -> list[Step]:
-    """The straight stretches of a route, the first turn from heading_rad (azimuth in the world), each further one from the stretch before."""
+    """The straight stretches of a route, the first turn from heading_rad (azimuth in the world), each further one from
+    the stretch before."""
     steps: list[tuple[str | None, float, float]] = []
     for leg in route.legs:
         if not leg.path_m:
@@ -54,14 +56,17 @@ def directions(route: Route, heading_rad: float | None = None) -> list[Step]:
         steps += [(to, float(np.hypot(x, y)), float(np.arctan2(y, x))) for to, (x, y) in zip(ends, along, strict=True)]
     made = []
     for to, length_m, azimuth_rad in steps:
-        turn_rad = None if heading_rad is None else -float(wrap_angle(heading_rad - azimuth_rad))  # (-pi, pi]: half a turn is to the left
+        turn_rad = (
+            None if heading_rad is None else -float(wrap_angle(heading_rad - azimuth_rad))
+        )  # (-pi, pi]: half a turn is to the left
         made.append(Step(to, length_m, azimuth_rad, turn_rad))
         heading_rad = azimuth_rad
     return made
 
 
 def find_nodes(topology: TopologicalMap, name: str, doors: bool = False) -> list[str]:
-    """The node of this id, or the scene nodes of the place of this name, its doors where it has none or `doors` asks for them.
+    """The node of this id, or the scene nodes of the place of this name, its doors where it has none or `doors` asks
+    for them.
 
     Raises UnknownName with the closest one.
     """
@@ -72,17 +77,18 @@ def find_nodes(topology: TopologicalMap, name: str, doors: bool = False) -> list
     if not there:
         places = sorted({region for node in topology.nodes for region in node.regions})
         raise UnknownName(unknown("node or place", name, [*places, *sorted(set(ids) - set(places))]))
-    scenes = [node.id for node in there if node.kind == "scene"]
-    at_doors = [node.id for node in there if node.kind == "transition"]
+    scenes = [node.id for node in there if node.kind is NodeKind.SCENE]
+    at_doors = [node.id for node in there if node.kind is NodeKind.TRANSITION]
     return (at_doors or scenes) if doors else (scenes or at_doors)
 
 
-def find_route(topology: TopologicalMap, start: str, goal: str, planner: str = "dijkstra") -> Route:
+def find_route(topology: TopologicalMap, start: str, goal: str, planner: str | None = None) -> Route:
     """The shortest route between two nodes or places, by the planner of this name. Raises NoRoute, UnknownName.
 
-    A place is left and reached at whichever of its scene nodes makes the route shortest; where furniture shuts all of them in, at its doors.
+    A place is left and reached at whichever of its scene nodes makes the route shortest; where furniture shuts all of
+    them in, at its doors.
     """
-    made = cast(Planner, registry().get("planner", planner)())
+    made = cast(Planner, registry().get("planner", planner or default_of("planner"))())
     made.prepare(topology)
     for doors in (False, True):
         routes = []
@@ -95,10 +101,11 @@ def find_route(topology: TopologicalMap, start: str, goal: str, planner: str = "
 
 
 def with_position(topology: TopologicalMap, xyz_m: np.ndarray) -> TopologicalMap:
-    """The map with one more node, `here`, below an agent or its camera at xyz_m (3,), on the nearest clear floor where it is taken to be in a wall.
+    """The map with one more node, `here`, below an agent or its camera at xyz_m (3,), on the nearest clear floor where
+    it is taken to be in a wall.
 
-    It is joined to every node it sees, and by the shortest way over clear floor where it sees none. Raises DataError off all floors,
-    and where no node can be reached.
+    It is joined to every node it sees, and by the shortest way over clear floor where it sees none. Raises DataError
+    off all floors, and where no node can be reached.
     """
     number = find_floor(topology.floors, xyz_m)
     if number is None:
@@ -119,6 +126,6 @@ def with_position(topology: TopologicalMap, xyz_m: np.ndarray) -> TopologicalMap
     if not ways:
         raise DataError(f"no node of the map can be reached from ({xyz_m[0]:.2f}, {xyz_m[1]:.2f}) m over clear floor")
     region = grid.names.get(int(grid.label[cell(pixel)]))
-    here = MapNode(HERE, "scene", grid.world(pixel), () if region is None else (region,))
+    here = MapNode(HERE, NodeKind.SCENE, grid.world(pixel), () if region is None else (region,))
     edges = [make_edge(grid, HERE, others[node].id, corners) for node, corners in ways]
     return replace(topology, nodes=(*topology.nodes, here), edges=(*topology.edges, *edges))

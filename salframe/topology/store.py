@@ -6,32 +6,47 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from salframe.errors import DataError
-from salframe.storage import atomic_path, read_arrays, read_json, write_arrays, write_json
-from salframe.types import FloorMasks, MapEdge, MapNode, TopologicalMap
+from salframe.framework.errors import DataError
+from salframe.framework.files import atomic_path, read_arrays, read_json, write_arrays, write_json
+from salframe.localization.saved_map import TOPOLOGY
+from salframe.panoramas.floors import FloorMasks
+from salframe.topology.topological_map import MapEdge, MapNode, NodeKind, TopologicalMap
 
-TOPOLOGY = "topology.json"
 FORMAT = 1
 _MASKS = ("free", "region", "obstacle")
 
 
 def write_topology(directory: Path, topology: TopologicalMap) -> None:
-    """Write a map to a folder: topology.json (format, parameters, notes, floors), nodes.parquet, edges.parquet, floors.npz, each atomically."""
+    """Write a map to a folder: topology.json (format, parameters, notes, floors), nodes.parquet, edges.parquet,
+    floors.npz, each atomically."""
     directory.mkdir(parents=True, exist_ok=True)
     _write_table(directory / "nodes.parquet", _node_rows(topology), _node_schema())
     _write_table(directory / "edges.parquet", [asdict(edge) for edge in topology.edges], _edge_schema())
-    masks = {f"{number}/{name}": getattr(floor, name) for number, floor in enumerate(topology.floors) for name in _MASKS}
+    masks = {
+        f"{number}/{name}": getattr(floor, name) for number, floor in enumerate(topology.floors) for name in _MASKS
+    }
     write_arrays(directory / "floors.npz", masks)
     floors = [
-        {"resolution_m": floor.resolution_m, "origin_m": list(floor.origin_m), "z_m": floor.z_m,
-         "regions": {str(label): name for label, name in floor.regions.items()}} for floor in topology.floors
-    ]  # fmt: skip
-    content = {"format": FORMAT, "parameters": dict(topology.parameters), "notes": list(topology.notes), "floors": floors}
+        {
+            "resolution_m": floor.resolution_m,
+            "origin_m": list(floor.origin_m),
+            "z_m": floor.z_m,
+            "regions": {str(label): name for label, name in floor.regions.items()},
+        }
+        for floor in topology.floors
+    ]
+    content = {
+        "format": FORMAT,
+        "parameters": dict(topology.parameters),
+        "notes": list(topology.notes),
+        "floors": floors,
+    }
     write_json(directory / TOPOLOGY, content)
 
 
 def read_topology(directory: Path) -> TopologicalMap:
-    """The map that `write_topology` wrote, identical. Raises DataError where the folder holds none, or one of another format."""
+    """The map that `write_topology` wrote, identical. Raises DataError where the folder holds none, or one of another
+    format."""
     if not (directory / TOPOLOGY).exists():
         raise DataError(f"{directory} holds no topological map: make one with salframe map build DATA -o {directory}")
     content = read_json(directory / TOPOLOGY)
@@ -41,44 +56,85 @@ def read_topology(directory: Path) -> TopologicalMap:
         masks = read_arrays(directory / "floors.npz")
         floors = tuple(
             FloorMasks(
-                **{name: masks[f"{number}/{name}"] for name in _MASKS}, resolution_m=floor["resolution_m"], z_m=floor["z_m"],
-                origin_m=tuple(floor["origin_m"]), regions={int(label): name for label, name in floor["regions"].items()},
+                **{name: masks[f"{number}/{name}"] for name in _MASKS},
+                resolution_m=floor["resolution_m"],
+                z_m=floor["z_m"],
+                origin_m=tuple(floor["origin_m"]),
+                regions={int(label): name for label, name in floor["regions"].items()},
             )
             for number, floor in enumerate(content["floors"])
-        )  # fmt: skip
+        )
         nodes = tuple(
-            MapNode(row["id"], row["kind"], (row["x_m"], row["y_m"], row["z_m"]), tuple(row["regions"]), tuple(row["frames"]))
+            MapNode(
+                row["id"],
+                NodeKind(row["kind"]),
+                (row["x_m"], row["y_m"], row["z_m"]),
+                tuple(row["regions"]),
+                tuple(row["frames"]),
+            )
             for row in _read_table(directory / "nodes.parquet")
         )
         edges = tuple(
-            MapEdge(row["start"], row["end"], row["length_m"], row["azimuth_rad"], tuple(tuple(point) for point in row["path_m"]))
+            MapEdge(
+                row["start"],
+                row["end"],
+                row["length_m"],
+                row["azimuth_rad"],
+                tuple(tuple(point) for point in row["path_m"]),
+            )
             for row in _read_table(directory / "edges.parquet")
         )
         return TopologicalMap(nodes, edges, floors, content["parameters"], tuple(content["notes"]))
     except (KeyError, TypeError, AttributeError) as error:
-        raise DataError(f"{directory} is no whole topological map ({type(error).__name__}: {error}): build it again") from None
+        raise DataError(
+            f"{directory} is no whole topological map ({type(error).__name__}: {error}): build it again"
+        ) from None
 
 
 def _node_rows(topology: TopologicalMap) -> list[dict[str, Any]]:
     names = ("x_m", "y_m", "z_m")
-    return [{"id": node.id, "kind": node.kind, **dict(zip(names, node.xyz_m, strict=True)), "regions": node.regions, "frames": node.frames}
-            for node in topology.nodes]  # fmt: skip
+    return [
+        {
+            "id": node.id,
+            "kind": node.kind,
+            **dict(zip(names, node.xyz_m, strict=True)),
+            "regions": node.regions,
+            "frames": node.frames,
+        }
+        for node in topology.nodes
+    ]
 
 
 def _node_schema():
     import pyarrow as pa
 
     text, number = pa.string(), pa.float64()
-    return pa.schema([("id", text), ("kind", text), ("x_m", number), ("y_m", number), ("z_m", number),
-                      ("regions", pa.list_(text)), ("frames", pa.list_(text))])  # fmt: skip
+    return pa.schema(
+        [
+            ("id", text),
+            ("kind", text),
+            ("x_m", number),
+            ("y_m", number),
+            ("z_m", number),
+            ("regions", pa.list_(text)),
+            ("frames", pa.list_(text)),
+        ]
+    )
 
 
 def _edge_schema():
     import pyarrow as pa
 
     number = pa.float64()
-    return pa.schema([("start", pa.string()), ("end", pa.string()), ("length_m", number), ("azimuth_rad", number),
-                      ("path_m", pa.list_(pa.list_(number)))])  # fmt: skip
+    return pa.schema(
+        [
+            ("start", pa.string()),
+            ("end", pa.string()),
+            ("length_m", number),
+            ("azimuth_rad", number),
+            ("path_m", pa.list_(pa.list_(number))),
+        ]
+    )
 
 
 def _write_table(path: Path, rows: list[dict[str, Any]], schema) -> None:

@@ -14,8 +14,9 @@ _EIGHT = np.ones((3, 3), bool)
 
 @dataclass(frozen=True, eq=False)
 class Doorway:
-    """Where the labels of two regions meet on walkable floor, before erosion: how far the line they meet along reaches, on the side where that
-    is less, its pixels (N, 2), and the transition points on it, (row, column) of medoids; none where the robot does not fit through."""
+    """Where the labels of two regions meet on walkable floor, before erosion: how far the line they meet along reaches,
+    on the side where that is less, its pixels (N, 2), and the transition points on it, (row, column) of medoids; none
+    where the robot does not fit through."""
 
     labels: tuple[int, int]
     width_m: float
@@ -26,8 +27,8 @@ class Doorway:
 def find_doorways(grid: FloorGrid) -> list[Doorway]:
     """Every doorway of a floor, by pair of regions, then from the top left.
 
-    Transition pixels have a 4-neighbour of another region; their 8-connected components make the doorways, and on the clear floor alone the
-    transition points.
+    Transition pixels have a 4-neighbour of another region; their 8-connected components make the doorways, and on the
+    clear floor alone the transition points.
     """
     from scipy import ndimage
 
@@ -51,7 +52,8 @@ def find_doorways(grid: FloorGrid) -> list[Doorway]:
 
 
 def close_doorways(grid: FloorGrid, min_doorway_m: float) -> tuple[list[Doorway], list[Doorway]]:
-    """The doorways of a floor that are wide enough, and the narrower ones: these are closed, their pixels no longer clear."""
+    """The doorways of a floor that are wide enough, and the narrower ones: these are closed, their pixels no longer
+    clear."""
     doorways = find_doorways(grid)
     narrow = [doorway for doorway in doorways if doorway.width_m < min_doorway_m - 1e-9]
     for doorway in narrow:
@@ -60,7 +62,8 @@ def close_doorways(grid: FloorGrid, min_doorway_m: float) -> tuple[list[Doorway]
 
 
 def _meetings(grid: FloorGrid) -> Iterator[tuple[tuple[int, int], np.ndarray, np.ndarray]]:
-    """For each pair of labels that meet: the pair, (N, 2) pixels that have the other as 4-neighbour, (N,) bool those where both are clear."""
+    """For each pair of labels that meet: the pair, (N, 2) pixels that have the other as 4-neighbour, (N,) bool those
+    where both are clear."""
     label, clear = grid.label, grid.clear
     found = []
     for step in ((0, 1), (1, 0)):

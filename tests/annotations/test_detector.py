@@ -4,15 +4,17 @@ import numpy as np
 import pytest
 from salframe_annotations.detector import MIN_PIXELS, AnnotationDetector
 
-from salframe.errors import InputMissing
-from salframe.geometry import equirectangular_rays
-from salframe.types import Annotations, Detections, Panorama
+from salframe.framework.errors import InputMissing
+from salframe.graphs.detections import Detections
+from salframe.panoramas.geometry import equirectangular_rays
+from salframe.panoramas.panorama import Annotations, ObjectBoxes, Panorama
 
 HEIGHT = 128
 
 
 def panorama(name="frame", objects=12, shift=0, height=HEIGHT):
-    """Patches at known ranges around the camera: object k spans 15 deg of azimuth at range 1 + 0.1 k, turned by `shift` columns."""
+    """Patches at known ranges around the camera: object k spans 15 deg of azimuth at range 1 + 0.1 k, turned by `shift`
+    columns."""
     range_m = np.full((height, 2 * height), 5.0, np.float32)
     ids = np.zeros((height, 2 * height), np.int32)
     span = 2 * height // objects
@@ -74,7 +76,10 @@ def test_noise_is_keyed_by_seed_frame_and_object():
     base = detect(panorama(), noise="heavy")
     again = detect(panorama(), noise="heavy")
     np.testing.assert_array_equal(base.centroid_m, again.centroid_m)
-    assert len(detect(panorama("other"), noise="heavy")) != len(base) or detect(panorama("other"), noise="heavy").labels != base.labels
+    assert (
+        len(detect(panorama("other"), noise="heavy")) != len(base)
+        or detect(panorama("other"), noise="heavy").labels != base.labels
+    )
     assert detect(panorama(), noise="heavy", seed=1).labels != base.labels
 
 
@@ -85,7 +90,9 @@ def test_turning_the_panorama_turns_the_objects(columns):
     angle = -2 * np.pi * columns / (2 * HEIGHT)
     c, s = np.cos(angle), np.sin(angle)
     assert turned.labels == base.labels
-    np.testing.assert_allclose(turned.centroid_m, base.centroid_m @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]), atol=1e-6)
+    np.testing.assert_allclose(
+        turned.centroid_m, base.centroid_m @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]), atol=1e-6
+    )
     np.testing.assert_allclose(turned.size_m, base.size_m, atol=1e-6)
     np.testing.assert_allclose(np.sin(turned.yaw_rad - base.yaw_rad - angle), 0, atol=2e-5)  # float32 points
 
@@ -102,9 +109,18 @@ def test_split_and_merged_objects():
 
 def listed(**changes):
     objects = Detections(
-        ("bed", "lamp"), np.ones(2), np.array([[2, 0, -0.5], [0, 3, 0.2]]), np.array([[2, 1.5, 0.6], [0.3, 0.3, 0.5]]), np.array([0.3, 0.0])
+        ("bed", "lamp"),
+        np.ones(2),
+        np.array([[2, 0, -0.5], [0, 3, 0.2]]),
+        np.array([[2, 1.5, 0.6], [0.3, 0.3, 0.5]]),
+        np.array([0.3, 0.0]),
     )
-    return Panorama("viewpoint", annotations=Annotations(objects=objects, keys=("k1", "k2")))
+    return Panorama(
+        "viewpoint",
+        annotations=Annotations(
+            objects=ObjectBoxes(objects.labels, ("k1", "k2"), objects.centroid_m, objects.size_m, objects.yaw_rad)
+        ),
+    )
 
 
 def test_object_lists_are_taken_as_they_are():
@@ -121,7 +137,9 @@ def test_object_lists_take_noise_when_asked():
     found = detect(listed(), noise={"range_share": 0.1})
     ratio = np.linalg.norm(found.centroid_m, axis=1) / np.linalg.norm(listed().annotations.objects.centroid_m, axis=1)
     assert (np.abs(ratio - 1) > 1e-3).all()
-    np.testing.assert_allclose(found.size_m / listed().annotations.objects.size_m, ratio[:, None] * np.ones((1, 3)), rtol=1e-5)
+    np.testing.assert_allclose(
+        found.size_m / listed().annotations.objects.size_m, ratio[:, None] * np.ones((1, 3)), rtol=1e-5
+    )
 
 
 def test_missing_input_is_said():
@@ -135,7 +153,11 @@ def test_auto_noise_is_for_rendered_panoramas():
     """Real annotations hold errors of their own, perfect ones are given a detector's."""
     real = panorama()
     annotations = real.annotations
-    rendered = Panorama(real.id, range_m=real.range_m, annotations=Annotations(annotations.instance_id, annotations.labels, rendered=True))
+    rendered = Panorama(
+        real.id,
+        range_m=real.range_m,
+        annotations=Annotations(annotations.instance_id, annotations.labels, rendered=True),
+    )
     for pano, level in ((real, "none"), (rendered, "realistic")):
         np.testing.assert_array_equal(detect(pano).centroid_m, detect(pano, noise=level).centroid_m)
     assert detect(rendered, noise="realistic").labels != detect(rendered, noise="none").labels

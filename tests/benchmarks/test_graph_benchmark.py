@@ -6,8 +6,9 @@ from salframe_house.building import change_building, generate_building
 from salframe_house.frames import choose_frames
 from salframe_house.render import Renderer
 
-from salframe.geometry import pose_2d
-from salframe.types import Annotations, Frame, Panorama
+from salframe.panoramas.frames import Frame
+from salframe.panoramas.geometry import pose_2d
+from salframe.panoramas.panorama import Annotations, Panorama
 
 pytestmark = pytest.mark.slow
 

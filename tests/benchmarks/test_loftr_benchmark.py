@@ -1,4 +1,5 @@
-"""What two views of 320 x 240 cost `loftr-compact`, by onnxruntime and by kornia's module with the same weights. `make benchmark`."""
+"""What two views of 320 x 240 cost `loftr-compact`, by onnxruntime and by kornia's module with the same weights. `make
+benchmark`."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,5 @@
-"""The topological map of a building of 106 rooms: at most 10 s, the routes between all nodes at most 0.5 s. `make benchmark`."""
+"""The topological map of a building of 106 rooms: at most 10 s, the routes between all nodes at most 0.5 s. `make
+benchmark`."""
 
 import networkx as nx
 import pytest
@@ -6,9 +7,9 @@ from salframe_house.building import generate_building
 from salframe_house.frames import choose_frames
 from salframe_planners.planners import Dijkstra, FloydWarshall
 
-from salframe.geometry import pose_2d
+from salframe.panoramas.frames import MapFrame
+from salframe.panoramas.geometry import pose_2d
 from salframe.topology import build_topology
-from salframe.types import MapFrame
 
 pytestmark = pytest.mark.slow
 

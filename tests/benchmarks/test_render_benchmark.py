@@ -5,7 +5,7 @@ from salframe_house.building import generate_building
 from salframe_house.frames import choose_frames
 from salframe_house.render import Renderer
 
-from salframe.geometry import pose_2d
+from salframe.panoramas.geometry import pose_2d
 
 pytestmark = pytest.mark.slow
 

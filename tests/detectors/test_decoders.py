@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from salframe_detectors.decoders import DECODERS, Found, Question, suppress
 
-from salframe.errors import WeightsMissing
+from salframe.framework.errors import WeightsMissing
 
 ASKED = Question(width_px=96, height_px=64, classes=3, min_score=0.25)
 BOXES = np.array([[10.0, 8.0, 30.0, 40.0], [50.0, 20.0, 90.0, 60.0]])
@@ -64,7 +64,14 @@ def as_rt_detr():
     return [boxes[None], logits[None]]  # their order does not matter
 
 
-WRITERS = {"yolox": as_yolox, "yolov5": as_yolov5, "yolov8": as_yolov8, "yolov8-seg": as_yolov8_seg, "detr": as_detr, "rt-detr": as_rt_detr}
+WRITERS = {
+    "yolox": as_yolox,
+    "yolov5": as_yolov5,
+    "yolov8": as_yolov8,
+    "yolov8-seg": as_yolov8_seg,
+    "detr": as_detr,
+    "rt-detr": as_rt_detr,
+}
 
 
 @pytest.mark.parametrize("name", DECODERS)
@@ -95,7 +102,9 @@ def test_candidates_that_score_less_are_left_out_and_boxes_end_at_the_border():
 def test_other_shapes_are_told():
     with pytest.raises(WeightsMissing, match=r"gives \(8, 100\) an image, the decoder yolox expects \(126, 8\)"):
         DECODERS["yolox"]([np.zeros((1, 8, 100), np.float32)], ASKED)
-    with pytest.raises(WeightsMissing, match=r"gives \(100, 3\) an image, the decoder detr expects \(\*, 4\), \(\*, 4\)"):
+    with pytest.raises(
+        WeightsMissing, match=r"gives \(100, 3\) an image, the decoder detr expects \(\*, 4\), \(\*, 4\)"
+    ):
         DECODERS["detr"]([np.zeros((1, 100, 3), np.float32)], ASKED)
 
 

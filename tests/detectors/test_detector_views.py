@@ -7,7 +7,7 @@ from salframe_detectors.merging import group, outline
 from salframe_detectors.views import LEAST_FOV_DEG, RINGS, Rig
 from scipy.spatial.transform import Rotation
 
-from salframe.geometry import equirectangular_rays
+from salframe.panoramas.geometry import equirectangular_rays
 
 RIG = Rig(96, 80, np.radians(90))
 FOCAL_PX = 40.0  # half of the shorter side, at 45 deg
@@ -111,8 +111,11 @@ def test_an_outline_is_where_most_views_put_it():
 
 
 def test_the_object_in_a_box_is_what_its_median_lies_on():
-    """A chair of 60 % of its box at 2 m, a hand before it, the wall at 4 m and a hole; the box spans 0.4 rad: 1.4 to 2.4 m belong to it."""
-    range_m = np.concatenate([np.linspace(1.8, 2.2, 60), np.full(5, 1.0), np.full(30, 4.0), np.full(5, np.nan)]).astype(np.float32)
+    """A chair of 60 % of its box at 2 m, a hand before it, the wall at 4 m and a hole; the box spans 0.4 rad: 1.4 to
+    2.4 m belong to it."""
+    range_m = np.concatenate([np.linspace(1.8, 2.2, 60), np.full(5, 1.0), np.full(30, 4.0), np.full(5, np.nan)]).astype(
+        np.float32
+    )
     solid_angle_sr = np.full(100, 0.4**2 / 100)
     kept = foreground(range_m, solid_angle_sr)
     assert kept.tolist() == [True] * 60 + [False] * 40

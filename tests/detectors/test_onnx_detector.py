@@ -1,4 +1,5 @@
-"""Coloured patches found by a network of known answers: positions in closed form, also at the seam, the poles and views' borders."""
+"""Coloured patches found by a network of known answers: positions in closed form, also at the seam, the poles and
+views' borders."""
 
 from dataclasses import replace
 
@@ -8,15 +9,23 @@ from salframe_detectors.detector import OnnxDetector
 from salframe_detectors.zoo import COCO_80, ZOO
 from tiny_network import COLOURS, settings, write_network
 
-from salframe.config import identity
-from salframe.errors import ConfigError, InputMissing, WeightsMissing
-from salframe.geometry import column_azimuth, equirectangular_rays, pose_2d, row_elevation, transform_points, wrap_angle
-from salframe.localizer import Localizer
-from salframe.presets import configure
-from salframe.registry import registry
+from salframe.framework.errors import ConfigError, InputMissing, WeightsMissing
+from salframe.framework.identity import identity
+from salframe.framework.presets import configure
+from salframe.framework.registry import registry
+from salframe.localization.localizer import Localizer
+from salframe.panoramas.frames import Frame
+from salframe.panoramas.geometry import (
+    column_azimuth,
+    equirectangular_rays,
+    pose_2d,
+    row_elevation,
+    transform_points,
+    wrap_angle,
+)
+from salframe.panoramas.panorama import Panorama
 from salframe.testing import check_component
 from salframe.testing.rooms import turned
-from salframe.types import Frame, Panorama
 
 HEIGHT = 256
 WALL_M = 4.0
@@ -37,7 +46,8 @@ def build(network, **more) -> OnnxDetector:
 
 
 def scene(*patches, height=HEIGHT) -> tuple[Panorama, list[np.ndarray]]:
-    """Patches (colour, azimuth, elevation, width, height in degrees, range in m) before a grey wall, and the points (n, 3) of each."""
+    """Patches (colour, azimuth, elevation, width, height in degrees, range in m) before a grey wall, and the points (n,
+    3) of each."""
     rgb = np.full((height, 2 * height, 3), 90, np.uint8)
     range_m = np.full((height, 2 * height), WALL_M, np.float32)
     points = []
@@ -98,8 +108,11 @@ def test_a_position_is_the_objects_and_not_the_walls(detector):
 
 def test_equal_objects_stay_apart_and_other_classes_too(detector):
     panorama, _ = scene(
-        ("red", 0, 0, 14, 14, 2.0), ("red", 120, 0, 14, 14, 3.0), ("red", -130, -10, 14, 14, 2.0), ("blue", 12, 5, 10, 10, 2.0),
-    )  # fmt: skip
+        ("red", 0, 0, 14, 14, 2.0),
+        ("red", 120, 0, 14, 14, 3.0),
+        ("red", -130, -10, 14, 14, 2.0),
+        ("blue", 12, 5, 10, 10, 2.0),
+    )
     found = detector.detect(panorama)
     azimuth_deg = np.degrees(np.arctan2(found.centroid_m[:, 1], found.centroid_m[:, 0]))
     order = np.lexsort((azimuth_deg, found.labels))
@@ -166,18 +179,26 @@ def localizer(name: str, network) -> Localizer:
 
 def test_without_range_labels_are_known_and_places_can_be_told(network, detector):
     """`objects` works from colour alone; a graph says what it lacks."""
-    kitchen, lounge = (replace(scene(*patches)[0], range_m=None) for patches in (
-        [("red", 0, 0, 20, 20, 2.0), ("green", 90, 0, 20, 20, 2.0)], [("blue", 0, 0, 20, 20, 2.0), ("green", 90, 0, 20, 20, 2.0)],
-    ))  # fmt: skip
+    kitchen, lounge = (
+        replace(scene(*patches)[0], range_m=None)
+        for patches in (
+            [("red", 0, 0, 20, 20, 2.0), ("green", 90, 0, 20, 20, 2.0)],
+            [("blue", 0, 0, 20, 20, 2.0), ("green", 90, 0, 20, 20, 2.0)],
+        )
+    )
     found = detector.detect(kitchen)
     assert found.labels == ("red", "green")
     assert np.isnan(found.centroid_m).all()
     assert found.points_m is None
     assert registry().get("saliency", "volumetric")().score(found).tolist() == [0.5, 0.5]
     objects = localizer("objects", network)
-    objects.build([Frame(name, lambda p=p: p, np.eye(4), name) for name, p in (("kitchen", kitchen), ("lounge", lounge))])
+    objects.build(
+        [Frame(name, lambda p=p: p, np.eye(4), name) for name, p in (("kitchen", kitchen), ("lounge", lounge))]
+    )
     assert objects.localize(Frame("query", lambda: turned(lounge, 100))).places[0].place == "lounge"
-    with pytest.raises(InputMissing, match=r"needs range, which scene does not have: .* found 2 objects .* enough for 'objects'"):
+    with pytest.raises(
+        InputMissing, match=r"needs range, which scene does not have: .* found 2 objects .* enough for 'objects'"
+    ):
         localizer("saliency-graph", network).localize(Frame("query", lambda: kitchen))
 
 
@@ -187,7 +208,8 @@ def test_without_colour_it_says_so(detector):
 
 
 def test_it_conforms(tmp_path):
-    """On the suite's rooms, whose patches of grey and colour it takes for a class each: whatever it finds turns with the panorama."""
+    """On the suite's rooms, whose patches of grey and colour it takes for a class each: whatever it finds turns with
+    the panorama."""
     network = write_network(tmp_path / "lenient.onnx", side_px=64, near=125.0)
     check_component(OnnxDetector, configure("detector", "onnx", settings(network)))
 
@@ -203,11 +225,27 @@ def test_a_network_of_any_size_is_given_the_declared_one(tmp_path):
 @pytest.mark.parametrize(
     ("change", "error", "message"),
     [
-        ({"model": "nowhere.onnx"}, WeightsMissing, "no file nowhere.onnx: expected the path of an ONNX file, or one of yolox-nano,"),
+        (
+            {"model": "nowhere.onnx"},
+            WeightsMissing,
+            "no file nowhere.onnx: expected the path of an ONNX file, or one of yolox-nano,",
+        ),
         ({"decoder": "yolov4"}, ConfigError, "onnx.decoder: received 'yolov4', expected 'yolox', 'yolov5'"),
-        ({"decoder": "yolov8"}, WeightsMissing, r"colours.onnx: the network gives \(3, 8\) an image, the decoder yolov8 expects \(7, \*\)"),
-        ({"labels": ["red"]}, WeightsMissing, r"the network gives \(3, 8\) an image, the decoder yolov5 expects \(\*, 6\)"),
-        ({"size_px": [640, 640]}, WeightsMissing, r"takes images float32 \(\*, 3, 128, 128\), expected float32 \(\*, 3, 640, 640\)"),
+        (
+            {"decoder": "yolov8"},
+            WeightsMissing,
+            r"colours.onnx: the network gives \(3, 8\) an image, the decoder yolov8 expects \(7, \*\)",
+        ),
+        (
+            {"labels": ["red"]},
+            WeightsMissing,
+            r"the network gives \(3, 8\) an image, the decoder yolov5 expects \(\*, 6\)",
+        ),
+        (
+            {"size_px": [640, 640]},
+            WeightsMissing,
+            r"takes images float32 \(\*, 3, 128, 128\), expected float32 \(\*, 3, 640, 640\)",
+        ),
         ({"min_score": 0}, ConfigError, "onnx.min_score: received 0, expected greater than 0"),
     ],
 )
@@ -235,7 +273,9 @@ def test_caches_know_the_network_by_its_content(network, tmp_path):
     after = identity(configure("detector", "onnx", settings(path)))
     assert {**before, "files": None} == {**after, "files": None}
     assert before["files"] != after["files"]
-    assert "files" not in identity(configure("detector", "onnx", {}))  # those to fetch are known by the hash of their release
+    assert "files" not in identity(
+        configure("detector", "onnx", {})
+    )  # those to fetch are known by the hash of their release
 
 
 def test_networks_to_fetch_are_told_where_they_are_not_at_hand(monkeypatch, tmp_path):

@@ -1,4 +1,5 @@
-"""A detection network whose answers are known in closed form: a class is a colour, its box the extent of that colour in the image."""
+"""A detection network whose answers are known in closed form: a class is a colour, its box the extent of that colour in
+the image."""
 
 from __future__ import annotations
 
@@ -23,10 +24,15 @@ def write_network(path: Path, side_px: int | None = SIDE_PX, batch: int | str = 
     side = side_px or SIDE_PX
     edge = np.arange(side, dtype=np.float32)
     constants = {
-        "near": np.float32([near]), "side": np.float32([side]), "half": np.float32([0.5]),
-        "left": edge.reshape(1, 1, 1, -1), "right": edge.reshape(1, 1, 1, -1) + 1, "top": edge.reshape(1, 1, -1, 1),
-        "bottom": edge.reshape(1, 1, -1, 1) + 1, "row": np.int64([0, 1, 8]),
-    }  # fmt: skip
+        "near": np.float32([near]),
+        "side": np.float32([side]),
+        "half": np.float32([0.5]),
+        "left": edge.reshape(1, 1, 1, -1),
+        "right": edge.reshape(1, 1, 1, -1) + 1,
+        "top": edge.reshape(1, 1, -1, 1),
+        "bottom": edge.reshape(1, 1, -1, 1) + 1,
+        "row": np.int64([0, 1, 8]),
+    }
     nodes, rows = [], []
 
     def node(kind, *inputs, **attributes):
@@ -48,7 +54,9 @@ def write_network(path: Path, side_px: int | None = SIDE_PX, batch: int | str = 
         last = [most(node("Mul", has, axis)) for axis in ("right", "bottom")]
         centre = [node("Mul", node("Add", a, b), "half") for a, b in zip(first, last, strict=True)]
         size = [node("Sub", b, a) for a, b in zip(first, last, strict=True)]
-        rows.append(node("Reshape", node("Concat", *centre, *size, score, node("Mul", score, f"{name} class"), axis=1), "row"))
+        rows.append(
+            node("Reshape", node("Concat", *centre, *size, score, node("Mul", score, f"{name} class"), axis=1), "row")
+        )
     nodes.append(helper.make_node("Concat", rows, ["output"], axis=1))
     images = helper.make_tensor_value_info("images", TensorProto.FLOAT, [batch, 3, side_px or "h", side_px or "w"])
     given = helper.make_tensor_value_info("output", TensorProto.FLOAT, None)

@@ -1,4 +1,5 @@
-"""The folder format: what is written is read back, optional parts are optional, and whatever is wrong is said in one line."""
+"""The folder format: what is written is read back, optional parts are optional, and whatever is wrong is said in one
+line."""
 
 from __future__ import annotations
 
@@ -11,17 +12,32 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from salframe_folder.dataset import FolderDataset
-from salframe_folder.format import Folder, FrameEntry, TruthEntry, is_written, write_floor, write_manifest, write_objects, write_panorama
 
-from salframe.errors import DataError
-from salframe.geometry import pose_2d
-from salframe.types import FloorMasks
+from salframe.framework.errors import DataError
+from salframe.panoramas.floors import FloorMasks
+from salframe.panoramas.folder import FolderDataset
+from salframe.panoramas.folder_format import (
+    Folder,
+    FrameEntry,
+    TruthEntry,
+    is_written,
+    write_floor,
+    write_manifest,
+    write_objects,
+    write_panorama,
+)
+from salframe.panoramas.geometry import pose_2d
 
 HEIGHT = 32
 POSE = pose_2d(1.0, -2.0, 0.5, 1.5)
 MASKS = FloorMasks(
-    np.eye(6, 9, dtype=bool), np.arange(54, dtype=np.int32).reshape(6, 9), np.zeros((6, 9), bool), 0.05, (-1.0, 4.0), {1: "room-a", 2: "room-b"}, 2.5
+    np.eye(6, 9, dtype=bool),
+    np.arange(54, dtype=np.int32).reshape(6, 9),
+    np.zeros((6, 9), bool),
+    0.05,
+    (-1.0, 4.0),
+    {1: "room-a", 2: "room-b"},
+    2.5,
 )
 
 
@@ -35,22 +51,44 @@ def images() -> dict[str, np.ndarray]:
     range_m = rng.uniform(0.1, 60, (HEIGHT, 2 * HEIGHT)).astype(np.float32)
     range_m[3, 4] = np.nan
     rgb = cv2.GaussianBlur(rng.integers(0, 256, (HEIGHT, 2 * HEIGHT, 3)).astype(np.uint8), (0, 0), 3)
-    return {"rgb": rgb, "range_m": range_m, "instance_id": rng.integers(0, 65536, (HEIGHT, 2 * HEIGHT)).astype(np.int32)}
+    return {
+        "rgb": rgb,
+        "range_m": range_m,
+        "instance_id": rng.integers(0, 65536, (HEIGHT, 2 * HEIGHT)).astype(np.int32),
+    }
 
 
 @pytest.fixture
 def folder(tmp_path: Path, images: dict[str, np.ndarray]) -> Path:
     """A map frame, a transition and a query with everything there is."""
     entries = [
-        FrameEntry(id="a", role="map", rgb="a.png", range="a.range.png", instances="a.ids.png", pose=numbers(POSE), place="room-a"),
-        FrameEntry(id="t", role="transition", rgb="t.png", range="t.range.png", instances="t.ids.png", pose=numbers(np.eye(4)), place="door"),
+        FrameEntry(
+            id="a",
+            role="map",
+            rgb="a.png",
+            range="a.range.png",
+            instances="a.ids.png",
+            pose=numbers(POSE),
+            place="room-a",
+        ),
+        FrameEntry(
+            id="t",
+            role="transition",
+            rgb="t.png",
+            range="t.range.png",
+            instances="t.ids.png",
+            pose=numbers(np.eye(4)),
+            place="door",
+        ),
         FrameEntry(id="q", role="query", rgb="q.jpg", range="q.range.png", instances="q.ids.png"),
     ]
     for entry in entries:
         assert not is_written(tmp_path, entry)
         write_panorama(tmp_path, entry, **images)
         assert is_written(tmp_path, entry)
-    write_objects(tmp_path / "objects.parquet", {"instance_id": [1, 2], "label": ["chair", "bed"], "room": ["room-a", "room-b"]})
+    write_objects(
+        tmp_path / "objects.parquet", {"instance_id": [1, 2], "label": ["chair", "bed"], "room": ["room-a", "room-b"]}
+    )
     truth = {"q": TruthEntry(place="room-a", pose=numbers(pose_2d(1.2, -2, 3, 1.5)), instances=(1, 2))}
     write_manifest(tmp_path, entries, truth, "objects.parquet", [write_floor(tmp_path, "floor", MASKS)])
     return tmp_path
@@ -108,7 +146,12 @@ def test_floor_masks(folder: Path) -> None:
     np.testing.assert_array_equal(floor.free, MASKS.free)
     np.testing.assert_array_equal(floor.region, MASKS.region)
     np.testing.assert_array_equal(floor.obstacle, MASKS.obstacle)
-    assert (floor.resolution_m, floor.origin_m, floor.regions, floor.z_m) == (0.05, (-1.0, 4.0), {1: "room-a", 2: "room-b"}, 2.5)
+    assert (floor.resolution_m, floor.origin_m, floor.regions, floor.z_m) == (
+        0.05,
+        (-1.0, 4.0),
+        {1: "room-a", 2: "room-b"},
+        2.5,
+    )
 
 
 def test_optional_parts_are_optional(tmp_path: Path, images: dict[str, np.ndarray]) -> None:
@@ -181,11 +224,23 @@ def cut(path: Path) -> None:
         (lambda root: cut(root / "q.range.png"), r"q.range.png is no readable image"),
         (lambda root: (root / "q.jpg").write_bytes(b""), r"q.jpg is no readable image \(0 bytes\)"),
         (lambda root: (root / "q.jpg").unlink(), r"cannot read .*q.jpg: No such file"),
-        (lambda root: cv2.imwrite(str(root / "q.range.png"), np.ones((8, 16), np.uint16)), r"q: the range image is 16 x 8, expected 64 x 32"),
-        (lambda root: cv2.imwrite(str(root / "q.jpg"), np.ones((32, 60, 3), np.uint8)), r"q: the rgb image is .*60.*twice the height"),
-        (lambda root: cv2.imwrite(str(root / "q.range.png"), np.ones((32, 64), np.uint8)), r"has 1 channel\(s\) of 8 bits, expected one of 16"),
+        (
+            lambda root: cv2.imwrite(str(root / "q.range.png"), np.ones((8, 16), np.uint16)),
+            r"q: the range image is 16 x 8, expected 64 x 32",
+        ),
+        (
+            lambda root: cv2.imwrite(str(root / "q.jpg"), np.ones((32, 60, 3), np.uint8)),
+            r"q: the rgb image is .*60.*twice the height",
+        ),
+        (
+            lambda root: cv2.imwrite(str(root / "q.range.png"), np.ones((32, 64), np.uint8)),
+            r"has 1 channel\(s\) of 8 bits, expected one of 16",
+        ),
         (lambda root: (root / "objects.parquet").write_bytes(b"no table"), r"objects.parquet is no Parquet table"),
-        (lambda root: pq.write_table(pa.table({"instance_id": [1]}), root / "objects.parquet"), r"objects.parquet has no column label"),
+        (
+            lambda root: pq.write_table(pa.table({"instance_id": [1]}), root / "objects.parquet"),
+            r"objects.parquet has no column label",
+        ),
     ],
 )
 def test_a_wrong_file_is_one_line(folder: Path, spoil: Callable[[Path], object], message: str) -> None:

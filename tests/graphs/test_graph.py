@@ -4,16 +4,19 @@ import numpy as np
 import pytest
 from salframe_graphs.saliency import VolumetricSaliency, object_volumes_m3
 
-from salframe.boxes import LEAST_SIDE_M, detections_from_points, upright_box
-from salframe.errors import DataError
-from salframe.graph import GraphConfig, box_distances, build_graph, pack_graph, read_graphs, unpack_graph, write_graphs
-from salframe.types import Detections
+from salframe.framework.errors import DataError
+from salframe.graphs.boxes import LEAST_SIDE_M, detections_from_points, upright_box
+from salframe.graphs.detections import Detections
+from salframe.graphs.graph import GraphConfig, box_distances, build_graph
+from salframe.graphs.packing import pack_graph, read_graphs, unpack_graph, write_graphs
 
 
 def box_points(centre, size, yaw=0.0, count=4000, seed=0):
     """Points of a solid box, its corners included."""
     rng = np.random.default_rng(seed)
-    unit = np.concatenate([rng.uniform(-0.5, 0.5, (count, 3)), np.array(np.meshgrid(*[[-0.5, 0.5]] * 3)).reshape(3, 8).T])
+    unit = np.concatenate(
+        [rng.uniform(-0.5, 0.5, (count, 3)), np.array(np.meshgrid(*[[-0.5, 0.5]] * 3)).reshape(3, 8).T]
+    )
     c, s = np.cos(yaw), np.sin(yaw)
     return ((unit * size) @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) + centre).astype(np.float32)
 
@@ -34,7 +37,9 @@ def test_volumes_against_closed_form():
     """A full box, a tetrahedron (1/6 of its box), a flat picture (the least side thick)."""
     tetrahedron = np.array([[0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3]], np.float32) + 4
     found = detections_from_points(
-        ["a", "b", "c"], np.ones(3), [box_points([2, 1, 0], [1, 2, 0.5], 0.7), tetrahedron, box_points([2, 0, 1], [1.0, 0.0, 0.6])]
+        ["a", "b", "c"],
+        np.ones(3),
+        [box_points([2, 1, 0], [1, 2, 0.5], 0.7), tetrahedron, box_points([2, 0, 1], [1.0, 0.0, 0.6])],
     )
     np.testing.assert_allclose(object_volumes_m3(found), [1.0, 1.0, 1.0 * LEAST_SIDE_M * 0.6], rtol=1e-4)
     saliency = VolumetricSaliency().score(found)
@@ -77,7 +82,9 @@ def test_a_score_that_is_no_share_is_refused(score):
 
 
 def test_orientation_of_nodes():
-    graph = build_graph(detections([[0, 2, 0], [0, 0, 3], [-1, 0, 1]], np.ones((3, 3))), np.array([0.5, 0.3, 0.2]), GraphConfig())
+    graph = build_graph(
+        detections([[0, 2, 0], [0, 0, 3], [-1, 0, 1]], np.ones((3, 3))), np.array([0.5, 0.3, 0.2]), GraphConfig()
+    )
     assert graph.azimuth_rad[0] == pytest.approx(np.pi / 2)
     assert graph.polar_rad == pytest.approx([np.pi / 2, 0, np.pi / 4])
     assert graph.range_m == pytest.approx([2, 3, np.sqrt(2)])

@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 from salframe_graphs.localizer import SaliencyGraphLocalizer
 
-from salframe.config import validate
-from salframe.errors import DataError, InputMissing
-from salframe.geometry import invert_pose, pose_2d, pose_errors, transform_points
-from salframe.localizer import rank_places
-from salframe.presets import configure, settings
-from salframe.types import Annotations, Detections, Frame, MapFrame, Panorama
+from salframe.framework.config import validate
+from salframe.framework.errors import DataError, InputMissing
+from salframe.framework.presets import configure, settings
+from salframe.graphs.detections import Detections
+from salframe.localization.localizer import rank_places
+from salframe.panoramas.frames import Frame, MapFrame
+from salframe.panoramas.geometry import invert_pose, pose_2d, pose_errors, transform_points
+from salframe.panoramas.panorama import Annotations, ObjectBoxes, Panorama
 
 LABELS = ("bed", "sofa", "chair", "table", "lamp", "plant", "tv", "desk")
 
@@ -22,7 +24,14 @@ def seen(room, T_room_pano, name):
     labels = [str(label) for label in rng.choice(LABELS, 7)]
     size = np.sort(rng.uniform(0.3, 1.8, (7, 3)))[:, [2, 1, 0]]
     objects = Detections(labels, np.ones(7), transform_points(invert_pose(T_room_pano), centroid), size, yaw)
-    return Panorama(name, annotations=Annotations(objects=objects, keys=tuple(map(str, range(7)))))
+    return Panorama(
+        name,
+        annotations=Annotations(
+            objects=ObjectBoxes(
+                objects.labels, tuple(map(str, range(7))), objects.centroid_m, objects.size_m, objects.yaw_rad
+            )
+        ),
+    )
 
 
 def frame(room, name, T=None, **settings):
@@ -33,7 +42,9 @@ def frame(room, name, T=None, **settings):
 @pytest.fixture(scope="module")
 def mapped():
     localizer = SaliencyGraphLocalizer()
-    localizer.build([frame(i, f"map-{i}", T_world_pano=pose_2d(6.0 * i, 0, 0.3 * i), place=f"room-{i}") for i in range(12)])
+    localizer.build(
+        [frame(i, f"map-{i}", T_world_pano=pose_2d(6.0 * i, 0, 0.3 * i), place=f"room-{i}") for i in range(12)]
+    )
     return localizer
 
 
@@ -62,10 +73,23 @@ def test_a_scene_is_a_few_hundred_bytes(mapped):
 
 
 def test_failing_is_a_status(mapped):
-    empty = Panorama("empty", annotations=Annotations(objects=Detections.empty(), keys=()))
+    empty = Panorama("empty", annotations=Annotations(objects=ObjectBoxes.empty()))
     assert mapped.localize(Frame("empty", lambda: empty)).status == "no-objects"
     strange = Detections(("spaceship",), np.ones(1), np.ones((1, 3)), np.ones((1, 3)), np.zeros(1))
-    assert mapped.localize(Frame("s", lambda: Panorama("s", annotations=Annotations(objects=strange, keys=("1",))))).status == "no-match"
+    assert (
+        mapped.localize(
+            Frame(
+                "s",
+                lambda: Panorama(
+                    "s",
+                    annotations=Annotations(
+                        objects=ObjectBoxes(strange.labels, ("1",), strange.centroid_m, strange.size_m, strange.yaw_rad)
+                    ),
+                ),
+            )
+        ).status
+        == "no-match"
+    )
     picky = SaliencyGraphLocalizer(SaliencyGraphLocalizer.Config(min_score=10.0))
     picky.build([frame(1, "map-1", T_world_pano=np.eye(4), place="room-1")])
     answer = picky.localize(frame(1, "query"))
@@ -86,8 +110,11 @@ def test_bad_input_is_one_clear_line(mapped, tmp_path):
 
 def test_a_doorway_match_answers_with_the_scene_at_the_pose():
     """In a map of a room, a doorway and another room the doorway matches best; the pose is on the second room's side."""
-    frames = [MapFrame("a", "room-a", pose_2d(0, 0, 0)), MapFrame("door", "transition-1", pose_2d(2, 0, 0), "transition"),
-              MapFrame("b", "room-b", pose_2d(4, 0, 0))]  # fmt: skip
+    frames = [
+        MapFrame("a", "room-a", pose_2d(0, 0, 0)),
+        MapFrame("door", "transition-1", pose_2d(2, 0, 0), "transition"),
+        MapFrame("b", "room-b", pose_2d(4, 0, 0)),
+    ]
     scores = np.array([0.5, 0.9, 0.2])
     assert [p.place for p in rank_places(frames, scores)] == ["transition-1", "room-a", "room-b"]
     ranked = rank_places(frames, scores, pose_2d(3.1, 0.2, 1.0))

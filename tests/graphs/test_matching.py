@@ -9,10 +9,12 @@ from salframe_graphs.features import node2vec, ring_hop_histograms
 from salframe_graphs.matching import TripletMatcher
 from salframe_graphs.verification import verify
 
-from salframe.errors import RequirementMissing
-from salframe.geometry import invert_pose, pose_2d, pose_errors, transform_points
-from salframe.graph import GraphConfig, build_graph
-from salframe.types import Detections, GraphMatch, MapFrame, SaliencyGraph
+from salframe.framework.errors import RequirementMissing
+from salframe.graphs.detections import Detections
+from salframe.graphs.graph import GraphConfig, SaliencyGraph, build_graph
+from salframe.graphs.matcher import GraphMatch
+from salframe.panoramas.frames import MapFrame
+from salframe.panoramas.geometry import invert_pose, pose_2d, pose_errors, transform_points
 
 LABELS = ("bed", "sofa", "chair", "table", "lamp", "plant", "tv", "desk", "picture", "cabinet")
 
@@ -20,9 +22,13 @@ LABELS = ("bed", "sofa", "chair", "table", "lamp", "plant", "tv", "desk", "pictu
 def room(seed, nodes=8, labels=LABELS):
     """A random room's objects seen from its middle, biggest first."""
     rng = np.random.default_rng(seed)
-    centroid = np.column_stack([rng.uniform(-2.5, 2.5, nodes), rng.uniform(-2, 2, nodes), rng.uniform(-1.2, 0.8, nodes)])
+    centroid = np.column_stack(
+        [rng.uniform(-2.5, 2.5, nodes), rng.uniform(-2, 2, nodes), rng.uniform(-1.2, 0.8, nodes)]
+    )
     size = rng.uniform(0.3, 1.8, (nodes, 3))
-    return Detections([str(name) for name in rng.choice(labels, nodes)], np.ones(nodes), centroid, size, rng.uniform(0, np.pi, nodes))
+    return Detections(
+        [str(name) for name in rng.choice(labels, nodes)], np.ones(nodes), centroid, size, rng.uniform(0, np.pi, nodes)
+    )
 
 
 def graph_of(detections, T=None):
@@ -74,7 +80,9 @@ def test_a_moved_room_is_found_with_its_nodes_and_pose(rooms):
         query = graph_of(objects, T)
         best = matcher().match(query, index, 5)[0]
         assert best.scene == scene
-        np.testing.assert_array_equal(best.pairs[:, 0], best.pairs[:, 1])  # both graphs list the same objects by saliency
+        np.testing.assert_array_equal(
+            best.pairs[:, 0], best.pairs[:, 1]
+        )  # both graphs list the same objects by saliency
         assert len(best.pairs) == len(objects)
         assert pose_errors(best.T_scene_query, T) == pytest.approx((0, 0), abs=1e-6)
 
@@ -83,8 +91,13 @@ def test_twin_rooms_are_told_apart_by_geometry():
     """The same objects at other places, and the same mirrored: labels cannot tell, one pose can."""
     right = room(5)
     rng = np.random.default_rng(6)
-    elsewhere = Detections(right.labels, right.scores, right.centroid_m[rng.permutation(8)] * [1, 1, 0] + right.centroid_m * [0, 0, 1],
-                           right.size_m, right.yaw_rad)  # fmt: skip
+    elsewhere = Detections(
+        right.labels,
+        right.scores,
+        right.centroid_m[rng.permutation(8)] * [1, 1, 0] + right.centroid_m * [0, 0, 1],
+        right.size_m,
+        right.yaw_rad,
+    )
     mirrored = Detections(right.labels, right.scores, right.centroid_m * [1, -1, 1], right.size_m, -right.yaw_rad)
     graphs = [graph_of(elsewhere), graph_of(mirrored), graph_of(right)]
     query = graph_of(right, pose_2d(0.5, 0.3, 2.0))
@@ -104,7 +117,9 @@ def test_matches_are_one_to_one_and_alike(rooms):
         query, reference = match.pairs.T
         assert len(set(query)) == len(query)
         assert len(set(reference)) == len(reference)
-        assert [graph_of(room(77, nodes=12)).labels[i] for i in query] == [graphs[match.scene].labels[j] for j in reference]
+        assert [graph_of(room(77, nodes=12)).labels[i] for i in query] == [
+            graphs[match.scene].labels[j] for j in reference
+        ]
 
 
 def test_strangers_and_empty_maps_match_nothing(rooms):
@@ -118,8 +133,14 @@ def test_strangers_and_empty_maps_match_nothing(rooms):
 def test_triplet_score_by_hand():
     """A path a-b-c against one that lacks b-c: I = w_ab over w_ab + w_bc."""
     saliency = np.array([0.5, 0.3, 0.2])
-    base = {"labels": ("a", "b", "c"), "scores": np.ones(3), "saliency": saliency, "centroid_m": np.eye(3),
-            "size_m": np.ones((3, 3)), "yaw_rad": np.zeros(3)}  # fmt: skip
+    base = {
+        "labels": ("a", "b", "c"),
+        "scores": np.ones(3),
+        "saliency": saliency,
+        "centroid_m": np.eye(3),
+        "size_m": np.ones((3, 3)),
+        "yaw_rad": np.zeros(3),
+    }
     query = SaliencyGraph(**base, edges=np.array([[0, 1], [1, 2]]))
     reference = SaliencyGraph(**base, edges=np.array([[0, 1], [0, 2]]))
     settings = {"structure_weight": 0.0, "similarity_score": 0.0, "geometry_score": 0.0, "triplet_score": 1.0}
@@ -134,11 +155,21 @@ def test_triplet_score_by_hand():
 
 @pytest.mark.parametrize(("geometry_score", "weight"), [(0.0, 1.0), (2.0, 3.0)])
 def test_a_node_counts_as_much_as_its_detector_is_sure(geometry_score, weight):
-    """Five objects that query and map share, and two of the map's alone: the Jaccard index is that of the sums of their scores."""
-    shared = Detections(LABELS[:5], np.array([0.9, 0.8, 0.7, 0.6, 0.5]), room(0, 5).centroid_m, np.ones((5, 3)), np.zeros(5))
-    extra = Detections(LABELS[5:7], np.array([0.3, 0.1]), np.array([[2.0, 2, 0], [-2, 2, 0]]), np.ones((2, 3)), np.zeros(2))
-    more = Detections((*shared.labels, *extra.labels), *(np.concatenate([getattr(shared, name), getattr(extra, name)])
-                                                         for name in ("scores", "centroid_m", "size_m", "yaw_rad")))  # fmt: skip
+    """Five objects that query and map share, and two of the map's alone: the Jaccard index is that of the sums of their
+    scores."""
+    shared = Detections(
+        LABELS[:5], np.array([0.9, 0.8, 0.7, 0.6, 0.5]), room(0, 5).centroid_m, np.ones((5, 3)), np.zeros(5)
+    )
+    extra = Detections(
+        LABELS[5:7], np.array([0.3, 0.1]), np.array([[2.0, 2, 0], [-2, 2, 0]]), np.ones((2, 3)), np.zeros(2)
+    )
+    more = Detections(
+        (*shared.labels, *extra.labels),
+        *(
+            np.concatenate([getattr(shared, name), getattr(extra, name)])
+            for name in ("scores", "centroid_m", "size_m", "yaw_rad")
+        ),
+    )
     settings = {"structure_weight": 0.0, "rarity": False, "geometry_score": geometry_score}
     for confidence, expected in ((True, 3.5 / 3.9), (False, 5 / 7)):
         one = matcher(**settings, confidence=confidence)
@@ -155,8 +186,15 @@ def test_nodes_of_score_zero_count_nothing():
 
 def test_ring_and_hop_histograms_by_hand():
     """Labels a, b, c on a line at 0, 1.5 and 3 m; only a and b are linked."""
-    graph = SaliencyGraph(("a", "b", "c"), np.ones(3), np.full(3, 1 / 3), np.array([[0, 0, 0], [1.5, 0, 0], [3, 0, 0]], float), np.ones((3, 3)),
-                          np.zeros(3), np.array([[0, 1]]))  # fmt: skip
+    graph = SaliencyGraph(
+        ("a", "b", "c"),
+        np.ones(3),
+        np.full(3, 1 / 3),
+        np.array([[0, 0, 0], [1.5, 0, 0], [3, 0, 0]], float),
+        np.ones((3, 3)),
+        np.zeros(3),
+        np.array([[0, 1]]),
+    )
     found = ring_hop_histograms(graph, {"a": 0, "b": 1, "c": 2}, (1.0, 2.0, 4.0), 2)
     a = np.array([[0, 0, 0], [0, 1, 0], [0, 0, 1], [0, 1, 0], [0, 0, 0]]).ravel()
     np.testing.assert_allclose(found[0], a / np.linalg.norm(a))
@@ -190,7 +228,9 @@ def test_agreeing_matches_outvote_a_lone_one():
     frames = [MapFrame(str(i), f"place-{i}", pose_2d(2.0 * i, 0, 0.5 * i)) for i in range(4)]
     there = pose_2d(3.0, 1.0, 0.3)
     matches = [GraphMatch(3, 1.0, np.zeros((0, 2), int), pose_2d(0, 0, 2.0))]
-    matches += [GraphMatch(i, 0.8, np.zeros((0, 2), int), invert_pose(frames[i].T_world_pano) @ there) for i in range(2)]
+    matches += [
+        GraphMatch(i, 0.8, np.zeros((0, 2), int), invert_pose(frames[i].T_world_pano) @ there) for i in range(2)
+    ]
     matches.append(GraphMatch(2, 0.1, np.zeros((0, 2), int)))
     ranked = agree(matches, frames, 0.5, 1.5)
     assert [m.scene for m in ranked] == [0, 1, 3, 2]
@@ -205,6 +245,7 @@ def test_node2vec_without_gensim_says_how_to_get_it(monkeypatch):
 
 def test_an_unweighted_graph_counts_triplets():
     """Four objects in a row, each in context with the next; the map lacks the edge of the last two."""
+
     def chain(edges):
         centroid = np.column_stack([np.arange(4.0), np.ones(4), np.zeros(4)])
         saliency = np.array([0.5, 0.3, 0.15, 0.05])

@@ -1,12 +1,11 @@
 """Positioners against poses that are known, and against the table of method.md 4."""
 
-
 import numpy as np
 import pytest
 from salframe_graphs.positioning import LeastSquaresPositioner, RobustPositioner
 from scipy.spatial.transform import Rotation
 
-from salframe.geometry import invert_pose, pose_2d, pose_errors, transform_points
+from salframe.panoramas.geometry import invert_pose, pose_2d, pose_errors, transform_points
 
 
 def room(rng, nodes):
@@ -59,7 +58,10 @@ def test_literal_norms_are_wrong_and_squared_ones_right():
     reference = room(rng, 8)
     truth = pose_2d(0.6, -0.3, 0.4)
     query = transform_points(invert_pose(truth), reference)
-    error = {norms: pose_errors(least_squares(norms=norms).solve(query, reference).T_reference_query, truth)[0] for norms in ("squared", "literal")}
+    error = {
+        norms: pose_errors(least_squares(norms=norms).solve(query, reference).T_reference_query, truth)[0]
+        for norms in ("squared", "literal")
+    }
     assert error["squared"] < 1e-9
     assert error["literal"] > 0.3
 
@@ -73,7 +75,8 @@ def test_arccos_loses_the_sign():
 
 
 def simulate(positioner, nodes, noise_m, wrong, trials=400, seed=5):
-    """Median translation (m) and rotation (deg) error, and the share within 0.5 m and 10 deg: the simulation of method.md 4."""
+    """Median translation (m) and rotation (deg) error, and the share within 0.5 m and 10 deg: the simulation of
+    method.md 4."""
     rng = np.random.default_rng(seed)
     errors = []
     for _ in range(trials):
@@ -91,7 +94,11 @@ def simulate(positioner, nodes, noise_m, wrong, trials=400, seed=5):
         flat[2, 3] = 0
         errors.append(pose_errors(flat, truth))
     translation, rotation = np.array(errors).T
-    return np.median(translation), np.degrees(np.median(rotation)), np.mean((translation < 0.5) & (np.degrees(rotation) < 10))
+    return (
+        np.median(translation),
+        np.degrees(np.median(rotation)),
+        np.mean((translation < 0.5) & (np.degrees(rotation) < 10)),
+    )
 
 
 @pytest.mark.parametrize(
@@ -127,7 +134,9 @@ def test_covariance_matches_the_spread():
     poses, stated = [], []
     for _ in range(400):
         found = robust().solve(exact + rng.normal(0, 0.08, exact.shape), points)
-        poses.append([*found.T_reference_query[:2, 3], np.arctan2(found.T_reference_query[1, 0], found.T_reference_query[0, 0])])
+        poses.append(
+            [*found.T_reference_query[:2, 3], np.arctan2(found.T_reference_query[1, 0], found.T_reference_query[0, 0])]
+        )
         stated.append(np.diag(found.covariance))
     np.testing.assert_allclose(np.sqrt(np.mean(stated, axis=0)), np.std(poses, axis=0), rtol=0.15)
 

@@ -9,7 +9,12 @@ ROOM_M = np.array([6.0, 5.0, 2.7])
 TABLE = 1
 
 _FACES = (  # axis of the normal, side, axes of u and v
-    (0, 1, 1, 2), (0, 0, 1, 2), (1, 1, 0, 2), (1, 0, 0, 2), (2, 1, 0, 1), (2, 0, 0, 1),
+    (0, 1, 1, 2),
+    (0, 0, 1, 2),
+    (1, 1, 0, 2),
+    (1, 0, 0, 2),
+    (2, 1, 0, 1),
+    (2, 0, 0, 1),
 )
 
 
@@ -57,12 +62,25 @@ def box_room() -> Scene:
 
 
 def furnished_room() -> Scene:
-    """The box room with a table (instance 1), a shelf that shades a corner, pictures, a window, a mirror and a lamp with a housing."""
+    """The box room with a table (instance 1), a shelf that shades a corner, pictures, a window, a mirror and a lamp
+    with a housing."""
     build = SceneBuilder()
     wall, wood = Material("plaster", (0.62, 0.60, 0.55), 1), Material("wood", (0.42, 0.27, 0.15), 1)
     width, depth, height = ROOM_M
-    build.box((0, 0, 0), ROOM_M, wall, y0=None, z1=Material("ceiling", (0.7, 0.7, 0.7)), z0=Material("parquet", (0.42, 0.30, 0.19)))
-    for low, high in (((0, 0), (2, height)), ((4, 0), (width, height)), ((2, 0), (4, 0.9)), ((2, 2.2), (4, height))):  # wall around a window
+    build.box(
+        (0, 0, 0),
+        ROOM_M,
+        wall,
+        y0=None,
+        z1=Material("ceiling", (0.7, 0.7, 0.7)),
+        z0=Material("parquet", (0.42, 0.30, 0.19)),
+    )
+    for low, high in (
+        ((0, 0), (2, height)),
+        ((4, 0), (width, height)),
+        ((2, 0), (4, 0.9)),
+        ((2, 2.2), (4, height)),
+    ):  # wall around a window
         build.box((low[0], -0.2, low[1]), (high[0], 0, high[1]), wall)
     build.box((2, -0.15, 0.9), (4, -0.14, 2.2), Material("glass", (0.5, 0.55, 0.55)))
     build.lights.append(Light((3, -0.05, 1.55), (2, 0, 0), (0, 0, 1.3), "window", "room"))
@@ -73,14 +91,27 @@ def furnished_room() -> Scene:
             build.box((x, y, 0), (x + 0.05, y + 0.05, 0.70), wood, TABLE)
     build.box((0.01, 0.6, 0), (0.4, 1.8, 2.0), Material("laminate", (0.5, 0.45, 0.38)), 2)
     for level in range(4):
-        build.box((0.40, 0.65, 0.1 + 0.48 * level), (0.42, 1.75, 0.5 + 0.48 * level), Material("books", (0.36, 0.30, 0.26), 3 + level), 3 + level)
+        build.box(
+            (0.40, 0.65, 0.1 + 0.48 * level),
+            (0.42, 1.75, 0.5 + 0.48 * level),
+            Material("books", (0.36, 0.30, 0.26), 3 + level),
+            3 + level,
+        )
     build.box((4.6, 3.9, 0.0), (5.95, 4.95, 0.45), Material("fabric", (0.30, 0.36, 0.30), 2), 7)
     build.box((1.6, 1.6, 0.001), (4.4, 3.4, 0.012), Material("rug", (0.42, 0.24, 0.20), 5), 8)
     for i, (x, y) in enumerate(((1.2, depth), (3.2, depth), (4.6, depth))):
-        build.box((x, y - 0.03, 1.3), (x + 0.8, y - 0.001, 1.9), wood, 9 + i, y0=Material("picture", (0.40, 0.38, 0.35), i))
+        build.box(
+            (x, y - 0.03, 1.3), (x + 0.8, y - 0.001, 1.9), wood, 9 + i, y0=Material("picture", (0.40, 0.38, 0.35), i)
+        )
     build.box((width - 0.02, 1.5, 0.9), (width - 0.001, 2.5, 1.9), Material("mirror", (0.7, 0.72, 0.72)), 12)
     build.box((5.2, 0.3, 0.0), (5.7, 1.3, 0.72), Material("plastic", (0.6, 0.6, 0.6)), 13)
-    build.box((5.65, 0.5, 0.85), (5.68, 1.1, 1.25), Material("plastic", (0.04, 0.04, 0.045)), 14, x0=Material("screen", (0.10, 0.11, 0.13), 2, 0.25))
+    build.box(
+        (5.65, 0.5, 0.85),
+        (5.68, 1.1, 1.25),
+        Material("plastic", (0.04, 0.04, 0.045)),
+        14,
+        x0=Material("screen", (0.10, 0.11, 0.13), 2, 0.25),
+    )
     build.box((2.7, 2.2, 2.60), (3.3, 2.8, 2.69), Material("fabric", (0.7, 0.69, 0.66), 0, 1.0), 15)
     build.lights.append(Light((3.0, 2.5, 2.59), (0.6, 0, 0), (0, 0.6, 0), "lamp", "room", 15))
     build.box((0.15, 4.4, 0.0), (0.20, 4.45, 1.5), Material("metal", (0.5, 0.5, 0.5)), 16)

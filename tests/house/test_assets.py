@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from salframe.errors import DataError
+from salframe.framework.errors import DataError
 
 pytest.importorskip("trimesh", reason="furniture of Sweet Home 3D needs salframe[assets]")
 
@@ -84,7 +84,11 @@ def test_names_of_the_catalogue_stand_for_known_classes():
     assert class_of("Chair 12") == "chair"
     assert class_of("Bedside table 2") == "nightstand"
     assert class_of("Chair lift") is None
-    assert {asset for asset in map(class_of, ["Bath", "Fridge", "TV"]) if asset in CLASSES} == {"bathtub", "refrigerator", "tv"}
+    assert {asset for asset in map(class_of, ["Bath", "Fridge", "TV"]) if asset in CLASSES} == {
+        "bathtub",
+        "refrigerator",
+        "tv",
+    }
 
 
 def test_a_model_fills_its_box_with_the_front_along_x(folder):
@@ -132,7 +136,10 @@ def test_half_of_the_objects_of_a_covered_class_take_a_model_and_parts_share_non
     catalogue = Catalogue(folder)
     share = np.mean([catalogue.choose("sofa", seed) is not None for seed in range(400)])
     assert share == pytest.approx(0.5, abs=0.07)
-    parts = [{asset.id for assets in Catalogue(folder, part).assets.values() for asset in assets} for part in ("training", "held-out")]
+    parts = [
+        {asset.id for assets in Catalogue(folder, part).assets.values() for asset in assets}
+        for part in ("training", "held-out")
+    ]
     assert not parts[0] & parts[1]
     assert len(parts[0] | parts[1]) == 2
 
@@ -158,7 +165,9 @@ def test_the_dataset_furnishes_with_models_where_asked(folder, tmp_path, monkeyp
         seats = np.array([id for id, label in plain.annotations.labels.items() if label in ("sofa", "armchair")])
         other = np.abs(plain.range_m - furnished.range_m) > 0.01
         changed += other.sum()
-        assert (np.isin(plain.annotations.instance_id, seats) | np.isin(furnished.annotations.instance_id, seats))[other].all()
+        assert (np.isin(plain.annotations.instance_id, seats) | np.isin(furnished.annotations.instance_id, seats))[
+            other
+        ].all()
     assert changed > 100
 
 

@@ -12,7 +12,7 @@ from salframe_house.building import Building, change_building, generate_building
 from salframe_house.furniture import object_mesh
 from scipy import ndimage
 
-from salframe.errors import ConfigError
+from salframe.framework.errors import ConfigError
 
 BUILDINGS = [("home", 6), ("home", 12), ("office", 12), ("office", 42), ("hotel", 6), ("hotel", 12), ("hotel", 42)]
 
@@ -56,7 +56,7 @@ def test_a_building_has_exactly_the_rooms_asked_for(style, rooms):
 def test_rooms_are_apart_and_one_walks_from_each_to_each(style, rooms):
     house = building(style, rooms)
     for i, a in enumerate(house.rooms):
-        for b in house.rooms[i + 1:]:
+        for b in house.rooms[i + 1 :]:
             overlap = np.minimum(a.high_m, b.high_m) - np.maximum(a.low_m, b.low_m)
             assert (overlap <= -0.1).any(), (a.id, b.id)  # a wall stands between them
     assert nx.is_connected(nx.Graph([door.rooms for door in house.doors]))
@@ -117,17 +117,23 @@ def test_a_quarter_of_the_rooms_are_twins_with_the_same_objects(style, rooms):
     assert sum(map(len, groups.values())) >= rooms / 4
     for twins in groups.values():
         assert len(twins) >= 2
-        lists = [sorted((placed.label, placed.seed) for placed in house.objects if placed.room == room.id) for room in twins]
+        lists = [
+            sorted((placed.label, placed.seed) for placed in house.objects if placed.room == room.id) for room in twins
+        ]
         assert all(other == lists[0] for other in lists)
 
 
 def test_mirrored_twins_have_opposite_handedness():
-    house = next(h for h in (building("office", 42, seed) for seed in range(5)) if any(room.mirrored for room in h.rooms))
+    house = next(
+        h for h in (building("office", 42, seed) for seed in range(5)) if any(room.mirrored for room in h.rooms)
+    )
     room = next(room for room in house.rooms if room.mirrored)
 
     def positions(name: str) -> np.ndarray:
         """(N, 2) objects in the order of their labels and seeds."""
-        objects = sorted((placed for placed in house.objects if placed.room == name), key=lambda placed: (placed.label, placed.seed))
+        objects = sorted(
+            (placed for placed in house.objects if placed.room == name), key=lambda placed: (placed.label, placed.seed)
+        )
         points = np.array([(placed.x_m, placed.y_m) for placed in objects])
         return points - points.mean(0)
 
@@ -186,7 +192,16 @@ def test_nothing_is_left_in_the_air_by_changes():
     house = building("home", 12)
     changed = change_building(house, 0.6, 2)
     for placed in changed.objects:
-        if placed.z_m > 0 and placed.label in ("monitor", "lamp", "microwave", "coffee machine", "kettle", "laptop", "printer", "flowers"):
+        if placed.z_m > 0 and placed.label in (
+            "monitor",
+            "lamp",
+            "microwave",
+            "coffee machine",
+            "kettle",
+            "laptop",
+            "printer",
+            "flowers",
+        ):
             assert any(other.carries(placed) for other in changed.objects), placed
 
 

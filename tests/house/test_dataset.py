@@ -10,9 +10,9 @@ import pytest
 from salframe_house.dataset import House
 from salframe_house.rendering import VISIBLE_PIXELS, buildings
 
-from salframe.errors import ConfigError, DataError
-from salframe.geometry import equirectangular_rays
-from salframe.presets import configure, settings
+from salframe.framework.errors import ConfigError, DataError
+from salframe.framework.presets import configure, settings
+from salframe.panoramas.geometry import equirectangular_rays
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +60,10 @@ def test_objects_lie_where_the_table_says(house: House) -> None:
     checked = 0
     for frame in house.folds()[0].mapping:
         panorama = frame.load()
-        points = equirectangular_rays(128) * panorama.range_m[..., None] @ frame.T_world_pano[:3, :3].T + frame.T_world_pano[:3, 3]
+        points = (
+            equirectangular_rays(128) * panorama.range_m[..., None] @ frame.T_world_pano[:3, :3].T
+            + frame.T_world_pano[:3, 3]
+        )
         for instance in np.unique(panorama.annotations.instance_id[panorama.annotations.instance_id > 0]):
             row = rows[int(instance)]
             assert row["label"] == panorama.annotations.labels[int(instance)]
@@ -75,7 +78,10 @@ def test_objects_lie_where_the_table_says(house: House) -> None:
 def test_rendering_resumes(house: House, monkeypatch: pytest.MonkeyPatch) -> None:
     """With one frame and the manifest lost, that frame alone is rendered again, to the same bytes."""
     lost = sorted(house.root.glob("frames/*.range.png"))[3]
-    content, kept = lost.read_bytes(), {path: path.stat().st_mtime_ns for path in house.root.glob("frames/*") if path != lost}
+    content, kept = (
+        lost.read_bytes(),
+        {path: path.stat().st_mtime_ns for path in house.root.glob("frames/*") if path != lost},
+    )
     manifest = (house.root / "manifest.json").read_bytes()
     lost.unlink()
     (house.root / "manifest.json").unlink()
@@ -96,7 +102,8 @@ def test_fingerprint_is_that_of_the_settings(house: House) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "rooms", "style"), [("house-6", 6, "home"), ("house-12", 12, "home"), ("house-42", 42, "office"), ("house-106", 106, "office")]
+    ("name", "rooms", "style"),
+    [("house-6", 6, "home"), ("house-12", 12, "home"), ("house-42", 42, "office"), ("house-106", 106, "office")],
 )
 def test_presets(name: str, rooms: int, style: str) -> None:
     config = configure("dataset", name, settings("dataset", name), [{"seed": 5}])
@@ -118,7 +125,8 @@ def test_colour_is_rendered_under_other_light(tmp_path: Path, monkeypatch: pytes
 
 
 def test_it_renders_where_the_agent_stands(house: House) -> None:
-    """A panorama observed where a query stands is that query's; its name tells the pose, so that detector noise differs by pose."""
+    """A panorama observed where a query stands is that query's; its name tells the pose, so that detector noise differs
+    by pose."""
     for query in house.folds()[0].queries[:2]:
         pose = house.truth(query.id).T_world_pano
         seen, stored = house.observe(pose), query.load()

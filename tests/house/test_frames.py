@@ -44,7 +44,9 @@ def test_every_room_has_map_frames_and_queries_and_every_doorway_a_transition(ar
         assert any(frame.role == "map" and frame.place == room.id for frame in frames)
         assert sum(frame.role == "query" and frame.place == room.id for frame in frames) == 3
     transitions = [frame for frame in frames if frame.role == "transition"]
-    assert [(frame.x_m, frame.y_m) for frame in transitions] == [tuple(round(c, 4) for c in door.centre_m) for door in house.doors]
+    assert [(frame.x_m, frame.y_m) for frame in transitions] == [
+        tuple(round(c, 4) for c in door.centre_m) for door in house.doors
+    ]
     assert all(frame.place.startswith("transition-") for frame in transitions)
 
 
@@ -73,7 +75,9 @@ def test_free_floor_is_near_a_map_frame_of_its_room(arguments):
 
 def test_maps_are_taken_by_day_and_queries_not():
     _, _, frames = case("office", 42, 0)
-    lighting = {role: {frame.lighting for frame in frames if frame.role == role} for role in ("map", "transition", "query")}
+    lighting = {
+        role: {frame.lighting for frame in frames if frame.role == role} for role in ("map", "transition", "query")
+    }
     assert lighting == {"map": {"day"}, "transition": {"day"}, "query": {"evening", "dim"}}
     heights = np.array([frame.z_m for frame in frames])
     assert np.abs(heights - 1.5).max() <= 0.03 + 1e-9

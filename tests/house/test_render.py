@@ -1,4 +1,5 @@
-"""The renderer against closed forms: ray-box distances, energy of a lamp, and what light must and must not do in a room."""
+"""The renderer against closed forms: ray-box distances, energy of a lamp, and what light must and must not do in a
+room."""
 
 from __future__ import annotations
 
@@ -14,8 +15,8 @@ from salframe_house.scene import Light, Material
 from salframe_house.textures import MAX_PATTERN, TEXTURES, TILE, TextureKind, texture_tile
 from salframe_house.tracing import Tracer
 
-from salframe.errors import DataError
-from salframe.geometry import equirectangular_rays, pose_2d, rays_to_pixels
+from salframe.framework.errors import DataError
+from salframe.panoramas.geometry import equirectangular_rays, pose_2d, rays_to_pixels
 
 HEIGHT = 128
 POSE = pose_2d(1.8, 3.3, 0.3, 1.5)
@@ -36,7 +37,9 @@ def test_range_in_a_box_is_the_analytic_distance() -> None:
     range_m, instance_id = Renderer(box_room(), "day", HEIGHT).geometry(POSE)
     rays = equirectangular_rays(HEIGHT).astype(np.float64) @ POSE[:3, :3].T
     with np.errstate(divide="ignore"):
-        expected = np.min(np.where(rays > 0, ROOM_M - POSE[:3, 3], -POSE[:3, 3]) / rays, axis=-1, where=rays != 0, initial=np.inf)
+        expected = np.min(
+            np.where(rays > 0, ROOM_M - POSE[:3, 3], -POSE[:3, 3]) / rays, axis=-1, where=rays != 0, initial=np.inf
+        )
     np.testing.assert_allclose(range_m, expected, atol=1e-4)
     assert range_m.dtype == np.float32
     assert instance_id.dtype == np.int32
@@ -58,7 +61,8 @@ def test_turning_by_whole_columns_rolls_range_and_instances(furnished: Renderer)
     columns = 37
     range_m, instance_id = furnished.geometry(POSE)
     turned_range_m, turned_instance_id = furnished.geometry(pose_2d(1.8, 3.3, 0.3 + columns * np.pi / HEIGHT, 1.5))
-    # Content moves to the right when the camera turns to the left. A few pixel centres lie on an edge to within rounding.
+    # Content moves to the right when the camera turns to the left. A few pixel centres lie on an edge to within
+    # rounding.
     same = np.roll(instance_id, columns, axis=1) == turned_instance_id
     assert same.mean() > 0.9995
     close = np.isclose(np.roll(range_m, columns, axis=1), turned_range_m, atol=1e-4)
@@ -114,9 +118,15 @@ def test_direct_light_is_that_of_a_disc_on_its_axis() -> None:
     """Irradiance below the middle of a disc of radiance L: pi L r^2 / (r^2 + d^2)."""
     scene, condition = box_room(), CONDITIONS["evening"]
     lights = Lights(scene, condition, Tracer(scene, is_hollow(scene)))
-    received = lights.direct(np.array([[3.0, 2.5, 0.0]], np.float32), np.array([[0, 0, 1]], np.float32), np.zeros(1, int), 4)
+    received = lights.direct(
+        np.array([[3.0, 2.5, 0.0]], np.float32), np.array([[0, 0, 1]], np.float32), np.zeros(1, int), 4
+    )
     radius_sq = 0.36 / np.pi
-    np.testing.assert_allclose(received[0], np.pi * condition.lamp * radius_sq / (radius_sq + 2.65**2) * np.array(condition.lamp_rgb), rtol=1e-4)
+    np.testing.assert_allclose(
+        received[0],
+        np.pi * condition.lamp * radius_sq / (radius_sq + 2.65**2) * np.array(condition.lamp_rgb),
+        rtol=1e-4,
+    )
 
 
 def test_half_a_hidden_lamp_gives_half_the_light() -> None:
@@ -127,7 +137,10 @@ def test_half_a_hidden_lamp_gives_half_the_light() -> None:
     open_scene = build.scene()
     build.box((3.0, 0, 1.4), (6, 6, 1.45), grey)  # seen from the middle of the floor, its edge halves the lamp
     shaded_scene = build.scene()
-    points, up = np.tile(np.array([[3, 3, 0]], np.float32), (INTERLEAVED, 1)), np.tile(np.array([[0, 0, 1]], np.float32), (INTERLEAVED, 1))
+    points, up = (
+        np.tile(np.array([[3, 3, 0]], np.float32), (INTERLEAVED, 1)),
+        np.tile(np.array([[0, 0, 1]], np.float32), (INTERLEAVED, 1)),
+    )
     means = []
     for scene in (open_scene, shaded_scene):
         lights = Lights(scene, CONDITIONS["evening"], Tracer(scene, is_hollow(scene)))
@@ -145,14 +158,16 @@ def test_a_lamp_does_not_shade_itself() -> None:
     floor = np.random.default_rng(0).uniform((0.1, 0.1, 0), (5.9, 5.9, 1e-9), (200, 3)).astype(np.float32)
     up = np.tile(np.array([[0, 0, 1]], np.float32), (200, 1))
     bare_light, housed_light = (
-        Lights(scene, CONDITIONS["day"], Tracer(scene, is_hollow(scene))).direct(floor, up, np.zeros(200, int), 4) for scene in (bare, housed)
+        Lights(scene, CONDITIONS["day"], Tracer(scene, is_hollow(scene))).direct(floor, up, np.zeros(200, int), 4)
+        for scene in (bare, housed)
     )
     np.testing.assert_array_equal(bare_light, housed_light)
     assert (bare_light > 0).all()
 
 
 def test_gathered_directions_are_cosine_distributed() -> None:
-    """Over a hemisphere weighted by its cosine, the mean of the cosine is 2/3 and that of the direction lies on the normal."""
+    """Over a hemisphere weighted by its cosine, the mean of the cosine is 2/3 and that of the direction lies on the
+    normal."""
     normal = np.array([[0, 0, 1], [0, 0, -1], [0.6, 0, 0.8], [-0.48, 0.6, -0.64]], np.float32)
     for n in normal:
         directions = gather_directions(np.tile(n, (INTERLEAVED, 1)), np.arange(INTERLEAVED), 16).reshape(-1, 3)
@@ -162,7 +177,8 @@ def test_gathered_directions_are_cosine_distributed() -> None:
 
 
 def test_indirect_light_conserves_energy() -> None:
-    """In a closed room of albedo a that a lamp lights with flux F, the mean irradiance of the surfaces is F / (area (1 - a))."""
+    """In a closed room of albedo a that a lamp lights with flux F, the mean irradiance of the surfaces is F / (area (1
+    - a))."""
     build, albedo = SceneBuilder(), 0.5
     build.box((0, 0, 0), ROOM_M, Material("concrete", (albedo, albedo, albedo)))
     build.lights.append(Light((3.0, 2.5, 2.6), (0.6, 0, 0), (0, 0.6, 0), "lamp", "room"))
@@ -206,7 +222,9 @@ def test_no_specks(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_dim_keeps_a_lamp_in_every_room() -> None:
     rng = np.random.default_rng(3)
-    lights = [Light(tuple(rng.uniform(0, 20, 3)), (0.6, 0, 0), (0, 0.6, 0), "lamp", f"room-{i // 4}") for i in range(80)]
+    lights = [
+        Light(tuple(rng.uniform(0, 20, 3)), (0.6, 0, 0), (0, 0.6, 0), "lamp", f"room-{i // 4}") for i in range(80)
+    ]
     on = lights_on(tuple(lights), CONDITIONS["dim"])
     assert {light.room for light, shines in zip(lights, on, strict=True) if shines} == {light.room for light in lights}
     assert 0.4 < on.mean() < 0.75
@@ -229,4 +247,8 @@ def test_wrong_input_is_one_clear_line() -> None:
         Renderer(box_room(), "day", 130)
     scene = box_room()
     with pytest.raises(DataError, match="unknown texture 'velvet', expected one of books, carpet"):
-        Renderer(replace(scene, materials=(replace(scene.materials[0], texture="velvet"), *scene.materials[1:])), "day", HEIGHT)
+        Renderer(
+            replace(scene, materials=(replace(scene.materials[0], texture="velvet"), *scene.materials[1:])),
+            "day",
+            HEIGHT,
+        )

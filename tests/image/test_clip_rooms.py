@@ -7,15 +7,22 @@ import pytest
 from conftest import HEIGHT
 from salframe_image.clip import MEAN, STD, ClipRooms, room_type
 
-from salframe.errors import InputMissing, WeightsMissing
+from salframe.framework.errors import InputMissing, WeightsMissing
+from salframe.panoramas.frames import Frame, MapFrame
+from salframe.panoramas.panorama import Panorama
 from salframe.testing import check_component
-from salframe.types import Frame, MapFrame, Panorama
 
 pytest.importorskip("tokenizers")
 WORDS = {"a": 0, "red": 1, "green": 2, "blue": 3}
 EMBEDDINGS = np.array([[0, 0, 0], [2, -1, -1], [-1, 2, -1], [-1, -1, 2]], np.float32)
 """What the text encoder of the tests sums over a prompt's words."""
-COLOURS = {"red": (230, 40, 40), "green": (40, 230, 40), "blue": (40, 40, 230), "grey-blue": (90, 90, 150), "grey-red": (145, 110, 95)}
+COLOURS = {
+    "red": (230, 40, 40),
+    "green": (40, 230, 40),
+    "blue": (40, 40, 230),
+    "grey-blue": (90, 90, 150),
+    "grey-red": (145, 110, 95),
+}
 
 
 @pytest.fixture
@@ -24,13 +31,18 @@ def folder(write_network, tmp_path):
     from onnx import TensorProto, helper
 
     write_network("onnx/vision_model.onnx", [helper.make_node("ReduceMean", ["x"], ["y"], axes=[2, 3], keepdims=0)])
-    summed = [helper.make_node("Gather", ["table", "input_ids"], ["rows"]), helper.make_node("ReduceSum", ["rows", "axes"], ["y"], keepdims=0)]
+    summed = [
+        helper.make_node("Gather", ["table", "input_ids"], ["rows"]),
+        helper.make_node("ReduceSum", ["rows", "axes"], ["y"], keepdims=0),
+    ]
     constants = {"table": EMBEDDINGS, "axes": np.array([1])}
     write_network("onnx/text_model.onnx", summed, ("n", "length"), TensorProto.INT64, constants, "input_ids")
     words = {"type": "WordLevel", "vocab": WORDS, "unk_token": "a"}
     parts = dict.fromkeys(("normalizer", "post_processor", "decoder", "truncation", "padding"))
     (tmp_path / "tokenizer.json").write_text(
-        json.dumps({"version": "1.0", "added_tokens": [], "pre_tokenizer": {"type": "Whitespace"}, "model": words, **parts})
+        json.dumps(
+            {"version": "1.0", "added_tokens": [], "pre_tokenizer": {"type": "Whitespace"}, "model": words, **parts}
+        )
     )
     return tmp_path
 
@@ -41,17 +53,22 @@ def build(folder):
 
     def make(rooms: dict[str, str], **settings) -> ClipRooms:
         localizer = ClipRooms(ClipRooms.Config(checkpoint=folder, views=4, hfov_deg=80, **settings))
-        localizer.build([Frame(place, lambda colour=colour: painted(colour), np.eye(4), place) for place, colour in rooms.items()])
+        localizer.build(
+            [Frame(place, lambda colour=colour: painted(colour), np.eye(4), place) for place, colour in rooms.items()]
+        )
         return localizer
 
     return make
 
 
 def painted(colour: str, other: str | None = None) -> Panorama:
-    """One colour all around, or another one at azimuths from 135 to 315 degrees, which the last two of four views look at."""
+    """One colour all around, or another one at azimuths from 135 to 315 degrees, which the last two of four views look
+    at."""
     rgb = np.full((HEIGHT, 2 * HEIGHT, 3), COLOURS[colour], np.uint8)
     if other:
-        rgb[:, np.arange(2 * HEIGHT) < HEIGHT // 4] = rgb[:, np.arange(2 * HEIGHT) >= HEIGHT + HEIGHT // 4] = COLOURS[other]
+        rgb[:, np.arange(2 * HEIGHT) < HEIGHT // 4] = rgb[:, np.arange(2 * HEIGHT) >= HEIGHT + HEIGHT // 4] = COLOURS[
+            other
+        ]
     return Panorama(colour, rgb)
 
 
@@ -98,15 +115,23 @@ def test_equal_scores_keep_the_order_of_the_map(build):
 
 def test_one_map_frame_is_enough(build):
     answer = ask(build({"red-01": "red"}), painted("blue"))
-    assert [(ranked.place, ranked.score) for ranked in answer.places] == [("red-01", pytest.approx(1))]  # one type: all are of it
+    assert [(ranked.place, ranked.score) for ranked in answer.places] == [
+        ("red-01", pytest.approx(1))
+    ]  # one type: all are of it
 
 
 def test_room_types_are_those_of_scenes_unless_others_are_named(build, folder):
     localizer = ClipRooms(ClipRooms.Config(checkpoint=folder, views=4, hfov_deg=80))
-    frames = [MapFrame("1", "red-01", np.eye(4)), MapFrame("2", "blue", np.eye(4)), MapFrame("3", "green-01", np.eye(4), "transition")]
+    frames = [
+        MapFrame("1", "red-01", np.eye(4)),
+        MapFrame("2", "blue", np.eye(4)),
+        MapFrame("3", "green-01", np.eye(4), "transition"),
+    ]
     localizer.index([localizer.describe(painted(colour)) for colour in ("red", "blue", "green")], frames)
     scores = {ranked.place: ranked.score for ranked in ask(localizer, painted("blue")).places}
-    assert scores["green-01"] == pytest.approx(np.sqrt(np.prod([share(c, types=("blue", "red")) for c in ("green", "blue")], 0)).sum(), abs=1e-2)
+    assert scores["green-01"] == pytest.approx(
+        np.sqrt(np.prod([share(c, types=("blue", "red")) for c in ("green", "blue")], 0)).sum(), abs=1e-2
+    )
     assert scores["green-01"] > 0.9  # nearer to blue than to red; were green a type, it would be 0
     answer = ask(build(ROOMS, room_types=("green", "red", "blue"), prompt="a a {}"), painted("red"))
     assert answer.places[0].place == "red-01"
@@ -114,7 +139,13 @@ def test_room_types_are_those_of_scenes_unless_others_are_named(build, folder):
 
 @pytest.mark.parametrize(
     ("place", "words"),
-    [("kitchen-01", "kitchen"), ("dining-room-12", "dining room"), ("living_room", "living room"), ("17DRP/bedroom 3", "bedroom"), ("12", "12")],
+    [
+        ("kitchen-01", "kitchen"),
+        ("dining-room-12", "dining room"),
+        ("living_room", "living room"),
+        ("17DRP/bedroom 3", "bedroom"),
+        ("12", "12"),
+    ],
 )
 def test_a_room_type_is_the_places_name_without_its_number(place, words):
     assert room_type(place) == words
@@ -133,7 +164,9 @@ def test_a_panorama_without_colour_is_refused(build):
 
 def test_without_clip_the_row_says_how_to_get_it(monkeypatch, tmp_path):
     monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path))
-    with pytest.raises(WeightsMissing, match=r"no file .*vision_model\.onnx .*get it with: salframe weights fetch clip-vit-b32"):
+    with pytest.raises(
+        WeightsMissing, match=r"no file .*vision_model\.onnx .*get it with: salframe weights fetch clip-vit-b32"
+    ):
         ClipRooms.check(ClipRooms.Config())
 
 
@@ -147,7 +180,9 @@ def test_another_text_encoder_is_one_line(folder, build, write_network):
     from onnx import helper
 
     write_network("onnx/text_model.onnx", [helper.make_node("Identity", ["pixel_values"], ["y"])], taken="pixel_values")
-    with pytest.raises(WeightsMissing, match=r"text_model\.onnx takes pixel_values, expected input_ids and perhaps attention_mask"):
+    with pytest.raises(
+        WeightsMissing, match=r"text_model\.onnx takes pixel_values, expected input_ids and perhaps attention_mask"
+    ):
         build(ROOMS)
 
 
@@ -155,7 +190,9 @@ def test_another_image_encoder_is_one_line(folder, build, write_network):
     from onnx import helper
 
     write_network("onnx/vision_model.onnx", [helper.make_node("Identity", ["x"], ["y"])])
-    with pytest.raises(WeightsMissing, match=r"vision_model\.onnx gives \(4, 3, 224, 224\), expected one embedding \(N, D\)"):
+    with pytest.raises(
+        WeightsMissing, match=r"vision_model\.onnx gives \(4, 3, 224, 224\), expected one embedding \(N, D\)"
+    ):
         build(ROOMS)
 
 

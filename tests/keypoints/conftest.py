@@ -7,9 +7,10 @@ import pytest
 from salframe_keypoints.localizer import PAIRS, Keypoints
 from scipy.ndimage import map_coordinates, zoom
 
-from salframe.errors import RequirementMissing, WeightsMissing
-from salframe.geometry import equirectangular_rays
-from salframe.types import Frame, Panorama
+from salframe.framework.errors import RequirementMissing, WeightsMissing
+from salframe.panoramas.frames import Frame
+from salframe.panoramas.geometry import equirectangular_rays
+from salframe.panoramas.panorama import Panorama
 
 ROOM_M = np.array([[-3.0, -2.5, -1.5], [3.5, 2.0, 1.3]])
 TEXELS_PER_M = 60
@@ -38,7 +39,9 @@ class BoxRoom:
             on = wall == i
             uv = np.delete(hit[on], i // 2, axis=1) * TEXELS_PER_M
             for channel in range(3):
-                rgb[on, channel] = map_coordinates(self._texture[i][..., channel], uv.T, order=1, mode="grid-wrap").clip(0, 255)
+                rgb[on, channel] = map_coordinates(
+                    self._texture[i][..., channel], uv.T, order=1, mode="grid-wrap"
+                ).clip(0, 255)
         return Panorama(name, rgb, range_m.astype(np.float32) if with_range else None)
 
     def frame(self, name: str, T_world_pano: np.ndarray, place: str | None = None, **options) -> Frame:
@@ -65,7 +68,9 @@ def configure():
         if "torch" in PAIRS[pair].requires:
             import torch
 
-            torch.set_num_threads(1)  # tests run side by side: threads that wait for each other cost more than they bring
+            torch.set_num_threads(
+                1
+            )  # tests run side by side: threads that wait for each other cost more than they bring
         return config
 
     return make

@@ -1,4 +1,5 @@
-"""Checkpoints, views and maps that a keypoint method cannot do with, as a user meets them: a status or one line, and the others go on."""
+"""Checkpoints, views and maps that a keypoint method cannot do with, as a user meets them: a status or one line, and
+the others go on."""
 
 from __future__ import annotations
 
@@ -10,12 +11,13 @@ import pytest
 from salframe_keypoints.localizer import Keypoints
 from tiny_folder import write_tiny_folder
 
-from salframe.compare import compare
-from salframe.errors import RequirementMissing, WeightsMissing
-from salframe.geometry import pose_2d, pose_errors
-from salframe.presets import configure, settings
+from salframe.evaluation.compare import compare
+from salframe.framework.errors import RequirementMissing, WeightsMissing
+from salframe.framework.presets import configure, settings
+from salframe.panoramas.frames import Frame
+from salframe.panoramas.geometry import pose_2d, pose_errors
+from salframe.panoramas.panorama import Panorama
 from salframe.testing import check_component
-from salframe.types import Frame, Panorama
 
 SMALL = ("view_width_px=240", "view_height_px=176", "max_keypoints=200", "hypotheses=100")
 QUERY = pose_2d(0.5, -0.3, 1.2)

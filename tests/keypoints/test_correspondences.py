@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from salframe_keypoints.localizer import Keypoints
 
-from salframe.geometry import invert_pose, pose_2d
-from salframe.matching import point_errors_px
-from salframe.types import Panorama
+from salframe.evaluation.matching import point_errors_px
+from salframe.panoramas.geometry import invert_pose, pose_2d
+from salframe.panoramas.panorama import Panorama
 
 QUERY, REFERENCE = pose_2d(0.6, -0.4, 2.2, z_m=0.05), pose_2d(0.1, 0.0, 0.3)
 

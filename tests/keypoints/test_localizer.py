@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from salframe_keypoints.localizer import PAIRS, Keypoints
 
-from salframe.config import validate
-from salframe.errors import ConfigError, RequirementMissing, WeightsMissing
-from salframe.geometry import pose_2d, pose_errors
-from salframe.storage import Cache
-from salframe.types import Frame, Panorama
+from salframe.framework.cache import Cache
+from salframe.framework.config import validate
+from salframe.framework.errors import ConfigError, RequirementMissing, WeightsMissing
+from salframe.panoramas.frames import Frame
+from salframe.panoramas.geometry import pose_2d, pose_errors
+from salframe.panoramas.panorama import Panorama
 
 
 def slow(pair: str):
@@ -109,7 +110,9 @@ def test_frames_off_the_shortlist_are_ranked_but_not_matched(make, mapping, quer
 
 def test_exhaustive_matching_agrees_with_the_shortlist(make, rooms, query):
     poses = [pose_2d(0.0, 0.1, 0.3), pose_2d(0.5, 0.1, -0.7)]
-    mapping = [room.frame(f"m{i}{j}", poses[j], f"room {i}", height=256) for i, room in enumerate(rooms) for j in range(2)]
+    mapping = [
+        room.frame(f"m{i}{j}", poses[j], f"room {i}", height=256) for i, room in enumerate(rooms) for j in range(2)
+    ]
     answers = []
     for shortlist in (2, None):
         localizer = make(shortlist=shortlist, view_width_px=240, view_height_px=176)
@@ -123,7 +126,9 @@ def test_exhaustive_matching_agrees_with_the_shortlist(make, rooms, query):
     assert [place.score > 1 for place in exhaustive.places] == [True] * 3
 
 
-@pytest.mark.parametrize("pair", ["sift", "xfeat", "xfeat-nn", *map(slow, ("aliked-nn", "aliked-lightglue", "disk-lightglue"))])
+@pytest.mark.parametrize(
+    "pair", ["sift", "xfeat", "xfeat-nn", *map(slow, ("aliked-nn", "aliked-lightglue", "disk-lightglue"))]
+)
 def test_one_map_frame_with_and_without_range_and_a_blank_query(make, pair, rooms):
     localizer = make(pair, view_width_px=240, view_height_px=176)
     query = rooms[1].frame("query", QUERY)
@@ -148,7 +153,9 @@ def test_the_median_rotation_error_is_below_a_tenth_of_a_degree(sift, rooms):
     rng = np.random.default_rng(360)
     poses = [pose_2d(*rng.uniform(-1.2, 1.2, 2), rng.uniform(-3, 3), z_m=rng.uniform(-0.1, 0.1)) for _ in range(5)]
     answers = [sift.localize(rooms[0].frame("query", pose, height=256)).T_world_query for pose in poses]
-    assert np.median([pose_errors(answer, pose)[1] for answer, pose in zip(answers, poses, strict=True)]) < np.deg2rad(0.1)
+    assert np.median([pose_errors(answer, pose)[1] for answer, pose in zip(answers, poses, strict=True)]) < np.deg2rad(
+        0.1
+    )
 
 
 def test_points_are_where_their_range_was_measured(make, mapping):
@@ -187,7 +194,9 @@ def test_descriptions_are_cached_by_what_they_depend_on(make, mapping, tmp_path)
 def test_sift_needs_no_torch_and_xfeat_says_that_it_does(monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     Keypoints.check(Keypoints.Config(pair="sift"))
-    with pytest.raises(RequirementMissing, match=r"xfeat needs torch, kornia, not installed: pip install 'salframe\[keypoints\]'"):
+    with pytest.raises(
+        RequirementMissing, match=r"xfeat needs torch, kornia, not installed: pip install 'salframe\[keypoints\]'"
+    ):
         Keypoints.check(Keypoints.Config(pair="xfeat"))
 
 
@@ -199,7 +208,9 @@ def test_weights_of_another_hash_are_told_with_both(pair, monkeypatch, tmp_path)
     weights.directory.mkdir(parents=True)
     (weights.directory / weights.files[0].name).write_bytes(b"other")
     received = hashlib.sha256(b"other").hexdigest()
-    with pytest.raises(WeightsMissing, match=f"has sha256 {received}, expected {weights.files[0].sha256}; .*weights fetch {pair}$"):
+    with pytest.raises(
+        WeightsMissing, match=f"has sha256 {received}, expected {weights.files[0].sha256}; .*weights fetch {pair}$"
+    ):
         Keypoints.check(Keypoints.Config(pair=pair))
 
 
@@ -214,5 +225,7 @@ def test_missing_weights_name_the_path_the_hash_and_the_command(monkeypatch, tmp
 
 
 def test_an_unknown_pair_is_named_with_the_known_ones():
-    with pytest.raises(ConfigError, match=r"method.pair: received 'xfeet', expected 'xfeat', .*'loftr' or 'loftr-compact'"):
+    with pytest.raises(
+        ConfigError, match=r"method.pair: received 'xfeet', expected 'xfeat', .*'loftr' or 'loftr-compact'"
+    ):
         validate(Keypoints.Config, {"pair": "xfeet"}, "method")

@@ -12,8 +12,8 @@ import pytest
 from salframe_keypoints.localizer import PAIRS, Keypoints
 from salframe_keypoints.loftr_compact import ARCHITECTURE, FILES, FOLDER, STATE, mutual_maxima
 
-from salframe.errors import ConfigError, WeightsMissing
-from salframe.views import ViewRig
+from salframe.framework.errors import ConfigError, WeightsMissing
+from salframe.panoramas.perspective import ViewRig
 
 SIZE_PX = 320, 240
 HOMOGRAPHY = np.array([[0.94, -0.17, 38.0], [0.14, 0.98, -22.0], [1e-4, -5e-5, 1.0]])
@@ -21,7 +21,9 @@ HOMOGRAPHY = np.array([[0.94, -0.17, 38.0], [0.14, 0.98, -22.0], [1e-4, -5e-5, 1
 
 
 def settings(**changes) -> Keypoints.Config:
-    return Keypoints.Config(**{"pair": "loftr-compact", "view_width_px": SIZE_PX[0], "view_height_px": SIZE_PX[1], **changes})
+    return Keypoints.Config(
+        **{"pair": "loftr-compact", "view_width_px": SIZE_PX[0], "view_height_px": SIZE_PX[1], **changes}
+    )
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +67,10 @@ def test_that_is_the_weights_doing(images, configure, tmp_path):
     configure("loftr-compact")
     state = torch.load(FOLDER / STATE, weights_only=True)
     generator = torch.Generator().manual_seed(0)
-    shuffled = {name: value.flatten()[torch.randperm(value.numel(), generator=generator)].view(value.shape) for name, value in state.items()}
+    shuffled = {
+        name: value.flatten()[torch.randperm(value.numel(), generator=generator)].view(value.shape)
+        for name, value in state.items()
+    }
     torch.save(shuffled, tmp_path / "shuffled.pt")
     broken = configure("loftr", checkpoint=tmp_path / "shuffled.pt", loftr_config=ARCHITECTURE)
     share, count = precision(PAIRS["loftr"](broken), images)
@@ -105,20 +110,26 @@ def test_a_truncated_file_is_one_clear_line(name, tmp_path, monkeypatch):
     with pytest.raises(WeightsMissing, match=rf"{name} is no ONNX network: .*"):  # the user's own: by its layout
         PAIRS["loftr-compact"](settings(checkpoint=path.parent))
     monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path))
-    with pytest.raises(WeightsMissing, match=rf"{name} has sha256 [0-9a-f]{{64}}, expected [0-9a-f]{{64}}; "):  # ours: by its hash
+    with pytest.raises(
+        WeightsMissing, match=rf"{name} has sha256 [0-9a-f]{{64}}, expected [0-9a-f]{{64}}; "
+    ):  # ours: by its hash
         Keypoints.check(settings())
 
 
 def test_a_network_of_another_layout_is_one_clear_line(tmp_path):
     shutil.copytree(FOLDER, tmp_path / "own")
     shutil.copy(tmp_path / "own" / FILES[1], tmp_path / "own" / FILES[0])
-    with pytest.raises(WeightsMissing, match=r"features\.onnx takes first float32 .*, expected float32 \(1, 1, \*, \*\)"):
+    with pytest.raises(
+        WeightsMissing, match=r"features\.onnx takes first float32 .*, expected float32 \(1, 1, \*, \*\)"
+    ):
         PAIRS["loftr-compact"](settings(checkpoint=tmp_path / "own"))
 
 
 @pytest.mark.parametrize("size", [(324, 240), (320, 520)])
 def test_views_of_another_kind_of_size_are_one_clear_line(size):
-    with pytest.raises(ConfigError, match=rf"loftr-compact: views of {size[0]} x {size[1]} pixels, expected multiples of 8 up to 512"):
+    with pytest.raises(
+        ConfigError, match=rf"loftr-compact: views of {size[0]} x {size[1]} pixels, expected multiples of 8 up to 512"
+    ):
         PAIRS["loftr-compact"](settings(view_width_px=size[0], view_height_px=size[1]))
 
 

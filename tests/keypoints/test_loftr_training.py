@@ -12,8 +12,8 @@ from salframe_keypoints.training.pairs import PosedView, correspondences
 from salframe_keypoints.training.panoramas import Shot
 from salframe_keypoints.training.settings import Stage, Training
 
-from salframe.errors import ConfigError
-from salframe.geometry import equirectangular_rays, pose_2d
+from salframe.framework.errors import ConfigError
+from salframe.panoramas.geometry import equirectangular_rays, pose_2d
 
 SIZE_PX = 160, 120
 COLUMNS = SIZE_PX[0] // STRIDE_PX
@@ -26,7 +26,9 @@ def shots(rooms):
     """Shots of one room 0.5 m apart."""
     poses = np.eye(4), pose_2d(0.4, 0.3, 0.2)
     panoramas = [rooms[0].panorama("a", pose) for pose in poses]
-    return [Shot(p.rgb[..., 1].copy(), p.range_m.astype(np.float16), pose) for p, pose in zip(panoramas, poses, strict=True)]
+    return [
+        Shot(p.rgb[..., 1].copy(), p.range_m.astype(np.float16), pose) for p, pose in zip(panoramas, poses, strict=True)
+    ]
 
 
 def true_points(cells, offset_px):
@@ -49,7 +51,10 @@ def test_two_views_of_a_panorama_are_related_by_a_homography(shots):
 
 def test_views_from_two_places_see_the_same_point_of_the_room(shots):
     camera = pairs._camera(SIZE_PX, 120.0)
-    first, second = (PosedView(shot, camera, pairs._rotation(turn, 0.02, 0.01), SIZE_PX) for shot, turn in zip(shots, (0.1, -0.15), strict=True))
+    first, second = (
+        PosedView(shot, camera, pairs._rotation(turn, 0.02, 0.01), SIZE_PX)
+        for shot, turn in zip(shots, (0.1, -0.15), strict=True)
+    )
     matched, points = true_points(*correspondences(first, second))
     assert len(matched) > 100
 
@@ -94,7 +99,9 @@ def train(shots, monkeypatch):
 
 def tiny(**changes) -> Training:
     stage = Stage(width_px=96, height_px=72, batch=2, steps=4, buildings=1)
-    return Training(**{"stages": (stage,), "warmup_steps": 1, "decay_steps": 2, "report_every": 2, "processes": 1, **changes})
+    return Training(
+        **{"stages": (stage,), "warmup_steps": 1, "decay_steps": 2, "report_every": 2, "processes": 1, **changes}
+    )
 
 
 @pytest.mark.slow
@@ -111,7 +118,10 @@ def test_a_run_that_was_stopped_ends_like_one_that_was_not(train, tmp_path):
     for name, value in whole.state_dict().items():
         assert torch.equal(value, resumed.state_dict()[name]), name
     for folder in ("whole", "stopped"):
-        assert [json.loads(line)["step"] for line in (tmp_path / folder / "log.jsonl").read_text().splitlines()] == [2, 4]
+        assert [json.loads(line)["step"] for line in (tmp_path / folder / "log.jsonl").read_text().splitlines()] == [
+            2,
+            4,
+        ]
 
 
 def test_a_folder_holds_one_run(train, tmp_path):

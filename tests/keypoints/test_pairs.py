@@ -12,9 +12,9 @@ from salframe_keypoints.localizer import PAIRS, Keypoints
 from salframe_keypoints.networks import LightGlueMatcher
 from salframe_keypoints.pairs import View, read_checkpoint
 
-from salframe.errors import ConfigError, WeightsMissing
-from salframe.geometry import pose_2d
-from salframe.views import ViewRig
+from salframe.framework.errors import ConfigError, WeightsMissing
+from salframe.panoramas.geometry import pose_2d
+from salframe.panoramas.perspective import ViewRig
 
 SHARED_DATA = Path(os.environ.get("SALFRAME_SHARED_DATA", Path(__file__).parents[2] / ".." / "shared" / "data"))
 DISTILLED = SHARED_DATA.parent / "weights" / "loftr_coarse_distilled.pt"
@@ -39,8 +39,14 @@ def test_sift_matches_are_those_of_opencv(images, configure):
     pair = PAIRS["sift"](configure("sift"))
     query, reference = pair.extract(images)
     plain = cv2.SIFT_create(nfeatures=512)
-    (points_a, a), (points_b, b) = (plain.detectAndCompute(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), None) for image in images)
-    kept = [one for one, two in cv2.BFMatcher(cv2.NORM_L2).knnMatch(a[:512], b[:512], k=2) if one.distance < 0.8 * two.distance]
+    (points_a, a), (points_b, b) = (
+        plain.detectAndCompute(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), None) for image in images
+    )
+    kept = [
+        one
+        for one, two in cv2.BFMatcher(cv2.NORM_L2).knnMatch(a[:512], b[:512], k=2)
+        if one.distance < 0.8 * two.distance
+    ]
     assert len(kept) > 50
     expected = [(*points_a[match.queryIdx].pt, *points_b[match.trainIdx].pt) for match in kept]
     pixels, position = pair.match(query, reference)
@@ -57,14 +63,18 @@ def plain_use(name, monkeypatch):
     from kornia.feature import aliked, disk, lightglue, xfeat
 
     features, *matcher = PAIRS[name].weights[0].paths()
-    for module, path in [(aliked.aliked, features), (disk.disk, features), (xfeat, features), (lightglue, *matcher)][: 3 + len(matcher)]:
+    for module, path in [(aliked.aliked, features), (disk.disk, features), (xfeat, features), (lightglue, *matcher)][
+        : 3 + len(matcher)
+    ]:
         monkeypatch.setattr(module, "load_state_dict_from_url", lambda url, path=path, **options: read_checkpoint(path))
     kind = name.split("-")[0]
     if kind == "xfeat":
         network = feature.XFeat.from_pretrained(top_k=512)
         detect = lambda image: [network.detectAndCompute(image)[0][key] for key in ("keypoints", "descriptors")]  # noqa: E731
     else:
-        network = feature.DISK.from_pretrained() if kind == "disk" else feature.ALIKED.from_pretrained("aliked-n16", 512, 0.0)
+        network = (
+            feature.DISK.from_pretrained() if kind == "disk" else feature.ALIKED.from_pretrained("aliked-n16", 512, 0.0)
+        )
         options = {"n": 512} if kind == "disk" else {}
         detect = lambda image: [getattr(network(image, **options)[0], key) for key in ("keypoints", "descriptors")]  # noqa: E731
     if not matcher:
@@ -82,13 +92,18 @@ def test_network_matches_are_those_of_kornia(name, images, configure, monkeypatc
     with torch.inference_mode():
         found = [detect(torch.from_numpy(image[None]).permute(0, 3, 1, 2) / 255) for image in images]
         size = torch.tensor([[480, 352]])
-        sides = [{"keypoints": points[None].float(), "descriptors": described[None], "image_size": size} for points, described in found]
+        sides = [
+            {"keypoints": points[None].float(), "descriptors": described[None], "image_size": size}
+            for points, described in found
+        ]
         expected = match(*sides).numpy()
 
     pair = PAIRS[name](settings)
     query, reference = pair.extract(images)
     np.testing.assert_allclose(query.points_px - 0.5, found[0][0].numpy(), atol=1e-4)
-    exact = [View(view.points_px, described.numpy()) for view, (_, described) in zip((query, reference), found, strict=True)]
+    exact = [
+        View(view.points_px, described.numpy()) for view, (_, described) in zip((query, reference), found, strict=True)
+    ]
     np.testing.assert_array_equal(in_order(pair.match_descriptors(*exact)), in_order(expected))
     # what is stored is float16: the same matches but for a few at the threshold
     stored, plainly = set(map(tuple, pair.match_descriptors(query, reference))), set(map(tuple, expected))

@@ -5,7 +5,7 @@ import numpy as np
 from salframe_keypoints.poses import robust_pose, solve_p3p
 from scipy.spatial.transform import Rotation
 
-from salframe.geometry import pose_errors
+from salframe.panoramas.geometry import pose_errors
 
 
 def scene(count, seed=0):
@@ -34,7 +34,9 @@ def test_p3p_agrees_with_opencv_where_opencv_applies():
     rotation, shift = Rotation.from_rotvec([0.1, -0.2, 0.3]).as_matrix(), rng.normal(0, 0.3, 3)
     camera = points @ rotation.T + shift
     _, turns, shifts = cv2.solveP3P(points, camera[:, :2] / camera[:, 2:], np.eye(3), None, flags=cv2.SOLVEPNP_P3P)
-    expected = sorted((-cv2.Rodrigues(turn)[0].T @ move).ravel().tolist() for turn, move in zip(turns, shifts, strict=True))
+    expected = sorted(
+        (-cv2.Rodrigues(turn)[0].T @ move).ravel().tolist() for turn, move in zip(turns, shifts, strict=True)
+    )
     ahead = camera / np.linalg.norm(camera, axis=1, keepdims=True)
     np.testing.assert_allclose(sorted(solve_p3p(ahead[None], points[None])[1].tolist()), expected, atol=1e-5)
 
@@ -66,7 +68,8 @@ def test_every_inlier_has_its_share_in_the_pose():
         bearings /= np.linalg.norm(bearings, axis=1, keepdims=True)
         errors.append(pose_errors(robust_pose(bearings, points, np.deg2rad(1), 500, rng)[0], pose))
     translation, rotation = np.max(errors, axis=0)
-    # 400 bearings of 6 mrad: a twentieth of that together, and three times as much at worst; a pose of three of them is off by degrees
+    # 400 bearings of 6 mrad: a twentieth of that together, and three times as much at worst; a pose of three of them is
+    # off by degrees
     assert translation < 0.006
     assert rotation < np.deg2rad(0.06)
 

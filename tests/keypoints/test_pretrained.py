@@ -1,4 +1,5 @@
-"""Pairs whose networks come from `transformers`: their real architectures with random weights, held against the library's plain use."""
+"""Pairs whose networks come from `transformers`: their real architectures with random weights, held against the
+library's plain use."""
 
 from __future__ import annotations
 
@@ -12,11 +13,12 @@ from salframe_keypoints.efficient_loftr import in_one_order
 from salframe_keypoints.localizer import PAIRS, Keypoints
 from salframe_keypoints.pairs import View
 
-from salframe.errors import ConfigError, RequirementMissing, WeightsMissing
-from salframe.geometry import pose_2d
-from salframe.storage import Cache
-from salframe.types import Frame, Panorama
-from salframe.views import ViewRig
+from salframe.framework.cache import Cache
+from salframe.framework.errors import ConfigError, RequirementMissing, WeightsMissing
+from salframe.panoramas.frames import Frame
+from salframe.panoramas.geometry import pose_2d
+from salframe.panoramas.panorama import Panorama
+from salframe.panoramas.perspective import ViewRig
 
 NAMES = ("superpoint-nn", "superpoint-superglue", "efficient-loftr")
 SIZE = {"view_width_px": 256, "view_height_px": 160}
@@ -31,8 +33,12 @@ def checkpoints(tmp_path_factory):
     transformers.utils.logging.disable_progress_bar()
     models = {
         "superpoint-nn": transformers.SuperPointForKeypointDetection(transformers.SuperPointConfig()),
-        "superpoint-superglue": transformers.SuperGlueForKeypointMatching(transformers.SuperGlueConfig(gnn_layers_types=["self", "cross"])),
-        "efficient-loftr": transformers.EfficientLoFTRForKeypointMatching(transformers.EfficientLoFTRConfig(stage_num_blocks=[1, 1, 1, 1])),
+        "superpoint-superglue": transformers.SuperGlueForKeypointMatching(
+            transformers.SuperGlueConfig(gnn_layers_types=["self", "cross"])
+        ),
+        "efficient-loftr": transformers.EfficientLoFTRForKeypointMatching(
+            transformers.EfficientLoFTRConfig(stage_num_blocks=[1, 1, 1, 1])
+        ),
     }
     root = tmp_path_factory.mktemp("checkpoints")
     for name, model in models.items():
@@ -53,7 +59,9 @@ def images(rooms):
 
 @pytest.fixture(scope="module")
 def make(checkpoints):
-    return lambda name, **settings: PAIRS[name](Keypoints.Config(pair=name, checkpoint=checkpoints / name, **SIZE, **settings))
+    return lambda name, **settings: PAIRS[name](
+        Keypoints.Config(pair=name, checkpoint=checkpoints / name, **SIZE, **settings)
+    )
 
 
 def plain_input(images):
@@ -93,7 +101,8 @@ def test_superglue_matches_are_the_librarys(checkpoints, images, make):
     pixels, position = pair.match(query, reference)
     received = np.hstack([pixels, reference.points_px[position]]) - 0.5
     assert len(expected) > 20
-    # the library cuts its pixels down to whole numbers, after they went through shares of the image's size: up to 1 px less
+    # the library cuts its pixels down to whole numbers, after they went through shares of the image's size: up to 1 px
+    # less
     offset = received[:, None] - expected[None]
     same = ((offset > -0.01) & (offset < 1.01)).all(2)
     # what is kept is float16, which turns some of the random network's undecided matches
@@ -121,7 +130,9 @@ def test_efficient_loftr_refines_matches_as_the_library_does(checkpoints, images
     # Every cell is matched with the one in the same place here: then the library's order is right.
     scores = 0.9 * torch.eye(20 * 32).view(1, 20, 32, 20, 32)
     find = EfficientLoFTRForKeypointMatching._get_matches_from_scores
-    monkeypatch.setattr(EfficientLoFTRForKeypointMatching, "_get_matches_from_scores", lambda model, _: find(model, scores))
+    monkeypatch.setattr(
+        EfficientLoFTRForKeypointMatching, "_get_matches_from_scores", lambda model, _: find(model, scores)
+    )
 
     pair = make("efficient-loftr")
     query, reference = pair.extract(images)
@@ -141,7 +152,9 @@ def test_efficient_loftr_refines_matches_as_the_library_does(checkpoints, images
 
 def test_efficient_loftrs_cells_are_matched_one_to_one_whatever_their_order():
     torch, transformers = pytest.importorskip("torch"), pytest.importorskip("transformers")
-    model = transformers.EfficientLoFTRForKeypointMatching(transformers.EfficientLoFTRConfig(stage_num_blocks=[1, 1, 1, 1]))
+    model = transformers.EfficientLoFTRForKeypointMatching(
+        transformers.EfficientLoFTRConfig(stage_num_blocks=[1, 1, 1, 1])
+    )
     partner = torch.from_numpy(np.random.default_rng(0).permutation(144))
     scores = torch.zeros(144, 144)
     scores[torch.arange(144), partner] = 0.9
@@ -170,13 +183,19 @@ def test_a_localizer_of_the_pair_builds_and_answers(name, checkpoints, rooms, tm
 def test_a_checkpoint_that_is_not_given_is_told_with_its_address_and_licence(name):
     if any(importlib.util.find_spec(package) is None for package in PAIRS[name].requires):
         pytest.skip("transformers is not installed")
-    with pytest.raises(WeightsMissing, match=r"set checkpoint to a folder with config\.json and model\.safetensors of https://huggingface\S+ \("):
+    with pytest.raises(
+        WeightsMissing,
+        match=r"set checkpoint to a folder with config\.json and model\.safetensors of https://huggingface\S+ \(",
+    ):
         Keypoints.check(Keypoints.Config(pair=name))
 
 
 def test_what_is_not_installed_is_told_with_its_extra(monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(RequirementMissing, match=r"superpoint-nn needs torch, transformers, not installed: pip install 'salframe\[transformers\]'"):
+    with pytest.raises(
+        RequirementMissing,
+        match=r"superpoint-nn needs torch, transformers, not installed: pip install 'salframe\[transformers\]'",
+    ):
         Keypoints.check(Keypoints.Config(pair="superpoint-nn"))
 
 
@@ -199,4 +218,6 @@ def test_another_model_a_damaged_file_and_another_architecture_are_one_clear_lin
 
 def test_views_that_efficient_loftr_cannot_take_are_refused(checkpoints):
     with pytest.raises(ConfigError, match="multiples of 32 pixels, received 240 x 176"):
-        PAIRS["efficient-loftr"](Keypoints.Config(pair="efficient-loftr", checkpoint=checkpoints, view_width_px=240, view_height_px=176))
+        PAIRS["efficient-loftr"](
+            Keypoints.Config(pair="efficient-loftr", checkpoint=checkpoints, view_width_px=240, view_height_px=176)
+        )

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from salframe.geometry import equirectangular_rays
-from salframe.types import Frame, Panorama
+from salframe.panoramas.frames import Frame
+from salframe.panoramas.geometry import equirectangular_rays
+from salframe.panoramas.panorama import Panorama
 
 SIZE_M = np.array([5.0, 4.0, 2.6])
 """The room reaches from the origin to here."""
@@ -13,7 +14,8 @@ EYE_M = 1.5
 
 
 class PlainRoom:
-    """`seed` is the room: where its doors, windows and pictures are. A rectangle is (axis of its wall's normal, low or high wall, low_m, high_m)."""
+    """`seed` is the room: where its doors, windows and pictures are. A rectangle is (axis of its wall's normal, low or
+    high wall, low_m, high_m)."""
 
     def __init__(self, seed: int, rectangles: int = 12) -> None:
         rng = np.random.default_rng((seed, 7))
@@ -22,7 +24,9 @@ class PlainRoom:
             axis = number % 3
             size_m = np.delete(SIZE_M, axis)
             low_m = rng.uniform(0.1, 0.55, 2) * size_m
-            self.rectangles.append((axis, number // 3 % 2, low_m, low_m + rng.uniform(0.15, 0.4, 2) * size_m, rng.uniform(20, 240, 3)))
+            self.rectangles.append(
+                (axis, number // 3 % 2, low_m, low_m + rng.uniform(0.15, 0.4, 2) * size_m, rng.uniform(20, 240, 3))
+            )
         self._walls = rng.permutation(np.linspace(60, 220, 6))
 
     def panorama(self, name: str, T_world_pano: np.ndarray, height: int = 256, with_range: bool = True) -> Panorama:

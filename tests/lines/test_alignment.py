@@ -21,7 +21,10 @@ def room_lines(rng, count=12):
         first, second = half_m[(axis + 1) % 3], half_m[(axis + 2) % 3]
         across_m = rng.uniform(-1, 1, (count, 2)) * (first, second)
         on_first = rng.random(count) < 0.5
-        across_m[on_first, 0], across_m[~on_first, 1] = np.copysign(first, across_m[on_first, 0]), np.copysign(second, across_m[~on_first, 1])
+        across_m[on_first, 0], across_m[~on_first, 1] = (
+            np.copysign(first, across_m[on_first, 0]),
+            np.copysign(second, across_m[~on_first, 1]),
+        )
         along_m = np.sort(rng.uniform(-half_m[axis], half_m[axis], (count, 2)), axis=1)
         lines.append(Lines3d(across_m, along_m + np.array([-0.2, 0.2])))
     return lines
@@ -47,7 +50,9 @@ def test_all_arcs_agree_where_they_were_seen_from_and_few_elsewhere(arcs, lines)
 def test_half_the_arcs_explained_is_half_the_agreement(arcs, lines):
     without = [lines[0], lines[1], Lines3d(np.zeros((0, 2)), np.zeros((0, 2)))]
     length = [np.minimum(np.diff(along.along_rad), 0.5).sum() for along in arcs]
-    assert agreement(arcs, without, POSITION_M[None], AGREE_RAD)[0] == pytest.approx(sum(length[:2]) / sum(length), abs=1e-5)
+    assert agreement(arcs, without, POSITION_M[None], AGREE_RAD)[0] == pytest.approx(
+        sum(length[:2]) / sum(length), abs=1e-5
+    )
 
 
 def test_the_search_ends_within_reach_of_the_refinement(arcs, lines):
@@ -66,14 +71,18 @@ def test_the_refinement_is_exact_on_exact_arcs(arcs, lines):
 def test_the_refinement_is_not_misled_by_arcs_of_other_lines(arcs, lines):
     rng = np.random.default_rng(2)
     others = [Arcs(rng.uniform(-np.pi, np.pi, 12), np.sort(rng.uniform(0.3, 2.8, (12, 2)), axis=1)) for _ in range(3)]
-    mixed = [Arcs(*(np.concatenate(parts) for parts in zip(*pair, strict=True))) for pair in zip(arcs, others, strict=True)]
+    mixed = [
+        Arcs(*(np.concatenate(parts) for parts in zip(*pair, strict=True))) for pair in zip(arcs, others, strict=True)
+    ]
     found_m, _ = refine(mixed, lines, shifted(0.03, -0.03, 0))
     np.testing.assert_allclose(found_m, POSITION_M, atol=0.005)
 
 
 def test_a_small_turn_of_the_query_is_found(arcs, lines):
     turn_rad = np.deg2rad(0.3)
-    turned = [_turned(along, axis, -turn_rad) for axis, along in enumerate(arcs)]  # a query turned to the left sees lines further right
+    turned = [
+        _turned(along, axis, -turn_rad) for axis, along in enumerate(arcs)
+    ]  # a query turned to the left sees lines further right
     found_m, found_rad = refine(turned, lines, shifted(0.02, 0.02, 0))
     assert found_rad == pytest.approx(turn_rad, abs=2e-4)
     np.testing.assert_allclose(found_m, POSITION_M, atol=0.003)
@@ -82,7 +91,14 @@ def test_a_small_turn_of_the_query_is_found(arcs, lines):
 def _turned(arcs, axis, angle_rad):
     """Arcs whose middles are turned about the vertical."""
     middle_rad = arcs.along_rad.mean(1)
-    local = np.stack([np.cos(middle_rad), np.sin(middle_rad) * np.cos(arcs.around_rad), np.sin(middle_rad) * np.sin(arcs.around_rad)], axis=1)
+    local = np.stack(
+        [
+            np.cos(middle_rad),
+            np.sin(middle_rad) * np.cos(arcs.around_rad),
+            np.sin(middle_rad) * np.sin(arcs.around_rad),
+        ],
+        axis=1,
+    )
     x, y, z = np.roll(local, axis, axis=1).T
     c, s = np.cos(angle_rad), np.sin(angle_rad)
     _, first, second = np.roll(np.stack([c * x - s * y, s * x + c * y, z], axis=1), -axis, axis=1).T

@@ -5,10 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from plain_room import EYE_M, SIZE_M
-from salframe_lines.arcs import Arcs, Lines3d, arcs_along_axes, lifted, line_distances, principal_yaw, quarter_turned, seen_from
+from salframe_lines.arcs import (
+    Arcs,
+    Lines3d,
+    arcs_along_axes,
+    lifted,
+    line_distances,
+    principal_yaw,
+    quarter_turned,
+    seen_from,
+)
 from salframe_lines.segments import find_segments
 
-from salframe.geometry import pose_2d, wrap_angle
+from salframe.panoramas.geometry import pose_2d, wrap_angle
 
 YAW_RAD = 0.4
 POSE = pose_2d(2.1, 1.7, YAW_RAD, EYE_M)
@@ -35,9 +44,14 @@ def test_the_walls_directions_are_found(rooms, yaw_deg):
 def test_every_edge_of_the_room_is_found_where_it_is(rooms):
     yaw_rad, _, lines = described(rooms[0], POSE)
     quarter = round((YAW_RAD + yaw_rad) / (np.pi / 2))
-    assert quarter == 1  # so that the principal frame is turned by 90 degrees from the world: x is the world's y, y its -x
+    assert (
+        quarter == 1
+    )  # so that the principal frame is turned by 90 degrees from the world: x is the world's y, y its -x
     eye = POSE[:3, 3]
-    for low in (0.0, SIZE_M[2]):  # floor and ceiling, along the world's x: the principal frame's y, whose neighbours are z and x
+    for low in (
+        0.0,
+        SIZE_M[2],
+    ):  # floor and ceiling, along the world's x: the principal frame's y, whose neighbours are z and x
         for wall in (0.0, SIZE_M[1]):
             off_m = np.linalg.norm(lines[1].across_m - (low - eye[2], wall - eye[1]), axis=1)
             assert off_m.min() < 0.03
@@ -52,7 +66,11 @@ def test_every_edge_of_the_room_is_found_where_it_is(rooms):
 def test_no_line_is_where_no_edge_is(rooms):
     _, _, lines = described(rooms[0], POSE)
     room = rooms[0]
-    heights_m = [0, SIZE_M[2], *(limit[1] for normal, _, low, high, _ in room.rectangles if normal != 2 for limit in (low, high))]
+    heights_m = [
+        0,
+        SIZE_M[2],
+        *(limit[1] for normal, _, low, high, _ in room.rectangles if normal != 2 for limit in (low, high)),
+    ]
     for axis in (0, 1):  # of a line on a wall or the floor, the height is that of an edge
         z_m = lines[axis].across_m[:, 1 - axis] + EYE_M
         on_wall = (z_m > 0.1) & (z_m < SIZE_M[2] - 0.1)
@@ -68,15 +86,27 @@ def test_an_arc_is_not_lifted_across_surfaces_of_different_distance():
     assert line_distances(arcs, 2, 0.0, cylinder_m)[0] == pytest.approx(2.0, rel=0.02)
     range_m[::2] = 3.0
     range_m[1::4] = 5.0
-    assert np.isnan(line_distances(Arcs(arcs.around_rad, np.array([[0.4, 2.7]])), 2, 0.0, np.repeat(range_m[:, :1], 128, axis=1)))[0]
+    assert np.isnan(
+        line_distances(Arcs(arcs.around_rad, np.array([[0.4, 2.7]])), 2, 0.0, np.repeat(range_m[:, :1], 128, axis=1))
+    )[0]
     assert np.isnan(line_distances(arcs, 2, 0.0, np.full((64, 128), np.nan, np.float32)))[0]
 
 
 def test_pieces_of_a_line_are_joined_and_the_longest_kept():
     def piece(around_rad, low_rad, high_rad):
-        return [[np.sin(t) * np.cos(around_rad), np.sin(t) * np.sin(around_rad), np.cos(t)] for t in (low_rad, high_rad)]
+        return [
+            [np.sin(t) * np.cos(around_rad), np.sin(t) * np.sin(around_rad), np.cos(t)] for t in (low_rad, high_rad)
+        ]
 
-    ends = np.array([piece(0.5, 1.0, 1.3), piece(0.501, 1.29, 1.6), piece(0.5, 1.7, 1.9), piece(2.0, 1.2, 1.5), piece(-1.0, 1.5, 1.52)])
+    ends = np.array(
+        [
+            piece(0.5, 1.0, 1.3),
+            piece(0.501, 1.29, 1.6),
+            piece(0.5, 1.7, 1.9),
+            piece(2.0, 1.2, 1.5),
+            piece(-1.0, 1.5, 1.52),
+        ]
+    )
     found = arcs_along_axes(ends, 0.0, 100)[2]  # the fourth is a line of its own, the last too short
     np.testing.assert_allclose(found.along_rad, [[1.0, 1.6], [1.2, 1.5], [1.7, 1.9]], atol=1e-9)
     np.testing.assert_allclose(found.around_rad, [0.5005, 2.0, 0.5], atol=5e-4)
@@ -92,7 +122,10 @@ def test_a_position_sees_lines_as_points_on_them_are_seen():
         for line in range(5):
             for end in (0, 1):
                 point = np.empty(3)
-                point[axis], point[(axis + 1) % 3], point[(axis + 2) % 3] = lines.along_m[line, 1 - end], *lines.across_m[line]
+                point[axis], point[(axis + 1) % 3], point[(axis + 2) % 3] = (
+                    lines.along_m[line, 1 - end],
+                    *lines.across_m[line],
+                )
                 x, y, z = np.roll((point - position_m) / np.linalg.norm(point - position_m), -axis)
                 assert arcs.around_rad[line] == pytest.approx(np.arctan2(z, y))
                 assert arcs.along_rad[line, end] == pytest.approx(np.arccos(x))
@@ -105,7 +138,9 @@ def test_a_quarter_turn_of_the_arcs_is_that_of_the_lines():
     ends = np.stack([middle - 0.4 * axes, middle + 0.4 * axes], axis=1)
     ends /= np.linalg.norm(ends, axis=2, keepdims=True)
     turned = ends @ pose_2d(0, 0, np.pi / 2)[:3, :3].T
-    for expected, found in zip(arcs_along_axes(turned, 0.0, 100), quarter_turned(arcs_along_axes(ends, 0.0, 100)), strict=True):
+    for expected, found in zip(
+        arcs_along_axes(turned, 0.0, 100), quarter_turned(arcs_along_axes(ends, 0.0, 100)), strict=True
+    ):
         order = [np.lexsort((arcs.along_rad[:, 1], arcs.along_rad[:, 0])) for arcs in (expected, found)]
         np.testing.assert_allclose(found.along_rad[order[1]], expected.along_rad[order[0]], atol=1e-9)
         np.testing.assert_allclose(wrap_angle(found.around_rad[order[1]] - expected.around_rad[order[0]]), 0, atol=1e-9)

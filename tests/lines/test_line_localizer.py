@@ -9,16 +9,20 @@ import pytest
 from plain_room import EYE_M
 from salframe_lines.localizer import Lines
 
-from salframe.geometry import pose_2d, pose_errors
+from salframe.panoramas.frames import Frame
+from salframe.panoramas.geometry import pose_2d, pose_errors
+from salframe.panoramas.panorama import Panorama
 from salframe.testing import check_component
-from salframe.types import Frame, Panorama
 
 QUERY = pose_2d(3.1, 2.3, 2.2, EYE_M + 0.03)
 
 
 @pytest.fixture(scope="module")
 def mapping(rooms):
-    return [room.frame(f"m{i}", pose_2d(2.2 + 0.1 * i, 1.8, 0.3 + 0.4 * i, EYE_M), f"room {i}") for i, room in enumerate(rooms)]
+    return [
+        room.frame(f"m{i}", pose_2d(2.2 + 0.1 * i, 1.8, 0.3 + 0.4 * i, EYE_M), f"room {i}")
+        for i, room in enumerate(rooms)
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -51,13 +55,17 @@ def test_turning_the_panorama_turns_the_pose(localizer, query):
     before = ask(localizer, query).T_world_query
     for columns in (1, 77, 256, 400):  # of 512
         turned = Panorama("turned", np.roll(query.rgb, columns, axis=1))
-        translation_m, rotation_rad = pose_errors(ask(localizer, turned).T_world_query, before @ pose_2d(0, 0, 2 * np.pi * columns / 512))
+        translation_m, rotation_rad = pose_errors(
+            ask(localizer, turned).T_world_query, before @ pose_2d(0, 0, 2 * np.pi * columns / 512)
+        )
         assert translation_m < 0.02
         assert rotation_rad < np.deg2rad(0.2)
 
 
 def test_only_the_map_needs_range(localizer, query):
-    np.testing.assert_array_equal(ask(localizer, replace(query, range_m=None)).T_world_query, ask(localizer, query).T_world_query)
+    np.testing.assert_array_equal(
+        ask(localizer, replace(query, range_m=None)).T_world_query, ask(localizer, query).T_world_query
+    )
 
 
 def test_light_does_not_matter(localizer, query):
@@ -117,7 +125,9 @@ def test_a_line_takes_17_bytes_and_the_longest_are_kept(localizer, query):
     every, few = localizer.describe(query), Lines(Lines.Config(max_lines=5)).describe(query)
     assert localizer.scene_bytes(every) == 17 * len(every["axis"]) + 8
     for axis in range(3):
-        of_all, of_few = (np.diff(description["along_rad"][description["axis"] == axis])[:, 0] for description in (every, few))
+        of_all, of_few = (
+            np.diff(description["along_rad"][description["axis"] == axis])[:, 0] for description in (every, few)
+        )
         np.testing.assert_array_equal(of_few, np.sort(of_all)[::-1][:5])
 
 

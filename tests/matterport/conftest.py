@@ -1,4 +1,5 @@
-"""A small building in the official formats, drawn with scipy's rotations, and the real buildings where they are at hand."""
+"""A small building in the official formats, drawn with scipy's rotations, and the real buildings where they are at
+hand."""
 
 import json
 import os
@@ -28,7 +29,9 @@ def ball_boxes(offset_m, radius_m):
     views, boxes = [], []
     for view in range(36):
         # From a camera that looks along +y (right +x, down -z): up by the elevation, then clockwise by the heading.
-        turn = Rotation.from_euler("z", -30 * (view % 12), degrees=True) * Rotation.from_euler("x", 30 * (view // 12 - 1), degrees=True)
+        turn = Rotation.from_euler("z", -30 * (view % 12), degrees=True) * Rotation.from_euler(
+            "x", 30 * (view // 12 - 1), degrees=True
+        )
         local = turn.inv().apply(offset_m + radius_m * SPHERE)
         ahead = local[local[:, 1] > 0.01]
         column, row = 320 + FOCAL_PX * ahead[:, 0] / ahead[:, 1], 240 - FOCAL_PX * ahead[:, 2] / ahead[:, 1]
@@ -58,7 +61,9 @@ class Building:
             pose = np.eye(4)
             pose[:3, :3] = np.stack([right, [0, 0, -1], forward], 1)
             pose[:3, 3] = x, y, z
-            connectivity.append({"image_id": name, "pose": pose.ravel().tolist(), "included": name != "hidden", "height": 1.5})
+            connectivity.append(
+                {"image_id": name, "pose": pose.ravel().tolist(), "included": name != "hidden", "height": 1.5}
+            )
             regions[name] = {"region_index": str(region), "label": "b"}
             objects = {}
             for number in self.sees.get(name, self.balls):
@@ -81,7 +86,12 @@ def building(tmp_path):
     """Two rooms: a and b in region 0, c alone in region 1; "hidden" is not included. b alone sees object 5."""
     fake = Building(
         tmp_path,
-        viewpoints={"a": (0, 0, 1.5, 90, 0), "b": (1.2, 0.3, 1.6, -35, 0), "c": (0.4, 3.0, 1.5, 10, 1), "hidden": (9, 9, 1.5, 0, 1)},
+        viewpoints={
+            "a": (0, 0, 1.5, 90, 0),
+            "b": (1.2, 0.3, 1.6, -35, 0),
+            "c": (0.4, 3.0, 1.5, 10, 1),
+            "hidden": (9, 9, 1.5, 0, 1),
+        },
         balls={
             1: ("arm#chair", (0.5, 1.4, 0.6), 0.3),
             2: ("Lamp", (-0.9, 0.4, 2.2), 0.15),

@@ -9,7 +9,10 @@ def angle_deg(a, b):
     return np.degrees(np.arccos(np.clip(np.dot(a, b) / np.linalg.norm(a) / np.linalg.norm(b), -1, 1)))
 
 
-@pytest.mark.parametrize(("view", "heading_deg", "elevation_deg"), [(12, 0, 0), (15, 90, 0), (18, 180, 0), (21, 270, 0), (2, 60, -30), (30, 180, 30)])
+@pytest.mark.parametrize(
+    ("view", "heading_deg", "elevation_deg"),
+    [(12, 0, 0), (15, 90, 0), (18, 180, 0), (21, 270, 0), (2, 60, -30), (30, 180, 30)],
+)
 def test_box_in_the_middle_of_a_view_lies_where_the_view_looks(view, heading_deg, elevation_deg):
     seen = bearing(np.array([view]), np.array([[300, 220, 40, 40]]))
     # Headings run clockwise from +y, azimuths counter-clockwise from +x.
@@ -45,7 +48,9 @@ def test_ball_is_found_and_measured_also_where_views_cut_it(azimuth_deg, elevati
 
 
 def test_box_cut_by_a_border_is_completed_by_the_next_view():
-    truth = direction(np.radians(90 - 45), 0.0)  # heading 45 deg: near the right border of view 12, near the left one of view 15
+    truth = direction(
+        np.radians(90 - 45), 0.0
+    )  # heading 45 deg: near the right border of view 12, near the left one of view 15
     views, boxes = ball_boxes(2 * truth, 0.5)
     cut = [i for i, (x, _, w, _) in enumerate(boxes) if x == 0 or x + w == 640]
     assert cut

@@ -6,9 +6,9 @@ from salframe_matterport.dataset import MatterportAnnotations
 from salframe_matterport.readers import boxes_path
 from salframe_matterport.scenes import read_scenes
 
-from salframe.config import validate
-from salframe.errors import ConfigError, DataError
-from salframe.geometry import pose_yaw, transform_points
+from salframe.framework.config import validate
+from salframe.framework.errors import ConfigError, DataError
+from salframe.panoramas.geometry import pose_yaw, transform_points
 
 
 def opened(building, **settings):
@@ -51,10 +51,14 @@ def test_objects_stand_where_they_are_in_the_world(building):
     frames = {frame.id: frame for fold in dataset.folds() for frame in fold.mapping}
     for frame in frames.values():
         objects = objects_of(frame)
-        for label, centroid, size in zip(objects.labels, transform_points(frame.T_world_pano, objects.centroid_m), objects.size_m, strict=True):
+        for label, centroid, size in zip(
+            objects.labels, transform_points(frame.T_world_pano, objects.centroid_m), objects.size_m, strict=True
+        ):
             if label in ("plant", "bed"):  # seen from one viewpoint only
                 continue
-            _, position, radius = next(ball for ball in building.balls.values() if ball[0].replace("#", " ").lower() == label)
+            _, position, radius = next(
+                ball for ball in building.balls.values() if ball[0].replace("#", " ").lower() == label
+            )
             assert centroid == pytest.approx(position, abs=0.05)
             assert size[[0, 2]] == pytest.approx([2 * radius, 2 * radius], rel=0.25)
             assert size[1] == min(size[0], size[2])
@@ -132,7 +136,9 @@ def test_keys_stay_when_the_panorama_is_turned(building):
     turned = first.queries[0].load().annotations
     assert mapped.keys == turned.keys
     assert mapped.objects.labels == turned.objects.labels
-    assert np.linalg.norm(mapped.objects.centroid_m, axis=1) == pytest.approx(np.linalg.norm(turned.objects.centroid_m, axis=1))
+    assert np.linalg.norm(mapped.objects.centroid_m, axis=1) == pytest.approx(
+        np.linalg.norm(turned.objects.centroid_m, axis=1)
+    )
     assert mapped.objects.size_m == pytest.approx(turned.objects.size_m)
 
 

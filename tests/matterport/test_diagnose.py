@@ -6,21 +6,35 @@ from salframe_matterport.dataset import MatterportAnnotations
 from salframe_matterport.diagnose import cause_of, main
 from salframe_matterport.scenes import Scene
 
-from salframe.geometry import pose_2d
-from salframe.registry import registry
-from salframe.runs import Run
+from salframe.evaluation.run import Run
+from salframe.framework.registry import registry
+from salframe.panoramas.geometry import pose_2d
 
-OBJECTS = {1: ("bed", (2, 0, 1)), 2: ("lamp", (0, 2, 2)), 3: ("lamp", (1, 2, 1)), 4: ("sink", (-1, 1, 1)), 5: ("bed", (9, 9, 1))}
+OBJECTS = {
+    1: ("bed", (2, 0, 1)),
+    2: ("lamp", (0, 2, 2)),
+    3: ("lamp", (1, 2, 1)),
+    4: ("sink", (-1, 1, 1)),
+    5: ("bed", (9, 9, 1)),
+}
 
 
 def scene(x_m, y_m, objects, range_factor=1.0):
     """A viewpoint that sees these objects where they are, all ranges wrong by a factor."""
     offset = np.array([OBJECTS[number][1] for number in objects], float) - (x_m, y_m, 1.5)
     return Scene(
-        id="", place="", T_world_pano=pose_2d(x_m, y_m, 0.3, 1.5), object_id=np.array(objects), labels=tuple(OBJECTS[n][0] for n in objects),
-        keys=(), azimuth_rad=np.arctan2(offset[:, 1], offset[:, 0]), elevation_rad=np.arctan2(offset[:, 2], np.hypot(*offset[:, :2].T)),
-        width_rad=np.zeros(len(objects)), height_rad=np.zeros(len(objects)), range_m=range_factor * np.linalg.norm(offset, axis=1),
-    )  # fmt: skip
+        id="",
+        place="",
+        T_world_pano=pose_2d(x_m, y_m, 0.3, 1.5),
+        object_id=np.array(objects),
+        labels=tuple(OBJECTS[n][0] for n in objects),
+        keys=(),
+        azimuth_rad=np.arctan2(offset[:, 1], offset[:, 0]),
+        elevation_rad=np.arctan2(offset[:, 2], np.hypot(*offset[:, :2].T)),
+        width_rad=np.zeros(len(objects)),
+        height_rad=np.zeros(len(objects)),
+        range_m=range_factor * np.linalg.norm(offset, axis=1),
+    )
 
 
 QUERY = scene(0, 0, [1, 2, 3])
@@ -45,10 +59,15 @@ def test_cause(own, winning, cause):
 def run(building, tmp_path):
     """A run on the drawn building, which has two queries in region 0: a is right, b names region 1."""
     config = MatterportAnnotations.Config(root=building.root)
-    run = Run.open(tmp_path / "runs", "test", config, {"objects": registry().get("localizer", "objects").Config()}, seed=0)
+    run = Run.open(
+        tmp_path / "runs", "test", config, {"objects": registry().get("localizer", "objects").Config()}, seed=0
+    )
     run.folder("objects").mkdir(parents=True)
     places = {"a": "fake/region-0", "b": "fake/region-1"}
-    rows = [{"fold": f"fake/{v}", "query": f"fake/{v}/query", "places": [["fake/c", place, 1.0]]} for v, place in places.items()]
+    rows = [
+        {"fold": f"fake/{v}", "query": f"fake/{v}/query", "places": [["fake/c", place, 1.0]]}
+        for v, place in places.items()
+    ]
     (run.folder("objects") / "predictions.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
     return run
 

@@ -1,4 +1,5 @@
-"""Floor masks from top-down maps: a drawn building whose scale and origin are known, and the real one where it is at hand."""
+"""Floor masks from top-down maps: a drawn building whose scale and origin are known, and the real one where it is at
+hand."""
 
 import cv2
 import numpy as np
@@ -7,10 +8,11 @@ from salframe_matterport.dataset import MatterportAnnotations
 from salframe_matterport.habitat_maps import HabitatMaps, read_floor
 from salframe_matterport.readers import connectivity_path, read_connectivity, read_regions, regions_path
 
-from salframe.errors import DataError
+from salframe.framework.errors import DataError
 
 PIXEL_M, ORIGIN_M, SIZE = 0.02, (-3.0, 5.0), (300, 500)
-# Region -> (x low, y low, x high, y high), colour. Regions 0 and 2 share a colour, as indices 99 apart do; region 3 is on the level above.
+# Region -> (x low, y low, x high, y high), colour. Regions 0 and 2 share a colour, as indices 99 apart do; region 3 is
+# on the level above.
 ROOMS = {
     0: ((-2.5, 0.0, 1.0, 4.0), (100, 100, 5)),
     1: ((1.1, 0.0, 3.0, 4.0), (0, 0, 255)),
@@ -28,7 +30,8 @@ def pixels(low_x, low_y, high_x, high_y):
 
 @pytest.fixture
 def drawn(tmp_path):
-    """The pictures and the .house file of the three rooms: a table in room 1, a doorway from 0 to 1 striped by both, a stain in room 2."""
+    """The pictures and the .house file of the three rooms: a table in room 1, a doorway from 0 to 1 striped by both, a
+    stain in room 2."""
     region, category = np.zeros((*SIZE, 3), np.uint8), np.zeros((*SIZE, 3), np.uint8)
     for box, colour in ROOMS.values():
         region[pixels(*box)], category[pixels(*box)] = colour, FLOOR
@@ -45,7 +48,9 @@ def drawn(tmp_path):
     boxes = {**{number: (0, box) for number, (box, _) in ROOMS.items()}, 3: (1, (-2.5, 0.0, 6.5, 2.0))}
     lines = ["ASCII 1.1"]
     for number, (level, (x0, y0, x1, y1)) in boxes.items():
-        lines.append(f"R  {number} {level}  0 0  b  0 0 0  {x0} {y0} {level + 0.2}  {x1} {y1} {level + 2.5}  2.5  0 0 0 0")
+        lines.append(
+            f"R  {number} {level}  0 0  b  0 0 0  {x0} {y0} {level + 0.2}  {x1} {y1} {level + 2.5}  2.5  0 0 0 0"
+        )
     (tmp_path / "house").mkdir()
     (tmp_path / "house" / "drawn.house").write_text("\n".join(lines))
     return tmp_path
@@ -99,7 +104,9 @@ def test_bad_input_is_one_clear_line(drawn):
     with pytest.raises(DataError, match=r"region\.png is 500 x 300 and cat\.png 20 x 10, expected one size"):
         read_floor(drawn, "drawn", 0.05)
     (folder / "cat.png").unlink()
-    with pytest.raises(DataError, match=r"cat\.png is missing: the top-down map of the categories of objects, which Object2HabitatMap"):
+    with pytest.raises(
+        DataError, match=r"cat\.png is missing: the top-down map of the categories of objects, which Object2HabitatMap"
+    ):
         read_floor(drawn, "drawn", 0.05)
     (folder / "cat.png").write_bytes(whole)
     house = drawn / "house" / "drawn.house"
@@ -122,7 +129,9 @@ def test_buildings_without_maps_are_left_out(building):
     assert [fold.id for fold in HabitatMaps(HabitatMaps.Config(root=building.root)).folds()] == ["fake/a", "fake/b"]
     (building.root / "habitat_map" / "twin").mkdir()
     (building.root / "connectivity" / "twin_connectivity.json").write_text("[]")
-    with pytest.raises(DataError, match=r"has maps of fake, twin, expected one building a map: --set data\.scans=\[fake\]"):
+    with pytest.raises(
+        DataError, match=r"has maps of fake, twin, expected one building a map: --set data\.scans=\[fake\]"
+    ):
         HabitatMaps(HabitatMaps.Config(root=building.root)).folds()
 
 
@@ -137,7 +146,12 @@ def test_real_viewpoints_stand_on_the_floor_of_their_regions(real_root):
     assert all(floor.free[at] for at in cells.values())
     # Some stand on a sofa or in a shower; some regions of the annotation end a step beside the threshold.
     assert np.mean([not floor.obstacle[at] for at in cells.values()]) > 0.95
-    assert np.mean([floor.regions[floor.region[at]] == f"17DRP5sb8fy/region-{regions[name]}" for name, at in cells.items()]) > 0.9
+    assert (
+        np.mean(
+            [floor.regions[floor.region[at]] == f"17DRP5sb8fy/region-{regions[name]}" for name, at in cells.items()]
+        )
+        > 0.9
+    )
     scenes = {frame.id for fold in dataset.folds() for frame in fold.mapping}
     alone = MatterportAnnotations(MatterportAnnotations.Config(root=real_root, scans=("17DRP5sb8fy",)))
     assert scenes == {frame.id for fold in alone.folds() for frame in fold.mapping}

@@ -9,10 +9,10 @@ import pytest
 from salframe_matterport.dataset import MatterportAnnotations
 from salframe_planners.planners import Dijkstra
 
-from salframe.errors import DataError
-from salframe.geometry import pose_yaw
+from salframe.framework.errors import DataError
 from salframe.navigation.episodes import Site, draw_episodes, read_episodes
-from salframe.navigation.route import Guide
+from salframe.navigation.guide import Guide
+from salframe.panoramas.geometry import pose_yaw
 
 EDGES = ("ab", "ac")
 
@@ -25,7 +25,9 @@ def world(building):
     names = [viewpoint["image_id"] for viewpoint in listed]
     for viewpoint in listed:
         viewpoint["height"] = 1.4
-        viewpoint["unobstructed"] = [viewpoint["image_id"] + other in EDGES or other + viewpoint["image_id"] in EDGES for other in names]
+        viewpoint["unobstructed"] = [
+            viewpoint["image_id"] + other in EDGES or other + viewpoint["image_id"] in EDGES for other in names
+        ]
     path.write_text(json.dumps(listed))
     (world,) = MatterportAnnotations(MatterportAnnotations.Config(root=building.root)).worlds()
     return world
@@ -41,20 +43,31 @@ def viewpoint(world, pose):
 
 def test_nodes_and_edges_are_the_connectivity(world):
     assert {node.id: node.regions for node in world.chart.map.nodes} == {
-        "fake/a": ("fake/region-0",), "fake/b": ("fake/region-0",), "fake/c": ("fake/region-1",)
-    }  # fmt: skip
+        "fake/a": ("fake/region-0",),
+        "fake/b": ("fake/region-0",),
+        "fake/c": ("fake/region-1",),
+    }
     assert world.node("fake/b").xyz_m == pytest.approx((1.2, 0.3, 0.2))
     length = {(edge.start, edge.end): edge.length_m for edge in world.chart.map.edges}
-    assert length == {("fake/a", "fake/b"): pytest.approx(np.sqrt(1.2**2 + 0.3**2 + 0.1**2)), ("fake/a", "fake/c"): pytest.approx(np.hypot(0.4, 3))}
+    assert length == {
+        ("fake/a", "fake/b"): pytest.approx(np.sqrt(1.2**2 + 0.3**2 + 0.1**2)),
+        ("fake/a", "fake/c"): pytest.approx(np.hypot(0.4, 3)),
+    }
 
 
 @pytest.mark.parametrize(
     ("start", "azimuth_deg", "length_m", "end"),
     [
-        ("a", 14.0, 1.24, "b"), ("a", 82.0, 3.0, "c"), ("a", 40.0, 1.0, "b"), ("c", -97.0, 2.2, "a"),
-        ("a", 14.0, 2.4, None), ("a", 50.0, 1.24, None), ("a", 180.0, 1.0, None), ("b", 115.0, 2.8, None),
+        ("a", 14.0, 1.24, "b"),
+        ("a", 82.0, 3.0, "c"),
+        ("a", 40.0, 1.0, "b"),
+        ("c", -97.0, 2.2, "a"),
+        ("a", 14.0, 2.4, None),
+        ("a", 50.0, 1.24, None),
+        ("a", 180.0, 1.0, None),
+        ("b", 115.0, 2.8, None),
     ],
-)  # fmt: skip
+)
 def test_a_walk_leads_to_the_neighbour_it_points_at(world, start, azimuth_deg, length_m, end):
     """From b, c would be at 106 deg and 2.8 m, but is no neighbour."""
     pose, stopped = world.move(at(world, start, 1.0), np.radians(azimuth_deg) - 1.0, length_m)
@@ -87,7 +100,10 @@ def test_reach_is_to_neighbours_and_itself(world):
 def test_episodes_start_at_viewpoints(world):
     sites = {"fake": Site(world, Guide(world.chart, Dijkstra.Config()))}
     episodes, _ = draw_episodes(sites, 20, 0)
-    assert all(viewpoint(world, np.reshape(e.start, (4, 4))) in ("fake/a", "fake/b") if e.goal == "fake/c" else True for e in episodes)
+    assert all(
+        viewpoint(world, np.reshape(e.start, (4, 4))) in ("fake/a", "fake/b") if e.goal == "fake/c" else True
+        for e in episodes
+    )
     assert {episode.goal for episode in episodes} == {"fake/a", "fake/b", "fake/c"}
 
 
@@ -120,6 +136,8 @@ def test_a_real_building_is_connected_and_walked(real_root):
         assert guide.way(pose[:3, 3], world.chart.map.nodes[0].id).length_m < 30
     for edge in world.chart.map.edges:
         a, b = (np.array(world.node(name).xyz_m) for name in (edge.start, edge.end))
-        pose, stopped = world.move(world.stand_at(world.node(edge.start), 0.0), edge.azimuth_rad, float(np.linalg.norm((b - a)[:2])))
+        pose, stopped = world.move(
+            world.stand_at(world.node(edge.start), 0.0), edge.azimuth_rad, float(np.linalg.norm((b - a)[:2]))
+        )
         assert not stopped
         np.testing.assert_allclose(pose[:2, 3], b[:2])

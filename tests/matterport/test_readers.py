@@ -1,8 +1,16 @@
 import numpy as np
 import pytest
-from salframe_matterport.readers import boxes_path, connectivity_path, find_scans, read_boxes, read_connectivity, read_regions, regions_path
+from salframe_matterport.readers import (
+    boxes_path,
+    connectivity_path,
+    find_scans,
+    read_boxes,
+    read_connectivity,
+    read_regions,
+    regions_path,
+)
 
-from salframe.errors import DataError
+from salframe.framework.errors import DataError
 
 
 def test_pose_looks_where_the_camera_looks_and_stands_upright(building):

@@ -39,7 +39,9 @@ def against_truth(real_root):
         origin, towards, numbers = (np.array(column) for column in zip(*rays, strict=True))
         distinct, target = np.unique(numbers, return_inverse=True)
         found = triangulate(origin, towards, target, len(distinct))
-        position_m += [np.linalg.norm(found[i] - centres[n]) for i, n in enumerate(distinct) if np.isfinite(found[i]).all()]
+        position_m += [
+            np.linalg.norm(found[i] - centres[n]) for i, n in enumerate(distinct) if np.isfinite(found[i]).all()
+        ]
     return np.array(bearing_deg), np.array(position_m)
 
 
@@ -60,12 +62,16 @@ def test_queries_are_those_of_the_rule(dataset):
 
 
 def test_label_multisets_score_what_is_stated(dataset):
-    labels = {frame.id: Counter(frame.load().annotations.objects.labels) for fold in dataset.folds() for frame in fold.mapping}
+    labels = {
+        frame.id: Counter(frame.load().annotations.objects.labels) for fold in dataset.folds() for frame in fold.mapping
+    }
     correct = 0.0
     for fold in dataset.folds():
         query = fold.queries[0]
         seen = Counter(query.load().annotations.objects.labels)
-        jaccard = np.array([(seen & labels[frame.id]).total() / (seen | labels[frame.id]).total() for frame in fold.mapping])
+        jaccard = np.array(
+            [(seen & labels[frame.id]).total() / (seen | labels[frame.id]).total() for frame in fold.mapping]
+        )
         best = [frame.place for frame, score in zip(fold.mapping, jaccard, strict=True) if score == jaccard.max()]
         correct += best.count(dataset.truth(query.id).place) / len(best)  # ties share the point
     assert correct / 1009 == pytest.approx(0.764, abs=0.002)
@@ -77,26 +83,35 @@ def test_one_query_in_twenty_shares_no_object_with_its_region(dataset):
     places = {fold.id: dataset.truth(fold.queries[0].id).place for fold in folds}
     scenes = dataset.scenes()
     lonely = sum(
-        not any(instances[fold.id] & set(scenes[frame.id].object_id.tolist()) for frame in fold.mapping if frame.place == places[fold.id])
+        not any(
+            instances[fold.id] & set(scenes[frame.id].object_id.tolist())
+            for frame in fold.mapping
+            if frame.place == places[fold.id]
+        )
         for fold in folds
     )
     assert lonely / 1009 == pytest.approx(0.05, abs=0.002)
 
 
 def test_shared_objects_give_the_relative_pose(dataset):
-    """The frames fit together: two viewpoints that share objects agree on where they stand, up to range noise and bearings."""
+    """The frames fit together: two viewpoints that share objects agree on where they stand, up to range noise and
+    bearings."""
     folds = dataset.folds()
     scenes = dataset.scenes()
     shift_m, turn_deg = [], []
     for fold in folds:
         truth, query = dataset.truth(fold.queries[0].id), fold.queries[0].load().annotations.objects.centroid_m
         for frame in fold.mapping:
-            common, in_query, in_frame = np.intersect1d(scenes[fold.id].object_id, scenes[frame.id].object_id, return_indices=True)
+            common, in_query, in_frame = np.intersect1d(
+                scenes[fold.id].object_id, scenes[frame.id].object_id, return_indices=True
+            )
             if frame.place != truth.place or len(common) < 3:
                 continue
             # Planar Procrustes in complex numbers: world = a * query + b.
             q = query[in_query, :2] @ [1, 1j]
-            w = (frame.load().annotations.objects.centroid_m @ frame.T_world_pano[:3, :3].T + frame.T_world_pano[:3, 3])[in_frame, :2] @ [1, 1j]
+            w = (
+                frame.load().annotations.objects.centroid_m @ frame.T_world_pano[:3, :3].T + frame.T_world_pano[:3, 3]
+            )[in_frame, :2] @ [1, 1j]
             turn = np.vdot(q - q.mean(), w - w.mean())
             turn /= abs(turn)
             x, y = truth.T_world_pano[:2, 3]

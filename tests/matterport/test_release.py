@@ -1,4 +1,5 @@
-"""Stitching the official layout: a drawn room whose range and colour are known in every direction, and the real viewpoint where it is at hand."""
+"""Stitching the official layout: a drawn room whose range and colour are known in every direction, and the real
+viewpoint where it is at hand."""
 
 import json
 import os
@@ -13,8 +14,8 @@ from salframe_matterport.readers import connectivity_path, read_connectivity, re
 from salframe_matterport.release import read_viewpoints
 from salframe_matterport.scenes import read_scenes
 
-from salframe.errors import DataError
-from salframe.geometry import column_azimuth, equirectangular_rays, pose_yaw, rays_to_pixels, row_elevation
+from salframe.framework.errors import DataError
+from salframe.panoramas.geometry import column_azimuth, equirectangular_rays, pose_yaw, rays_to_pixels, row_elevation
 from salframe.testing import check_component
 
 from .official_layout import RISE_M, Room, camera_lines, rig, write_building, write_viewpoint
@@ -73,7 +74,9 @@ def test_every_direction_shows_the_room_as_it_is_seen_from_amid_the_cameras(rele
     assert np.isfinite(panorama.range_m[level]).all()
     error_m = np.abs(panorama.range_m - range_m)[level]
     assert np.median(error_m) < 0.002
-    assert np.quantile(error_m, 0.999) < 0.02  # a pixel of a depth image is 1 mm wide at 1 m; walls are seen at an angle
+    assert (
+        np.quantile(error_m, 0.999) < 0.02
+    )  # a pixel of a depth image is 1 mm wide at 1 m; walls are seen at an angle
     rgb = Room().color(CENTRE + ways * range_m[..., None])
     assert np.abs(panorama.rgb[level].astype(int) - rgb[level]).mean() < 2
     assert panorama.valid[level].all()
@@ -83,7 +86,9 @@ def test_every_direction_shows_the_room_as_it_is_seen_from_amid_the_cameras(rele
 def test_folds_leave_one_viewpoint_out_and_queries_carry_nothing(prepared):
     folds = prepared.folds()
     assert [fold.id for fold in folds] == [f"drawn/{name}" for name in NAMES[:2]]
-    assert [[frame.id for frame in fold.mapping] for fold in folds] == [[f"drawn/{NAMES[1 - i]}", f"drawn/{NAMES[2]}"] for i in (0, 1)]
+    assert [[frame.id for frame in fold.mapping] for fold in folds] == [
+        [f"drawn/{NAMES[1 - i]}", f"drawn/{NAMES[2]}"] for i in (0, 1)
+    ]
     assert {frame.place for frame in folds[0].mapping} == {"drawn/region-0", "drawn/region-1"}
     (query,) = folds[0].queries
     packed = pickle.dumps(query)
@@ -107,7 +112,8 @@ def test_the_dataset_keeps_its_role(prepared):
 
 
 def test_pixels_show_the_object_whose_box_their_point_lies_in(prepared):
-    """The clock hangs on the cabinet, turned: of two boxes the smaller counts. Walls and what nobody could name are no objects."""
+    """The clock hangs on the cabinet, turned: of two boxes the smaller counts. Walls and what nobody could name are no
+    objects."""
     frame = prepared.folds()[0].queries[0]
     panorama, truth = frame.load(), prepared.truth(frame.id)
     assert panorama.annotations.labels == {1: "wall clock", 2: "cabinet"}
@@ -150,7 +156,10 @@ def test_bad_images_cost_their_own_viewpoint_only(release, tmp_path, monkeypatch
     dataset = of(tmp_path)
     dataset.prepare(lambda done, total: None)
     frames = {frame.id: frame for fold in dataset.folds() for frame in (*fold.mapping, *fold.queries)}
-    with pytest.raises(DataError, match=rf"{NAMES[0]}_d1_3\.png is missing: unpack undistorted_depth_images\.zip .* Matterport3D release"):
+    with pytest.raises(
+        DataError,
+        match=rf"{NAMES[0]}_d1_3\.png is missing: unpack undistorted_depth_images\.zip .* Matterport3D release",
+    ):
         frames[f"drawn/{NAMES[0]}"].load()
     with pytest.raises(DataError, match=rf"{NAMES[1]}_d0_0\.png is no readable image"):
         frames[f"drawn/{NAMES[1]}/query"].load()
@@ -164,7 +173,9 @@ def test_bad_images_cost_their_own_viewpoint_only(release, tmp_path, monkeypatch
 def test_bad_folders_are_one_clear_line(release, tmp_path):
     with pytest.raises(DataError, match="--data-dir DIR"):
         Matterport3D().folds()
-    with pytest.raises(DataError, match=r"is a folder without any, expected v1/scans/<scan>/undistorted_camera_parameters/<scan>\.conf"):
+    with pytest.raises(
+        DataError, match=r"is a folder without any, expected v1/scans/<scan>/undistorted_camera_parameters/<scan>\.conf"
+    ):
         of(tmp_path).folds()
     with pytest.raises(DataError, match="has no building other, expected some of drawn"):
         of(release, scans=("other",)).folds()
@@ -172,7 +183,9 @@ def test_bad_folders_are_one_clear_line(release, tmp_path):
     with pytest.raises(DataError, match=r"bare\.conf is no camera file"):
         of(tmp_path).folds()
     (tmp_path / "scans" / "bare" / "house_segmentations" / "bare.house").unlink()
-    with pytest.raises(DataError, match=r"cannot read .*bare\.house: No such file or directory \(house_segmentations of"):
+    with pytest.raises(
+        DataError, match=r"cannot read .*bare\.house: No such file or directory \(house_segmentations of"
+    ):
         of(tmp_path).folds()
 
 
@@ -181,14 +194,19 @@ SCAN, REAL = "yqstnuAEVhm", "6f4d197078d14d6e944ed6533598a6f9"
 
 @pytest.fixture(scope="module")
 def real(real_root, tmp_path_factory):
-    """A function of the cameras' rise that gives the shared viewpoint in the official layout: its images linked, its camera file the nominal rig."""
+    """A function of the cameras' rise that gives the shared viewpoint in the official layout: its images linked, its
+    camera file the nominal rig."""
     position = read_connectivity(connectivity_path(real_root, SCAN))[REAL][:3, 3]
 
     def laid_out(rise_m):
         folder = tmp_path_factory.mktemp("real") / SCAN
         poses = rig(position, HEADING_DEG, rise_m)
         write_building(folder, camera_lines(REAL, poses), {0: ((0, 0, 0), (1, 1, 1))}, {REAL: (0, position)})
-        sources = {"undistorted_color_images": "example/*_i*", "undistorted_depth_images": "example/*_d*", "matterport_skybox_images": "skybox/*"}
+        sources = {
+            "undistorted_color_images": "example/*_i*",
+            "undistorted_depth_images": "example/*_d*",
+            "matterport_skybox_images": "skybox/*",
+        }
         for part, pattern in sources.items():
             (folder / part).mkdir()
             for path in (real_root / "rgbd").glob(f"matterport3d_{pattern}"):
@@ -209,10 +227,13 @@ LEVEL = np.abs(row_elevation(512)) < np.radians(60)
 
 @pytest.fixture(scope="module")
 def reference(real_root):
-    """The reference stitch at the directions of our panorama: range (512, 1024) in metres and colour. Its cameras share one centre."""
+    """The reference stitch at the directions of our panorama: range (512, 1024) in metres and colour. Its cameras share
+    one centre."""
     rows = np.floor((np.pi / 2 - row_elevation(512)) / np.pi * 1024).astype(int)
     columns = np.floor((np.pi / 2 - column_azimuth(1024) - YAW) % (2 * np.pi) / (2 * np.pi) * 2048).astype(int) % 2048
-    units, bgr = (cv2.imread(str(real_root / "rgbd" / f"reference_{name}.png"), -1)[rows][:, columns] for name in ("range", "rgb"))
+    units, bgr = (
+        cv2.imread(str(real_root / "rgbd" / f"reference_{name}.png"), -1)[rows][:, columns] for name in ("range", "rgb")
+    )
     return np.where(units > 0, units / 4000, np.nan), bgr[..., ::-1].astype(int)
 
 
@@ -225,21 +246,28 @@ def test_real_range_agrees_with_the_reference(real, reference):
 
 
 def test_real_colour_agrees_with_the_reference(stitched, reference):
-    differences = {shift: np.abs(np.roll(stitched.rgb, shift, 1) - reference[1])[LEVEL].mean() for shift in range(-8, 9)}
+    differences = {
+        shift: np.abs(np.roll(stitched.rgb, shift, 1) - reference[1])[LEVEL].mean() for shift in range(-8, 9)
+    }
     best = min(differences, key=differences.get)
-    assert abs(best) <= 2  # the nominal heading of the rig is a third of a degree, a column, beside that of the connectivity file
+    assert (
+        abs(best) <= 2
+    )  # the nominal heading of the rig is a third of a degree, a column, beside that of the connectivity file
     assert differences[best] < 6 < differences[8]
 
 
 def test_the_real_floor_lies_the_stated_height_below_the_camera(stitched, real_root):
-    height_m = next(v["height"] for v in json.loads(connectivity_path(real_root, SCAN).read_text()) if v["image_id"] == REAL)
+    height_m = next(
+        v["height"] for v in json.loads(connectivity_path(real_root, SCAN).read_text()) if v["image_id"] == REAL
+    )
     steep = row_elevation(512) < np.radians(-45)
     below_m = -stitched.range_m[steep] * np.sin(row_elevation(512)[steep])[:, None]
     assert np.nanmedian(below_m) == pytest.approx(height_m, abs=0.02)
 
 
 def test_annotated_bearings_land_on_their_objects(stitched, real_root, tmp_path):
-    """REVERIE's objects lie within 3 m. Where their bearings point, something stands off the floor that near; turned another way it does not."""
+    """REVERIE's objects lie within 3 m. Where their bearings point, something stands off the floor that near; turned
+    another way it does not."""
     scenes = read_scenes(real_root, SCAN, read_regions(regions_path(real_root))[SCAN], 0.0, 0)
     scene = next(scene for scene in scenes if scene.id == f"{SCAN}/{REAL}")
     picture = cv2.cvtColor(stitched.rgb, cv2.COLOR_RGB2BGR)
@@ -253,7 +281,10 @@ def test_annotated_bearings_land_on_their_objects(stitched, real_root, tmp_path)
         found = []
         for column, row, width, height in zip(*pixels(turn_deg), scene.width_rad, scene.height_rad, strict=True):
             down, across = (max(1, round(angle / 4 * 512 / np.pi)) for angle in (height, width))
-            rows, columns = np.arange(int(row) - down, int(row) + down + 1), np.arange(int(column) - across, int(column) + across + 1)
+            rows, columns = (
+                np.arange(int(row) - down, int(row) + down + 1),
+                np.arange(int(column) - across, int(column) + across + 1),
+            )
             inside = stitched.range_m[np.ix_(rows, columns % 1024)]
             found.append(np.median(inside[~np.isnan(inside)]) if (~np.isnan(inside)).any() else np.inf)
         return np.array(found)

@@ -9,8 +9,8 @@ from command_line import run
 from salframe_matterport.readers import connectivity_path
 from salframe_matterport.reverie import Reverie, read_episodes, walking_distances
 
-from salframe.errors import DataError
-from salframe.registry import registry
+from salframe.framework.errors import DataError
+from salframe.framework.registry import registry
 from salframe.testing import ConformanceError, check_component
 
 # A corridor a - b - c of 3 m and 4 m, a stair b - d of (0, 3, 4), 5 m, and e that no way leads to. f is not included.
@@ -24,7 +24,8 @@ TASKS = [
     {"path_id": 1, "objId": 8, "scan": "fake", "path": ["a", "b", "c"], "instructions": ["go there", "do go there"]},
     {"path_id": 2, "objId": 9, "scan": "fake", "path": ["a", "b", "d"], "instructions": ["climb"]},
 ]
-# instr_id -> (path, predicted object): a detour to the goal; the goal passed and left; a jump from a to d, 8 m along the ways.
+# instr_id -> (path, predicted object): a detour to the goal; the goal passed and left; a jump from a to d, 8 m along
+# the ways.
 ANSWERS = {"1_8_0": ("abdbc", 8), "1_8_1": ("abcb", 7), "2_9_0": ("ad", 9)}
 # Lengths: 3 + 5 + 5 + 4 = 17 against 7; 3 + 4 + 4 = 11 against 7; 8 against 8.
 BY_HAND = {"SR": 2 / 3, "OSR": 1, "SPL": (7 / 17 + 0 + 1) / 3, "RGS": 2 / 3, "RGSPL": (7 / 17 + 0 + 1) / 3}
@@ -32,19 +33,24 @@ BY_HAND = {"SR": 2 / 3, "OSR": 1, "SPL": (7 / 17 + 0 + 1) / 3, "RGS": 2 / 3, "RG
 
 def official(answers):
     return [
-        {"instr_id": name, "trajectory": [[v, 0.5, 0.0] for v in path], "predObjId": found} for name, (path, found) in answers.items()
+        {"instr_id": name, "trajectory": [[v, 0.5, 0.0] for v in path], "predObjId": found}
+        for name, (path, found) in answers.items()
     ]
 
 
 def duet(answers):
     """Each action is the list of viewpoints that it walked through."""
     return [
-        {"instr_id": name, "trajectory": [[path[0]], list(path[1:])], "pred_objid": found} for name, (path, found) in answers.items()
+        {"instr_id": name, "trajectory": [[path[0]], list(path[1:])], "pred_objid": found}
+        for name, (path, found) in answers.items()
     ]
 
 
 def duet_with_angles(answers):
-    return [{**item, "trajectory": [[[v, 0.5, 0] for v in action] for action in item["trajectory"]]} for item in duet(answers)]
+    return [
+        {**item, "trajectory": [[[v, 0.5, 0] for v in action] for action in item["trajectory"]]}
+        for item in duet(answers)
+    ]
 
 
 @pytest.fixture
@@ -55,7 +61,9 @@ def root(tmp_path):
         pose = np.eye(4)
         pose[:3, 3] = place
         free = [(name, other) in WAYS or (other, name) in WAYS for other in names]
-        connectivity.append({"image_id": name, "pose": pose.ravel().tolist(), "included": name != "f", "unobstructed": free})
+        connectivity.append(
+            {"image_id": name, "pose": pose.ravel().tolist(), "included": name != "f", "unobstructed": free}
+        )
     write(tmp_path / "connectivity" / "fake_connectivity.json", connectivity)
     for name, numbers in SEES.items():
         objects = {str(n): {"name": "thing", "visible_pos": [3], "bbox2d": [[1, 2, 3, 4]]} for n in numbers}
@@ -78,7 +86,12 @@ def score(root, content):
 @pytest.mark.parametrize("form", [official, duet, duet_with_angles, lambda answers: dict(enumerate(official(answers)))])
 def test_scores_are_those_worked_out_by_hand(root, form):
     (row,) = score(root, form(ANSWERS))
-    assert row == {"split": "val_seen", "episodes": 3, "ignored": 0, **{name: round(100 * value, 2) for name, value in BY_HAND.items()}}
+    assert row == {
+        "split": "val_seen",
+        "episodes": 3,
+        "ignored": 0,
+        **{name: round(100 * value, 2) for name, value in BY_HAND.items()},
+    }
 
 
 def test_an_object_counts_where_it_is_named_and_not_only_where_it_is_seen(root):
@@ -89,7 +102,9 @@ def test_an_object_counts_where_it_is_named_and_not_only_where_it_is_seen(root):
 
 
 def test_no_object_named_is_a_wrong_one(root):
-    (row,) = score(root, [{key: value for key, value in item.items() if key != "predObjId"} for item in official(ANSWERS)])
+    (row,) = score(
+        root, [{key: value for key, value in item.items() if key != "predObjId"} for item in official(ANSWERS)]
+    )
     assert (row["SR"], row["RGS"], row["RGSPL"]) == (66.67, 0, 0)
 
 
@@ -100,10 +115,17 @@ def test_an_agent_that_stays_is_scored(root):
 
 def test_splits_are_scored_apart_and_what_counts_in_none_is_counted(root):
     write(root / "reverie" / "REVERIE_val_unseen.json", [{**TASKS[1], "path_id": 3}])
-    write(root / "reverie" / "REVERIE_test.json", [{"path_id": 5, "scan": "fake", "path": ["a"], "instructions": ["?"]}])
+    write(
+        root / "reverie" / "REVERIE_test.json", [{"path_id": 5, "scan": "fake", "path": ["a"], "instructions": ["?"]}]
+    )
     both = {**ANSWERS, "3_9_0": ("abd", 9), "4_1_0": ("zz", 1)}
     seen, unseen = score(root, [*official(both), *official({"2_9_0": ("a", 1)})])
-    assert (seen["split"], seen["episodes"], seen["ignored"], seen["SPL"]) == ("val_seen", 3, 2, round(100 * BY_HAND["SPL"], 2))
+    assert (seen["split"], seen["episodes"], seen["ignored"], seen["SPL"]) == (
+        "val_seen",
+        3,
+        2,
+        round(100 * BY_HAND["SPL"], 2),
+    )
     assert (unseen["split"], unseen["episodes"], unseen["ignored"], unseen["SPL"]) == ("val_unseen", 1, 2, 100)
 
 
@@ -138,7 +160,10 @@ def test_what_is_wrong_with_an_answer_is_one_line(root, change, message):
         ("3", "holds int, expected a list of"),
         ("[3]", "answer 0: 'int' object is not subscriptable; expected a list of"),
         ('[{"instr_id": "1_8_0"}]', "answer 0: no key 'trajectory'; expected a list of"),
-        ('[{"instr_id": "1_8_0", "trajectory": [["a", 0, 0], 7]}]', "answer 0: a trajectory of int; expected a list of"),
+        (
+            '[{"instr_id": "1_8_0", "trajectory": [["a", 0, 0], 7]}]',
+            "answer 0: a trajectory of int; expected a list of",
+        ),
     ],
 )
 def test_a_file_that_is_no_submission_is_told_in_one_line(root, content, message):
@@ -174,7 +199,9 @@ def test_it_conforms():
 
 @pytest.mark.parametrize(("scorer", "received"), [(Lenient, "0 rows"), (Careless, "FileNotFoundError: .*")])
 def test_a_scorer_that_hides_a_bad_file_is_told_in_one_line(scorer, received):
-    with pytest.raises(ConformanceError, match=f"score of a file that is not there, .*: received {received}, expected DataError"):
+    with pytest.raises(
+        ConformanceError, match=f"score of a file that is not there, .*: received {received}, expected DataError"
+    ):
         check_component(scorer)
 
 
@@ -192,7 +219,9 @@ def test_reference_paths_reach_every_object_of_the_real_buildings(real_root, tmp
     splits = read_episodes(real_root)
     assert {split: len(episodes) for split, episodes in splits.items()} == {"val_seen": 790, "val_unseen": 1492}
     content = [
-        {"instr_id": name, "trajectory": [[v, 0, 0] for v in e.path], "predObjId": e.object_id} for es in splits.values() for name, e in es.items()
+        {"instr_id": name, "trajectory": [[v, 0, 0] for v in e.path], "predObjId": e.object_id}
+        for es in splits.values()
+        for name, e in es.items()
     ]
     for row in Reverie().score(write(tmp_path / "answers.json", content), real_root):
         assert [row[name] for name in ("SR", "OSR", "RGS", "ignored")] == [100, 100, 100, 0]

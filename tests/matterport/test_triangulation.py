@@ -24,7 +24,11 @@ def test_one_bad_bearing_of_five_moves_the_position_little_where_least_squares_f
     point = np.array([[0.7, 0.9, 0.8]])
     origin, direction, target = rays_to(point, ORIGINS)
     c, s = np.cos(np.radians(25)), np.sin(np.radians(25))
-    direction[2] = [c * direction[2, 0] - s * direction[2, 1], s * direction[2, 0] + c * direction[2, 1], direction[2, 2]]
+    direction[2] = [
+        c * direction[2, 0] - s * direction[2, 1],
+        s * direction[2, 0] + c * direction[2, 1],
+        direction[2, 2],
+    ]
     across = np.eye(3) - direction[:, :, None] * direction[:, None, :]
     plain = np.linalg.solve(across.sum(0), np.einsum("nij,nj->i", across, origin))
     robust = triangulate(origin, direction, target, 1)[0]
@@ -40,7 +44,10 @@ def test_two_rays_meet_halfway_between_them():
 
 def test_what_cannot_be_triangulated_is_nan():
     origin = np.array([[0.0, 0, 0], [0, 0, 0], [1, 0, 0], [0, 0, 0], [0, 1, 0], [0, 0, 0], [2, 0, 0]])
-    diverging, far = np.array([[-1.0, 1, 0], [1, 1, 0]]) / np.sqrt(2), np.array([[1.0, 0, 0], [1, -0.05, 0] / np.hypot(1, 0.05)])
+    diverging, far = (
+        np.array([[-1.0, 1, 0], [1, 1, 0]]) / np.sqrt(2),
+        np.array([[1.0, 0, 0], [1, -0.05, 0] / np.hypot(1, 0.05)]),
+    )
     sound = np.array([[1.0, 1, 0], [-1, 1, 0]]) / np.sqrt(2)
     direction = np.concatenate([[[1, 0, 0]], diverging, far, sound])
     position = triangulate(origin, direction, np.array([0, 1, 1, 2, 2, 4, 4]), 5)  # target 3 has no ray at all

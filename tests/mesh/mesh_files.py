@@ -44,16 +44,29 @@ def write_glb(folder: Path):
         views.append({"buffer": 0, "byteOffset": len(binary), "byteLength": len(blob)})
         binary += blob + b"\0" * (-len(blob) % 4)
     content = {
-        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0, "translation": [10, 0, 0]}],
+        "asset": {"version": "2.0"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0, "translation": [10, 0, 0]}],
         "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "TEXCOORD_0": 1}, "indices": 2, "material": 0}]}],
-        "materials": [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}], "textures": [{"source": 0}],
-        "images": [{"bufferView": 3, "mimeType": "image/png"}], "bufferViews": views, "buffers": [{"byteLength": len(binary)}],
+        "materials": [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}],
+        "textures": [{"source": 0}],
+        "images": [{"bufferView": 3, "mimeType": "image/png"}],
+        "bufferViews": views,
+        "buffers": [{"byteLength": len(binary)}],
         "accessors": [
-            {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3", "min": points.min(0).tolist(), "max": points.max(0).tolist()},
+            {
+                "bufferView": 0,
+                "componentType": 5126,
+                "count": 4,
+                "type": "VEC3",
+                "min": points.min(0).tolist(),
+                "max": points.max(0).tolist(),
+            },
             {"bufferView": 1, "componentType": 5126, "count": 4, "type": "VEC2"},
             {"bufferView": 2, "componentType": 5123, "count": 6, "type": "SCALAR"},
         ],
-    }  # fmt: skip
+    }
     text = json.dumps(content).encode()
     text += b" " * (-len(text) % 4)
     head = struct.pack("<III", 0x46546C67, 2, 12 + 8 + len(text) + 8 + len(binary))
@@ -63,7 +76,9 @@ def write_glb(folder: Path):
 
 def write_ply(path: Path, vertices_m, faces, colors=None):
     """Binary PLY of faces (F, 3 or 4) with a colour (V, 3) at each vertex, or none."""
-    fields = [("x", "<f4"), ("y", "<f4"), ("z", "<f4")] + [(name, "u1") for name in ("red", "green", "blue") if colors is not None]
+    fields = [("x", "<f4"), ("y", "<f4"), ("z", "<f4")] + [
+        (name, "u1") for name in ("red", "green", "blue") if colors is not None
+    ]
     table = np.zeros(len(vertices_m), fields)
     for i, name in enumerate("xyz"):
         table[name] = np.asarray(vertices_m)[:, i]
@@ -75,6 +90,11 @@ def write_ply(path: Path, vertices_m, faces, colors=None):
     if len(faces):
         rows["n"], rows["at"] = faces.shape[1], faces
     names = {"<f4": "float", "u1": "uchar"}
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(table)}", *(f"property {names[t]} {n}" for n, t in fields)]
+    header = [
+        "ply",
+        "format binary_little_endian 1.0",
+        f"element vertex {len(table)}",
+        *(f"property {names[t]} {n}" for n, t in fields),
+    ]
     header += [f"element face {len(rows)}", "property list uchar int vertex_indices", "end_header\n"]
     path.write_bytes("\n".join(header).encode() + table.tobytes() + rows.tobytes())

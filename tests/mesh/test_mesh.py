@@ -15,8 +15,8 @@ from salframe_mesh.floors import floor_masks, read_rooms
 from salframe_mesh.mesh_file import read_mesh
 from salframe_mesh.renderer import Renderer
 
-from salframe.errors import DataError, RequirementMissing
-from salframe.geometry import pose_2d, rays_to_pixels
+from salframe.framework.errors import DataError, RequirementMissing
+from salframe.panoramas.geometry import pose_2d, rays_to_pixels
 from salframe.testing import check_component
 
 from .mesh_files import BLUE, GREEN, RED, write_glb, write_obj, write_ply
@@ -33,7 +33,9 @@ def test_textures_lie_the_right_way_round(tmp_path, write, name, up):
     panorama = Renderer(read_mesh(tmp_path / name, up)).render(np.eye(4), 128, "p")
     for height, expected in ((0.5, RED), (-0.5, BLUE)):
         assert color_towards(panorama, 2, 0.6, height) == pytest.approx(expected, abs=3)
-        assert color_towards(panorama, 2, -0.8, height) == pytest.approx(GREEN, abs=3)  # the texture's right side is to the right
+        assert color_towards(panorama, 2, -0.8, height) == pytest.approx(
+            GREEN, abs=3
+        )  # the texture's right side is to the right
     assert panorama.range_m[64, 128] == pytest.approx(2.0, abs=0.002)
     assert np.isnan(panorama.range_m[100, 0])
     assert not panorama.valid[100, 0]
@@ -62,7 +64,9 @@ def test_a_library_that_open3d_lacks_is_named(tmp_path, monkeypatch):
     write_obj(tmp_path)
     monkeypatch.setattr(sys, "meta_path", [Finder(), *sys.meta_path])
     monkeypatch.delitem(sys.modules, "open3d")
-    with pytest.raises(RequirementMissing, match=r"Open3D cannot be loaded: libusb-1\.0\.so\.0.*apt install libusb-1\.0-0"):
+    with pytest.raises(
+        RequirementMissing, match=r"Open3D cannot be loaded: libusb-1\.0\.so\.0.*apt install libusb-1\.0-0"
+    ):
         read_mesh(tmp_path / "room.obj", "z")
 
 
@@ -77,7 +81,12 @@ def exported(building, tmp_path_factory):
     root = tmp_path_factory.mktemp("building")
     scene = building.scene()
     corners = scene.vertices_m[scene.triangles].reshape(-1, 3)
-    write_ply(root / "home.ply", corners, np.arange(len(corners)).reshape(-1, 3), np.repeat(colors(scene.instance_id), 3, axis=0))
+    write_ply(
+        root / "home.ply",
+        corners,
+        np.arange(len(corners)).reshape(-1, 3),
+        np.repeat(colors(scene.instance_id), 3, axis=0),
+    )
     rooms = {}
     for room in building.rooms:
         (x0, y0), (x1, y1) = room.low_m, room.high_m
@@ -120,10 +129,13 @@ def test_floor_masks_are_those_of_the_generator(building, exported):
     names = np.array(["", *(truth.regions[i] for i in range(1, len(truth.regions) + 1))])
     found = np.array(["", *(masks.regions[i] for i in range(1, len(masks.regions) + 1))])
     assert np.mean(found[masks.region[at]] == names[truth.region[row, column]]) > 0.99
-    # Two cells beside walls and furniture may differ: footprints are boxes there, and a table's underside is in the way here.
+    # Two cells beside walls and furniture may differ: footprints are boxes there, and a table's underside is in the way
+    # here.
     clear, true_clear = masks.free[at] & ~masks.obstacle[at], ~truth.obstacle[row, column]
     assert np.mean(clear == true_clear) > 0.93
-    doors = [((masks.origin_m[1] - d.centre_m[1]) / 0.05, (d.centre_m[0] - masks.origin_m[0]) / 0.05) for d in building.doors]
+    doors = [
+        ((masks.origin_m[1] - d.centre_m[1]) / 0.05, (d.centre_m[0] - masks.origin_m[0]) / 0.05) for d in building.doors
+    ]
     assert all(masks.free[int(r), int(c)] and not masks.obstacle[int(r), int(c)] for r, c in doors)
 
 
@@ -134,7 +146,12 @@ def dataset(exported, tmp_path, monkeypatch):
     for path in exported.iterdir():
         (tmp_path / "data" / path.name).parent.mkdir(exist_ok=True)
         (tmp_path / "data" / path.name).symlink_to(path)
-    rows = ["id,role,place,x_m,y_m,z_m,yaw_rad", "m1,map,kitchen,2.0,4.0,1.5,0.3", "m2,map,hall,4.0,0.0,1.5,0", "q1,query,hall,4.5,0.2,1.4,2.0"]
+    rows = [
+        "id,role,place,x_m,y_m,z_m,yaw_rad",
+        "m1,map,kitchen,2.0,4.0,1.5,0.3",
+        "m2,map,hall,4.0,0.0,1.5,0",
+        "q1,query,hall,4.5,0.2,1.4,2.0",
+    ]
     (tmp_path / "data" / "frames.csv").write_text("\n".join(rows))
     return MeshDataset(MeshDataset.Config(root=tmp_path / "data", height=64))
 
@@ -161,7 +178,9 @@ def test_a_house_file_gives_frames_and_queries_beside_them(exported, building, t
     lines = ["ASCII 1.1"]
     for index, room in enumerate(building.rooms):
         x, y = building.free_space(0.4, 0.1)[room.id][0]
-        lines.append(f"R  {index} 0  0 0  b  0 0 0  {room.low_m[0]} {room.low_m[1]} 0  {room.high_m[0]} {room.high_m[1]} 2.6  2.6  0 0 0 0")
+        lines.append(
+            f"R  {index} 0  0 0  b  0 0 0  {room.low_m[0]} {room.low_m[1]} 0  {room.high_m[0]} {room.high_m[1]} 2.6  2.6  0 0 0 0"
+        )
         lines.append(f"P  {index:032x}  {index} {index}  0  {x} {y} 1.5  0 0 0 0 0")
     (tmp_path / "home.house").write_text("\n".join(lines))
     dataset = MeshDataset(MeshDataset.Config(root=tmp_path, height=64, queries_per_frame=2))

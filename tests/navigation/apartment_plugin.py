@@ -1,7 +1,8 @@
-"""Two rooms with a door between them, a data set that shows where a panorama was taken, and localizers that read it off.
+"""Two rooms with a door between them, a data set that shows where a panorama was taken, and localizers that read it
+off.
 
-Room a covers x from 0 to 4 m, room b from 4.2 to 8 m, both y from 0 to 4 m; the door in the wall between them is at y from 1.5 to 2.5 m.
-A panorama's first row of ranges holds x, y, z and yaw.
+Room a covers x from 0 to 4 m, room b from 4.2 to 8 m, both y from 0 to 4 m; the door in the wall between them is at y
+from 1.5 to 2.5 m. A panorama's first row of ranges holds x, y, z and yaw.
 """
 
 from __future__ import annotations
@@ -12,12 +13,15 @@ import numpy as np
 from pydantic import Field
 
 import salframe
-from salframe.config import ComponentConfig
-from salframe.errors import WeightsMissing
-from salframe.geometry import pose_2d, pose_yaw
-from salframe.localizer import Description, Localizer, rank_places
-from salframe.roles import Dataset
-from salframe.types import FloorMasks, Fold, Frame, Localization, MapFrame, Panorama, Truth
+from salframe.framework.config import ComponentConfig
+from salframe.framework.errors import WeightsMissing
+from salframe.localization.answers import Localization
+from salframe.localization.localizer import Description, Localizer, rank_places
+from salframe.panoramas.dataset import Dataset
+from salframe.panoramas.floors import FloorMasks
+from salframe.panoramas.frames import Fold, Frame, MapFrame, Truth
+from salframe.panoramas.geometry import pose_2d, pose_yaw
+from salframe.panoramas.panorama import Panorama
 
 RESOLUTION_M = 0.05
 POSES = {"a-west": (1.0, 2.0, 0.3), "a-north": (3.0, 3.5, -1.0), "b": (7.0, 2.0, 2.0), "door": (4.1, 2.0, 0.0)}
@@ -25,7 +29,9 @@ POSES = {"a-west": (1.0, 2.0, 0.3), "a-north": (3.0, 3.5, -1.0), "b": (7.0, 2.0,
 
 def masks(*boxes: tuple[float, float, float, float]) -> FloorMasks:
     """The floor, with obstacles in boxes (x0, y0, x1, y1) in metres."""
-    y, x = np.meshgrid(4.5 - (np.arange(100) + 0.5) * RESOLUTION_M, -0.5 + (np.arange(180) + 0.5) * RESOLUTION_M, indexing="ij")
+    y, x = np.meshgrid(
+        4.5 - (np.arange(100) + 0.5) * RESOLUTION_M, -0.5 + (np.arange(180) + 0.5) * RESOLUTION_M, indexing="ij"
+    )
     inside = (y > 0) & (y < 4)
     door = (y > 1.5) & (y < 2.5) & (x >= 4) & (x <= 4.2)
     region = np.where(inside & (x > 0) & (x < 4.1), 1, 0) + np.where(inside & (x > 4.1) & (x < 8), 2, 0)
@@ -47,7 +53,9 @@ def mapping() -> tuple[Frame, ...]:
     for id, (x, y, yaw) in POSES.items():
         pose = pose_2d(x, y, yaw, 1.5)
         kind = "transition" if id == "door" else "scene"
-        frames.append(Frame(id, lambda id=id, pose=pose: panorama(id, pose), pose, id[0] if kind == "scene" else id, kind))
+        frames.append(
+            Frame(id, lambda id=id, pose=pose: panorama(id, pose), pose, id[0] if kind == "scene" else id, kind)
+        )
     return tuple(frames)
 
 
@@ -116,7 +124,9 @@ class Seer(Localizer):
             raise ValueError("too far east")
         if self.config.blind:
             return Localization((), None, "low-score")
-        scores = np.exp([-np.hypot(frame.T_world_pano[0, 3] - x, frame.T_world_pano[1, 3] - y) for frame in self.frames])
+        scores = np.exp(
+            [-np.hypot(frame.T_world_pano[0, 3] - x, frame.T_world_pano[1, 3] - y) for frame in self.frames]
+        )
         places = rank_places(self.frames, scores)
         if not self.config.posed:
             return Localization(places, None, "no-pose")
@@ -134,5 +144,5 @@ class Weightless(Seer):
 
 
 @salframe.hookimpl
-def salframe_components():
+def salframe_provides():
     return [Still, Apartment, Unmasked, Seer, Weightless]

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from salframe.registry import registry
+from salframe.framework.registry import registry
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
@@ -15,7 +15,8 @@ sys.path.insert(0, str(HERE))
 
 @pytest.fixture(autouse=True)
 def apartment(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
-    """The components of apartment_plugin, the engines and the planners alone, an empty cache, and tmp_path as the working directory."""
+    """The components of apartment_plugin, the engines and the planners alone, an empty cache, and tmp_path as the
+    working directory."""
     monkeypatch.setenv("SALFRAME_PLUGINS", "apartment_plugin,salframe_engines,salframe_planners")
     monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path / "cache"))
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(HERE), os.environ.get("PYTHONPATH", "")]))

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from salframe_planners.planners import Dijkstra
 
-from salframe.geometry import invert_pose, pose_2d, pose_yaw
 from salframe.navigation.agent import Agent, Belief, Located
-from salframe.navigation.route import Guide
+from salframe.navigation.guide import Guide
+from salframe.panoramas.geometry import invert_pose, pose_2d, pose_yaw
 
 STEP = pose_2d(1.0, 0.0, 0.0)
 
@@ -123,7 +123,10 @@ def test_stopped_by_a_known_wall_it_steps_aside_and_by_another_thing_it_goes_aro
     agent = make(world)
     agent.belief.localized(Located(at(2.0, 2.0), 1.0))
     agent.moved(pose_2d(0.0, 0.0, 0.0), stopped=True)
-    assert agent.decide() == (pytest.approx(np.arctan2(1.5, 1.0), abs=0.02), pytest.approx(np.hypot(1.5, 1.0), abs=0.05))
+    assert agent.decide() == (
+        pytest.approx(np.arctan2(1.5, 1.0), abs=0.02),
+        pytest.approx(np.hypot(1.5, 1.0), abs=0.05),
+    )
 
 
 def test_where_bumps_leave_no_way_they_are_forgotten(world):

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from salframe_planners.planners import Dijkstra
 
-from salframe.errors import NoRoute
-from salframe.geometry import pose_2d
+from salframe.framework.errors import NoRoute
 from salframe.navigation.chart import BUMP_AHEAD_M, BUMP_M
-from salframe.navigation.route import Guide, straighten
-from salframe.types import MapEdge, MapNode, TopologicalMap
+from salframe.navigation.guide import Guide, straighten
+from salframe.panoramas.geometry import pose_2d
+from salframe.topology.topological_map import MapEdge, MapNode, TopologicalMap
 
 A_WEST, B = np.array([1.0, 2.0, 1.5]), np.array([[7.0, 2.0, 0.0]])
 
@@ -61,7 +61,9 @@ def test_a_bump_in_the_open_is_walked_around(world):
     line = np.vstack([[2.0, 2.0], way.corners_m[:, :2]])
     walked = np.concatenate([a + (b - a) * np.linspace(0, 1, 200)[:, None] for a, b in pairwise(line)])
     assert np.linalg.norm(walked - centre, axis=1).min() > BUMP_M - 0.06
-    assert way.length_m == pytest.approx(np.hypot(1.0, 1.5) + np.hypot(1.1, 1.5) + 2.9, abs=0.1)  # by a-north, which (2, 2) sees still
+    assert way.length_m == pytest.approx(
+        np.hypot(1.0, 1.5) + np.hypot(1.1, 1.5) + 2.9, abs=0.1
+    )  # by a-north, which (2, 2) sees still
     assert guide(world.chart).way(np.array([2.0, 2.0, 1.5]), "b").length_m == pytest.approx(5.0)
 
 
@@ -82,4 +84,7 @@ def test_an_edge_is_joined_at_its_corners():
     bent = MapEdge("a", "b", 7.0, float(np.arctan2(3, 4)), ((0.0, 0.0), (4.0, 0.0), (4.0, 3.0)))
     straight = straighten(TopologicalMap(nodes, (bent,)))
     assert [node.xyz_m for node in straight.nodes] == [(0.0, 0.0, 0.0), (4.0, 3.0, 0.0), (4.0, 0.0, 0.0)]
-    assert [(edge.length_m, edge.azimuth_rad) for edge in straight.edges] == [(4.0, 0.0), (3.0, pytest.approx(np.pi / 2))]
+    assert [(edge.length_m, edge.azimuth_rad) for edge in straight.edges] == [
+        (4.0, 0.0),
+        (3.0, pytest.approx(np.pi / 2)),
+    ]

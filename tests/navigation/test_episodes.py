@@ -10,11 +10,11 @@ import pytest
 from apartment_plugin import Apartment, mapping, masks
 from salframe_planners.planners import Dijkstra
 
-from salframe.errors import DataError
-from salframe.geometry import pose_yaw
+from salframe.framework.errors import DataError
 from salframe.navigation.episodes import Site, draw_episodes, read_episodes
-from salframe.navigation.route import Guide
+from salframe.navigation.guide import Guide
 from salframe.navigation.world import FloorWorld
+from salframe.panoramas.geometry import pose_yaw
 
 
 @pytest.fixture
@@ -35,7 +35,10 @@ def test_goals_lie_in_another_room(sites):
     for episode in episodes:
         start = np.reshape(episode.start, (4, 4))
         assert sites["floor"].world.region(start) != episode.goal[0]
-        assert episode.shortest_m >= np.linalg.norm(start[:2, 3] - sites["floor"].world.node(episode.goal).xyz_m[:2]) - 1e-9
+        assert (
+            episode.shortest_m
+            >= np.linalg.norm(start[:2, 3] - sites["floor"].world.node(episode.goal).xyz_m[:2]) - 1e-9
+        )
     assert {episode.goal for episode in episodes} == {"a-west", "a-north", "b"}
 
 
@@ -45,8 +48,11 @@ def test_a_seed_gives_the_same_episodes_and_more_of_them_begin_alike(sites):
 
 
 def test_a_file_gives_starts_and_goals(sites):
-    episodes, left_out = read_episodes(write([
-        {"start": [1.0, 1.0], "goal": "b", "yaw_deg": 90}, {"start": "a-west", "goal": "b", "world": "floor"}]), sites, 0)  # fmt: skip
+    episodes, left_out = read_episodes(
+        write([{"start": [1.0, 1.0], "goal": "b", "yaw_deg": 90}, {"start": "a-west", "goal": "b", "world": "floor"}]),
+        sites,
+        0,
+    )
     assert not left_out
     first, second = (np.reshape(episode.start, (4, 4)) for episode in episodes)
     np.testing.assert_allclose(first[:3, 3], [1.0, 1.0, 1.5])

@@ -6,11 +6,19 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from salframe.navigation.metrics import bootstrap_interval, success_p_value, summarize
+from salframe.evaluation.navigation_metrics import bootstrap_interval, success_p_value, summarize
 
 
 def rows(successes, **given):
-    one = {"status": "arrived", "oracle": True, "success_3m": True, "travelled_m": 4.0, "panoramas": 3, "collisions": 1, **given}
+    one = {
+        "status": "arrived",
+        "oracle": True,
+        "success_3m": True,
+        "travelled_m": 4.0,
+        "panoramas": 3,
+        "collisions": 1,
+        **given,
+    }
     return [{**one, "success": success, "spl": 0.5 * success} for success in successes]
 
 
@@ -19,7 +27,10 @@ def test_means_and_intervals():
     assert (summary["success_rate"], summary["spl"], summary["oracle_success_rate"]) == (0.75, 0.375, 1.0)
     assert (summary["path_m"], summary["panoramas"], summary["collisions"]) == (4.0, 3.0, 1.0)
     low, high = binom.ppf((0.025, 0.975), 40, 0.75) / 40
-    assert (summary["success_rate_low"], summary["success_rate_high"]) == (pytest.approx(low, abs=0.026), pytest.approx(high, abs=0.026))
+    assert (summary["success_rate_low"], summary["success_rate_high"]) == (
+        pytest.approx(low, abs=0.026),
+        pytest.approx(high, abs=0.026),
+    )
 
 
 def test_a_crashed_episode_is_a_failure_and_has_no_length():

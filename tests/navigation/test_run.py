@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 from command_line import run as salframe
 
-from salframe.errors import ConfigError
-from salframe.navigation.metrics import COLUMNS
-from salframe.navigation.run import navigate
+from salframe.evaluation.navigation import navigate
+from salframe.evaluation.navigation_metrics import COLUMNS
+from salframe.framework.errors import ConfigError
 
 
 def run(methods, *overrides, episodes=6, **given):
@@ -103,16 +103,27 @@ def test_the_command_prints_the_table_and_the_report():
     content = json.loads(page.split("const content = ")[1].split(";\n")[0])
     assert len(content["episodes"]["seer"]) == 3
     assert content["worlds"]["floor"]["picture"].startswith("data:image/png;base64,")
-    printed = salframe("navigate", "--data", "apartment", "--methods", "seer", "--episodes", 3, "--engine", "inline", "--json").json
+    printed = salframe(
+        "navigate", "--data", "apartment", "--methods", "seer", "--episodes", 3, "--engine", "inline", "--json"
+    ).json
     assert printed["rows"][0]["success_rate"] == 1.0
 
 
 @pytest.mark.parametrize(
     ("arguments", "line"),
     [
-        (("--data", "still"), "error: still cannot render, and navigation needs panoramas from wherever the agent stands\n"),
-        (("--data", "unmasked"), "error: unmasked has no floor masks, which navigation needs to know where walls are\n"),
-        (("--data", "apartment", "--episodes", "none.json"), "error: cannot read none.json: No such file or directory\n"),
+        (
+            ("--data", "still"),
+            "error: still cannot render, and navigation needs panoramas from wherever the agent stands\n",
+        ),
+        (
+            ("--data", "unmasked"),
+            "error: unmasked has no floor masks, which navigation needs to know where walls are\n",
+        ),
+        (
+            ("--data", "apartment", "--episodes", "none.json"),
+            "error: cannot read none.json: No such file or directory\n",
+        ),
         (("--data", "apartment", "--episodes", "-2"), "error: received -2 episodes, expected at least 1\n"),
     ],
 )
@@ -124,7 +135,9 @@ def test_bad_input_is_one_line(arguments, line):
 def test_bad_episodes_are_told_and_the_others_walked():
     asked = [{"start": [4.1, 0.5], "goal": "b"}, {"start": "a-west", "goal": "b"}, {"start": "a-west", "goal": "attic"}]
     Path("mixed.json").write_text(json.dumps(asked))
-    result = salframe("navigate", "--data", "apartment", "--methods", "seer", "--episodes", "mixed.json", "--engine", "inline")
+    result = salframe(
+        "navigate", "--data", "apartment", "--methods", "seer", "--episodes", "mixed.json", "--engine", "inline"
+    )
     assert result.code == 0
     assert "mixed.json, episode 0: floor: (4.10, 0.50) m is in a wall or obstacle" in result.out
     assert "mixed.json, episode 2: floor: unknown node 'attic'." in result.out

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from salframe_planners.planners import Dijkstra
 
-from salframe.geometry import pose_2d
 from salframe.navigation.agent import Located
 from salframe.navigation.episodes import Episode, Site
-from salframe.navigation.route import Guide
+from salframe.navigation.guide import Guide
 from salframe.navigation.walk import NavigationConfig, walk
+from salframe.panoramas.geometry import pose_2d
 
 STILL = {"turn_noise_deg": 0.0, "length_noise": 0.0, "odometry_turn_noise_deg": 0.0, "odometry_length_noise": 0.0}
 
@@ -53,8 +53,20 @@ def test_spl_is_the_shortest_over_the_walked_way(site):
 
 
 def test_to_say_so_elsewhere_is_no_success(site):
-    row = walk(site, lambda T, yaw_rad: Located(pose_2d(7.0, 2.0, yaw_rad, 1.5), 1.0), episode(site, 5.0, 2.0), NavigationConfig(**STILL), 0)
-    assert (row["status"], row["success"], row["oracle"], row["success_3m"], row["spl"]) == ("arrived", False, False, True, 0.0)
+    row = walk(
+        site,
+        lambda T, yaw_rad: Located(pose_2d(7.0, 2.0, yaw_rad, 1.5), 1.0),
+        episode(site, 5.0, 2.0),
+        NavigationConfig(**STILL),
+        0,
+    )
+    assert (row["status"], row["success"], row["oracle"], row["success_3m"], row["spl"]) == (
+        "arrived",
+        False,
+        False,
+        True,
+        0.0,
+    )
     assert row["left_m"] == pytest.approx(2.0)
 
 
@@ -68,6 +80,7 @@ def test_to_pass_the_goal_without_saying_so_is_the_oracles(site):
 
 def test_a_wrong_localization_sends_the_agent_the_wrong_way(site):
     """Taken to be in room b, east of the goal, it walks west, into the wall of room a."""
+
     def astray(T, yaw_rad):
         return Located(pose_2d(7.7, 2.0, yaw_rad, 1.5), 1.0)
 
@@ -77,13 +90,23 @@ def test_a_wrong_localization_sends_the_agent_the_wrong_way(site):
 
 def test_never_localized_it_keeps_trying_until_the_budget_ends(site):
     row = walk(site, lambda T, yaw_rad: None, episode(site, 1.0, 2.0), NavigationConfig(budget=5), 0)
-    assert (row["status"], row["panoramas"], row["not_localized"], row["believed"]) == ("out of budget", 5, 5, [None] * 5)
+    assert (row["status"], row["panoramas"], row["not_localized"], row["believed"]) == (
+        "out of budget",
+        5,
+        5,
+        [None] * 5,
+    )
 
 
 def test_between_localizations_odometry_leads_on(site):
     answers = [True]
-    row = walk(site, lambda T, yaw_rad: Located(T, 1.0) if answers and answers.pop() else None, episode(site, 1.5, 2.0),
-               NavigationConfig(**STILL), 0)  # fmt: skip
+    row = walk(
+        site,
+        lambda T, yaw_rad: Located(T, 1.0) if answers and answers.pop() else None,
+        episode(site, 1.5, 2.0),
+        NavigationConfig(**STILL),
+        0,
+    )
     assert row["success"]
     assert row["not_localized"] == row["panoramas"] - 1
 
@@ -107,8 +130,13 @@ def test_odometry_has_the_stated_noise(site):
     off = []
     for number in range(120):
         answers = [True]
-        row = walk(site, lambda T, yaw_rad, answers=answers: Located(T, 1.0) if answers and answers.pop() else None,
-                   episode(site, 1.5, 2.0, number=number), NavigationConfig(budget=2), 7)  # fmt: skip
+        row = walk(
+            site,
+            lambda T, yaw_rad, answers=answers: Located(T, 1.0) if answers and answers.pop() else None,
+            episode(site, 1.5, 2.0, number=number),
+            NavigationConfig(budget=2),
+            7,
+        )
         true, believed = np.array(row["path"][1]), np.array(row["believed"][1])
         length_m = np.linalg.norm(true[:2] - (1.5, 2.0))
         off.append((np.linalg.norm(believed[:2] - (1.5, 2.0)) / length_m - 1, np.degrees(believed[3] - true[3])))

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from apartment_plugin import POSES, Apartment, Still, Unmasked, mapping, masks
 
-from salframe.errors import DataError, InputMissing, UnknownName
-from salframe.geometry import pose_2d, pose_yaw
+from salframe.framework.errors import DataError, InputMissing, UnknownName
 from salframe.navigation.world import FloorWorld
+from salframe.panoramas.geometry import pose_2d, pose_yaw
 
 PIXEL_M = 0.05
 RADIUS_M = 0.18
@@ -21,7 +21,9 @@ def test_a_free_walk_ends_where_trigonometry_says(world):
     assert pose_yaw(end) == pytest.approx(0.6)
 
 
-@pytest.mark.parametrize(("start", "yaw", "wall"), [((3.0, 0.6), 0.0, 4.0), ((1.0, 3.0), np.pi, 0.0), ((7.0, 3.0), 0.0, 8.0)])
+@pytest.mark.parametrize(
+    ("start", "yaw", "wall"), [((3.0, 0.6), 0.0, 4.0), ((1.0, 3.0), np.pi, 0.0), ((7.0, 3.0), 0.0, 8.0)]
+)
 def test_a_wall_stops_the_disc_at_its_radius(world, start, yaw, wall):
     end, stopped = world.move(pose_2d(*start, yaw, 1.5), 0.0, 3.0)
     assert stopped
@@ -60,7 +62,9 @@ def test_what_was_moved_may_shut_a_room_off(world):
 
 @pytest.mark.parametrize("place", [(4.1, 0.5), (0.1, 2.0), (-3.0, 2.0), (50.0, 2.0)])
 def test_nobody_stands_in_a_wall(world, place):
-    with pytest.raises(DataError, match=rf"\({place[0]:.2f}, {place[1]:.2f}\) m is in a wall or obstacle, or less than 0.18 m from one"):
+    with pytest.raises(
+        DataError, match=rf"\({place[0]:.2f}, {place[1]:.2f}\) m is in a wall or obstacle, or less than 0.18 m from one"
+    ):
         world.stand(*place, 0.0)
 
 
@@ -83,7 +87,9 @@ def test_the_map_has_every_frame(world):
 
 
 def test_a_data_set_that_cannot_render_says_so():
-    with pytest.raises(InputMissing, match="still cannot render, and navigation needs panoramas from wherever the agent stands"):
+    with pytest.raises(
+        InputMissing, match="still cannot render, and navigation needs panoramas from wherever the agent stands"
+    ):
         Still().worlds()
     with pytest.raises(DataError, match="unmasked has no floor masks, which navigation needs"):
         Unmasked().worlds()

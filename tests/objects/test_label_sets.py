@@ -4,16 +4,31 @@ import numpy as np
 import pytest
 from salframe_objects.localizer import ObjectSetLocalizer, SalientObjectsLocalizer
 
-from salframe.presets import configure, settings
-from salframe.types import Annotations, Detections, MapFrame, Panorama
+from salframe.framework.presets import configure, settings
+from salframe.graphs.detections import Detections
+from salframe.panoramas.frames import MapFrame
+from salframe.panoramas.panorama import Annotations, ObjectBoxes, Panorama
 
 
 def seen(*objects):
     """A panorama of objects (label, length of the sides in metres), cubes 2 m away."""
     labels, side_m = [label for label, _ in objects], np.array([side for _, side in objects], float)
     size_m = np.repeat(side_m[:, None], 3, axis=1)
-    detections = Detections(labels, np.ones(len(objects)), np.full((len(objects), 3), [2.0, 0, 0]), size_m, np.zeros(len(objects)))
-    return Panorama("seen", annotations=Annotations(objects=detections, keys=tuple(map(str, range(len(objects))))))
+    detections = Detections(
+        labels, np.ones(len(objects)), np.full((len(objects), 3), [2.0, 0, 0]), size_m, np.zeros(len(objects))
+    )
+    return Panorama(
+        "seen",
+        annotations=Annotations(
+            objects=ObjectBoxes(
+                detections.labels,
+                tuple(map(str, range(len(objects)))),
+                detections.centroid_m,
+                detections.size_m,
+                detections.yaw_rad,
+            )
+        ),
+    )
 
 
 BEDROOM = (("bed", 2.0), ("lamp", 1.0), ("lamp", 1.0))
@@ -24,7 +39,10 @@ QUERY = (("bed", 2.0), ("lamp", 1.0), ("cat", 1.0))
 def scores(localizer, query=QUERY):
     """The score of each room."""
     rooms = {"bedroom": BEDROOM, "office": OFFICE}
-    localizer.take_map([localizer.describe(seen(*room)) for room in rooms.values()], [MapFrame(name, name, np.eye(4)) for name in rooms])
+    localizer.take_map(
+        [localizer.describe(seen(*room)) for room in rooms.values()],
+        [MapFrame(name, name, np.eye(4)) for name in rooms],
+    )
     answer = localizer.match(localizer.describe(seen(*query)))
     return answer.status, {ranked.place: ranked.score for ranked in answer.places}
 
@@ -39,7 +57,9 @@ def test_sets_count_labels():
 
 
 def test_multisets_count_objects():
-    config = configure("localizer", "objects-multiset", settings("localizer", "objects-multiset"), [{"detector": {"noise": "none"}}])
+    config = configure(
+        "localizer", "objects-multiset", settings("localizer", "objects-multiset"), [{"detector": {"noise": "none"}}]
+    )
     # bedroom: bed and one lamp of bed, two lamps, cat; office as before
     assert scores(ObjectSetLocalizer(config)) == ("no-pose", pytest.approx({"bedroom": 2 / 4, "office": 1 / 4}))
 
@@ -58,7 +78,9 @@ def test_the_cube_root_makes_volumes_lengths():
 
 
 def test_a_power_of_zero_is_the_multiset():
-    assert scores(exactly(SalientObjectsLocalizer, saliency_power=0.0)) == scores(exactly(ObjectSetLocalizer, labels="multiset"))
+    assert scores(exactly(SalientObjectsLocalizer, saliency_power=0.0)) == scores(
+        exactly(ObjectSetLocalizer, labels="multiset")
+    )
 
 
 @pytest.mark.parametrize("kind", [ObjectSetLocalizer, SalientObjectsLocalizer])

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from salframe_objects.sovs import SalientVolumesLocalizer, compare_places
 
-from salframe.types import Annotations, Detections, Panorama
+from salframe.graphs.detections import Detections
+from salframe.panoramas.panorama import Annotations, ObjectBoxes, Panorama
 
 
 def place(*objects):
@@ -34,7 +35,8 @@ def test_range_and_weight_by_hand():
 
 
 def test_direction_by_hand():
-    # Bed and lamp stand 90 degrees apart, in the map 30 degrees: a turn brings one to its place and leaves the other cos 60 = 0.5.
+    # Bed and lamp stand 90 degrees apart, in the map 30 degrees: a turn brings one to its place and leaves the other
+    # cos 60 = 0.5.
     query = place(("bed", 0.6, (1, 0, 0)), ("lamp", 0.4, (0, 1, 0)))
     mapped = place(("bed", 0.6, (1, 0, 0)), ("lamp", 0.4, (np.cos(np.pi / 6), np.sin(np.pi / 6), 0)))
     assert compare_places(query, mapped) == pytest.approx((0.6 + 0.2) / (2 - 0.8))
@@ -42,7 +44,9 @@ def test_direction_by_hand():
 
 def test_height_is_part_of_direction():
     # A lamp at the ceiling, 45 degrees up, against one at eye height, as far away.
-    assert compare_places(place(("lamp", 1, (1, 0, 1))), place(("lamp", 1, (2**0.5, 0, 0)))) == pytest.approx(0.5**0.5 / (2 - 0.5**0.5))
+    assert compare_places(place(("lamp", 1, (1, 0, 1))), place(("lamp", 1, (2**0.5, 0, 0)))) == pytest.approx(
+        0.5**0.5 / (2 - 0.5**0.5)
+    )
 
 
 def test_labels_must_agree_and_objects_count_once():
@@ -64,7 +68,9 @@ def test_the_best_matching_and_turn_are_found(seed):
     a, b = random_place(seed, 5), random_place(seed + 100, 5)
     best = 0.0
     for first, second in np.argwhere(a["labels"][:, None] == b["labels"]):
-        azimuth_a, azimuth_b = (np.arctan2(p["centroid_m"][i, 1], p["centroid_m"][i, 0]) for p, i in ((a, first), (b, second)))
+        azimuth_a, azimuth_b = (
+            np.arctan2(p["centroid_m"][i, 1], p["centroid_m"][i, 0]) for p, i in ((a, first), (b, second))
+        )
         p, q = turn(a, azimuth_b - azimuth_a)["centroid_m"], b["centroid_m"]
         range_p, range_q = np.linalg.norm(p, axis=1), np.linalg.norm(q, axis=1)
         for order in map(list, permutations(range(5))):
@@ -79,6 +85,13 @@ def test_objects_of_unknown_range_are_left_out():
     centroid_m = np.array([[1.0, 0, 0], [np.nan, np.nan, np.nan]])
     objects = Detections(["bed", "lamp"], np.ones(2), centroid_m, np.full((2, 3), 0.5), np.zeros(2))
     localizer = SalientVolumesLocalizer(SalientVolumesLocalizer.Config(detector={"noise": "none"}))
-    described = localizer.describe(Panorama("seen", annotations=Annotations(objects=objects, keys=("a", "b"))))
+    described = localizer.describe(
+        Panorama(
+            "seen",
+            annotations=Annotations(
+                objects=ObjectBoxes(objects.labels, ("a", "b"), objects.centroid_m, objects.size_m, objects.yaw_rad)
+            ),
+        )
+    )
     assert described["labels"].tolist() == ["bed"]
     assert described["weight"].tolist() == [1.0]

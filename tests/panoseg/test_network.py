@@ -8,7 +8,7 @@ torch = pytest.importorskip("torch", reason="the network is trained with torch: 
 from salframe_panoseg.classes import CHANNELS  # noqa: E402
 from salframe_panoseg.network import Closed, PanoSeg, SeamConv  # noqa: E402
 
-from salframe.errors import WeightsMissing  # noqa: E402
+from salframe.framework.errors import WeightsMissing
 
 STRIDE = 32
 """Columns of a pixel of the encoder's last block."""
@@ -22,7 +22,9 @@ def test_a_convolution_pads_as_tensorflow_does_and_closes_the_seam(kernel, strid
     image = torch.randn(1, 2, 16, 32)
     total = kernel - stride
     before = total // 2
-    wide = torch.nn.functional.pad(image.repeat(1, 1, 1, 3), (0, 0, before, total - before))[..., 32 - before:64 + total - before]
+    wide = torch.nn.functional.pad(image.repeat(1, 1, 1, 3), (0, 0, before, total - before))[
+        ..., 32 - before : 64 + total - before
+    ]
     expected = torch.nn.functional.conv2d(wide, conv.weight, conv.bias, stride)
     torch.testing.assert_close(conv(image), expected)
 
@@ -47,11 +49,16 @@ def test_turning_the_panorama_by_the_stride_turns_the_answer_exactly():
 
 def test_the_encoder_takes_imagenets_weights_and_ignores_the_new_channels_at_first():
     donor, network = PanoSeg(5), PanoSeg(9)
-    state = {name: torch.randn_like(value) if value.is_floating_point() else value for name, value in donor.state_dict().items()}
+    state = {
+        name: torch.randn_like(value) if value.is_floating_point() else value
+        for name, value in donor.state_dict().items()
+    }
     state["_conv_stem.weight"] = torch.randn(32, 3, 3, 3)
     network.load_encoder(state)
     np.testing.assert_array_equal(network._conv_stem.weight[:, :3].detach(), state["_conv_stem.weight"])
     assert not network._conv_stem.weight[:, 3:].any()
-    np.testing.assert_array_equal(network._blocks[3]._expand_conv.weight.detach(), state["_blocks.3._expand_conv.weight"])
+    np.testing.assert_array_equal(
+        network._blocks[3]._expand_conv.weight.detach(), state["_blocks.3._expand_conv.weight"]
+    )
     with pytest.raises(WeightsMissing, match="no EfficientNet-Lite0"):
         network.load_encoder({"weight": torch.zeros(1)})

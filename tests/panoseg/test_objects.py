@@ -22,7 +22,9 @@ POINTS_M = np.zeros((H, W, 3))
 
 
 def test_touching_objects_of_a_class_come_apart_by_their_votes():
-    class_id, centre_m = scene((slice(8, 16), slice(10, 20), 3, (1, 0, 0)), (slice(8, 16), slice(20, 30), 3, (1, 0.8, 0)))
+    class_id, centre_m = scene(
+        (slice(8, 16), slice(10, 20), 3, (1, 0, 0)), (slice(8, 16), slice(20, 30), 3, (1, 0.8, 0))
+    )
     objects = group_pixels(class_id, POINTS_M, centre_m, SEEN)
     assert np.unique(objects[8:16, 10:20]).tolist() != np.unique(objects[8:16, 20:30]).tolist()
     assert objects.max() == 2
@@ -41,7 +43,9 @@ def test_an_object_cut_by_the_seam_or_by_what_stands_before_it_is_one():
 @pytest.mark.parametrize("turn", [0.0, 0.8])
 @pytest.mark.parametrize(("length_m", "count"), [(1.25, 1), (1.15, 2)])
 def test_parts_whose_votes_differ_by_less_than_the_larger_is_long_are_one(length_m, count, turn):
-    class_id, centre_m = scene((slice(8, 16), slice(10, 20), 3, (1, 0, 0)), (slice(8, 16), slice(20, 26), 3, (1, 1.2, 0)))
+    class_id, centre_m = scene(
+        (slice(8, 16), slice(10, 20), 3, (1, 0, 0)), (slice(8, 16), slice(20, 26), 3, (1, 1.2, 0))
+    )
     points_m = POINTS_M.copy()
     along = (np.arange(10) + 0.5) / 10 * length_m
     points_m[:, 10:20, :2] = along[:, None] * (np.cos(turn), np.sin(turn))
@@ -50,7 +54,9 @@ def test_parts_whose_votes_differ_by_less_than_the_larger_is_long_are_one(length
 
 def test_two_classes_at_one_place_are_two_objects_and_what_is_unseen_or_tiny_is_none():
     tiny = (slice(0, 1), slice(0, LEAST_POINTS - 1), 6, (2, 2, 2))
-    class_id, centre_m = scene((slice(8, 16), slice(10, 20), 3, (1, 0, 0)), (slice(8, 16), slice(20, 30), 4, (1, 0, 0)), tiny)
+    class_id, centre_m = scene(
+        (slice(8, 16), slice(10, 20), 3, (1, 0, 0)), (slice(8, 16), slice(20, 30), 4, (1, 0, 0)), tiny
+    )
     seen = SEEN.copy()
     seen[:, 26:] = False
     objects = group_pixels(class_id, POINTS_M, centre_m, seen)
@@ -83,5 +89,7 @@ def test_votes_point_from_a_pixel_to_its_centre_in_the_panorama_frame():
     ahead = np.zeros((3, H, W))
     ahead[0] = 2  # two metres on, whichever way the pixel looks
     found = into_panorama(ahead)
-    assert found[0, W // 2] == pytest.approx((2, 0, 0), abs=0.11)  # the middle column looks along x, give or take half a pixel
+    assert found[0, W // 2] == pytest.approx(
+        (2, 0, 0), abs=0.11
+    )  # the middle column looks along x, give or take half a pixel
     assert found[0, W // 4] == pytest.approx((0, 2, 0), abs=0.11)  # a quarter to the left, along y

@@ -12,14 +12,15 @@ from salframe_house.building import Building, generate_building
 from salframe_house.render import Renderer
 from salframe_panoseg.detector import PANOSEG, PanoSegDetector
 
-from salframe.config import identity
-from salframe.detection import count_right
-from salframe.errors import InputMissing, WeightsMissing
-from salframe.geometry import pose_2d, transform_points, wrap_angle
-from salframe.presets import configure
-from salframe.registry import registry
+from salframe.evaluation.detection import count_right
+from salframe.framework.errors import InputMissing, WeightsMissing
+from salframe.framework.identity import identity
+from salframe.framework.presets import configure
+from salframe.framework.registry import registry
+from salframe.graphs.detections import Detections
+from salframe.panoramas.geometry import pose_2d, transform_points, wrap_angle
+from salframe.panoramas.panorama import Annotations, Panorama
 from salframe.testing.rooms import turned
-from salframe.types import Annotations, Detections, Panorama
 
 HEIGHT = 512
 SEED = 7
@@ -101,7 +102,11 @@ def test_turned_between_columns_most_sure_objects_turn(detector, building, panor
         before, after = sure(detector.detect(panorama)), detector.detect(other)
         expected_rad = directions(before) - np.pi * 100.5 / HEIGHT
         for label, azimuth_rad in zip(before.labels, expected_rad, strict=True):
-            off_rad = [abs(wrap_angle(d - azimuth_rad)) for d, name in zip(directions(after), after.labels, strict=True) if name == label]
+            off_rad = [
+                abs(wrap_angle(d - azimuth_rad))
+                for d, name in zip(directions(after), after.labels, strict=True)
+                if name == label
+            ]
             same += bool(off_rad) and min(off_rad) < np.radians(2)
         total += len(before.labels)
     assert same / total >= 0.9
@@ -129,7 +134,9 @@ def test_where_the_range_has_holes_the_rest_is_found(detector, panoramas):
 
 
 def test_what_it_lacks_is_named(detector, panoramas):
-    with pytest.raises(InputMissing, match="has no range, which the detector 'panoseg' needs; 'onnx' needs colour alone"):
+    with pytest.raises(
+        InputMissing, match="has no range, which the detector 'panoseg' needs; 'onnx' needs colour alone"
+    ):
         detector.detect(replace(panoramas[0], range_m=None))
     with pytest.raises(InputMissing, match="has no rgb, which the detector 'panoseg' needs"):
         detector.detect(replace(panoramas[0], rgb=None))

@@ -15,8 +15,8 @@ from salframe_panoseg.detector import OUTPUTS  # noqa: E402
 from salframe_panoseg.export import DOUBT, doubled, export  # noqa: E402
 from salframe_panoseg.network import PanoSeg  # noqa: E402
 
-from salframe.onnx import open_model  # noqa: E402
-from salframe.weights import file_sha256  # noqa: E402
+from salframe.framework.onnx import open_model
+from salframe.framework.weights import file_sha256
 
 LABELS = ["bed", "chair", "sofa"]
 

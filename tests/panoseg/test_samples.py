@@ -13,7 +13,7 @@ from salframe_panoseg.samples import Samples, target
 from salframe_panoseg.train import LABELS, class_pixels, class_weights, view_shares
 from salframe_panoseg.views import read_view, render_views
 
-from salframe.geometry import equirectangular_rays
+from salframe.panoramas.geometry import equirectangular_rays
 
 EQUAL = np.full(2, 0.5)
 
@@ -26,7 +26,10 @@ def paths(tmp_path_factory) -> list[Path]:
 
 def test_views_are_rendered_once_and_know_where_their_objects_are(paths):
     counts = []
-    assert render_views(paths[0].parent, [21000], 2, HEIGHT, None, None, lambda done, total: counts.append((done, total))) == paths
+    assert (
+        render_views(paths[0].parent, [21000], 2, HEIGHT, None, None, lambda done, total: counts.append((done, total)))
+        == paths
+    )
     assert counts == [(1, 1)]
     view = read_view(paths[0])
     points_m = equirectangular_rays(HEIGHT) * view.range_m[..., None]
@@ -77,7 +80,10 @@ def test_a_batch_shows_whole_panoramas_or_the_same_band_of_them(paths):
 
 def test_a_view_is_drawn_as_often_as_its_share_says(paths):
     labels = sorted(set(read_view(paths[0]).labels.values()))
-    never_first, second_alone = Samples(paths, np.array([0.0, 1.0]), labels, 0, 2, 4), Samples(paths[1:], np.ones(1), labels, 0, 2, 4)
+    never_first, second_alone = (
+        Samples(paths, np.array([0.0, 1.0]), labels, 0, 2, 4),
+        Samples(paths[1:], np.ones(1), labels, 0, 2, 4),
+    )
     for number in range(4):
         np.testing.assert_array_equal(never_first[number][1], second_alone[number][1])
 
@@ -94,7 +100,10 @@ def test_the_pixels_of_a_view_are_counted_by_class(paths):
 
 def test_views_of_rare_classes_are_drawn_more_often():
     pixels = np.zeros((400, 3), int)
-    pixels[:, 0], pixels[:, 1] = 1000, 60  # structure and class 1 everywhere, class 2 in one view of 400, and too small in a second
+    pixels[:, 0], pixels[:, 1] = (
+        1000,
+        60,
+    )  # structure and class 1 everywhere, class 2 in one view of 400, and too small in a second
     pixels[7, 2], pixels[8, 2] = 50, 49
     shares = view_shares(pixels)
     assert shares.sum() == pytest.approx(1)
@@ -117,6 +126,8 @@ def test_the_networks_input_keeps_what_is_unknown_apart(paths):
     np.testing.assert_allclose(image[3][known], 1 / (1 + range_m[known]), rtol=1e-6)
     floor = image[4, -1]
     assert np.allclose(floor, floor[0], atol=0.01)  # straight below, the floor is as deep all around
-    np.testing.assert_allclose(image[5, :, 0], np.sin(np.pi / 2 - np.pi * (np.arange(HEIGHT) + 0.5) / HEIGHT), atol=1e-6)
+    np.testing.assert_allclose(
+        image[5, :, 0], np.sin(np.pi / 2 - np.pi * (np.arange(HEIGHT) + 0.5) / HEIGHT), atol=1e-6
+    )
     large = network_input(np.repeat(np.repeat(view.rgb, 2, 0), 2, 1), np.repeat(np.repeat(range_m, 2, 0), 2, 1))
     np.testing.assert_allclose(large, image, atol=1e-5)

@@ -11,10 +11,10 @@ import pytest
 from salframe_house.building import generate_building
 from salframe_planners.planners import Dijkstra, FloydWarshall
 
-from salframe.errors import NoRoute, UnknownName
+from salframe.framework.errors import NoRoute, UnknownName
 from salframe.testing import check_component
 from salframe.topology import build_topology
-from salframe.types import MapEdge, MapNode, TopologicalMap
+from salframe.topology.topological_map import MapEdge, MapNode, TopologicalMap
 
 PLANNERS = [FloydWarshall, Dijkstra]
 
@@ -54,8 +54,9 @@ def networkx_lengths(topology: TopologicalMap) -> dict[str, dict[str, float]]:
 
 MAPS = {
     **{f"random-{seed}": lambda seed=seed: random_map(seed) for seed in range(4)},
-    "home-12": lambda: house_map("home", 12, 1), "office-18": lambda: house_map("office", 18, 2),
-}  # fmt: skip
+    "home-12": lambda: house_map("home", 12, 1),
+    "office-18": lambda: house_map("office", 18, 2),
+}
 
 
 @pytest.mark.parametrize("planner", PLANNERS)
@@ -88,7 +89,9 @@ def test_every_route_is_as_short_as_networkx_finds_and_is_walked_edge_by_edge(pl
             assert abs(np.angle(np.exp(1j * (leg.azimuth_rad - np.arctan2(along[1], along[0]))))) < 1e-9
             assert (leg.start, leg.end) in given or (leg.end, leg.start) in given
             if leg.path_m:
-                np.testing.assert_allclose([leg.path_m[0], leg.path_m[-1]], [position[leg.start], position[leg.end]], atol=1e-9)
+                np.testing.assert_allclose(
+                    [leg.path_m[0], leg.path_m[-1]], [position[leg.start], position[leg.end]], atol=1e-9
+                )
     assert reached > len(position)
 
 

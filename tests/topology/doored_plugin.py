@@ -48,7 +48,10 @@ class Storeys(DooredRooms):
 
     def floors(self):
         (floor,) = super().floors()
-        return [floor, replace(floor, z_m=3.0, regions={number: f"upper-{name}" for number, name in floor.regions.items()})]
+        return [
+            floor,
+            replace(floor, z_m=3.0, regions={number: f"upper-{name}" for number, name in floor.regions.items()}),
+        ]
 
 
 class Crooked(DooredRooms):
@@ -62,5 +65,5 @@ class Crooked(DooredRooms):
 
 
 @salframe.hookimpl
-def salframe_components():
+def salframe_provides():
     return [DooredRooms, Maskless, Frameless, Storeys, Crooked]

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from salframe.geometry import pose_2d
-from salframe.types import FloorMasks, MapFrame
+from salframe.panoramas.floors import FloorMasks
+from salframe.panoramas.frames import MapFrame
+from salframe.panoramas.geometry import pose_2d
 
 RESOLUTION_M = 0.05
 
 
 def two_rooms(door_m: float = 0.9, wall_m: float = 0.6, label_threshold: bool = False, z_m: float = 0.0) -> FloorMasks:
-    """West and east, 3 m x 3 m each, apart by a wall, with a doorway in its middle; origin such that the door's middle is at (0, 0).
+    """West and east, 3 m x 3 m each, apart by a wall, with a doorway in its middle; origin such that the door's middle
+    is at (0, 0).
 
     The threshold is free floor of no region, or of the west room.
     """
@@ -26,7 +28,9 @@ def two_rooms(door_m: float = 0.9, wall_m: float = 0.6, label_threshold: bool = 
     if label_threshold:
         region[top : top + door, 1 + room : 1 + room + wall] = 1
     middle = (1 + room + wall / 2) * RESOLUTION_M, (top + door / 2) * RESOLUTION_M
-    return FloorMasks(free, region, np.zeros_like(free), RESOLUTION_M, (-middle[0], middle[1]), {1: "west", 2: "east"}, z_m)
+    return FloorMasks(
+        free, region, np.zeros_like(free), RESOLUTION_M, (-middle[0], middle[1]), {1: "west", 2: "east"}, z_m
+    )
 
 
 def block(floor: FloorMasks, low_m: tuple[float, float], high_m: tuple[float, float]) -> FloorMasks:

@@ -12,11 +12,12 @@ from salframe_house.building import generate_building
 from salframe_house.frames import choose_frames
 from scipy import ndimage
 
-from salframe.errors import DataError
-from salframe.geometry import pose_2d
+from salframe.framework.errors import DataError
+from salframe.panoramas.frames import MapFrame
+from salframe.panoramas.geometry import pose_2d
 from salframe.topology import TopologySettings, build_topology
 from salframe.topology.grid import FloorGrid, cell
-from salframe.types import MapEdge, MapFrame, TopologicalMap
+from salframe.topology.topological_map import MapEdge, TopologicalMap
 
 
 def edge(topology: TopologicalMap, start: str, end: str) -> MapEdge:
@@ -27,18 +28,30 @@ def edge(topology: TopologicalMap, start: str, end: str) -> MapEdge:
 def house_frames(building) -> list[MapFrame]:
     kinds = {"map": "scene", "transition": "transition"}
     specs = choose_frames(building, building, 0, queries_per_room=1)
-    return [MapFrame(s.id, s.place, pose_2d(s.x_m, s.y_m, s.yaw_rad, s.z_m), kinds[s.role]) for s in specs if s.role in kinds]
+    return [
+        MapFrame(s.id, s.place, pose_2d(s.x_m, s.y_m, s.yaw_rad, s.z_m), kinds[s.role])
+        for s in specs
+        if s.role in kinds
+    ]
 
 
 def test_nodes_stand_where_frames_and_doors_are_and_edges_are_metric():
     frames = [frame("a", -2.0, 0.4), frame("b", 1.5, -0.2, "east"), frame("d", 0.1, 0.1, "door", "transition")]
     topology = build_topology([two_rooms(door_m=0.9, wall_m=0.2)], frames)
     a, b, door = topology.nodes
-    assert (a.id, a.kind, a.xyz_m, a.regions, a.frames) == ("a", "scene", pytest.approx((-2.0, 0.4, 0.0)), ("west",), ("a",))
+    assert (a.id, a.kind, a.xyz_m, a.regions, a.frames) == (
+        "a",
+        "scene",
+        pytest.approx((-2.0, 0.4, 0.0)),
+        ("west",),
+        ("a",),
+    )
     assert (b.id, b.regions) == ("b", ("east",))
     assert (door.id, door.kind, door.regions, door.frames) == ("west/east", "transition", ("west", "east"), ("d",))
     assert np.abs(door.xyz_m[:2]).max() <= 0.75 * RESOLUTION_M
-    assert {frozenset((e.start, e.end)) for e in topology.edges} == {frozenset(p) for p in (("a", "b"), ("a", "west/east"), ("b", "west/east"))}
+    assert {frozenset((e.start, e.end)) for e in topology.edges} == {
+        frozenset(p) for p in (("a", "b"), ("a", "west/east"), ("b", "west/east"))
+    }
     straight = edge(topology, "a", "b")
     assert straight.length_m == pytest.approx(np.hypot(3.5, 0.6))
     assert np.degrees(straight.azimuth_rad) == pytest.approx(np.degrees(np.arctan2(-0.6, 3.5)))
@@ -47,7 +60,9 @@ def test_nodes_stand_where_frames_and_doors_are_and_edges_are_metric():
 
 
 def test_frames_over_one_pixel_share_a_node():
-    topology = build_topology([two_rooms()], [frame("a", -2.01, 0.01), frame("again", -2.015, 0.012), frame("b", 1.5, 0.0, "east")])
+    topology = build_topology(
+        [two_rooms()], [frame("a", -2.01, 0.01), frame("again", -2.015, 0.012), frame("b", 1.5, 0.0, "east")]
+    )
     assert [node.frames for node in topology.nodes if node.kind == "scene"] == [("a", "again"), ("b",)]
 
 
@@ -73,7 +88,10 @@ def test_a_scene_point_in_a_wall_moves_to_clear_floor_of_its_room_or_is_left_out
     assert across.xyz_m[0] == pytest.approx(-0.3, abs=RESOLUTION_M)
     notes = "\n".join(topology.notes)
     assert "frame near at (-3.12, 0.00) m stands in a wall or too near to one: its node is 0.2" in notes
-    assert "frame inside at (1.00, 0.00) m stands in a wall or too near to one and is left out: no clear floor of its region within 0.5 m" in notes
+    assert (
+        "frame inside at (1.00, 0.00) m stands in a wall or too near to one and is left out: no clear floor of its region within 0.5 m"
+        in notes
+    )
 
 
 def test_frames_that_belong_nowhere_are_told():
@@ -93,7 +111,10 @@ def test_a_narrow_doorway_is_dropped_and_what_lies_behind_is_told():
 
 def test_a_doorway_that_the_robot_does_not_fit_through_is_told():
     topology = build_topology([two_rooms(door_m=0.6)], [frame("a", -2.0, 0.0)], TopologySettings(robot_radius_m=0.4))
-    assert any("a doorway of 0.60 m" in note and "a robot of radius 0.4 m does not fit through" in note for note in topology.notes)
+    assert any(
+        "a doorway of 0.60 m" in note and "a robot of radius 0.4 m does not fit through" in note
+        for note in topology.notes
+    )
 
 
 def test_a_way_round_a_corner_is_added_where_sight_does_not_reach_and_reported():
@@ -101,20 +122,32 @@ def test_a_way_round_a_corner_is_added_where_sight_does_not_reach_and_reported()
     topology = build_topology([floor], [frame("a", -2.5, 0.0), frame("b", 1.5, 0.0, "east")])
     (bent,) = [e for e in topology.edges if e.path_m]
     assert {bent.start, bent.end} == {"a", "west/east"}
-    # Round one end of a wall of 0.7 m x 2 m, 0.18 m off its corners at (-1.6, +-1) and (-0.9, +-1): the taut string, and a pixel of slack a corner.
+    # Round one end of a wall of 0.7 m x 2 m, 0.18 m off its corners at (-1.6, +-1) and (-0.9, +-1): the taut string,
+    # and a pixel of slack a corner.
     ends = np.array([[-2.5, 0.0], [-1.6, 1.18], [-0.9, 1.18], [0.0, 0.0]])
     taut_m = np.linalg.norm(np.diff(ends, axis=0), axis=1).sum()
     assert taut_m - 0.1 <= bent.length_m <= taut_m + 0.3
     assert bent.length_m == pytest.approx(np.linalg.norm(np.diff(bent.path_m, axis=0), axis=1).sum())
     assert abs(np.degrees(edge(topology, "a", "west/east").azimuth_rad)) < 2
-    assert topology.notes == ("sight alone leaves nodes apart, joined by the shortest way over clear floor: a to west/east",)
+    assert topology.notes == (
+        "sight alone leaves nodes apart, joined by the shortest way over clear floor: a to west/east",
+    )
 
 
 def test_floors_are_told_apart_by_height_and_said_to_be_apart():
     upper = replace(two_rooms(z_m=3.0), regions={1: "loft", 2: "attic"})
-    frames = [frame("below", -2.0, 0.0), frame("above", -2.0, 0.0, "loft", z_m=4.5), frame("cellar", -2.0, 0.0, z_m=-1.0)]
+    frames = [
+        frame("below", -2.0, 0.0),
+        frame("above", -2.0, 0.0, "loft", z_m=4.5),
+        frame("cellar", -2.0, 0.0, z_m=-1.0),
+    ]
     topology = build_topology([upper, two_rooms()], frames)
-    assert {node.id: node.xyz_m[2] for node in topology.nodes} == {"below": 0.0, "west/east": 0.0, "above": 3.0, "loft/attic": 3.0}
+    assert {node.id: node.xyz_m[2] for node in topology.nodes} == {
+        "below": 0.0,
+        "west/east": 0.0,
+        "above": 3.0,
+        "loft/attic": 3.0,
+    }
     assert [floor.z_m for floor in topology.floors] == [0.0, 3.0]
     assert "the 2 floors at z = 0.00, 3.00 m are not connected: no edge leads from one to another" in topology.notes
     assert any(note.startswith("frame cellar at (-2.00, 0.00, -1.00) m is left out") for note in topology.notes)
@@ -144,7 +177,9 @@ def test_every_room_of_a_building_is_reachable(style, rooms, seed):
     graph.add_nodes_from(node.id for node in topology.nodes)
     graph.add_edges_from((e.start, e.end) for e in topology.edges)
     main = max(nx.connected_components(graph), key=len)
-    assert {name for node in topology.nodes for name in node.regions if node.id in main} == {room.id for room in building.rooms}
+    assert {name for node in topology.nodes for name in node.regions if node.id in main} == {
+        room.id for room in building.rooms
+    }
     assert sorted(name for node in topology.nodes for name in node.frames) == sorted(f.id for f in frames)
     at = {f.id: f.T_world_pano[:2, 3] for f in frames}
     for node in topology.nodes:

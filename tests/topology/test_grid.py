@@ -8,10 +8,10 @@ import pytest
 import shapely
 from plans import RESOLUTION_M, block, two_rooms
 
-from salframe.errors import DataError
+from salframe.framework.errors import DataError
+from salframe.panoramas.floors import FloorMasks
 from salframe.topology.edges import components, joining_paths, sight_pairs
 from salframe.topology.grid import FloorGrid, cell, nearest_pixel, pixel_graph, sees
-from salframe.types import FloorMasks
 
 
 def test_pixels_and_metres_are_laid_out_as_floor_masks_say():
@@ -19,7 +19,9 @@ def test_pixels_and_metres_are_laid_out_as_floor_masks_say():
     grid = FloorGrid(floor, 0.18)
     left, top = floor.origin_m
     np.testing.assert_allclose(grid.to_metres(np.array([0.0, 0.0])), (left, top))
-    np.testing.assert_allclose(grid.to_metres(np.array([4.0, 10.0])), (left + 10 * RESOLUTION_M, top - 4 * RESOLUTION_M))
+    np.testing.assert_allclose(
+        grid.to_metres(np.array([4.0, 10.0])), (left + 10 * RESOLUTION_M, top - 4 * RESOLUTION_M)
+    )
     points = np.random.default_rng(0).uniform(-2, 2, (20, 2))
     np.testing.assert_allclose(grid.to_metres(grid.to_pixel(points)), points, atol=1e-12)
     assert grid.inside(grid.to_pixel(np.array([0.0, 0.0])))
@@ -28,7 +30,8 @@ def test_pixels_and_metres_are_laid_out_as_floor_masks_say():
 
 @pytest.mark.parametrize(("door_m", "lane"), [(0.3, 0), (0.4, 0), (0.5, 2), (0.9, 10)])
 def test_clear_floor_keeps_the_robot_off_the_walls(door_m, lane):
-    """A robot of 0.18 m passes where the centre of a pixel is 0.18 m from both jambs: in lanes of door - 0.36 m, rounded down to pixels."""
+    """A robot of 0.18 m passes where the centre of a pixel is 0.18 m from both jambs: in lanes of door - 0.36 m,
+    rounded down to pixels."""
     grid = FloorGrid(two_rooms(door_m), 0.18)
     _, column = cell(grid.to_pixel(np.array([0.0, 0.0])))
     assert grid.clear[:, column].sum() == lane
@@ -110,7 +113,8 @@ def test_steps_between_pixels_cut_no_corner():
 
 
 def test_what_sight_leaves_apart_is_joined_by_the_shortest_ways():
-    """A maze of walls; the ways are those of the minimum spanning tree of shortest walks between the parts that see each other."""
+    """A maze of walls; the ways are those of the minimum spanning tree of shortest walks between the parts that see
+    each other."""
     clear = np.ones((40, 60), bool)
     clear[:32, 14:17] = clear[8:, 30:33] = clear[:30, 45:48] = False
     floor = FloorMasks(clear, np.ones(clear.shape, np.int32), np.zeros_like(clear), 0.1, (0.0, 4.0), {1: "hall"})
@@ -128,7 +132,9 @@ def test_what_sight_leaves_apart_is_joined_by_the_shortest_ways():
             length = lengths[cell(nodes[j])]
             if part[i] != part[j] and length < between.get_edge_data(part[i], part[j], {"length": np.inf})["length"]:
                 between.add_edge(part[i], part[j], length=length, nodes={i, j})
-    tree = {frozenset(data["nodes"]): data["length"] for _, _, data in nx.minimum_spanning_edges(between, weight="length")}
+    tree = {
+        frozenset(data["nodes"]): data["length"] for _, _, data in nx.minimum_spanning_edges(between, weight="length")
+    }
     assert {frozenset((i, j)) for i, j, _ in paths} == set(tree)
     for i, j, corners in paths:
         np.testing.assert_array_equal(corners[[0, -1]], nodes[[i, j]])

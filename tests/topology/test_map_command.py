@@ -12,8 +12,8 @@ import pytest
 from command_line import run
 from PIL import Image
 
-from salframe.localizer import MAP_FORMAT
-from salframe.registry import registry
+from salframe.framework.registry import registry
+from salframe.localization.localizer import MAP_FORMAT
 
 
 @pytest.fixture
@@ -32,9 +32,17 @@ def built(rooms):
 
 
 def test_build_writes_both_maps_whole(built, tmp_path):
-    assert built.out.splitlines()[0] == "map: 5 scene nodes, 4 transition nodes, 14 edges"  # frames and doors of a room, doors and doors
+    assert (
+        built.out.splitlines()[0] == "map: 5 scene nodes, 4 transition nodes, 14 edges"
+    )  # frames and doors of a room, doors and doors
     assert {path.name for path in (tmp_path / "map").iterdir()} == {
-        "topology.json", "nodes.parquet", "edges.parquet", "floors.npz", "map.json", "descriptions.npz"}  # fmt: skip
+        "topology.json",
+        "nodes.parquet",
+        "edges.parquet",
+        "floors.npz",
+        "map.json",
+        "descriptions.npz",
+    }
     assert json.loads((tmp_path / "map" / "map.json").read_text())["format"] == MAP_FORMAT
     assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
     assert run("map", "build", "doored", "-o", "map", "--method", "reader", "--choose").code == 0
@@ -59,7 +67,10 @@ def test_route_prints_lengths_azimuths_and_turns(built):
     assert said[0] == f"from map-0 to map-2: {done['length_m']:.2f} m"
     first = done["steps"][0]
     assert said[1] == f"   1. turn right {-first['turn_deg']:.0f} deg, walk {first['length_m']:.1f} m to {first['to']}"
-    assert run("map", "route", "map", "room-0", "map-2", "--planner", "floyd-warshall", "--heading", "90", "--json").json == done
+    assert (
+        run("map", "route", "map", "room-0", "map-2", "--planner", "floyd-warshall", "--heading", "90", "--json").json
+        == done
+    )
 
 
 def test_query_finds_the_nearest_node_and_the_way_from_the_estimated_heading(built):
@@ -82,7 +93,10 @@ def test_a_query_that_is_not_localized_is_told(rooms):
     assert done.out.splitlines() == ["status: low-score", "nearest node: unknown"]
     done = run("map", "query", "map", "query-1-0", "--data", "doored", "--to", "room-3")
     assert (done.code, done.err.count("\n")) == (2, 1)
-    assert "no route from query-1-0 to room-3: query-1-0 was not localized at a node of the map (status low-score)" in done.err
+    assert (
+        "no route from query-1-0 to room-3: query-1-0 was not localized at a node of the map (status low-score)"
+        in done.err
+    )
 
 
 def test_show_and_export(built, tmp_path):
@@ -109,29 +123,52 @@ def test_rooms_without_doors_are_built_and_said_to_be_apart(rooms):
     assert "room-1 is out of reach of the floor's other regions: it has no door that the robot fits through" in done.out
     done = run("map", "route", "map", "room-0", "room-1")
     assert (done.code, done.err) == (
-        2, "error: no route from room-0 to room-1: they lie in parts of the map that no edge joins\n")  # fmt: skip
+        2,
+        "error: no route from room-0 to room-1: they lie in parts of the map that no edge joins\n",
+    )
 
 
 def test_floors_above_each_other_are_said_to_be_apart(rooms):
     done = run("map", "build", "storeys", "-o", "map", "--method", "reader")
     assert done.code == 0
-    assert "  the 2 floors at z = 0.00, 3.00 m are not connected: no edge leads from one to another" in done.out.splitlines()
+    assert (
+        "  the 2 floors at z = 0.00, 3.00 m are not connected: no edge leads from one to another"
+        in done.out.splitlines()
+    )
 
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["build", "maskless", "-o", "new", "--method", "reader"], "maskless has no floor masks, expected a dataset that has"),
-        (["build", "crooked", "-o", "new", "--method", "reader"], "the region mask of a floor is 4 x 3 pixels, expected 100 x 16"),
-        (["build", "doored", "-o", ".", "--method", "reader"], ". holds something else than a map: name a new folder, or remove it"),
+        (
+            ["build", "maskless", "-o", "new", "--method", "reader"],
+            "maskless has no floor masks, expected a dataset that has",
+        ),
+        (
+            ["build", "crooked", "-o", "new", "--method", "reader"],
+            "the region mask of a floor is 4 x 3 pixels, expected 100 x 16",
+        ),
+        (
+            ["build", "doored", "-o", ".", "--method", "reader"],
+            ". holds something else than a map: name a new folder, or remove it",
+        ),
         (["build", "doored", "-o", "new", "--method", "raeder"], "unknown method 'raeder', did you mean 'reader'?"),
         (["route", "map", "room-0", "rom-1"], "unknown node or place 'rom-1', did you mean 'room-1'?"),
-        (["route", "map", "room-0", "room-1", "--planner", "dijkstr"], "unknown planner 'dijkstr', did you mean 'dijkstra'?"),
-        (["route", "absent", "room-0", "room-1"], "absent holds no topological map: make one with salframe map build DATA -o absent"),
+        (
+            ["route", "map", "room-0", "room-1", "--planner", "dijkstr"],
+            "unknown planner 'dijkstr', did you mean 'dijkstra'?",
+        ),
+        (
+            ["route", "absent", "room-0", "room-1"],
+            "absent holds no topological map: make one with salframe map build DATA -o absent",
+        ),
         (["show", "absent"], "absent holds no topological map"),
         (["export", "map", "map.dot"], "received the file map.dot, expected one that ends in .graphml or .geojson"),
         (["query", "map", "query-1-9", "--data", "doored"], "unknown frame 'query-1-9'"),
-        (["query", "map", "query-1-0", "--data", "doored", "--to", "rom-1"], "unknown node or place 'rom-1', did you mean 'room-1'?"),
+        (
+            ["query", "map", "query-1-0", "--data", "doored", "--to", "rom-1"],
+            "unknown node or place 'rom-1', did you mean 'room-1'?",
+        ),
     ],
 )
 def test_what_a_user_gets_wrong_is_one_line(built, tmp_path, arguments, message):
@@ -145,6 +182,21 @@ def test_what_a_user_gets_wrong_is_one_line(built, tmp_path, arguments, message)
 
 def test_a_failed_build_leaves_the_old_map(built, tmp_path):
     before = {path.name: path.read_bytes() for path in (tmp_path / "map").iterdir()}
-    assert run("map", "build", "doored", "-o", "map", "--method", "reader", "--set", "data.broken=[map-3]", "--set", "data.rooms=6").code == 2
+    assert (
+        run(
+            "map",
+            "build",
+            "doored",
+            "-o",
+            "map",
+            "--method",
+            "reader",
+            "--set",
+            "data.broken=[map-3]",
+            "--set",
+            "data.rooms=6",
+        ).code
+        == 2
+    )
     assert {path.name: path.read_bytes() for path in (tmp_path / "map").iterdir()} == before
     assert sorted(path.name for path in tmp_path.iterdir() if "map" in path.name) == ["map"]

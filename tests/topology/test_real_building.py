@@ -11,14 +11,16 @@ import pytest
 from salframe_matterport.habitat_maps import maps_path, read_floor
 from salframe_matterport.readers import connectivity_path, read_connectivity, read_regions, regions_path
 
-from salframe.storage import read_json
+from salframe.framework.files import read_json
+from salframe.panoramas.frames import MapFrame
 from salframe.topology import build_topology
-from salframe.types import MapFrame
 
 ROOT = Path(os.environ.get("SALFRAME_SHARED_DATA", Path(__file__).parents[3] / "shared" / "data")) / "matterport3d"
 SCAN = "17DRP5sb8fy"
 
-pytestmark = pytest.mark.skipif(not maps_path(ROOT, SCAN).is_dir(), reason=f"no {maps_path(ROOT, SCAN)}: set SALFRAME_SHARED_DATA")
+pytestmark = pytest.mark.skipif(
+    not maps_path(ROOT, SCAN).is_dir(), reason=f"no {maps_path(ROOT, SCAN)}: set SALFRAME_SHARED_DATA"
+)
 
 
 @pytest.fixture(scope="module")
@@ -43,15 +45,22 @@ def region_graph(topology) -> nx.Graph:
 def walked_pairs(viewpoints) -> set[frozenset[int]]:
     """Pairs of regions with an edge of the viewpoint graph between them."""
     entries = read_json(connectivity_path(ROOT, SCAN))
-    edges = [(a["image_id"], b["image_id"]) for a in entries for b, free in zip(entries, a["unobstructed"], strict=True) if free]
+    edges = [
+        (a["image_id"], b["image_id"])
+        for a in entries
+        for b, free in zip(entries, a["unobstructed"], strict=True)
+        if free
+    ]
     known = [(a, b) for a, b in edges if a in viewpoints and b in viewpoints]
     return {frozenset((viewpoints[a], viewpoints[b])) for a, b in known if viewpoints[a] != viewpoints[b]}
 
 
 def test_regions_are_joined_as_people_walked_between_them(topology, viewpoints):
-    """Of the map's ten pairs of regions nine have an edge of the viewpoint graph; at the tenth, 7 and 9, three regions of one hall meet.
+    """Of the map's ten pairs of regions nine have an edge of the viewpoint graph; at the tenth, 7 and 9, three regions
+    of one hall meet.
 
-    Edges of the viewpoint graph are up to 4.5 m long: where the map has no doorway for one, it leads across a third region.
+    Edges of the viewpoint graph are up to 4.5 m long: where the map has no doorway for one, it leads across a third
+    region.
     """
     found, walked = region_graph(topology), walked_pairs(viewpoints)
     assert set(found) == set(viewpoints.values()) == set(range(10))
@@ -63,7 +72,9 @@ def test_regions_are_joined_as_people_walked_between_them(topology, viewpoints):
 def test_every_region_is_reached_and_what_is_not_is_told(topology, viewpoints):
     graph = nx.Graph([(edge.start, edge.end) for edge in topology.edges])
     main = max(nx.connected_components(graph), key=len)
-    assert {name for node in topology.nodes if node.id in main for name in node.regions} == set(topology.floors[0].regions.values())
+    assert {name for node in topology.nodes if node.id in main for name in node.regions} == set(
+        topology.floors[0].regions.values()
+    )
     scenes = {node.id: node for node in topology.nodes if node.kind == "scene"}
     told = "\n".join(topology.notes)
     for name in viewpoints:

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from plans import block, frame, two_rooms
 
-from salframe.errors import DataError, NoRoute, UnknownName
+from salframe.framework.errors import DataError, NoRoute, UnknownName
 from salframe.topology import build_topology
+from salframe.topology.planner import Route
 from salframe.topology.routes import directions, find_nodes, find_route, with_position
-from salframe.types import MapEdge, Route
+from salframe.topology.topological_map import MapEdge
 
 
 def leg(start: str, end: str, length_m: float, azimuth_deg: float, path_m=()) -> MapEdge:
@@ -18,11 +19,16 @@ def leg(start: str, end: str, length_m: float, azimuth_deg: float, path_m=()) ->
 
 
 def test_turns_are_relative_to_the_heading_and_then_to_the_leg_before():
-    route = Route(("a", "b", "c", "d"), (leg("a", "b", 2.0, 90), leg("b", "c", 1.0, -170), leg("c", "d", 3.0, -170)), 6.0)
+    route = Route(
+        ("a", "b", "c", "d"), (leg("a", "b", 2.0, 90), leg("b", "c", 1.0, -170), leg("c", "d", 3.0, -170)), 6.0
+    )
     turns_deg = [float(np.degrees(step.turn_rad)) for step in directions(route, np.radians(125.0))]
     assert turns_deg == pytest.approx([-35, 100, 0])
     assert [str(step) for step in directions(route, np.radians(125.0))] == [
-        "turn right 35 deg, walk 2.0 m to b", "turn left 100 deg, walk 1.0 m to c", "straight on, walk 3.0 m to d"]  # fmt: skip
+        "turn right 35 deg, walk 2.0 m to b",
+        "turn left 100 deg, walk 1.0 m to c",
+        "straight on, walk 3.0 m to d",
+    ]
     unknown = directions(route)
     assert unknown[0].turn_rad is None
     assert str(unknown[0]) == "face 90 deg, walk 2.0 m to b"
@@ -30,7 +36,8 @@ def test_turns_are_relative_to_the_heading_and_then_to_the_leg_before():
 
 
 @pytest.mark.parametrize(
-    ("heading_deg", "azimuth_deg", "turn_deg"), [(170, -170, 20), (-170, 170, -20), (0, 180, 180), (-90, 90, 180), (540, 0, 180)]
+    ("heading_deg", "azimuth_deg", "turn_deg"),
+    [(170, -170, 20), (-170, 170, -20), (0, 180, 180), (-90, 90, 180), (540, 0, 180)],
 )
 def test_turns_go_the_short_way_round(heading_deg, azimuth_deg, turn_deg):
     (step,) = directions(Route(("a", "b"), (leg("a", "b", 1.0, azimuth_deg),), 1.0), np.radians(heading_deg))
@@ -40,10 +47,16 @@ def test_turns_go_the_short_way_round(heading_deg, azimuth_deg, turn_deg):
 def test_a_bent_leg_is_walked_corner_by_corner():
     path_m = ((0.0, 0.0), (0.0, 2.0), (-3.0, 2.0))
     steps = directions(Route(("a", "b"), (leg("a", "b", 5.0, 146.3, path_m),), 5.0), 0.0)
-    assert [(s.to, s.length_m, round(float(np.degrees(s.turn_rad)), 6)) for s in steps] == [(None, 2.0, 90.0), ("b", 3.0, 90.0)]
+    assert [(s.to, s.length_m, round(float(np.degrees(s.turn_rad)), 6)) for s in steps] == [
+        (None, 2.0, 90.0),
+        ("b", 3.0, 90.0),
+    ]
     assert str(steps[0]) == "turn left 90 deg, walk 2.0 m to the corner"
     back = directions(Route(("b", "a"), (leg("a", "b", 5.0, 146.3, path_m).reversed(),), 5.0), 0.0)
-    assert [(s.to, s.length_m, round(float(np.degrees(s.turn_rad)), 6)) for s in back] == [(None, 3.0, 0.0), ("a", 2.0, -90.0)]
+    assert [(s.to, s.length_m, round(float(np.degrees(s.turn_rad)), 6)) for s in back] == [
+        (None, 3.0, 0.0),
+        ("a", 2.0, -90.0),
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +91,12 @@ def test_the_route_to_a_place_ends_at_its_nearest_node(flat, planner):
 
 def test_a_place_whose_scene_nodes_are_shut_in_is_reached_at_its_door():
     floor = two_rooms(wall_m=0.2)
-    for low, high in (((1.0, -0.7), (1.1, 0.7)), ((2.0, -0.7), (2.1, 0.7)), ((1.0, 0.6), (2.1, 0.7)), ((1.0, -0.7), (2.1, -0.6))):
+    for low, high in (
+        ((1.0, -0.7), (1.1, 0.7)),
+        ((2.0, -0.7), (2.1, 0.7)),
+        ((1.0, 0.6), (2.1, 0.7)),
+        ((1.0, -0.7), (2.1, -0.6)),
+    ):
         floor = block(floor, low, high)
     topology = build_topology([floor], [frame("a", -2.0, 0.0), frame("shut", 1.5, 0.0, "east")])
     assert "node shut is out of reach: no clear floor leads to it" in topology.notes

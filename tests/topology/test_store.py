@@ -12,20 +12,23 @@ from PIL import Image
 from plans import block, frame, two_rooms
 from salframe_house.building import generate_building
 
-from salframe.errors import ConfigError, DataError
-from salframe.storage import atomic_folder
+from salframe.framework.errors import ConfigError, DataError
+from salframe.framework.files import atomic_folder
+from salframe.panoramas.floors import FloorMasks
 from salframe.topology import build_topology
 from salframe.topology.export import export_topology
 from salframe.topology.picture import draw_topology
 from salframe.topology.store import read_topology, write_topology
-from salframe.types import FloorMasks, TopologicalMap
+from salframe.topology.topological_map import TopologicalMap
 
 
 @pytest.fixture(scope="module")
 def topology() -> TopologicalMap:
     """Two floors, a way round a corner on the lower one."""
     upper = two_rooms(door_m=0.7, z_m=3.1)
-    upper = FloorMasks(upper.free, upper.region, upper.obstacle, upper.resolution_m, upper.origin_m, {1: "loft", 2: "attic"}, upper.z_m)
+    upper = FloorMasks(
+        upper.free, upper.region, upper.obstacle, upper.resolution_m, upper.origin_m, {1: "loft", 2: "attic"}, upper.z_m
+    )
     lower = block(two_rooms(wall_m=0.2), (-1.6, -1.0), (-0.9, 1.0))
     frames = [frame("a", -2.5, 0.0), frame("b", 1.5, 0.3, "east"), frame("d", 0.1, 0.0, "door", "transition")]
     return build_topology([lower, upper], [*frames, frame("up", 1.0, 1.0, "attic", z_m=4.6)])
@@ -40,10 +43,20 @@ def test_a_map_is_read_back_identical(topology, tmp_path):
         for name in ("free", "region", "obstacle"):
             np.testing.assert_array_equal(getattr(stored, name), getattr(floor, name))
         assert (stored.resolution_m, stored.origin_m, stored.regions, stored.z_m) == (
-            floor.resolution_m, floor.origin_m, floor.regions, floor.z_m)  # fmt: skip
+            floor.resolution_m,
+            floor.origin_m,
+            floor.regions,
+            floor.z_m,
+        )
     content = json.loads((tmp_path / "topology.json").read_text())
     assert content["format"] == 1
-    assert content["parameters"] == {"robot_radius_m": 0.18, "min_doorway_m": 0.5, "snap_m": 0.5, "doorway_reach_m": 0.5, "choose": False}
+    assert content["parameters"] == {
+        "robot_radius_m": 0.18,
+        "min_doorway_m": 0.5,
+        "snap_m": 0.5,
+        "doorway_reach_m": 0.5,
+        "choose": False,
+    }
     assert content["notes"] == list(topology.notes)
 
 
@@ -108,7 +121,10 @@ def test_geojson_holds_points_and_lines_in_local_metres(topology, tmp_path):
     content = json.loads((tmp_path / "map.geojson").read_text())
     assert "crs" not in content
     assert "metres" in content["properties"]["coordinates"]
-    shapes = [(shapely.from_geojson(json.dumps(feature["geometry"])), feature["properties"]) for feature in content["features"]]
+    shapes = [
+        (shapely.from_geojson(json.dumps(feature["geometry"])), feature["properties"])
+        for feature in content["features"]
+    ]
     points = {properties["id"]: shape for shape, properties in shapes if shape.geom_type == "Point"}
     assert {name: (p.x, p.y, p.z) for name, p in points.items()} == {node.id: node.xyz_m for node in topology.nodes}
     lines = [(shape, properties) for shape, properties in shapes if shape.geom_type == "LineString"]
@@ -136,7 +152,9 @@ def test_the_picture_has_a_mark_for_each_node_in_its_place(tmp_path):
     left, right = columns < np.median(columns), columns >= np.median(columns)
     across, down = columns[right].mean() - columns[left].mean(), rows[right].mean() - rows[left].mean()
     wall = (np.abs(picture - (92, 96, 104)).sum(2) < 12).any(0).nonzero()[0]
-    scale = (wall.max() - wall.min() + 1) / 6.3  # two rooms of 3 m, the wall between them, and what the masks show of the outer walls
+    scale = (
+        wall.max() - wall.min() + 1
+    ) / 6.3  # two rooms of 3 m, the wall between them, and what the masks show of the outer walls
     assert across / scale == pytest.approx(4.0, abs=0.05)
     assert down / scale == pytest.approx(1.0, abs=0.05)
     assert (np.abs(picture - (214, 84, 34)).sum(2) < 12).sum() > 25

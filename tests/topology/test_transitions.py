@@ -7,9 +7,9 @@ import pytest
 from plans import RESOLUTION_M, block, two_rooms
 from salframe_house.building import generate_building
 
+from salframe.panoramas.floors import FloorMasks
 from salframe.topology.grid import FloorGrid
 from salframe.topology.transitions import find_doorways
-from salframe.types import FloorMasks
 
 
 @pytest.mark.parametrize("wall_m", [0.1, 0.6])
@@ -39,7 +39,8 @@ def test_a_doorway_that_furniture_stands_in_is_as_wide_as_what_is_left():
 
 
 def test_transition_pixels_are_those_with_a_neighbour_of_another_region():
-    """Three regions in one hall, drawn at random: pair by pair the components and medoids are found again pixel by pixel."""
+    """Three regions in one hall, drawn at random: pair by pair the components and medoids are found again pixel by
+    pixel."""
     rng = np.random.default_rng(5)
     corners = rng.uniform(0, 40, (3, 2))
     rows, columns = np.mgrid[0:40, 0:40] + 0.5
@@ -67,7 +68,8 @@ def test_transition_pixels_are_those_with_a_neighbour_of_another_region():
 
 
 def test_the_node_of_a_bent_threshold_lies_on_it():
-    """The small region is the corner of a hall: its border has the shape of an L, and the centroid of that is off the border."""
+    """The small region is the corner of a hall: its border has the shape of an L, and the centroid of that is off the
+    border."""
     region = np.ones((30, 30), np.int32)
     region[:20, :20] = 2
     free = np.ones(region.shape, bool)
@@ -86,8 +88,10 @@ def test_every_door_of_a_building_is_found_and_none_invented(style, rooms, seed)
     grid = FloorGrid(floor, 0.18)
     found = [
         (frozenset(floor.regions[label] for label in doorway.labels), grid.to_metres(np.array(point) + 0.5))
-        for doorway in find_doorways(grid) if doorway.width_m >= 0.5 for point in doorway.points
-    ]  # fmt: skip
+        for doorway in find_doorways(grid)
+        if doorway.width_m >= 0.5
+        for point in doorway.points
+    ]
     assert len(found) == len(building.doors)
     for door in building.doors:
         away_m = [np.hypot(*(point - door.centre_m)) for regions, point in found if regions == set(door.rooms)]

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from salframe.config import merge, nest, parse_override, validate
-from salframe.errors import SalframeError
+from salframe.framework.config import merge, nest, parse_override, validate
+from salframe.framework.errors import SalframeError
 from salframe_keypoints.training.export import export
 from salframe_keypoints.training.panoramas import render
 from salframe_keypoints.training.settings import Training
@@ -17,7 +17,9 @@ from salframe_keypoints.training.train import train
 
 def main(
     folder: Annotated[Path, typer.Argument(help="where checkpoint, log and the ONNX files go")],
-    overrides: Annotated[list[str] | None, typer.Option("--set", help="key.path=value, as in Training; repeatable")] = None,
+    overrides: Annotated[
+        list[str] | None, typer.Option("--set", help="key.path=value, as in Training; repeatable")
+    ] = None,
 ) -> None:
     """Render the panoramas, train, and export; what is done already is not done again."""
     settings: dict = {}

@@ -11,14 +11,15 @@ import torch
 from kornia.feature.loftr import loftr
 from torch import Tensor, nn
 
-from salframe.storage import atomic_path
+from salframe.framework.files import atomic_path
 from salframe_keypoints.loftr_compact import FILES, FINE_STRIDE_PX, LARGEST_PX, STATE, STRIDE_PX
 
 OPSET = 18
 
 
 class _Features(nn.Module):
-    """Image (1, 1, h, w) -> position-encoded tokens (1, L, C) of the coarse grid, and the fine map (1, D, h / 2, w / 2)."""
+    """Image (1, 1, h, w) -> position-encoded tokens (1, L, C) of the coarse grid, and the fine map (1, D, h / 2, w /
+    2)."""
 
     def __init__(self, network: loftr.LoFTR) -> None:
         super().__init__()
@@ -43,7 +44,8 @@ class _Coarse(nn.Module):
 
 
 class _Fine(nn.Module):
-    """Fine windows (M, 25, D) and attended tokens (M, C) of both sides of matches -> offset (M, 2) in units of the window's radius."""
+    """Fine windows (M, 25, D) and attended tokens (M, C) of both sides of matches -> offset (M, 2) in units of the
+    window's radius."""
 
     def __init__(self, network: loftr.LoFTR) -> None:
         super().__init__()
@@ -62,7 +64,8 @@ class _Fine(nn.Module):
 
 
 def export(network: loftr.LoFTR, folder: Path) -> None:
-    """Write the files to a folder. Image sides are multiples of 8 up to LARGEST_PX; a file holds position encodings no further than that."""
+    """Write the files to a folder. Image sides are multiples of 8 up to LARGEST_PX; a file holds position encodings no
+    further than that."""
     network = copy.deepcopy(network).eval().to(memory_format=torch.contiguous_format)
     cells = LARGEST_PX // STRIDE_PX
     network.pos_encoding.pe = network.pos_encoding.pe[:, :, :cells, :cells].clone()
@@ -71,16 +74,33 @@ def export(network: loftr.LoFTR, folder: Path) -> None:
     windows = torch.rand(40, window, dims[0])
     parts: list[tuple[nn.Module, tuple[Tensor, ...], dict[str, dict[int, str]], list[str]]] = [
         (_Features(network), (torch.rand(1, 1, 120, 160),), {"image": {2: "height", 3: "width"}}, ["tokens", "fine"]),
-        (_Coarse(network), (tokens, torch.rand_like(tokens)),
-         {"first": {1: "cells0"}, "second": {1: "cells1"}}, ["confidence", "tokens0", "tokens1"]),
-        (_Fine(network), (windows, torch.rand_like(windows), points, torch.rand_like(points)),
-         {name: {0: "matches"} for name in ("first", "second", "first_token", "second_token")}, ["offset"]),
-    ]  # fmt: skip
+        (
+            _Coarse(network),
+            (tokens, torch.rand_like(tokens)),
+            {"first": {1: "cells0"}, "second": {1: "cells1"}},
+            ["confidence", "tokens0", "tokens1"],
+        ),
+        (
+            _Fine(network),
+            (windows, torch.rand_like(windows), points, torch.rand_like(points)),
+            {name: {0: "matches"} for name in ("first", "second", "first_token", "second_token")},
+            ["offset"],
+        ),
+    ]
     for file, (module, example, axes, outputs) in zip(FILES, parts, strict=True):
         with atomic_path(folder / file) as temporary, warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of branches on sizes, which go the same way for all views, and of the exporter's age
+            warnings.simplefilter(
+                "ignore"
+            )  # of branches on sizes, which go the same way for all views, and of the exporter's age
             torch.onnx.export(
-                module.eval(), example, temporary, input_names=list(axes), output_names=outputs, dynamic_axes=axes, opset_version=OPSET, dynamo=False,
-            )  # fmt: skip
+                module.eval(),
+                example,
+                temporary,
+                input_names=list(axes),
+                output_names=outputs,
+                dynamic_axes=axes,
+                opset_version=OPSET,
+                dynamo=False,
+            )
     with atomic_path(folder / STATE) as temporary:
         torch.save(network.state_dict(), temporary)

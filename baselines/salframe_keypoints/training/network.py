@@ -9,7 +9,7 @@ import torch
 from kornia.feature.loftr import loftr
 from torch.nn import functional
 
-from salframe.config import merge
+from salframe.framework.config import merge
 from salframe_keypoints.loftr_compact import ARCHITECTURE, FINE_STRIDE_PX, STRIDE_PX, WINDOW
 
 FINE_RADIUS_PX = WINDOW // 2 * FINE_STRIDE_PX
@@ -22,7 +22,8 @@ _RESIDUAL_GAIN = 0.2
 def build() -> loftr.LoFTR:
     """The network with weights drawn from torch's seed.
 
-    Transformer layers begin as small corrections of what they get, so that backbone and matching learn from the first step on.
+    Transformer layers begin as small corrections of what they get, so that backbone and matching learn from the first
+    step on.
     """
     network = loftr.LoFTR(pretrained=None, config=merge(copy.deepcopy(loftr.default_cfg), ARCHITECTURE))
     for layer in (*network.loftr_coarse.layers, *network.loftr_fine.layers):
@@ -30,17 +31,25 @@ def build() -> loftr.LoFTR:
     return network.to(memory_format=torch.channels_last)
 
 
-def losses(network: loftr.LoFTR, batch: dict[str, torch.Tensor], fine_matches: int, generator: torch.Generator) -> dict[str, torch.Tensor]:
-    """Coarse and fine loss of a batch of pairs, as in LoFTR section 3.6, and the coarse loss of the backbone's features alone.
+def losses(
+    network: loftr.LoFTR, batch: dict[str, torch.Tensor], fine_matches: int, generator: torch.Generator
+) -> dict[str, torch.Tensor]:
+    """Coarse and fine loss of a batch of pairs, as in LoFTR section 3.6, and the coarse loss of the backbone's features
+    alone.
 
-    batch: images (B, 2, 1, h, w) float32 in [0, 1]; cells (B, L) int64, the second view's match of each cell of the first or -1;
-    offset_px (B, L, 2) float32 from that cell to the true place.
+    batch: images (B, 2, 1, h, w) float32 in [0, 1]; cells (B, L) int64, the second view's match of each cell of the
+    first or -1; offset_px (B, L, 2) float32 from that cell to the true place.
     """
     count = len(batch["images"])
     with torch.autocast("cpu", torch.bfloat16):
-        maps, fine = network.backbone(batch["images"].transpose(0, 1).flatten(0, 1).contiguous(memory_format=torch.channels_last))
+        maps, fine = network.backbone(
+            batch["images"].transpose(0, 1).flatten(0, 1).contiguous(memory_format=torch.channels_last)
+        )
         raw, encoded = maps.float(), _encode(network, maps.float(), generator)
-        tokens = [part.flatten(2).transpose(1, 2).contiguous() for part in (raw[:count], raw[count:], encoded[:count], encoded[count:])]
+        tokens = [
+            part.flatten(2).transpose(1, 2).contiguous()
+            for part in (raw[:count], raw[count:], encoded[:count], encoded[count:])
+        ]
         first, second = (part.float() for part in network.loftr_coarse(*tokens[2:]))
     pair, i = torch.nonzero(batch["cells"] >= 0, as_tuple=True)
     j = batch["cells"][pair, i]
@@ -57,7 +66,8 @@ def losses(network: loftr.LoFTR, batch: dict[str, torch.Tensor], fine_matches: i
 
 
 def _encode(network: loftr.LoFTR, maps: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
-    """The maps (2 B, C, h, w) with position encodings as if each side's images were parts of larger ones, somewhere in these."""
+    """The maps (2 B, C, h, w) with position encodings as if each side's images were parts of larger ones, somewhere in
+    these."""
     _, _, height, width = maps.shape
     shifts = torch.rand(2, 2, generator=generator)
     parts = []
@@ -67,18 +77,26 @@ def _encode(network: loftr.LoFTR, maps: torch.Tensor, generator: torch.Generator
     return torch.cat(parts)
 
 
-def _coarse_loss(first: torch.Tensor, second: torch.Tensor, pair: torch.Tensor, i: torch.Tensor, j: torch.Tensor) -> torch.Tensor:
+def _coarse_loss(
+    first: torch.Tensor, second: torch.Tensor, pair: torch.Tensor, i: torch.Tensor, j: torch.Tensor
+) -> torch.Tensor:
     """Focal loss (alpha 0.25, gamma 2) of the dual-softmax confidence of true matches, kornia's temperature 0.1."""
     similarity = torch.einsum("nlc,nsc->nls", first, second) / (first.shape[2] * 0.1)
     log_confidence = (functional.log_softmax(similarity, 1) + functional.log_softmax(similarity, 2))[pair, i, j]
     return (-0.25 * (1 - log_confidence.exp()) ** 2 * log_confidence).mean()
 
 
-def _fine(network: loftr.LoFTR, fine: torch.Tensor, first: torch.Tensor, second: torch.Tensor, matches: tuple, count: int) -> torch.Tensor:
+def _fine(
+    network: loftr.LoFTR, fine: torch.Tensor, first: torch.Tensor, second: torch.Tensor, matches: tuple, count: int
+) -> torch.Tensor:
     """(M, 3) expected offset in units of the window's radius, and its deviation."""
     pair, i, j = matches
     data: dict[str, Any] = {"b_ids": pair, "i_ids": i, "j_ids": j, "stride_c": STRIDE_PX, "stride_f": FINE_STRIDE_PX}
-    data |= {"mkpts0_c": torch.zeros(len(pair), 2), "mkpts1_c": torch.zeros(len(pair), 2), "mconf": torch.zeros(len(pair))}
+    data |= {
+        "mkpts0_c": torch.zeros(len(pair), 2),
+        "mkpts1_c": torch.zeros(len(pair), 2),
+        "mconf": torch.zeros(len(pair)),
+    }
     windows = network.fine_preprocess(fine[:count], fine[count:], first, second, data)
     network.fine_matching(*network.loftr_fine(*windows), data)
     return data["expec_f"]

@@ -1,7 +1,7 @@
 """Pairs of perspective views of one room with their exact correspondences on LoFTR's coarse grid.
 
-Cell (x, y) of the grid stands for the point (8 x, 8 y) of the image, pixel centres at +0.5. View pixels are K R^T d for a direction d in the
-panorama frame, where R turns camera axes (x right, y down, z forward) to it.
+Cell (x, y) of the grid stands for the point (8 x, 8 y) of the image, pixel centres at +0.5. View pixels are K R^T d for
+a direction d in the panorama frame, where R turns camera axes (x right, y down, z forward) to it.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from salframe.geometry import invert_pose, pose_yaw, rays_to_pixels, sample_nearest, transform_points
+from salframe.panoramas.geometry import invert_pose, pose_yaw, rays_to_pixels, sample_nearest, transform_points
 from salframe_keypoints.loftr_compact import STRIDE_PX
 from salframe_keypoints.training.panoramas import Shot
 
@@ -25,7 +25,8 @@ LEAST_MATCHED = 0.1
 
 ATTEMPTS = 10
 HOMOGRAPHIES = 0.3
-"""Share of the pairs that are two views of one panorama, hence related by a homography, with sheared and stretched cameras."""
+"""Share of the pairs that are two views of one panorama, hence related by a homography, with sheared and stretched
+cameras."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +44,8 @@ class PosedView:
         return rays / np.linalg.norm(rays, axis=1, keepdims=True)
 
     def project(self, directions: np.ndarray) -> np.ndarray:
-        """(K, 2) pixels that directions (K, 3) in the panorama frame fall on, NaN behind the camera and outside the image."""
+        """(K, 2) pixels that directions (K, 3) in the panorama frame fall on, NaN behind the camera and outside the
+        image."""
         image = directions @ (self.camera @ self.rotation.T).T
         with np.errstate(divide="ignore", invalid="ignore"):
             pixels = image[:, :2] / image[:, 2:]
@@ -67,7 +69,8 @@ class PosedView:
 def warp(points_px: np.ndarray, source: PosedView, target: PosedView) -> np.ndarray:
     """(K, 2) where the target view sees the points (K, 2) of the source view.
 
-    NaN outside the image, where the range is unknown, and where the target's panorama has another range: occluded, or changed.
+    NaN outside the image, where the range is unknown, and where the target's panorama has another range: occluded, or
+    changed.
     """
     bearings = source.bearings(points_px)
     points_m = bearings * sample_nearest(source.shot.range_m, bearings)[:, None].astype(np.float64)
@@ -82,9 +85,11 @@ def warp(points_px: np.ndarray, source: PosedView, target: PosedView) -> np.ndar
 
 
 def correspondences(first: PosedView, second: PosedView) -> tuple[np.ndarray, np.ndarray]:
-    """For each cell of the first view, the cell of the second that it matches, (L,) int64, -1 for none; and where, (L, 2) float32.
+    """For each cell of the first view, the cell of the second that it matches, (L,) int64, -1 for none; and where, (L,
+    2) float32.
 
-    Cells match where each is the nearest cell to the other's true place (LoFTR section 3.3). The place is in pixels from the second cell.
+    Cells match where each is the nearest cell to the other's true place (LoFTR section 3.3). The place is in pixels
+    from the second cell.
     """
     grid_first, grid_second = first.grid(), second.grid()
     forward = warp(grid_first, first, second)
@@ -95,14 +100,17 @@ def correspondences(first: PosedView, second: PosedView) -> tuple[np.ndarray, np
 
 
 def _nearest_cell(points_px: np.ndarray, size_px: tuple[int, int]) -> np.ndarray:
-    """(K,) int64 index of the coarse cell nearest to each point, -1 for NaN and where that cell would lie beyond the grid."""
+    """(K,) int64 index of the coarse cell nearest to each point, -1 for NaN and where that cell would lie beyond the
+    grid."""
     columns, rows = (size // STRIDE_PX for size in size_px)
     known = np.isfinite(points_px).all(1)
     x, y = np.rint(np.where(known[:, None], points_px, -STRIDE_PX) / STRIDE_PX).astype(np.int64).T
     return np.where((x >= 0) & (x < columns) & (y >= 0) & (y < rows), y * columns + x, -1)
 
 
-def draw_pair(rooms: Sequence[Sequence[Shot]], size_px: tuple[int, int], rng: np.random.Generator) -> tuple[PosedView, PosedView]:
+def draw_pair(
+    rooms: Sequence[Sequence[Shot]], size_px: tuple[int, int], rng: np.random.Generator
+) -> tuple[PosedView, PosedView]:
     """Two overlapping views of a room, from different panoramas or by homography from one."""
     for _ in range(ATTEMPTS):
         room = rooms[rng.integers(len(rooms))]
@@ -113,24 +121,42 @@ def draw_pair(rooms: Sequence[Sequence[Shot]], size_px: tuple[int, int], rng: np
     return pair
 
 
-def _draw_views(room: Sequence[Shot], size_px: tuple[int, int], rng: np.random.Generator) -> tuple[PosedView, PosedView]:
-    """Views of two panoramas: of the same point of the room, more or less, or in the same direction of the world, as at run time."""
+def _draw_views(
+    room: Sequence[Shot], size_px: tuple[int, int], rng: np.random.Generator
+) -> tuple[PosedView, PosedView]:
+    """Views of two panoramas: of the same point of the room, more or less, or in the same direction of the world, as at
+    run time."""
     a, b = (room[i] for i in rng.choice(len(room), 2, replace=False))
     azimuth, focal = rng.uniform(-np.pi, np.pi), FOCAL_PX * rng.uniform(0.8, 1.25)
     first = PosedView(a, _camera(size_px, focal), _rotation(azimuth, rng.normal(0, 0.09), rng.normal(0, 0.04)), size_px)
     ahead = first.bearings(np.array([size_px]) / 2)
-    seen_m = transform_points(invert_pose(b.T_world_pano) @ a.T_world_pano, ahead * sample_nearest(a.range_m, ahead)[0])[0]
+    seen_m = transform_points(
+        invert_pose(b.T_world_pano) @ a.T_world_pano, ahead * sample_nearest(a.range_m, ahead)[0]
+    )[0]
     same_point, pitch = rng.random() < 0.6 and np.isfinite(seen_m).all(), rng.normal(0, 0.09)
-    target = np.arctan2(seen_m[1], seen_m[0]) if same_point else azimuth + pose_yaw(a.T_world_pano) - pose_yaw(b.T_world_pano)
+    target = (
+        np.arctan2(seen_m[1], seen_m[0])
+        if same_point
+        else azimuth + pose_yaw(a.T_world_pano) - pose_yaw(b.T_world_pano)
+    )
     aside = rng.uniform(-2 / 3, 2 / 3) * np.arctan(size_px[0] / 2 / FOCAL_PX)
-    second = PosedView(b, _camera(size_px, focal * rng.uniform(0.85, 1.18)), _rotation(target + aside, pitch, rng.normal(0, 0.04)), size_px)
+    second = PosedView(
+        b,
+        _camera(size_px, focal * rng.uniform(0.85, 1.18)),
+        _rotation(target + aside, pitch, rng.normal(0, 0.04)),
+        size_px,
+    )
     return first, second
 
 
-def _draw_homography(room: Sequence[Shot], size_px: tuple[int, int], rng: np.random.Generator) -> tuple[PosedView, PosedView]:
+def _draw_homography(
+    room: Sequence[Shot], size_px: tuple[int, int], rng: np.random.Generator
+) -> tuple[PosedView, PosedView]:
     shot = room[rng.integers(len(room))]
     azimuth, focal = rng.uniform(-np.pi, np.pi), FOCAL_PX * rng.uniform(0.8, 1.25)
-    first = PosedView(shot, _camera(size_px, focal), _rotation(azimuth, rng.normal(0, 0.2), rng.normal(0, 0.1)), size_px)
+    first = PosedView(
+        shot, _camera(size_px, focal), _rotation(azimuth, rng.normal(0, 0.2), rng.normal(0, 0.1)), size_px
+    )
     camera = _camera(size_px, focal * rng.uniform(0.7, 1.4), shear=rng.normal(0, 0.12), stretch=rng.uniform(0.85, 1.18))
     turn = rng.uniform(-0.5, 0.5) * np.arctan(size_px[0] / 2 / FOCAL_PX)
     return first, PosedView(shot, camera, _rotation(azimuth + turn, rng.normal(0, 0.2), rng.normal(0, 0.25)), size_px)
@@ -141,7 +167,8 @@ def _camera(size_px: tuple[int, int], focal_px: float, shear: float = 0.0, stret
 
 
 def _rotation(azimuth_rad: float, pitch_rad: float, roll_rad: float) -> np.ndarray:
-    """(3, 3) from camera axes to the panorama frame: level and forward, rolled, pitched up, then turned counter-clockwise."""
+    """(3, 3) from camera axes to the panorama frame: level and forward, rolled, pitched up, then turned
+    counter-clockwise."""
     (ca, cp, cr), (sa, sp, sr) = (f(np.array([azimuth_rad, pitch_rad, roll_rad])) for f in (np.cos, np.sin))
     level = np.array([[0, 0, 1], [-1, 0, 0], [0, -1, 0]])
     roll = np.array([[cr, -sr, 0], [sr, cr, 0], [0, 0, 1]])

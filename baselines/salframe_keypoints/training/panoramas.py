@@ -1,4 +1,5 @@
-"""Panoramas for training: rooms of generated buildings, each from a few places, by day and after a while in other light."""
+"""Panoramas for training: rooms of generated buildings, each from a few places, by day and after a while in other
+light."""
 
 from __future__ import annotations
 
@@ -10,10 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
-from salframe.config import digest
-from salframe.geometry import pose_2d
-from salframe.processes import die_with_parent
-from salframe.storage import cache_home, read_arrays, write_arrays
+from salframe.framework.cache import cache_home
+from salframe.framework.files import read_arrays, write_arrays
+from salframe.framework.identity import digest
+from salframe.framework.processes import die_with_parent
+from salframe.panoramas.geometry import pose_2d
 from salframe_keypoints.training.settings import Panoramas
 
 STYLES = ("home", "office", "hotel")
@@ -44,9 +46,12 @@ def folder(config: Panoramas) -> Path:
 
 
 def render(config: Panoramas, seeds: Sequence[int], progress: Callable[[int, int], None]) -> None:
-    """Render the buildings' panoramas that are not there yet, two buildings at a time; progress(done, total) counts buildings."""
+    """Render the buildings' panoramas that are not there yet, two buildings at a time; progress(done, total) counts
+    buildings."""
     progress(0, len(seeds))
-    with ProcessPoolExecutor(WORKERS, mp_context=multiprocessing.get_context("spawn"), initializer=die_with_parent) as pool:
+    with ProcessPoolExecutor(
+        WORKERS, mp_context=multiprocessing.get_context("spawn"), initializer=die_with_parent
+    ) as pool:
         for done, future in enumerate(as_completed([pool.submit(_render_building, config, seed) for seed in seeds]), 1):
             future.result()
             progress(done, len(seeds))
@@ -79,9 +84,14 @@ def _render_building(config: Panoramas, seed: int) -> None:
             path = folder(config) / f"{seed}-{room.id}-{number}.npz"
             if not path.exists():
                 rendering = renderers[light].render(places[place])
-                write_arrays(path, {
-                    "gray": _gray(rendering.rgb), "range_m": rendering.range_m.astype(np.float16), "T_world_pano": places[place],
-                })  # fmt: skip
+                write_arrays(
+                    path,
+                    {
+                        "gray": _gray(rendering.rgb),
+                        "range_m": rendering.range_m.astype(np.float16),
+                        "T_world_pano": places[place],
+                    },
+                )
 
 
 def _places(free_m: np.ndarray, rng: np.random.Generator) -> list[np.ndarray]:

@@ -34,7 +34,9 @@ class Training(Settings):
 
     seed: int = Field(0, ge=0)
     panoramas: Panoramas = Panoramas()
-    held_out_seed: int = Field(5000, ge=0, description="the building that measures progress; those of the following seeds are trained on")
+    held_out_seed: int = Field(
+        5000, ge=0, description="the building that measures progress; those of the following seeds are trained on"
+    )
     stages: tuple[Stage, ...] = (
         Stage(width_px=160, height_px=120, batch=8, steps=800, buildings=5),
         Stage(width_px=160, height_px=120, batch=8, steps=4000, buildings=8),

@@ -17,8 +17,8 @@ import torch.multiprocessing
 from kornia.feature.loftr import loftr
 from torch.utils.data import DataLoader, Dataset
 
-from salframe.errors import ConfigError
-from salframe.storage import atomic_path, read_json, write_json
+from salframe.framework.errors import ConfigError
+from salframe.framework.files import atomic_path, read_json, write_json
 from salframe_keypoints.training.network import build, losses
 from salframe_keypoints.training.pairs import PosedView, correspondences, draw_pair, photometric, warp
 from salframe_keypoints.training.panoramas import Shot, read_rooms
@@ -46,11 +46,16 @@ class Pairs(Dataset):
         rng = np.random.default_rng((*self._key, number))
         pair = draw_pair(self._rooms, (self._stage.width_px, self._stage.height_px), rng)
         cells, offset_px = correspondences(*pair)
-        return {"images": np.stack([photometric(view.cut(), rng) for view in pair]), "cells": cells, "offset_px": offset_px}
+        return {
+            "images": np.stack([photometric(view.cut(), rng) for view in pair]),
+            "cells": cells,
+            "offset_px": offset_px,
+        }
 
 
 def train(config: Training, folder: Path, report: Callable[[dict[str, Any]], None]) -> loftr.LoFTR:
-    """The trained network. What `folder` holds of the same settings is gone on with. Raises ConfigError where it holds another run.
+    """The trained network. What `folder` holds of the same settings is gone on with. Raises ConfigError where it holds
+    another run.
 
     report(row) gets each row of the log: step, losses, learning rate, and the held-out precision.
     """
@@ -76,9 +81,16 @@ def _work(rank: int, config: Training, folder: Path, report: Callable[[dict[str,
     for number, (stage, end) in enumerate(zip(config.stages, ends, strict=True)):
         if step >= end:
             continue
-        rooms = read_rooms(config.panoramas, range(config.held_out_seed + 1, config.held_out_seed + 1 + stage.buildings))
-        shares = [range(n * stage.batch + rank, (n + 1) * stage.batch, config.processes) for n in range(step - end + stage.steps, stage.steps)]
-        for batch in DataLoader(Pairs(rooms, stage, number, config.seed), batch_sampler=shares, num_workers=1, prefetch_factor=8):
+        rooms = read_rooms(
+            config.panoramas, range(config.held_out_seed + 1, config.held_out_seed + 1 + stage.buildings)
+        )
+        shares = [
+            range(n * stage.batch + rank, (n + 1) * stage.batch, config.processes)
+            for n in range(step - end + stage.steps, stage.steps)
+        ]
+        for batch in DataLoader(
+            Pairs(rooms, stage, number, config.seed), batch_sampler=shares, num_workers=1, prefetch_factor=8
+        ):
             rate = learning_rate(step, ends[-1], config)
             for group in optimizer.param_groups:
                 group["lr"] = rate
@@ -92,8 +104,15 @@ def _work(rank: int, config: Training, folder: Path, report: Callable[[dict[str,
             step += 1
             if rank == 0 and (step % config.report_every == 0 or step == ends[-1]):
                 with atomic_path(folder / CHECKPOINT) as temporary:
-                    torch.save({"step": step, "network": network.state_dict(), "optimizer": optimizer.state_dict()}, temporary)
-                row = {"step": step, "rate": rate, **{name: part.item() for name, part in parts.items()}, **held_out_precision(network, held_out)}
+                    torch.save(
+                        {"step": step, "network": network.state_dict(), "optimizer": optimizer.state_dict()}, temporary
+                    )
+                row = {
+                    "step": step,
+                    "rate": rate,
+                    **{name: part.item() for name, part in parts.items()},
+                    **held_out_precision(network, held_out),
+                }
                 with (folder / LOG).open("a") as file:
                     file.write(json.dumps(row) + "\n")
                 report(row)
@@ -106,7 +125,9 @@ def _average(network: loftr.LoFTR) -> None:
     values += [buffer for buffer in network.buffers() if buffer.is_floating_point()]
     flat = torch.cat([value.flatten() for value in values])
     torch.distributed.all_reduce(flat)
-    for value, mean in zip(values, (flat / torch.distributed.get_world_size()).split([value.numel() for value in values]), strict=True):
+    for value, mean in zip(
+        values, (flat / torch.distributed.get_world_size()).split([value.numel() for value in values]), strict=True
+    ):
         value.copy_(mean.view_as(value))
 
 
@@ -120,7 +141,10 @@ def learning_rate(step: int, steps: int, config: Training) -> float:
 def draw_held_out(config: Training) -> list[tuple[PosedView, PosedView]]:
     """Pairs of the held-out building at the run-time size."""
     rooms = read_rooms(config.panoramas, [config.held_out_seed])
-    return [draw_pair(rooms, HELD_OUT_SIZE_PX, np.random.default_rng((config.seed, 1, number))) for number in range(HELD_OUT_PAIRS)]
+    return [
+        draw_pair(rooms, HELD_OUT_SIZE_PX, np.random.default_rng((config.seed, 1, number)))
+        for number in range(HELD_OUT_PAIRS)
+    ]
 
 
 def held_out_precision(network: torch.nn.Module, pairs: Sequence[tuple[PosedView, PosedView]]) -> dict[str, float]:
@@ -131,10 +155,15 @@ def held_out_precision(network: torch.nn.Module, pairs: Sequence[tuple[PosedView
     network.eval()
     precision, count = [], []
     for first, second in pairs:
-        images = {f"image{side}": torch.from_numpy(view.cut()).float()[None, None] / 255 for side, view in enumerate((first, second))}
+        images = {
+            f"image{side}": torch.from_numpy(view.cut()).float()[None, None] / 255
+            for side, view in enumerate((first, second))
+        }
         with torch.inference_mode():
             found = network(images)
-        error = np.linalg.norm(warp(found["keypoints0"].numpy().astype(np.float64), first, second) - found["keypoints1"].numpy(), axis=1)
+        error = np.linalg.norm(
+            warp(found["keypoints0"].numpy().astype(np.float64), first, second) - found["keypoints1"].numpy(), axis=1
+        )
         error = error[np.isfinite(error)]
         precision.append(float((error <= PRECISE_PX).mean()) if len(error) else 0.0)
         count.append(len(error))
@@ -144,12 +173,15 @@ def held_out_precision(network: torch.nn.Module, pairs: Sequence[tuple[PosedView
 def _claim(folder: Path, config: Training) -> None:
     path = folder / SETTINGS
     if path.exists() and read_json(path) != config.model_dump(mode="json"):
-        raise ConfigError(f"{folder} holds a run with other settings ({SETTINGS}): choose another folder, or its settings")
+        raise ConfigError(
+            f"{folder} holds a run with other settings ({SETTINGS}): choose another folder, or its settings"
+        )
     write_json(path, config.model_dump(mode="json"))
 
 
 def _resume(path: Path, network: torch.nn.Module, optimizer: torch.optim.Optimizer) -> int:
-    """The step that the checkpoint was written after, its state put into the network and optimizer; 0 where there is none."""
+    """The step that the checkpoint was written after, its state put into the network and optimizer; 0 where there is
+    none."""
     if not path.exists():
         return 0
     state = torch.load(path, weights_only=True)

@@ -5,10 +5,10 @@ from pydantic import Field
 from scipy import ndimage
 
 import salframe
-from salframe.boxes import detections_from_points
-from salframe.config import ComponentConfig
-from salframe.geometry import equirectangular_rays, row_elevation
-from salframe.roles import Detector
+from salframe.framework.config import ComponentConfig
+from salframe.graphs.boxes import detections_from_points
+from salframe.graphs.detector import Detector
+from salframe.panoramas.geometry import equirectangular_rays, row_elevation
 
 
 class HeightBands(Detector):
@@ -19,7 +19,9 @@ class HeightBands(Detector):
     needs = frozenset({"range"})
 
     class Config(ComponentConfig):
-        margin_m: float = Field(0.3, gt=0, description="distance from floor, ceiling and wall at which an object begins")
+        margin_m: float = Field(
+            0.3, gt=0, description="distance from floor, ceiling and wall at which an object begins"
+        )
         min_pixels: int = Field(100, ge=1, description="smaller regions are left out")
 
     def detect(self, panorama):
@@ -27,7 +29,9 @@ class HeightBands(Detector):
         elevation_rad = row_elevation(len(range_m))[:, None]
         height_m, reach_m = range_m * np.sin(elevation_rad), range_m * np.cos(elevation_rad)
         floor_m, ceiling_m = np.percentile(height_m, [1, 99])
-        stands_out = (height_m > floor_m + margin_m) & (height_m < ceiling_m - margin_m) & (reach_m < reach_m.max(0) - margin_m)
+        stands_out = (
+            (height_m > floor_m + margin_m) & (height_m < ceiling_m - margin_m) & (reach_m < reach_m.max(0) - margin_m)
+        )
         regions, _ = ndimage.label(stands_out & (range_m > 0))
         for left, right in zip(regions[:, 0], regions[:, -1], strict=True):
             if left and right:  # the sides of a panorama are neighbours
@@ -41,5 +45,5 @@ class HeightBands(Detector):
 
 
 @salframe.hookimpl
-def salframe_components():
+def salframe_provides():
     return [HeightBands]

@@ -1,0 +1,14 @@
+"""salframe's own presets: methods, data sets, ablations, and what papers report; and the names that stand where none is
+given."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import salframe
+from salframe.framework.registry import Presets
+
+
+@salframe.hookimpl
+def salframe_provides() -> list[Presets]:
+    return [Presets(Path(__file__).parent)]

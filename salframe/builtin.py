@@ -1,0 +1,31 @@
+"""The core as a plugin: its roles, and the data set that reads its own folder format."""
+
+from __future__ import annotations
+
+import salframe
+from salframe.evaluation.engine import Engine
+from salframe.evaluation.scorer import Scorer
+from salframe.graphs.detector import Detector
+from salframe.graphs.matcher import GraphMatcher
+from salframe.graphs.saliency import SaliencyModel
+from salframe.localization.localizer import Localizer
+from salframe.localization.positioner import Positioner
+from salframe.panoramas.dataset import Dataset
+from salframe.panoramas.folder import FolderDataset
+from salframe.topology.planner import Planner
+
+
+@salframe.hookimpl
+def salframe_provides() -> list[type]:
+    return [
+        Dataset,
+        Detector,
+        SaliencyModel,
+        GraphMatcher,
+        Positioner,
+        Planner,
+        Scorer,
+        Localizer,
+        Engine,
+        FolderDataset,
+    ]

@@ -1,0 +1,1 @@
+"""Methods side by side: a request, a run, one runner, one module a task, metrics and report."""

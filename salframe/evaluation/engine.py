@@ -1,0 +1,20 @@
+"""The role `engine`: how independent pieces of work are run."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+from salframe.framework.component import Role
+
+
+class Engine(Role):
+    """Runs independent pieces of work: in this process, in a pool, on many machines."""
+
+    role = "engine"
+
+    @abstractmethod
+    def map(self, function: Callable[[Any], Any], items: Sequence[Any]) -> Iterator[Any]:
+        """function(item) for each item, in order; function and items must be picklable. An item whose worker raises,
+        exits or dies costs itself only: the value yielded for it is the exception."""

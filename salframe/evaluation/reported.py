@@ -1,0 +1,40 @@
+"""Figures that papers report, as data with their source: shown beside a comparison, never among its rows."""
+
+from __future__ import annotations
+
+from pydantic import Field, model_validator
+
+from salframe.framework.config import Settings, read_yaml, validate
+from salframe.framework.registry import registry
+
+
+class ReportedTable(Settings):
+    """One table of a paper, as printed: `rows` holds a number for each of `figures`, by method."""
+
+    title: str
+    figures: tuple[str, ...] = Field(min_length=1)
+    rows: dict[str, tuple[float, ...]]
+
+    @model_validator(mode="after")
+    def _check(self) -> ReportedTable:
+        for method, numbers in self.rows.items():
+            if len(numbers) != len(self.figures):
+                raise ValueError(
+                    f"{self.title}, {method}: received {len(numbers)} numbers, expected {len(self.figures)}"
+                )
+        return self
+
+
+class Reported(Settings):
+    """The tables of one paper: `source` names it, `note` says on what the figures were obtained."""
+
+    source: str
+    note: str
+    tables: tuple[ReportedTable, ...]
+
+
+def read_reported() -> tuple[Reported, ...]:
+    """What collections of presets hold in reported/, a paper a file, by file name. Raises ConfigError."""
+    known = registry()
+    paths = [known.find_preset("reported", name) for name in known.list_presets("reported")]
+    return tuple(validate(Reported, read_yaml(path), f"{path.name}:") for path in paths if path is not None)

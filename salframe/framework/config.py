@@ -1,0 +1,154 @@
+"""Configuration: frozen pydantic models, slots filled by plugins, YAML with `base:`, and `key.path=value` overrides."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+
+import yaml
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, SerializeAsAny, ValidationError, model_validator
+
+from salframe.framework.errors import ConfigError, SalframeError
+
+if TYPE_CHECKING:
+    from salframe.framework.component import Component
+
+PROBLEMS = 3
+"""So many faults of a file are told; the others are counted."""
+
+
+class Settings(BaseModel):
+    """Base of every model of settings: frozen, and no key that is not known. Units stand in the field names."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class ComponentConfig(Settings):
+    """Base of every component's `Config`. `kind` is the component's name and is filled in."""
+
+    component: ClassVar[type[Component]]
+    kind: str = ""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _fill_kind(cls, value: Any) -> Any:
+        if isinstance(value, Mapping):
+            value = {"kind": cls.component.name, **value}
+            if value["kind"] != cls.component.name:
+                raise ValueError(f"kind is {value['kind']!r}, expected {cls.component.name!r}")
+        return value
+
+
+def match_only(default: Any, **field: Any) -> Any:
+    """A pydantic Field for a setting that matters to matching only: descriptions of panoramas do not depend on it."""
+    return Field(default, json_schema_extra={"match_only": True}, **field)
+
+
+def slot(role: str, default: str | None = None, *, match_only: bool = False) -> Any:
+    """The type of a config field that holds a component of `role`: `detector: slot("detector", "annotations")`.
+
+    It accepts a name, a mapping (its `kind` may be left out: then it is `default`), or a component's Config, asks the
+    registry and validates with that component's own Config. Without a `default`, that of configs/defaults.yaml for the
+    role; `match_only` as in the function of that name.
+    """
+    from salframe.framework.defaults import default_of
+
+    def kind() -> str:
+        return default_of(role) if default is None else default
+
+    def resolve(value: Any) -> ComponentConfig:
+        from salframe.framework.registry import registry
+
+        if isinstance(value, ComponentConfig):
+            return value
+        if isinstance(value, str):
+            value = {"kind": value}
+        if not isinstance(value, Mapping):
+            raise ValueError(f"received {value!r}, expected the name of a {role} or a mapping with its settings")
+        return validate(registry().get(role, value.get("kind", kind())).Config, value, role)
+
+    extra: Any = {"match_only": True} if match_only else None
+    field = Field(default_factory=lambda: {"kind": kind()}, validate_default=True, json_schema_extra=extra)
+    return Annotated[SerializeAsAny[ComponentConfig], BeforeValidator(resolve), field]
+
+
+def components_in(config: Any) -> Iterator[tuple[str, ComponentConfig]]:
+    """The slots of a configuration and the configurations of the components in them, not those nested deeper."""
+    for name in type(config).model_fields if isinstance(config, BaseModel) else ():
+        value = getattr(config, name)
+        if isinstance(value, ComponentConfig):
+            yield name, value
+
+
+def validate(model: type[BaseModel], settings: Mapping[str, Any], where: str) -> Any:
+    """An instance of `model`, or a ConfigError that names the key, what was received and what was expected.
+
+    `where` the settings stand: the dotted key that holds them, or a file's name and a colon.
+    """
+    try:
+        return model.model_validate(settings)
+    except ValidationError as error:
+        problems = list(dict.fromkeys(_problem(model, problem, where) for problem in error.errors()))
+        more = f"; and {len(problems) - PROBLEMS} more such faults" if len(problems) > PROBLEMS else ""
+        raise ConfigError("; ".join(problems[:PROBLEMS]) + more) from None
+
+
+def _problem(model: type[BaseModel], problem: Any, where: str) -> str:
+    prefix = f"{where} " if where.endswith(":") else f"{where}."
+    key = prefix + ".".join(map(str, problem["loc"])) if problem["loc"] else where.rstrip(":")
+    if problem["type"] == "extra_forbidden":
+        known = ", ".join(name for name in model.model_fields if name != "kind")
+        return f"unknown key {key}" + (f" (known: {known})" if len(problem["loc"]) == 1 else "")
+    if problem["type"] == "missing":
+        return f"{key} is missing"
+    if isinstance(cause := problem.get("ctx", {}).get("error"), Exception):
+        return str(cause) if isinstance(cause, SalframeError) else f"{key}: {cause}"
+    return f"{key}: received {problem['input']!r}, expected {problem['msg'].removeprefix('Input should be ')}"
+
+
+def read_yaml(path: Path) -> dict[str, Any]:
+    """A YAML mapping; an optional `base:` names another file, relative to this one, whose keys it overrides."""
+    try:
+        content = yaml.safe_load(path.read_text())
+    except OSError as error:
+        raise ConfigError(f"cannot read {path}: {error.strerror}") from None
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path} is not YAML: {' '.join(str(error).split())}") from None
+    if not isinstance(content, dict):
+        raise ConfigError(f"{path} holds {type(content).__name__}, expected a mapping")
+    base = content.pop("base", None)
+    return content if base is None else merge(read_yaml(path.parent / base), content)
+
+
+def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
+    """`base` with the keys of `over` laid on top, mapping by mapping. Another `kind` drops the settings of the old one."""
+    if "kind" in over and over["kind"] != base.get("kind", over["kind"]):
+        return dict(over)
+    merged = dict(base)
+    for key, value in over.items():
+        old = merged.get(key)
+        if isinstance(old, str) and isinstance(value, Mapping):
+            old = {"kind": old}
+        if isinstance(old, Mapping) and isinstance(value, str):
+            value = {"kind": value}
+        merged[key] = merge(old, value) if isinstance(old, Mapping) and isinstance(value, Mapping) else value
+    return merged
+
+
+def parse_override(text: str) -> tuple[tuple[str, ...], Any]:
+    """`key.path=value` as the path and the value read as YAML."""
+    path, equals, value = text.partition("=")
+    if not equals or not all(path.split(".")):
+        raise ConfigError(f"received --set {text!r}, expected key.path=value")
+    try:
+        return tuple(path.split(".")), yaml.safe_load(value)
+    except yaml.YAMLError:
+        raise ConfigError(f"--set {text!r}: the value is not YAML") from None
+
+
+def nest(path: Iterable[str], value: Any) -> dict[str, Any]:
+    """The mapping that holds `value` under a dotted path."""
+    for key in reversed(tuple(path)):
+        value = {key: value}
+    return value

@@ -1,0 +1,20 @@
+"""Names that stand where a caller gives none: one YAML file, configs/defaults.yaml."""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+import yaml
+
+
+@cache
+def defaults() -> dict[str, Any]:
+    """All of them, by key."""
+    return yaml.safe_load(files("salframe.configs").joinpath("defaults.yaml").read_text())
+
+
+def default_of(key: str) -> Any:
+    """The name, or the names, that stand for `key` where none is given."""
+    return defaults()[key]

@@ -1,0 +1,53 @@
+"""Errors a user can cause. Each message is one line: what was received, what was expected, what to do."""
+
+from __future__ import annotations
+
+
+class SalframeError(Exception):
+    """Base of every error the command line prints as one line instead of a traceback."""
+
+
+class ConfigError(SalframeError):
+    """A configuration has an unknown key or a value of the wrong kind."""
+
+
+class UnknownName(SalframeError):
+    """No component, preset or dataset has this name."""
+
+
+class PluginFailed(SalframeError):
+    """The package that would provide a component could not be imported."""
+
+
+class RequirementMissing(SalframeError):
+    """A component needs a package that is not installed."""
+
+
+class WeightsMissing(SalframeError):
+    """A network's weights are not at hand."""
+
+
+class DataError(SalframeError):
+    """A dataset, image or manifest is missing, empty or malformed."""
+
+
+class InputMissing(SalframeError):
+    """A method needs something (colour, range, annotations) that a panorama does not have."""
+
+
+class InvalidAnswer(SalframeError):
+    """A component answered what no component of its role may answer."""
+
+
+class NoRoute(SalframeError):
+    """Two nodes of a topological map are not connected."""
+
+
+FRAME_ERRORS = (DataError, InputMissing)
+"""What is wrong with a frame, not with the method that looks at it."""
+
+
+def describe_error(error: BaseException) -> str:
+    """An exception in one line."""
+    text = str(error) if isinstance(error, SalframeError) else f"{type(error).__name__}: {error}"
+    return " ".join(text.split())

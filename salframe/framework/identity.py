@@ -1,0 +1,87 @@
+"""What a configured component is known by: settings, versions, and the content of the files it reads. Follows from how
+it is declared."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pydantic import BaseModel
+from pydantic_core import core_schema, to_jsonable_python
+
+from salframe.framework.config import ComponentConfig
+from salframe.framework.files import file_sha256
+
+if sys.platform == "win32":
+    from pathlib import WindowsPath as _Path
+else:
+    from pathlib import PosixPath as _Path
+
+if TYPE_CHECKING:
+    from pydantic import GetCoreSchemaHandler
+
+
+class UserFile(_Path):
+    """A setting that names a file or folder of the user's: its content, not its name, is part of the identity."""
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
+        paths = core_schema.union_schema([core_schema.str_schema(min_length=1), core_schema.is_instance_schema(Path)])
+        return core_schema.no_info_after_validator_function(
+            cls, paths, serialization=core_schema.to_string_ser_schema()
+        )
+
+
+def identity(config: ComponentConfig, *, describing: bool = False) -> dict[str, Any]:
+    """What a configured component is known by: role, name, version, settings (those of its slots included), the sha256
+    of every UserFile among them and of the weights in use.
+
+    `describing`: without the settings that matter to matching only, so what a description of a panorama depends on.
+    """
+    component = config.component
+    known = {"role": component.role, "name": component.name, "version": component.version}
+    weights = [file.sha256 for used in component.weights_in_use(config) for file in used.files]
+    return {**known, "settings": _settings(config, describing), **({"weights": weights} if weights else {})}
+
+
+def _settings(model: BaseModel, describing: bool) -> dict[str, Any]:
+    chosen = {}
+    for name, field in type(model).model_fields.items():
+        extra = field.json_schema_extra
+        matters_to_matching = isinstance(extra, Mapping) and bool(extra.get("match_only"))
+        if name != "kind" and not (describing and matters_to_matching):
+            chosen[name] = _value(getattr(model, name), describing)
+    return chosen
+
+
+def _value(value: Any, describing: bool) -> Any:
+    if isinstance(value, ComponentConfig):
+        return identity(value, describing=describing)
+    if isinstance(value, BaseModel):
+        return _settings(value, describing)
+    if isinstance(value, UserFile):
+        return content_sha256(value) or str(value)
+    if isinstance(value, Mapping):
+        return {str(key): _value(part, describing) for key, part in value.items()}
+    if isinstance(value, tuple | list):
+        return [_value(part, describing) for part in value]
+    return to_jsonable_python(value)
+
+
+def content_sha256(path: Path) -> str | None:
+    """Sha256 (hex) of a file, or of the names and contents of all files in a folder; None where there is neither."""
+    if path.is_file():
+        return file_sha256(path)
+    if not path.is_dir():
+        return None
+    inside = sorted(file for file in path.rglob("*") if file.is_file())
+    return digest([[file.relative_to(path).as_posix(), file_sha256(file)] for file in inside])
+
+
+def digest(value: Any) -> str:
+    """Sha256 (hex) of a JSON-serialisable value, the same for the same content."""
+    return hashlib.sha256(json.dumps(value, sort_keys=True, separators=(",", ":")).encode()).hexdigest()

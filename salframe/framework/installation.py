@@ -1,0 +1,103 @@
+"""What is installed, what is missing, and what did not load."""
+
+from __future__ import annotations
+
+import os
+import platform
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from salframe.framework.cache import cache_home
+from salframe.framework.errors import SalframeError
+from salframe.framework.registry import Failure, registry
+from salframe.framework.weights import list_weights
+
+
+def environment() -> dict[str, Any]:
+    """Versions of salframe and what it needs, the components at hand, and the machine."""
+    requirements = [
+        text for text in metadata.requires("salframe") or [] if not re.search(r"extra == .(test|docs)", text)
+    ]
+    packages = ["salframe", *(match.group() for text in requirements if (match := re.match(r"[\w.-]+", text)))]
+    return {
+        "python": platform.python_version(),
+        "packages": {name: version for name in packages if (version := installed_version(name))},
+        "plugins": [
+            {"role": component.role, "name": component.name, "version": component.version, "package": package}
+            for component, package in registry()
+        ],
+        "machine": {"platform": platform.platform(), "processor": platform.machine(), "cpus": os.cpu_count()},
+    }
+
+
+def installed_version(package: str) -> str | None:
+    """The version of an installed distribution, None where it is not installed."""
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return None
+
+
+@dataclass(frozen=True)
+class ComponentStatus:
+    """A registered component; `missing` says why it cannot run here with its default settings, None where it can."""
+
+    role: str
+    name: str
+    version: str
+    package: str
+    summary: str
+    missing: str | None
+
+
+def list_components() -> Iterator[ComponentStatus]:
+    """Every registered component by role and name. Imports nothing that a component would import to run."""
+    for component, package in registry():
+        missing = None
+        try:
+            component.check(component.Config())
+        except SalframeError as error:
+            missing = str(error)
+        summary = (component.__doc__ or "").strip().partition("\n")[0]
+        yield ComponentStatus(component.role, component.name, component.version, package, summary, missing)
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The state of an installation.
+
+    environment: see `environment`; failures: plugins that did not load; weights: name -> what is missing, None where
+    they are at hand.
+    """
+
+    environment: dict[str, Any]
+    failures: tuple[Failure, ...]
+    cache: Path
+    cache_bytes: int
+    weights: dict[str, str | None]
+
+    @property
+    def healthy(self) -> bool:
+        """Whether every plugin loaded. Weights that are not at hand are no fault."""
+        return not self.failures
+
+
+def diagnose() -> Diagnosis:
+    """Look at the installation. Changes nothing."""
+    weights: dict[str, str | None] = {}
+    for entry in list_weights(registry()):
+        try:
+            entry.paths()
+            weights[entry.name] = None
+        except SalframeError as error:
+            weights[entry.name] = str(error)
+    return Diagnosis(environment(), tuple(registry().failures), cache_home(), folder_bytes(cache_home()), weights)
+
+
+def folder_bytes(folder: Path) -> int:
+    """Bytes of all files in a folder and the folders in it; 0 where there is none."""
+    return sum(os.stat(os.path.join(root, name)).st_size for root, _, names in os.walk(folder) for name in names)

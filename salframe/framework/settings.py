@@ -1,0 +1,68 @@
+"""A configuration as rows to read: every setting with its value, default, type and help."""
+
+from __future__ import annotations
+
+import types
+import typing
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+from salframe.framework.config import ComponentConfig
+
+BOUNDS = {"ge": "at least", "gt": "over", "le": "at most", "lt": "under"}
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One setting: its dotted key as `--set` takes it, its value, its default, its type, and its help.
+
+    Of a slot, value and default are names of components and the type is their role; the settings of the component in it
+    come next.
+    """
+
+    key: str
+    value: Any
+    default: Any
+    type: str
+    help: str
+
+
+def list_settings(config: BaseModel, prefix: str = "") -> Iterator[Setting]:
+    """The settings of a configuration and of what is nested in it. Values are as in YAML."""
+    plain = config.model_dump(mode="json")
+    defaults = type(config).model_construct().model_dump(mode="json", warnings=False)
+    for name, field in type(config).model_fields.items():
+        if name == "kind":
+            continue
+        key, value, help = prefix + name, getattr(config, name), field.description or ""
+        if isinstance(value, ComponentConfig):
+            yield Setting(key, value.kind, defaults[name]["kind"], value.component.role, help)
+        elif not isinstance(value, BaseModel):
+            yield Setting(key, plain[name], defaults.get(name), _type(field), help)
+        if isinstance(value, BaseModel):
+            yield from list_settings(value, f"{key}.")
+
+
+def _type(field: FieldInfo) -> str:
+    bounds = [
+        f"{words} {getattr(rule, bound):g}"
+        for rule in field.metadata
+        for bound, words in BOUNDS.items()
+        if hasattr(rule, bound)
+    ]
+    return ", ".join([_spell(field.annotation), *bounds])
+
+
+def _spell(annotation: Any) -> str:
+    origin, arguments = typing.get_origin(annotation), typing.get_args(annotation)
+    if origin is typing.Literal:
+        return " | ".join(map(str, arguments))
+    if origin in (typing.Union, types.UnionType):
+        return " | ".join("null" if argument is type(None) else _spell(argument) for argument in arguments)
+    if origin is not None:
+        return f"{_spell(origin)}[{', '.join('...' if argument is Ellipsis else _spell(argument) for argument in arguments)}]"
+    return getattr(annotation, "__name__", str(annotation))

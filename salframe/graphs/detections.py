@@ -1,0 +1,60 @@
+"""What a detector finds: objects with labels, scores and boxes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from salframe.framework.arrays import check_array
+from salframe.framework.errors import DataError
+
+
+@dataclass(frozen=True, eq=False)
+class Detections:
+    """Objects seen in one panorama, in the panorama frame.
+
+    labels: N names; scores (N,) float64 in [0, 1]; centroid_m, size_m (N, 3) float64, the centroid and the length,
+    width, height of the upright box; yaw_rad (N,) float64, azimuth of the box's length, modulo pi; points_m: N arrays
+    (n_i, 3) float32 behind the masks, or None where only boxes are known. A centroid whose range is not known is NaN.
+    """
+
+    labels: tuple[str, ...]
+    scores: np.ndarray
+    centroid_m: np.ndarray
+    size_m: np.ndarray
+    yaw_rad: np.ndarray
+    points_m: tuple[np.ndarray, ...] | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "labels", tuple(self.labels))
+        n = len(self.labels)
+        scores = check_array(self, "scores", np.float64, n)
+        outside = scores[~((scores >= 0) & (scores <= 1))]
+        if len(outside):
+            raise DataError(f"Detections.scores holds {outside[0]}, expected numbers from 0 to 1")
+        check_array(self, "centroid_m", np.float64, n, 3)
+        check_array(self, "size_m", np.float64, n, 3)
+        check_array(self, "yaw_rad", np.float64, n)
+        if self.points_m is not None and len(self.points_m) != n:
+            raise DataError(f"Detections.points_m holds {len(self.points_m)} point sets, expected {n}")
+
+    def __len__(self) -> int:
+        return len(self.labels)
+
+    def take(self, index) -> Detections:
+        """The detections at these positions, in this order."""
+        index = np.asarray(index, int)
+        points = None if self.points_m is None else tuple(self.points_m[i] for i in index)
+        return Detections(
+            tuple(self.labels[i] for i in index),
+            self.scores[index],
+            self.centroid_m[index],
+            self.size_m[index],
+            self.yaw_rad[index],
+            points,
+        )
+
+    @classmethod
+    def empty(cls) -> Detections:
+        return cls((), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))

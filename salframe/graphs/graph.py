@@ -1,0 +1,126 @@
+"""The 360-degree saliency graph G = (N, E, S): which objects become nodes, and which nodes are in context (method.md
+2)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from pydantic import Field
+
+from salframe.framework.arrays import check_array
+from salframe.framework.config import Settings
+from salframe.framework.errors import DataError
+from salframe.graphs.detections import Detections
+
+
+@dataclass(frozen=True, eq=False)
+class SaliencyGraph:
+    """A place as a 360-degree saliency graph (method.md 2): salient objects and the context between them.
+
+    labels: N names; scores (N,) float64 in [0, 1], the detector's; saliency (N,) float64, shares of volume; centroid_m,
+    size_m (N, 3) and yaw_rad (N,) float64 in the panorama frame; edges (E, 2) int64 with edges[:, 0] < edges[:, 1].
+    """
+
+    labels: tuple[str, ...]
+    scores: np.ndarray
+    saliency: np.ndarray
+    centroid_m: np.ndarray
+    size_m: np.ndarray
+    yaw_rad: np.ndarray
+    edges: np.ndarray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "labels", tuple(self.labels))
+        n = len(self.labels)
+        check_array(self, "scores", np.float64, n)
+        check_array(self, "saliency", np.float64, n)
+        check_array(self, "centroid_m", np.float64, n, 3)
+        check_array(self, "size_m", np.float64, n, 3)
+        check_array(self, "yaw_rad", np.float64, n)
+        edges = check_array(self, "edges", np.int64, None, 2)
+        if len(edges) and not (edges[:, 0].min() >= 0 and (edges[:, 0] < edges[:, 1]).all() and edges[:, 1].max() < n):
+            raise DataError(f"SaliencyGraph.edges must be pairs a < b of nodes below {n}")
+
+    def __len__(self) -> int:
+        return len(self.labels)
+
+    @cached_property
+    def azimuth_rad(self) -> np.ndarray:
+        """(N,) azimuth of the centroids, counter-clockwise from +x."""
+        return np.arctan2(self.centroid_m[:, 1], self.centroid_m[:, 0])
+
+    @cached_property
+    def polar_rad(self) -> np.ndarray:
+        """(N,) angle of the centroids from +z (the paper's phi)."""
+        return np.arctan2(np.hypot(self.centroid_m[:, 0], self.centroid_m[:, 1]), self.centroid_m[:, 2])
+
+    @cached_property
+    def range_m(self) -> np.ndarray:
+        """(N,) distance of the centroids."""
+        return np.linalg.norm(self.centroid_m, axis=1)
+
+    @cached_property
+    def weights(self) -> np.ndarray:
+        """(E,) edge weights w_ab = sqrt(S_a S_b)."""
+        return np.sqrt(self.saliency[self.edges[:, 0]] * self.saliency[self.edges[:, 1]])
+
+    @cached_property
+    def adjacency(self) -> np.ndarray:
+        """(N, N) bool, symmetric."""
+        matrix = np.zeros((len(self), len(self)), bool)
+        matrix[self.edges[:, 0], self.edges[:, 1]] = matrix[self.edges[:, 1], self.edges[:, 0]] = True
+        return matrix
+
+
+class GraphConfig(Settings):
+    """Which objects become nodes and which nodes are in context."""
+
+    min_share: float = Field(0.0, ge=0, le=1, description="least saliency (share of volume) of a node")
+    top_k: int | None = Field(None, ge=1, description="keep the k most salient objects at most; null: all")
+    extent: Literal["mean", "max"] = Field("mean", description="l of Eq. 1: mean or largest box dimension")
+    distance: Literal["surface", "centroid"] = Field(
+        "surface", description="d_s of Eq. 1: between the upright boxes or the centroids"
+    )
+
+
+def build_graph(detections: Detections, saliency: np.ndarray, config: GraphConfig) -> SaliencyGraph:
+    """The saliency graph of detections with known positions and their saliency (N,).
+
+    Nodes run from the most to the least salient; E(a, b) = 1 iff min(l_a, l_b) > d_s(a, b) (paper Eq. 1).
+    """
+    keep = np.flatnonzero((saliency >= config.min_share) & np.isfinite(detections.centroid_m).all(1))
+    # Ties are broken by position, not by order of detection, which turning the panorama changes.
+    keep = keep[np.lexsort((detections.centroid_m[keep, 2], -saliency[keep]))][: config.top_k]
+    chosen, saliency = detections.take(keep), saliency[keep]
+    extent = chosen.size_m.mean(1) if config.extent == "mean" else chosen.size_m.max(1, initial=0)
+    distance = box_distances(chosen) if config.distance == "surface" else _centroid_distances(chosen.centroid_m)
+    a, b = np.triu_indices(len(chosen), 1)
+    linked = np.minimum(extent[a], extent[b]) > distance[a, b]
+    edges = np.column_stack([a[linked], b[linked]])
+    return SaliencyGraph(
+        chosen.labels, chosen.scores, saliency, chosen.centroid_m, chosen.size_m, chosen.yaw_rad, edges
+    )
+
+
+def _centroid_distances(centroid_m: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(centroid_m[:, None] - centroid_m[None], axis=2)
+
+
+def box_distances(detections: Detections) -> np.ndarray:
+    """(N, N) float64 metres between the surfaces of the upright boxes, 0 where they touch or overlap."""
+    import shapely
+
+    c, s = np.cos(detections.yaw_rad), np.sin(detections.yaw_rad)
+    along = np.stack([c, s], 1) * detections.size_m[:, :1] / 2
+    across = np.stack([-s, c], 1) * detections.size_m[:, 1:2] / 2
+    corners = detections.centroid_m[:, None, :2] + np.stack(
+        [along + across, along - across, -along - across, across - along], 1
+    )
+    footprint = shapely.polygons(corners) if len(corners) else np.empty(0, object)
+    flat = shapely.distance(footprint[:, None], footprint[None])
+    z, half = detections.centroid_m[:, 2], detections.size_m[:, 2] / 2
+    gap = np.maximum(np.abs(z[:, None] - z[None]) - half[:, None] - half[None], 0)
+    return np.hypot(flat, gap)

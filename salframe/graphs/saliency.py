@@ -1,0 +1,20 @@
+"""The role `saliency`: how much an object stands out (method.md 2)."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+
+import numpy as np
+
+from salframe.framework.component import Role
+from salframe.graphs.detections import Detections
+
+
+class SaliencyModel(Role):
+    """Scores how much an object stands out."""
+
+    role = "saliency"
+
+    @abstractmethod
+    def score(self, detections: Detections) -> np.ndarray:
+        """(N,) float64, a share: non-negative, summing to 1 where there is any object."""

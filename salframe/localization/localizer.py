@@ -1,0 +1,195 @@
+"""The role that `compare` knows: a panorama in, ranked places and a pose out."""
+
+from __future__ import annotations
+
+import time
+from abc import abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from salframe.framework.cache import Cache
+from salframe.framework.component import Role
+from salframe.framework.errors import DataError, InputMissing
+from salframe.framework.files import read_arrays, read_json, write_arrays, write_json
+from salframe.framework.identity import identity
+from salframe.localization.answers import Localization, NodeMatches, PointMatches, RankedPlace
+from salframe.panoramas.frames import FrameKind, MapFrame, QueryFrame
+from salframe.panoramas.panorama import Panorama
+
+Description = Mapping[str, np.ndarray]
+"""What a localizer remembers of one panorama: named arrays (no object dtype), so that it can be cached, saved and
+weighed."""
+
+MAP, MAP_FORMAT = "map.json", 1
+
+
+class Localizer(Role):
+    """Answers where a panorama was taken, from a map of described places.
+
+    A localizer writes three hooks: `describe` a panorama, `index` the descriptions of the map, `match` a description
+    against it. Map building, answering, caching, timing, saving and loading are the same for all.
+    """
+
+    role = "localizer"
+    presets = "methods"
+    word = "method"
+    column_step: ClassVar[int] = 1
+    """Turning the panorama by a multiple of this many columns turns the pose and nothing else."""
+    turn_tolerance_m: ClassVar[float] = 1e-4
+    """How far the pose may then move (metres), and be off the turn (radians: metres at an object 1 m away)."""
+
+    @property
+    @abstractmethod
+    def needs(self) -> frozenset[str]:
+        """Which of "rgb", "range", "annotations" a panorama must have."""
+
+    @abstractmethod
+    def describe(self, panorama: Panorama) -> Description:
+        """What this method remembers of a panorama. Must not change its input."""
+
+    @abstractmethod
+    def index(self, descriptions: Sequence[Description], frames: Sequence[MapFrame]) -> None:
+        """Take the map in: one description and one MapFrame (id, place, pose) a mapping frame."""
+
+    @abstractmethod
+    def match(self, description: Description) -> Localization:
+        """Answer for one described query. Failing to localize is a status, never an exception."""
+
+    def correspond(self, query: Description, reference: Description) -> PointMatches | NodeMatches | None:
+        """What it takes for the same in two panoramas, whatever map it holds; None from a method that matches neither
+        points nor objects."""
+        return None
+
+    def describe_identity(self) -> dict[str, Any]:
+        """What `describe` depends on besides the panorama: the settings that are not `match_only`, and the weights."""
+        return identity(self.config, describing=True)
+
+    def scene_bytes(self, description: Description) -> int:
+        """Bytes that one place costs in the map."""
+        return sum(array.nbytes for array in description.values())
+
+    def describe_frame(
+        self, frame: MapFrame | QueryFrame, cache: Cache | None = None, dataset: str = ""
+    ) -> tuple[Description, float]:
+        """The description of a frame and the seconds it took when it was computed, loading the panorama not counted.
+
+        With a cache, `dataset` (its fingerprint) and the frame's id stand for the panorama. Raises InputMissing,
+        DataError.
+        """
+        if cache is not None:
+            key = {"dataset": dataset, "frame": frame.id, "describe": self.describe_identity()}
+            known = cache.get(key)
+            if known is not None:
+                return known
+        panorama = frame.load()
+        absent = sorted(self.needs - panorama.provides)
+        if absent:
+            raise InputMissing(f"{self.name} needs {' and '.join(absent)}, which {frame.id} does not have")
+        start = time.perf_counter()
+        description = self.describe(panorama)
+        seconds = time.perf_counter() - start
+        if cache is not None:
+            cache.put(key, description, seconds)
+        return description, seconds
+
+    def build(
+        self,
+        frames: Sequence[MapFrame],
+        cache: Cache | None = None,
+        dataset: str = "",
+        progress: Callable[[int, int], None] | None = None,
+    ) -> None:
+        """Describe the mapping frames and index them. Raises DataError where there is none."""
+        if not frames:
+            raise DataError("a map needs at least one mapping frame, received none")
+        descriptions = []
+        for done, frame in enumerate(frames):
+            if progress:
+                progress(done, len(frames))
+            descriptions.append(self.describe_frame(frame, cache, dataset)[0])
+        self.take_map(descriptions, frames)
+        if progress:
+            progress(len(frames), len(frames))
+
+    def take_map(self, descriptions: Sequence[Description], frames: Sequence[MapFrame]) -> None:
+        """Index described frames and remember them for `save`."""
+        self._descriptions, self._frames = list(descriptions), list(frames)
+        self.index(self._descriptions, self._frames)
+
+    def localize(self, frame: MapFrame | QueryFrame) -> Localization:
+        """Where the frame was taken. Raises InputMissing, DataError on a frame that cannot be described."""
+        return self.match(self.describe_frame(frame)[0])
+
+    def save(self, directory: Path) -> None:
+        """Write the map: map.json (frames, poses, this localizer's settings) and its descriptions, each file
+        atomically."""
+        directory.mkdir(parents=True, exist_ok=True)
+        self.write_descriptions(directory, self._descriptions)
+        frames = [
+            {"id": f.id, "place": f.place, "kind": f.kind, "T_world_pano": f.T_world_pano.tolist()}
+            for f in self._frames
+        ]
+        settings = self.config.model_dump(mode="json")
+        write_json(
+            directory / MAP, {"format": MAP_FORMAT, "version": self.version, "localizer": settings, "frames": frames}
+        )
+
+    def load(self, directory: Path) -> None:
+        """Read a map that `save` wrote. Raises DataError on another format, method or version."""
+        content = read_json(directory / MAP)
+        try:
+            if content["format"] != MAP_FORMAT:
+                raise DataError(f"{directory} has map format {content['format']}, expected {MAP_FORMAT}")
+            if (content["localizer"]["kind"], content["version"]) != (self.name, self.version):
+                made = f"{content['localizer']['kind']} {content['version']}"
+                raise DataError(f"{directory} was made by {made}, expected {self.name} {self.version}: build it again")
+            frames = [
+                MapFrame(f["id"], f["place"], np.array(f["T_world_pano"], float), FrameKind(f["kind"]))
+                for f in content["frames"]
+            ]
+        except KeyError as error:
+            raise DataError(f"{directory / 'map.json'} has no key {error}") from None
+        self.take_map(self.read_descriptions(directory, len(frames)), frames)
+
+    def write_descriptions(self, directory: Path, descriptions: Sequence[Description]) -> None:
+        """Write the map's descriptions: one compressed array archive, unless overridden."""
+        arrays = {
+            f"{i}/{name}": array for i, description in enumerate(descriptions) for name, array in description.items()
+        }
+        write_arrays(directory / "descriptions.npz", arrays)
+
+    def read_descriptions(self, directory: Path, count: int) -> Sequence[Description]:
+        """Read what `write_descriptions` wrote, `count` descriptions in order."""
+        descriptions: list[dict[str, np.ndarray]] = [{} for _ in range(count)]
+        for key, array in read_arrays(directory / "descriptions.npz").items():
+            position, _, name = key.partition("/")
+            descriptions[int(position)][name] = array
+        return descriptions
+
+
+def rank_places(
+    frames: Sequence[MapFrame], scores: np.ndarray, T_world_query: np.ndarray | None = None
+) -> tuple[RankedPlace, ...]:
+    """The places of scored frames, best first, each by its best frame; ties keep the order of the map. scores (K,),
+    -inf: no candidate.
+
+    Where the best frame is a transition and the pose is known, the scene frame nearest to the pose comes first with
+    that score: a doorway lies between places, and the pose tells which of them the query stands in.
+    """
+    order = [int(i) for i in np.argsort(-scores, kind="stable") if np.isfinite(scores[i])]
+    value = scores.astype(np.float64)
+    if T_world_query is not None and order and frames[order[0]].kind is FrameKind.TRANSITION:
+        scenes = [i for i, frame in enumerate(frames) if frame.kind is FrameKind.SCENE]
+        if scenes:
+            nearest = min(
+                scenes, key=lambda i: float(np.linalg.norm(frames[i].T_world_pano[:3, 3] - T_world_query[:3, 3]))
+            )
+            value[nearest] = value[order[0]]
+            order = [nearest, *(i for i in order if i != nearest)]
+    ranked: dict[str, RankedPlace] = {}
+    for i in order:
+        ranked.setdefault(frames[i].place, RankedPlace(frames[i].id, frames[i].place, float(value[i])))
+    return tuple(ranked.values())

@@ -1,0 +1,48 @@
+"""The role `positioner`: where one graph's frame lies in another's (method.md 4)."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from salframe.framework.component import Role
+
+
+class PoseStatus(StrEnum):
+    """Whether there is a pose, or why not."""
+
+    OK = "ok"
+    TOO_FEW = "too-few"
+    DEGENERATE = "degenerate"
+    AMBIGUOUS = "ambiguous"
+    INCONSISTENT = "inconsistent"
+
+
+@dataclass(frozen=True)
+class PoseEstimate:
+    """The query's frame in the reference frame.
+
+    T_reference_query (4, 4) or None where `status` is not OK; covariance (3, 3) of (x_m, y_m, yaw_rad) for SE(2),
+    (6, 6) for SE(3), or None; inliers (M,) bool over the given pairs; `runner_up` the support of the next best pose
+    divided by that of this one, in [0, 1].
+    """
+
+    T_reference_query: np.ndarray | None
+    status: PoseStatus
+    covariance: np.ndarray | None
+    inliers: np.ndarray
+    runner_up: float = 0.0
+
+
+class Positioner(Role):
+    """Estimates where one graph's frame lies in another's from matched nodes."""
+
+    role = "positioner"
+
+    @abstractmethod
+    def solve(self, query_m: np.ndarray, reference_m: np.ndarray, weights: np.ndarray | None = None) -> PoseEstimate:
+        """Pose of the query frame in the reference frame, from matched points query_m, reference_m (M, 3) and weights
+        (M,) or None (equal)."""

@@ -1,0 +1,76 @@
+"""The map on disk: built with a localizer, opened again, and asked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+
+from salframe.framework.cache import Cache
+from salframe.framework.config import parse_override, validate
+from salframe.framework.defaults import default_of
+from salframe.framework.errors import ConfigError, DataError
+from salframe.framework.files import read_json
+from salframe.framework.presets import Overrides, configure, settings, short_name
+from salframe.framework.registry import registry
+from salframe.localization.localizer import MAP, Localizer
+from salframe.panoramas.dataset import Dataset
+from salframe.panoramas.opening import Progress, configure_dataset, mapping_frames, open_dataset
+
+TOPOLOGY = "topology.json"
+"""What makes a folder a topological map; it may hold the map of a localizer too."""
+
+
+def build_map(
+    data: str | None,
+    output: Path,
+    method: str | None = None,
+    *,
+    data_dir: Path | None = None,
+    overrides: Sequence[str] = (),
+    progress: Progress | None = None,
+) -> Localizer:
+    """Describe a dataset's mapping frames with a method and save the map to the folder `output`.
+
+    Raises ConfigError where `output` holds something else than a map.
+    """
+    check_output(output)
+    name, dataset, localizer = prepare(data, method, data_dir, overrides, progress)
+    localizer.build(mapping_frames(dataset), Cache(), dataset.fingerprint, progress and partial(progress, name))
+    localizer.save(output)
+    return localizer
+
+
+def check_output(output: Path) -> None:
+    """Raises ConfigError where a folder to write a map to holds something else than a map."""
+    is_map = any((output / name).exists() for name in (MAP, TOPOLOGY))
+    if output.exists() and not is_map and (not output.is_dir() or any(output.iterdir())):
+        raise ConfigError(f"{output} holds something else than a map: name a new folder, or remove it")
+
+
+def prepare(
+    data: str | None, method: str | None, data_dir: Path | None, overrides: Sequence[str], progress: Progress | None
+) -> tuple[str, Dataset, Localizer]:
+    """A method's short name, the prepared dataset, and the method's localizer, with overrides for both."""
+    asked = default_of("map_method") if method is None else method
+    name, content = short_name(asked), settings("localizer", asked)
+    given = Overrides(map(parse_override, overrides), {name: content}, scopes=("data",))
+    localizer: Localizer = registry().build("localizer", configure("localizer", name, content, given.methods[name]))
+    data_name, config = configure_dataset(data, data_dir, given.scopes["data"])
+    return name, open_dataset(config, progress and partial(progress, data_name)), localizer
+
+
+def open_map(directory: Path) -> Localizer:
+    """The localizer of a saved map, ready to localize.
+
+    Raises DataError where `directory` is no map, UnknownName without its localizer.
+    """
+    content = read_json(directory / MAP)
+    try:
+        saved = content["localizer"]
+        model = registry().get("localizer", saved["kind"]).Config
+    except (KeyError, TypeError):
+        raise DataError(f"{directory / MAP} names no localizer: build the map again") from None
+    localizer: Localizer = registry().build("localizer", validate(model, saved, f"{directory}:"))
+    localizer.load(directory)
+    return localizer

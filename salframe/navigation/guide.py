@@ -1,0 +1,86 @@
+"""The shortest way along a chart's map, from anywhere to a node."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+
+from salframe.framework.config import ComponentConfig
+from salframe.framework.errors import NoRoute
+from salframe.framework.registry import registry
+from salframe.navigation.chart import Chart
+from salframe.topology.planner import Planner
+from salframe.topology.topological_map import MapEdge, MapNode, NodeKind, TopologicalMap
+
+
+@dataclass(frozen=True, eq=False)
+class Way:
+    """A way to walk: its length in metres and its corners (K, 3) on the floor, the first the node it joins the map at,
+    the last its goal."""
+
+    length_m: float
+    corners_m: np.ndarray
+
+
+class Guide:
+    """A planner (of this configuration) on the map of a chart, for those who stand between its nodes."""
+
+    def __init__(self, chart: Chart, planner: ComponentConfig) -> None:
+        self.chart, self.planner = chart, planner
+        self._planner: Planner = registry().build("planner", planner)
+        map = straighten(chart.map)
+        self._planner.prepare(map)
+        self._point_m = {node.id: np.array(node.xyz_m) for node in map.nodes}
+
+    @cached_property
+    def roomy(self) -> Guide:
+        """The guide on the chart with room to spare."""
+        return Guide(self.chart.roomy(), self.planner)
+
+    def way(self, position_m: np.ndarray, goal: str) -> Way:
+        """The shortest way from a position (3,): straight to a node in reach, then along the map. Raises NoRoute."""
+        names = list(self._point_m)
+        straight_m = (
+            self.chart.reach(position_m, np.array(list(self._point_m.values()))) if goal in names else np.zeros(0)
+        )
+        best = None
+        for number in np.argsort(straight_m, kind="stable"):
+            if straight_m[number] >= (np.inf if best is None else best.length_m):
+                break
+            try:
+                route = self._planner.route(names[number], goal)
+            except NoRoute:
+                continue
+            length_m = float(straight_m[number]) + route.length_m
+            if best is None or length_m < best.length_m:
+                best = Way(length_m, np.array([self._point_m[name] for name in route.nodes]))
+        if best is None:
+            x, y, _ = position_m
+            raise NoRoute(f"no way leads from ({x:.2f}, {y:.2f}) m to {goal}")
+        return best
+
+
+def straighten(map: TopologicalMap) -> TopologicalMap:
+    """The map with a node at each corner of its edges, so that all edges are straight: one may join an edge at its
+    corners too."""
+    nodes, edges = list(map.nodes), []
+    z_m = {node.id: node.xyz_m[2] for node in nodes}
+    for edge in map.edges:
+        if not edge.path_m:
+            edges.append(edge)
+            continue
+        names = [edge.start, *(f"{edge.start} > {edge.end} > {k}" for k in range(1, len(edge.path_m) - 1)), edge.end]
+        nodes += [
+            MapNode(name, NodeKind.CORNER, (x, y, z_m[edge.start]), ())
+            for name, (x, y) in zip(names[1:-1], edge.path_m[1:-1], strict=True)
+        ]
+        for (start, a), (end, b) in pairwise(zip(names, edge.path_m, strict=True)):
+            edges.append(
+                MapEdge(
+                    start, end, float(np.hypot(b[0] - a[0], b[1] - a[1])), float(np.arctan2(b[1] - a[1], b[0] - a[0]))
+                )
+            )
+    return replace(map, nodes=tuple(nodes), edges=tuple(edges))

@@ -1,0 +1,1 @@
+"""Panoramas and where they come from: geometry, perspective views, data sets, the folder format, annotations."""

@@ -1,0 +1,56 @@
+"""The role `dataset`: where panoramas come from."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from salframe.framework.component import Role
+from salframe.framework.errors import InputMissing
+from salframe.panoramas.floors import FloorMasks
+from salframe.panoramas.frames import Fold, Truth
+from salframe.panoramas.panorama import Panorama
+
+MANIFEST = "manifest.json"
+"""What makes a folder of panoramas a data set (panoramas/folder_format.py)."""
+
+
+class Dataset(Role):
+    """Panoramas with poses for mapping, panoramas without for queries, and the truth that only the evaluator asks for."""
+
+    role = "dataset"
+    presets = "data"
+
+    @property
+    @abstractmethod
+    def provides(self) -> frozenset[str]:
+        """Which of "rgb", "range", "annotations" its panoramas have."""
+
+    @property
+    @abstractmethod
+    def fingerprint(self) -> str:
+        """Changes whenever any frame's content or any truth does; part of every cache key."""
+
+    def prepare(self, progress: Callable[[int, int], None]) -> None:
+        """Do what takes long and can be resumed (render, index) before the first fold; `progress(done, total)`."""
+
+    @abstractmethod
+    def folds(self) -> Sequence[Fold]:
+        """Each fold: mapping frames with poses and query frames without. Most sets have one, leave-one-out has many."""
+
+    @abstractmethod
+    def truth(self, query_id: str) -> Truth:
+        """The pose and place of a query. Only the evaluator calls it."""
+
+    def floors(self) -> Sequence[FloorMasks]:
+        """The floors seen from above; none where the set has no masks."""
+        return ()
+
+    def observe(self, T_world_pano: np.ndarray) -> Panorama:
+        """The panorama that a query would show at this pose (4, 4), for data sets that can render.
+
+        Raises InputMissing in those that cannot.
+        """
+        raise InputMissing(f"{self.name} cannot render: it has panoramas at its own frames only")

@@ -1,0 +1,64 @@
+"""`folder`: panoramas in the open folder format."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pydantic import Field
+
+from salframe.framework.config import ComponentConfig
+from salframe.framework.errors import DataError
+from salframe.panoramas.dataset import Dataset
+from salframe.panoramas.floors import FloorMasks
+from salframe.panoramas.frames import Fold, Truth
+
+if TYPE_CHECKING:
+    from salframe.panoramas.folder_format import Folder
+
+
+class FolderDataset(Dataset):
+    """Your own panoramas: a folder with a manifest.json (docs/reference/folder-format.md)."""
+
+    name = "folder"
+    version = "1"
+
+    class Config(ComponentConfig):
+        root: Path | None = Field(None, description="the folder with the manifest.json")
+
+    @property
+    def root(self) -> Path:
+        """The folder that is read."""
+        if self.config.root is None:
+            raise DataError(
+                f"{self.name} needs the folder of a dataset: name it instead of '{self.name}', or give --data-dir DIR"
+            )
+        return self.config.root
+
+    @cached_property
+    def _folder(self) -> Folder:
+        from salframe.panoramas.folder_format import Folder
+
+        return Folder(self.root)
+
+    @property
+    def provides(self) -> frozenset[str]:
+        return self._folder.provides
+
+    @property
+    def fingerprint(self) -> str:
+        return self._folder.fingerprint
+
+    def folds(self) -> Sequence[Fold]:
+        entries = self._folder.manifest.frames
+        mapping = tuple(self._folder.map_frame(entry) for entry in entries if entry.role != "query")
+        queries = tuple(self._folder.query_frame(entry) for entry in entries if entry.role == "query")
+        return [Fold(self.root.name, mapping, queries)]
+
+    def truth(self, query_id: str) -> Truth:
+        return self._folder.truth(query_id)
+
+    def floors(self) -> Sequence[FloorMasks]:
+        return self._folder.floors()

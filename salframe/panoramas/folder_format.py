@@ -1,0 +1,313 @@
+"""The folder format: a manifest, panoramas as images, and what is known about them. See
+docs/reference/folder-format.md."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from pydantic import BaseModel, Field, PositiveFloat, field_validator, model_validator
+
+from salframe.framework.config import Settings, validate
+from salframe.framework.errors import ConfigError, DataError
+from salframe.framework.files import atomic_path, read_json, write_json
+from salframe.panoramas import images
+from salframe.panoramas.dataset import MANIFEST
+from salframe.panoramas.floors import FloorMasks
+from salframe.panoramas.frames import FrameKind, MapFrame, QueryFrame, Truth
+from salframe.panoramas.geometry import is_rigid
+from salframe.panoramas.panorama import Annotations, Panorama
+
+PARTS = ("rgb", "range", "instances", "valid")
+"""Image files that a frame may have."""
+
+
+def _rigid(pose: tuple[float, ...] | None) -> tuple[float, ...] | None:
+    if pose is not None and not is_rigid(np.array(pose).reshape(4, 4), 1e-3):
+        expected = "16 numbers row by row: rotation and shift, then 0 0 0 1"
+        raise ValueError(f"the pose is no rigid motion, expected {expected}")
+    return pose
+
+
+Pose = Field(None, min_length=16, max_length=16, description="T_world_pano, 4 x 4 row by row, metres")
+
+
+class FrameEntry(Settings):
+    """A panorama in the manifest: its image files relative to the folder; pose and place of mapping frames only."""
+
+    id: str = Field(min_length=1)
+    role: Literal["map", "transition", "query"]
+    rgb: str | None = None
+    range: str | None = None
+    instances: str | None = None
+    valid: str | None = None
+    place: str | None = None
+    pose: tuple[float, ...] | None = Pose
+    _pose = field_validator("pose")(_rigid)
+
+    @model_validator(mode="after")
+    def _belongs_together(self) -> FrameEntry:
+        known = self.pose is not None, self.place is not None
+        if self.role == "query" and any(known):
+            raise ValueError(
+                f"the query {self.id} has a pose or place in the manifest, expected them in the truth file"
+            )
+        if self.role != "query" and not all(known):
+            raise ValueError(f"the {self.role} frame {self.id} has no {'place' if known[0] else 'pose'}")
+        if not (self.rgb or self.range or self.instances):
+            raise ValueError(f"the frame {self.id} names no image, expected rgb, range or instances")
+        return self
+
+
+class FloorEntry(Settings):
+    """A floor in the manifest: masks as PNG files, laid out as types.FloorMasks says; `regions` names the places of the
+    region labels."""
+
+    free: str
+    region: str
+    obstacle: str
+    resolution_m: PositiveFloat
+    origin_m: tuple[float, float]
+    regions: dict[int, str]
+    z_m: float = 0.0
+
+
+class Manifest(Settings):
+    """manifest.json."""
+
+    format: Literal["salframe-folder"]
+    version: Literal[1]
+    frames: tuple[FrameEntry, ...]
+    truth: str | None = None
+    objects: str | None = None
+    floors: tuple[FloorEntry, ...] = ()
+    rendered: bool = False
+
+    @model_validator(mode="after")
+    def _frames_differ(self) -> Manifest:
+        seen: set[str] = set()
+        for frame in self.frames:
+            if frame.id in seen:
+                raise ValueError(f"two frames have the id {frame.id}")
+            seen.add(frame.id)
+        if not any(frame.role != "query" for frame in self.frames):
+            raise ValueError(
+                f"the manifest has {len(self.frames)} frames and none to map with, expected at least one of role map"
+            )
+        if any(frame.instances for frame in self.frames) and self.objects is None:
+            raise ValueError("frames have instance images, but `objects` names no table with their labels")
+        return self
+
+
+class TruthEntry(Settings):
+    """What is true of a query, in the truth file."""
+
+    place: str
+    pose: tuple[float, ...] | None = Pose
+    instances: tuple[int, ...] = ()
+    _pose = field_validator("pose")(_rigid)
+
+
+class TruthFile(Settings):
+    """The truth file: an entry a query."""
+
+    queries: dict[str, TruthEntry]
+
+
+class Folder:
+    """A folder in the format, read on demand. Raises DataError on whatever is missing or malformed, in one line."""
+
+    def __init__(self, root: Path):
+        if not (root / MANIFEST).exists():
+            raise DataError(f"{root} is no dataset folder: it has no {MANIFEST}")
+        self.root = root
+        self.manifest: Manifest = self._checked(Manifest, MANIFEST)
+
+    def _checked(self, model: type[BaseModel], name: str):
+        content = read_json(self.root / name)
+        if not isinstance(content, Mapping):
+            raise DataError(f"{self.root / name} holds {type(content).__name__}, expected an object")
+        try:
+            return validate(model, content, f"{self.root / name}:")
+        except ConfigError as error:
+            raise DataError(str(error)) from None
+
+    @property
+    def provides(self) -> frozenset[str]:
+        """Which of "rgb", "range", "annotations" every frame has."""
+        parts = {"rgb": "rgb", "range": "range", "annotations": "instances"}
+        return frozenset(
+            name for name, part in parts.items() if all(getattr(frame, part) for frame in self.manifest.frames)
+        )
+
+    @cached_property
+    def labels(self) -> dict[int, str]:
+        """Instance id -> label, from the table of objects."""
+        return {} if self.manifest.objects is None else read_labels(self.root / self.manifest.objects)
+
+    @cached_property
+    def _truth(self) -> dict[str, TruthEntry]:
+        return {} if self.manifest.truth is None else self._checked(TruthFile, self.manifest.truth).queries
+
+    def truth(self, query_id: str) -> Truth:
+        """The truth of a query."""
+        try:
+            entry = self._truth[query_id]
+        except KeyError:
+            raise DataError(
+                f"{self.root / (self.manifest.truth or MANIFEST)} has no truth of the query {query_id!r}"
+            ) from None
+        return Truth(entry.place, pose_matrix(entry.pose), entry.instances)
+
+    def map_frame(self, entry: FrameEntry) -> MapFrame:
+        """A mapping frame of the manifest; its images are read when it is loaded."""
+        kind = FrameKind.TRANSITION if entry.role == "transition" else FrameKind.SCENE
+        pose, place = pose_matrix(entry.pose), entry.place
+        if pose is None or place is None:
+            raise DataError(f"{self.root / MANIFEST}: the {entry.role} frame {entry.id} has no pose or no place")
+        return MapFrame(entry.id, place, pose, kind, partial(self.load, entry))
+
+    def query_frame(self, entry: FrameEntry) -> QueryFrame:
+        """A query of the manifest; its images are read when it is loaded."""
+        return QueryFrame(entry.id, partial(self.load, entry))
+
+    def load(self, frame: FrameEntry) -> Panorama:
+        """A frame's panorama."""
+        instances = self._part(frame.instances, images.read_ids)
+        return Panorama(
+            frame.id,
+            rgb=self._part(frame.rgb, images.read_color),
+            range_m=self._part(frame.range, images.read_range),
+            valid=self._part(frame.valid, images.read_mask),
+            annotations=None
+            if instances is None
+            else Annotations(instances, self.labels, rendered=self.manifest.rendered),
+        )
+
+    def _part(self, name: str | None, read):
+        return None if name is None else read(self.root / name)
+
+    def floors(self) -> list[FloorMasks]:
+        """The floor masks."""
+        floors = []
+        for floor in self.manifest.floors:
+            free, obstacle = (images.read_mask(self.root / name) for name in (floor.free, floor.obstacle))
+            region = images.read_ids(self.root / floor.region)
+            if not free.shape == obstacle.shape == region.shape:
+                shapes = ", ".join(f"{image.shape[1]} x {image.shape[0]}" for image in (free, region, obstacle))
+                raise DataError(
+                    f"{self.root}: the masks free, region and obstacle of a floor are {shapes}, expected one size"
+                )
+            floors.append(
+                FloorMasks(free, region, obstacle, floor.resolution_m, floor.origin_m, floor.regions, floor.z_m)
+            )
+        return floors
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """Sha256 of the content of every file that the manifest names, and of the manifest."""
+        names = [MANIFEST, *(name for name in (self.manifest.truth, self.manifest.objects) if name)]
+        names += [name for floor in self.manifest.floors for name in (floor.free, floor.region, floor.obstacle)]
+        names += [name for frame in self.manifest.frames for part in PARTS if (name := getattr(frame, part))]
+        content = hashlib.sha256()
+        for name in names:
+            try:
+                content.update(hashlib.sha256((self.root / name).read_bytes()).digest())
+            except OSError as error:
+                raise DataError(f"cannot read {self.root / name}: {error.strerror}") from None
+        return content.hexdigest()
+
+
+def pose_matrix(pose: Sequence[float] | None) -> np.ndarray | None:
+    """(4, 4) float64 of 16 numbers row by row."""
+    return None if pose is None else np.array(pose, np.float64).reshape(4, 4)
+
+
+def read_labels(path: Path) -> dict[int, str]:
+    """Instance id -> label from a Parquet table with the columns instance_id and label. Raises DataError."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        table = pq.read_table(path)
+    except OSError as error:
+        raise DataError(f"cannot read {path}: {error.strerror or error}") from None
+    except pa.ArrowInvalid:
+        raise DataError(f"{path} is no Parquet table") from None
+    absent = {"instance_id", "label"} - set(table.column_names)
+    if absent:
+        raise DataError(f"{path} has no column {' and no column '.join(sorted(absent))}")
+    return dict(zip(table["instance_id"].to_pylist(), table["label"].to_pylist(), strict=True))
+
+
+def write_objects(path: Path, columns: Mapping[str, Sequence]) -> None:
+    """Write the table of objects: instance_id, label and whatever else is known, a row an object."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    with atomic_path(path) as temporary:
+        pq.write_table(pa.table(dict(columns)), temporary)
+
+
+def write_floor(root: Path, name: str, masks: FloorMasks) -> FloorEntry:
+    """Write the masks of a floor as `name`-free.png and so on; returns its manifest entry."""
+    entry = FloorEntry(
+        free=f"{name}-free.png",
+        region=f"{name}-region.png",
+        obstacle=f"{name}-obstacle.png",
+        resolution_m=masks.resolution_m,
+        origin_m=masks.origin_m,
+        regions=dict(masks.regions),
+        z_m=masks.z_m,
+    )
+    images.write_mask(root / entry.free, masks.free)
+    images.write_ids(root / entry.region, masks.region)
+    images.write_mask(root / entry.obstacle, masks.obstacle)
+    return entry
+
+
+def write_panorama(
+    root: Path,
+    frame: FrameEntry,
+    rgb: np.ndarray | None = None,
+    range_m: np.ndarray | None = None,
+    instance_id: np.ndarray | None = None,
+) -> None:
+    """Write the images of a frame to the files that its entry names; each appears whole or not at all."""
+    if frame.range and range_m is not None:
+        images.write_range(root / frame.range, range_m)
+    if frame.instances and instance_id is not None:
+        images.write_ids(root / frame.instances, instance_id)
+    if frame.rgb and rgb is not None:
+        images.write_color(root / frame.rgb, rgb)
+
+
+def is_written(root: Path, frame: FrameEntry) -> bool:
+    """Whether all images of a frame are there."""
+    return all((root / name).exists() for part in PARTS if (name := getattr(frame, part)))
+
+
+def write_manifest(
+    root: Path,
+    frames: Sequence[FrameEntry],
+    truth: Mapping[str, TruthEntry],
+    objects: str | None = None,
+    floors: Sequence[FloorEntry] = (),
+    rendered: bool = False,
+) -> None:
+    """Write truth.json and then manifest.json, which makes the folder a dataset: write it last."""
+    write_json(root / "truth.json", TruthFile(queries=dict(truth)).model_dump(mode="json", exclude_none=True))
+    manifest = Manifest(
+        format="salframe-folder",
+        version=1,
+        frames=tuple(frames),
+        truth="truth.json",
+        objects=objects,
+        floors=tuple(floors),
+        rendered=rendered,
+    )
+    write_json(root / MANIFEST, manifest.model_dump(mode="json", exclude_none=True))

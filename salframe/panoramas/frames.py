@@ -1,0 +1,63 @@
+"""Panoramas on demand: those that a map is made from, and those that it is asked about."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from salframe.framework.errors import DataError
+from salframe.panoramas.panorama import Panorama
+
+
+class FrameKind(StrEnum):
+    """What a mapping frame shows: a place of its own, or the doorway between two."""
+
+    SCENE = "scene"
+    TRANSITION = "transition"
+
+
+def _no_panorama() -> Panorama:
+    raise DataError("a frame of a saved map holds no panorama: only what its method remembers of it")
+
+
+@dataclass(frozen=True, eq=False)
+class MapFrame:
+    """A mapping frame: its id, its place, where it stands, T_world_pano (4, 4) float64, and what it shows.
+
+    `load` gives its panorama; frames of a saved map have none, and raise DataError.
+    """
+
+    id: str
+    place: str
+    T_world_pano: np.ndarray
+    kind: FrameKind = FrameKind.SCENE
+    load: Callable[[], Panorama] = _no_panorama
+
+
+@dataclass(frozen=True, eq=False)
+class QueryFrame:
+    """A panorama to localize: its id and `load`, which gives it. Where it was taken is the data set's truth."""
+
+    id: str
+    load: Callable[[], Panorama]
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What only the evaluator sees of a query: pose (4, 4) or None, place, ids of the visible instances."""
+
+    place: str
+    T_world_pano: np.ndarray | None = None
+    instances: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
+class Fold:
+    """One map and the queries asked of it."""
+
+    id: str
+    mapping: tuple[MapFrame, ...]
+    queries: tuple[QueryFrame, ...]

@@ -1,0 +1,102 @@
+"""Frames and pixels: the equirectangular image and rigid motions.
+
+World and panorama frames are right-handed, z up, metres; the panorama looks along +x, y is to its left (ROS REP-103).
+Pixel centres lie at +0.5; azimuth grows to the left, counter-clockwise seen from above.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+
+def wrap_angle(angle_rad):
+    """Angles brought into [-pi, pi), float64, the shape of the input."""
+    return (np.asarray(angle_rad, np.float64) + np.pi) % (2 * np.pi) - np.pi
+
+
+def column_azimuth(width: int) -> np.ndarray:
+    """(W,) float64 azimuth_rad of the pixel columns of an equirectangular image of this width."""
+    return np.pi - 2 * np.pi * (np.arange(width) + 0.5) / width
+
+
+def row_elevation(height: int) -> np.ndarray:
+    """(H,) float64 elevation_rad of the pixel rows of an equirectangular image of this height."""
+    return np.pi / 2 - np.pi * (np.arange(height) + 0.5) / height
+
+
+@lru_cache(maxsize=4)
+def equirectangular_rays(height: int) -> np.ndarray:
+    """(H, 2H, 3) float32 unit vectors in the panorama frame through the pixel centres; read-only, shared between calls."""
+    azimuth, elevation = column_azimuth(2 * height), row_elevation(height)
+    rays = np.empty((height, 2 * height, 3), np.float32)
+    rays[..., 0] = np.cos(elevation)[:, None] * np.cos(azimuth)
+    rays[..., 1] = np.cos(elevation)[:, None] * np.sin(azimuth)
+    rays[..., 2] = np.sin(elevation)[:, None]
+    rays.flags.writeable = False
+    return rays
+
+
+def rays_to_pixels(rays: np.ndarray, height: int) -> tuple[np.ndarray, np.ndarray]:
+    """Where directions (..., 3) in the panorama frame (any length) fall on an equirectangular image.
+
+    Returns float64 (column, row) in pixels, the centre of the first pixel at (0.5, 0.5); column in [0, 2H).
+    """
+    rays = np.asarray(rays, np.float64)
+    azimuth = np.arctan2(rays[..., 1], rays[..., 0])
+    elevation = np.arctan2(rays[..., 2], np.hypot(rays[..., 0], rays[..., 1]))
+    column = (np.pi - azimuth) * height / np.pi % (2 * height)
+    return column, (np.pi / 2 - elevation) * height / np.pi
+
+
+def sample_nearest(image: np.ndarray, bearings: np.ndarray) -> np.ndarray:
+    """(K, ...) values of an equirectangular image (H, 2H, ...) at the pixels that bearings (K, 3) fall on."""
+    height = image.shape[0]
+    columns, rows = rays_to_pixels(bearings, height)
+    return image[np.minimum(rows.astype(int), height - 1), columns.astype(int) % (2 * height)]
+
+
+def pose_2d(x_m: float, y_m: float, yaw_rad: float, z_m: float = 0.0) -> np.ndarray:
+    """(4, 4) float64 rigid motion of an upright frame: yaw about +z, then the shift (x, y, z)."""
+    pose = np.eye(4)
+    c, s = np.cos(yaw_rad), np.sin(yaw_rad)
+    pose[:2, :2] = [[c, -s], [s, c]]
+    pose[:3, 3] = x_m, y_m, z_m
+    return pose
+
+
+def pose_yaw(pose: np.ndarray) -> float:
+    """Yaw_rad of a (4, 4) pose: the azimuth of its x axis."""
+    return float(np.arctan2(pose[1, 0], pose[0, 0]))
+
+
+def invert_pose(pose: np.ndarray) -> np.ndarray:
+    """(4, 4) inverse of a rigid motion."""
+    inverse = np.eye(4)
+    inverse[:3, :3] = pose[:3, :3].T
+    inverse[:3, 3] = -pose[:3, :3].T @ pose[:3, 3]
+    return inverse
+
+
+def transform_points(pose: np.ndarray, points_m: np.ndarray) -> np.ndarray:
+    """(..., 3) points moved by a (4, 4) rigid motion."""
+    return points_m @ pose[:3, :3].T + pose[:3, 3]
+
+
+def pose_errors(estimate: np.ndarray, truth: np.ndarray) -> tuple[float, float]:
+    """Translation error in metres and rotation error (angle of the residual rotation, [0, pi]) in radians."""
+    residual = estimate[:3, :3].T @ truth[:3, :3]
+    sine = np.linalg.norm(residual - residual.T) / (2 * np.sqrt(2))
+    rotation = np.arctan2(sine, (np.trace(residual) - 1) / 2)
+    return float(np.linalg.norm(estimate[:3, 3] - truth[:3, 3])), float(rotation)
+
+
+def is_rigid(pose: object, tolerance: float = 1e-6) -> bool:
+    """Whether this is a (4, 4) rigid motion, its numbers within a tolerance."""
+    matrix = np.asarray(pose)
+    if matrix.shape != (4, 4) or matrix.dtype.kind not in "iuf" or not np.isfinite(matrix).all():
+        return False
+    turn = matrix[:3, :3]
+    upright = np.allclose(turn @ turn.T, np.eye(3), atol=tolerance) and np.linalg.det(turn) > 0
+    return bool(upright and np.allclose(matrix[3], (0, 0, 0, 1), atol=tolerance))

@@ -1,0 +1,117 @@
+"""The .house file of a Matterport3D building: its regions, its objects, and where its panoramas were taken."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from salframe.framework.errors import DataError
+
+_NAME_LENGTH = 32
+"""Panoramas are named by 32 hexadecimal digits; a P line whose name is shorter is a portal."""
+
+
+@dataclass(frozen=True, eq=False)
+class Region:
+    """A room of the building: its index in the file, the level it is on, the letter of its kind, the corners (3,) of
+    its box, and its outlines on the floor, each (n, 2), metres in the world frame. A file without outlines gives the
+    box's."""
+
+    index: int
+    level: int
+    kind: str
+    low_m: np.ndarray
+    high_m: np.ndarray
+    outlines_m: tuple[np.ndarray, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class StandingPoint:
+    """Where a panorama was taken: (3,) metres in the world frame, and the index of its region, None where it stands in
+    none."""
+
+    region: int | None
+    position_m: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class HouseObject:
+    """An annotated object: its index in the file, its label, its category among Matterport's forty, and its oriented
+    box in the world: centre (3,) in metres, axes (3, 3) one a row, half extents (3,) in metres along them."""
+
+    index: int
+    label: str
+    category: str
+    centre_m: np.ndarray
+    axes: np.ndarray
+    half_m: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class HouseFile:
+    """Regions and objects in the order of the file, and the panoramas by name."""
+
+    regions: tuple[Region, ...]
+    objects: tuple[HouseObject, ...]
+    panoramas: dict[str, StandingPoint]
+
+
+def read_house(path: Path) -> HouseFile:
+    """Read a .house file (data_organization.md of the Matterport3D release). Raises DataError where it is missing,
+    malformed or empty."""
+    try:
+        lines = [line.split() for line in path.read_text().splitlines()]
+    except OSError as error:
+        raise DataError(
+            f"cannot read {path}: {error.strerror} (house_segmentations of the Matterport3D release)"
+        ) from None
+    except UnicodeDecodeError:
+        raise DataError(f"{path} is no .house file: it is not text") from None
+    try:
+        regions, objects = tuple(_regions(lines)), tuple(_objects(lines))
+        panoramas = {
+            words[1]: StandingPoint(int(words[3]) if int(words[3]) >= 0 else None, np.array(words[5:8], float))
+            for words in lines
+            if words[:1] == ["P"] and len(words[1]) == _NAME_LENGTH
+        }
+    except (IndexError, ValueError) as error:
+        raise DataError(f"{path} is no .house file: {error}") from None
+    if not regions:
+        raise DataError(f"{path} has no region, expected lines that begin with R")
+    return HouseFile(regions, objects, panoramas)
+
+
+def _regions(lines: list[list[str]]) -> Iterator[Region]:
+    surfaces: dict[int, list[int]] = {}
+    corners: dict[int, list[list[float]]] = {}
+    for words in lines:
+        if words[:1] == ["S"]:
+            surfaces.setdefault(int(words[2]), []).append(int(words[1]))
+        elif words[:1] == ["V"]:
+            corners.setdefault(int(words[2]), []).append([float(words[4]), float(words[5])])
+    for words in lines:
+        if words[:1] == ["R"]:
+            index, low, high = int(words[1]), np.array(words[9:12], float), np.array(words[12:15], float)
+            if len(high) < 3:
+                raise ValueError(f"the line of region {index} has {len(words)} words, expected at least 15")
+            outlines = tuple(
+                np.array(corners[surface]) for surface in surfaces.get(index, ()) if len(corners.get(surface, ())) > 2
+            )
+            box = np.array([[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]]])
+            yield Region(index, int(words[2]), words[5], low, high, outlines or (box,))
+
+
+def _objects(lines: list[list[str]]) -> Iterator[HouseObject]:
+    categories = {words[1]: words for words in lines if words[:1] == ["C"]}
+    for words in lines:
+        if words[:1] == ["O"] and words[3] in categories:
+            category = categories[words[3]]
+            first, second = np.array(words[7:10], float), np.array(words[10:13], float)
+            axes = np.stack([first, second, np.cross(first, second)])
+            label = category[3].replace("#", " ").strip().lower()
+            yield HouseObject(
+                int(words[1]), label, category[5], np.array(words[4:7], float), axes, np.array(words[13:16], float)
+            )

@@ -1,0 +1,88 @@
+"""Images of the folder format: colour as JPEG or PNG, range and instance ids as 16-bit PNG, masks as PNG."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from salframe.framework.errors import DataError
+from salframe.framework.files import atomic_path
+
+_ENCODING = {
+    ".png": [cv2.IMWRITE_PNG_COMPRESSION, 2],
+    ".jpg": [cv2.IMWRITE_JPEG_QUALITY, 93],
+    ".jpeg": [cv2.IMWRITE_JPEG_QUALITY, 93],
+}
+_MILLIMETRES = 1000
+_MOST = np.iinfo(np.uint16).max
+
+
+def read_color(path: Path) -> np.ndarray:
+    """(H, W, 3) uint8 RGB. Raises DataError."""
+    return cv2.cvtColor(_read(path, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
+
+
+def write_color(path: Path, rgb: np.ndarray) -> None:
+    """Write (H, W, 3) uint8 RGB as JPEG or PNG, by the path's suffix."""
+    _write(path, cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))
+
+
+def read_range(path: Path) -> np.ndarray:
+    """(H, W) float32 metres, NaN where the file has 0. Raises DataError where it is no 16-bit grey image."""
+    millimetres = read_ids(path)
+    return np.where(millimetres > 0, millimetres / np.float32(_MILLIMETRES), np.float32(np.nan)).astype(np.float32)
+
+
+def write_range(path: Path, range_m: np.ndarray) -> None:
+    """Write (H, W) range in metres as 16-bit millimetres; NaN and what 16 bits cannot hold (65.5 m) become 0."""
+    millimetres = np.round(np.nan_to_num(range_m.astype(np.float64)) * _MILLIMETRES)
+    _write(path, np.where(millimetres <= _MOST, millimetres, 0).astype(np.uint16))
+
+
+def read_ids(path: Path) -> np.ndarray:
+    """(H, W) int32 of a 16-bit grey image. Raises DataError."""
+    image = _read(path, cv2.IMREAD_UNCHANGED)
+    if image.dtype != np.uint16 or image.ndim != 2:
+        channels = 1 if image.ndim == 2 else image.shape[2]
+        raise DataError(f"{path} has {channels} channel(s) of {8 * image.itemsize} bits, expected one of 16 bits")
+    return image.astype(np.int32)
+
+
+def write_ids(path: Path, ids: np.ndarray) -> None:
+    """Write (H, W) ids as a 16-bit grey image. Raises DataError on ids outside 0 to 65535."""
+    if ids.min(initial=0) < 0 or ids.max(initial=0) > _MOST:
+        raise DataError(f"{path}: ids from {ids.min()} to {ids.max()}, expected 0 to {_MOST}")
+    _write(path, ids.astype(np.uint16))
+
+
+def read_mask(path: Path) -> np.ndarray:
+    """(H, W) bool, true where the image is not black. Raises DataError."""
+    return _read(path, cv2.IMREAD_GRAYSCALE) > 0
+
+
+def write_mask(path: Path, mask: np.ndarray) -> None:
+    """Write (H, W) bool as 0 and 255."""
+    _write(path, mask.astype(np.uint8) * 255)
+
+
+def _read(path: Path, mode: int) -> np.ndarray:
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise DataError(f"cannot read {path}: {error.strerror}") from None
+    # About a PNG that was cut short, libpng would write a line of its own to stderr.
+    cut = content.startswith(b"\x89PNG") and b"IEND" not in content
+    image = cv2.imdecode(np.frombuffer(content, np.uint8), mode) if content and not cut else None
+    if image is None:
+        raise DataError(f"{path} is no readable image ({len(content)} bytes), expected a JPEG or PNG that is whole")
+    return image
+
+
+def _write(path: Path, image: np.ndarray) -> None:
+    if path.suffix.lower() not in _ENCODING:
+        raise DataError(f"cannot write {path}, expected a name that ends in {', '.join(_ENCODING)}")
+    with atomic_path(path) as temporary:
+        if not cv2.imwrite(str(temporary), image, _ENCODING[path.suffix.lower()]):
+            raise DataError(f"cannot write {path}")

@@ -1,0 +1,107 @@
+"""Data sets and their frames by name: a preset, a data set, a YAML file, or a folder of panoramas."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from salframe.framework.config import ComponentConfig, merge, parse_override
+from salframe.framework.defaults import default_of
+from salframe.framework.errors import DataError, UnknownName
+from salframe.framework.files import read_json
+from salframe.framework.presets import SUFFIXES, configure, names, nest_for, settings, short_name
+from salframe.framework.registry import registry, unknown
+from salframe.panoramas.dataset import MANIFEST, Dataset
+from salframe.panoramas.folder import FolderDataset
+from salframe.panoramas.frames import MapFrame, QueryFrame
+
+Progress = Callable[[str, int, int], None]
+"""progress(what, done, total): `what` is a data set's name while it is prepared, or a method's label."""
+
+
+def configure_dataset(
+    data: str | None, data_dir: Path | None, overrides: Sequence[Mapping[str, Any]] = ()
+) -> tuple[str, ComponentConfig]:
+    """The short name and the configuration of a data set: `data` is a preset, a data set, a YAML file, or a folder with
+    a manifest.json, the default data set where it is None; `data_dir` sets its `root`.
+    """
+    data = default_of("data") if data is None else data
+    folder = Path(data)
+    if (folder / MANIFEST).exists():
+        name, content = folder.resolve().name, {"kind": FolderDataset.name, "root": str(folder.resolve())}
+    elif not data.endswith(SUFFIXES) and data not in names("dataset") and (folder.is_dir() or "/" in data):
+        known = ", ".join(names("dataset"))
+        raise UnknownName(f"{data} is no dataset: expected a folder with a {MANIFEST}, or one of {known}")
+    else:
+        name, content = short_name(data), settings("dataset", data)
+    if data_dir is not None:
+        content = merge(content, {"root": str(data_dir.resolve())})
+    return name, configure("dataset", name, content, overrides)
+
+
+def open_dataset(config: ComponentConfig, progress: Callable[[int, int], None] | None = None) -> Dataset:
+    """The dataset, prepared: what it renders or indexes is done when this returns."""
+    dataset: Dataset = registry().build("dataset", config)
+    dataset.prepare(progress or (lambda done, total: None))
+    return dataset
+
+
+def find_dataset(
+    data: str | None = None,
+    data_dir: Path | None = None,
+    overrides: Sequence[str] = (),
+    progress: Progress | None = None,
+) -> Dataset:
+    """The prepared dataset of `configure_dataset`; overrides are "data.key=value"."""
+    given = nest_for(map(parse_override, overrides), ("data",))
+    name, config = configure_dataset(data, data_dir, given["data"])
+    return open_dataset(config, progress and partial(progress, name))
+
+
+def mapping_frames(dataset: Dataset) -> list[MapFrame]:
+    """The mapping frames of all folds, each once."""
+    return list({frame.id: frame for fold in dataset.folds() for frame in fold.mapping}.values())
+
+
+def find_frame(dataset: Dataset, name: str) -> MapFrame | QueryFrame:
+    """The query or mapping frame of this id. Raises UnknownName with the closest one."""
+    frames: dict[str, MapFrame | QueryFrame] = {}
+    for fold in dataset.folds():
+        frames |= {frame.id: frame for frame in (*fold.mapping, *fold.queries)}
+    if name not in frames:
+        raise UnknownName(unknown("frame", name, list(frames)))
+    return frames[name]
+
+
+def find_image(path: Path) -> tuple[Path, str]:
+    """The folder with a manifest.json that an image lies in, and the id of the frame it belongs to. Raises DataError."""
+    path = path.resolve()
+    folder = next((parent for parent in path.parents if (parent / MANIFEST).exists()), None)
+    if folder is None:
+        raise DataError(
+            f"{path} lies in no folder with a {MANIFEST}, expected one that says what frame the image belongs to"
+        )
+    image = path.relative_to(folder).as_posix()
+    for entry in read_json(folder / MANIFEST)["frames"]:
+        if image in entry.values():
+            return folder, entry["id"]
+    raise DataError(f"{folder / MANIFEST} has no frame with the image {image}")
+
+
+def open_frame(
+    name: str,
+    data: str | None = None,
+    data_dir: Path | None = None,
+    overrides: Sequence[str] = (),
+    progress: Progress | None = None,
+) -> MapFrame | QueryFrame:
+    """The frame of this id in a dataset; without one, the frame that the image at this path belongs to.
+
+    Raises DataError, UnknownName.
+    """
+    if data is None:
+        folder, name = find_image(Path(name))
+        data = str(folder)
+    return find_frame(find_dataset(data, data_dir, overrides, progress), name)

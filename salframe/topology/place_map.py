@@ -1,0 +1,98 @@
+"""A topological map and the map of a method in one folder: built together, asked together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+from salframe.framework.cache import Cache
+from salframe.framework.errors import DataError, NoRoute
+from salframe.framework.files import atomic_folder
+from salframe.localization.answers import Localization
+from salframe.localization.saved_map import check_output, open_map, prepare
+from salframe.panoramas.frames import MapFrame, QueryFrame
+from salframe.panoramas.geometry import pose_yaw
+from salframe.panoramas.opening import Progress, mapping_frames
+from salframe.topology.build import TopologySettings, build_topology
+from salframe.topology.planner import Route
+from salframe.topology.routes import HERE, find_route, with_position
+from salframe.topology.store import read_topology, write_topology
+from salframe.topology.topological_map import TopologicalMap
+
+
+def build_topological_map(
+    data: str | None,
+    output: Path,
+    method: str | None = None,
+    *,
+    choose: bool = False,
+    data_dir: Path | None = None,
+    overrides: Sequence[str] = (),
+    progress: Progress | None = None,
+) -> TopologicalMap:
+    """Make the topological map of a dataset's floors and the map of a method, and save both to the folder `output`,
+    which appears whole.
+
+    `choose`: one scene node where each region is widest, rather than where mapping frames stand. A dataset without
+    mapping frames gives the topological map alone. Raises DataError on a dataset without floors, ConfigError where
+    `output` holds something else than a map.
+    """
+    check_output(output)
+    name, dataset, localizer = prepare(data, method, data_dir, overrides, progress)
+    floors, frames = dataset.floors(), mapping_frames(dataset)
+    if not floors:
+        raise DataError(
+            f"{dataset.name} has no floor masks, expected a dataset that has: salframe build makes a map without a topology"
+        )
+    topology = build_topology(floors, frames, TopologySettings(choose=choose))
+    with atomic_folder(output) as folder:
+        write_topology(folder, topology)
+        if frames:
+            localizer.build(frames, Cache(), dataset.fingerprint, progress and partial(progress, name))
+            localizer.save(folder)
+    return topology
+
+
+@dataclass(frozen=True)
+class Whereabouts:
+    """What a map makes of a panorama: the localizer's answer, the nearest node, how far it is to walk there (None
+    without a pose), the heading (azimuth of the panorama's x axis, None without a pose), and the route to a goal where
+    one was asked for."""
+
+    localization: Localization
+    node: str | None
+    distance_m: float | None = None
+    heading_rad: float | None = None
+    route: Route | None = None
+
+
+def ask_map(
+    directory: Path, frame: MapFrame | QueryFrame, goal: str | None = None, planner: str | None = None
+) -> Whereabouts:
+    """Localize a frame with a map that `build_topological_map` wrote, find the nearest node, and plan the route to a
+    node or place.
+
+    With a pose the route begins there, at the node `here`; without, at the node of the map frame that answered. Raises
+    DataError, UnknownName on a goal that is not on the map, NoRoute where none leads there or the frame is not
+    localized.
+    """
+    topology = read_topology(directory)
+    answer = open_map(directory).localize(frame)
+    if answer.T_world_query is not None:
+        topology = with_position(topology, answer.T_world_query[:3, 3])
+        near = min((edge for edge in topology.edges if edge.start == HERE), key=lambda edge: edge.length_m)
+        found = Whereabouts(answer, near.end, near.length_m, pose_yaw(answer.T_world_query))
+        start: str | None = HERE
+    else:
+        answered = answer.places[0].frame if answer.places else None
+        start = next((node.id for node in topology.nodes if answered in node.frames), None)
+        found = Whereabouts(answer, start)
+    if goal is None:
+        return found
+    if start is None:
+        raise NoRoute(
+            f"no route from {frame.id} to {goal}: {frame.id} was not localized at a node of the map (status {answer.status})"
+        )
+    return replace(found, route=find_route(topology, start, goal, planner))
