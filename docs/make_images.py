@@ -9,12 +9,12 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib import patheffects
 from matplotlib.axes import Axes
+from salframe.evaluation.compare import compare
+from salframe.evaluation.evaluate import measure
 from salframe_house.frames import choose_frames
 from salframe_house.render import Renderer
 from salframe_house.rendering import buildings
 
-from salframe.evaluation.compare import compare
-from salframe.evaluation.evaluate import measure
 from salframe.evaluation.report import RIGHT, WRONG
 from salframe.evaluation.run import Run
 from salframe.framework.presets import configure, settings

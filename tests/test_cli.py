@@ -12,9 +12,9 @@ import pytest
 import yaml
 from command_line import run
 from rich.console import Console
+from salframe.evaluation.evaluate import COLUMNS
 
 from salframe.cli import tables
-from salframe.evaluation.evaluate import COLUMNS
 from salframe.framework.presets import CONFIGS
 from salframe.framework.registry import registry
 

@@ -9,9 +9,9 @@ import time
 from pathlib import Path
 
 import pytest
-
 from salframe.evaluation.compare import compare, evaluate
 from salframe.evaluation.evaluate import COLUMNS
+
 from salframe.evaluation.run import Run
 from salframe.framework.errors import ConfigError, DataError
 from salframe.localization.answers import Localization

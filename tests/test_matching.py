@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from command_line import run
 from matching_plugin import STEP, turned_by
-
 from salframe.evaluation.compare import compare
+
 from salframe.evaluation.matching import (
     COLUMNS,
     PIXEL_RAD,

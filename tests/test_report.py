@@ -4,7 +4,6 @@ import re
 import xml.etree.ElementTree as ElementTree
 
 import pytest
-
 from salframe.evaluation.compare import compare
 
 

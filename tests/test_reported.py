@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 from command_line import run
-
 from salframe.evaluation.compare import compare
 from salframe.evaluation.evaluate import COLUMNS
+
 from salframe.evaluation.reported import Reported, read_reported
 from salframe.framework.config import validate
 from salframe.framework.errors import ConfigError

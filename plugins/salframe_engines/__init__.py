@@ -29,7 +29,9 @@ class Inline(Engine):
         for item in items:
             try:
                 yield function(item)
-            except Exception as error:
+            except KeyboardInterrupt:
+                raise
+            except BaseException as error:  # SystemExit too: it is the item's, not ours
                 yield error
 
 
@@ -63,7 +65,9 @@ def _alone(function: Callable[[Any], Any], item: Any) -> Any:
             return pool.submit(function, item).result()
     except BrokenProcessPool:
         return SalframeError("its process died: killed, out of memory, or a fault in a library")
-    except Exception as error:
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # SystemExit too: it is the item's, not ours
         return error
 
 

@@ -3,13 +3,48 @@
 from __future__ import annotations
 
 import sys
+from typing import Any
 
+import click
 import typer
+from typer.core import TyperGroup
 
 from salframe.cli import compare, data, detection, inspect, localize, map, matching, navigate, score, weights
+from salframe.cli.output import json_alone
 from salframe.framework.errors import SalframeError
 
+
+class Commands(TyperGroup):
+    """Our commands, and those that plugins bring, which are loaded when they are listed or called."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return [*super().list_commands(ctx), *sorted(_plugin_commands())]
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        own = super().get_command(ctx, cmd_name)
+        return own or _plugin_commands().get(cmd_name)
+
+
+def _plugin_commands() -> dict[str, click.Command]:
+    """The commands of plugins by name; none of ours is replaced."""
+    from salframe.framework.registry import load_commands
+
+    commands, failures = load_commands()
+    for failure in failures:
+        print(f"{failure.plugin} of {failure.package}: its commands failed to load: {failure.reason}", file=sys.stderr)
+    return {name: _as_click(name, command) for name, (command, _) in commands.items()}
+
+
+def _as_click(name: str, command: Any) -> click.Command:
+    if isinstance(command, typer.Typer):
+        return typer.main.get_group(command)
+    alone = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+    alone.command(name)(command)
+    return typer.main.get_command(alone)
+
+
 app = typer.Typer(
+    cls=Commands,
     help="Where am I, and which way do I turn? Localization from one RGB-D panorama, and the baselines to compare with.",
     no_args_is_help=True,
     add_completion=False,
@@ -35,6 +70,7 @@ app.command()(localize.build)
 app.command()(localize.localize)
 app.command()(navigate.navigate)
 app.command()(score.score)
+app.command()(inspect.methods)
 app.command()(inspect.plugins)
 app.command()(inspect.show)
 app.command()(inspect.doctor)
@@ -46,7 +82,8 @@ app.add_typer(weights.app, name="weights")
 def main() -> None:
     """Run the command line; an error that a user can cause is one line on stderr and exit status 2."""
     try:
-        app()
+        with json_alone("--json" in sys.argv):
+            app()
     except SalframeError as error:
         if _debug:
             raise

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import json
-from typing import Annotated
-
 import typer
 
-from salframe.cli.compare import DataDir, Json, Set
+from salframe.cli.options import DataArgument, DataDir, Json, Set
+from salframe.cli.output import print_json
 
 app = typer.Typer(help="Look at datasets, and make the rendered ones.", no_args_is_help=True)
-Data = Annotated[str, typer.Argument(help="A dataset preset, a dataset, or a folder with a manifest.json.")]
 
 
 @app.command("list")
@@ -26,15 +23,15 @@ def list_(as_json: Json = False) -> None:
         [name, kind, summaries.get(kind, "its plugin is not at hand: salframe doctor")] for name, kind in kinds.items()
     ]
     if as_json:
-        print(json.dumps([dict(zip(("name", "kind", "summary"), row, strict=True)) for row in rows], indent=2))
+        print_json([dict(zip(("name", "kind", "summary"), row, strict=True)) for row in rows])
     else:
         print_table(("name", "dataset", ""), rows)
 
 
 @app.command()
-def info(data: Data, data_dir: DataDir = None, overrides: Set = None, as_json: Json = False) -> None:
+def info(data: DataArgument, data_dir: DataDir = None, overrides: Set = None, as_json: Json = False) -> None:
     """Count a dataset's folds, mapping frames, queries and places; renders it where that was not done."""
-    from salframe.cli.tables import Bars
+    from salframe.cli.output import Bars
     from salframe.panoramas.opening import find_dataset, mapping_frames
 
     with Bars() as bars:
@@ -53,16 +50,16 @@ def info(data: Data, data_dir: DataDir = None, overrides: Set = None, as_json: J
         "fingerprint": dataset.fingerprint,
     }
     if as_json:
-        print(json.dumps(facts, indent=2))
+        print_json(facts)
     else:
         for key, value in facts.items():
             print(f"{key.replace('_', ' ')}: {', '.join(value) if isinstance(value, list) else value}")
 
 
 @app.command()
-def render(data: Data, data_dir: DataDir = None, overrides: Set = None) -> None:
+def render(data: DataArgument, data_dir: DataDir = None, overrides: Set = None) -> None:
     """Prepare a dataset now that `compare` would prepare when it first needs it; run it again to resume."""
-    from salframe.cli.tables import Bars
+    from salframe.cli.output import Bars
     from salframe.panoramas.opening import find_dataset
 
     with Bars() as bars:

@@ -1,4 +1,4 @@
-"""plugins, show, doctor: what is installed and how it is set."""
+"""methods, plugins, show, doctor: what is installed and how it is set."""
 
 from __future__ import annotations
 
@@ -8,31 +8,52 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from salframe.cli.compare import Json
+from salframe.cli.options import Json
+from salframe.cli.output import print_json
 
 if TYPE_CHECKING:
     from salframe.framework.settings import Setting
 
 
+def methods(as_json: Json = False) -> None:
+    """List what `--methods` takes, a line each: presets and localizers, whose they are, and what they lack to run."""
+    from salframe.framework.installation import list_names
+
+    found = list(list_names("localizer"))
+    if as_json:
+        print_json([{**dataclasses.asdict(method), "available": method.missing is None} for method in found])
+        return
+    widths = [max((len(getattr(method, key)) for method in found), default=0) for key in ("name", "package")]
+    for method in found:
+        state = "available" if method.missing is None else f"cannot run: {method.missing}"
+        print(f"{method.name:{widths[0]}}  {method.package:{widths[1]}}  {state}")
+
+
 def plugins(as_json: Json = False) -> None:
-    """List every component: its role, name, version, package, and what it lacks to run."""
+    """List every component: its role, name, version, package, and what it lacks to run; presets and commands too."""
     from salframe.cli.tables import print_table
     from salframe.framework.installation import list_components
-    from salframe.framework.registry import registry
+    from salframe.framework.registry import load_commands, registry
 
     components = list(list_components())
-    failures = registry().failures
+    commands, broken = load_commands()
+    failures = [*registry().failures, *broken]
+    presets = [(path.parent.name, path.stem, package) for path, package in registry().preset_files()]
+    brought = [(name, package) for name, (_, package) in commands.items()]
     if as_json:
-        entries = [
-            {**dataclasses.asdict(component), "available": component.missing is None} for component in components
-        ]
-        print(
-            json.dumps(
-                {"components": entries, "failures": [dataclasses.asdict(failure) for failure in failures]}, indent=2
-            )
+        entries = [{**dataclasses.asdict(one), "available": one.missing is None} for one in components]
+        print_json(
+            {
+                "components": entries,
+                "presets": [dict(zip(("folder", "name", "package"), one, strict=True)) for one in presets],
+                "commands": [dict(zip(("name", "package"), one, strict=True)) for one in brought],
+                "failures": [dataclasses.asdict(failure) for failure in failures],
+            }
         )
         return
-    rows = [[c.role, c.name, c.version, c.package, c.missing or "available"] for c in components]
+    rows = [[one.role, one.name, one.version, one.package, one.missing or "available"] for one in components]
+    rows += [[folder, name, "", package, "preset"] for folder, name, package in presets]
+    rows += [["command", name, "", package, "available"] for name, package in brought]
     print_table(("role", "name", "version", "package", ""), rows)
     for failure in failures:
         print(f"{failure.plugin} of {failure.package} failed to load: {failure.reason}")
@@ -42,40 +63,36 @@ def show(
     name: Annotated[str, typer.Argument(help="A method, a dataset, or any component.")], as_json: Json = False
 ) -> None:
     """Show every setting of a preset or component: value, type and help. Settings of a slot's component follow it."""
-    from salframe.builtin import ROLES
     from salframe.cli.tables import print_table
     from salframe.framework.errors import UnknownName
-    from salframe.framework.presets import configure, names, settings
+    from salframe.framework.installation import summary_of
+    from salframe.framework.presets import configure_default, names
     from salframe.framework.registry import registry, unknown
     from salframe.framework.settings import list_settings
 
-    found = {role: configure(role, name, settings(role, name)) for role in ROLES if name in names(role)}
+    roles = registry().roles
+    found = {role: configure_default(role, name) for role in roles if name in names(role)}
     if not found:
-        known = sorted({known for role in ROLES for known in names(role)})
+        known = sorted({known for role in roles for known in names(role)})
         raise UnknownName(unknown("preset or component", name, known, registry().failures))
     if as_json:
-        print(
-            json.dumps(
-                [
-                    {
-                        "role": role,
-                        "name": name,
-                        "kind": config.kind,
-                        "settings": [dataclasses.asdict(s) for s in list_settings(config)],
-                    }
-                    for role, config in found.items()
-                ],
-                indent=2,
-            )
+        print_json(
+            [
+                {
+                    "role": role,
+                    "name": name,
+                    "kind": config.kind,
+                    "settings": [dataclasses.asdict(setting) for setting in list_settings(config)],
+                }
+                for role, config in found.items()
+            ]
         )
         return
     for role, config in found.items():
-        component = config.component
         print(f"{role} {name}" + (f", a preset of {config.kind}" if name != config.kind else ""))
-        print((component.__doc__ or "").strip().partition("\n")[0])
-        print_table(
-            ("setting", "value", "type", "help"), [[s.key, _value(s), s.type, s.help] for s in list_settings(config)]
-        )
+        print(summary_of(config.component))
+        rows = [[one.key, _value(one), one.type, one.help] for one in list_settings(config)]
+        print_table(("setting", "value", "type", "help"), rows)
 
 
 def _value(setting: Setting) -> str:
@@ -90,7 +107,7 @@ def doctor(as_json: Json = False) -> None:
 
     found = diagnose()
     if as_json:
-        print(json.dumps({**dataclasses.asdict(found), "cache": str(found.cache)}, indent=2))
+        print_json({**dataclasses.asdict(found), "cache": str(found.cache)})
     else:
         machine = found.environment["machine"]
         print(f"python {found.environment['python']} on {machine['platform']}, {machine['cpus']} cpus")

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from salframe.cli.compare import DataDir, Json, Set
+from salframe.cli.options import MAP_METHOD, DataDir, Json, Set
+from salframe.cli.output import print_json
 
 if TYPE_CHECKING:
     from salframe.localization.answers import Localization
@@ -17,12 +17,13 @@ if TYPE_CHECKING:
 def build(
     data: Annotated[str, typer.Argument(help="A dataset preset, a dataset, or a folder with a manifest.json.")],
     output: Annotated[Path, typer.Option("--output", "-o", metavar="MAP", help="Folder to write the map to.")],
-    method: Annotated[str, typer.Option(help="A preset or localizer.")] = "proposed",
+    method: Annotated[str, typer.Option(help="A preset or localizer.")] = MAP_METHOD,
     data_dir: DataDir = None,
     overrides: Set = None,
 ) -> None:
     """Build a map from a dataset's mapping frames."""
-    from salframe.cli.tables import Bars, format_bytes
+    from salframe.cli.output import Bars
+    from salframe.cli.tables import format_bytes
     from salframe.framework.installation import folder_bytes
     from salframe.topology.place_map import build_map
 
@@ -42,7 +43,7 @@ def localize(
     as_json: Json = False,
 ) -> None:
     """Print where a panorama was taken: places, best first, and the pose."""
-    from salframe.cli.tables import Bars
+    from salframe.cli.output import Bars
     from salframe.panoramas.opening import open_frame
     from salframe.topology.place_map import open_map
 
@@ -51,7 +52,7 @@ def localize(
         asked = open_frame(frame, data, data_dir, overrides or (), bars.update)
     answer = localizer.localize(asked)
     if as_json:
-        print(json.dumps(answer_json(answer), indent=2))
+        print_json(answer_json(answer))
     else:
         print_answer(answer)
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from salframe.cli.compare import DataDir, Json, Set
+from salframe.cli.options import MAP_METHOD, PLANNER, DataDir, Json, Set
+from salframe.cli.output import print_json
 from salframe.topology.topological_map import NodeKind
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ def build(
         typer.Argument(help="A dataset preset, a dataset, or a folder with a manifest.json; it must have floor masks."),
     ],
     output: Annotated[Path, typer.Option("--output", "-o", metavar="MAP", help="Folder to write the map to.")],
-    method: Annotated[str, typer.Option(help="The preset or localizer that `map query` asks.")] = "proposed",
+    method: Annotated[str, typer.Option(help="The preset or localizer that `map query` asks.")] = MAP_METHOD,
     choose: Annotated[
         bool,
         typer.Option("--choose", help="Put one scene node where each region is widest, not where mapping frames are."),
@@ -41,7 +41,7 @@ def build(
     overrides: Set = None,
 ) -> None:
     """Build a topological map from a dataset's floor masks, and the map of a method from its mapping frames."""
-    from salframe.cli.tables import Bars
+    from salframe.cli.output import Bars
     from salframe.topology.place_map import build_topological_map
 
     with Bars() as bars:
@@ -75,7 +75,7 @@ def route(
     map: Map,
     start: Annotated[str, typer.Argument(metavar="FROM", help="A node or a place.")],
     goal: Annotated[str, typer.Argument(metavar="TO", help="A node or a place.")],
-    planner: PlannerName = "dijkstra",
+    planner: PlannerName = PLANNER,
     heading: Heading = None,
     as_json: Json = False,
 ) -> None:
@@ -88,7 +88,7 @@ def route(
     found = find_route(read_topology(map), start, goal, planner)
     heading_rad = None if heading is None else float(np.radians(heading))
     if as_json:
-        print(json.dumps(_route_json(found, heading_rad), indent=2))
+        print_json(_route_json(found, heading_rad))
     else:
         _print_route(found, heading_rad)
 
@@ -101,7 +101,7 @@ def query(
     ],
     data: Annotated[str | None, typer.Option(help="The dataset that has the frame.")] = None,
     goal: Annotated[str | None, typer.Option("--to", metavar="GOAL", help="A node or a place to go to.")] = None,
-    planner: PlannerName = "dijkstra",
+    planner: PlannerName = PLANNER,
     data_dir: DataDir = None,
     overrides: Set = None,
     as_json: Json = False,
@@ -111,7 +111,7 @@ def query(
     import numpy as np
 
     from salframe.cli.localize import answer_json, print_answer
-    from salframe.cli.tables import Bars
+    from salframe.cli.output import Bars
     from salframe.panoramas.opening import open_frame
     from salframe.topology.place_map import ask_map
 
@@ -122,7 +122,7 @@ def query(
         heading_deg = None if found.heading_rad is None else float(np.degrees(found.heading_rad))
         node = {"node": found.node, "distance_m": found.distance_m, "heading_deg": heading_deg}
         way = None if found.route is None else _route_json(found.route, found.heading_rad)
-        print(json.dumps({**answer_json(found.localization), **node, "route": way}, indent=2))
+        print_json({**answer_json(found.localization), **node, "route": way})
         return
     print_answer(found.localization)
     distance = "" if found.distance_m is None else f", {found.distance_m:.2f} m away"

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from salframe.cli.compare import Json
+from salframe.cli.options import Json
+from salframe.cli.output import print_json
 
 
 def score(
@@ -23,7 +23,7 @@ def score(
 
     rows = registry().build("scorer", registry().get("scorer", task).Config()).score(file, data)
     if as_json:
-        print(json.dumps(list(rows), indent=2))
+        print_json(list(rows))
     else:
         print_table(
             list(rows[0]),

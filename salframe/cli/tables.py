@@ -1,48 +1,23 @@
-"""Progress bars and tables in the terminal."""
+"""Results as tables in the terminal."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from rich import box
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 if TYPE_CHECKING:
-    from salframe.evaluation.compare import Comparison
+    from salframe.evaluation.detection import Counts, DetectionRow
+    from salframe.evaluation.localization import LocalizationRow
+    from salframe.evaluation.matching import MatchingRow
+    from salframe.evaluation.navigation import NavigationRow
     from salframe.evaluation.reported import Reported
-
-
-class Bars:
-    """A progress bar on stderr for each thing that is told of."""
-
-    def __init__(self) -> None:
-        columns = (
-            TextColumn("{task.description}", markup=False),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TimeRemainingColumn(),
-        )
-        console = Console(stderr=True)
-        self._progress = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
-        self._tasks: dict[str, TaskID] = {}
-
-    def update(self, what: str, done: int, total: int) -> None:
-        """Set the bar of `what`, a new one where it has none yet."""
-        if what not in self._tasks:
-            self._tasks[what] = self._progress.add_task(what, total=total)
-        self._progress.update(self._tasks[what], completed=done, total=total)
-
-    def __enter__(self) -> Bars:
-        self._progress.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._progress.stop()
+    from salframe.evaluation.result import Result
 
 
 UNITS = ("B", "kB", "MB", "GB")
@@ -76,41 +51,167 @@ def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     _console().print(table)
 
 
-def print_comparison(comparison: Comparison) -> None:
+def print_result(result: Result[Any]) -> None:
+    """The table of whatever task a result is of."""
+    tables: dict[str, Callable[[Result[Any]], None]] = {
+        "localization": print_comparison,
+        "matching": print_matching,
+        "detection": print_detection,
+        "navigation": print_navigation,
+    }
+    tables[result.task](result)
+
+
+def print_comparison(result: Result[LocalizationRow]) -> None:
     """The table of a comparison, what its columns do not say in notes below, and where the report lies.
 
     Where the table is too wide for the terminal, what the methods cost is a table of its own.
     """
     console = _console()
-    whole = _table(comparison, sorted(REACHED + COSTS))
+    whole = _table(result.rows, sorted(REACHED + COSTS))
     fits = console.measure(whole, options=console.options.update(width=1000)).maximum <= console.width
-    for table in [whole] if fits else [_table(comparison, REACHED), _table(comparison, COSTS)]:
+    for table in [whole] if fits else [_table(result.rows, REACHED), _table(result.rows, COSTS)]:
         console.print(table)
-    notes = list(comparison.notes)
-    for row in comparison.rows:
-        failures = ", ".join(f"{count} {status}" for status, count in row["status"].items() if status != "ok")
-        if said := "; ".join(part for part in (row["reason"], failures) if part):
-            notes.append(f"{row['method']}: {said}")
-    for note in notes:
-        console.print(note, style="dim", markup=False, highlight=False)
-    for paper in comparison.reported:
+    _print_notes(result, statuses=True)
+    for paper in result.reported:
         console.print(_reported(paper))
         console.print(f"{paper.source}. {paper.note}", style="dim", markup=False, highlight=False)
-    console.print(f"report: {comparison.report}", markup=False, highlight=False, soft_wrap=True)
+    _print_where(result)
 
 
-def _table(comparison: Comparison, columns: Sequence[int]) -> Table:
+def print_matching(result: Result[MatchingRow]) -> None:
+    """A table of the methods that match points, another of those that match nodes, and notes below."""
+    points, nodes = ([row for row in result.rows if row.kind == kind] for kind in ("points", "nodes"))
+    if points:
+        headings = ("points", "MMA@1 %", "MMA@3 %", "MMA@5 %", "matches\na pair", "pairs without\na match")
+        print_table(
+            headings,
+            [
+                [
+                    row.method,
+                    *map(_percent, (row.mma_1, row.mma_3, row.mma_5)),
+                    _fixed(row.matches_per_pair, 0),
+                    f"{row.pairs_without_match} of {row.pairs}",
+                ]
+                for row in points
+            ],
+        )
+    if nodes:
+        headings = ("nodes", "precision %", "recall %", "matches\na pair", "true\na pair", "pairs")
+        print_table(
+            headings,
+            [
+                [
+                    row.method,
+                    _percent(row.precision),
+                    _percent(row.recall),
+                    _fixed(row.matches_per_pair, 1),
+                    _fixed(row.true_per_pair, 1),
+                    str(row.pairs),
+                ]
+                for row in nodes
+            ],
+        )
+    _print_notes(result)
+    _print_where(result)
+
+
+def print_detection(result: Result[DetectionRow], classes: bool = False) -> None:
+    """A table of the detectors, one of the classes of each where wanted, and notes below."""
+    from salframe.evaluation.detection import NEAR_M
+
+    headings = ("precision %", "recall %", "annotated", "found", "right")
+    measured = [row for row in result.rows if row.measured]
+    if measured:
+        print_table(
+            ("detector", *headings, "ms"), [[row.method, *_counts(row.overall), _fixed(row.ms, 0)] for row in measured]
+        )
+    for row in measured if classes else ():
+        print_table((row.method, *headings), [[label, *_counts(counts)] for label, counts in row.classes.items()])
+    _print_notes(result)
+    print(f"right: an annotated object of the same label has its centroid within {NEAR_M} m")
+    _print_where(result)
+
+
+def print_navigation(result: Result[NavigationRow]) -> None:
+    """The table of a navigation run, notes below, and where the report lies."""
+    headings = (
+        "method",
+        "SR %\n(95 %)",
+        "oracle\nSR %",
+        "SPL %\n(95 %)",
+        "SR within\n3 m %",
+        "path\nm",
+        "panoramas",
+        "collisions",
+        "p",
+    )
+    rows = [
+        [
+            row.method,
+            _interval(row.success_rate, row.success_rate_low, row.success_rate_high),
+            _percent(row.oracle_success_rate),
+            _interval(row.spl, row.spl_low, row.spl_high),
+            _percent(row.success_rate_3m),
+            *(_fixed(value, 1) for value in (row.path_m, row.panoramas, row.collisions)),
+            "" if row.p_value is None else f"{row.p_value:.2g}",
+        ]
+        for row in result.rows
+    ]
+    print_table(headings, rows)
+    _print_notes(result)
+    _print_where(result)
+
+
+def _print_notes(result: Result[Any], statuses: bool = False) -> None:
+    """What tables do not say: notes, reasons, and how often each failure occurred where that is wanted."""
+    console, notes = _console(), list(result.notes)
+    for row in result.rows:
+        failures = ", ".join(f"{count} {status}" for status, count in row.status.items() if status != "ok")
+        if told := "; ".join(part for part in (row.reason, failures if statuses else "") if part):
+            notes.append(f"{row.method}: {told}")
+    for note in notes:
+        console.print(note, style="dim", markup=False, highlight=False)
+
+
+def _print_where(result: Result[Any]) -> None:
+    where = f"run: {result.run}" if result.report is None else f"report: {result.report}"
+    _console().print(where, markup=False, highlight=False, soft_wrap=True)
+
+
+def _percent(share: float | None) -> str:
+    return "-" if share is None else f"{share * 100:.1f}"
+
+
+def _fixed(value: float | None, digits: int) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"
+
+
+def _interval(share: float | None, low: float | None, high: float | None) -> str:
+    if share is None or low is None or high is None:
+        return "-"
+    return f"{share * 100:.1f} ({low * 100:.0f}-{high * 100:.0f})"
+
+
+def _counts(counts: Counts | None) -> list[str]:
+    if counts is None:
+        return ["-"] * 5
+    numbers = (counts.annotated, counts.found, counts.right)
+    return [_percent(counts.precision), _percent(counts.recall), *map(str, numbers)]
+
+
+def _table(rows: Sequence[LocalizationRow], columns: Sequence[int]) -> Table:
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
     table.add_column("method", overflow="fold")
     for column in columns:
         table.add_column(HEADINGS[column], justify="right", no_wrap=True)
-    for row in comparison.rows:
-        label = escape(row["method"].replace("[", "\n  [").replace(",", ",\n   "))
-        if row["accuracy"] is None:
-            table.add_row(label, "-", style="dim")
-        else:
+    for row in rows:
+        label = escape(row.method.replace("[", "\n  [").replace(",", ",\n   "))
+        if row.measured:
             cells = _cells(row)
             table.add_row(label, *(cells[column] for column in columns))
+        else:
+            table.add_row(label, "-", style="dim")
     return table
 
 
@@ -129,24 +230,22 @@ def _reported(paper: Reported) -> Table:
     return table
 
 
-def _cells(row: dict[str, Any]) -> list[str]:
-    accuracy = f"{row['accuracy'] * 100:.1f} ({row['accuracy_low'] * 100:.0f}-{row['accuracy_high'] * 100:.0f})"
+def _cells(row: LocalizationRow) -> list[str]:
     pose = "-"
-    if row["median_translation_m"] is not None:
-        turn_deg = row["median_rotation_deg"]
-        pose = f"{row['median_translation_m']:.2f} m {turn_deg:.{1 if turn_deg < 10 else 0}f}°"
-    recalls = (row["recall_025m_2deg"], row["recall_05m_5deg"], row["recall_1m_10deg"])
-    within = "-" if recalls[0] is None else "/".join(f"{recall * 100:.0f}" for recall in recalls)
-    p_value = "" if row["p_value"] is None else f"{row['p_value']:.2g}"
+    if row.median_translation_m is not None and row.median_rotation_deg is not None:
+        turn_deg = row.median_rotation_deg
+        pose = f"{row.median_translation_m:.2f} m {turn_deg:.{1 if turn_deg < 10 else 0}f}°"
+    recalls = (row.recall_025m_2deg, row.recall_05m_5deg, row.recall_1m_10deg)
+    known = [f"{recall * 100:.0f}" for recall in recalls if recall is not None]
     return [
-        accuracy,
-        f"{row['recall_at_5'] * 100:.0f}",
+        _interval(row.accuracy, row.accuracy_low, row.accuracy_high),
+        "-" if row.recall_at_5 is None else f"{row.recall_at_5 * 100:.0f}",
         pose,
-        within,
-        format_bytes(row["bytes_per_scene"]),
-        _digits(row["describe_ms"]),
-        _digits(row["query_ms"]),
-        p_value,
+        "/".join(known) or "-",
+        format_bytes(row.bytes_per_scene),
+        _digits(row.describe_ms),
+        _digits(row.query_ms),
+        "" if row.p_value is None else f"{row.p_value:.2g}",
     ]
 
 

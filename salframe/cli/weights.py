@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from typing import Annotated
 
 import typer
 
-from salframe.cli.compare import Json
+from salframe.cli.options import Json
+from salframe.cli.output import print_json
 
 app = typer.Typer(
     help="List, fetch and find the weights of networks. Nothing is downloaded unless you fetch it.",
@@ -33,7 +33,7 @@ def list_(as_json: Json = False) -> None:
         rows.append([weights.name, weights.licence, format_bytes(weights.size_bytes), str(weights.source), state])
     headings = ("name", "licence", "size", "source", "where")
     if as_json:
-        print(json.dumps([dict(zip(headings, row, strict=True)) for row in rows], indent=2))
+        print_json([dict(zip(headings, row, strict=True)) for row in rows])
     else:
         print_table(headings, rows)
 
@@ -41,7 +41,7 @@ def list_(as_json: Json = False) -> None:
 @app.command()
 def fetch(name: Name) -> None:
     """Download weights into salframe's cache, unless they are at hand, and verify them."""
-    from salframe.cli.tables import Bars
+    from salframe.cli.output import Bars
     from salframe.framework.registry import registry
     from salframe.framework.weights import fetch as get
 

@@ -4,26 +4,30 @@ from __future__ import annotations
 
 import itertools
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
-from salframe.evaluation.compare import Comparison, Progress, run_methods
-from salframe.framework.config import parse_override, read_yaml, validate
+from salframe.evaluation.localization import LocalizationRow, LocalizationTask
+from salframe.evaluation.request import Request, resolve
+from salframe.evaluation.result import Result
+from salframe.evaluation.runner import run_task
+from salframe.framework.config import ComponentConfig, Settings, read_yaml, validate
 from salframe.framework.errors import ConfigError
-from salframe.framework.presets import Overrides, configure, settings
+from salframe.framework.presets import Overrides, configure
+from salframe.framework.registry import registry
+from salframe.panoramas.opening import Progress
 
 
-class Ablation(BaseModel):
+class Ablation(Settings):
     """The content of an ablation file. Keys of `set` and `vary` are dotted, as `--set` takes them."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     method: str | None = Field(None, description="the method to vary")
     methods: tuple[str, ...] = Field((), description="or several")
-    data: str = Field("house-12", description="dataset to run on")
+    data: str | None = Field(None, description="dataset to run on; null: the default one")
     set: dict[str, Any] = Field({}, description="settings that all have")
     vary: dict[str, tuple[Any, ...]] = Field(description="values of each key; every combination is run")
 
@@ -43,50 +47,46 @@ class Ablation(BaseModel):
 
 
 def read_ablation(file: Path) -> Ablation:
-    """Read an ablation file, or a shipped one by its name. Raises ConfigError."""
-    shipped = CONFIGS / "ablations" / f"{file}.yaml"
-    return validate(Ablation, read_yaml(shipped if shipped.exists() and not file.exists() else file), f"{file}:")
+    """Read an ablation file, or one that a plugin ships by its name. Raises ConfigError."""
+    shipped = None if file.exists() else registry().find_preset("ablations", str(file))
+    return validate(Ablation, read_yaml(shipped or file), f"{file}:")
 
 
-def ablate(
-    file: Path,
-    *,
-    data: str | None = None,
-    data_dir: Path | None = None,
-    overrides: Sequence[str] = (),
-    name: str | None = None,
-    runs: Path = Path("runs"),
-    engine: str = "processes",
-    seed: int = 0,
-    progress: Progress | None = None,
-) -> Comparison:
+def ablate(file: Path, request: Request, *, progress: Progress | None = None) -> Result[LocalizationRow]:
     """Compare every combination of the values under `vary:` in a file, each labelled `method[key=value,...]`.
 
-    `data` overrules the file's, `overrides` ("key.path=value") its `set:`; the rest as in `compare`. Raises ConfigError
-    on wrong keys.
+    The request names no method: the file does; its data and settings overrule the file's. Raises ConfigError on wrong
+    keys.
     """
     plan = read_ablation(file)
-    contents = {method: settings("localizer", method) for method in plan.varied}
-    given = Overrides([*_pairs(plan.set), *map(parse_override, overrides)], contents)
-    configs = {}
-    for method in plan.varied:
+    fixed = [f"{key}={json.dumps(value)}" for key, value in plan.set.items()]
+    asked = replace(
+        request,
+        methods=plan.varied,
+        data=request.data or plan.data,
+        settings=(*fixed, *request.settings),
+        name=request.name or file.stem,
+    )
+    resolved = resolve(asked)
+    variants: dict[str, ComponentConfig] = {}
+    for label, config in resolved.methods.items():
         for values in itertools.product(*plan.vary.values()):
             choice = dict(zip(plan.vary, values, strict=True))
-            varied = Overrides(_pairs(choice), {method: contents[method]})
-            if varied.data or varied.engine:
-                raise ConfigError(
-                    f"{file}: vary holds {', '.join(choice)}, expected settings of methods: a run has one dataset and one engine"
-                )
-            label = f"{method}[{','.join(f'{key}={_spell(value)}' for key, value in choice.items())}]"
-            configs[label] = configure(
-                "localizer", method, contents[method], [*given.methods[method], *varied.methods[method]]
-            )
-    return run_methods(configs, data or plan.data, data_dir, given, name or file.stem, runs, engine, seed, progress)
+            variants[_label(label, choice)] = _vary(file, label, config, choice)
+    return run_task(LocalizationTask(), asked, replace(resolved, methods=variants), progress=progress)
 
 
-def _pairs(dotted: dict[str, Any]) -> list[tuple[tuple[str, ...], Any]]:
-    return [(tuple(key.split(".")), value) for key, value in dotted.items()]
+def _vary(file: Path, label: str, config: ComponentConfig, choice: Mapping[str, Any]) -> ComponentConfig:
+    """The configuration with these values of dotted keys."""
+    content = config.model_dump(mode="json")
+    pairs = [(tuple(key.split(".")), value) for key, value in choice.items()]
+    given = Overrides(pairs, {label: content}, scopes=("data", "engine"))
+    if any(given.scopes.values()):
+        expected = "settings of methods: a run has one dataset and one engine"
+        raise ConfigError(f"{file}: vary holds {', '.join(choice)}, expected {expected}")
+    return configure("localizer", label, content, given.methods[label])
 
 
-def _spell(value: Any) -> str:
-    return value if isinstance(value, str) else json.dumps(value)
+def _label(method: str, choice: Mapping[str, Any]) -> str:
+    values = (f"{key}={value if isinstance(value, str) else json.dumps(value)}" for key, value in choice.items())
+    return f"{method}[{','.join(values)}]"

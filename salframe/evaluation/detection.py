@@ -1,28 +1,26 @@
-"""Detection accuracy: which of the annotated objects a detector finds, and which of its objects are there."""
+"""The task `detection`: which of the annotated objects a detector finds, and which of its objects are there."""
 
 from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-
-from salframe.evaluation.compare import Progress
-from salframe.evaluation.predict import describe_error
-from salframe.framework.config import ComponentConfig, parse_override
-from salframe.framework.errors import ConfigError, InputMissing, RequirementMissing, WeightsMissing
-from salframe.framework.presets import configure, nest_for, settings
-from salframe.framework.registry import registry
+from salframe.evaluation.metrics import median
+from salframe.evaluation.request import Request, resolve
+from salframe.evaluation.result import Result
+from salframe.evaluation.run import PieceStatus, Row, Run
+from salframe.evaluation.runner import run_task
+from salframe.evaluation.task import MethodRow, Record, Survey, Task, Worker, check_needs
+from salframe.framework.errors import DataError, InputMissing
+from salframe.graphs.annotated import annotated_detections
 from salframe.graphs.detections import Detections
 from salframe.graphs.detector import Detector
 from salframe.panoramas.dataset import Dataset
-from salframe.panoramas.frames import Frame
-from salframe.panoramas.opening import dataset_settings, open_dataset
+from salframe.panoramas.frames import QueryFrame
+from salframe.panoramas.opening import Progress
 
 NEAR_M = 0.3
 """A detection is right where an annotated object of its label has its centroid this near."""
@@ -30,129 +28,130 @@ NEAR_M = 0.3
 
 @dataclass(frozen=True)
 class Counts:
-    """How many objects are annotated, how many were found, and how many of these are right."""
+    """How many objects are annotated, how many were found, and how many of these are right.
+
+    precision: right ones among those found; recall: among those annotated; None where there is none.
+    """
 
     annotated: int
     found: int
     right: int
+    precision: float | None = None
+    recall: float | None = None
 
-    @property
-    def precision(self) -> float | None:
-        """Right ones among those found; None where none was found."""
-        return self.right / self.found if self.found else None
-
-    @property
-    def recall(self) -> float | None:
-        """Right ones among those annotated; None where there is none."""
-        return self.right / self.annotated if self.annotated else None
-
-    def to_json(self) -> dict[str, Any]:
+    @classmethod
+    def of(cls, annotated: int, found: int, right: int) -> Counts:
         """The counts and what follows from them."""
-        return {
-            "annotated": self.annotated,
-            "found": self.found,
-            "right": self.right,
-            "precision": self.precision,
-            "recall": self.recall,
-        }
+        precision, recall = right / found if found else None, right / annotated if annotated else None
+        return cls(annotated, found, right, precision, recall)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DetectionRow(MethodRow):
+    """A detector's line: overall and by class (classes annotated or found, by name), and median ms a panorama."""
+
+    panoramas: int
+    overall: Counts | None = None
+    classes: dict[str, Counts] = field(default_factory=dict)
+    ms: float | None = None
+
+    @property
+    def measured(self) -> bool:
+        return self.overall is not None
+
+
+def measure_detection(request: Request, *, progress: Progress | None = None) -> Result[DetectionRow]:
+    """Run detectors, the request's methods, on the query panoramas of a data set, and count what is right.
+
+    The truth are the annotated objects (`count_right`). Raises SalframeError on names and settings that are wrong.
+    """
+    return run_task(DetectionTask(), request, resolve(request, "detector"), progress=progress)
 
 
 @dataclass(frozen=True)
-class DetectorResult:
-    """What a detector reached on all panoramas: overall and by class (classes annotated or found, by name), median ms a
-    panorama, or why not."""
+class DetectionTask(Task[QueryFrame, Survey[QueryFrame]]):
+    """What is there in each query panorama?"""
 
-    detector: str
-    overall: Counts | None
-    classes: dict[str, Counts]
-    ms: float | None
-    reason: str | None = None
+    name = "detection"
+    role = "detector"
+    prefix = "detection-"
+    counts = "panoramas"
+    key_fields = ("query",)
 
-    def to_json(self) -> dict[str, Any]:
-        """All of it, by name."""
-        overall = self.overall.to_json() if self.overall else None
-        classes = {label: counts.to_json() for label, counts in self.classes.items()}
-        return {"detector": self.detector, "overall": overall, "ms": self.ms, "reason": self.reason, "classes": classes}
+    @classmethod
+    def from_run(cls, run: Run) -> DetectionTask:
+        return cls()
 
+    def survey(self, dataset: Dataset) -> Survey[QueryFrame]:
+        if "annotations" not in dataset.provides:
+            raise InputMissing(f"detection is measured by annotations, which {dataset.name} does not have")
+        frames = {frame.id: frame for fold in dataset.folds() for frame in fold.queries}
+        if not frames:
+            raise DataError(f"{dataset.name} has no query, expected at least one")
+        return Survey(dataset, list(frames.values()))
 
-def measure_detection(
-    detectors: Sequence[str],
-    data: str = "house-12",
-    *,
-    data_dir: Path | None = None,
-    overrides: Sequence[str] = (),
-    progress: Progress | None = None,
-) -> list[DetectorResult]:
-    """Run detectors on the query panoramas of a dataset and count what is right (`count_right`).
+    def key(self, piece: QueryFrame) -> tuple[str]:
+        return (piece.id,)
 
-    The truth is what the detector `annotations` finds without error. overrides: "data.key=value", "DETECTOR.key=value".
-    Raises SalframeError on names and settings that are wrong; a detector that cannot run keeps its place with the
-    reason.
-    """
-    if not detectors:
-        raise ConfigError("received no detector, expected at least one")
-    given = nest_for(map(parse_override, overrides), ("data", *detectors))
-    configs = {name: configure("detector", name, settings("detector", name), given[name]) for name in detectors}
-    data_name, content = dataset_settings(data, data_dir)
-    dataset = open_dataset(
-        configure("dataset", data_name, content, given["data"]), progress and partial(progress, data_name)
-    )
-    return [
-        measure_detector(name, config, dataset, progress and partial(progress, name))
-        for name, config in configs.items()
-    ]
+    def open(
+        self, label: str, method: Detector, survey: Survey[QueryFrame], todo: Sequence[QueryFrame], folder: Path
+    ) -> Worker[QueryFrame]:
+        check_needs(method, method.needs, survey.dataset)
+        return _Detecting(method)
+
+    def summarize(self, survey: Survey[QueryFrame], records: Sequence[Record], seed: int) -> tuple[DetectionRow, ...]:
+        return tuple(_summarize(record, len(survey.pieces)) for record in records)
 
 
-def measure_detector(
-    name: str, config: ComponentConfig, dataset: Dataset, progress: Callable[[int, int], None] | None = None
-) -> DetectorResult:
-    """One detector on all query panoramas; the first panorama is detected twice, so that no first call is timed."""
-    annotations: Detector = registry().build("detector", configure("detector", "annotations", {"noise": "none"}))
-    frames = list({frame.id: frame for fold in dataset.folds() for frame in fold.queries}.values())
-    annotated, found, right, ms = Counter[str](), Counter[str](), Counter[str](), []
-    try:
-        detector: Detector = registry().build("detector", config)
-        absent = sorted((detector.needs | annotations.needs) - dataset.provides)
-        if absent:
-            raise InputMissing(f"needs {' and '.join(absent)}, which {dataset.name} does not have")
-        for number, frame in enumerate(frames):
-            truth, seen, seconds = _look(frame, annotations, detector, warm=number > 0)
-            annotated.update(truth.labels)
-            found.update(seen.labels)
-            right.update(count_right(seen, truth))
-            ms.append(seconds * 1e3)
-            if progress:
-                progress(number + 1, len(frames))
-    except (RequirementMissing, WeightsMissing, InputMissing) as error:
-        return DetectorResult(name, None, {}, None, describe_error(error))
-    labels = sorted({*annotated, *found})
-    classes = {label: Counts(annotated[label], found[label], right[label]) for label in labels}
-    return DetectorResult(
-        name, Counts(annotated.total(), found.total(), right.total()), classes, float(np.median(ms)) if ms else None
-    )
+class _Detecting(Worker[QueryFrame]):
+    """A detector that looks at panoramas; the first is looked at twice, so that no first call is timed."""
 
+    def __init__(self, detector: Detector) -> None:
+        self._detector, self._warm = detector, False
 
-def _look(frame: Frame, annotations: Detector, detector: Detector, warm: bool) -> tuple[Detections, Detections, float]:
-    panorama = frame.load()
-    if not warm:
-        detector.detect(panorama)
-    start = time.perf_counter()
-    seen = detector.detect(panorama)
-    seconds = time.perf_counter() - start
-    return annotations.detect(panorama), seen, seconds
+    def work(self, piece: QueryFrame) -> Row:
+        panorama = piece.load()
+        if not self._warm:
+            self._detector.detect(panorama)
+            self._warm = True
+        start = time.perf_counter()
+        found = self._detector.detect(panorama)
+        ms = (time.perf_counter() - start) * 1e3
+        truth = annotated_detections(panorama)
+        counted = {"annotated": Counter(truth.labels), "found": Counter(found.labels)}
+        return {**counted, "right": count_right(found, truth), "ms": ms, "status": PieceStatus.OK, "error": None}
 
 
 def count_right(found: Detections, truth: Detections) -> Counter[str]:
     """How many detections of each label are right: one to one with annotated objects of the label whose centroid lies
-    within NEAR_M, as many as can be."""
+    within NEAR_M, as many as can be.
+    """
     from scipy.optimize import linear_sum_assignment
     from scipy.spatial.distance import cdist
 
     right = Counter[str]()
     for label in set(found.labels) & set(truth.labels):
         own, annotated = ([i for i, name in enumerate(side.labels) if name == label] for side in (found, truth))
-        near = (
-            cdist(found.centroid_m[own], truth.centroid_m[annotated]) <= NEAR_M
-        )  # an unknown centroid is near nothing
+        # An unknown centroid is near nothing.
+        near = cdist(found.centroid_m[own], truth.centroid_m[annotated]) <= NEAR_M
         right[label] = int(near[linear_sum_assignment(near, maximize=True)].sum())
     return right
+
+
+def _summarize(record: Record, panoramas: int) -> DetectionRow:
+    line = DetectionRow(**record.common(), panoramas=panoramas)
+    if not record.done:
+        return line
+    good = [row for row in record.rows if row is not None and row["status"] == PieceStatus.OK]
+    failed = len(record.rows) - len(good)
+    if failed:
+        first = next(iter(line.errors.values()), "no answer")
+        line = replace(line, reason=f"{failed} panorama(s) left out, the first: {first}")
+    if not good:
+        return line
+    annotated, found, right = (
+        sum((Counter(row[key]) for row in good), Counter[str]()) for key in ("annotated", "found", "right")
+    )
+    classes = {label: Counts.of(annotated[label], found[label], right[label]) for label in sorted({*annotated, *found})}
+    overall = Counts.of(annotated.total(), found.total(), right.total())
+    return replace(line, overall=overall, classes=classes, ms=median([row["ms"] for row in good]))

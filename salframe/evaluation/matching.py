@@ -1,28 +1,30 @@
-"""Matching accuracy: are the points, or the objects, that a method matches the same ones? Independent of retrieval
-(method.md, Metrics)."""
+"""The task `matching`: are the points, or the objects, that a method matches the same ones? Independent of retrieval
+(method.md, Metrics).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from salframe.evaluation.compare import Progress, choose_runnable, configure_methods, open_run, watch, work_through
-from salframe.evaluation.metrics import count_statuses
-from salframe.evaluation.predict import FRAME_ERRORS, conclude, describe_error, log_crash, open_method
-from salframe.evaluation.run import Outcome, Row, RowWriter, Run, read_rows
+from salframe.evaluation.request import Request, resolve
+from salframe.evaluation.result import Result
+from salframe.evaluation.run import PieceStatus, Row, Run
+from salframe.evaluation.runner import run_task
+from salframe.evaluation.task import MethodRow, Record, Survey, Task, Worker, check_needs
 from salframe.framework.cache import Cache
-from salframe.framework.errors import DataError, InputMissing
-from salframe.framework.presets import configure
-from salframe.framework.registry import registry
-from salframe.graphs.detector import Detector
+from salframe.framework.errors import DataError, InputMissing, MethodUnavailable
+from salframe.graphs.annotated import annotated_objects
 from salframe.localization.answers import NodeMatches, PointMatches
+from salframe.localization.localizer import Localizer
 from salframe.panoramas.dataset import Dataset
-from salframe.panoramas.frames import Frame
+from salframe.panoramas.frames import FrameKind, MapFrame, QueryFrame
 from salframe.panoramas.geometry import invert_pose, sample_nearest, transform_points
+from salframe.panoramas.opening import Progress
 from salframe.panoramas.panorama import Panorama
 
 THRESHOLDS_PX = (1, 3, 5)
@@ -33,154 +35,124 @@ RANGE_TOLERANCE = 0.05
 NODE_RADIUS_M = 0.5
 """A node belongs to no object whose centroid is further away."""
 
-COLUMNS = (
-    "method",
-    "kind",
-    "pairs",
-    "matches_per_pair",
-    "mma_1",
-    "mma_3",
-    "mma_5",
-    "pairs_without_match",
-    "precision",
-    "recall",
-    "true_per_pair",
-    "available",
-    "reason",
-    "status",
-)
 
-
-@dataclass(frozen=True)
-class Matching:
-    """A run and its table: a row a method with the keys of COLUMNS, None where a number is absent.
-
-    `kind` is "points" (mma_1, mma_3, mma_5: mean matching accuracy; pairs_without_match) or "nodes" (precision, recall,
-    true_per_pair): the two are different quantities. All are means over the pairs of panoramas. `left_out`: queries
-    whose place has no scene frame in the map; `notes`: which method ran instead of one that was asked for, and why, a
-    line each.
+@dataclass(frozen=True, kw_only=True)
+class MatchingRow(MethodRow):
+    """A method's line. `kind` is "points" (mma_1, mma_3, mma_5: mean matching accuracy; pairs_without_match) or "nodes"
+    (precision, recall, true_per_pair): the two are different quantities. All are means over the pairs of panoramas.
     """
 
-    run: Path
-    rows: tuple[dict[str, Any], ...]
-    left_out: int
-    notes: tuple[str, ...] = ()
+    pairs: int
+    kind: str | None = None
+    matches_per_pair: float | None = None
+    mma_1: float | None = None
+    mma_3: float | None = None
+    mma_5: float | None = None
+    pairs_without_match: int | None = None
+    precision: float | None = None
+    recall: float | None = None
+    true_per_pair: float | None = None
 
     @property
     def measured(self) -> bool:
-        """Whether some method was measured."""
-        return any(row["kind"] is not None for row in self.rows)
-
-    @property
-    def crashed(self) -> bool:
-        """Whether some method raised or died, on a pair or altogether."""
-        return any("crashed" in row["status"] for row in self.rows)
-
-    def to_json(self) -> dict[str, Any]:
-        """{"run": path, "rows": [...], "left_out": number, "notes": [...]}."""
-        return {"run": str(self.run), "rows": list(self.rows), "left_out": self.left_out, "notes": list(self.notes)}
-
-
-def measure_matching(
-    methods: Sequence[str],
-    data: str = "house-12",
-    *,
-    data_dir: Path | None = None,
-    overrides: Sequence[str] = (),
-    name: str | None = None,
-    runs: Path = Path("runs"),
-    engine: str = "processes",
-    progress: Progress | None = None,
-) -> Matching:
-    """Match each query with the scene frame of its own place that is nearest to it; a run that was begun is resumed.
-
-    Arguments as for `compare`. Raises SalframeError on names and settings that are wrong, and where the data set tells
-    no ranges or poses.
-    """
-    configs, given = configure_methods(methods, overrides)
-    configs, notes = choose_runnable(configs, given)
-    run, dataset, runner = open_run(
-        configs, data, data_dir, given, name, runs, engine, 0, progress, "matching-", {"task": "matching"}
-    )
-    if "range" not in dataset.provides:
-        raise InputMissing(f"matching accuracy needs panoramas with range, which {dataset.name} does not have")
-    pairs = choose_pairs(dataset)
-    todo = [label for label in run.labels if not _finished(run, label, pairs)]
-    with watch(run, lambda label: len(_rows(run, label)), len(pairs), progress):
-        work_through(run, runner, match_pairs, todo)
-    left_out = sum(len(fold.queries) for fold in dataset.folds()) - len(pairs)
-    return Matching(run.directory, tuple(_summarize(run, label, len(pairs)) for label in run.labels), left_out, notes)
+        return self.kind is not None
 
 
 @dataclass(frozen=True, eq=False)
 class FramePair:
     """A query of a fold, a mapping frame of the same place, and the true pose of the query in the frame's axes,
-    T_reference_query (4, 4)."""
+    T_reference_query (4, 4).
+    """
 
     fold: str
-    query: Frame
-    reference: Frame
+    query: QueryFrame
+    reference: MapFrame
     T_reference_query: np.ndarray
 
-    @property
-    def key(self) -> tuple[str, str]:
-        """What the pair is known by in a run."""
-        return self.fold, self.query.id
+
+def measure_matching(request: Request, *, progress: Progress | None = None) -> Result[MatchingRow]:
+    """Match each query with the scene frame of its own place that is nearest to it; a run that was begun is resumed.
+
+    Raises SalframeError on names and settings that are wrong, and where the data set tells no ranges or poses.
+    """
+    return run_task(MatchingTask(), request, resolve(request), progress=progress)
+
+
+@dataclass(frozen=True)
+class MatchingTask(Task[FramePair, Survey[FramePair]]):
+    """What is the same in a query and in the nearest frame of its place?"""
+
+    name = "matching"
+    prefix = "matching-"
+    counts = "pairs"
+    key_fields = ("fold", "query")
+
+    @classmethod
+    def from_run(cls, run: Run) -> MatchingTask:
+        return cls()
+
+    def survey(self, dataset: Dataset) -> Survey[FramePair]:
+        if "range" not in dataset.provides:
+            raise InputMissing(f"matching accuracy needs panoramas with range, which {dataset.name} does not have")
+        pairs = choose_pairs(dataset)
+        left_out = sum(len(fold.queries) for fold in dataset.folds()) - len(pairs)
+        note = f"{left_out} queries left out: their place has no scene frame in the map"
+        return Survey(dataset, pairs, (note,) if left_out else ())
+
+    def key(self, piece: FramePair) -> tuple[str, str]:
+        return piece.fold, piece.query.id
+
+    def open(
+        self, label: str, method: Localizer, survey: Survey[FramePair], todo: Sequence[FramePair], folder: Path
+    ) -> Worker[FramePair]:
+        check_needs(method, method.needs, survey.dataset)
+        return _Matching(method, survey.dataset.fingerprint)
+
+    def summarize(self, survey: Survey[FramePair], records: Sequence[Record], seed: int) -> tuple[MatchingRow, ...]:
+        return tuple(_summarize(record, len(survey.pieces)) for record in records)
+
+
+class _Matching(Worker[FramePair]):
+    """A localizer that matches pairs of panoramas."""
+
+    def __init__(self, localizer: Localizer, dataset: str) -> None:
+        self._localizer, self._dataset, self._cache = localizer, dataset, Cache()
+
+    def work(self, piece: FramePair) -> Row:
+        query, reference = (
+            self._localizer.describe_frame(frame, self._cache, self._dataset)[0]
+            for frame in (piece.query, piece.reference)
+        )
+        found = self._localizer.correspond(query, reference)
+        if found is None:
+            raise MethodUnavailable("matches neither points nor objects")
+        row = check_matches(found, piece.query.load(), piece.reference.load(), piece.T_reference_query)
+        return {"reference": piece.reference.id, **row, "status": PieceStatus.OK, "error": None}
 
 
 def choose_pairs(dataset: Dataset) -> list[FramePair]:
     """Each query with the nearest scene frame of its place. Raises DataError where there is none, or a query's true
-    pose is not known."""
+    pose is not known.
+    """
     pairs = []
     for fold in dataset.folds():
-        scenes: dict[str, list[tuple[Frame, np.ndarray]]] = {}
+        scenes: dict[str, list[MapFrame]] = {}
         for frame in fold.mapping:
-            mapped = frame.mapped()
-            if mapped.kind == "scene":
-                scenes.setdefault(mapped.place, []).append((frame, mapped.T_world_pano))
+            if frame.kind is FrameKind.SCENE:
+                scenes.setdefault(frame.place, []).append(frame)
         for query in fold.queries:
             truth = dataset.truth(query.id)
             if truth.T_world_pano is None:
                 raise DataError(f"the true pose of {query.id} is not known, expected one for every query")
             if truth.place in scenes:
-                at_m = truth.T_world_pano[:3, 3]
-                distances_m = [float(np.linalg.norm(pose[:3, 3] - at_m)) for _, pose in scenes[truth.place]]
-                reference, pose = scenes[truth.place][int(np.argmin(distances_m))]
-                pairs.append(FramePair(fold.id, query, reference, invert_pose(pose) @ truth.T_world_pano))
+                at_m, near = truth.T_world_pano[:3, 3], scenes[truth.place]
+                distances_m = [float(np.linalg.norm(frame.T_world_pano[:3, 3] - at_m)) for frame in near]
+                reference = near[int(np.argmin(distances_m))]
+                T_reference_query = invert_pose(reference.T_world_pano) @ truth.T_world_pano
+                pairs.append(FramePair(fold.id, query, reference, T_reference_query))
     if not pairs:
         raise DataError(f"{dataset.name} has no query whose place has a scene frame, expected at least one")
     return pairs
-
-
-def match_pairs(directory: Path, label: str) -> None:
-    """Match the pairs of a run that the method `label` has not matched yet; what was right goes to the run folder."""
-    conclude(Run.load(directory), label, _match_pairs)
-
-
-def _match_pairs(run: Run, label: str) -> Outcome:
-    localizer, dataset = open_method(run, label)
-    rows, cache = _rows(run, label), Cache()
-    with RowWriter(_path(run, label)) as writer:
-        for pair in choose_pairs(dataset):
-            if pair.key in rows and rows[pair.key]["status"] != "crashed":
-                continue
-            row: Row = {"fold": pair.fold, "query": pair.query.id, "reference": pair.reference.id, "status": "ok"}
-            try:
-                query, reference = (
-                    localizer.describe_frame(frame, cache, dataset.fingerprint)[0]
-                    for frame in (pair.query, pair.reference)
-                )
-                found = localizer.correspond(query, reference)
-                if found is None:
-                    return Outcome("unavailable", "matches neither points nor objects")
-                row |= check_matches(found, pair.query.load(), pair.reference.load(), pair.T_reference_query)
-            except FRAME_ERRORS as error:
-                row |= {"status": "error", "error": str(error)}
-            except Exception as error:  # a pair that breaks the method must not take the others with it
-                log_crash(run, label, f"query {pair.query.id} with {pair.reference.id}")
-                row |= {"status": "crashed", "error": describe_error(error)}
-            writer.append(row)
-    return Outcome("done")
 
 
 def check_matches(
@@ -243,56 +215,30 @@ def own_objects(centroid_m: np.ndarray, panorama: Panorama) -> np.ndarray:
 
     if panorama.annotations is None or panorama.annotations.instance_id is None:
         raise InputMissing(f"{panorama.id} has no instance image, by which matched objects are judged")
-    detector: Detector = registry().build("detector", configure("detector", "annotations", {"noise": "none"}))
-    objects = detector.detect(panorama)
-    first = np.array([points[0] for points in objects.points_m or ()]).reshape(-1, 3)
-    ids = sample_nearest(panorama.annotations.instance_id, first)
-    closeness = np.maximum(NODE_RADIUS_M - cdist(centroid_m, objects.centroid_m), 0)
+    objects = annotated_objects(panorama)
+    owner_m = np.array([one.points_m.mean(0, dtype=np.float64) for one in objects]).reshape(-1, 3)
+    closeness = np.maximum(NODE_RADIUS_M - cdist(centroid_m, owner_m), 0)
     nodes, owners = linear_sum_assignment(closeness, maximize=True)
     near = closeness[nodes, owners] > 0
     own = np.zeros(len(centroid_m), np.int64)
-    own[nodes[near]] = ids[owners[near]]
+    own[nodes[near]] = np.array([one.key for one in objects], np.int64)[owners[near]]
     return own
 
 
-def _path(run: Run, label: str) -> Path:
-    return run.folder(label) / "pairs.jsonl"
-
-
-def _rows(run: Run, label: str) -> dict[tuple[str, str], Row]:
-    return {(row["fold"], row["query"]): row for row in read_rows(_path(run, label))}
-
-
-def _finished(run: Run, label: str, pairs: Sequence[FramePair]) -> bool:
-    outcome, rows = run.outcome(label), _rows(run, label)
-    return (
-        outcome is not None
-        and outcome.status == "done"
-        and all(pair.key in rows and rows[pair.key]["status"] != "crashed" for pair in pairs)
-    )
-
-
-def _summarize(run: Run, label: str, pairs: int) -> dict[str, Any]:
-    """A method's row. A pair that failed counts as one in which nothing was right."""
-    outcome, rows = run.outcome(label) or Outcome("unfinished", "unfinished"), list(_rows(run, label).values())
-    row: dict[str, Any] = {**dict.fromkeys(COLUMNS), "method": label, "status": {}}
-    row["available"], row["reason"] = outcome.status != "unavailable", outcome.reason
-    if outcome.status == "crashed":
-        row["status"] = {"crashed": pairs}
-    if outcome.status != "done":
-        return row
-    row["status"] = count_statuses(known["status"] for known in rows)
-    good, failed = ([known for known in rows if (known["status"] == "ok") == ok] for ok in (True, False))
+def _summarize(record: Record, pairs: int) -> MatchingRow:
+    """A method's line. A pair that failed counts as one in which nothing was right."""
+    line = MatchingRow(**record.common(), pairs=pairs)
+    if not record.done:
+        return line
+    known = [row for row in record.rows if row is not None]
+    good, failed = ([row for row in known if (row["status"] == PieceStatus.OK) == ok] for ok in (True, False))
     if failed:
-        row["reason"] = f"{len(failed)} pair(s) failed, the first: {failed[0]['error']}"
-    if good:
-        row |= {
-            "kind": good[0]["kind"],
-            "pairs": pairs,
-            "matches_per_pair": sum(known["matches"] for known in good) / pairs,
-        }
-        row |= _points(good, pairs) if row["kind"] == "points" else _nodes(good, pairs)
-    return row
+        line = replace(line, reason=f"{len(failed)} pair(s) failed, the first: {failed[0]['error']}")
+    if not good:
+        return line
+    kind, matches = good[0]["kind"], sum(row["matches"] for row in good) / pairs
+    numbers = _points(good, pairs) if kind == "points" else _nodes(good, pairs)
+    return replace(line, kind=kind, matches_per_pair=matches, **numbers)
 
 
 def _points(rows: Sequence[Row], pairs: int) -> dict[str, Any]:

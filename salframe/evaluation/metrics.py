@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from salframe.evaluation.run import Row
+from salframe.evaluation.run import PieceStatus, Row
+from salframe.localization.answers import LocalizationStatus
 from salframe.panoramas.frames import Truth
 from salframe.panoramas.geometry import pose_errors
 
+PLACED = tuple(status for status in LocalizationStatus if status.names_a_place)
 RESAMPLES = 2000
 RECALLS = {"recall_025m_2deg": (0.25, 2.0), "recall_05m_5deg": (0.5, 5.0), "recall_1m_10deg": (1.0, 10.0)}
 """Pose recalls by their column: translation in metres, rotation in degrees."""
@@ -35,21 +35,21 @@ class Judged:
 
 
 def judge(answers: Sequence[Row | None], truths: Sequence[Truth]) -> Judged:
-    """Compare each query's answer (a row of predictions.jsonl, or None) with its truth. A failure's places and pose do
+    """Compare each query's answer (a row of rows.jsonl, or None) with its truth. A failure's places and pose do
     not count."""
     correct, in_top_5 = np.zeros((2, len(truths)), bool)
     errors = np.full((len(truths), 2), np.inf)
     for i, (answer, truth) in enumerate(zip(answers, truths, strict=True)):
         if truth.T_world_pano is None:
             errors[i] = np.nan
-        if answer is None or answer["status"] not in ("ok", "no-pose"):
+        if answer is None or answer["status"] not in PLACED:
             continue
         places = list(dict.fromkeys(place for _, place, _ in answer["places"]))
         correct[i] = places[:1] == [truth.place]
         in_top_5[i] = truth.place in places[:5]
         if answer["pose"] is not None and truth.T_world_pano is not None:
             errors[i] = pose_errors(np.reshape(answer["pose"], (4, 4)), truth.T_world_pano)
-    statuses = tuple("crashed" if answer is None else answer["status"] for answer in answers)
+    statuses = tuple(str(PieceStatus.CRASHED) if answer is None else answer["status"] for answer in answers)
     return Judged(correct, in_top_5, errors[:, 0], np.degrees(errors[:, 1]), statuses)
 
 
@@ -75,42 +75,24 @@ def mcnemar_exact(first: np.ndarray, second: np.ndarray) -> float:
     return float(binomtest(only_first, only_first + only_second, 0.5).pvalue)
 
 
-def summarize(
-    judged: Judged, answers: Iterable[Row | None], descriptions: Mapping[str, Row], map_frames: Iterable[str], seed: int
-) -> dict[str, Any]:
-    """The measured columns of a method's row; null where there is nothing to measure.
+def bootstrap_interval(values: np.ndarray, seed: int) -> tuple[float, float]:
+    """95 % interval of the mean of (N,) values over draws of N of them with replacement."""
+    rng = np.random.default_rng(seed)
+    means = values[rng.integers(len(values), size=(RESAMPLES, len(values)))].mean(1)
+    low, high = np.quantile(means, (0.025, 0.975))
+    return float(low), float(high)
 
-    descriptions: rows of descriptions.jsonl by frame; map_frames: ids of the frames that any map holds.
-    """
+
+def pose_recalls(judged: Judged) -> dict[str, float | None]:
+    """Shares of all queries whose true pose is known that are localized within the bounds of RECALLS, by column."""
     posed = ~np.isnan(judged.translation_m)
-    located = judged.correct & np.isfinite(judged.translation_m)
-    low, high = accuracy_interval(judged.correct, seed)
-    rows = [answer for answer in answers if answer is not None]
-    row: dict[str, Any] = {
-        "accuracy": float(judged.correct.mean()),
-        "accuracy_low": low,
-        "accuracy_high": high,
-        "recall_at_5": float(judged.in_top_5.mean()),
-        "median_translation_m": _median(judged.translation_m[located]),
-        "median_rotation_deg": _median(judged.rotation_deg[located]),
-    }
-    for column, (translation_m, rotation_deg) in RECALLS.items():
+    recalls: dict[str, float | None] = dict.fromkeys(RECALLS)
+    for column, (translation_m, rotation_deg) in RECALLS.items() if posed.any() else ():
         near = (judged.translation_m <= translation_m) & (judged.rotation_deg <= rotation_deg)
-        row[column] = float(near.sum() / posed.sum()) if posed.any() else None
-    sizes = [descriptions[frame]["bytes"] for frame in map_frames if frame in descriptions]
-    peaks = [answer["peak_memory_mb"] for answer in rows if answer["peak_memory_mb"] is not None]
-    row["bytes_per_scene"] = float(np.mean(sizes)) if sizes else None
-    row["describe_ms"] = _median([description["ms"] for description in descriptions.values()])
-    row["query_ms"] = _median([answer["query_ms"] for answer in rows if answer["query_ms"] is not None])
-    row["peak_memory_mb"] = max(peaks, default=None)
-    return row
+        recalls[column] = float(near.sum() / posed.sum())
+    return recalls
 
 
-def count_statuses(statuses: Iterable[str]) -> dict[str, int]:
-    """How often each status occurred, "ok" first, then by frequency."""
-    counts = Counter(statuses)
-    return dict(sorted(counts.items(), key=lambda entry: (entry[0] != "ok", -entry[1], entry[0])))
-
-
-def _median(values: Sequence[float] | np.ndarray) -> float | None:
+def median(values: Sequence[float] | np.ndarray) -> float | None:
+    """The median, None of nothing."""
     return float(np.median(values)) if len(values) else None

@@ -1,197 +1,214 @@
-"""Methods side by side in closed loop: the same episodes, the same noise, finished episodes never walked again."""
+"""The task `navigation`: methods in closed loop, the same episodes and the same noise for all."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from enum import StrEnum
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
-from salframe.evaluation.compare import Progress, configure_methods, open_run, watch, work_through
-from salframe.evaluation.metrics import count_statuses
-from salframe.evaluation.navigation_metrics import COLUMNS, success_p_value, summarize
-from salframe.evaluation.navigation_report import write_report
-from salframe.evaluation.predict import conclude, describe_error, log_crash, open_method
-from salframe.evaluation.run import Outcome, RowWriter, Run, read_rows
-from salframe.framework.config import merge, nest, parse_override, validate
+import numpy as np
+
+from salframe.evaluation.metrics import bootstrap_interval, mcnemar_exact
+from salframe.evaluation.request import Request, Resolved, resolve
+from salframe.evaluation.result import Result
+from salframe.evaluation.run import Row, Run
+from salframe.evaluation.runner import run_task
+from salframe.evaluation.task import MethodRow, Record, Survey, Task, Worker, check_needs
+from salframe.framework.config import merge, validate
 from salframe.framework.errors import ConfigError
-from salframe.framework.files import read_json, write_json
-from salframe.navigation.episodes import Episode, Site, draw_episodes, group_by_world, read_episodes
+from salframe.framework.files import write_json
+from salframe.localization.localizer import Localizer
+from salframe.navigation.episodes import Asked, Episode, Site, draw_episodes, place_episodes, read_asked
 from salframe.navigation.guide import Guide
 from salframe.navigation.sight import Sight
-from salframe.navigation.walk import NavigationConfig, Row, walk
+from salframe.navigation.walk import NavigationConfig, walk
+from salframe.navigation.world import open_worlds
 from salframe.panoramas.dataset import Dataset
+from salframe.panoramas.opening import Progress
 
-Positioning = Literal["on", "off", "both"]
 WITHOUT = " without positioning"
 """What the label of a method ends with that is run without its poses."""
+MEANS = {"travelled_m": "path_m", "panoramas": "panoramas", "collisions": "collisions"}
+"""Fields with a mean over the episodes that ended, by the key of an episode's row."""
 
 
-@dataclass(frozen=True)
-class Navigation:
-    """A run and its table: a row a method with the keys of metrics.COLUMNS; `notes`: what could not be asked, a line
-    each."""
+class Positioning(StrEnum):
+    """Which arms to run: each method with its poses, by place and odometry alone, or both."""
 
-    run: Path
-    rows: tuple[dict[str, Any], ...]
-    notes: tuple[str, ...] = ()
+    ON = "on"
+    OFF = "off"
+    BOTH = "both"
 
-    @property
-    def report(self) -> Path:
-        """The report of the run, with every trajectory."""
-        return self.run / "navigation.html"
+
+ARMS = {Positioning.ON: ("",), Positioning.OFF: (WITHOUT,), Positioning.BOTH: ("", WITHOUT)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class NavigationRow(MethodRow):
+    """A method's line: rates over all episodes with their 95 % intervals, a crashed episode a failure; means over those
+    that ended; p_value of the exact McNemar test of success against the first measured method.
+    """
+
+    episodes: int
+    success_rate: float | None = None
+    success_rate_low: float | None = None
+    success_rate_high: float | None = None
+    oracle_success_rate: float | None = None
+    oracle_success_rate_low: float | None = None
+    oracle_success_rate_high: float | None = None
+    spl: float | None = None
+    spl_low: float | None = None
+    spl_high: float | None = None
+    success_rate_3m: float | None = None
+    success_rate_3m_low: float | None = None
+    success_rate_3m_high: float | None = None
+    path_m: float | None = None
+    panoramas: float | None = None
+    collisions: float | None = None
+    p_value: float | None = None
 
     @property
     def measured(self) -> bool:
-        """Whether some method was measured."""
-        return any(row["success_rate"] is not None for row in self.rows)
+        return self.success_rate is not None
 
-    @property
-    def crashed(self) -> bool:
-        """Whether some method raised or died, in an episode or altogether."""
-        return any("crashed" in row["status"] for row in self.rows)
 
-    def to_json(self) -> dict[str, Any]:
-        """{"run": path, "rows": [...], "notes": [...]}."""
-        return {"run": str(self.run), "rows": list(self.rows), "notes": list(self.notes)}
+RATES = {"success": "success_rate", "oracle": "oracle_success_rate", "spl": "spl", "success_3m": "success_rate_3m"}
+"""Fields with a mean and a 95 % interval (`_low`, `_high`) by the key of an episode's row."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class NavigationSurvey(Survey[Episode]):
+    """Episodes, and the worlds they are walked in by id."""
+
+    sites: Mapping[str, Site]
 
 
 def navigate(
-    methods: Sequence[str],
-    data: str = "house-12",
+    request: Request,
     *,
     episodes: int | Path = 100,
-    positioning: Positioning = "on",
-    data_dir: Path | None = None,
-    overrides: Sequence[str] = (),
-    name: str | None = None,
-    runs: Path = Path("runs"),
-    engine: str = "processes",
-    seed: int = 0,
+    positioning: Positioning = Positioning.ON,
     progress: Progress | None = None,
-) -> Navigation:
-    """Send an agent through a dataset's buildings with each method as its localizer; a run that was begun is resumed.
+) -> Result[NavigationRow]:
+    """Send an agent through a data set's buildings with each method as its localizer; a run that was begun is resumed.
 
     `episodes`: how many to draw, or a JSON file of them. Without `positioning` a method's poses are ignored: the agent
     takes itself to stand at the node it is nearest to by the method's first place, and its heading from odometry alone.
-    `overrides` are "key.path=value", "navigation.KEY" for NavigationConfig; `seed` is that of episodes, noise and
-    intervals; the rest as in `compare`. Raises SalframeError on names, settings and files that are wrong, InputMissing
-    on a dataset that cannot render, before anything runs.
+    Settings "navigation.KEY" are for NavigationConfig; the request's seed is that of episodes, noise and intervals.
+    Raises SalframeError on names, settings and files that are wrong, InputMissing on a data set that cannot render,
+    before anything runs.
     """
     if isinstance(episodes, int) and episodes < 1:
         raise ConfigError(f"received {episodes} episodes, expected at least 1")
-    pairs = [parse_override(text) for text in overrides]
+    resolved: Resolved = resolve(request, scopes=("navigation",))
     content: dict[str, Any] = {}
-    for path, value in pairs:
-        if path[0] == "navigation":
-            content = merge(content, nest(path[1:], value))
-    config: NavigationConfig = validate(NavigationConfig, content, "navigation")
-    own = [text for text, (path, _) in zip(overrides, pairs, strict=True) if path[0] != "navigation"]
-    plain, given = configure_methods(methods, own)
-    arms = {"on": [""], "off": [WITHOUT], "both": ["", WITHOUT]}[positioning]
-    configs = {method + arm: localizer for method, localizer in plain.items() for arm in arms}
-    asked = episodes if isinstance(episodes, int) else read_json(episodes)
-    task = {"episodes": asked, **config.model_dump(mode="json")}
-    run, dataset, runner = open_run(
-        configs, data, data_dir, given, name, runs, engine, seed, progress, "navigate-", {"navigation": task}
-    )
-    sites = _sites(dataset, config)
-    drawn = draw_episodes(sites, episodes, seed) if isinstance(episodes, int) else read_episodes(episodes, sites, seed)
-    write_json(run.directory / "episodes.json", [asdict(episode) for episode in drawn[0]])
-    todo = [label for label in configs if not _finished(run, label, drawn[0])]
-    with watch(run, lambda label: len(_rows(run, label)), len(drawn[0]), progress):
-        work_through(run, runner, play, todo)
-    rows = _measure(run, drawn[0])
-    for row in rows:
-        write_json(run.folder(row["method"]) / "metrics.json", row)
-    navigation = Navigation(run.directory, tuple(rows), tuple(drawn[1]))
-    known = {label: _rows(run, label) for label in configs}
-    write_report(
-        navigation.report, run.directory.name, rows, known, {id: site.world.chart.map for id, site in sites.items()}
-    )
-    return navigation
+    for given in resolved.scopes["navigation"]:
+        content = merge(content, given)
+    arms = ARMS[Positioning(positioning)]
+    methods = {label + arm: config for label, config in resolved.methods.items() for arm in arms}
+    asked = episodes if isinstance(episodes, int) else read_asked(episodes)
+    task = NavigationTask(validate(NavigationConfig, content, "navigation"), asked, request.seed)
+    return run_task(task, request, replace(resolved, methods=methods), progress=progress)
 
 
-def _sites(dataset: Dataset, config: NavigationConfig) -> dict[str, Site]:
-    return {world.id: Site(world, Guide(world.chart, config.planner)) for world in dataset.worlds()}
+@dataclass(frozen=True)
+class NavigationTask(Task[Episode, NavigationSurvey]):
+    """Does the agent get there? `asked`: how many episodes to draw, or which to walk."""
+
+    config: NavigationConfig
+    asked: int | tuple[Asked, ...]
+    seed: int
+
+    name = "navigation"
+    prefix = "navigate-"
+    counts = "episodes"
+    key_fields = ("episode",)
+
+    def asks(self) -> dict[str, Any]:
+        asked = self.asked if isinstance(self.asked, int) else [one.model_dump(mode="json") for one in self.asked]
+        return {"episodes": asked, "seed": self.seed, "settings": self.config.model_dump(mode="json")}
+
+    @classmethod
+    def from_run(cls, run: Run) -> NavigationTask:
+        asked, config = run.task["episodes"], validate(NavigationConfig, run.task["settings"], "navigation")
+        given = asked if isinstance(asked, int) else tuple(Asked.model_validate(one) for one in asked)
+        return cls(config, given, run.task["seed"])
+
+    def mode(self, label: str) -> str:
+        return WITHOUT if label.endswith(WITHOUT) else ""
+
+    def survey(self, dataset: Dataset) -> NavigationSurvey:
+        sites = {world.id: Site(world, Guide(world.chart, self.config.planner)) for world in open_worlds(dataset)}
+        if isinstance(self.asked, int):
+            episodes, left_out = draw_episodes(sites, self.asked, self.seed)
+        else:
+            episodes, left_out = place_episodes(self.asked, sites, self.seed)
+        # World by world: a localizer takes a world's map in once.
+        order = {world: number for number, world in enumerate(dict.fromkeys(one.world for one in episodes))}
+        pieces = sorted(episodes, key=lambda one: order[one.world])
+        return NavigationSurvey(dataset, pieces, tuple(left_out), sites=sites)
+
+    def key(self, piece: Episode) -> tuple[int]:
+        return (piece.number,)
+
+    def open(
+        self, label: str, method: Localizer, survey: NavigationSurvey, todo: Sequence[Episode], folder: Path
+    ) -> Worker[Episode]:
+        check_needs(method, method.needs, survey.dataset)
+        sight = Sight(method, survey.dataset.fingerprint, positioning=not self.mode(label))
+        return _Walking(sight, survey.sites, self.config, self.seed)
+
+    def failed(self, piece: Episode) -> Row:
+        failure = {"success": False, "oracle": False, "spl": 0.0, "success_3m": False}
+        return {"world": piece.world, "goal": piece.goal, **failure, "shortest_m": piece.shortest_m}
+
+    def summarize(self, survey: NavigationSurvey, records: Sequence[Record], seed: int) -> tuple[NavigationRow, ...]:
+        lines: list[NavigationRow] = []
+        first: np.ndarray | None = None
+        for record in records:
+            line = NavigationRow(**record.common(), episodes=len(survey.pieces))
+            if record.done:
+                rows = sorted((row for row in record.rows if row is not None), key=lambda row: row["episode"])
+                success = np.array([row["success"] for row in rows], bool)
+                p_value = None if first is None else mcnemar_exact(first, success)
+                line = replace(line, **_measure(rows, seed), p_value=p_value)
+                first = success if first is None else first
+            lines.append(line)
+        return tuple(lines)
+
+    def report(self, result: Result[NavigationRow], survey: NavigationSurvey, records: Sequence[Record]) -> Path:
+        from salframe.evaluation.report.navigation import write_report
+
+        episodes = sorted(survey.pieces, key=lambda episode: episode.number)
+        write_json(result.run / "episodes.json", [asdict(episode) for episode in episodes])
+        return write_report(result, records, {id: site.world.chart.map for id, site in survey.sites.items()})
 
 
-def _rows(run: Run, label: str) -> dict[int, Row]:
-    """Rows by episode; of an episode walked again, the last."""
-    return {row["episode"]: row for row in read_rows(run.folder(label) / "episodes.jsonl")}
+class _Walking(Worker[Episode]):
+    """An agent that looks through a localizer."""
+
+    def __init__(self, sight: Sight, sites: Mapping[str, Site], config: NavigationConfig, seed: int) -> None:
+        self._sight, self._sites, self._config, self._seed = sight, sites, config, seed
+
+    def work(self, piece: Episode) -> Row:
+        site = self._sites[piece.world]
+        return walk(site, partial(self._sight.look, site.world), piece, self._config, self._seed)
+
+    def end(self) -> str | None:
+        return self._sight.warning
 
 
-def _finished(run: Run, label: str, episodes: Sequence[Episode]) -> bool:
-    outcome, rows = run.outcome(label), _rows(run, label)
-    return (
-        outcome is not None
-        and outcome.status == "done"
-        and all(e.number in rows and rows[e.number]["status"] != "crashed" for e in episodes)
-    )
-
-
-def play(directory: Path, label: str) -> None:
-    """Walk the episodes of a run that the method `label` has not ended yet."""
-    conclude(Run.load(directory), label, _play)
-
-
-def _play(run: Run, label: str) -> Outcome:
-    localizer, dataset = open_method(run, label)
-    config: NavigationConfig = validate(
-        NavigationConfig, {k: v for k, v in run.content["navigation"].items() if k != "episodes"}, "navigation"
-    )
-    ended = {number for number, row in _rows(run, label).items() if row["status"] != "crashed"}
-    episodes = [
-        Episode(**{**entry, "start": tuple(entry["start"])}) for entry in read_json(run.directory / "episodes.json")
-    ]
-    sites = _sites(dataset, config)
-    sight = Sight(localizer, dataset.fingerprint, positioning=not label.endswith(WITHOUT))
-    with RowWriter(run.folder(label) / "episodes.jsonl") as rows:
-        for world, own in group_by_world(episodes).items():
-            for episode in own:
-                if episode.number in ended:
-                    continue
-                try:
-                    row = walk(sites[world], partial(sight.look, sites[world].world), episode, config, run.seed)
-                except Exception as error:  # an episode that breaks the method must not take the other episodes with it
-                    log_crash(run, label, f"episode {episode.number}")
-                    row = _crashed_row(episode, error)
-                rows.append(row)
-    return Outcome("done", sight.warning)
-
-
-def _crashed_row(episode: Episode, error: Exception) -> Row:
-    return {
-        "episode": episode.number,
-        "world": episode.world,
-        "goal": episode.goal,
-        "status": "crashed",
-        "success": False,
-        "oracle": False,
-        "spl": 0.0,
-        "success_3m": False,
-        "shortest_m": episode.shortest_m,
-        "error": describe_error(error),
-    }
-
-
-def _measure(run: Run, episodes: Sequence[Episode]) -> list[dict[str, Any]]:
-    """A row of the table for each method, None where a number is absent; p_value is against the first measured one."""
-    table: list[dict[str, Any]] = []
-    first: list[Row] | None = None
-    for label in run.labels:
-        known, outcome = _rows(run, label), run.outcome(label)
-        rows = [known[episode.number] for episode in episodes if episode.number in known]
-        line: dict[str, Any] = {**dict.fromkeys(COLUMNS), "method": label, "episodes": len(episodes), "status": {}}
-        if outcome is None or (outcome.status == "done" and len(rows) < len(episodes)):
-            outcome = Outcome("unfinished", f"unfinished: {len(rows)} of {len(episodes)} episodes walked")
-        line["available"], line["reason"] = outcome.status != "unavailable", outcome.reason
-        if outcome.status in ("done", "crashed"):
-            line["status"] = count_statuses(row["status"] for row in rows) or {"crashed": len(episodes)}
-        if outcome.status == "done":
-            line |= summarize(rows, run.seed)
-            line["p_value"] = success_p_value(first, rows) if first else None
-            first = first or rows
-        table.append(line)
-    return table
+def _measure(rows: Sequence[Row], seed: int) -> dict[str, Any]:
+    """The measured fields of a method's line, from all its episodes in order."""
+    summary: dict[str, Any] = {}
+    for key, field in RATES.items():
+        values = np.array([row[key] for row in rows], float)
+        low, high = bootstrap_interval(values, seed)
+        summary |= {field: float(values.mean()), f"{field}_low": low, f"{field}_high": high}
+    ended = [row for row in rows if "path" in row]
+    for key, field in MEANS.items():
+        summary[field] = float(np.mean([row[key] for row in ended])) if ended else None
+    return summary

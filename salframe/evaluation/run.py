@@ -1,11 +1,13 @@
-"""TODO."""
+"""Run folders: what was asked, what each method answered, and where. Finished work is never asked again."""
 
 from __future__ import annotations
 
 import json
 import os
+import shutil
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from enum import StrEnum
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -13,74 +15,82 @@ from urllib.parse import quote
 
 import yaml
 
+from salframe.evaluation.request import Resolved
 from salframe.framework.config import ComponentConfig, read_yaml, validate
-from salframe.framework.errors import ConfigError, DataError
+from salframe.framework.errors import ConfigError, DataError, InvalidAnswer
 from salframe.framework.files import read_json, write_json, write_text
 from salframe.framework.identity import digest, identity
 from salframe.framework.installation import environment
 from salframe.framework.registry import registry
 
 Row = dict[str, Any]
+"""What a method made of one piece of a task, as a line of rows.jsonl."""
+
+REQUEST, ROWS, DESCRIPTIONS = "request.yaml", "rows.jsonl", "descriptions.jsonl"
+
+
+class PieceStatus(StrEnum):
+    """How the work on one piece ended: done, or the piece cannot be used, or it broke the method."""
+
+    OK = "ok"
+    ERROR = "error"
+    CRASHED = "crashed"
+
+
+class MethodStatus(StrEnum):
+    """How a method's work ended."""
+
+    DONE = "done"
+    UNAVAILABLE = "unavailable"
+    CRASHED = "crashed"
+    UNFINISHED = "unfinished"
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a method's prediction ended: "done", "unavailable" or "crashed", and why, or with which warning."""
+    """How a method's work ended, and why, or with which warning; `given`: which parts of panoramas it was given."""
 
-    status: str
+    status: MethodStatus
     reason: str | None = None
+    given: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Run:
-    """A run folder. `content` is that of its config.yaml: seed, dataset, and methods by label, every setting with its
-    value."""
+    """A run folder. `content` is that of its request.yaml: task, seed, data, methods by label, settings with values."""
 
     directory: Path
     content: Mapping[str, Any] = field(repr=False)
 
     @classmethod
-    def open(
-        cls,
-        runs: Path,
-        name: str,
-        dataset: ComponentConfig,
-        methods: Mapping[str, ComponentConfig],
-        seed: int,
-        task: Mapping[str, Any] = {},
-    ) -> Run:
-        """Make or resume runs/<name>-<hash8>; the hash changes with any setting and with any component's version.
+    def open(cls, runs: Path, name: str, task: Mapping[str, Any], resolved: Resolved, seed: int) -> Run:
+        """Make or resume runs/<name>-<hash8>; the hash changes with whatever is part of an identity.
 
-        `seed` is that of the confidence intervals; `task`, what all methods are asked beyond the dataset's queries, is
-        kept under its own keys. Raises ConfigError where the folder holds another configuration.
+        `task`: its name and what it asks, as JSON. Raises ConfigError where the folder holds another request.
         """
-        if not name or "/" in name:
+        if not name or "/" in name or name in (".", ".."):
             raise ConfigError(f"received the run name {name!r}, expected one without slashes")
-        known_by = {label: identity(config) for label, config in methods.items()}
-        directory = (
-            runs / f"{name}-{digest({'seed': seed, 'dataset': identity(dataset), 'methods': known_by, **task})[:8]}"
-        )
-        settings = {label: config.model_dump(mode="json") for label, config in methods.items()}
-        text = yaml.safe_dump(
-            {"seed": seed, "dataset": dataset.model_dump(mode="json"), "methods": settings, **task}, sort_keys=False
-        )
-        path, content = directory / "config.yaml", yaml.safe_load(text)
+        known_by = {label: identity(config) for label, config in resolved.methods.items()}
+        key = digest({"task": task, "seed": seed, "data": identity(resolved.data), "methods": known_by})
+        settings = {label: config.model_dump(mode="json") for label, config in resolved.methods.items()}
+        asked = {"task": dict(task), "seed": seed, "data": resolved.data.model_dump(mode="json"), "methods": settings}
+        text = yaml.safe_dump(asked, sort_keys=False)
+        directory, content = runs / f"{name}-{key[:8]}", yaml.safe_load(text)
+        path = directory / REQUEST
         if not path.exists():
             write_text(path, text)
         elif read_yaml(path) != content:
-            raise ConfigError(
-                f"{path} was edited since the run began: restore it, or remove {directory} to start afresh"
-            )
+            raise ConfigError(f"{path} was edited since the run began: restore it, or remove {directory}")
         return cls(directory, content)
 
     @classmethod
     def load(cls, directory: Path) -> Run:
         """Open an existing run folder. Raises ConfigError where it is none."""
-        path = directory / "config.yaml"
+        path = directory / REQUEST
         if not path.exists():
-            raise ConfigError(f"{directory} is no run folder: it has no config.yaml")
+            raise ConfigError(f"{directory} is no run folder: it has no {REQUEST}")
         content = read_yaml(path)
-        absent = [key for key in ("seed", "dataset", "methods") if key not in content]
+        absent = [key for key in ("task", "seed", "data", "methods") if key not in content]
         if absent:
             raise ConfigError(f"{path} has no key {', '.join(absent)}")
         return cls(directory, content)
@@ -90,75 +100,100 @@ class Run:
         return self.content["seed"]
 
     @property
+    def task(self) -> Mapping[str, Any]:
+        """The task's name and what it asks."""
+        return self.content["task"]
+
+    @property
     def labels(self) -> list[str]:
         """The methods, in the order they were given."""
         return list(self.content["methods"])
 
-    def dataset(self) -> ComponentConfig:
-        """The dataset's configuration. Raises ConfigError, UnknownName where this installation does not know it."""
-        return self._component("dataset", self.content["dataset"], "dataset")
+    def data(self) -> ComponentConfig:
+        """The data set's configuration. Raises ConfigError, UnknownName where this installation does not know it."""
+        return self._component("dataset", self.content["data"], "data")
 
-    def method(self, label: str) -> ComponentConfig:
+    def method(self, label: str, role: str) -> ComponentConfig:
         """A method's configuration. Raises ConfigError, UnknownName where this installation does not know it."""
-        return self._component("localizer", self.content["methods"][label], label)
+        return self._component(role, self.content["methods"][label], label)
 
     def _component(self, role: str, settings: Mapping[str, Any], where: str) -> ComponentConfig:
-        return validate(
-            registry().get(role, settings.get("kind", "")).Config,
-            settings,
-            f"{self.directory / 'config.yaml'}: {where}",
-        )
+        model = registry().get(role, settings.get("kind", "")).Config
+        return validate(model, settings, f"{self.directory / REQUEST}: {where}")
 
     def folder(self, label: str) -> Path:
-        """The folder of a method. Labels are escaped, so that no two share one."""
-        return self.directory / quote(label, safe="[]=,; ")
+        """The folder of a method. Labels are escaped, so that no two share one and none lies elsewhere."""
+        name = quote(label, safe="[]=,; ")
+        return self.directory / (name.replace(".", "%2E") if not name.strip(".") else name)
 
-    def predictions(self, label: str) -> dict[tuple[str, str], Row]:
-        """Answers by (fold, query); of a query asked again, the last."""
-        return {(row["fold"], row["query"]): row for row in read_rows(self.folder(label) / "predictions.jsonl")}
-
-    def descriptions(self, label: str) -> dict[str, Row]:
-        """The cost of each described frame by its id: ms and bytes."""
-        return {row["frame"]: row for row in read_rows(self.folder(label) / "descriptions.jsonl")}
-
-    def count_rows(self, label: str) -> int:
-        """How many frames the method has described and queries it has answered so far."""
-        paths = (self.folder(label) / name for name in ("descriptions.jsonl", "predictions.jsonl"))
-        return sum(path.read_bytes().count(b"\n") for path in paths if path.exists())
+    def rows(self, label: str) -> list[Row]:
+        """What the method has made of its pieces so far."""
+        return list(read_rows(self.folder(label) / ROWS))
 
     def outcome(self, label: str) -> Outcome | None:
-        """How the method's prediction ended, None where it has not."""
+        """How the method's work ended, None where it has not."""
         path = self.folder(label) / "outcome.json"
-        return Outcome(**read_json(path)) if path.exists() else None
+        if not path.exists():
+            return None
+        content = read_json(path)
+        return Outcome(MethodStatus(content["status"]), content["reason"], tuple(content["given"]))
 
     def end(self, label: str, outcome: Outcome) -> None:
-        """Keep how the method's prediction ended."""
-        write_json(self.folder(label) / "outcome.json", {"status": outcome.status, "reason": outcome.reason})
+        """Keep how the method's work ended."""
+        content = {"status": outcome.status, "reason": outcome.reason, "given": list(outcome.given)}
+        write_json(self.folder(label) / "outcome.json", content)
 
     def bind(self, fingerprint: str) -> None:
-        """Tie the run to the dataset's content and write env.json. Raises DataError where the content is not what the
-        run began with."""
+        """Tie the run to the data's content and write env.json. Raises DataError where it is not what the run began with."""
         path = self.directory / "env.json"
         if not path.exists():
             write_json(path, {"dataset_fingerprint": fingerprint, **environment()})
         elif read_json(path)["dataset_fingerprint"] != fingerprint:
             raise DataError(
-                f"the dataset of {self.directory} has changed since the run began: give the run another --name, or remove it"
+                f"the dataset of {self.directory} has changed since the run began: "
+                "give the run another --name, or remove it"
             )
+
+    def environment(self) -> Mapping[str, Any]:
+        """What `bind` wrote: the data's fingerprint, versions, machine."""
+        return read_json(self.directory / "env.json")
+
+    def reuse(self, label: str, known_by: str) -> Path | None:
+        """Take over what the same method was found to answer to the same pieces of the same data in another run.
+
+        `known_by`: the hash of all that answers depend on. Returns the run that they come from, None where the method
+        has a folder already or no other run has any.
+        """
+        folder = self.folder(label)
+        if (folder / "identity.json").exists():
+            return None
+        others = [path.parent for path in sorted(self.directory.parent.glob("*/*/identity.json"))]
+        alike = [other for other in others if (other / ROWS).exists() and _known_by(other) == known_by]
+        best = max(alike, key=lambda other: (other / ROWS).stat().st_size, default=None)
+        folder.mkdir(parents=True, exist_ok=True)
+        for name in (DESCRIPTIONS, ROWS, "outcome.json") if best is not None else ():
+            if best is not None and (best / name).exists():
+                shutil.copyfile(best / name, folder / name)
+        write_json(folder / "identity.json", {"sha256": known_by})
+        return None if best is None else best.parent
+
+
+def _known_by(folder: Path) -> str | None:
+    content = read_json(folder / "identity.json")
+    return content.get("sha256") if isinstance(content, dict) else None
 
 
 def read_rows(path: Path) -> Iterator[Row]:
     """The rows of a .jsonl file; none where it is missing. What follows the last newline was cut off by a kill, and is
-    left out."""
+    left out.
+    """
     if not path.exists():
         return
     for number, line in enumerate(path.read_bytes().split(b"\n")[:-1], 1):
         try:
             yield json.loads(line)
         except ValueError:
-            raise DataError(
-                f"{path}, line {number}, is not JSON: remove the line to have its query asked again"
-            ) from None
+            raise DataError(f"{path}, line {number}, is not JSON: remove the line to have it asked again") from None
 
 
 class RowWriter:
@@ -171,9 +206,17 @@ class RowWriter:
         self._file = path.open("a")
 
     def append(self, row: Row) -> None:
-        """Append one row. Raises ValueError on NaN, which JSON has not."""
-        self._file.write(json.dumps(row, allow_nan=False) + "\n")
+        """Append one row. Raises InvalidAnswer on NaN, which JSON has not."""
+        try:
+            text = json.dumps(row, allow_nan=False)
+        except ValueError:
+            raise InvalidAnswer(f"an answer holds a number that is not finite: {str(row)[:200]}") from None
+        self._file.write(text + "\n")
         self._file.flush()
+
+    def close(self) -> None:
+        """Append no more."""
+        self._file.close()
 
     def __enter__(self) -> RowWriter:
         return self
@@ -181,4 +224,23 @@ class RowWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        self._file.close()
+        self.close()
+
+
+class LineCounter:
+    """How many lines files have, reading only what was added since the last look."""
+
+    def __init__(self) -> None:
+        self._seen: dict[Path, tuple[int, int]] = {}
+
+    def count(self, path: Path) -> int:
+        """The lines that a file has by now; 0 where it is missing."""
+        offset, lines = self._seen.get(path, (0, 0))
+        try:
+            with path.open("rb") as file:
+                file.seek(offset)
+                added = file.read()
+        except FileNotFoundError:
+            return 0
+        self._seen[path] = offset + len(added), lines + added.count(b"\n")
+        return self._seen[path][1]

@@ -35,7 +35,15 @@ class InputMissing(SalframeError):
     """A method needs something (colour, range, annotations) that a panorama does not have."""
 
 
-class InvalidAnswer(SalframeError):
+class MethodFailed(SalframeError):
+    """A method cannot go on: it costs its row in the table, not the piece of work at hand alone."""
+
+
+class MethodUnavailable(MethodFailed):
+    """A method cannot do what a task asks."""
+
+
+class InvalidAnswer(MethodFailed):
     """A component answered what no component of its role may answer."""
 
 

@@ -5,14 +5,16 @@ from __future__ import annotations
 import os
 import platform
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 from salframe.framework.cache import cache_home
+from salframe.framework.component import Component
 from salframe.framework.errors import SalframeError
+from salframe.framework.presets import configure, names, preset_names, settings
 from salframe.framework.registry import Failure, registry
 from salframe.framework.weights import list_weights
 
@@ -44,7 +46,9 @@ def installed_version(package: str) -> str | None:
 
 @dataclass(frozen=True)
 class ComponentStatus:
-    """A registered component; `missing` says why it cannot run here with its default settings, None where it can."""
+    """A component, or a preset of one by the preset's name; `missing` says why it cannot run here as it is set, None
+    where it can.
+    """
 
     role: str
     name: str
@@ -57,13 +61,35 @@ class ComponentStatus:
 def list_components() -> Iterator[ComponentStatus]:
     """Every registered component by role and name. Imports nothing that a component would import to run."""
     for component, package in registry():
-        missing = None
+        yield _status(component.name, package, component, {"kind": component.name})
+
+
+def list_names(role: str) -> Iterator[ComponentStatus]:
+    """Everything that names a component of a role, by name: presets, and components as they are."""
+    packages = {component.name: package for component, package in registry() if component.role == role}
+    packages |= preset_names(role)
+    for name in names(role):
+        content = settings(role, name)
         try:
-            component.check(component.Config())
+            component = registry().get(role, content.get("kind", name))
         except SalframeError as error:
-            missing = str(error)
-        summary = (component.__doc__ or "").strip().partition("\n")[0]
-        yield ComponentStatus(component.role, component.name, component.version, package, summary, missing)
+            yield ComponentStatus(role, name, "", packages[name], "", str(error))
+        else:
+            yield _status(name, packages[name], component, content)
+
+
+def _status(name: str, package: str, component: type[Component], content: Mapping[str, Any]) -> ComponentStatus:
+    missing = None
+    try:
+        component.check(configure(component.role, name, content))
+    except SalframeError as error:
+        missing = str(error)
+    return ComponentStatus(component.role, name, component.version, package, summary_of(component), missing)
+
+
+def summary_of(component: type[Component]) -> str:
+    """The first paragraph of a component's docstring, on one line."""
+    return " ".join((component.__doc__ or "").strip().partition("\n\n")[0].split())
 
 
 @dataclass(frozen=True)

@@ -118,6 +118,17 @@ class Registry:
         paths = (presets.folder / folder / f"{name}.yaml" for presets, _ in self.presets)
         return next((path for path in paths if path.is_file()), None)
 
+    def preset_files(self) -> list[tuple[Path, str]]:
+        """(file, package) of every preset of methods, data and ablations, by folder and name."""
+        folders = ("methods", "data", "ablations")
+        found = [
+            (path, package)
+            for presets, package in self.presets
+            for folder in folders
+            for path in (presets.folder / folder).glob("*.yaml")
+        ]
+        return sorted(found, key=lambda entry: (folders.index(entry[0].parent.name), entry[0].stem))
+
     def list_presets(self, folder: str) -> dict[str, str]:
         """Name -> package of the presets in a folder of the collections, sorted."""
         found = {

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import Field, TypeAdapter, ValidationError
 
+from salframe.framework.config import Settings
 from salframe.framework.errors import DataError, NoRoute, UnknownName
 from salframe.framework.files import read_json
 from salframe.navigation.guide import Guide
@@ -31,10 +32,9 @@ class Episode:
     shortest_m: float
 
 
-class Asked(BaseModel):
+class Asked(Settings):
     """An episode in a file."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
     start: str | tuple[float, float] = Field(description="a node, or x and y in metres")
     goal: str = Field(description="a node")
     yaw_deg: float | None = Field(
@@ -101,24 +101,27 @@ def _draw(site: Site, rng: np.random.Generator, number: int) -> Episode | None:
     return None
 
 
-def read_episodes(path: Path, sites: Mapping[str, Site], seed: int) -> tuple[list[Episode], list[str]]:
-    """The episodes of a JSON file (a list of Asked), and a line on each that cannot be walked. Raises DataError on a
-    malformed file."""
+def read_asked(path: Path) -> tuple[Asked, ...]:
+    """The episodes of a JSON file. Raises DataError on a malformed one."""
     try:
-        asked = TypeAdapter(list[Asked]).validate_python(read_json(path))
+        return TypeAdapter(tuple[Asked, ...]).validate_python(read_json(path))
     except ValidationError as error:
         first = error.errors()[0]
         where = f"episode {first['loc'][0]}: " if first["loc"] else ""
         what = ".".join(map(str, first["loc"][1:2])) + " " if len(first["loc"]) > 1 else ""
         raise DataError(f"{path}, {where}{what}{first['msg']}, received {first['input']!r}") from None
+
+
+def place_episodes(asked: Sequence[Asked], sites: Mapping[str, Site], seed: int) -> tuple[list[Episode], list[str]]:
+    """The episodes that can be walked, and a line on each that cannot. Raises DataError where none can."""
     episodes, left_out = [], []
     for number, one in enumerate(asked):
         try:
             episodes.append(_place(one, sites, np.random.default_rng([seed, 1, number]), number))
         except (DataError, NoRoute, UnknownName) as error:
-            left_out.append(f"{path}, episode {number}: {error}")
+            left_out.append(f"episode {number}: {error}")
     if not episodes:
-        raise DataError(left_out[0] if left_out else f"{path} holds no episode, expected at least one")
+        raise DataError(left_out[0] if left_out else "received no episode, expected at least one")
     return episodes, left_out
 
 
@@ -139,11 +142,3 @@ def _place(asked: Asked, sites: Mapping[str, Site], rng: np.random.Generator, nu
     if not world.joined(start, world.stand_at(goal, 0.0)):
         raise DataError(f"what stands in {name} today shuts {goal.id} off from the start")
     return Episode(number, name, tuple(start.ravel().tolist()), goal.id, guide.way(start[:3, 3], goal.id).length_m)
-
-
-def group_by_world(episodes: Sequence[Episode]) -> dict[str, list[Episode]]:
-    """The episodes of each world, in order."""
-    grouped: dict[str, list[Episode]] = {}
-    for episode in episodes:
-        grouped.setdefault(episode.world, []).append(episode)
-    return grouped

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from salframe.framework.cache import Cache
-from salframe.framework.errors import FRAME_ERRORS, DataError
+from salframe.framework.errors import FRAME_ERRORS, MethodFailed
 from salframe.localization.answers import LocalizationStatus
 from salframe.localization.localizer import Description, Localizer
 from salframe.navigation.agent import Located
@@ -62,7 +62,7 @@ class Sight:
         if [frame.id for frame in usable] == list(self._frames):
             return
         if not usable:
-            raise DataError("; ".join(["no mapping frame can be used", *self._left_out[:1]]))
+            raise MethodFailed("; ".join(["no mapping frame can be used", *self._left_out[:1]]))
         self._frames = {frame.id: frame for frame in usable}
         self._localizer.take_map([self._described[id] for id in self._frames], list(self._frames.values()))  # type: ignore[misc]
 

@@ -4,12 +4,14 @@ often enough."""
 from __future__ import annotations
 
 from collections.abc import Callable
+from enum import StrEnum
 from typing import Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
-from salframe.framework.config import slot
+from salframe.framework.config import Settings, slot
+from salframe.framework.defaults import default_of
 from salframe.framework.errors import NoRoute
 from salframe.navigation.agent import Agent, Located
 from salframe.navigation.episodes import Episode, Site
@@ -24,11 +26,17 @@ NEAR_M = 3.0
 Row = dict[str, Any]
 
 
-class NavigationConfig(BaseModel):
+class EpisodeStatus(StrEnum):
+    """How an episode ended: the agent said that it had arrived, or had looked as often as it may."""
+
+    ARRIVED = "arrived"
+    OUT_OF_BUDGET = "out of budget"
+
+
+class NavigationConfig(Settings):
     """What every method of a run navigates with. Noise is normal, its standard deviations given here."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-    planner: slot("planner", "floyd-warshall")  # type: ignore[valid-type]
+    planner: slot("planner", default_of("navigation_planner"))  # type: ignore[valid-type]
     budget: int = Field(60, ge=1, description="panoramas that an agent may take in an episode")
     arrival_m: float = Field(
         0.25, gt=0, description="an agent that believes to have no farther to go says that it has arrived"
@@ -45,7 +53,7 @@ as the agent believes."""
 
 
 def walk(site: Site, look: Look, episode: Episode, config: NavigationConfig, seed: int) -> Row:
-    """Walk an episode: a row of episodes.jsonl. Noise depends on seed and episode alone, so all methods meet the same.
+    """Walk an episode: its row. Noise depends on seed and episode alone, so all methods meet the same.
 
     The agent is told its first heading, not its position.
     """
@@ -85,10 +93,9 @@ def walk(site: Site, look: Look, episode: Episode, config: NavigationConfig, see
     success = arrived and left_m[-1] <= SUCCESS_M
     longer_m = max(episode.shortest_m, travelled_m)
     return {
-        "episode": episode.number,
         "world": episode.world,
         "goal": episode.goal,
-        "status": "arrived" if arrived else "out of budget",
+        "status": EpisodeStatus.ARRIVED if arrived else EpisodeStatus.OUT_OF_BUDGET,
         "success": success,
         "oracle": min(left_m) <= SUCCESS_M,
         "spl": success * (episode.shortest_m / longer_m if longer_m else 1.0),

@@ -8,10 +8,10 @@ import json
 import cv2
 import numpy as np
 import pytest
+from salframe.evaluation.compare import compare
 from salframe_keypoints.localizer import Keypoints
 from tiny_folder import write_tiny_folder
 
-from salframe.evaluation.compare import compare
 from salframe.framework.errors import RequirementMissing, WeightsMissing
 from salframe.framework.presets import configure, settings
 from salframe.panoramas.frames import Frame

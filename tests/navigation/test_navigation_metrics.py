@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.stats import binom
-
 from salframe.evaluation.navigation_metrics import bootstrap_interval, success_p_value, summarize
+from scipy.stats import binom
 
 
 def rows(successes, **given):

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 from command_line import run as salframe
+from salframe.evaluation.navigation_metrics import COLUMNS
 
 from salframe.evaluation.navigation import navigate
-from salframe.evaluation.navigation_metrics import COLUMNS
 from salframe.framework.errors import ConfigError
 
 

@@ -1,4 +1,4 @@
-"""The report of a run: one HTML file with the table and every trajectory, on the floor plan or the viewpoint graph."""
+"""The report of a navigation run: the table and every trajectory, on the floor plan or the viewpoint graph."""
 
 from __future__ import annotations
 
@@ -8,42 +8,32 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from salframe.evaluation.report import floor_picture
+from salframe.evaluation.report.page import floor_picture, render_page
+from salframe.evaluation.result import Result
+from salframe.evaluation.task import Record
 from salframe.framework.files import write_text
-from salframe.navigation.walk import Row
 from salframe.topology.topological_map import TopologicalMap
 
 _MARGIN_M = 1.0
 
 
-def write_report(
-    path: Path,
-    title: str,
-    table: Sequence[Mapping[str, Any]],
-    rows: Mapping[str, Mapping[int, Row]],
-    maps: Mapping[str, TopologicalMap],
-) -> None:
-    """Write the report: the methods' rows of the table, their episodes by label and number, and the map of each world."""
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parents[1] / "templates"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    episodes = {
-        label: [walked for walked in of_method.values() if walked["status"] != "crashed"]
-        for label, of_method in rows.items()
-    }
-    walked_in = {walked["world"] for of_method in episodes.values() for walked in of_method}
+def write_report(result: Result[Any], records: Sequence[Record], maps: Mapping[str, TopologicalMap]) -> Path:
+    """Write navigation.html into the run's folder, with the map of each world; its path."""
+    path = result.run / "navigation.html"
+    episodes = {record.label: [row for row in record.rows if row is not None and "path" in row] for record in records}
+    walked_in = {row["world"] for rows in episodes.values() for row in rows}
     content = {"worlds": {id: _plan(map) for id, map in maps.items() if id in walked_in}, "episodes": episodes}
-    page = environment.get_template("navigation.html.jinja").render(
-        title=title, rows=table, content=Markup(json.dumps(content).replace("</", "<\\/"))
+    page = render_page(
+        "navigation.html.jinja",
+        title=result.run.name,
+        rows=result.rows,
+        notes=result.notes,
+        content=Markup(json.dumps(content).replace("</", "<\\/")),
     )
     write_text(path, page)
+    return path
 
 
 def _plan(map: TopologicalMap) -> dict[str, Any]:

@@ -1,69 +1,82 @@
-"""The report of a run: one HTML file that needs nothing else, and its accuracy figure as SVG for print."""
+"""The report of a comparison: table, error curves, floor plans and every answer, and the accuracy figure as SVG for print."""
 
 from __future__ import annotations
 
-import base64
 import json
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
-from salframe.evaluation.evaluate import Evaluation, Measured
-from salframe.evaluation.reported import Reported
+from salframe.evaluation.metrics import Judged
+from salframe.evaluation.report.page import COLOURS, floor_picture, render_page
+from salframe.evaluation.result import Result
+from salframe.evaluation.run import Row
+from salframe.evaluation.task import Record
 from salframe.framework.files import write_text
 from salframe.panoramas.floors import FloorMasks
+from salframe.panoramas.frames import Truth
 
-COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f7f7f", "#8c6d31")
-"""Okabe and Ito's palette, told apart by colour-blind readers; the first for the first method."""
 RIGHT, WRONG = COLOURS[0], COLOURS[1]
 
 Figure = dict[str, Any]
 """A Plotly figure as JSON: {"title": ..., "data": [...], "layout": {...}}; "wide" where it needs the width of the page."""
 
 
-def write_report(
-    path: Path, title: str, evaluation: Evaluation, floors: Sequence[FloorMasks], reported: Sequence[Reported] = ()
-) -> None:
-    """Write the report to `path` and the accuracy figure to accuracy.svg beside it; `reported` gets a section of its
-    own at the end."""
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).with_name("templates")),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    colours = {method.label: COLOURS[i % len(COLOURS)] for i, method in enumerate(evaluation.methods)}
-    done = [method for method in evaluation.methods if method.done]
+@dataclass(frozen=True, eq=False)
+class _Method:
+    """A measured method: its answers in the order of the queries, and how they were judged."""
+
+    label: str
+    answers: Sequence[Row | None]
+    judged: Judged
+
+
+@dataclass(frozen=True, eq=False)
+class Queries:
+    """What was asked: ids, what is true of each, and the floors that they lie on."""
+
+    ids: Sequence[str]
+    truths: Sequence[Truth]
+    floors: Sequence[FloorMasks]
+
+
+def write_report(result: Result[Any], queries: Queries, records: Sequence[Record], judged: Sequence[Judged]) -> Path:
+    """Write report.html and accuracy.svg into the run's folder; the path of the former."""
+    path = result.run / "report.html"
+    colours = {row.method: COLOURS[i % len(COLOURS)] for i, row in enumerate(result.rows)}
+    paired = zip(records, judged, strict=True)
+    done = [_Method(record.label, record.rows, found) for record, found in paired if record.done]
     accuracy = ""
     if done:
-        accuracy = environment.get_template("accuracy.svg.jinja").render(
-            rows=[method.row for method in done], colours=colours
-        )
+        measured = [row for row in result.rows if row.measured]
+        accuracy = render_page("accuracy.svg.jinja", rows=measured, colours=colours)
         write_text(path.with_name("accuracy.svg"), accuracy)
-    figures = [*_error_curves(done, colours), *(_floor_plan(floor, evaluation, done) for floor in floors if done)]
-    page = environment.get_template("report.html.jinja").render(
-        title=title,
-        rows=[method.row for method in evaluation.methods],
+    floors = queries.floors if done else ()
+    figures = [*_error_curves(done, colours), *(_floor_plan(floor, queries, done) for floor in floors)]
+    page = render_page(
+        "report.html.jinja",
+        title=result.run.name,
+        rows=result.rows,
         colours=colours,
-        queries=len(evaluation.queries),
+        queries=len(queries.ids),
+        notes=result.notes,
         accuracy=Markup(accuracy),
         figures=Markup(json.dumps(figures).replace("</", "<\\/")),
         figure_count=len(figures),
         plotly=Markup(get_plotlyjs()),
-        answers={method.label: list(_answers(evaluation, method)) for method in done},
-        reported=reported,
+        answers={method.label: list(_answers(queries, method)) for method in done},
+        reported=result.reported,
     )
     write_text(path, page)
+    return path
 
 
-def _error_curves(methods: Sequence[Measured], colours: dict[str, str]) -> Iterator[Figure]:
+def _error_curves(methods: Sequence[_Method], colours: dict[str, str]) -> Iterator[Figure]:
     """The share of all queries whose pose error is below a bound; a failure is infinitely far."""
     for name, title, bounds in (
         ("translation_m", "translation error (m)", (0.01, 20)),
@@ -88,12 +101,12 @@ def _error_curves(methods: Sequence[Measured], colours: dict[str, str]) -> Itera
             yield {"title": f"Cumulative {title.partition(' (')[0]}", "data": traces, "layout": layout}
 
 
-def _floor_plan(floor: FloorMasks, evaluation: Evaluation, methods: Sequence[Measured]) -> Figure:
+def _floor_plan(floor: FloorMasks, queries: Queries, methods: Sequence[_Method]) -> Figure:
     """Where the queries of a floor were taken and what each method made of them, one method shown at a time."""
     places = set(floor.regions.values())
     position_m = {
         i: truth.T_world_pano[:2, 3].tolist()
-        for i, truth in enumerate(evaluation.truths)
+        for i, truth in enumerate(queries.truths)
         if truth.place in places and truth.T_world_pano is not None
     }
     traces, buttons = [], []
@@ -104,10 +117,7 @@ def _floor_plan(floor: FloorMasks, evaluation: Evaluation, methods: Sequence[Mea
                 {
                     "x": [position_m[i][0] for i in chosen],
                     "y": [position_m[i][1] for i in chosen],
-                    "text": [
-                        f"{evaluation.queries[i]}<br>{evaluation.truths[i].place}<br>answer: {_first_place(method.answers[i])}"
-                        for i in chosen
-                    ],
+                    "text": [_label(queries, method, i) for i in chosen],
                     "name": f"{'right' if correct else 'wrong'} ({len(chosen)})",
                     "mode": "markers",
                     "hoverinfo": "text",
@@ -163,36 +173,26 @@ def _floor_plan(floor: FloorMasks, evaluation: Evaluation, methods: Sequence[Mea
     return {"title": "Queries on the floor plan", "data": traces, "layout": layout, "wide": True}
 
 
-def floor_picture(floor: FloorMasks) -> str:
-    """The floor as a data URL: floor light, obstacles grey, walls dark, outside white."""
-    inside = cv2.morphologyEx(
-        (floor.free | (floor.region > 0)).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)
-    )
-    image = np.full((*floor.region.shape, 3), 255, np.uint8)
-    image[cv2.dilate(inside, np.ones((5, 5), np.uint8)) > 0] = 90
-    image[floor.free | (floor.region > 0)] = (238, 243, 245)
-    image[floor.obstacle] = (205, 200, 196)
-    return "data:image/png;base64," + base64.b64encode(cv2.imencode(".png", image)[1].tobytes()).decode()
-
-
-def _first_place(answer: dict[str, Any] | None) -> str:
+def _first_place(answer: Row | None) -> str:
     return answer["places"][0][1] if answer and answer["places"] else "none"
 
 
-def _answers(evaluation: Evaluation, method: Measured) -> Iterator[dict[str, Any]]:
+def _label(queries: Queries, method: _Method, i: int) -> str:
+    return f"{queries.ids[i]}<br>{queries.truths[i].place}<br>answer: {_first_place(method.answers[i])}"
+
+
+def _answers(queries: Queries, method: _Method) -> Iterator[dict[str, Any]]:
     """The rows of a method's table of queries; errors are None where there is no pose."""
-    for i, (query, truth, answer) in enumerate(zip(evaluation.queries, evaluation.truths, method.answers, strict=True)):
-        translation_m, rotation_deg = (
-            float(x) if np.isfinite(x) else None
-            for x in (method.judged.translation_m[i], method.judged.rotation_deg[i])
-        )
+    judged = method.judged
+    for i, (query, truth, answer) in enumerate(zip(queries.ids, queries.truths, method.answers, strict=True)):
+        error_m, error_deg = float(judged.translation_m[i]), float(judged.rotation_deg[i])
         yield {
             "query": query,
             "truth": truth.place,
             "answer": _first_place(answer),
-            "correct": bool(method.judged.correct[i]),
-            "status": method.judged.statuses[i],
-            "translation_m": translation_m,
-            "rotation_deg": rotation_deg,
+            "correct": bool(judged.correct[i]),
+            "status": judged.statuses[i],
+            "translation_m": error_m if np.isfinite(error_m) else None,
+            "rotation_deg": error_deg if np.isfinite(error_deg) else None,
             "error": answer["error"] if answer else None,
         }

@@ -1,0 +1,41 @@
+"""Options that several commands share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from salframe.framework.defaults import default_of
+
+METHODS, MATCHING_METHODS, DETECTORS = (
+    ",".join(default_of(key)) for key in ("methods", "matching_methods", "detectors")
+)
+DATA, ENGINE, PLANNER, MAP_METHOD = (default_of(key) for key in ("data", "engine", "planner", "map_method"))
+RUNS = Path("runs")
+
+Methods = Annotated[str, typer.Option(help="Methods, comma-separated, of `salframe methods`, or YAML files.")]
+Data = Annotated[str, typer.Option(help="A dataset preset, a dataset, a YAML file, or a folder with a manifest.json.")]
+DataArgument = Annotated[
+    str, typer.Argument(help="A dataset preset, a dataset, a YAML file, or a folder with a manifest.json.")
+]
+DataDir = Annotated[Path | None, typer.Option(help="Folder that holds the dataset's files (its `root`).")]
+Set = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="KEY.PATH=VALUE",
+        help="Change a setting: data.KEY, engine.KEY, METHOD.KEY of one method, or KEY of every method that has it.",
+    ),
+]
+Name = Annotated[str | None, typer.Option(help="Name of the run folder; the dataset's name unless given.")]
+Runs = Annotated[Path, typer.Option(help="Folder that holds the runs.")]
+EngineName = Annotated[str, typer.Option("--engine", help="How the methods are run: see `salframe plugins`.")]
+Seed = Annotated[int, typer.Option(help="Seed of the confidence intervals.")]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+
+
+def split_names(names: str) -> tuple[str, ...]:
+    """Names that stand between commas."""
+    return tuple(name.strip() for name in names.split(",") if name.strip())

@@ -1,0 +1,117 @@
+"""What commands print: progress on stderr, results on stdout, and with --json nothing but JSON there."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stdout
+from typing import TYPE_CHECKING, Any, TextIO, TypeVar
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.progress import TaskID
+
+    from salframe.evaluation.result import Result
+    from salframe.panoramas.opening import Progress
+
+Row = TypeVar("Row")
+
+LINE_SECONDS = 30.0
+"""Off a terminal, progress is a line this often."""
+
+_json_out: TextIO | None = None
+
+
+@contextmanager
+def json_alone(wanted: bool) -> Iterator[None]:
+    """Send whatever is printed to stderr, in this process and its children, but for what `print_json` prints."""
+    global _json_out
+    if not wanted:
+        yield
+        return
+    _json_out, kept = sys.stdout, None
+    try:
+        number = sys.stdout.fileno()
+    except (OSError, ValueError):  # no real file, as in tests
+        number = -1
+    if number >= 0:
+        sys.stdout.flush()
+        kept = os.dup(number)
+        _json_out = os.fdopen(os.dup(number), "w")
+        os.dup2(2, number)
+    try:
+        with redirect_stdout(sys.stderr):
+            yield
+    finally:
+        _json_out.flush()
+        if kept is not None:
+            os.dup2(kept, number)
+            os.close(kept)
+            _json_out.close()
+        _json_out = None
+
+
+def print_json(value: Any) -> None:
+    """Print a value as JSON on the stdout that the command was given."""
+    print(json.dumps(value, indent=2), file=_json_out or sys.stdout)
+
+
+class Bars:
+    """The progress of each thing that is told of, on stderr: a bar, or where that is no terminal, a line now and then."""
+
+    def __init__(self) -> None:
+        from rich.console import Console
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+        columns = (
+            TextColumn("{task.description}", markup=False),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeRemainingColumn(),
+        )
+        console = Console(stderr=True)
+        self._progress = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+        self._bars: dict[str, TaskID] = {}
+        self._told: dict[str, str] = {}
+        self._last = time.monotonic()
+
+    def update(self, what: str, done: int, total: int) -> None:
+        """Set the progress of `what`."""
+        if self._progress.disable:
+            self._told[what] = f"{what} {done}/{total}"
+            if time.monotonic() - self._last >= LINE_SECONDS:
+                self._last = time.monotonic()
+                print(", ".join(self._told.values()), file=sys.stderr, flush=True)
+            return
+        if what not in self._bars:
+            self._bars[what] = self._progress.add_task(what, total=total)
+        self._progress.update(self._bars[what], completed=done, total=total)
+
+    def __enter__(self) -> Bars:
+        self._progress.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._progress.stop()
+
+
+def show(run: Callable[[Progress], Result[Any]], table: Callable[[Result[Any]], None], as_json: bool) -> None:
+    """Run a task with its progress on stderr, print the table or JSON on stdout; exit 1 where nothing was measured or
+    something crashed.
+    """
+    try:
+        with Bars() as bars:
+            result = run(bars.update)
+    except KeyboardInterrupt:
+        print("interrupted: run the same command again to resume", file=sys.stderr)
+        raise typer.Exit(130) from None
+    if as_json:
+        print_json(result.to_json())
+    else:
+        table(result)
+    if result.crashed or not result.measured:
+        raise typer.Exit(1)

@@ -1,0 +1,299 @@
+"""The task `localization`: every query of a data set asked of every method; accuracy, pose error and cost."""
+
+from __future__ import annotations
+
+import multiprocessing
+import resource
+import sys
+import time
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from salframe.evaluation.metrics import Judged, accuracy_interval, judge, mcnemar_exact, median, pose_recalls
+from salframe.evaluation.reported import read_reported
+from salframe.evaluation.request import Request, resolve
+from salframe.evaluation.result import Result
+from salframe.evaluation.run import DESCRIPTIONS, ROWS, Row, RowWriter, Run, read_rows
+from salframe.evaluation.runner import run_task
+from salframe.evaluation.task import MethodRow, Record, Survey, Task, Worker, check_needs
+from salframe.framework.cache import Cache
+from salframe.framework.errors import FRAME_ERRORS, DataError, InvalidAnswer, MethodFailed
+from salframe.localization.answers import Localization
+from salframe.localization.localizer import Description, Localizer
+from salframe.panoramas.dataset import Dataset
+from salframe.panoramas.frames import Fold, MapFrame, QueryFrame, Truth
+from salframe.panoramas.opening import Progress
+
+TOP_PLACES = 10
+"""So many places of an answer are kept."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LocalizationRow(MethodRow):
+    """A method's line: shares of all queries, a failure among them; medians of pose errors over what was localized.
+
+    accuracy with its 95 % interval; recall_at_5; median_translation_m, median_rotation_deg; recall of poses at the
+    bounds of metrics.RECALLS; bytes_per_scene of the map; describe_ms a panorama, query_ms a query, medians;
+    peak_memory_mb; p_value of the exact McNemar test against the first measured method.
+    """
+
+    queries: int
+    accuracy: float | None = None
+    accuracy_low: float | None = None
+    accuracy_high: float | None = None
+    recall_at_5: float | None = None
+    median_translation_m: float | None = None
+    median_rotation_deg: float | None = None
+    recall_025m_2deg: float | None = None
+    recall_05m_5deg: float | None = None
+    recall_1m_10deg: float | None = None
+    bytes_per_scene: float | None = None
+    describe_ms: float | None = None
+    query_ms: float | None = None
+    peak_memory_mb: float | None = None
+    p_value: float | None = None
+
+    @property
+    def measured(self) -> bool:
+        return self.accuracy is not None
+
+
+@dataclass(frozen=True, eq=False)
+class Query:
+    """A query and the fold whose map it is asked of."""
+
+    fold: Fold
+    frame: QueryFrame
+
+
+@dataclass(frozen=True, eq=False)
+class LocalizationSurvey(Survey[Query]):
+    """The queries of a data set."""
+
+    def truths(self) -> tuple[Truth, ...]:
+        """What is true of each query, in order. Only who measures asks."""
+        return tuple(self.dataset.truth(piece.frame.id) for piece in self.pieces)
+
+
+def compare(request: Request, *, reported: bool = False, progress: Progress | None = None) -> Result[LocalizationRow]:
+    """Run methods on the queries of a data set and measure them; a run that was begun is resumed.
+
+    `reported` adds what papers report beside the rows. Raises SalframeError on names and settings that are wrong,
+    before anything runs.
+    """
+    papers = read_reported() if reported else ()
+    return run_task(LocalizationTask(), request, resolve(request), progress=progress, reported=papers)
+
+
+@dataclass(frozen=True)
+class LocalizationTask(Task[Query, LocalizationSurvey]):
+    """Where was each query taken?"""
+
+    name = "localization"
+    counts = "queries"
+    key_fields = ("fold", "query")
+    counted = (ROWS, DESCRIPTIONS)
+
+    @classmethod
+    def from_run(cls, run: Run) -> LocalizationTask:
+        return cls()
+
+    def survey(self, dataset: Dataset) -> LocalizationSurvey:
+        queries = [Query(fold, frame) for fold in dataset.folds() for frame in fold.queries]
+        if not queries:
+            raise DataError(f"{dataset.name} has no query, expected at least one")
+        return LocalizationSurvey(dataset, queries)
+
+    def key(self, piece: Query) -> tuple[str, str]:
+        return piece.fold.id, piece.frame.id
+
+    def total(self, survey: LocalizationSurvey) -> int:
+        frames = {frame.id for fold in survey.dataset.folds() for frame in (*fold.mapping, *fold.queries)}
+        return len(frames) + len(survey.pieces)
+
+    def open(
+        self, label: str, method: Localizer, survey: LocalizationSurvey, todo: Sequence[Query], folder: Path
+    ) -> Worker[Query]:
+        check_needs(method, method.needs, survey.dataset)
+        return _Answering(method, survey.dataset, todo, folder)
+
+    def failed(self, piece: Query) -> Row:
+        return _row(None)
+
+    def summarize(
+        self, survey: LocalizationSurvey, records: Sequence[Record], seed: int
+    ) -> tuple[LocalizationRow, ...]:
+        judged = judge_records(survey, records)
+        scenes = {frame.id for fold in survey.dataset.folds() for frame in fold.mapping}
+        lines: list[LocalizationRow] = []
+        first: Judged | None = None
+        for record, found in zip(records, judged, strict=True):
+            line = LocalizationRow(**record.common(), queries=len(survey.pieces))
+            if record.done:
+                line = replace(line, **_reached(found, seed), **_costs(record, scenes))
+                line = replace(line, p_value=mcnemar_exact(first.correct, found.correct) if first else None)
+                first = first or found
+            lines.append(line)
+        return tuple(lines)
+
+    def report(self, result: Result[LocalizationRow], survey: LocalizationSurvey, records: Sequence[Record]) -> Path:
+        from salframe.evaluation.report.localization import Queries, write_report
+
+        ids = [piece.frame.id for piece in survey.pieces]
+        queries = Queries(ids, survey.truths(), survey.dataset.floors())
+        return write_report(result, queries, records, judge_records(survey, records))
+
+
+def judge_records(survey: LocalizationSurvey, records: Sequence[Record]) -> list[Judged]:
+    """The answers of each method against the truth."""
+    truths = survey.truths()
+    return [judge(record.rows, truths) for record in records]
+
+
+def _reached(found: Judged, seed: int) -> dict[str, Any]:
+    low, high = accuracy_interval(found.correct, seed)
+    located = found.correct & np.isfinite(found.translation_m)
+    return {
+        "accuracy": float(found.correct.mean()),
+        "accuracy_low": low,
+        "accuracy_high": high,
+        "recall_at_5": float(found.in_top_5.mean()),
+        "median_translation_m": median(found.translation_m[located]),
+        "median_rotation_deg": median(found.rotation_deg[located]),
+        **pose_recalls(found),
+    }
+
+
+def _costs(record: Record, scenes: set[str]) -> dict[str, Any]:
+    described = {row["frame"]: row for row in read_rows(record.folder / DESCRIPTIONS)}
+    rows = [row for row in record.rows if row is not None]
+    sizes = [described[frame]["bytes"] for frame in sorted(scenes) if frame in described]
+    peaks = [row["peak_memory_mb"] for row in rows if row["peak_memory_mb"] is not None]
+    return {
+        "bytes_per_scene": float(np.mean(sizes)) if sizes else None,
+        "describe_ms": median([row["ms"] for row in described.values()]),
+        "query_ms": median([row["query_ms"] for row in rows if row["query_ms"] is not None]),
+        "peak_memory_mb": max(peaks, default=None),
+    }
+
+
+class _Answering(Worker[Query]):
+    """A localizer that answers queries, fold by fold."""
+
+    def __init__(self, localizer: Localizer, dataset: Dataset, todo: Sequence[Query], folder: Path) -> None:
+        folds = {piece.fold.id: piece.fold for piece in todo}
+        uses = Counter(frame.id for fold in folds.values() for frame in fold.mapping)
+        uses.update(piece.frame.id for piece in todo)
+        self._localizer, self._fold = localizer, ""
+        self._descriptions = _Descriptions(localizer, dataset.fingerprint, uses, folder / DESCRIPTIONS)
+        self._left_out: dict[str, str] = {}
+        self._unusable: list[str] = []
+
+    def work(self, piece: Query) -> Row:
+        if piece.fold.id != self._fold:
+            self._take_map(piece.fold)
+            self._fold = piece.fold.id
+        try:
+            description, describe_ms = self._descriptions.take(piece.frame)
+        except FRAME_ERRORS as error:
+            self._unusable.append(str(error))
+            raise
+        start = time.perf_counter()
+        answer = self._localizer.match(description)
+        query_ms = (time.perf_counter() - start) * 1e3
+        if not isinstance(answer, Localization):
+            raise InvalidAnswer(f"match gave {type(answer).__name__}, expected a Localization")
+        return {**_row(answer, describe_ms, query_ms), "status": answer.status, "error": None}
+
+    def _take_map(self, fold: Fold) -> None:
+        """Index the fold's mapping frames; those that cannot be used are left out, and said so in the end."""
+        known, frames = [], []
+        for frame in fold.mapping:
+            try:
+                description, _ = self._descriptions.take(frame)
+            except FRAME_ERRORS as error:
+                self._left_out[frame.id] = str(error)
+            else:
+                known.append(description)
+                frames.append(frame)
+        if not frames:
+            reasons = list(self._left_out.values())[:1]
+            raise MethodFailed("; ".join([f"fold {fold.id} has no mapping frame that can be used", *reasons]))
+        self._localizer.take_map(known, frames)
+
+    def end(self) -> str | None:
+        self._descriptions.close()
+        problems = {
+            "mapping frame(s) left out": list(self._left_out.values()),
+            "query frame(s) that cannot be used": self._unusable,
+        }
+        told = [f"{len(reasons)} {what}, the first: {reasons[0]}" for what, reasons in problems.items() if reasons]
+        return "; ".join(told) or None
+
+
+class _Descriptions:
+    """Describes each frame once, keeps it in memory until its last use, and records what it cost."""
+
+    def __init__(self, localizer: Localizer, dataset: str, uses: Counter[str], path: Path) -> None:
+        self._localizer, self._dataset, self._cache, self._uses = localizer, dataset, Cache(), uses
+        self._recorded = {row["frame"] for row in read_rows(path)}
+        self._costs = RowWriter(path)
+        self._found: dict[str, tuple[Description, float] | Exception] = {}
+
+    def take(self, frame: MapFrame | QueryFrame) -> tuple[Description, float]:
+        """The description and the milliseconds it took when it was computed. Raises one of FRAME_ERRORS on a frame that
+        cannot be used.
+        """
+        if frame.id not in self._found:
+            try:
+                self._found[frame.id] = self._describe(frame)
+            except FRAME_ERRORS as error:
+                self._found[frame.id] = error
+        self._uses[frame.id] -= 1
+        found = self._found[frame.id] if self._uses[frame.id] else self._found.pop(frame.id)
+        if isinstance(found, Exception):
+            raise found
+        return found
+
+    def _describe(self, frame: MapFrame | QueryFrame) -> tuple[Description, float]:
+        description, seconds = self._localizer.describe_frame(frame, self._cache, self._dataset)
+        if frame.id not in self._recorded:
+            self._recorded.add(frame.id)
+            size = self._localizer.scene_bytes(description)
+            self._costs.append({"frame": frame.id, "ms": seconds * 1e3, "bytes": size})
+        return description, seconds * 1e3
+
+    def close(self) -> None:
+        self._costs.close()
+
+
+def _row(answer: Localization | None, describe_ms: float | None = None, query_ms: float | None = None) -> Row:
+    """What is kept of an answer; `pose` is T_world_query, 16 numbers row by row."""
+    places = answer.places[:TOP_PLACES] if answer else ()
+    pose = answer.T_world_query if answer else None
+    covariance = answer.covariance if answer else None
+    return {
+        "places": [[place.frame, place.place, place.score] for place in places],
+        "pose": None if pose is None else np.asarray(pose, float).ravel().tolist(),
+        "covariance": None if covariance is None else np.asarray(covariance, float).tolist(),
+        "query_ms": query_ms,
+        "describe_ms": describe_ms,
+        "peak_memory_mb": peak_memory_mb(),
+    }
+
+
+def peak_memory_mb() -> float | None:
+    """Most memory (1e6 bytes) that this process has held so far; None in a process shared with other work."""
+    if multiprocessing.parent_process() is None:
+        return None
+    status = Path("/proc/self/status")
+    if status.exists():  # on Linux, ru_maxrss of a started process begins at its parent's peak
+        kib = next(line.split()[1] for line in status.read_text().splitlines() if line.startswith("VmHWM"))
+        return int(kib) * 1024 / 1e6
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak * (1 if sys.platform == "darwin" else 1024) / 1e6

@@ -1,0 +1,119 @@
+"""What is asked: methods, data, settings. From names to configurations, before anything runs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from salframe.framework.config import ComponentConfig, parse_override
+from salframe.framework.defaults import default_of
+from salframe.framework.errors import ConfigError, RequirementMissing, WeightsMissing
+from salframe.framework.presets import Overrides, configure, configure_default, otherwise, settings, short_name
+from salframe.framework.registry import registry
+from salframe.panoramas.opening import configure_dataset
+
+
+@dataclass(frozen=True)
+class Request:
+    """What a user asks of a task, by name.
+
+    methods: presets, components or YAML files; data: a preset, a data set, a YAML file or a folder with a
+    manifest.json, the default one where it is None; data_dir sets its `root`; settings: "key.path=value" each; name:
+    of the run folder, the data set's unless given; seed: of confidence intervals, and of whatever the task draws;
+    engine: what runs the methods, the default one where it is None; runs: the folder of run folders.
+    """
+
+    methods: tuple[str, ...]
+    data: str | None = None
+    data_dir: Path | None = None
+    settings: tuple[str, ...] = ()
+    name: str | None = None
+    seed: int = 0
+    engine: str | None = None
+    runs: Path = Path("runs")
+
+    def __post_init__(self) -> None:
+        if isinstance(self.methods, str):
+            raise ConfigError(f"received the methods {self.methods!r}, expected a sequence of names")
+        object.__setattr__(self, "methods", tuple(self.methods))
+        object.__setattr__(self, "settings", tuple(self.settings))
+
+    def to_json(self) -> dict[str, Any]:
+        """All of it, by name."""
+        return {name: str(value) if isinstance(value, Path) else value for name, value in asdict(self).items()}
+
+
+@dataclass(frozen=True, eq=False)
+class Resolved:
+    """A request with every name replaced by a configuration.
+
+    methods: by label, in order; name: the data set's; scopes: what was set of anything else, by its scope; notes: which
+    method runs instead of one that was asked for, and why, a line each.
+    """
+
+    methods: Mapping[str, ComponentConfig]
+    name: str
+    data: ComponentConfig
+    engine: ComponentConfig
+    scopes: Mapping[str, Sequence[Mapping[str, Any]]] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+
+def resolve(request: Request, role: str = "localizer", scopes: Sequence[str] = ()) -> Resolved:
+    """The configurations of a request whose methods are components of `role`; `scopes`: first words of further settings.
+
+    Where a method cannot run here, the preset that its own names takes its place. Raises SalframeError on names and
+    settings that are wrong.
+    """
+    if not request.methods:
+        raise ConfigError("received no method, expected at least one")
+    asked = {short_name(method): method for method in request.methods}
+    contents = {name: settings(role, method) for name, method in asked.items()}
+    pairs = map(parse_override, request.settings)
+    given = Overrides(pairs, contents, scopes=("data", "engine", *scopes), role=role)
+    methods, notes = {}, []
+    for name, method in asked.items():
+        config = configure(role, name, contents[name], given.methods[name])
+        runs, instead, note = stand_in(role, method, config, given.methods[name])
+        methods[runs] = instead
+        notes += [note] if note else []
+    data_name, data = configure_dataset(request.data, request.data_dir, given.scopes["data"])
+    engine = configure_default("engine", request.engine or default_of("engine"), given.scopes["engine"])
+    return Resolved(methods, data_name, data, engine, given.scopes, tuple(notes))
+
+
+def stand_in(
+    role: str, method: str, config: ComponentConfig, given: Sequence[Mapping[str, Any]]
+) -> tuple[str, ComponentConfig, str | None]:
+    """What runs for a method: its name and configuration, and why where it is another one.
+
+    That is the preset which the method's own names under `otherwise`, where the method cannot run here and that one
+    can. What was set of the method is set of it too, unless it cannot take that. Where neither can run, the method
+    stays, and with it the reason.
+    """
+    name = short_name(method)
+    missing = why_not(config)
+    other = otherwise(role, method) if missing else None
+    if other is None:
+        return name, config, None
+    note = f"{other}, not {name}: {missing}"
+    plain = configure_default(role, other)
+    if why_not(plain):
+        return name, config, None
+    try:
+        instead = configure_default(role, other, given)
+        registry().build(role, instead)
+    except ConfigError as error:
+        return other, plain, f"{note}; it runs as it is, for it cannot take what was set: {error}"
+    return other, instead, note
+
+
+def why_not(config: ComponentConfig) -> str | None:
+    """Why a configured component cannot run here, None where it can."""
+    try:
+        config.component.check(config)
+    except (RequirementMissing, WeightsMissing) as error:
+        return str(error)
+    return None

@@ -1,0 +1,181 @@
+"""One runner for every task: each method's work goes to an engine, its rows to the run folder, and then to a table."""
+
+from __future__ import annotations
+
+import threading
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from salframe.evaluation.engine import Engine
+from salframe.evaluation.reported import Reported
+from salframe.evaluation.request import Request, Resolved
+from salframe.evaluation.result import Result
+from salframe.evaluation.run import ROWS, LineCounter, MethodStatus, Outcome, PieceStatus, Row, RowWriter, Run
+from salframe.evaluation.task import MethodRow, Record, Survey, Task
+from salframe.framework.errors import (
+    FRAME_ERRORS,
+    InputMissing,
+    MethodFailed,
+    MethodUnavailable,
+    RequirementMissing,
+    WeightsMissing,
+    describe_error,
+)
+from salframe.framework.files import write_json
+from salframe.framework.identity import digest, identity
+from salframe.framework.registry import registry
+from salframe.panoramas.opening import Progress, open_dataset
+
+POLL_SECONDS = 0.5
+
+
+def run_task(
+    task: Task[Any, Any],
+    request: Request,
+    resolved: Resolved,
+    *,
+    progress: Progress | None = None,
+    reported: tuple[Reported, ...] = (),
+) -> Result[Any]:
+    """Have methods do a task and measure them; a run that was begun is resumed, and what another run knows is reused.
+
+    `resolved`: the configurations of the request. Without a name the run folder has the task's prefix and the data
+    set's name. Raises SalframeError where the request is wrong; a method that cannot run, crashes or answers nonsense
+    keeps its row, with the reason.
+    """
+    engine: Engine = registry().build("engine", resolved.engine)
+    known_as = {"name": task.name, **task.asks()}
+    run = Run.open(request.runs, request.name or task.prefix + resolved.name, known_as, resolved, request.seed)
+    dataset = open_dataset(resolved.data, progress and partial(progress, resolved.name))
+    run.bind(dataset.fingerprint)
+    survey = task.survey(dataset)
+    notes = list(resolved.notes)
+    for label, config in resolved.methods.items():
+        key = {"task": known_as, "data": dataset.fingerprint, "mode": task.mode(label), "method": identity(config)}
+        source = run.reuse(label, digest(key))
+        notes += [f"{label}: answers of {source} are reused"] if source is not None else []
+    todo = [label for label in run.labels if not _finished(task, run, label, survey)]
+    with _watch(task, run, task.total(survey), progress):
+        for label, ended in zip(todo, engine.map(partial(work_method, task, run.directory), todo), strict=True):
+            if isinstance(ended, BaseException):
+                run.end(label, Outcome(MethodStatus.CRASHED, describe_error(ended)))
+    return conclude(task, run, survey, notes, reported)
+
+
+def conclude(
+    task: Task[Any, Any], run: Run, survey: Survey[Any], notes: Sequence[str] = (), reported: tuple[Reported, ...] = ()
+) -> Result[Any]:
+    """The result of a run from its rows; writes its metrics and report. Runs no method."""
+    records = [_record(task, run, label, survey) for label in run.labels]
+    rows: Sequence[MethodRow] = task.summarize(survey, records, run.seed)
+    told = (*notes, *survey.notes)
+    result: Result[Any] = Result(
+        task.name, run.directory, run.content, run.environment(), tuple(rows), None, told, reported
+    )
+    for row, content in zip(rows, result.to_json()["rows"], strict=True):
+        write_json(run.folder(row.method) / "metrics.json", content)
+    return replace(result, report=task.report(result, survey, records))
+
+
+def work_method(task: Task[Any, Any], directory: Path, label: str) -> None:
+    """Have one method of a run do what it has not done yet, and keep how it ended, whatever it raises."""
+    run = Run.load(directory)
+    folder = run.folder(label)
+    folder.mkdir(parents=True, exist_ok=True)
+    given: tuple[str, ...] = ()
+    try:
+        config = run.method(label, task.role)
+        method = registry().build(task.role, config)
+        given = tuple(sorted(method.needs))
+        survey = task.survey(open_dataset(run.data()))
+        done = {key for key, row in _by_key(task, run, label).items() if row["status"] != PieceStatus.CRASHED}
+        todo = [piece for piece in survey.pieces if task.key(piece) not in done]
+        worker = task.open(label, method, survey, todo, folder)
+        with RowWriter(folder / ROWS) as rows:
+            for piece in todo:
+                known_by = dict(zip(task.key_fields, task.key(piece), strict=True))
+                rows.append({**known_by, **_attempt(task, worker.work, piece, folder)})
+        outcome = Outcome(MethodStatus.DONE, worker.end(), given)
+    except (RequirementMissing, WeightsMissing, InputMissing, MethodUnavailable) as error:
+        outcome = Outcome(MethodStatus.UNAVAILABLE, str(error), given)
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # a method is somebody else's code: whatever it raises costs its own row only
+        log_crash(folder, "the method")
+        outcome = Outcome(MethodStatus.CRASHED, describe_error(error), given)
+    run.end(label, outcome)
+
+
+def _attempt(task: Task[Any, Any], work: Callable[[Any], Row], piece: Any, folder: Path) -> Row:
+    try:
+        return work(piece)
+    except MethodFailed:
+        raise
+    except FRAME_ERRORS as error:
+        return {**task.failed(piece), "status": PieceStatus.ERROR, "error": str(error)}
+    except Exception as error:  # a piece that breaks the method must not take the others with it
+        log_crash(folder, " ".join(map(str, task.key(piece))))
+        return {**task.failed(piece), "status": PieceStatus.CRASHED, "error": describe_error(error)}
+
+
+def log_crash(folder: Path, where: str) -> None:
+    """Keep the traceback of the exception that is being handled in a method's folder."""
+    with (folder / "crash.log").open("a") as file:
+        file.write(f"{where}\n{traceback.format_exc()}\n")
+
+
+def _by_key(task: Task[Any, Any], run: Run, label: str) -> dict[tuple[Any, ...], Row]:
+    """Rows by what their piece is known by; of a piece asked again, the last."""
+    return {tuple(row[field] for field in task.key_fields): row for row in run.rows(label)}
+
+
+def _finished(task: Task[Any, Any], run: Run, label: str, survey: Survey[Any]) -> bool:
+    outcome = run.outcome(label)
+    if outcome is None or outcome.status is not MethodStatus.DONE:
+        return False
+    rows = _by_key(task, run, label)
+    keys = map(task.key, survey.pieces)
+    return all(key in rows and rows[key]["status"] != PieceStatus.CRASHED for key in keys)
+
+
+def _record(task: Task[Any, Any], run: Run, label: str, survey: Survey[Any]) -> Record:
+    known, outcome = _by_key(task, run, label), run.outcome(label)
+    rows = tuple(known.get(task.key(piece)) for piece in survey.pieces)
+    answered = len(rows) - rows.count(None)
+    if outcome is None or (outcome.status is MethodStatus.DONE and answered < len(rows)):
+        given = outcome.given if outcome else ()
+        reason = f"unfinished: {answered} of {len(rows)} {task.counts} done"
+        outcome = Outcome(MethodStatus.UNFINISHED, reason, given)
+    return Record(label, outcome, rows, run.folder(label))
+
+
+@contextmanager
+def _watch(task: Task[Any, Any], run: Run, total: int, progress: Progress | None) -> Iterator[None]:
+    """Tell the progress of each method while the block runs, by the lines in its folder: whatever engine runs it."""
+    if progress is None:
+        yield
+        return
+    ended, lines = threading.Event(), LineCounter()
+
+    def tell() -> None:
+        for label in run.labels:
+            done = sum(lines.count(run.folder(label) / name) for name in task.counted)
+            progress(label, min(done, total), total)
+
+    def poll() -> None:
+        while not ended.wait(POLL_SECONDS):
+            tell()
+
+    thread = threading.Thread(target=poll, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+        tell()

@@ -1,0 +1,188 @@
+"""What methods can be asked to do: a task yields independent pieces, and turns what was made of them into a table."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, ClassVar, Generic, TypeVar
+
+from salframe.evaluation.request import why_not
+from salframe.evaluation.run import ROWS, MethodStatus, Outcome, PieceStatus, Row, Run
+from salframe.framework.component import Component
+from salframe.framework.config import components_in
+from salframe.framework.errors import InputMissing
+from salframe.framework.registry import registry
+from salframe.panoramas.dataset import Dataset
+
+Piece = TypeVar("Piece")
+Surveyed = TypeVar("Surveyed", bound="Survey[Any]")
+
+
+@dataclass(frozen=True, eq=False)
+class Survey(Generic[Piece]):
+    """A task on a data set: its pieces in the order of the table, and what must be said of those left out, a line each."""
+
+    dataset: Dataset
+    pieces: Sequence[Piece]
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class MethodRow:
+    """A method's line in the table of a task; numbers are None where there is nothing to measure.
+
+    given: which parts of panoramas it was given; reason: why it was not measured, or a warning; status: how often each
+    status occurred; errors: the first message of each status that has one.
+    """
+
+    method: str
+    given: tuple[str, ...] = ()
+    available: bool = True
+    reason: str | None = None
+    status: Mapping[str, int] = field(default_factory=dict)
+    errors: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def measured(self) -> bool:
+        """Whether the method has numbers."""
+        raise NotImplementedError
+
+    @property
+    def crashed(self) -> bool:
+        """Whether the method raised or died, on a piece or altogether."""
+        return PieceStatus.CRASHED in self.status
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """What a run holds of a method: how it ended, its rows in the order of the pieces (None: none yet), its folder."""
+
+    label: str
+    outcome: Outcome
+    rows: tuple[Row | None, ...]
+    folder: Path
+
+    @property
+    def done(self) -> bool:
+        """Whether all of its work is done."""
+        return self.outcome.status is MethodStatus.DONE
+
+    def common(self) -> dict[str, Any]:
+        """The fields of MethodRow."""
+        known = [row for row in self.rows if row is not None]
+        errors: dict[str, str] = {}
+        for row in known:
+            if row.get("error"):
+                errors.setdefault(row["status"], row["error"])
+        status: dict[str, int] = {}
+        if self.outcome.status in (MethodStatus.DONE, MethodStatus.CRASHED):
+            status = count_statuses(PieceStatus.CRASHED if row is None else row["status"] for row in self.rows)
+        return {
+            "method": self.label,
+            "given": self.outcome.given,
+            "available": self.outcome.status is not MethodStatus.UNAVAILABLE,
+            "reason": self.outcome.reason,
+            "status": status,
+            "errors": errors,
+        }
+
+
+class Worker(ABC, Generic[Piece]):
+    """A method at work on the pieces of a task, in a process of its own."""
+
+    @abstractmethod
+    def work(self, piece: Piece) -> Row:
+        """What the method makes of a piece, without what it is known by. Whatever it raises costs the piece, and
+        MethodFailed the method its row.
+        """
+
+    def end(self) -> str | None:
+        """Release what is held; what the user must know of the work, None where there is nothing."""
+        return None
+
+
+class Task(ABC, Generic[Piece, Surveyed]):
+    """Something that methods are measured by. An instance says what is asked, and can be pickled.
+
+    `name` is known in run folders; `role`: what its methods are; `prefix`: of run folders without a name of their own;
+    `counts`: what its pieces are called; `key_fields`: what a piece is known by in rows; `counted`: files whose lines
+    tell how far a method is.
+    """
+
+    name: ClassVar[str]
+    role: ClassVar[str] = "localizer"
+    prefix: ClassVar[str] = ""
+    counts: ClassVar[str]
+    key_fields: ClassVar[tuple[str, ...]]
+    counted: ClassVar[tuple[str, ...]] = (ROWS,)
+
+    def asks(self) -> dict[str, Any]:
+        """What the task asks beyond the data set's own pieces, as JSON: part of every identity."""
+        return {}
+
+    @classmethod
+    @abstractmethod
+    def from_run(cls, run: Run) -> Task[Piece, Surveyed]:
+        """The task of a run folder."""
+
+    @abstractmethod
+    def survey(self, dataset: Dataset) -> Surveyed:
+        """The task on an opened data set. Raises DataError or InputMissing where that is none to ask."""
+
+    @abstractmethod
+    def key(self, piece: Piece) -> tuple[Any, ...]:
+        """What a piece is known by, a value for each of `key_fields`."""
+
+    def total(self, survey: Surveyed) -> int:
+        """How many lines the files `counted` have in the end."""
+        return len(survey.pieces)
+
+    def mode(self, label: str) -> str:
+        """What in a method's label changes how it is asked: part of its identity; none of it unless overridden."""
+        return ""
+
+    @abstractmethod
+    def open(self, label: str, method: Any, survey: Surveyed, todo: Sequence[Piece], folder: Path) -> Worker[Piece]:
+        """A built method at work on the pieces `todo`; `folder`: where it may keep more than rows."""
+
+    def failed(self, piece: Piece) -> Row:
+        """The fields of a row, besides status and error, where a piece came to nothing."""
+        return {}
+
+    @abstractmethod
+    def summarize(self, survey: Surveyed, records: Sequence[Record], seed: int) -> Sequence[MethodRow]:
+        """A line of the table for each method, in order."""
+
+    def report(self, result: Any, survey: Surveyed, records: Sequence[Record]) -> Path | None:
+        """Write the page to look at into the folder of a Result's run; its path, None where the task draws none."""
+        return None
+
+
+def count_statuses(statuses: Iterable[str]) -> dict[str, int]:
+    """How often each status occurred, "ok" first, then by frequency."""
+    counts = Counter(map(str, statuses))
+    return dict(sorted(counts.items(), key=lambda entry: (entry[0] != PieceStatus.OK, -entry[1], entry[0])))
+
+
+def check_needs(method: Component, needs: frozenset[str], dataset: Dataset) -> None:
+    """Raises InputMissing where a data set lacks what a method needs: whose need it is, and what would do without."""
+    absent = needs - dataset.provides
+    if not absent:
+        return
+    words = " and ".join(sorted(absent))
+    for slot, inner in components_in(method.config):
+        component: Any = inner.component
+        if component.role == "detector" and absent & component.needs:
+            able = [name for name in registry().names("detector") if _could_look(name, dataset)]
+            hint = " or ".join(f"--set {slot}.kind={name}" for name in able)
+            told = f"detectors that can look at it: {hint}" if able else "no detector at hand can look at it"
+            raise InputMissing(f"its detector {inner.kind!r} needs {words}, which {dataset.name} does not have; {told}")
+    raise InputMissing(f"needs {words}, which {dataset.name} does not have")
+
+
+def _could_look(name: str, dataset: Dataset) -> bool:
+    component: Any = registry().get("detector", name)
+    return component.needs <= dataset.provides and why_not(component.Config()) is None

@@ -1,0 +1,36 @@
+"""All tasks by name, and measuring a run again, whichever task it did."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from salframe.evaluation.detection import DetectionTask
+from salframe.evaluation.localization import LocalizationTask
+from salframe.evaluation.matching import MatchingTask
+from salframe.evaluation.navigation import NavigationTask
+from salframe.evaluation.result import Result
+from salframe.evaluation.run import Run
+from salframe.evaluation.runner import conclude
+from salframe.evaluation.task import Task
+from salframe.framework.errors import ConfigError
+from salframe.panoramas.opening import open_dataset
+
+TASKS: dict[str, type[Task[Any, Any]]] = {
+    task.name: task for task in (LocalizationTask, MatchingTask, DetectionTask, NavigationTask)
+}
+
+
+def evaluate(directory: Path) -> Result[Any]:
+    """Measure a run again from its rows and the data set's truth, and write its metrics and report. Runs no method.
+
+    Raises ConfigError where `directory` is no run, DataError where the data set is not the one the run was made on.
+    """
+    run = Run.load(directory)
+    name = run.task.get("name")
+    if name not in TASKS:
+        raise ConfigError(f"{directory} is a run of the task {name!r}, expected one of {', '.join(TASKS)}")
+    task = TASKS[name].from_run(run)
+    dataset = open_dataset(run.data())
+    run.bind(dataset.fingerprint)
+    return conclude(task, run, task.survey(dataset))
