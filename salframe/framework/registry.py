@@ -31,7 +31,7 @@ hookspec = pluggy.HookspecMarker("salframe")
 
 @dataclass(frozen=True)
 class Presets:
-    """A folder of YAML files that a plugin ships: NAME.yaml in methods/, data/ and ablations/, settings by that name."""
+    """A folder of YAML files that a plugin ships: NAME.yaml in methods/, data/ and ablations/."""
 
     folder: Path
 
@@ -51,7 +51,7 @@ class _Hooks:
 
 @dataclass(frozen=True)
 class Failure:
-    """A plugin that could not be loaded: its entry point, the package that declares it, and the exception in one line."""
+    """A plugin that could not be loaded: its entry point, the package that declares it, the exception in one line."""
 
     plugin: str
     package: str
@@ -99,7 +99,7 @@ class Registry:
             if self.roles.setdefault(role.role, role) is not role:
                 raise SalframeError(f"the role {role.role!r} of {package} is already there: {self.roles[role.role]}")
         else:
-            _check_declaration(item, self.roles)
+            check_declaration(item, self.roles)
             key = (item.role, item.name)
             if key in self._components and self._components[key][0] is not item:
                 provider = self._components[key][1]
@@ -114,7 +114,7 @@ class Registry:
         self.presets.append((presets, package))
 
     def find_preset(self, folder: str, name: str) -> Path | None:
-        """The file of a preset in methods/, data/ or another folder of the collections, None where no plugin ships it."""
+        """The file of a preset in methods/, data/ or another folder of presets, None where no plugin ships it."""
         paths = (presets.folder / folder / f"{name}.yaml" for presets, _ in self.presets)
         return next((path for path in paths if path.is_file()), None)
 
@@ -167,7 +167,7 @@ def _package(entry_point: EntryPoint) -> str:
     return entry_point.dist.name if entry_point.dist else entry_point.value
 
 
-def _check_declaration(component: Any, roles: dict[str, type[Role]]) -> None:
+def check_declaration(component: Any, roles: dict[str, type[Role]]) -> None:
     """Raise SalframeError on a class whose declaration would break whatever lists or configures it."""
     if not (
         isinstance(component, type) and issubclass(component, Component) and getattr(component, "role", None) in roles
