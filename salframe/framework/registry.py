@@ -260,7 +260,9 @@ def load_commands() -> tuple[dict[str, tuple[Any, str]], list[Failure]]:
         try:
             for name, command in dict(found.call(entry_point, "salframe_commands")).items():
                 if not (isinstance(name, str) and re.fullmatch(KEBAB, name) and callable(command)):
-                    raise SalframeError(f"{name!r}: {command!r} is no command, expected a kebab-case name and a function")
+                    raise SalframeError(
+                        f"{name!r}: {command!r} is no command, expected a kebab-case name and a function"
+                    )
                 if name in commands:
                     raise SalframeError(f"the command {name!r} of {package} is already provided by {commands[name][1]}")
                 commands[name] = command, package
