@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
@@ -26,7 +26,9 @@ from salframe.framework.registry import registry
 Row = dict[str, Any]
 """What a method made of one piece of a task, as a line of rows.jsonl."""
 
-REQUEST, ROWS, DESCRIPTIONS = "request.yaml", "rows.jsonl", "descriptions.jsonl"
+REQUEST, ROWS, DESCRIPTIONS, NOTES = "request.yaml", "rows.jsonl", "descriptions.jsonl", "notes.json"
+LONGEST = 200
+"""Characters of a folder's name: file systems take 255 bytes."""
 
 
 class PieceStatus(StrEnum):
@@ -124,7 +126,11 @@ class Run:
     def folder(self, label: str) -> Path:
         """The folder of a method. Labels are escaped, so that no two share one and none lies elsewhere."""
         name = quote(label, safe="[]=,; ")
-        return self.directory / (name.replace(".", "%2E") if not name.strip(".") else name)
+        if not name.strip("."):
+            name = name.replace(".", "%2E")
+        if len(name) > LONGEST:
+            name = f"{name[: LONGEST - 17]}-{digest(label)[:16]}"
+        return self.directory / name
 
     def rows(self, label: str) -> list[Row]:
         """What the method has made of its pieces so far."""
@@ -144,7 +150,7 @@ class Run:
         write_json(self.folder(label) / "outcome.json", content)
 
     def bind(self, fingerprint: str) -> None:
-        """Tie the run to the data's content and write env.json. Raises DataError where it is not what the run began with."""
+        """Tie the run to the data's content and write env.json. Raises DataError where that is not what it began on."""
         path = self.directory / "env.json"
         if not path.exists():
             write_json(path, {"dataset_fingerprint": fingerprint, **environment()})
@@ -157,6 +163,15 @@ class Run:
     def environment(self) -> Mapping[str, Any]:
         """What `bind` wrote: the data's fingerprint, versions, machine."""
         return read_json(self.directory / "env.json")
+
+    def notes(self) -> list[str]:
+        """What must be said beside the table: which method ran instead of another, whose answers were reused."""
+        path = self.directory / NOTES
+        return read_json(path) if path.exists() else []
+
+    def add_notes(self, notes: Sequence[str]) -> None:
+        """Keep these notes, each once."""
+        write_json(self.directory / NOTES, list(dict.fromkeys([*self.notes(), *notes])))
 
     def reuse(self, label: str, known_by: str) -> Path | None:
         """Take over what the same method was found to answer to the same pieces of the same data in another run.
@@ -242,5 +257,6 @@ class LineCounter:
                 added = file.read()
         except FileNotFoundError:
             return 0
-        self._seen[path] = offset + len(added), lines + added.count(b"\n")
+        whole = added.rfind(b"\n") + 1  # an unfinished line is read again: whoever resumes cuts it off
+        self._seen[path] = offset + whole, lines + added.count(b"\n")
         return self._seen[path][1]

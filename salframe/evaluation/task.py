@@ -23,7 +23,7 @@ Surveyed = TypeVar("Surveyed", bound="Survey[Any]")
 
 @dataclass(frozen=True, eq=False)
 class Survey(Generic[Piece]):
-    """A task on a data set: its pieces in the order of the table, and what must be said of those left out, a line each."""
+    """A task on a data set: its pieces in the order of the table, and what must be said of those left out."""
 
     dataset: Dataset
     pieces: Sequence[Piece]
@@ -34,13 +34,15 @@ class Survey(Generic[Piece]):
 class MethodRow:
     """A method's line in the table of a task; numbers are None where there is nothing to measure.
 
-    given: which parts of panoramas it was given; reason: why it was not measured, or a warning; status: how often each
-    status occurred; errors: the first message of each status that has one.
+    given: which parts of panoramas it was given; available: whether it can run here; ended: how its work ended; reason:
+    why it was not measured, or a warning; status: how often each status occurred; errors: the first message of each
+    status that has one.
     """
 
     method: str
     given: tuple[str, ...] = ()
     available: bool = True
+    ended: MethodStatus = MethodStatus.DONE
     reason: str | None = None
     status: Mapping[str, int] = field(default_factory=dict)
     errors: Mapping[str, str] = field(default_factory=dict)
@@ -53,7 +55,7 @@ class MethodRow:
     @property
     def crashed(self) -> bool:
         """Whether the method raised or died, on a piece or altogether."""
-        return PieceStatus.CRASHED in self.status
+        return self.ended is MethodStatus.CRASHED or PieceStatus.CRASHED in self.status
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +86,7 @@ class Record:
             "method": self.label,
             "given": self.outcome.given,
             "available": self.outcome.status is not MethodStatus.UNAVAILABLE,
+            "ended": self.outcome.status,
             "reason": self.outcome.reason,
             "status": status,
             "errors": errors,
