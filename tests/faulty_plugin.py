@@ -10,6 +10,7 @@ from pydantic import Field
 
 import salframe
 from salframe.framework.config import ComponentConfig
+from salframe.framework.errors import ConfigError, WeightsMissing
 from salframe.framework.identity import UserFile
 from salframe.localization.answers import Localization, LocalizationStatus, RankedPlace
 
@@ -97,6 +98,24 @@ class Narrow(Reader):
         depth: int = Field(1, description="a setting of its own")
 
 
+class Picky(Reader):
+    """Lacks weights with an offset below 0, cannot be built with one of 100, and exits with a larger one."""
+
+    name = "picky"
+
+    def __init__(self, config: ComponentConfig | None = None) -> None:
+        super().__init__(config)
+        if self.config.offset == 100:
+            raise ConfigError("an offset of 100 is too far")
+        if self.config.offset > 100:
+            raise SystemExit(self.config.offset)
+
+    @classmethod
+    def check(cls, config: ComponentConfig) -> None:
+        if config.offset < 0:
+            raise WeightsMissing("picky.pth is not at hand")
+
+
 @salframe.hookimpl
 def salframe_provides():
-    return [Faulty, Nonsense, Noted, Narrow]
+    return [Faulty, Nonsense, Noted, Narrow, Picky]

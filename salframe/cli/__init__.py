@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from functools import cache
+from importlib.metadata import entry_points
 from typing import Any
 
 import typer
@@ -12,6 +14,10 @@ from typer.core import TyperGroup
 from salframe.cli import compare, data, detection, inspect, localize, map, matching, navigate, score, weights
 from salframe.cli.output import json_alone
 from salframe.framework.errors import SalframeError
+
+
+COMMANDS, PLUGINS = "salframe.commands", "SALFRAME_PLUGINS"
+"""The entry points of plugins' commands, and the variable that replaces them, as salframe.framework.registry has them."""
 
 
 class Commands(TyperGroup):
@@ -30,7 +36,9 @@ class Commands(TyperGroup):
 
 @cache
 def _plugin_commands() -> dict[str, Any]:
-    """The commands of plugins by name; none of ours is replaced."""
+    """The commands of plugins by name."""
+    if PLUGINS not in os.environ and not entry_points(group=COMMANDS):
+        return {}  # and no registry is imported for `--help`
     from salframe.framework.registry import load_commands
 
     commands, failures = load_commands()

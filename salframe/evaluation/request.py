@@ -92,8 +92,8 @@ def stand_in(
     """What runs for a method: its name and configuration, and why where it is another one.
 
     That is the preset which the method's own names under `otherwise`, where the method cannot run here and that one
-    can. What was set of the method is set of it too, unless it cannot take that. Where neither can run, the method
-    stays, and with it the reason.
+    can. What was set of the method is set of it too, unless it cannot take that. Where neither can run, set so, the
+    method stays, and with it the reason.
     """
     name = short_name(method)
     missing = why_not(config)
@@ -104,11 +104,21 @@ def stand_in(
     plain = configure_default(role, other)
     if why_not(plain):
         return name, config, None
+    as_it_is = f"{note}; it runs as it is, for it cannot take what was set"
     try:
         instead = configure_default(role, other, given)
+    except ConfigError as error:
+        return other, plain, f"{as_it_is}: {error}"
+    if why_not(instead):
+        return name, config, None
+    try:
         registry().build(role, instead)
     except ConfigError as error:
-        return other, plain, f"{note}; it runs as it is, for it cannot take what was set: {error}"
+        return other, plain, f"{as_it_is}: {error}"
+    except KeyboardInterrupt:
+        raise
+    except BaseException:  # whatever else is wrong with it, its own row will tell
+        return other, instead, note
     return other, instead, note
 
 

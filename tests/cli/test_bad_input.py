@@ -202,12 +202,12 @@ BROKEN_PLUGINS = {
     ),
     "class": (
         "import salframe\n@salframe.hookimpl\ndef salframe_provides():\n    return [int]",
-        "SalframeError: <class 'int'> is no component",
+        "<class 'int'> is no component",
     ),
     "weights": (
-        "import salframe\nfrom salframe.roles import Engine\nclass E(Engine):\n    name, version = 'e', '1'\n    def weights(self): ...\n"
+        "import salframe\nfrom salframe.evaluation.engine import Engine\nclass E(Engine):\n    name, version = 'e', '1'\n    def weights(self): ...\n"
         "@salframe.hookimpl\ndef salframe_provides():\n    return [E]",
-        "SalframeError: E.weights is function, expected a tuple",
+        "E.weights is function, expected a tuple",
     ),
 }
 
@@ -217,9 +217,7 @@ def test_a_broken_plugin_is_told_and_stops_nothing(data, monkeypatch, code, reas
     name = f"broken_{request.node.callspec.id}"
     Path(f"{name}.py").write_text(code)
     monkeypatch.syspath_prepend(Path.cwd())
-    monkeypatch.setenv(
-        "SALFRAME_PLUGINS", f"salframe_annotations,salframe_folder,salframe_objects,salframe_engines,{name}"
-    )
+    monkeypatch.setenv("SALFRAME_PLUGINS", f"salframe_annotations,salframe_objects,salframe_engines,{name}")
     registry.cache_clear()
     try:
         assert_one_line(run("show", name), rf"{name}.*{re.escape(reason)}")

@@ -12,10 +12,8 @@ import pytest
 import yaml
 from command_line import run
 from rich.console import Console
-from salframe.evaluation.evaluate import COLUMNS
 
 from salframe.cli import tables
-from salframe.framework.presets import CONFIGS
 from salframe.framework.registry import registry
 
 
@@ -94,8 +92,9 @@ def test_a_narrow_terminal_cuts_no_column(fakes, monkeypatch):
 def test_compare_prints_json_and_nothing_else(fakes):
     done = run("compare", "--methods", "reader", "--data", "rooms", "--engine", "inline", "--json")
     assert done.err == ""
-    assert set(done.json) == {"run", "rows", "notes"}
-    assert [tuple(row) for row in done.json["rows"]] == [COLUMNS]
+    parts = {"format", "task", "run", "report", "request", "data_fingerprint", "versions", "rows", "notes"}
+    assert set(done.json) == parts
+    assert [row["method"] for row in done.json["rows"]] == ["reader"]
 
 
 @pytest.mark.parametrize(
@@ -167,7 +166,7 @@ def test_an_interrupt_says_how_to_resume(fakes, tmp_path):
         "sleep_s=0.3",
     ]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    while not any(path.stat().st_size for path in tmp_path.glob("runs/*/reader/predictions.jsonl")):
+    while not any(path.stat().st_size for path in tmp_path.glob("runs/*/reader/rows.jsonl")):
         time.sleep(0.02)
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=10)
@@ -228,7 +227,7 @@ def flatten(content: dict, prefix: str = "") -> dict:
 def test_show_lists_settings_with_values_types_and_help():
     (found,) = run("show", "paper", "--json").json
     shown = {setting["key"]: setting for setting in found["settings"]}
-    written = flatten(yaml.safe_load((CONFIGS / "methods" / "paper.yaml").read_text()))
+    written = flatten(yaml.safe_load(registry().find_preset("methods", "paper").read_text()))
     assert (found["role"], found["kind"]) == ("localizer", written.pop(""))
     assert {key: shown[key]["value"] for key in written} == written
     assert shown["detector.seed"]["type"] == "int, at least 0"
@@ -276,7 +275,7 @@ def test_build_then_localize(fakes, tmp_path):
 
 
 def test_an_image_of_a_folder_is_localized_by_its_path(fakes, tmp_path, monkeypatch):
-    monkeypatch.setenv("SALFRAME_PLUGINS", "fake_plugin,salframe_folder")
+    monkeypatch.setenv("SALFRAME_PLUGINS", "fake_plugin")
     registry.cache_clear()
     (tmp_path / "mine" / "images").mkdir(parents=True)
     for name, room in (("a", 1), ("b", 3)):

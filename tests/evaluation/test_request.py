@@ -68,8 +68,6 @@ def stand_ins(faults, presets):
             "fancy": {"kind": "weightless", "offset": 1, "otherwise": "plain"},
             "plain": {"kind": "greedy"},
             "lost": {"kind": "weightless", "otherwise": "fancy"},
-            "picky": {"kind": "weightless", "otherwise": "strict"},
-            "strict": {"kind": "noted"},
         }
     )
 
@@ -96,6 +94,26 @@ def test_settings_that_the_stand_in_cannot_take_leave_it_as_it_is(faults, preset
     (note,) = found.notes
     assert note.startswith("plain, not fancy: narrow needs no_such_package, not installed; it runs as it is, for it ")
     assert "cannot take what was set: unknown key plain.depth (known: offset," in note
+
+
+def test_a_stand_in_that_cannot_run_as_it_is_set_leaves_the_method(faults, presets):
+    presets({"fancy": {"kind": "weightless", "otherwise": "plain"}, "plain": {"kind": "picky"}})
+    found = resolve(request("fancy", "reader", settings=("fancy.offset=-1",)))
+    assert (list(found.methods), found.notes) == (["fancy", "reader"], ())
+    assert list(resolve(request("fancy")).methods) == ["plain"]
+
+
+@pytest.mark.parametrize("offset", [100, 101])
+def test_a_stand_in_that_cannot_be_built_as_it_is_set(faults, presets, offset):
+    """By its own fault it runs as it is; what else is wrong with it costs its row alone."""
+    presets({"fancy": {"kind": "weightless", "otherwise": "plain"}, "plain": {"kind": "picky"}})
+    result = compare(request("fancy", "reader", settings=(f"fancy.offset={offset}",)))
+    if offset == 100:
+        assert "it runs as it is, for it cannot take what was set: an offset of 100 is too far" in result.notes[0]
+        assert [row.accuracy for row in result.rows] == [1.0, 1.0]
+    else:
+        assert (result.rows[0].reason, result.rows[0].accuracy) == ("SystemExit: 101", None)
+        assert result.rows[1].accuracy == 1.0
 
 
 def test_a_stand_in_that_was_asked_for_too_stays_as_it_was_asked_for(stand_ins):
