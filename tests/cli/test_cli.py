@@ -1,10 +1,8 @@
 from __future__ import annotations
 
 import json
-import signal
 import subprocess
 import sys
-import time
 
 import cv2
 import numpy as np
@@ -150,28 +148,6 @@ def test_debug_shows_the_traceback(fakes):
 
     with pytest.raises(UnknownName):
         run("--debug", "show", "raeder")
-
-
-def test_an_interrupt_says_how_to_resume(fakes, tmp_path):
-    command = [
-        sys.executable,
-        "-c",
-        "from salframe.cli import main; main()",
-        "compare",
-        "--methods",
-        "reader",
-        "--data",
-        "rooms",
-        "--set",
-        "sleep_s=0.3",
-    ]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    while not any(path.stat().st_size for path in tmp_path.glob("runs/*/reader/rows.jsonl")):
-        time.sleep(0.02)
-    process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=10)
-    assert process.returncode == 130
-    assert err.strip() == "interrupted: run the same command again to resume"
 
 
 def test_a_plugin_that_fails_to_import_is_told_and_stops_nothing(fakes, monkeypatch):
