@@ -15,9 +15,8 @@ from salframe.cli import compare, data, detection, inspect, localize, map, match
 from salframe.cli.output import json_alone
 from salframe.framework.errors import SalframeError
 
-
 COMMANDS, PLUGINS = "salframe.commands", "SALFRAME_PLUGINS"
-"""The entry points of plugins' commands, and the variable that replaces them, as salframe.framework.registry has them."""
+"""Where plugins' commands come from, as salframe.framework.registry has it, which is imported late."""
 
 
 class Commands(TyperGroup):

@@ -205,7 +205,8 @@ BROKEN_PLUGINS = {
         "<class 'int'> is no component",
     ),
     "weights": (
-        "import salframe\nfrom salframe.evaluation.engine import Engine\nclass E(Engine):\n    name, version = 'e', '1'\n    def weights(self): ...\n"
+        "import salframe\nfrom salframe.evaluation.engine import Engine\n"
+        "class E(Engine):\n    name, version = 'e', '1'\n    def weights(self): ...\n"
         "@salframe.hookimpl\ndef salframe_provides():\n    return [E]",
         "E.weights is function, expected a tuple",
     ),
@@ -291,8 +292,8 @@ def test_a_detector_that_lacks_something_is_named_and_others_that_could_look(dat
     done = compare("./data", "--json")
     (row,) = done.json["rows"]
     assert (done.code, row["available"]) == (1, False)
-    told = r"its detector 'annotations' needs annotations, which folder does not have; detectors that can look at it: (.*)"
-    hint = re.fullmatch(told, row["reason"])
+    needs = "its detector 'annotations' needs annotations, which folder does not have"
+    hint = re.fullmatch(f"{needs}; detectors that can look at it: (.*)", row["reason"])
     assert hint, row["reason"]
     offered = hint[1].split(" or ")
     assert "--set detector.kind=panoseg" in offered

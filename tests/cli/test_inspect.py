@@ -1,4 +1,4 @@
-"""methods, plugins and the commands of plugins."""
+"""methods, plugins, show, doctor, and the commands of plugins."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+import yaml
 from command_line import run
 
 import salframe.cli
@@ -96,3 +97,63 @@ def test_methods_and_data_may_be_files(fakes):
         2,
         "error: odd.yaml has no `kind`, expected the name of a localizer and its settings\n",
     )
+
+
+def test_plugins_tells_what_is_missing(fakes):
+    components = {entry["name"]: entry for entry in run("plugins", "--json").json["components"]}
+    assert components["reader"] == {
+        "role": "localizer",
+        "name": "reader",
+        "version": "1",
+        "package": "fake_plugin",
+        "missing": None,
+        "available": True,
+        "summary": "Reads the room's number off the image; `offset` makes it wrong by so many rooms.",
+    }
+    assert not components["weightless"]["available"]
+    assert "weightless.pth is not at hand" in run("plugins").out
+
+
+def test_doctor_is_content_with_a_working_installation(fakes, tmp_path):
+    run("compare", "--methods", "reader", "--data", "rooms", "--engine", "inline")
+    done = run("doctor", "--json")
+    assert done.code == 0
+    assert done.json["cache"] == str(tmp_path / "cache")
+    assert done.json["cache_bytes"] == sum(path.stat().st_size for path in (tmp_path / "cache").rglob("*.npz"))
+    assert done.json["failures"] == []
+
+
+def flatten(content: dict, prefix: str = "") -> dict:
+    """Dotted keys and values of a preset, a slot's kind under the slot's own key."""
+    flat = {}
+    for key, value in content.items():
+        if isinstance(value, dict):
+            flat |= flatten(value, f"{prefix}{key}.")
+        else:
+            flat[prefix.removesuffix(".") if key == "kind" else prefix + key] = value
+    return flat
+
+
+def test_show_lists_settings_with_values_types_and_help():
+    (found,) = run("show", "paper", "--json").json
+    shown = {setting["key"]: setting for setting in found["settings"]}
+    written = flatten(yaml.safe_load(registry().find_preset("methods", "paper").read_text()))
+    assert (found["role"], found["kind"]) == ("localizer", written.pop(""))
+    assert {key: shown[key]["value"] for key in written} == written
+    assert shown["detector.seed"]["type"] == "int, at least 0"
+    assert shown["detector.seed"]["help"]
+    assert [shown[slot]["type"] for slot in ("detector", "matcher")] == ["detector", "matcher"]
+    printed = run("show", "paper").out
+    assert "a preset of saliency-graph" in printed
+    assert all(key in printed for key in written)
+
+
+def test_show_tells_default_type_and_help(fakes):
+    reader = {setting["key"]: setting for setting in run("show", "reader", "--json").json[0]["settings"]}
+    assert reader["sleep_s"] == {
+        "key": "sleep_s",
+        "value": 0.0,
+        "default": 0.0,
+        "type": "float, at least 0",
+        "help": "seconds a query takes",
+    }

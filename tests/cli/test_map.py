@@ -15,7 +15,6 @@ from PIL import Image
 from salframe.framework.registry import registry
 from salframe.localization.localizer import MAP_FORMAT
 
-
 TOPOLOGY = Path(__file__).parent.parent / "topology"
 
 
