@@ -11,7 +11,7 @@ from pydantic import Field
 import salframe
 from salframe.framework.config import ComponentConfig
 from salframe.framework.errors import ConfigError, WeightsMissing
-from salframe.framework.identity import UserFile
+from salframe.framework.identity import UserFile, identity
 from salframe.localization.answers import Localization, LocalizationStatus, RankedPlace
 
 ERRORS = {
@@ -28,12 +28,29 @@ class Faulty(Reader):
     name = "faulty"
 
     class Config(Reader.Config):
-        where: Literal["init", "describe", "index", "match", "nowhere"] = Field("nowhere", description="which hook")
+        where: Literal["init", "describe", "index", "match", "check", "weights", "nowhere"] = Field(
+            "nowhere", description="which hook"
+        )
         what: Literal["exit", "generator", "interrupt", "value"] = Field("exit", description="what it raises")
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)
         self._fail("init")
+
+    @classmethod
+    def check(cls, config: ComponentConfig) -> None:
+        super().check(config)
+        if config.where == "check":
+            raise ValueError("the driver is odd")
+
+    @classmethod
+    def weights_in_use(cls, config: ComponentConfig) -> tuple:
+        if config.where == "weights":
+            raise ValueError("no weights of that name")
+        return ()
+
+    def describe_identity(self):
+        return identity(self.config, describing=True)
 
     def _fail(self, where: str) -> None:
         if self.config.where == where:
@@ -98,6 +115,16 @@ class Narrow(Reader):
         depth: int = Field(1, description="a setting of its own")
 
 
+class Odd(Reader):
+    """Cannot even say whether it can run."""
+
+    name = "odd"
+
+    @classmethod
+    def check(cls, config: ComponentConfig) -> None:
+        raise ValueError("the driver is odd")
+
+
 class Picky(Reader):
     """Lacks weights with an offset below 0, cannot be built with one of 100, and exits with a larger one."""
 
@@ -118,4 +145,4 @@ class Picky(Reader):
 
 @salframe.hookimpl
 def salframe_provides():
-    return [Faulty, Nonsense, Noted, Narrow, Picky]
+    return [Faulty, Nonsense, Noted, Narrow, Odd, Picky]

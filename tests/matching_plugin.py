@@ -148,6 +148,15 @@ class Confused(Points):
         return [(0, 1)]
 
 
+class Leaving(Points):
+    """Exits where it should match."""
+
+    name = "leaving"
+
+    def correspond(self, query, reference):
+        raise SystemExit("it leaves")
+
+
 class Weightless(Points):
     """Its weights are never there."""
 
@@ -160,4 +169,4 @@ class Weightless(Points):
 
 @salframe.hookimpl
 def salframe_provides():
-    return [Furnished, Points, Nodes, Neither, Confused, Weightless]
+    return [Furnished, Points, Nodes, Neither, Confused, Leaving, Weightless]

@@ -123,9 +123,11 @@ def stand_in(
 
 
 def why_not(config: ComponentConfig) -> str | None:
-    """Why a configured component cannot run here, None where it can."""
+    """Why a configured component cannot run here, None where it can, or where its check breaks: its row will tell."""
     try:
         config.component.check(config)
     except (RequirementMissing, WeightsMissing) as error:
         return str(error)
+    except Exception:
+        return None
     return None

@@ -17,7 +17,7 @@ import yaml
 
 from salframe.evaluation.request import Resolved
 from salframe.framework.config import ComponentConfig, read_yaml, validate
-from salframe.framework.errors import ConfigError, DataError, InvalidAnswer
+from salframe.framework.errors import ConfigError, DataError, InvalidAnswer, describe_error
 from salframe.framework.files import read_json, write_json, write_text
 from salframe.framework.identity import digest, identity
 from salframe.framework.installation import environment
@@ -57,6 +57,14 @@ class Outcome:
     given: tuple[str, ...] = ()
 
 
+def identity_of(config: ComponentConfig) -> dict[str, Any]:
+    """The identity of a configured method; of one that cannot tell it, its settings and why: its own row will tell."""
+    try:
+        return identity(config)
+    except Exception as error:
+        return {"unknown": describe_error(error), "settings": config.model_dump(mode="json")}
+
+
 @dataclass(frozen=True)
 class Run:
     """A run folder. `content` is that of its request.yaml: task, seed, data, methods by label, settings with values."""
@@ -72,7 +80,7 @@ class Run:
         """
         if not name or "/" in name or name in (".", ".."):
             raise ConfigError(f"received the run name {name!r}, expected one without slashes")
-        known_by = {label: identity(config) for label, config in resolved.methods.items()}
+        known_by = {label: identity_of(config) for label, config in resolved.methods.items()}
         key = digest({"task": task, "seed": seed, "data": identity(resolved.data), "methods": known_by})
         settings = {label: config.model_dump(mode="json") for label, config in resolved.methods.items()}
         asked = {"task": dict(task), "seed": seed, "data": resolved.data.model_dump(mode="json"), "methods": settings}

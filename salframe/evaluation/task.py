@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar, Generic, TypeVar
 
-from salframe.evaluation.request import why_not
 from salframe.evaluation.run import ROWS, MethodStatus, Outcome, PieceStatus, Row, Run
 from salframe.framework.component import Component
 from salframe.framework.config import components_in
@@ -188,4 +187,8 @@ def check_needs(method: Component, needs: frozenset[str], dataset: Dataset) -> N
 
 def _could_look(name: str, dataset: Dataset) -> bool:
     component: Any = registry().get("detector", name)
-    return component.needs <= dataset.provides and why_not(component.Config()) is None
+    try:
+        component.check(component.Config())
+        return component.needs <= dataset.provides
+    except Exception:  # whatever is wrong with that one, it is no hint
+        return False

@@ -48,6 +48,16 @@ def test_methods_are_listed_a_line_each_with_what_they_lack(shipped):
     assert (listed["shifted"]["available"], listed["weightless"]["available"]) == (True, False)
 
 
+def test_a_method_whose_check_breaks_is_listed_with_the_others(fakes, monkeypatch):
+    monkeypatch.setenv("SALFRAME_PLUGINS", "fake_plugin,faulty_plugin,salframe_engines")
+    registry.cache_clear()
+    for command in ("methods", "plugins"):
+        done = run(command)
+        assert done.code == 0
+        assert "ValueError: the driver is odd" in done.out
+        assert "reader" in done.out
+
+
 def test_plugins_lists_presets_and_commands_by_their_package(shipped):
     listed = run("plugins", "--json").json
     assert listed["presets"] == [

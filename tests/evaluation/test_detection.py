@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import sys
 
 import numpy as np
 import pytest
@@ -89,6 +90,13 @@ def test_detection_resumes(tiny, monkeypatch):
     looked.clear()
     assert measure(tiny).rows == again.rows
     assert looked == []
+
+
+def test_a_detector_that_exits_costs_its_own_row(tiny, monkeypatch):
+    monkeypatch.setattr(AnnotationDetector, "detect", lambda self, panorama: sys.exit("it leaves"))
+    result = measure(tiny)
+    assert (result.rows[0].reason, result.rows[0].measured) == ("SystemExit: it leaves", False)
+    assert result.crashed
 
 
 @pytest.mark.parametrize("answer", [None, {"labels": ("chair",)}])

@@ -50,6 +50,9 @@ def test_rows_have_the_promised_numbers(fakes):
     assert result.measured
     assert not result.crashed
     assert row.given == ("rgb",)
+    assert result.row("reader") is row
+    with pytest.raises(KeyError):
+        result.row("raeder")
 
 
 def test_significance_is_against_the_first_measured_method(fakes):

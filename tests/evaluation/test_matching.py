@@ -203,6 +203,14 @@ def test_a_comparison_of_the_same_name_is_another_run(furnished):
     assert compared.run != matched.run
 
 
+@pytest.mark.parametrize("engine", ["inline", "processes"])
+def test_a_method_that_exits_costs_its_own_row(furnished, engine):
+    rows, result = measure(["leaving", "points"], engine=engine)
+    assert (rows["leaving"].reason, rows["leaving"].measured) == ("SystemExit: it leaves", False)
+    assert rows["points"].mma_1 == 1
+    assert result.crashed
+
+
 def test_what_is_no_match_costs_its_own_row(furnished):
     rows, result = measure(["confused", "points"])
     assert rows["confused"].reason == "correspond gave list, expected PointMatches, NodeMatches or None"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -80,6 +81,25 @@ def test_an_episode_that_crashes_costs_only_itself():
     assert table["seer"].success_rate == 0.5
     assert rows(result)[1]["error"] == "ValueError: too far east"
     assert "too far east" in (result.run / "seer" / "crash.log").read_text()
+    assert result.crashed
+
+
+@pytest.mark.parametrize(
+    ("match", "reason"),
+    [
+        (lambda self, description: {"status": "ok"}, "match gave dict, expected a Localization"),
+        (lambda self, description: sys.exit("it leaves"), "SystemExit: it leaves"),
+    ],
+)
+def test_nonsense_and_an_exit_cost_the_method_its_row(monkeypatch, match, reason):
+    from apartment_plugin import Seer
+
+    Path("blind.yaml").write_text("kind: seer\nblind: true\n")
+    answer = Seer.match
+    monkeypatch.setattr(Seer, "match", lambda self, seen: (answer if self.config.blind else match)(self, seen))
+    table, result = run(["seer", "blind.yaml"], episodes=2)
+    assert (table["seer"].reason, table["seer"].success_rate) == (reason, None)
+    assert table["blind"].success_rate == 0.0
     assert result.crashed
 
 

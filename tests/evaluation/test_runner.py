@@ -49,6 +49,14 @@ def test_whatever_else_a_method_raises_costs_its_own_row(faults, where, what, en
     assert result.crashed
 
 
+@pytest.mark.parametrize(("where", "message"), [("check", "the driver is odd"), ("weights", "no weights of that name")])
+def test_a_method_that_cannot_be_looked_at_costs_its_own_row(faults, where, message):
+    rows, result = run(["faulty", "reader"], f"where={where}")
+    assert (rows["faulty"].ended, rows["faulty"].reason) == (MethodStatus.CRASHED, f"ValueError: {message}")
+    assert rows["reader"].accuracy == 1.0
+    assert result.crashed
+
+
 def test_an_exception_costs_the_query_alone(faults):
     rows, _ = run(["faulty"], "where=match", "what=value")
     assert (rows["faulty"].ended, rows["faulty"].accuracy) == (MethodStatus.DONE, 0.0)
