@@ -25,7 +25,7 @@ def build(
     from salframe.cli.output import Bars
     from salframe.cli.tables import format_bytes
     from salframe.framework.installation import folder_bytes
-    from salframe.topology.place_map import build_map
+    from salframe.localization.saved_map import build_map
 
     with Bars() as bars:
         build_map(data, output, method, data_dir=data_dir, overrides=overrides or (), progress=bars.update)
@@ -44,8 +44,8 @@ def localize(
 ) -> None:
     """Print where a panorama was taken: places, best first, and the pose."""
     from salframe.cli.output import Bars
+    from salframe.localization.saved_map import open_map
     from salframe.panoramas.opening import open_frame
-    from salframe.topology.place_map import open_map
 
     localizer = open_map(map)
     with Bars() as bars:

@@ -31,7 +31,7 @@ hookspec = pluggy.HookspecMarker("salframe")
 
 @dataclass(frozen=True)
 class Presets:
-    """A folder of YAML files that a plugin ships: NAME.yaml in methods/, data/ and ablations/, settings by that name."""
+    """A folder of YAML files that a plugin ships: NAME.yaml in methods/, data/, ablations/, settings by that name."""
 
     folder: Path
 
@@ -51,7 +51,7 @@ class _Hooks:
 
 @dataclass(frozen=True)
 class Failure:
-    """A plugin that could not be loaded: its entry point, the package that declares it, and the exception in one line."""
+    """A plugin that could not be loaded: its entry point, the package that declares it, the exception in one line."""
 
     plugin: str
     package: str
@@ -114,7 +114,7 @@ class Registry:
         self.presets.append((presets, package))
 
     def find_preset(self, folder: str, name: str) -> Path | None:
-        """The file of a preset in methods/, data/ or another folder of the collections, None where no plugin ships it."""
+        """The file of a preset in methods/, data/ or another folder of the collections, None where there is none."""
         paths = (presets.folder / folder / f"{name}.yaml" for presets, _ in self.presets)
         return next((path for path in paths if path.is_file()), None)
 

@@ -64,5 +64,6 @@ def _spell(annotation: Any) -> str:
     if origin in (typing.Union, types.UnionType):
         return " | ".join("null" if argument is type(None) else _spell(argument) for argument in arguments)
     if origin is not None:
-        return f"{_spell(origin)}[{', '.join('...' if argument is Ellipsis else _spell(argument) for argument in arguments)}]"
+        inside = ", ".join("..." if argument is Ellipsis else _spell(argument) for argument in arguments)
+        return f"{_spell(origin)}[{inside}]"
     return getattr(annotation, "__name__", str(annotation))

@@ -203,7 +203,8 @@ class Weights:
             path = path if path.is_file() else self.source.installed(file) or path
             if not path.is_file():
                 raise WeightsMissing(
-                    f"weights {self.name!r}: no file {path} (sha256 {file.sha256}); get it with: salframe weights fetch {self.name}"
+                    f"weights {self.name!r}: no file {path} (sha256 {file.sha256}); "
+                    f"get it with: salframe weights fetch {self.name}"
                 )
             _verify(path, file, f"get it again with: salframe weights fetch {self.name}")
             found.append(path)

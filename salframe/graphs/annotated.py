@@ -76,7 +76,8 @@ def _objects_in_list(annotations: Annotations) -> list[Annotated]:
     signs = np.array(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5])).reshape(3, 8).T
     found = []
     for i in np.flatnonzero(np.isfinite(objects.centroid_m).all(1)):
-        pose = pose_2d(*objects.centroid_m[i, :2], objects.yaw_rad[i], objects.centroid_m[i, 2])
+        x_m, y_m, z_m = objects.centroid_m[i]
+        pose = pose_2d(x_m, y_m, objects.yaw_rad[i], z_m)
         corners = transform_points(pose, signs * objects.size_m[i])
         key = zlib.crc32(objects.keys[i].encode())
         found.append(Annotated(key, objects.labels[i], corners.astype(np.float32)))

@@ -18,7 +18,7 @@ MANIFEST = "manifest.json"
 
 
 class Dataset(Role):
-    """Panoramas with poses for mapping, panoramas without for queries, and the truth that only the evaluator asks for."""
+    """Panoramas with poses for mapping, panoramas without for queries, and the truth, for the evaluator alone."""
 
     role = "dataset"
     presets = "data"

@@ -35,7 +35,8 @@ class FloorMasks:
             got = check_array(self, name, dtype, None, None).shape
             if got != shape:
                 raise DataError(
-                    f"the {name} mask of a floor is {got[1]} x {got[0]} pixels, expected {shape[1]} x {shape[0]} as its free mask"
+                    f"the {name} mask of a floor is {got[1]} x {got[0]} pixels, "
+                    f"expected {shape[1]} x {shape[0]} as its free mask"
                 )
         if not self.resolution_m > 0:
             raise DataError(

@@ -69,14 +69,15 @@ def find_frame(dataset: Dataset, name: str) -> MapFrame | QueryFrame:
     """The query or mapping frame of this id. Raises UnknownName with the closest one."""
     frames: dict[str, MapFrame | QueryFrame] = {}
     for fold in dataset.folds():
-        frames |= {frame.id: frame for frame in (*fold.mapping, *fold.queries)}
+        frames |= {frame.id: frame for frame in fold.mapping}
+        frames |= {query.id: query for query in fold.queries}
     if name not in frames:
         raise UnknownName(unknown("frame", name, list(frames)))
     return frames[name]
 
 
 def find_image(path: Path) -> tuple[Path, str]:
-    """The folder with a manifest.json that an image lies in, and the id of the frame it belongs to. Raises DataError."""
+    """The folder with a manifest.json that an image lies in, and the id of its frame. Raises DataError."""
     path = path.resolve()
     folder = next((parent for parent in path.parents if (parent / MANIFEST).exists()), None)
     if folder is None:

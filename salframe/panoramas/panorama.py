@@ -91,11 +91,13 @@ class Panorama:
             shape = np.shape(image)
             if len(shape) < 2 or shape[1] != 2 * shape[0]:
                 raise DataError(
-                    f"{self.id}: the {name} image is {' x '.join(map(str, shape[1::-1]))}, expected a width of twice the height"
+                    f"{self.id}: the {name} image is {' x '.join(map(str, shape[1::-1]))}, "
+                    "expected a width of twice the height"
                 )
             if height is not None and shape[0] != height:
                 raise DataError(
-                    f"{self.id}: the {name} image is {shape[1]} x {shape[0]}, expected {2 * height} x {height} as the others"
+                    f"{self.id}: the {name} image is {shape[1]} x {shape[0]}, "
+                    f"expected {2 * height} x {height} as the others"
                 )
             height = shape[0]
         if self.rgb is not None:

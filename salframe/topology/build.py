@@ -63,7 +63,8 @@ def build_topology(
     twice = [name for name, count in Counter(node.id for node in nodes).items() if count > 1]
     if twice:
         raise DataError(
-            f"two nodes of the map would be called {twice[0]!r}, expected places with different names on different floors"
+            f"two nodes of the map would be called {twice[0]!r}, "
+            "expected places with different names on different floors"
         )
     if len(floors) > 1:
         heights = ", ".join(f"{floor.z_m:.2f}" for floor in floors)

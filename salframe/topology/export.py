@@ -61,7 +61,10 @@ def _write_geojson(topology: TopologicalMap, path: Path) -> None:
                 "LineString", line, start=edge.start, end=edge.end, length_m=edge.length_m, azimuth_deg=azimuth_deg
             )
         )
-    note = "x, y, z in metres in the map's own frame, z up; no longitude and latitude, although GeoJSON readers take them for WGS 84"
+    note = (
+        "x, y, z in metres in the map's own frame, z up; no longitude and latitude, "
+        "although GeoJSON readers take them for WGS 84"
+    )
     collection = {"type": "FeatureCollection", "properties": {"coordinates": note}, "features": features}
     write_text(path, json.dumps(collection, indent=1, allow_nan=False) + "\n")
 

@@ -44,7 +44,8 @@ def build_topological_map(
     floors, frames = dataset.floors(), mapping_frames(dataset)
     if not floors:
         raise DataError(
-            f"{dataset.name} has no floor masks, expected a dataset that has: salframe build makes a map without a topology"
+            f"{dataset.name} has no floor masks, expected a dataset that has: "
+            "salframe build makes a map without a topology"
         )
     topology = build_topology(floors, frames, TopologySettings(choose=choose))
     with atomic_folder(output) as folder:
@@ -93,6 +94,7 @@ def ask_map(
         return found
     if start is None:
         raise NoRoute(
-            f"no route from {frame.id} to {goal}: {frame.id} was not localized at a node of the map (status {answer.status})"
+            f"no route from {frame.id} to {goal}: {frame.id} was not localized at a node of the map "
+            f"(status {answer.status})"
         )
     return replace(found, route=find_route(topology, start, goal, planner))
