@@ -4,11 +4,13 @@ given."""
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import salframe
-from salframe.framework.registry import Presets
 
 
 @salframe.hookimpl
-def salframe_provides() -> list[Presets]:
+def salframe_provides() -> list[Any]:
+    from salframe.framework.registry import Presets
+
     return [Presets(Path(__file__).parent)]

@@ -9,7 +9,6 @@ import typer
 
 from salframe.cli.options import MAP_METHOD, PLANNER, DataDir, Json, Set
 from salframe.cli.output import print_json
-from salframe.topology.topological_map import NodeKind
 
 if TYPE_CHECKING:
     from salframe.topology.planner import Route
@@ -43,6 +42,7 @@ def build(
     """Build a topological map from a dataset's floor masks, and the map of a method from its mapping frames."""
     from salframe.cli.output import Bars
     from salframe.topology.place_map import build_topological_map
+    from salframe.topology.topological_map import NodeKind
 
     with Bars() as bars:
         made = build_topological_map(
