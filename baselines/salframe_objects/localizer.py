@@ -8,9 +8,10 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from salframe.framework.config import ComponentConfig, slot
+from salframe.framework.config import ComponentConfig
 from salframe.framework.identity import identity
 from salframe.framework.registry import registry
+from salframe.framework.slots import slot
 from salframe.localization.localizer import Description
 from salframe.panoramas.panorama import Panorama
 from salframe_objects.labels import WeightedLabels

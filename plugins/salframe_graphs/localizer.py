@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 from pydantic import Field
 
-from salframe.framework.config import ComponentConfig, slot
+from salframe.framework.config import ComponentConfig
 from salframe.framework.errors import InputMissing
 from salframe.framework.identity import identity
 from salframe.framework.registry import registry
+from salframe.framework.slots import slot
 from salframe.graphs.graph import GraphConfig, SaliencyGraph, build_graph
 from salframe.graphs.packing import graph_from_arrays, graph_to_arrays, pack_graph, read_graphs, write_graphs
 from salframe.localization.answers import Localization, LocalizationStatus, NodeMatches
