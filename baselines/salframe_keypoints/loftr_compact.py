@@ -1,4 +1,4 @@
-"""`loftr-compact`: a small LoFTR, trained by `python -m salframe_keypoints.training` and shipped with salframe;
+"""`loftr-compact`: a small LoFTR, trained by `python -m training.loftr_compact` and shipped with salframe;
 onnxruntime alone runs it."""
 
 from __future__ import annotations

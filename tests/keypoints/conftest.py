@@ -8,7 +8,7 @@ from salframe_keypoints.localizer import PAIRS, Keypoints
 from scipy.ndimage import map_coordinates, zoom
 
 from salframe.framework.errors import RequirementMissing, WeightsMissing
-from salframe.panoramas.frames import Frame
+from salframe.panoramas.frames import MapFrame, QueryFrame
 from salframe.panoramas.geometry import equirectangular_rays
 from salframe.panoramas.panorama import Panorama
 
@@ -44,10 +44,12 @@ class BoxRoom:
                 ).clip(0, 255)
         return Panorama(name, rgb, range_m.astype(np.float32) if with_range else None)
 
-    def frame(self, name: str, T_world_pano: np.ndarray, place: str | None = None, **options) -> Frame:
+    def frame(self, name: str, T_world_pano: np.ndarray, place: str | None = None, **options) -> MapFrame | QueryFrame:
         """A mapping frame where a place is given, else a query."""
         panorama = self.panorama(name, T_world_pano, **options)
-        return Frame(name, lambda: panorama, None if place is None else T_world_pano, place)
+        if place is None:
+            return QueryFrame(name, lambda: panorama)
+        return MapFrame(name, place, T_world_pano, load=lambda: panorama)
 
 
 @pytest.fixture(scope="session")

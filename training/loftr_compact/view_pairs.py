@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from salframe_keypoints.loftr_compact import STRIDE_PX
 
 from salframe.panoramas.geometry import invert_pose, pose_yaw, rays_to_pixels, sample_nearest, transform_points
-from salframe_keypoints.loftr_compact import STRIDE_PX
-from salframe_keypoints.training.panoramas import Shot
+from training.loftr_compact.panoramas import Shot
 
 FOCAL_PX = 160.0
 """Of the views that `loftr-compact` cuts at run time: 320 pixels for 90 degrees."""

@@ -7,10 +7,10 @@ from typing import Any
 
 import torch
 from kornia.feature.loftr import loftr
+from salframe_keypoints.loftr_compact import ARCHITECTURE, FINE_STRIDE_PX, STRIDE_PX, WINDOW
 from torch.nn import functional
 
 from salframe.framework.config import merge
-from salframe_keypoints.loftr_compact import ARCHITECTURE, FINE_STRIDE_PX, STRIDE_PX, WINDOW
 
 FINE_RADIUS_PX = WINDOW // 2 * FINE_STRIDE_PX
 LARGEST_CELLS = 320 // STRIDE_PX, 240 // STRIDE_PX

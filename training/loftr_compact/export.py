@@ -9,10 +9,10 @@ from typing import Any
 
 import torch
 from kornia.feature.loftr import loftr
+from salframe_keypoints.loftr_compact import FILES, FINE_STRIDE_PX, LARGEST_PX, STATE, STRIDE_PX
 from torch import Tensor, nn
 
 from salframe.framework.files import atomic_path
-from salframe_keypoints.loftr_compact import FILES, FINE_STRIDE_PX, LARGEST_PX, STATE, STRIDE_PX
 
 OPSET = 18
 
@@ -31,7 +31,7 @@ class _Features(nn.Module):
 
 
 class _Coarse(nn.Module):
-    """Tokens of both images -> dual-softmax confidence (1, L, S), and the tokens (1, L, C), (1, S, C) after attention."""
+    """Tokens of both images -> dual-softmax confidence (1, L, S), and the tokens (1, L, C), (1, S, C) attended."""
 
     def __init__(self, network: loftr.LoFTR) -> None:
         super().__init__()

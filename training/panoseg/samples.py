@@ -1,4 +1,4 @@
-"""Training samples: a view turned, mirrored and spoilt at random, and what the network should say of it."""
+"""Training samples: a panorama turned, mirrored and spoilt at random, and what the network should say of it."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from salframe_panoseg.classes import HEIGHT, network_input
+from salframe_panoseg.detector import from_panorama
 from torch.utils.data import Dataset
 
 from salframe.panoramas.geometry import equirectangular_rays
-from salframe_panoseg.classes import HEIGHT, network_input
-from salframe_panoseg.detector import from_panorama
-from salframe_panoseg.views import View, read_view
+from training.panoseg.panoramas import LabelledPanorama, read_panorama
 
 MIRRORED, HOLED = 0.5, 0.5
 """How often a sample is mirrored, and how often its range has holes."""
@@ -20,15 +20,15 @@ WHOLE, BAND, FIRST_ROWS = 0.15, 160, (32, 64)
 nearer to the poles."""
 
 
-def target(view: View, index: Mapping[str, int]) -> tuple[np.ndarray, np.ndarray]:
-    """class_id (H, W) int64 and vote_m (3, H, W) float32, NaN where there is no object, of a view at the network's
+def target(panorama: LabelledPanorama, index: Mapping[str, int]) -> tuple[np.ndarray, np.ndarray]:
+    """class_id (H, W) int64 and vote_m (3, H, W) float32, NaN where there is no object, of a panorama at the network's
     size."""
-    classes = np.zeros(max(view.labels, default=0) + 1, np.int64)
+    classes = np.zeros(max(panorama.labels, default=0) + 1, np.int64)
     centre_m = np.full((len(classes), 3), np.nan)
-    for instance, label in view.labels.items():
-        classes[instance], centre_m[instance] = index[label], view.centre_m[instance]
-    points_m = equirectangular_rays(HEIGHT) * view.range_m[..., None]
-    return classes[view.instance_id], from_panorama(centre_m[view.instance_id] - points_m).astype(np.float32)
+    for instance, label in panorama.labels.items():
+        classes[instance], centre_m[instance] = index[label], panorama.centre_m[instance]
+    points_m = equirectangular_rays(HEIGHT) * panorama.range_m[..., None]
+    return classes[panorama.instance_id], from_panorama(centre_m[panorama.instance_id] - points_m).astype(np.float32)
 
 
 def spoil(rgb: np.ndarray, range_m: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
@@ -44,10 +44,10 @@ def spoil(rgb: np.ndarray, range_m: np.ndarray, rng: np.random.Generator) -> tup
 
 
 class Samples(Dataset):
-    """Sample number i: a view drawn by the seed and i, so that a run that resumes goes on as it would have. Those of a
-    batch have the same rows.
+    """Sample number i: a panorama drawn by the seed and i, so that a run that resumes goes on as it would have. Those
+    of a batch have the same rows.
 
-    `shares` (V,) float64, sum 1: how often each view is drawn.
+    `shares` (V,) float64, sum 1: how often each panorama is drawn.
     """
 
     def __init__(
@@ -71,9 +71,9 @@ class Samples(Dataset):
         """Of rows that are H or BAND: the network's input (6, rows, 2H), class_id (rows/2, H) int64, vote_m (3, rows/2,
         H) with NaN where there is none."""
         rng = np.random.default_rng((self._seed, self._start + item))
-        view = read_view(self._paths[rng.choice(len(self._paths), p=self._shares)])
-        class_id, vote_m = target(view, self._index)
-        image = network_input(*spoil(view.rgb, view.range_m, rng))
+        panorama = read_panorama(self._paths[rng.choice(len(self._paths), p=self._shares)])
+        class_id, vote_m = target(panorama, self._index)
+        image = network_input(*spoil(panorama.rgb, panorama.range_m, rng))
         turn = int(rng.integers(2 * HEIGHT))
         image, class_id, vote_m = (np.roll(array, turn, -1) for array in (image, class_id, vote_m))
         if rng.random() < MIRRORED:

@@ -7,11 +7,11 @@ from collections.abc import Mapping
 from typing import Any
 
 import torch
+from salframe_panoseg.classes import CHANNELS
 from torch import Tensor, nn
 from torch.nn import functional
 
 from salframe.framework.errors import WeightsMissing
-from salframe_panoseg.classes import CHANNELS
 
 LITE0 = (
     (1, 3, 1, 1, 32, 16),
@@ -148,7 +148,8 @@ class PanoSeg(nn.Module):
         absent = sorted(name for name in encoder if name not in state)
         if absent:
             raise WeightsMissing(
-                f"the checkpoint is no EfficientNet-Lite0: {len(absent)} of {len(encoder)} tensors missing, first {absent[0]}"
+                f"the checkpoint is no EfficientNet-Lite0: {len(absent)} of {len(encoder)} tensors missing, "
+                f"first {absent[0]}"
             )
         taken = {name: state[name] for name in encoder}
         stem = torch.zeros_like(own["_conv_stem.weight"])

@@ -16,7 +16,7 @@ from salframe.framework.files import read_arrays, write_arrays
 from salframe.framework.identity import digest
 from salframe.framework.processes import die_with_parent
 from salframe.panoramas.geometry import pose_2d
-from salframe_keypoints.training.settings import Panoramas
+from training.loftr_compact.settings import Panoramas
 
 STYLES = ("home", "office", "hotel")
 SHOTS = ((0, "day"), (1, "day"), (0, "evening"), (2, "evening"), (3, "dim"))

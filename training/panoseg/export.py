@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from salframe_panoseg.classes import CHANNELS, HEIGHT
+from salframe_panoseg.detector import OUTPUTS
 from torch import Tensor, nn
 from torch.nn import functional
 
 from salframe.framework.files import atomic_path, write_json
 from salframe.framework.weights import file_sha256
-from salframe_panoseg.classes import CHANNELS, HEIGHT
-from salframe_panoseg.detector import OUTPUTS
-from salframe_panoseg.network import PanoSeg
+from training.panoseg.network import PanoSeg
 
 DOUBT = 4.0
 """A pixel is structure where that is so many times as probable as any object: what may be an object is told, with its

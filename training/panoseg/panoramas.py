@@ -1,4 +1,4 @@
-"""Views to train on and to measure with: random buildings, random poses, all lightings; rendered once, then read."""
+"""Panoramas to train on and to measure with: random buildings, random poses, all lightings; rendered once."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ WORKERS = 2
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class LabelledPanorama:
     """A rendered panorama with its truth: rgb (H, 2H, 3) uint8, range_m (H, 2H) float32, instance_id (H, 2H) int32, and
     of the instances `labels` and `centre_m` (id -> (3,) float64, the centre of the whole object's box in the panorama
     frame)."""
@@ -42,19 +42,19 @@ class View:
     centre_m: dict[int, np.ndarray]
 
 
-def render_views(
+def render_panoramas(
     root: Path,
     seeds: Sequence[int],
-    views: int,
+    count: int,
     height: int,
     assets: Path | None,
     part: Part | None,
     progress: Callable[[int, int], None],
 ) -> list[Path]:
-    """Render `views` panoramas, `height` pixels high, of the building of each seed into `root`, those that are not
+    """Render `count` panoramas, `height` pixels high, of the building of each seed into `root`, those that are not
     there yet.
 
-    Returns one path a view, without suffix, for `read_view`. `progress(done, total)` counts buildings.
+    Returns one path a panorama, without suffix, for `read_panorama`. `progress(done, total)` counts buildings.
     """
     todo = [seed for seed in seeds if not (root / f"{seed}.json").exists()]
     done = len(seeds) - len(todo)
@@ -64,16 +64,16 @@ def render_views(
         WORKERS, mp_context=multiprocessing.get_context("spawn"), initializer=die_with_parent
     ) as pool:
         for future in as_completed(
-            [pool.submit(_render_building, root, seed, views, height, assets, part) for seed in todo]
+            [pool.submit(_render_building, root, seed, count, height, assets, part) for seed in todo]
         ):
             future.result()
             done += 1
             progress(done, len(seeds))
-    return [root / f"{seed}-{number}" for seed in seeds for number in range(views)]
+    return [root / f"{seed}-{number}" for seed in seeds for number in range(count)]
 
 
-def _render_building(root: Path, seed: int, views: int, height: int, assets: Path | None, part: Part | None) -> None:
-    """Render one building's views; its JSON, which says that they are there, comes last."""
+def _render_building(root: Path, seed: int, count: int, height: int, assets: Path | None, part: Part | None) -> None:
+    """Render one building's panoramas; its JSON, which says that they are there, comes last."""
     rng = np.random.default_rng((seed, 11))
     building = generate_building(STYLES[seed % len(STYLES)], int(rng.integers(ROOMS[0], ROOMS[1] + 1)), seed)
     scene = building.scene(Catalogue(assets, part) if assets else None)
@@ -81,7 +81,7 @@ def _render_building(root: Path, seed: int, views: int, height: int, assets: Pat
     renderers = {lighting: renderer.relit(lighting) for lighting in CONDITIONS}
     free = {room: points for room, points in building.free_space(CLEARANCE_M).items() if len(points)}
     poses = []
-    for number in range(views):
+    for number in range(count):
         points = free[list(free)[rng.integers(len(free))]]
         x, y = points[rng.integers(len(points))]
         pose = pose_2d(x, y, rng.uniform(-np.pi, np.pi), rng.uniform(*EYE_M))
@@ -96,8 +96,8 @@ def _render_building(root: Path, seed: int, views: int, height: int, assets: Pat
     write_json(root / f"{seed}.json", {"poses": poses, "objects": objects})
 
 
-def read_view(path: Path) -> View:
-    """The view that `render_views` named so."""
+def read_panorama(path: Path) -> LabelledPanorama:
+    """The panorama that `render_panoramas` named so."""
     building, number = _building(path)
     T_world_pano = np.array(building["poses"][number])
     centre_m = {
@@ -105,16 +105,16 @@ def read_view(path: Path) -> View:
         for key, value in building["objects"].items()
     }
     rgb, range_m = read_color(path.with_name(path.name + ".jpg")), read_range(path.with_name(path.name + ".range.png"))
-    return View(rgb, range_m, *_instances(path, building), centre_m)
+    return LabelledPanorama(rgb, range_m, *_instances(path, building), centre_m)
 
 
 def read_instances(path: Path) -> tuple[np.ndarray, dict[int, str]]:
-    """Of a view as in `read_view`, only instance_id (H, 2H) int32 and labels."""
+    """Of a panorama as in `read_panorama`, only instance_id (H, 2H) int32 and labels."""
     return _instances(path, _building(path)[0])
 
 
 def _building(path: Path) -> tuple[dict[str, Any], int]:
-    """What is known of a view's building, and the view's number in it."""
+    """What is known of a panorama's building, and the panorama's number in it."""
     seed, _, number = path.name.rpartition("-")
     return read_json(path.with_name(f"{seed}.json")), int(number)
 

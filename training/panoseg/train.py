@@ -1,4 +1,4 @@
-"""Train `panoseg` from one command: `python -m salframe_panoseg.train OUTPUT --encoder CHECKPOINT [--assets DIR]`.
+"""Train `panoseg` from one command: `python -m training.panoseg.train OUTPUT --encoder CHECKPOINT [--assets DIR]`.
 
 Renders the training buildings (resumes), trains with a checkpoint every CHECKPOINT_STEPS steps (resumes), and exports
 OUTPUT/panoseg.onnx with its card OUTPUT/panoseg.json. A GPU is used where torch finds one.
@@ -22,6 +22,7 @@ import typer
 import yaml
 from salframe_house.assets import Catalogue
 from salframe_house.furniture import CLASSES
+from salframe_panoseg.classes import HEIGHT
 from torch import Tensor
 from torch.nn import functional
 from torch.utils.data import DataLoader
@@ -29,16 +30,15 @@ from torch.utils.data import DataLoader
 from salframe.framework.cache import cache_home
 from salframe.framework.files import atomic_path
 from salframe.framework.weights import file_sha256
-from salframe_panoseg.classes import HEIGHT
-from salframe_panoseg.export import export
-from salframe_panoseg.network import PanoSeg
-from salframe_panoseg.samples import Samples
-from salframe_panoseg.views import read_instances, render_views
+from training.panoseg.export import export
+from training.panoseg.network import PanoSeg
+from training.panoseg.panoramas import read_instances, render_panoramas
+from training.panoseg.samples import Samples
 
 CHECKPOINT_STEPS = 100
 SHOWN_PIXELS, COMMON_SHARE = 50, 0.1
-"""A view shows a class on so many pixels at least; a class that fewer than this share of the views show is drawn more
-often."""
+"""A panorama shows a class on so many pixels at least; a class that fewer than this share of the panoramas show is
+drawn more often."""
 LABELS = tuple(sorted(CLASSES))
 
 
@@ -49,7 +49,7 @@ class Training:
     seed: int
     buildings: int
     first_seed: int
-    views: int
+    panoramas: int
     steps: int
     batch: int
     learning_rate: float
@@ -66,7 +66,7 @@ class Training:
 
 
 def class_pixels(paths: Sequence[Path]) -> np.ndarray:
-    """(V, C) int64: how many pixels of each view show each class, structure first."""
+    """(V, C) int64: how many pixels of each panorama show each class, structure first."""
     index = {label: i for i, label in enumerate(LABELS, 1)}
     pixels = np.zeros((len(paths), len(LABELS) + 1), np.int64)
     for row, path in zip(pixels, paths, strict=True):
@@ -87,9 +87,9 @@ def class_weights(pixels: np.ndarray) -> Tensor:
     return torch.tensor(weights, dtype=torch.float32)
 
 
-def view_shares(pixels: np.ndarray) -> np.ndarray:
-    """(V,) float64, sum 1: how often each view is drawn; those of classes that few views show, more often (LVIS; Gupta
-    et al. 2019)."""
+def panorama_shares(pixels: np.ndarray) -> np.ndarray:
+    """(V,) float64, sum 1: how often each panorama is drawn; those of classes that few panoramas show, more often
+    (LVIS; Gupta et al. 2019)."""
     shown = pixels[:, 1:] >= SHOWN_PIXELS
     repeat = np.sqrt(COMMON_SHARE / np.maximum(shown.mean(0), 1 / len(pixels)))
     factor = np.maximum((shown * repeat).max(1), 1)
@@ -145,7 +145,7 @@ def train(output: Path, paths: list[Path], settings: Training, encoder: Path, th
     weights = class_weights(pixels).to(device)
     samples = Samples(
         paths,
-        view_shares(pixels),
+        panorama_shares(pixels),
         LABELS,
         settings.seed,
         settings.batch,
@@ -220,7 +220,7 @@ def main(
     output.mkdir(parents=True, exist_ok=True)
     seeds = range(settings.first_seed, settings.first_seed + settings.buildings)
     root = cache_home() / "panoseg" / ("training-models" if assets else "training")
-    paths = render_views(root, seeds, settings.views, HEIGHT, assets, "training", tell)
+    paths = render_panoramas(root, seeds, settings.panoramas, HEIGHT, assets, "training", tell)
     checkpoint = train(output, paths, settings, encoder, threads)
     card = {
         "labels": LABELS,

@@ -19,10 +19,10 @@ from torch.utils.data import DataLoader, Dataset
 
 from salframe.framework.errors import ConfigError
 from salframe.framework.files import atomic_path, read_json, write_json
-from salframe_keypoints.training.network import build, losses
-from salframe_keypoints.training.pairs import PosedView, correspondences, draw_pair, photometric, warp
-from salframe_keypoints.training.panoramas import Shot, read_rooms
-from salframe_keypoints.training.settings import Stage, Training
+from training.loftr_compact.network import build, losses
+from training.loftr_compact.panoramas import Shot, read_rooms
+from training.loftr_compact.settings import Stage, Training
+from training.loftr_compact.view_pairs import PosedView, correspondences, draw_pair, photometric, warp
 
 CHECKPOINT, LOG, SETTINGS = "checkpoint.pt", "log.jsonl", "settings.json"
 HELD_OUT_PAIRS = 12

@@ -1,4 +1,4 @@
-"""`python -m salframe_keypoints.training FOLDER`: render, train and export `loftr-compact`; the same command resumes."""
+"""`python -m training.loftr_compact FOLDER`: render, train, export `loftr-compact`; the same command resumes."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ import typer
 
 from salframe.framework.config import merge, nest, parse_override, validate
 from salframe.framework.errors import SalframeError
-from salframe_keypoints.training.export import export
-from salframe_keypoints.training.panoramas import render
-from salframe_keypoints.training.settings import Training
-from salframe_keypoints.training.train import train
+from training.loftr_compact.export import export
+from training.loftr_compact.panoramas import render
+from training.loftr_compact.settings import Training
+from training.loftr_compact.train import train
 
 
 def main(
