@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,10 +12,12 @@ from salframe.panoramas.geometry import pose_yaw
 from salframe.panoramas.panorama import Annotations, Panorama
 from salframe_house.assets import Catalogue
 from salframe_house.building import Building, Style, change_building, generate_building
-from salframe_house.dataset import House
 from salframe_house.frames import HouseFrame, choose_frames
 from salframe_house.lighting import Lighting
 from salframe_house.render import Renderer
+
+if TYPE_CHECKING:
+    from salframe_house.dataset import House
 
 
 @cache
