@@ -172,7 +172,7 @@ def _fit(
     """
     from scipy.optimize import least_squares
 
-    nothing = {}, np.nan, (np.nan, np.nan), np.inf
+    nothing: tuple[dict[int, int], float, tuple[float, float], float] = {}, np.nan, (np.nan, np.nan), np.inf
     if not patches:
         return nothing
     pixels = np.array(list(patches.values()))

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 from pydantic import Field
@@ -118,7 +118,8 @@ class Matterport3D(Dataset):
                 try:
                     panorama = viewpoint.stitch(self.config.height, self.config.color)
                     objects = self._houses[viewpoint.folder.name].objects
-                    instance_id = label_pixels(panorama.range_m, viewpoint.T_world_pano, objects)
+                    range_m = cast(np.ndarray, panorama.range_m)  # whatever is stitched has one
+                    instance_id = label_pixels(range_m, viewpoint.T_world_pano, objects)
                     write_panorama(self._folder, entry, panorama.rgb, panorama.range_m, instance_id, panorama.valid)
                 except DataError as error:
                     self._broken[id] = str(error)

@@ -132,12 +132,12 @@ class MeshDataset(RenderedDataset[FrameSpec]):
                 f"{self._source} has neither frames.csv ({', '.join(_COLUMNS)}) nor one .house file "
                 "(house_segmentations of the Matterport3D release), expected either to say where panoramas are taken"
             )
-        standing = read_house(houses[0]).panoramas
-        mapped = [
-            FrameSpec(name, "map", f"{houses[0].stem}/region-{point.region}", *map(float, point.position_m), 0.0)
-            for name, point in standing.items()
-            if point.region is not None
-        ]
+        mapped = []
+        for name, point in read_house(houses[0]).panoramas.items():
+            if point.region is not None:
+                x_m, y_m, z_m = point.position_m.tolist()
+                place = f"{houses[0].stem}/region-{point.region}"
+                mapped.append(FrameSpec(name, "map", place, x_m, y_m, z_m, yaw_rad=0.0))
         if not mapped:
             raise DataError(
                 f"{houses[0]} has no panorama in a region, expected lines that begin with P, or a frames.csv beside it"
