@@ -26,11 +26,12 @@ def diagnose(run: Run, method: str) -> dict[str, list[str]]:
 
     Raises DataError where the run is of another dataset or lacks answers.
     """
-    config = run.dataset()
+    config = run.data()
     if not isinstance(config, MatterportAnnotations.Config):
         raise DataError(f"{run.directory} asked {config.kind}, expected {MatterportAnnotations.name}")
     dataset = MatterportAnnotations(config)
-    answers, scenes = run.predictions(method), dataset.scenes()
+    answers = {(row["fold"], row["query"]): row for row in run.rows(method)}
+    scenes = dataset.scenes()
     wrong: dict[str, list[str]] = {cause: [] for cause in CAUSES}
     for fold in dataset.folds():
         query_id = fold.queries[0].id
