@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from pydantic import Field
@@ -17,11 +18,11 @@ import salframe
 from salframe.framework.config import ComponentConfig
 from salframe.framework.errors import DataError, WeightsMissing
 from salframe.framework.identity import digest
-from salframe.localization.answers import Localization
+from salframe.localization.answers import Localization, LocalizationStatus
 from salframe.localization.localizer import Description, Localizer, rank_places
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.floors import FloorMasks
-from salframe.panoramas.frames import Fold, Frame, MapFrame, Truth
+from salframe.panoramas.frames import Fold, MapFrame, QueryFrame, Truth
 from salframe.panoramas.geometry import pose_2d
 from salframe.panoramas.panorama import Panorama
 
@@ -48,22 +49,25 @@ class Rooms(Dataset):
     def prepare(self, progress) -> None:
         progress(self.config.rooms, self.config.rooms)
 
-    def _frame(self, room: int, query: int | None) -> Frame:
-        name = f"map-{room}" if query is None else f"query-{room}-{query}"
+    def _load(self, name: str, room: int, column: int) -> Panorama:
+        if name in self.config.broken:
+            raise DataError(f"{name}.png is no image")
         rgb = np.full((4, 8, 3), room, np.uint8)
-        rgb[..., 1] = 0 if query is None else query + 1
+        rgb[..., 1] = column
+        return Panorama(name, rgb)
 
-        def load() -> Panorama:
-            if name in self.config.broken:
-                raise DataError(f"{name}.png is no image")
-            return Panorama(name, rgb)
+    def _map_frame(self, room: int) -> MapFrame:
+        name = f"map-{room}"
+        return MapFrame(name, f"room-{room}", pose_2d(4.0 * room, 0, 0), load=partial(self._load, name, room, 0))
 
-        return Frame(name, load, pose_2d(4.0 * room, 0, 0), f"room-{room}") if query is None else Frame(name, load)
+    def _query_frame(self, room: int, query: int) -> QueryFrame:
+        name = f"query-{room}-{query}"
+        return QueryFrame(name, partial(self._load, name, room, query + 1))
 
     def folds(self) -> Sequence[Fold]:
-        mapping = tuple(self._frame(room, None) for room in range(self.config.rooms))
+        mapping = tuple(self._map_frame(room) for room in range(self.config.rooms))
         queries = tuple(
-            self._frame(room, query) for room in range(self.config.rooms) for query in range(self.config.queries)
+            self._query_frame(room, query) for room in range(self.config.rooms) for query in range(self.config.queries)
         )
         if not self.config.leave_one_out:
             return [Fold("all", mapping, queries)]
@@ -116,12 +120,12 @@ class Reader(Localizer):
         if room == self.config.fail_in:
             raise ValueError("this room is too much")
         if room == self.config.refuse_in:
-            return Localization((), None, "low-score")
+            return Localization((), None, LocalizationStatus.LOW_SCORE)
         shift = self.config.offset if room < self.config.wrong_from else 1
         scores = -np.abs(self.rooms - (room + shift)).astype(float)
         places = rank_places(self.frames, scores)
         best = next(frame for frame in self.frames if frame.id == places[0].frame)
-        return Localization(places, best.T_world_pano, "ok")
+        return Localization(places, best.T_world_pano, LocalizationStatus.OK)
 
 
 class Greedy(Reader):

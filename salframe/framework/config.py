@@ -94,7 +94,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
 
 
 def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
-    """`base` with the keys of `over` laid on top, mapping by mapping; another `kind` drops the old one's settings."""
+    """`base` with the keys of `over` laid on top, mapping by mapping. Another `kind` drops the old one's settings."""
     if "kind" in over and over["kind"] != base.get("kind", over["kind"]):
         return dict(over)
     merged = dict(base)

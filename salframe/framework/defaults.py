@@ -8,6 +8,8 @@ from typing import Any
 
 import yaml
 
+from salframe.framework.errors import ConfigError
+
 
 @cache
 def defaults() -> dict[str, Any]:
@@ -16,5 +18,7 @@ def defaults() -> dict[str, Any]:
 
 
 def default_of(key: str) -> Any:
-    """The name, or the names, that stand for `key` where none is given."""
+    """The name, or the names, that stand for `key` where none is given. Raises ConfigError where nothing does."""
+    if key not in defaults():
+        raise ConfigError(f"no name stands for {key!r} where none is given, only for {', '.join(defaults())}")
     return defaults()[key]

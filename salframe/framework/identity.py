@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pydantic import BaseModel
+from pydantic.fields import FieldInfo
 from pydantic_core import core_schema, to_jsonable_python
 
 from salframe.framework.config import ComponentConfig
@@ -48,12 +49,16 @@ def identity(config: ComponentConfig, *, describing: bool = False) -> dict[str, 
     return {**known, "settings": _settings(config, describing), **({"weights": weights} if weights else {})}
 
 
+def matters_to_matching_only(field: FieldInfo) -> bool:
+    """Whether a setting is declared `match_only`: descriptions of panoramas do not depend on it."""
+    extra = field.json_schema_extra
+    return isinstance(extra, Mapping) and bool(extra.get("match_only"))
+
+
 def _settings(model: BaseModel, describing: bool) -> dict[str, Any]:
     chosen = {}
     for name, field in type(model).model_fields.items():
-        extra = field.json_schema_extra
-        matters_to_matching = isinstance(extra, Mapping) and bool(extra.get("match_only"))
-        if name != "kind" and not (describing and matters_to_matching):
+        if name != "kind" and not (describing and matters_to_matching_only(field)):
             chosen[name] = _value(getattr(model, name), describing)
     return chosen
 

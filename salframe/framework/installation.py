@@ -13,7 +13,7 @@ from typing import Any
 
 from salframe.framework.cache import cache_home
 from salframe.framework.component import Component
-from salframe.framework.errors import SalframeError
+from salframe.framework.errors import SalframeError, describe_error
 from salframe.framework.presets import configure, names, preset_names, settings
 from salframe.framework.registry import Failure, registry
 from salframe.framework.weights import list_weights
@@ -82,8 +82,8 @@ def _status(name: str, package: str, component: type[Component], content: Mappin
     missing = None
     try:
         component.check(configure(component.role, name, content))
-    except SalframeError as error:
-        missing = str(error)
+    except Exception as error:  # a listing must not stop at a component whose `check` is broken
+        missing = describe_error(error)
     return ComponentStatus(component.role, name, component.version, package, summary_of(component), missing)
 
 

@@ -30,7 +30,7 @@ hookspec = pluggy.HookspecMarker("salframe")
 
 @dataclass(frozen=True)
 class Presets:
-    """A folder of YAML files that a plugin ships: NAME.yaml in methods/, data/, ablations/, settings by that name."""
+    """A folder of YAML files that a plugin ships: NAME.yaml in methods/, data/ and ablations/."""
 
     folder: Path
 
@@ -83,13 +83,16 @@ class Registry:
             self.failures.append(Failure(entry_point.name, package, describe_error(error)))
 
     def call(self, entry_point: EntryPoint, hook: str) -> Any:
-        """What the hook of one plugin gives; an empty list where it has none. Raises whatever the plugin raises."""
+        """What the hook of one plugin gives; an empty list where it has none. Raises SalframeError on a function of the
+        hook's name that is not marked as one, and whatever the plugin raises."""
         plugin: Any = entry_point.load()
         if not self._manager.is_registered(plugin):
             self._manager.register(plugin, name=f"{_package(entry_point)}:{entry_point.name}")
         for implementation in getattr(self._manager.hook, hook).get_hookimpls():
             if implementation.plugin is plugin:
                 return cast(Any, implementation.function())
+        if hasattr(plugin, hook):
+            raise SalframeError(f"{hook} of {plugin.__name__} is no hook: mark it with @salframe.hookimpl")
         return []
 
     def add(self, item: type[Component] | Presets, package: str) -> None:
@@ -101,7 +104,7 @@ class Registry:
             if self.roles.setdefault(role.role, role) is not role:
                 raise SalframeError(f"the role {role.role!r} of {package} is already there: {self.roles[role.role]}")
         else:
-            _check_declaration(item, self.roles)
+            check_declaration(item, self.roles)
             key = (item.role, item.name)
             if key in self._components and self._components[key][0] is not item:
                 provider = self._components[key][1]
@@ -116,7 +119,7 @@ class Registry:
         self.presets.append((presets, package))
 
     def find_preset(self, folder: str, name: str) -> Path | None:
-        """The file of a preset in methods/, data/ or another folder of the collections, None where there is none."""
+        """The file of a preset in methods/, data/ or another folder of presets, None where no plugin ships it."""
         paths = (presets.folder / folder / f"{name}.yaml" for presets, _ in self.presets)
         return next((path for path in paths if path.is_file()), None)
 
@@ -150,6 +153,8 @@ class Registry:
     def get(self, role: str, name: str) -> type[Component]:
         """The class of this role and name. Raises PluginFailed where a broken plugin may hold it, UnknownName
         otherwise."""
+        if not isinstance(name, str):  # a `kind` of a YAML file may be anything
+            raise UnknownName(f"received {name!r}, expected the name of a {role}: {', '.join(self.names(role))}")
         if (role, name) in self._components:
             return self._components[role, name][0]
         for failure in self.failures:
@@ -166,10 +171,12 @@ class Registry:
 
 
 def _package(entry_point: EntryPoint) -> str:
+    if entry_point.value == BUILTIN:
+        return "salframe"
     return entry_point.dist.name if entry_point.dist else entry_point.value
 
 
-def _check_declaration(component: Any, roles: dict[str, type[Role]]) -> None:
+def check_declaration(component: Any, roles: dict[str, type[Role]]) -> None:
     """Raise SalframeError on a class whose declaration would break whatever lists or configures it."""
     if not (
         isinstance(component, type) and issubclass(component, Component) and getattr(component, "role", None) in roles
@@ -233,16 +240,19 @@ def registry() -> Registry:
 
 def load_commands() -> tuple[dict[str, tuple[Any, str]], list[Failure]]:
     """Command -> (function or app, package) of every plugin that brings some, and the plugins that failed."""
-    found, commands = Registry(), {}
+    found = Registry()
+    commands: dict[str, tuple[Any, str]] = {}
     for entry_point in _discover(COMMANDS):
         package = _package(entry_point)
         try:
-            commands.update(
-                {
-                    name: (command, package)
-                    for name, command in dict(found.call(entry_point, "salframe_commands")).items()
-                }
-            )
+            for name, command in dict(found.call(entry_point, "salframe_commands")).items():
+                if not (isinstance(name, str) and re.fullmatch(KEBAB, name) and callable(command)):
+                    raise SalframeError(
+                        f"{name!r}: {command!r} is no command, expected a kebab-case name and a function"
+                    )
+                if name in commands:
+                    raise SalframeError(f"the command {name!r} of {package} is already provided by {commands[name][1]}")
+                commands[name] = command, package
         except KeyboardInterrupt:
             raise
         except BaseException as error:

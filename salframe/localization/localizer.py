@@ -147,8 +147,7 @@ class Localizer(Role):
                 made = f"{content['localizer']['kind']} {content['version']}"
                 raise DataError(f"{directory} was made by {made}, expected {self.name} {self.version}: build it again")
             frames = [
-                MapFrame(f["id"], f["place"], np.array(f["T_world_pano"], float), FrameKind(f["kind"]))
-                for f in content["frames"]
+                MapFrame(f["id"], f["place"], np.array(f["T_world_pano"], float), f["kind"]) for f in content["frames"]
             ]
         except KeyError as error:
             raise DataError(f"{directory / 'map.json'} has no key {error}") from None

@@ -9,6 +9,7 @@ from enum import StrEnum
 import numpy as np
 
 from salframe.framework.component import Role
+from salframe.framework.errors import InvalidAnswer
 
 
 class PoseStatus(StrEnum):
@@ -27,7 +28,7 @@ class PoseEstimate:
 
     T_reference_query (4, 4) or None where `status` is not OK; covariance (3, 3) of (x_m, y_m, yaw_rad) for SE(2),
     (6, 6) for SE(3), or None; inliers (M,) bool over the given pairs; `runner_up` the support of the next best pose
-    divided by that of this one, in [0, 1].
+    divided by that of this one, in [0, 1]. Raises InvalidAnswer on a status that is none of PoseStatus.
     """
 
     T_reference_query: np.ndarray | None
@@ -35,6 +36,13 @@ class PoseEstimate:
     covariance: np.ndarray | None
     inliers: np.ndarray
     runner_up: float = 0.0
+
+    def __post_init__(self) -> None:
+        try:
+            object.__setattr__(self, "status", PoseStatus(self.status))
+        except ValueError:
+            known = ", ".join(PoseStatus)
+            raise InvalidAnswer(f"a pose has the status {self.status!r}, expected one of {known}") from None
 
 
 class Positioner(Role):

@@ -17,8 +17,7 @@ from salframe.topology.topological_map import TopologicalMap
 ROOM_M = 0.07
 """An agent that is a little off its line keeps this much farther from walls than its radius, where it can."""
 AHEAD_M, CLEAR_M = 0.1, 0.30
-"""What stops an agent where the masks have this clearance, so much farther ahead, is something that they do not show.
-"""
+"""What stops an agent where the masks have this clearance, so much farther ahead, is something they do not show."""
 BUMP_M, BUMP_AHEAD_M = 0.2, 0.3
 """Radius of the disc that an agent keeps out of after such a collision, and how far ahead its centre is: more takes
 more bumps to learn."""
@@ -42,7 +41,7 @@ class Chart(ABC):
         return position_m
 
     def roomy(self) -> Chart:
-        """The chart of what can be walked with some room to spare, which may leave parts of the building unreached."""
+        """The chart of what can be walked with room to spare, which may leave parts of the building out of reach."""
         return self
 
     def stopped(self, T_world_pano: np.ndarray, again: bool) -> Chart:

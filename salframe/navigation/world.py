@@ -102,8 +102,8 @@ class FloorWorld(World):
     def stand(self, x_m: float, y_m: float, yaw_rad: float) -> np.ndarray:
         if not self._is_free(np.array([[x_m, y_m]])).all():
             raise DataError(
-                f"{self.id}: ({x_m:.2f}, {y_m:.2f}) m is in a wall or obstacle, or less than {self._radius_m:g} m from "
-                "one, expected free floor"
+                f"{self.id}: ({x_m:.2f}, {y_m:.2f}) m is in a wall or obstacle, "
+                f"or less than {self._radius_m:g} m from one, expected free floor"
             )
         return pose_2d(x_m, y_m, yaw_rad, self._camera_z_m)
 

@@ -18,7 +18,7 @@ MANIFEST = "manifest.json"
 
 
 class Dataset(Role):
-    """Panoramas with poses for mapping, panoramas without for queries, and the truth, for the evaluator alone."""
+    """Panoramas with poses for mapping, panoramas without for queries, and the truth that only evaluation asks for."""
 
     role = "dataset"
     presets = "data"

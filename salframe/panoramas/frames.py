@@ -8,6 +8,7 @@ from enum import StrEnum
 
 import numpy as np
 
+from salframe.framework.arrays import check_array
 from salframe.framework.errors import DataError
 from salframe.panoramas.panorama import Panorama
 
@@ -27,7 +28,8 @@ def _no_panorama() -> Panorama:
 class MapFrame:
     """A mapping frame: its id, its place, where it stands, T_world_pano (4, 4) float64, and what it shows.
 
-    `load` gives its panorama; frames of a saved map have none, and raise DataError.
+    `load` gives its panorama; frames of a saved map have none, and raise DataError. Raises DataError on a kind that is
+    none of FrameKind and on a pose of another shape.
     """
 
     id: str
@@ -35,6 +37,14 @@ class MapFrame:
     T_world_pano: np.ndarray
     kind: FrameKind = FrameKind.SCENE
     load: Callable[[], Panorama] = _no_panorama
+
+    def __post_init__(self) -> None:
+        check_array(self, "T_world_pano", np.float64, 4, 4)
+        try:
+            object.__setattr__(self, "kind", FrameKind(self.kind))
+        except ValueError:
+            known = ", ".join(FrameKind)
+            raise DataError(f"the frame {self.id} has the kind {self.kind!r}, expected one of {known}") from None
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,7 +28,7 @@ def row_elevation(height: int) -> np.ndarray:
 
 @lru_cache(maxsize=4)
 def equirectangular_rays(height: int) -> np.ndarray:
-    """(H, 2H, 3) float32 unit vectors in the panorama frame through pixel centres; read-only, shared between calls."""
+    """(H, 2H, 3) float32 unit vectors in the panorama frame through the pixel centres; read-only, shared by calls."""
     azimuth, elevation = column_azimuth(2 * height), row_elevation(height)
     rays = np.empty((height, 2 * height, 3), np.float32)
     rays[..., 0] = np.cos(elevation)[:, None] * np.cos(azimuth)

@@ -69,8 +69,8 @@ def find_frame(dataset: Dataset, name: str) -> MapFrame | QueryFrame:
     """The query or mapping frame of this id. Raises UnknownName with the closest one."""
     frames: dict[str, MapFrame | QueryFrame] = {}
     for fold in dataset.folds():
-        frames |= {frame.id: frame for frame in fold.mapping}
-        frames |= {query.id: query for query in fold.queries}
+        frames.update((frame.id, frame) for frame in fold.mapping)
+        frames.update((query.id, query) for query in fold.queries)
     if name not in frames:
         raise UnknownName(unknown("frame", name, list(frames)))
     return frames[name]

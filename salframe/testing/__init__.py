@@ -4,10 +4,12 @@ role, if anything does."""
 from __future__ import annotations
 
 from collections.abc import Callable
+from pkgutil import resolve_name
 from typing import Any
 
 from salframe.framework.component import Component
 from salframe.framework.config import ComponentConfig
+from salframe.framework.registry import registry
 from salframe.testing.asking import ConformanceError
 from salframe.testing.datasets import check_dataset
 from salframe.testing.declaration import check_config, check_declaration
@@ -34,7 +36,7 @@ _CHECKS: dict[str, Callable[[Callable[[], Any]], None]] = {
 
 def check_component(component: type[Component], config: ComponentConfig | None = None) -> None:
     """Check a component class against the rules of its role, on furnished rooms that the suite makes itself; `config`:
-    None for the defaults.
+    None for the defaults. Components of a role that a plugin brings are checked by what the role's `conformance` names.
 
     Raises ConformanceError on the first rule that is broken, in one line: what was checked, what was received, what was
     expected. Raises RequirementMissing or WeightsMissing where the component cannot run here.
@@ -43,6 +45,9 @@ def check_component(component: type[Component], config: ComponentConfig | None =
     try:
         used = check_config(component, config)
         component.check(used)
-        _CHECKS[component.role](lambda: component(used))
+        role = registry().roles[component.role]
+        check = _CHECKS.get(role.role) or (resolve_name(role.conformance) if role.conformance else None)
+        if check is not None:
+            check(lambda: component(used))
     except ConformanceError as error:
         raise ConformanceError(f"{component.role} {component.name}: {error}") from error.__cause__

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from salframe.framework.errors import SalframeError
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.floors import FloorMasks
-from salframe.panoramas.frames import Fold, FrameKind, MapFrame, QueryFrame, Truth
+from salframe.panoramas.frames import Fold, MapFrame, QueryFrame, Truth
 from salframe.panoramas.geometry import is_rigid
 from salframe.panoramas.panorama import Panorama
 from salframe.testing.asking import attempt, expect, same
@@ -61,7 +61,8 @@ def _check_fold(dataset: Dataset, fold: Fold) -> None:
         f"{len(fold.mapping)} mapping frames and {len(fold.queries)} queries",
         "at least one of each",
     )
-    twice = [id for id, count in Counter(frame.id for frame in (*fold.mapping, *fold.queries)).items() if count > 1]
+    ids = [*(frame.id for frame in fold.mapping), *(frame.id for frame in fold.queries)]
+    twice = [id for id, count in Counter(ids).items() if count > 1]
     expect(not twice, checked, f"more than one frame {', '.join(twice)}", "a name of its own for each frame")
     for frame in fold.mapping:
         expect(isinstance(frame, MapFrame), f"mapping frame {frame.id}", type(frame).__name__, "MapFrame")
@@ -71,20 +72,14 @@ def _check_fold(dataset: Dataset, fold: Fold) -> None:
             f"place {frame.place!r} and pose {frame.T_world_pano}",
             "a place and a rigid motion (4, 4)",
         )
-        expect(
-            isinstance(frame.kind, FrameKind),
-            f"mapping frame {frame.id}",
-            f"the kind {frame.kind!r}",
-            "one of FrameKind",
-        )
-    for frame in fold.queries:
-        told = type(frame).__name__
-        expect(type(frame) is QueryFrame, f"query frame {frame.id}", told, "QueryFrame: pose and place are the truth")
-        truth = attempt(f"truth of {frame.id}", dataset.truth, frame.id)
-        expect(isinstance(truth, Truth) and truth.place, f"truth of {frame.id}", truth, "Truth with a place")
+    for query in fold.queries:
+        kind = type(query).__name__
+        expect(type(query) is QueryFrame, f"query frame {query.id}", kind, "QueryFrame: pose and place are the truth")
+        truth = attempt(f"truth of {query.id}", dataset.truth, query.id)
+        expect(isinstance(truth, Truth) and truth.place, f"truth of {query.id}", truth, "Truth with a place")
         expect(
             truth.T_world_pano is None or is_rigid(truth.T_world_pano),
-            f"truth of {frame.id}",
+            f"truth of {query.id}",
             f"{truth.T_world_pano}",
             "(4, 4) or None",
         )

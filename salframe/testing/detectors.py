@@ -6,12 +6,14 @@ from collections.abc import Callable
 
 import numpy as np
 
+from salframe.framework.identity import identity
 from salframe.graphs.detections import Detections
 from salframe.graphs.detector import Detector
 from salframe.graphs.turning import turned_detections
 from salframe.panoramas.geometry import wrap_angle
 from salframe.panoramas.panorama import Panorama
 from salframe.testing.asking import ask, expect, same
+from salframe.testing.identities import check_identities
 from salframe.testing.rooms import HEIGHT_PX, PARTS, ROOMS, blind, halved, look, stand, turned
 
 YAW_SLACK_M = 0.01
@@ -45,13 +47,17 @@ def check_detector(make: Callable[[], Detector]) -> None:
         again >= BETWEEN_SHARE * total,
         f"detect in rooms turned by columns between its steps of {detector.column_step}",
         f"{again} of {total} objects within {BETWEEN_DEG:g} deg",
-        f"{BETWEEN_SHARE:.0%}: salframe.turning.from_near_side sees to it",
+        f"{BETWEEN_SHARE:.0%}: salframe.graphs.turning.from_near_side sees to it",
     )
     expect(
         same(found, make().detect(panorama)),
         f"detect in the {room.name} by another instance",
         "another answer",
         "the same",
+    )
+
+    check_identities(
+        make, lambda one: identity(one.config, describing=True), lambda one: one.detect(panorama), "identity"
     )
 
     empty = look(room.emptied(), "empty", stand(room), parts)

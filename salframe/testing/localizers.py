@@ -9,13 +9,14 @@ from pathlib import Path
 import numpy as np
 
 from salframe.framework.identity import digest
-from salframe.localization.answers import Localization
+from salframe.localization.answers import Localization, LocalizationStatus
 from salframe.localization.localizer import Description, Localizer
 from salframe.panoramas.frames import MapFrame
 from salframe.panoramas.geometry import is_rigid, pose_2d, pose_errors
 from salframe.panoramas.panorama import Panorama
 from salframe.testing.asking import ask, attempt, expect, same
 from salframe.testing.detectors import turns
+from salframe.testing.identities import check_identities
 from salframe.testing.rooms import HEIGHT_PX, PARTS, blind, halved, map_frames, query_frames, turned
 
 
@@ -38,6 +39,9 @@ def check_localizer(make: Callable[[], Localizer]) -> None:
     attempt(f"build of {len(frames)} frames", localizer.build, frames)
 
     queries = [frame.load() for frame in query_frames()]
+    check_identities(
+        make, lambda one: one.describe_identity(), lambda one: one.describe(queries[0]), "describe_identity"
+    )
     answers = [_answer(localizer, f"of the {query.id}", query, frames) for query in queries]
     for query, answer, columns in zip(queries, answers, 3 * turns(localizer.column_step), strict=False):
         _check_turn(localizer, query, answer, columns)
@@ -87,16 +91,16 @@ def _answer(localizer: Localizer, what: str, panorama: Panorama, frames: Sequenc
     )
     pose = answer.T_world_query
     expect(
-        (pose is not None) == (answer.status == "ok"),
+        (pose is not None) == (answer.status is LocalizationStatus.OK),
         checked,
-        f"the status {answer.status!r} with{'out' * (pose is None)} a pose",
+        f"the status '{answer.status}' with{'out' * (pose is None)} a pose",
         "a pose where the status is ok, and only there",
     )
     expect(pose is None or is_rigid(pose), checked, f"{pose}", "a rigid motion (4, 4)")
     expect(
-        bool(places) or answer.status not in ("ok", "no-pose"),
+        bool(places) or not answer.status.names_a_place,
         checked,
-        f"the status {answer.status!r} without a place",
+        f"the status '{answer.status}' without a place",
         "a place",
     )
     return answer
@@ -106,7 +110,7 @@ def _check_turn(localizer: Localizer, panorama: Panorama, before: Localization, 
     """The same place, and a pose that differs by the turn alone."""
     checked, tolerance = f"match of the {panorama.id} rolled by {columns} columns", localizer.turn_tolerance_m
     after = attempt(checked, lambda: localizer.match(localizer.describe(turned(panorama, columns))))
-    expect(after.status == before.status, checked, f"the status {after.status!r}", f"{before.status!r} as before")
+    expect(after.status == before.status, checked, f"the status '{after.status}'", f"'{before.status}' as before")
     places = [[ranked.place for ranked in answer.places[:1]] for answer in (before, after)]
     expect(places[0] == places[1], checked, f"the place {places[1]}", f"{places[0]} as before")
     if before.T_world_query is not None:

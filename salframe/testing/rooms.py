@@ -12,7 +12,7 @@ import numpy as np
 from salframe.graphs.boxes import detections_from_points
 from salframe.graphs.detections import Detections
 from salframe.graphs.graph import GraphConfig, SaliencyGraph, build_graph
-from salframe.panoramas.frames import MapFrame, QueryFrame
+from salframe.panoramas.frames import MapFrame, QueryFrame, Truth
 from salframe.panoramas.geometry import equirectangular_rays, invert_pose, pose_2d, transform_points
 from salframe.panoramas.panorama import PARTS, Annotations, Panorama
 
@@ -33,7 +33,7 @@ class Box:
 
 @dataclass(frozen=True)
 class Room:
-    """A box to stand in, from (0, 0, 0) to size_m, the furniture in it, and where the room's corner lies in the world."""
+    """A box to stand in from (0, 0, 0) to size_m, the furniture in it, and where its corner lies in the world."""
 
     name: str
     size_m: tuple[float, float, float]
@@ -178,10 +178,16 @@ def map_frames(parts: Set[str] = PARTS) -> list[MapFrame]:
 
 def query_frames(parts: Set[str] = PARTS) -> list[QueryFrame]:
     """A query in each room, beside the mapping frame and turned."""
-    return [
-        QueryFrame(id, partial(look, room, id, stand(room, 0.55, 0.45, 2.0 + i), parts))
-        for i, room, id in ((i, room, f"{room.name}-query") for i, room in enumerate(ROOMS))
-    ]
+    return [QueryFrame(id, partial(look, room, id, pose, parts)) for id, room, pose in _queries()]
+
+
+def query_truths() -> dict[str, Truth]:
+    """Place and pose of each of `query_frames`, by its id."""
+    return {id: Truth(room.name, pose) for id, room, pose in _queries()}
+
+
+def _queries() -> list[tuple[str, Room, np.ndarray]]:
+    return [(f"{room.name}-query", room, stand(room, 0.55, 0.45, 2.0 + i)) for i, room in enumerate(ROOMS)]
 
 
 def box_detections(room: Room) -> Detections:

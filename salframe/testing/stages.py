@@ -13,7 +13,7 @@ from salframe.graphs.detections import Detections
 from salframe.graphs.graph import SaliencyGraph
 from salframe.graphs.matcher import GraphMatch, GraphMatcher
 from salframe.graphs.saliency import SaliencyModel
-from salframe.localization.positioner import PoseEstimate, Positioner
+from salframe.localization.positioner import PoseEstimate, PoseStatus, Positioner
 from salframe.panoramas.geometry import invert_pose, is_rigid, pose_2d, pose_errors, transform_points
 from salframe.testing.asking import ask, attempt, expect, same
 from salframe.testing.rooms import ROOMS, box_detections, room_graph
@@ -135,7 +135,7 @@ def check_positioner(make: Callable[[], Positioner]) -> None:
         checked = "solve of 8 points without noise" + ("" if weights is None else ", weighted")
         estimate = ask(checked, positioner.solve, query_m, reference_m, weights)
         _check_estimate(checked, estimate, 8)
-        expect(estimate.status == "ok", checked, f"the status {estimate.status!r}", "ok")
+        expect(estimate.status is PoseStatus.OK, checked, f"the status '{estimate.status}'", "ok")
         shift_m, turn_rad = pose_errors(estimate.T_reference_query, truth)
         expect(
             max(shift_m, turn_rad) < 1e-6,
@@ -159,16 +159,18 @@ def check_positioner(make: Callable[[], Positioner]) -> None:
     for what, (query, reference) in failing.items():
         estimate = ask(f"solve of {what}", positioner.solve, query, reference)
         _check_estimate(f"solve of {what}", estimate, len(query))
-        expect(estimate.status != "ok", f"solve of {what}", "a pose", "a status that says why there is none")
+        expect(
+            estimate.status is not PoseStatus.OK, f"solve of {what}", "a pose", "a status that says why there is none"
+        )
 
 
 def _check_estimate(checked: str, estimate: PoseEstimate, count: int) -> None:
     expect(isinstance(estimate, PoseEstimate), checked, type(estimate).__name__, "PoseEstimate")
     pose, covariance, inliers = estimate.T_reference_query, estimate.covariance, estimate.inliers
     expect(
-        (pose is not None) == (estimate.status == "ok"),
+        (pose is not None) == (estimate.status is PoseStatus.OK),
         checked,
-        f"the status {estimate.status!r} with{'out' * (pose is None)} a pose",
+        f"the status '{estimate.status}' with{'out' * (pose is None)} a pose",
         "a pose where the status is ok, and only there",
     )
     expect(pose is None or is_rigid(pose), checked, f"{pose}", "a rigid motion (4, 4)")

@@ -28,9 +28,8 @@ def _write_graphml(topology: TopologicalMap, path: Path) -> None:
     graph = nx.MultiGraph(name="topological map")
     for node in topology.nodes:
         x, y, z = node.xyz_m
-        graph.add_node(
-            node.id, kind=node.kind, x_m=x, y_m=y, z_m=z, regions=";".join(node.regions), frames=";".join(node.frames)
-        )
+        regions, frames = ";".join(node.regions), ";".join(node.frames)
+        graph.add_node(node.id, kind=str(node.kind), x_m=x, y_m=y, z_m=z, regions=regions, frames=frames)
     for edge in topology.edges:
         corners = ";".join(f"{x} {y}" for x, y in edge.path_m)
         graph.add_edge(
@@ -62,8 +61,8 @@ def _write_geojson(topology: TopologicalMap, path: Path) -> None:
             )
         )
     note = (
-        "x, y, z in metres in the map's own frame, z up; no longitude and latitude, "
-        "although GeoJSON readers take them for WGS 84"
+        "x, y, z in metres in the map's own frame, z up; "
+        "no longitude and latitude, although GeoJSON readers take them for WGS 84"
     )
     collection = {"type": "FeatureCollection", "properties": {"coordinates": note}, "features": features}
     write_text(path, json.dumps(collection, indent=1, allow_nan=False) + "\n")

@@ -193,8 +193,9 @@ class _Panel:
         title = f"{which}: {len(floor.regions)} regions, {len(nodes)} nodes, {len(edges)} edges"
         self._write(title, (_MARGIN * s, 10 * s), 24)
         note = "" if labelled == len(edges) else f" ({labelled} of {len(edges)} edges have room for theirs)"
-        said = "its length, and its azimuth (from x towards y) in the direction in which the label reads"
-        note = f"On an edge: {said}{note}."
+        note = (
+            f"On an edge: its length, and its azimuth (from x towards y) in the direction that the label reads{note}."
+        )
         self._write(note, (_MARGIN * s, 42 * s), 15)
         x, y, r = float(_MARGIN * s), (size[1] - _FOOTER + 34) * s, 6 * s
         self._draw.ellipse((x, y - r, x + 2 * r, y + r), _SCENE)

@@ -94,7 +94,7 @@ def ask_map(
         return found
     if start is None:
         raise NoRoute(
-            f"no route from {frame.id} to {goal}: {frame.id} was not localized at a node of the map "
-            f"(status {answer.status})"
+            f"no route from {frame.id} to {goal}: "
+            f"{frame.id} was not localized at a node of the map (status {answer.status})"
         )
     return replace(found, route=find_route(topology, start, goal, planner))

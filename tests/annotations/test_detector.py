@@ -5,7 +5,7 @@ import pytest
 from salframe_annotations.detector import AnnotationDetector
 
 from salframe.framework.errors import InputMissing
-from salframe.graphs.detections import Detections
+from salframe.graphs.annotated import MIN_PIXELS
 from salframe.panoramas.geometry import equirectangular_rays
 from salframe.panoramas.panorama import VISIBLE_PIXELS, Annotations, ObjectBoxes, Panorama
 
@@ -107,20 +107,15 @@ def test_split_and_merged_objects():
     assert merged.size_m[:, :2].max(1).min() > whole.size_m[:, :2].max(1).max()
 
 
-def listed(**changes):
-    objects = Detections(
+def listed():
+    objects = ObjectBoxes(
         ("bed", "lamp"),
-        np.ones(2),
+        ("k1", "k2"),
         np.array([[2, 0, -0.5], [0, 3, 0.2]]),
         np.array([[2, 1.5, 0.6], [0.3, 0.3, 0.5]]),
         np.array([0.3, 0.0]),
     )
-    return Panorama(
-        "viewpoint",
-        annotations=Annotations(
-            objects=ObjectBoxes(objects.labels, ("k1", "k2"), objects.centroid_m, objects.size_m, objects.yaw_rad)
-        ),
-    )
+    return Panorama("viewpoint", annotations=Annotations(objects=objects))
 
 
 def test_object_lists_are_taken_as_they_are():

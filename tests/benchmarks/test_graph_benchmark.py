@@ -1,12 +1,14 @@
 """What a graph costs: from an instance image and range, and against the map of 42 rooms. `make benchmark`."""
 
+from functools import partial
+
 import pytest
 from salframe_graphs.localizer import SaliencyGraphLocalizer
 from salframe_house.building import change_building, generate_building
 from salframe_house.frames import choose_frames
 from salframe_house.render import Renderer
 
-from salframe.panoramas.frames import Frame
+from salframe.panoramas.frames import FrameKind, MapFrame, QueryFrame
 from salframe.panoramas.geometry import pose_2d
 from salframe.panoramas.panorama import Annotations, Panorama
 
@@ -28,9 +30,9 @@ def building():
 
     specs = choose_frames(before, after, 7, queries_per_room=1)
     poses = {spec.id: pose_2d(spec.x_m, spec.y_m, spec.yaw_rad, spec.z_m) for spec in specs}
-    kinds = {"map": "scene", "transition": "transition"}
-    mapping = [Frame(s.id, lambda s=s: load(s), poses[s.id], s.place, kinds[s.role]) for s in specs if s.role in kinds]
-    return mapping, [Frame(s.id, lambda s=s: load(s)) for s in specs if s.role == "query"]
+    kinds = {"map": FrameKind.SCENE, "transition": FrameKind.TRANSITION}
+    mapping = [MapFrame(s.id, s.place, poses[s.id], kinds[s.role], partial(load, s)) for s in specs if s.role in kinds]
+    return mapping, [QueryFrame(s.id, partial(load, s)) for s in specs if s.role == "query"]
 
 
 def test_instance_image_and_range_to_graph(benchmark, building):

@@ -62,8 +62,9 @@ def run(building, tmp_path):
     config = MatterportAnnotations.Config(root=building.root)
     methods = {"objects": registry().get("localizer", "objects").Config()}
     engine = registry().get("engine", "inline").Config()
-    task = {"name": "localization"}
-    run = Run.open(tmp_path / "runs", "test", task, Resolved(methods, "fake", config, engine), seed=0)
+    run = Run.open(
+        tmp_path / "runs", "test", {"name": "localization"}, Resolved(methods, "fake", config, engine), seed=0
+    )
     run.folder("objects").mkdir(parents=True)
     places = {"a": "fake/region-0", "b": "fake/region-1"}
     rows = [

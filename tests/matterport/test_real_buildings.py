@@ -25,7 +25,7 @@ def object_centres(path):
 
 @pytest.fixture(scope="module")
 def against_truth(real_root):
-    """Bearing errors (degrees) and triangulation errors (metres) of the two buildings whose house file has its objects."""
+    """Bearing errors (degrees) and triangulation errors (metres) of the two buildings whose house file has objects."""
     bearing_deg, position_m = [], []
     for scan in ("GdvgFV5R1Z5", "YmJkqBEsHnH"):
         centres = object_centres(real_root / "house" / f"{scan}.house")

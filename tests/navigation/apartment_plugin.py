@@ -8,6 +8,7 @@ from 1.5 to 2.5 m. A panorama's first row of ranges holds x, y, z and yaw.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from pydantic import Field
@@ -15,11 +16,11 @@ from pydantic import Field
 import salframe
 from salframe.framework.config import ComponentConfig
 from salframe.framework.errors import WeightsMissing
-from salframe.localization.answers import Localization
+from salframe.localization.answers import Localization, LocalizationStatus
 from salframe.localization.localizer import Description, Localizer, rank_places
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.floors import FloorMasks
-from salframe.panoramas.frames import Fold, Frame, MapFrame, Truth
+from salframe.panoramas.frames import Fold, FrameKind, MapFrame, QueryFrame, Truth
 from salframe.panoramas.geometry import pose_2d, pose_yaw
 from salframe.panoramas.panorama import Panorama
 
@@ -48,14 +49,12 @@ def panorama(id: str, pose: np.ndarray) -> Panorama:
     return Panorama(id, range_m=range_m)
 
 
-def mapping() -> tuple[Frame, ...]:
+def mapping() -> tuple[MapFrame, ...]:
     frames = []
     for id, (x, y, yaw) in POSES.items():
         pose = pose_2d(x, y, yaw, 1.5)
-        kind = "transition" if id == "door" else "scene"
-        frames.append(
-            Frame(id, lambda id=id, pose=pose: panorama(id, pose), pose, id[0] if kind == "scene" else id, kind)
-        )
+        kind, place = (FrameKind.TRANSITION, id) if id == "door" else (FrameKind.SCENE, id[0])
+        frames.append(MapFrame(id, place, pose, kind, partial(panorama, id, pose)))
     return tuple(frames)
 
 
@@ -68,7 +67,7 @@ class Still(Dataset):
     fingerprint = "still"
 
     def folds(self) -> Sequence[Fold]:
-        return [Fold("all", mapping(), (Frame("query", mapping()[0].load),))]
+        return [Fold("all", mapping(), (QueryFrame("query", mapping()[0].load),))]
 
     def truth(self, query_id: str) -> Truth:
         return Truth("a")
@@ -123,14 +122,14 @@ class Seer(Localizer):
         if x > self.config.crash_east_of_m:
             raise ValueError("too far east")
         if self.config.blind:
-            return Localization((), None, "low-score")
+            return Localization((), None, LocalizationStatus.LOW_SCORE)
         scores = np.exp(
             [-np.hypot(frame.T_world_pano[0, 3] - x, frame.T_world_pano[1, 3] - y) for frame in self.frames]
         )
         places = rank_places(self.frames, scores)
         if not self.config.posed:
-            return Localization(places, None, "no-pose")
-        return Localization(places, pose_2d(x + self.config.shift_m, y, yaw, z), "ok")
+            return Localization(places, None, LocalizationStatus.NO_POSE)
+        return Localization(places, pose_2d(x + self.config.shift_m, y, yaw, z), LocalizationStatus.OK)
 
 
 class Weightless(Seer):

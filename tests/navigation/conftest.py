@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from salframe.framework.registry import registry
+from salframe.navigation.world import open_worlds
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
@@ -31,7 +32,7 @@ def world():
     """The apartment as its only world."""
     from apartment_plugin import Apartment
 
-    (world,) = Apartment().worlds()
+    (world,) = open_worlds(Apartment())
     return world
 
 

@@ -7,7 +7,7 @@ import pytest
 from apartment_plugin import POSES, Apartment, Still, Unmasked, mapping, masks
 
 from salframe.framework.errors import DataError, InputMissing, UnknownName
-from salframe.navigation.world import FloorWorld
+from salframe.navigation.world import FloorWorld, open_worlds
 from salframe.panoramas.geometry import pose_2d, pose_yaw
 
 PIXEL_M = 0.05
@@ -90,6 +90,6 @@ def test_a_data_set_that_cannot_render_says_so():
     with pytest.raises(
         InputMissing, match="still cannot render, and navigation needs panoramas from wherever the agent stands"
     ):
-        Still().worlds()
+        open_worlds(Still())
     with pytest.raises(DataError, match="unmasked has no floor masks, which navigation needs"):
-        Unmasked().worlds()
+        open_worlds(Unmasked())

@@ -20,7 +20,7 @@ PLANNERS = [FloydWarshall, Dijkstra]
 
 
 def random_map(seed: int, count: int = 40) -> TopologicalMap:
-    """Points in the plane, about three random edges each, some of them longer than straight, some pairs joined twice."""
+    """Points in the plane, about three random edges each, some longer than straight, some pairs joined twice."""
     rng = np.random.default_rng(seed)
     xy = rng.uniform(0, 30, (count, 2))
     nodes = tuple(MapNode(f"n{i}", "scene", (x, y, 0.0), (f"room-{i}",)) for i, (x, y) in enumerate(xy))

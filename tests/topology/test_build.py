@@ -13,7 +13,7 @@ from salframe_house.frames import choose_frames
 from scipy import ndimage
 
 from salframe.framework.errors import DataError
-from salframe.panoramas.frames import MapFrame
+from salframe.panoramas.frames import FrameKind, MapFrame
 from salframe.panoramas.geometry import pose_2d
 from salframe.topology.build import TopologySettings, build_topology
 from salframe.topology.grid import FloorGrid, cell
@@ -26,7 +26,7 @@ def edge(topology: TopologicalMap, start: str, end: str) -> MapEdge:
 
 
 def house_frames(building) -> list[MapFrame]:
-    kinds = {"map": "scene", "transition": "transition"}
+    kinds = {"map": FrameKind.SCENE, "transition": FrameKind.TRANSITION}
     specs = choose_frames(building, building, 0, queries_per_room=1)
     return [
         MapFrame(s.id, s.place, pose_2d(s.x_m, s.y_m, s.yaw_rad, s.z_m), kinds[s.role])
@@ -36,7 +36,7 @@ def house_frames(building) -> list[MapFrame]:
 
 
 def test_nodes_stand_where_frames_and_doors_are_and_edges_are_metric():
-    frames = [frame("a", -2.0, 0.4), frame("b", 1.5, -0.2, "east"), frame("d", 0.1, 0.1, "door", "transition")]
+    frames = [frame("a", -2.0, 0.4), frame("b", 1.5, -0.2, "east"), frame("d", 0.1, 0.1, "door", FrameKind.TRANSITION)]
     topology = build_topology([two_rooms(door_m=0.9, wall_m=0.2)], frames)
     a, b, door = topology.nodes
     assert (a.id, a.kind, a.xyz_m, a.regions, a.frames) == (
@@ -88,14 +88,12 @@ def test_a_scene_point_in_a_wall_moves_to_clear_floor_of_its_room_or_is_left_out
     assert across.xyz_m[0] == pytest.approx(-0.3, abs=RESOLUTION_M)
     notes = "\n".join(topology.notes)
     assert "frame near at (-3.12, 0.00) m stands in a wall or too near to one: its node is 0.2" in notes
-    assert (
-        "frame inside at (1.00, 0.00) m stands in a wall or too near to one and is left out: no clear floor of its region within 0.5 m"
-        in notes
-    )
+    left_out = "frame inside at (1.00, 0.00) m stands in a wall or too near to one and is left out"
+    assert f"{left_out}: no clear floor of its region within 0.5 m" in notes
 
 
 def test_frames_that_belong_nowhere_are_told():
-    frames = [frame("a", -2.0, 0.0), frame("far", 40.0, 0.0), frame("t", -2.0, 1.0, "door", "transition")]
+    frames = [frame("a", -2.0, 0.0), frame("far", 40.0, 0.0), frame("t", -2.0, 1.0, "door", FrameKind.TRANSITION)]
     notes = build_topology([two_rooms()], frames).notes
     assert "frame far at (40.00, 0.00, 1.50) m is left out: it stands on no floor's masks" in notes
     assert "frame t at (-2.00, 1.00) m belongs to no node: no transition node within 0.5 m" in notes

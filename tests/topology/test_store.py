@@ -16,6 +16,8 @@ from salframe.framework.errors import ConfigError, DataError
 from salframe.framework.files import atomic_folder
 from salframe.panoramas.floors import FloorMasks
 from salframe.topology.build import build_topology
+from salframe.panoramas.frames import FrameKind
+
 from salframe.topology.export import export_topology
 from salframe.topology.picture import draw_topology
 from salframe.topology.store import read_topology, write_topology
@@ -30,7 +32,7 @@ def topology() -> TopologicalMap:
         upper.free, upper.region, upper.obstacle, upper.resolution_m, upper.origin_m, {1: "loft", 2: "attic"}, upper.z_m
     )
     lower = block(two_rooms(wall_m=0.2), (-1.6, -1.0), (-0.9, 1.0))
-    frames = [frame("a", -2.5, 0.0), frame("b", 1.5, 0.3, "east"), frame("d", 0.1, 0.0, "door", "transition")]
+    frames = [frame("a", -2.5, 0.0), frame("b", 1.5, 0.3, "east"), frame("d", 0.1, 0.0, "door", FrameKind.TRANSITION)]
     return build_topology([lower, upper], [*frames, frame("up", 1.0, 1.0, "attic", z_m=4.6)])
 
 

@@ -4,8 +4,9 @@ import numpy as np
 from pydantic import Field
 from scipy import ndimage
 
-import salframe
 from salframe.framework.config import ComponentConfig
+from salframe.framework.errors import ConfigError
+from salframe.framework.identity import UserFile
 from salframe.graphs.boxes import detections_from_points
 from salframe.graphs.detector import Detector
 from salframe.panoramas.geometry import equirectangular_rays, row_elevation
@@ -19,12 +20,16 @@ class HeightBands(Detector):
     needs = frozenset({"range"})
 
     class Config(ComponentConfig):
-        margin_m: float = Field(
-            0.3, gt=0, description="distance from floor, ceiling and wall at which an object begins"
-        )
+        margin_m: float = Field(0.3, gt=0, description="distance from floor, ceiling and wall where an object begins")
         min_pixels: int = Field(100, ge=1, description="smaller regions are left out")
+        names: UserFile | None = Field(None, description="text file: what low, middle and tall objects are called")
 
     def detect(self, panorama):
+        names = ["low object", "middle object", "tall object"]
+        if self.config.names is not None:
+            names = self.config.names.read_text().splitlines()
+        if len(names) != 3:
+            raise ConfigError(f"{self.config.names} holds {len(names)} lines, expected low, middle and tall")
         range_m, margin_m = np.nan_to_num(panorama.range_m), self.config.margin_m
         elevation_rad = row_elevation(len(range_m))[:, None]
         height_m, reach_m = range_m * np.sin(elevation_rad), range_m * np.cos(elevation_rad)
@@ -38,12 +43,6 @@ class HeightBands(Detector):
                 regions[regions == right] = left
         large = np.flatnonzero(np.bincount(regions[regions > 0]) >= self.config.min_pixels)
         masks = [regions == region for region in large]
-        bands = [np.digitize(height_m[mask].max() - floor_m, (0.8, 1.4)) for mask in masks]
-        labels = [("low object", "middle object", "tall object")[band] for band in bands]
+        labels = [names[np.digitize(height_m[mask].max() - floor_m, (0.8, 1.4))] for mask in masks]
         points_m = [equirectangular_rays(len(range_m))[mask] * range_m[mask, None] for mask in masks]
         return detections_from_points(labels, np.ones(len(masks)), points_m)
-
-
-@salframe.hookimpl
-def salframe_provides():
-    return [HeightBands]

@@ -27,6 +27,7 @@ from salframe.panoramas.folder_format import (
     write_objects,
     write_panorama,
 )
+from salframe.panoramas.frames import FrameKind, QueryFrame
 from salframe.panoramas.geometry import pose_2d
 
 HEIGHT = 32
@@ -109,7 +110,10 @@ def test_reads_what_was_written(folder: Path, images: dict[str, np.ndarray]) -> 
     data = dataset(folder)
     assert data.provides == {"rgb", "range", "annotations"}
     (fold,) = data.folds()
-    assert [(f.id, f.place) for f in fold.mapping] == [("a", "room-a"), ("t", "door")]
+    assert [(f.id, f.place, f.kind) for f in fold.mapping] == [
+        ("a", "room-a", FrameKind.SCENE),
+        ("t", "door", FrameKind.TRANSITION),
+    ]
     np.testing.assert_array_equal(fold.mapping[0].T_world_pano, POSE)
     panorama = fold.mapping[0].load()
     np.testing.assert_array_equal(panorama.rgb, images["rgb"])
@@ -122,6 +126,7 @@ def test_queries_carry_no_truth(folder: Path, images: dict[str, np.ndarray]) -> 
     data = dataset(folder)
     (query,) = data.folds()[0].queries
     assert {field.name for field in fields(query)} == {"id", "load"}
+    assert type(query) is QueryFrame
     assert "room" not in (folder / "manifest.json").read_text().partition('"q"')[2].partition("}")[0]
     truth = data.truth("q")
     assert (truth.place, truth.instances) == ("room-a", (1, 2))

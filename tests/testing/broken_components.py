@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 from pydantic import ConfigDict
@@ -14,7 +15,8 @@ from salframe_graphs.matching import TripletMatcher
 from salframe_graphs.positioning import RobustPositioner
 from salframe_graphs.saliency import VolumetricSaliency
 
-from salframe.framework.config import ComponentConfig
+from salframe.framework.config import ComponentConfig, match_only
+from salframe.framework.identity import UserFile, identity
 from salframe.graphs.detections import Detections
 from salframe.localization.positioner import PoseEstimate
 from salframe.panoramas.geometry import pose_2d
@@ -159,6 +161,17 @@ class Unturned(Described):
     def detect(self, panorama):
         found = super().detect(panorama)
         return replace(found, yaw_rad=np.zeros(len(found)))
+
+
+class Distracted(Described):
+    """Broken."""
+
+    class Config(AnnotationDetector.Config):
+        steady: Literal["yes", "no"] = match_only("yes")
+
+    def detect(self, panorama):
+        found = super().detect(panorama)
+        return found if self.config.steady == "yes" else found.take([])
 
 
 class Haunted(Described):
@@ -319,6 +332,37 @@ class Unordered(SaliencyGraphLocalizer):
         return replace(answer, places=answer.places + answer.places)
 
 
+class Swayed(SaliencyGraphLocalizer):
+    """Broken."""
+
+    class Config(SaliencyGraphLocalizer.Config):
+        lossy: bool = match_only(False)
+
+    def graph(self, panorama):
+        graph = super().graph(panorama)
+        return replace(graph, saliency=graph.saliency / 2) if self.config.lossy else graph
+
+
+class Scrupulous(SaliencyGraphLocalizer):
+    """Broken."""
+
+    class Config(SaliencyGraphLocalizer.Config):
+        patience: int = match_only(3, le=3)
+
+    def describe_identity(self):
+        return identity(self.config)
+
+
+class Inattentive(SaliencyGraphLocalizer):
+    """Broken."""
+
+    class Config(SaliencyGraphLocalizer.Config):
+        table: UserFile | None = None
+
+    def describe_identity(self):
+        return {"name": self.name}
+
+
 class Fragile(Inline):
     """Broken."""
 
@@ -334,10 +378,10 @@ class Backwards(Inline):
 
 
 BROKEN = [
-    (Shouting, "name of Shouting: received 'My Detector', expected words of small letters"),
+    (Shouting, "Shouting.name is 'My Detector', expected words of small letters"),
     (Silent, "docstring of Silent: received none"),
     (Lenient, "Config: received a key that it does not have, and took it"),
-    (Undecided, r"Config\(\): received ValidationError"),
+    (Undecided, "Undecided.Config has no default for threshold"),
     (Clearing, "detect in the bedroom: received a change of its input"),
     (Overwriting, "detect in the bedroom: received ValueError: .*read-only"),
     (Restless, "detect in the bedroom: received two answers to the same input"),
@@ -350,6 +394,7 @@ BROKEN = [
     (Strided, r"turned by columns between its steps of 4: received \d+ of \d+ objects within 2 deg, expected 95%"),
     (AxisAligned, r"rolled by \d+ columns: received a \w+ that changed its size by"),
     (Unturned, r"received a \w+ that turned \d.* deg within the room"),
+    (Distracted, "identity with another steady: received another description, expected the same: .* match_only"),
     (Haunted, "detect where nothing is seen: received 1 objects, expected none"),
     (Volume, r"score of the objects of a room: received a sum of .* expected shares that sum to 1"),
     (Single, "received dtype float32, expected float64"),
@@ -370,7 +415,10 @@ BROKEN = [
     (Modest, "describe of a panorama with rgb alone: received InputMissing"),
     (Boastful, "match where nothing is seen: received the status 'ok' without a pose"),
     (Unordered, "expected one entry a place"),
+    (Swayed, "describe_identity with another lossy: received another description, expected the same: .* match_only"),
+    (Scrupulous, "describe_identity with another patience: received another one, expected the same: .* match_only"),
+    (Inattentive, "describe_identity with another content of the file table: received the same one, expected another"),
     (Fragile, "map: received ValueError: 3 is odd"),
     (Backwards, r"received \[4, 1\], expected \[1, 4\], in order"),
-    (int, "received <class 'int'>, expected a subclass of Dataset"),
+    (int, "<class 'int'> is no component: it must subclass one of Dataset"),
 ]

@@ -1,8 +1,10 @@
 from __future__ import annotations
 
 import os
+from abc import abstractmethod
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -12,14 +14,17 @@ from broken_planners import Dijkstra, OneWay, Retracing, Swimming
 from salframe_annotations.detector import AnnotationDetector
 from tiny_folder import write_tiny_folder
 
-from salframe.framework.config import merge
+from salframe.framework.component import Role
+from salframe.framework.config import match_only, merge, slot
+from salframe.framework.identity import UserFile
 from salframe.framework.presets import configure, settings
 from salframe.framework.registry import registry
 from salframe.panoramas.geometry import rays_to_pixels
 from salframe.testing import ConformanceError, check_component
+from salframe.testing.identities import another_config
 from salframe.testing.rooms import HEIGHT_PX, ROOMS, look, stand
 
-REAL = Path(os.environ.get("SALFRAME_SHARED_DATA", Path(__file__).parents[2] / "shared" / "data")) / "matterport3d"
+REAL = Path(os.environ.get("SALFRAME_SHARED_DATA", Path(__file__).parents[3] / "shared" / "data")) / "matterport3d"
 
 
 @pytest.fixture(scope="module")
@@ -112,7 +117,7 @@ def test_rooms_are_seen_where_they_are():
 
 
 class Coarse(AnnotationDetector):
-    """Bearings to two columns: no object goes, each is up to a column (0.9 deg) off once the panorama is turned by one."""
+    """Bearings to two columns: no object goes, each is up to a column (0.9 deg) off once the panorama turns by one."""
 
     name = "coarse"
     column_step = 2
@@ -153,3 +158,75 @@ def test_a_planner_is_checked_against_the_shortest_route():
         ConformanceError, match=r"route from room to hall: received the path .* in the walking direction"
     ):
         check_component(Retracing)
+
+
+class Settled(AnnotationDetector):
+    """Settings of each type that the suite varies, none of which matters, and a file that does."""
+
+    name = "settled"
+
+    class Config(AnnotationDetector.Config):
+        eager: bool = match_only(True)
+        tries: int = match_only(5, ge=1, le=5)
+        share: float = match_only(1.0, gt=0.4, le=1)
+        way: Literal["straight", "round"] = match_only("straight")
+        limit: float | None = match_only(None)
+        matcher: slot("matcher", "triplet", match_only=True)
+        word: str = match_only("any")
+        labels: UserFile | None = None
+
+
+def test_settings_that_do_not_matter_are_varied():
+    check_component(Settled)
+    defaults = Settled.Config()
+    other = {name: another_config(defaults, name) for name in Settled.Config.model_fields}
+    varied = {name: getattr(config, name) for name, config in other.items() if config is not None}
+    assert varied["eager"] is False
+    assert varied["tries"] == 4
+    assert varied["share"] == 0.5
+    assert varied["way"] == "round"
+    assert varied["limit"] == 2.0
+    assert other["matcher"] is other["word"] is other["kind"] is None
+
+
+class Compass(Role):
+    """A role of a plugin's own."""
+
+    role = "compass"
+    conformance = f"{__name__}:check_compass"
+
+    @abstractmethod
+    def north(self) -> float:
+        """Radians."""
+
+
+class Needle(Compass):
+    """Points ahead."""
+
+    name, version = "needle", "1"
+
+    def north(self) -> float:
+        return 0.0
+
+
+class Spinning(Needle):
+    """Points past a whole turn."""
+
+    name = "spinning"
+
+    def north(self) -> float:
+        return 7.0
+
+
+def check_compass(make) -> None:
+    if make().north() > 2 * np.pi:
+        raise ConformanceError("north: received more than a turn")
+
+
+def test_a_role_brings_its_own_rules(monkeypatch):
+    monkeypatch.setitem(registry().roles, "compass", Compass)
+    check_component(Needle)
+    with pytest.raises(ConformanceError, match="compass spinning: north: received more than a turn"):
+        check_component(Spinning)
+    monkeypatch.setattr(Compass, "conformance", "")
+    check_component(Spinning)

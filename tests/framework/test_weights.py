@@ -152,6 +152,7 @@ def test_weights_are_listed_and_found_by_name(served, cache):
 
     assert issubclass(Learned, Component)
     registry = Registry()
+    registry.add(SaliencyModel, "test")
     registry.add(Learned, "test")
     assert list_weights(registry) == [served]
     assert fetch("net", registry) == where("net", registry) == (cache / "net" / "net.pt",)

@@ -1,0 +1,175 @@
+"""Settings: how they are laid over one another, what slots take, and what is said about wrong ones."""
+
+from __future__ import annotations
+
+import pytest
+from pydantic import Field
+
+from salframe.framework.config import (
+    ComponentConfig,
+    Settings,
+    components_in,
+    merge,
+    nest,
+    parse_override,
+    read_yaml,
+    slot,
+    validate,
+)
+from salframe.framework.defaults import defaults
+from salframe.framework.errors import ConfigError, UnknownName
+from salframe.framework.registry import registry
+from salframe.graphs.saliency import SaliencyModel
+
+
+class Grid(Settings):
+    size_m: float = Field(0.5, gt=0)
+
+
+class Inner(SaliencyModel):
+    """Has a setting."""
+
+    name, version = "inner", "1"
+
+    class Config(ComponentConfig):
+        share: float = Field(0.5, ge=0, le=1)
+
+    def score(self, detections):
+        return detections.scores
+
+
+class Other(Inner):
+    """Has the same setting."""
+
+    name = "other"
+
+
+class Outer(Inner):
+    """Has slots."""
+
+    name = "outer"
+
+    class Config(ComponentConfig):
+        model: slot("saliency", "inner")
+        judge: slot("saliency")
+        grid: Grid = Grid()
+
+
+@pytest.fixture
+def models(fakes, monkeypatch):
+    monkeypatch.setitem(defaults(), "saliency", "other")
+    for component in (Inner, Other, Outer):
+        registry().add(component, "test")
+
+
+def test_a_slot_takes_a_name_a_mapping_or_a_configuration(models):
+    assert Outer.Config().model == Inner.Config()
+    assert Outer.Config(model="other").model == Other.Config()
+    assert Outer.Config(model={"kind": "other", "share": 0.25}).model == Other.Config(share=0.25)
+    assert Outer.Config(model={"share": 0.25}).model == Inner.Config(share=0.25)
+    assert Outer.Config(model=Other.Config(share=0.25)).model == Other.Config(share=0.25)
+
+
+def test_a_slot_without_a_default_takes_that_of_the_defaults_file(models):
+    assert Outer.Config().judge == Other.Config()
+    assert [name for name, _ in components_in(Outer.Config())] == ["model", "judge"]
+
+
+def test_a_slot_whose_role_has_no_default_is_refused(fakes):
+    with pytest.raises(ConfigError, match="no name stands for 'saliency' where none is given, only for methods, "):
+        registry().add(Outer, "test")
+
+
+def test_a_configuration_survives_json(models):
+    config = Outer.Config(model={"kind": "other", "share": 0.25}, grid={"size_m": 2})
+    assert config.model_dump(mode="json") == {
+        "kind": "outer",
+        "model": {"kind": "other", "share": 0.25},
+        "judge": {"kind": "other", "share": 0.5},
+        "grid": {"size_m": 2.0},
+    }
+    assert Outer.Config.model_validate_json(config.model_dump_json()) == config
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"modle": 1}, r"unknown key mine\.modle \(known: model, judge, grid\)"),
+        ({"grid": {"size": 1}}, r"unknown key mine\.grid\.size"),
+        ({"grid": {"size_m": 0}}, r"mine\.grid\.size_m: received 0, expected greater than 0"),
+        ({"grid": {"size_m": "wide"}}, r"mine\.grid\.size_m: received 'wide', expected a valid number"),
+        ({"model": {"share": 2}}, r"saliency\.share: received 2, expected less than or equal to 1"),
+        ({"model": 3}, r"mine\.model: received 3, expected the name of a saliency or a mapping with its settings"),
+        ({"kind": "inner"}, r"mine: kind is 'inner', expected 'outer'"),
+        ({"a": 1, "b": 2, "c": 3, "d": 4, "e": 5}, r"unknown key mine\.a .*; unknown key mine\.c .*; and 2 more such"),
+    ],
+)
+def test_wrong_settings_are_told_in_one_line(models, settings, message):
+    with pytest.raises(ConfigError, match=message) as caught:
+        validate(Outer.Config, settings, "mine")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("kind", ["iner", None, 3, ["inner"], {}])
+def test_a_slot_that_names_nothing_is_an_unknown_name(models, kind):
+    with pytest.raises(UnknownName, match="inner"):
+        validate(Outer.Config, {"model": {"kind": kind}}, "mine")
+
+
+def test_settings_are_frozen(models):
+    with pytest.raises(ValueError, match="frozen"):
+        Inner.Config().share = 0.1
+
+
+@pytest.mark.parametrize(
+    ("base", "over", "expected"),
+    [
+        ({"a": {"b": 1, "c": 2}}, {"a": {"c": 3}}, {"a": {"b": 1, "c": 3}}),
+        ({"a": 1}, {"a": {"b": 2}}, {"a": {"b": 2}}),
+        ({"m": {"kind": "x", "s": 1}}, {"m": {"s": 2}}, {"m": {"kind": "x", "s": 2}}),
+        ({"m": {"kind": "x", "s": 1}}, {"m": {"kind": "y"}}, {"m": {"kind": "y"}}),
+        ({"m": {"kind": "x", "s": 1}}, {"m": "x"}, {"m": {"kind": "x", "s": 1}}),
+        ({"m": {"kind": "x", "s": 1}}, {"m": "y"}, {"m": {"kind": "y"}}),
+        ({"m": "x"}, {"m": {"s": 2}}, {"m": {"kind": "x", "s": 2}}),
+        ({"m": {"s": 1}}, {"m": "y"}, {"m": {"s": 1, "kind": "y"}}),
+        ({"kind": "x", "a": 1}, {"kind": "y", "b": 2}, {"kind": "y", "b": 2}),
+    ],
+)
+def test_settings_are_laid_on_top_of_one_another(base, over, expected):
+    assert merge(base, over) == expected
+
+
+def test_a_yaml_file_stands_on_its_base(tmp_path):
+    (tmp_path / "base.yaml").write_text("kind: outer\nmodel: {kind: inner, share: 0.1}\ngrid: {size_m: 2}\n")
+    (tmp_path / "in").mkdir()
+    (tmp_path / "in" / "mine.yaml").write_text("base: ../base.yaml\nmodel: {share: 0.2}\n")
+    assert read_yaml(tmp_path / "in" / "mine.yaml") == {
+        "kind": "outer",
+        "model": {"kind": "inner", "share": 0.2},
+        "grid": {"size_m": 2},
+    }
+
+
+@pytest.mark.parametrize(
+    ("text", "path", "value"),
+    [
+        ("a=1", ("a",), 1),
+        ("a.b-c.d=x=y", ("a", "b-c", "d"), "x=y"),
+        ("a=[1, b]", ("a",), [1, "b"]),
+        ("a=", ("a",), None),
+        ("a=true", ("a",), True),
+    ],
+)
+def test_an_override_is_a_path_and_a_yaml_value(text, path, value):
+    assert parse_override(text) == (path, value)
+    expected = value
+    for key in reversed(path):
+        expected = {key: expected}
+    assert nest(path, value) == expected
+
+
+@pytest.mark.parametrize("text", ["a", "=1", "a..b=1", ".a=1", "a=[1"])
+def test_an_override_that_is_none_is_one_line(text):
+    with pytest.raises(ConfigError, match="--set") as caught:
+        parse_override(text)
+    assert "\n" not in str(caught.value)

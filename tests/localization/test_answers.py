@@ -1,0 +1,87 @@
+"""What a localizer may answer, and how its places are ranked."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from salframe.framework.errors import DataError, InvalidAnswer
+from salframe.localization.answers import Localization, LocalizationStatus, NodeMatches, PointMatches
+from salframe.localization.localizer import rank_places
+from salframe.localization.positioner import PoseEstimate, PoseStatus
+from salframe.panoramas.frames import FrameKind, MapFrame
+from salframe.panoramas.geometry import pose_2d
+
+
+def test_a_status_may_be_written_as_text():
+    assert Localization((), None, "no-match").status is LocalizationStatus.NO_MATCH
+    assert PoseEstimate(None, "too-few", None, np.zeros(0, bool)).status is PoseStatus.TOO_FEW
+    assert MapFrame("a", "room", np.eye(4), "transition").kind is FrameKind.TRANSITION
+
+
+def test_an_unknown_status_is_told_with_the_known_ones():
+    with pytest.raises(InvalidAnswer, match="the status 'lost', expected one of ok, no-pose, no-objects, no-features"):
+        Localization((), None, "lost")
+    with pytest.raises(InvalidAnswer, match="the status 'lost', expected one of ok, too-few, degenerate"):
+        PoseEstimate(None, "lost", None, np.zeros(0, bool))
+    with pytest.raises(DataError, match="the frame a has the kind 'door', expected one of scene, transition"):
+        MapFrame("a", "room", np.eye(4), "door")
+
+
+def test_only_a_place_or_a_pose_is_an_answer():
+    assert {status for status in LocalizationStatus if status.names_a_place} == {"ok", "no-pose"}
+
+
+def mirrored() -> np.ndarray:
+    return np.diag([1.0, -1.0, 1.0, 1.0])
+
+
+@pytest.mark.parametrize(
+    "pose", [2 * np.eye(4), mirrored(), np.full((4, 4), np.nan), np.eye(3), np.zeros((4, 4)), [[1, 0], [0, 1]]]
+)
+def test_a_pose_that_is_no_rigid_motion_is_no_answer(pose):
+    with pytest.raises(InvalidAnswer, match="expected a rigid motion") as caught:
+        Localization((), pose, "ok")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_rigid_motion_is_an_answer():
+    pose = pose_2d(1.0, -2.0, 2.5, 0.3)
+    np.testing.assert_array_equal(Localization((), pose, "ok").T_world_query, pose)
+
+
+def test_matches_must_fit_together():
+    points = np.eye(3)
+    assert PointMatches(points, points).query.shape == (3, 3)
+    with pytest.raises(DataError, match=r"PointMatches.reference has shape \(2, 3\), expected \(3, 3\)"):
+        PointMatches(points, points[:2])
+    assert len(NodeMatches(points, points, np.array([[0, 2], [1, 0]])).pairs) == 2
+    for pairs in ([[0, 3]], [[-1, 0]], [[0, 1], [0, 2]]):
+        with pytest.raises(DataError, match="must use each of 3 query and 3 reference nodes at most once"):
+            NodeMatches(points, points, np.array(pairs))
+
+
+FRAMES = [
+    MapFrame("a-1", "a", pose_2d(0, 0, 0)),
+    MapFrame("door", "a/b", pose_2d(2, 0, 0), FrameKind.TRANSITION),
+    MapFrame("b-1", "b", pose_2d(4, 0, 0)),
+    MapFrame("a-2", "a", pose_2d(0, 3, 0)),
+]
+
+
+def ranked(scores, pose=None) -> list[tuple[str, str, float]]:
+    return [(one.frame, one.place, one.score) for one in rank_places(FRAMES, np.array(scores), pose)]
+
+
+def test_each_place_is_ranked_by_its_best_frame():
+    assert ranked([0.1, 0.5, 0.3, 0.4]) == [("door", "a/b", 0.5), ("a-2", "a", 0.4), ("b-1", "b", 0.3)]
+    assert ranked([0.2, 0.2, 0.2, 0.2]) == [("a-1", "a", 0.2), ("door", "a/b", 0.2), ("b-1", "b", 0.2)]
+    assert ranked([-np.inf, -np.inf, 0.3, -np.inf]) == [("b-1", "b", 0.3)]
+    assert ranked([-np.inf] * 4) == []
+
+
+def test_in_a_doorway_the_pose_tells_the_place():
+    scores = [0.1, 0.5, 0.3, 0.4]
+    assert ranked(scores, pose_2d(2.4, 0, 0))[:2] == [("b-1", "b", 0.5), ("door", "a/b", 0.5)]
+    assert ranked(scores, pose_2d(1.6, 0, 0))[0] == ("a-1", "a", 0.5)
+    assert ranked([0.9, 0.5, 0.3, 0.4], pose_2d(2.4, 0, 0))[0] == ("a-1", "a", 0.9)
