@@ -10,7 +10,7 @@ from pydantic import ConfigDict
 from salframe_annotations.detector import AnnotationDetector
 from salframe_engines import Inline
 from salframe_graphs.localizer import SaliencyGraphLocalizer
-from salframe_graphs.matching import TripletMatcher
+from salframe_graphs.triplet import TripletMatcher
 from salframe_graphs.positioning import RobustPositioner
 from salframe_graphs.saliency import VolumetricSaliency
 
