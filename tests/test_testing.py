@@ -45,7 +45,9 @@ def small_datasets(tiny: Path) -> dict[str, dict]:
 OURS = [component for component, package in registry() if package == "salframe"]
 
 
-STAGES = [c for c in OURS if c.role not in ("dataset", "localizer") and c.name != "onnx"]
+BROUGHT = ("feature-matcher", "detection-decoder", "image-network")
+"""Roles that plugins of ours bring, checked in tests/keypoints, tests/detectors and tests/image."""
+STAGES = [c for c in OURS if c.role not in ("dataset", "localizer", *BROUGHT) and c.name != "onnx"]
 """All but `onnx`, whose network is made in tests/detectors/test_onnx_detector.py."""
 
 
@@ -112,7 +114,7 @@ def test_rooms_are_seen_where_they_are():
 
 
 class Coarse(AnnotationDetector):
-    """Bearings to two columns: no object goes, each is up to a column (0.9 deg) off once the panorama is turned by one."""
+    """Bearings to two columns: no object goes, each is up to a column (0.9 deg) off once the panorama turns by one."""
 
     name = "coarse"
     column_step = 2
@@ -153,3 +155,16 @@ def test_a_planner_is_checked_against_the_shortest_route():
         ConformanceError, match=r"route from room to hall: received the path .* in the walking direction"
     ):
         check_component(Retracing)
+
+
+def test_a_role_of_a_plugins_own_is_checked_by_the_function_that_it_names(monkeypatch):
+    monkeypatch.setenv("SALFRAME_PLUGINS", "role_plugin")
+    registry.cache_clear()
+    try:
+        assert registry().failures == []
+        check_component(registry().get("greeter", "polite"))
+        check_component(registry().get("mute", "silent"))  # nobody wrote down what it promises
+        with pytest.raises(ConformanceError, match="greeter rude: greet: received 'what', expected a greeting"):
+            check_component(registry().get("greeter", "rude"))
+    finally:
+        registry.cache_clear()
