@@ -104,6 +104,9 @@ class Registry:
             if self.roles.setdefault(role.role, role) is not role:
                 raise SalframeError(f"the role {role.role!r} of {package} is already there: {self.roles[role.role]}")
         else:
+            for base in getattr(item, "__mro__", ()):
+                if is_role(base):  # the plugin that brings it may come later: plugins load in the order of their names
+                    self.add(base, package)
             check_declaration(item, self.roles)
             key = (item.role, item.name)
             if key in self._components and self._components[key][0] is not item:

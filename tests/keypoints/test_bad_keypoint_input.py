@@ -14,12 +14,12 @@ from tiny_folder import write_tiny_folder
 
 from salframe.framework.errors import RequirementMissing, WeightsMissing
 from salframe.framework.presets import configure, settings
-from salframe.panoramas.frames import Frame
+from salframe.panoramas.frames import QueryFrame
 from salframe.panoramas.geometry import pose_2d, pose_errors
 from salframe.panoramas.panorama import Panorama
 from salframe.testing import check_component
 
-SMALL = ("view_width_px=240", "view_height_px=176", "max_keypoints=200", "hypotheses=100")
+SMALL = ("view_width_px=240", "view_height_px=176", "features.max_keypoints=200", "hypotheses=100")
 QUERY = pose_2d(0.5, -0.3, 1.2)
 
 
@@ -48,7 +48,12 @@ def test_a_checkpoint_that_is_missing_or_another_networks_costs_its_own_row(tiny
     pytest.importorskip("kornia")
     other, none = tmp_path / "other.pt", tmp_path / "none.pt"
     torch.save({"conv.weight": torch.zeros(1)}, other)
-    rows = run(tiny, ["xfeat-nn", "aliked-nn", "sift"], f"xfeat-nn.checkpoint={other}", f"aliked-nn.checkpoint={none}")
+    rows = run(
+        tiny,
+        ["xfeat-nn", "aliked-nn", "sift"],
+        f"xfeat-nn.features.checkpoint={other}",
+        f"aliked-nn.features.checkpoint={none}",
+    )
     assert not rows["xfeat-nn"]["available"]
     assert "other.pt does not fit XFeatModel" in rows["xfeat-nn"]["reason"]
     assert f"no file {none}" in rows["aliked-nn"]["reason"]
@@ -80,11 +85,11 @@ def test_a_query_without_texture_fails_and_the_others_do_not(tiny):
 def test_views_without_texture_leave_the_pose_to_the_others(rooms, configure):
     """Half of the query shows one even colour, as a near white wall would."""
     localizer = Keypoints(configure("sift", view_width_px=240, view_height_px=176))
-    localizer.build([room.frame(f"m{i}", np.eye(4), f"room {i}", height=256) for i, room in enumerate(rooms)])
+    localizer.build([room.map_frame(f"m{i}", np.eye(4), f"room {i}", height=256) for i, room in enumerate(rooms)])
     seen = rooms[1].panorama("query", QUERY, 256)
     rgb = seen.rgb.copy()
     rgb[:, :256] = 235
-    answer = localizer.localize(Frame("query", lambda: Panorama("query", rgb)))
+    answer = localizer.localize(QueryFrame("query", lambda: Panorama("query", rgb)))
     assert (answer.status, answer.places[0].place) == ("ok", "room 1")
     assert pose_errors(answer.T_world_query, QUERY)[0] < 0.05
 

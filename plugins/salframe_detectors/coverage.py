@@ -55,8 +55,9 @@ class Rig:
         return np.stack(views)
 
     def cuts(self, box_px: np.ndarray) -> np.ndarray:
-        """(n,) bool: boxes (n, 4) that come within a pixel of their view's border, where the view may cut the object."""
-        return (box_px[:, :2] < 1).any(1) | (box_px[:, 2:] > (self.width_px - 1, self.height_px - 1)).any(1)
+        """(n,) bool: boxes (n, 4) within a pixel of their view's border, where the view may cut the object."""
+        last_px = self.width_px - 1, self.height_px - 1
+        return np.any(np.hstack([box_px[:, :2] < 1, box_px[:, 2:] > last_px]), axis=1)
 
     def grid(self, height: int) -> Grid:
         """Where the thinned pixels of a panorama of this height lie in the views."""

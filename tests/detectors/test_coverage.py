@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from salframe_detectors.coverage import LEAST_FOV_DEG, RINGS, Rig
 from salframe_detectors.depth import foreground
 from salframe_detectors.merging import group, outline
-from salframe_detectors.views import LEAST_FOV_DEG, RINGS, Rig
 from scipy.spatial.transform import Rotation
 
 from salframe.panoramas.geometry import equirectangular_rays

@@ -39,7 +39,7 @@ class GraphIndex:
 
 
 class TripletMatcher(GraphMatcher):
-    """Label-set candidates, one-to-one node alignment, weighted triplets, and geometric verification of the survivors."""
+    """Label-set candidates, one-to-one node alignment, weighted triplets, geometric verification of the survivors."""
 
     name = "triplet"
     version = "2"
@@ -50,7 +50,7 @@ class TripletMatcher(GraphMatcher):
         )
         rarity: bool = Field(
             True,
-            description="weigh labels by their smooth inverse document frequency over the map, ln((1 + S) / (1 + s)) + 1",
+            description="weigh labels by smooth inverse document frequency over the map, ln((1 + S) / (1 + s)) + 1",
         )
         confidence: bool = Field(True, description="a node counts in the score as much as its detector is sure of it")
         keep: float = Field(
@@ -151,7 +151,8 @@ class TripletMatcher(GraphMatcher):
         similarity = self._similarity(query, known, index, candidates)
         alike = np.where(similarity >= self.config.least_similarity, similarity, 0)
         score = np.zeros(len(candidates))
-        kernel, poses = np.zeros_like(alike), [None] * len(candidates)
+        kernel = np.zeros_like(alike)
+        poses: list[np.ndarray | None] = [None] * len(candidates)
         if self.config.similarity_score:
             score += self.config.similarity_score * self._shared(similarity, weight, index.weight[candidates])
         if self.config.geometry_score:
@@ -179,8 +180,8 @@ class TripletMatcher(GraphMatcher):
 
     def _jaccard(self, labels: Sequence[str], known: np.ndarray, rarity: np.ndarray, index: GraphIndex) -> np.ndarray:
         """(S,) Jaccard index of the query's labels with each map graph's, weighed by rarity."""
-        _, first, number = np.unique(np.array(labels, dtype=np.str_), return_index=True, return_counts=True)
-        number = np.ones(len(number)) if self.config.labels == "set" else number
+        _, first, count = np.unique(np.array(labels, dtype=np.str_), return_index=True, return_counts=True)
+        number = np.ones(len(count)) if self.config.labels == "set" else count
         asked, weight = known[first], rarity[first]
         shared = weight[asked >= 0] @ np.minimum(index.counts[asked[asked >= 0]], number[asked >= 0, None])
         union = index.rarity @ index.counts + weight @ number - shared
@@ -189,7 +190,7 @@ class TripletMatcher(GraphMatcher):
     def _similarity(
         self, query: SaliencyGraph, known: np.ndarray, index: GraphIndex, candidates: np.ndarray
     ) -> np.ndarray:
-        """(K, n, m) node similarity in [0, 1], 0 where labels differ: height, size, saliency ratio, structural feature."""
+        """(K, n, m) node similarity in [0, 1] of height, size, saliency ratio and structure, 0 where labels differ."""
         same = (known[None, :, None] == index.label[candidates][:, None]) & (known >= 0)[None, :, None]
         a, b = query.saliency[None, :, None], index.saliency[candidates][:, None]
         ratio = np.minimum(a, b) / np.maximum(np.maximum(a, b), 1e-12)

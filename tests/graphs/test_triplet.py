@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from salframe_graphs.agreement import agree
 from salframe_graphs.features import node2vec, ring_hop_histograms
-from salframe_graphs.matching import TripletMatcher
+from salframe_graphs.triplet import TripletMatcher
 from salframe_graphs.verification import verify
 
 from salframe.framework.errors import RequirementMissing

@@ -6,13 +6,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from salframe.framework.errors import InputMissing
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.perspective import ViewRig
 
 
 def cut_views(panorama: Panorama, rig: ViewRig) -> tuple[np.ndarray, np.ndarray]:
     """The views (V, height, width, 3) uint8 of a panorama with colour, and which of them lie for at least a half in
-    what was seen, (V,) bool."""
+    what was seen, (V,) bool. Raises InputMissing where it has none."""
+    if panorama.rgb is None:
+        raise InputMissing(f"{panorama.id} has no colour, which views are cut from")
     views = rig.cut(panorama.rgb)
     if panorama.valid is None:
         return views, np.ones(rig.count, bool)
