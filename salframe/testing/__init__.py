@@ -3,7 +3,6 @@ role, if anything does."""
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable
 from pkgutil import resolve_name
 from typing import Any
