@@ -233,6 +233,8 @@ def test_a_role_brings_its_own_rules(monkeypatch):
         check_component(Spinning)
     monkeypatch.setattr(Compass, "conformance", "")
     check_component(Spinning)
+
+
 def test_a_role_of_a_plugins_own_is_checked_by_the_function_that_it_names(monkeypatch):
     monkeypatch.setenv("SALFRAME_PLUGINS", "role_plugin")
     registry.cache_clear()
