@@ -5,7 +5,6 @@ import pytest
 from salframe_annotations.detector import AnnotationDetector
 
 from salframe.framework.errors import InputMissing
-from salframe.graphs.annotated import MIN_PIXELS
 from salframe.panoramas.geometry import equirectangular_rays
 from salframe.panoramas.panorama import VISIBLE_PIXELS, Annotations, ObjectBoxes, Panorama
 

@@ -7,9 +7,10 @@ from typing import Literal
 import pytest
 from pydantic import Field
 
-from salframe.framework.config import ComponentConfig, Settings, slot
+from salframe.framework.config import ComponentConfig, Settings
 from salframe.framework.registry import registry
 from salframe.framework.settings import Setting, list_settings
+from salframe.framework.slots import slot
 from salframe.graphs.saliency import SaliencyModel
 
 

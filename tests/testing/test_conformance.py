@@ -15,10 +15,11 @@ from salframe_annotations.detector import AnnotationDetector
 from tiny_folder import write_tiny_folder
 
 from salframe.framework.component import Role
-from salframe.framework.config import match_only, merge, slot
+from salframe.framework.config import match_only, merge
 from salframe.framework.identity import UserFile
 from salframe.framework.presets import configure, settings
 from salframe.framework.registry import registry
+from salframe.framework.slots import slot
 from salframe.panoramas.geometry import rays_to_pixels
 from salframe.testing import ConformanceError, check_component
 from salframe.testing.identities import another_config
