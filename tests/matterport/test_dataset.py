@@ -38,6 +38,7 @@ def test_queries_carry_no_pose_and_no_place_not_even_inside(building):
     dataset = opened(building)
     for fold in dataset.folds():
         (query,) = fold.queries
+        assert type(query) is QueryFrame
         assert query.load().provides == dataset.provides == {"annotations"}
         packed = pickle.dumps(query)
         assert b"region" not in packed
