@@ -8,10 +8,11 @@ import json
 import cv2
 import numpy as np
 import pytest
-from salframe.evaluation.compare import compare
 from salframe_keypoints.localizer import Keypoints
 from tiny_folder import write_tiny_folder
 
+from salframe.evaluation.localization import compare
+from salframe.evaluation.request import Request
 from salframe.framework.errors import RequirementMissing, WeightsMissing
 from salframe.framework.presets import configure, settings
 from salframe.panoramas.frames import QueryFrame
@@ -32,8 +33,8 @@ def tiny(tmp_path, monkeypatch):
 
 def run(folder, methods, *overrides):
     """Rows by method."""
-    comparison = compare(methods, str(folder), overrides=(*SMALL, *overrides), engine="inline")
-    return {row["method"]: row for row in comparison.rows}
+    result = compare(Request(methods, str(folder), settings=(*SMALL, *overrides), engine="inline"))
+    return {row.method: row for row in result.rows}
 
 
 def edit_manifest(folder, change):
@@ -54,32 +55,32 @@ def test_a_checkpoint_that_is_missing_or_another_networks_costs_its_own_row(tiny
         f"xfeat-nn.features.checkpoint={other}",
         f"aliked-nn.features.checkpoint={none}",
     )
-    assert not rows["xfeat-nn"]["available"]
-    assert "other.pt does not fit XFeatModel" in rows["xfeat-nn"]["reason"]
-    assert f"no file {none}" in rows["aliked-nn"]["reason"]
-    assert rows["sift"]["accuracy"] is not None
+    assert not rows["xfeat-nn"].available
+    assert "other.pt does not fit XFeatModel" in rows["xfeat-nn"].reason
+    assert f"no file {none}" in rows["aliked-nn"].reason
+    assert rows["sift"].accuracy is not None
 
 
 def test_a_map_without_range_gives_places_and_no_pose(tiny):
     edit_manifest(tiny, lambda frame: {key: value for key, value in frame.items() if key != "range"})
     row = run(tiny, ["sift"])["sift"]
-    assert row["status"] == {"no-pose": 3}
-    assert row["accuracy"] == 1
-    assert row["median_translation_m"] is None
+    assert row.status == {"no-pose": 3}
+    assert row.accuracy == 1
+    assert row.median_translation_m is None
 
 
 def test_a_map_of_one_frame_answers_with_its_place(tiny):
     edit_manifest(tiny, lambda frame: frame if frame["role"] == "query" or frame["id"] == "kitchen-map" else None)
     row = run(tiny, ["sift"])["sift"]
-    assert sum(row["status"].values()) == 3
-    assert row["accuracy"] == pytest.approx(1 / 3)
+    assert sum(row.status.values()) == 3
+    assert row.accuracy == pytest.approx(1 / 3)
 
 
 def test_a_query_without_texture_fails_and_the_others_do_not(tiny):
     cv2.imwrite(str(tiny / "frames" / "lounge-query.rgb.png"), np.full((192, 384, 3), 128, np.uint8))
     row = run(tiny, ["sift"])["sift"]
-    assert row["status"]["no-features"] == 1
-    assert row["accuracy"] == pytest.approx(2 / 3)
+    assert row.status["no-features"] == 1
+    assert row.accuracy == pytest.approx(2 / 3)
 
 
 def test_views_without_texture_leave_the_pose_to_the_others(rooms, configure):

@@ -8,6 +8,7 @@ from salframe_matterport.scenes import read_scenes
 
 from salframe.framework.config import validate
 from salframe.framework.errors import ConfigError, DataError
+from salframe.panoramas.frames import QueryFrame
 from salframe.panoramas.geometry import pose_yaw, transform_points
 
 
