@@ -25,7 +25,7 @@ from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.geometry import pose_2d, rays_to_pixels
 from salframe.panoramas.opening import find_dataset, mapping_frames
 from salframe.panoramas.panorama import Annotations, Panorama
-from salframe.topology import build_topology
+from salframe.topology.build import build_topology
 from salframe.topology.picture import draw_topology
 
 IMAGES = Path(__file__).with_name("images")

@@ -12,9 +12,9 @@ import venv
 from pathlib import Path
 
 import pytest
-from tiny_folder import write_tiny_folder
 
-EXAMPLE = Path(__file__).parent.parent / "examples" / "third_party_detector"
+EXAMPLE = Path(__file__).parent.parent / "examples" / "third_party"
+PACKAGE = "salframe-rangefinder"
 
 
 @pytest.fixture(scope="module")
@@ -30,76 +30,86 @@ def python(tmp_path_factory) -> Path:
         "".join(f"import site; site.addsitedir({folder!r})\n" for folder in site.getsitepackages())
     )
     shutil.copytree(EXAMPLE, home / "example", ignore=shutil.ignore_patterns("build", "*.egg-info", "__pycache__"))
-    pip = [
-        sys.executable,
-        "-m",
-        "pip",
-        "--python",
-        python,
-        "install",
-        "--quiet",
-        "--no-index",
-        "--no-deps",
-        "--no-build-isolation",
-    ]
-    subprocess.run([*pip, home / "example"], check=True, capture_output=True)
+    pip = [sys.executable, "-m", "pip", "--python", python, "install", "--quiet", "--no-index", "--no-deps"]
+    subprocess.run([*pip, "--no-build-isolation", home / "example"], check=True, capture_output=True)
     return python
 
 
-def salframe(python: Path, cwd: Path, *arguments: str) -> dict:
-    """What `salframe ARGUMENTS --json` prints in the fresh environment."""
-    environment = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "SALFRAME_PLUGINS")}
-    command = [str(python), "-c", "from salframe.cli import main; main()", *arguments, "--json"]
-    done = subprocess.run(
-        command,
-        cwd=cwd,
-        env={**environment, "SALFRAME_CACHE": str(cwd / "cache")},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    """Where its commands are run: what one of them answers, the next may reuse."""
+    return tmp_path_factory.mktemp("work")
+
+
+def environment(folder: Path) -> dict[str, str]:
+    kept = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "SALFRAME_PLUGINS")}
+    return {**kept, "SALFRAME_CACHE": str(folder / "cache"), "COLUMNS": "200"}
+
+
+def salframe(python: Path, folder: Path, *arguments: str) -> str:
+    """What `salframe ARGUMENTS` prints in the fresh environment."""
+    command = [str(python), "-c", "from salframe.cli import main; main()", *arguments]
+    done = subprocess.run(command, cwd=folder, env=environment(folder), capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout)
+    return done.stdout
 
 
-def test_the_plugin_is_listed_with_its_package(python, tmp_path):
-    entries = {entry["name"]: entry for entry in salframe(python, tmp_path, "plugins")["components"]}
-    found = entries["height-bands"]
-    assert (found["role"], found["package"], found["available"]) == ("detector", "salframe-height-bands", True)
-    assert entries["annotations"]["package"] == "salframe"
+def test_what_it_brings_is_listed_with_its_package(python, folder):
+    found = json.loads(salframe(python, folder, "plugins", "--json"))
+    assert found["failures"] == []
+    brought = {(entry["role"], entry["name"]) for entry in found["components"] if entry["package"] == PACKAGE}
+    assert brought == {
+        ("dataset", "box-rooms"),
+        ("detector", "height-bands"),
+        ("saliency", "apparent-size"),
+        ("matcher", "box-sizes"),
+        ("positioner", "planar-fit"),
+        ("planner", "networkx"),
+        ("localizer", "range-profile"),
+    }
+    assert all(entry["available"] for entry in found["components"] if entry["package"] == PACKAGE)
+    presets = {(entry["folder"], entry["name"]) for entry in found["presets"] if entry["package"] == PACKAGE}
+    assert presets == {("methods", "bands"), ("data", "box-rooms-8"), ("ablations", "bands")}
+    assert {"name": "bands", "package": PACKAGE} in found["commands"]
+    assert "salframe" in {entry["package"] for entry in found["components"]}
 
 
-def test_methods_are_compared_with_its_detector(python, tmp_path):
-    data = write_tiny_folder(tmp_path / "tiny")
-    found = salframe(
-        python,
-        tmp_path,
-        "compare",
-        "--methods",
-        "proposed,objects",
-        "--set",
-        "detector=height-bands",
-        "--data",
-        str(data),
+def test_its_methods_are_compared_on_its_data(python, folder):
+    printed = salframe(
+        python, folder, "compare", "--methods", "bands,range-profile", "--data", "box-rooms-8", "--engine", "inline"
     )
-    rows = {row["method"]: row for row in found["rows"]}
-    assert all(row["available"] and row["queries"] == 3 for row in rows.values())
-    # Bedroom and kitchen show a low, a middle and a tall object each, the lounge no low one: sets of labels cannot tell
-    # the former apart.
-    assert rows["objects"]["accuracy"] == pytest.approx(2 / 3)
-    assert rows["proposed"]["accuracy"] >= rows["objects"]["accuracy"]
-    assert rows["proposed"]["bytes_per_scene"] < 100
+    lines = [line.split() for line in printed.splitlines()]
+    rows = {words[0]: words for words in lines if words and words[0] in ("bands", "range-profile")}
+    assert rows.keys() == {"bands", "range-profile"}
+    # 8 queries: by chance one would be right, and neither method is anywhere near that.
+    assert all(float(words[1]) >= 50 for words in rows.values())
 
 
-def test_it_passes_its_own_tests(python):
-    command = [
-        str(python),
-        "-m",
-        "pytest",
-        "-q",
-        "-p",
-        "no:cacheprovider",
-        str(python.parents[2] / "example" / "tests"),
-    ]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+@pytest.mark.slow
+def test_its_ablation_has_a_row_a_combination(python, folder):
+    found = json.loads(salframe(python, folder, "ablate", "bands", "--engine", "inline", "--json"))
+    assert {row["method"] for row in found["rows"]} == {
+        f"bands[saliency={saliency},detector.min_pixels={pixels}]"
+        for saliency in ("apparent-size", "volumetric")
+        for pixels in (100, 400)
+    }
+    assert all(row["queries"] == 8 for row in found["rows"])
+
+
+def test_its_command_is_one_of_salframes(python, folder):
+    assert "Print the objects that `height-bands` finds" in salframe(python, folder, "bands", "--help")
+    lines = salframe(python, folder, "bands", "room-0/query").splitlines()
+    assert lines
+    for line in lines:
+        label, _, where = line.partition(": ")
+        assert label in ("low object", "middle object", "tall object")
+        # The walls are at most 3.5 m from the middle, and the query 0.3 m beside it.
+        assert 0 < float(where.split()[0]) < 5.5
+
+
+@pytest.mark.slow
+def test_it_passes_its_own_tests(python, folder):
+    tests = python.parents[2] / "example" / "tests"
+    command = [str(python), "-m", "pytest", "-q", "-p", "no:cacheprovider", str(tests)]
+    done = subprocess.run(command, cwd=folder, env=environment(folder), capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout

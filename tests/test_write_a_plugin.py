@@ -9,32 +9,41 @@ import sys
 from pathlib import Path
 
 import pytest
+import yaml
 from command_line import run
 from tiny_folder import write_tiny_folder
 
 from salframe.framework.registry import registry
+from salframe.panoramas.frames import FrameKind, QueryFrame
 from salframe.testing import check_component
 from salframe.testing.rooms import map_frames, query_frames
 
 REPOSITORY = Path(__file__).parent.parent
+EXAMPLE = REPOSITORY / "examples" / "third_party"
 BLOCKS = re.findall(
     r"```(\w+)\n(.*?)```", (REPOSITORY / "docs" / "how-to" / "write-a-plugin.md").read_text(), re.DOTALL
 )
-DETECTOR, CHECK, LOCALIZER, DATASET = (code for language, code in BLOCKS if language == "python")
-(ENTRY_POINT,) = (code for language, code in BLOCKS if language == "toml")
+DETECTOR, CHECK, LOCALIZER, DATASET, COMMAND, ROLE = (code for language, code in BLOCKS if language == "python")
+ENTRY_POINTS = [code for language, code in BLOCKS if language == "toml"]
+(METHOD,) = (code for language, code in BLOCKS if language == "yaml")
+MODULES = {
+    "page_detector": DETECTOR,
+    "page_localizer": LOCALIZER,
+    "page_dataset": DATASET,
+    "page_command": COMMAND,
+    "page_role": ROLE,
+}
 
 
 @pytest.fixture
 def plugins(tmp_path, monkeypatch):
-    """The three modules of the page as plugins, beside our own."""
-    for name, code in (("page_detector", DETECTOR), ("page_localizer", LOCALIZER), ("page_dataset", DATASET)):
+    """The modules of the page as plugins, beside our own."""
+    for name, code in MODULES.items():
         (tmp_path / f"{name}.py").write_text(code)
         monkeypatch.delitem(sys.modules, name, raising=False)
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setenv(
-        "SALFRAME_PLUGINS",
-        "salframe_annotations,salframe_graphs,salframe_engines,page_detector,page_localizer,page_dataset",
-    )
+    ours = ("salframe_annotations", "salframe_graphs", "salframe_engines")
+    monkeypatch.setenv("SALFRAME_PLUGINS", ",".join([*ours, *MODULES]))
     monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path / "cache"))
     monkeypatch.chdir(tmp_path)
     registry.cache_clear()
@@ -52,22 +61,35 @@ def robot_log(tmp_path) -> Path:
         writer.writerow(["id", "place", "x_m", "y_m", "yaw_rad", "role"])
         for frame in (*map_frames(), *query_frames()):
             place, _, role = frame.id.partition("-")
-            writer.writerow([frame.id, place, 0.5, 0.0, 0.3, role])
+            writer.writerow([frame.id, place, 0.5, 0.0, 0.3, "doorway" if frame.id == "lounge-map" else role])
             shutil.copy(tiny / "frames" / f"{frame.id}.rgb.png", log / f"{frame.id}.png")
     return log
 
 
-def test_the_detector_is_the_examples():
-    example = REPOSITORY / "examples" / "third_party_detector"
-    assert (example / "src" / "salframe_height_bands" / "__init__.py").read_text() == DETECTOR
-    assert ENTRY_POINT in (example / "pyproject.toml").read_text()
+def class_of(code: str, name: str) -> str:
+    return code[code.index(f"class {name}") :].partition("\n\n\n")[0].strip()
+
+
+def test_what_the_page_shows_of_the_example_is_what_it_holds():
+    source = EXAMPLE / "src" / "salframe_rangefinder"
+    assert class_of((source / "detector.py").read_text(), "HeightBands") == class_of(DETECTOR, "HeightBands")
+    assert all(lines in (EXAMPLE / "pyproject.toml").read_text() for lines in ENTRY_POINTS)
+    assert yaml.safe_load((source / "presets" / "methods" / "bands.yaml").read_text()) == yaml.safe_load(METHOD)
 
 
 def test_the_components_of_the_page_conform(plugins, robot_log):
+    assert registry().failures == []
     exec(CHECK, {"HeightBands": registry().get("detector", "height-bands")})
     check_component(registry().get("localizer", "colour-histogram"))
+    check_component(registry().get("compass", "dark-side"))
     dataset = registry().get("dataset", "robot-log")
     check_component(dataset, dataset.Config(root=robot_log))
+
+
+def test_the_dataset_tells_doorways_from_places_and_nothing_of_queries(plugins, robot_log):
+    (fold,) = registry().build("dataset", registry().get("dataset", "robot-log").Config(root=robot_log)).folds()
+    assert [frame.kind for frame in fold.mapping] == [FrameKind.SCENE, FrameKind.SCENE, FrameKind.TRANSITION]
+    assert {type(frame) for frame in fold.queries} == {QueryFrame}
 
 
 def test_the_localizer_is_compared_on_the_dataset(plugins, robot_log):
@@ -85,3 +107,9 @@ def test_the_localizer_is_compared_on_the_dataset(plugins, robot_log):
     )
     (row,) = found.json["rows"]
     assert (row["queries"], row["accuracy"], row["bytes_per_scene"]) == (3, 1.0, 512.0)
+
+
+def test_the_command_is_one_of_salframes(plugins, tmp_path):
+    data = write_tiny_folder(tmp_path / "tiny")
+    found = run("places", data)
+    assert (found.code, found.out) == (0, "bedroom\nkitchen\nlounge\n")

@@ -10,16 +10,17 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from salframe.framework.config import ComponentConfig
+from salframe.framework.config import ComponentConfig, match_only
 from salframe.framework.errors import WeightsMissing
+from salframe.framework.identity import UserFile
 from salframe.framework.onnx import open_model
-from salframe.framework.weights import Download, Weights, WeightsFile, file_sha256
+from salframe.framework.weights import Download, Weights, WeightsFile
 from salframe.localization.answers import Localization, LocalizationStatus
 from salframe.localization.localizer import Description, Localizer, rank_places
 from salframe.panoramas.frames import MapFrame
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.perspective import ViewRig
-from salframe_image.views import as_batch, cut_views
+from salframe_image.network_input import as_batch, cut_views
 
 CLIP_VIT_B32 = Weights(
     "clip-vit-b32",
@@ -60,13 +61,13 @@ class ClipRooms(Localizer):
     weights = (CLIP_VIT_B32,)
 
     class Config(ComponentConfig):
-        checkpoint: Path | None = Field(
+        checkpoint: UserFile | None = Field(
             None, description="local folder with a CLIP's files, named as the fetched ones, instead of those"
         )
-        room_types: tuple[str, ...] | None = Field(
+        room_types: tuple[str, ...] | None = match_only(
             None, min_length=1, description="words for the rooms; null: those in the map's place names"
         )
-        prompt: str = Field(
+        prompt: str = match_only(
             "a photo of a {}", pattern=r"\{\}", description="what CLIP compares a view with; {} is the room type"
         )
         views: int = Field(12, ge=1, le=72, description="perspective views around the panorama")
@@ -82,20 +83,15 @@ class ClipRooms(Localizer):
         self._known: dict[str, np.ndarray] = {}
 
     @classmethod
-    def check(cls, config: ComponentConfig) -> None:
+    def weights_in_use(cls, config: Any) -> tuple[Weights, ...]:
+        """None where the user's checkpoint takes their place."""
+        return cls.weights if config.checkpoint is None else ()
+
+    @classmethod
+    def check(cls, config: Any) -> None:
         """Raises RequirementMissing, or WeightsMissing where CLIP is not at hand."""
         super().check(config)
-        CLIP_VIT_B32.paths(config.checkpoint)  # type: ignore[attr-defined]
-
-    def describe_identity(self) -> dict[str, Any]:
-        """The views and the image encoder's hash: prompts matter to matching only."""
-        settings = self.config.model_dump(mode="json", include={"views", "hfov_deg"})
-        return {
-            "localizer": self.name,
-            "version": self.version,
-            "settings": settings,
-            "weights": file_sha256(self._image_path),
-        }
+        CLIP_VIT_B32.paths(config.checkpoint)
 
     def describe(self, panorama: Panorama) -> Description:
         """embeddings (V, D) float16: CLIP's of each view, of unit length; zeros for a view that lies for the greater

@@ -3,29 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import ClassVar
 
 import numpy as np
 from pydantic import Field
 
 from salframe.framework.config import ComponentConfig
-from salframe.framework.errors import WeightsMissing
-from salframe.framework.onnx import open_model
-from salframe.framework.weights import file_sha256
+from salframe.framework.registry import registry
+from salframe.framework.slots import slot
 from salframe.localization.answers import Localization, LocalizationStatus
 from salframe.localization.localizer import Description, Localizer, rank_places
 from salframe.panoramas.frames import MapFrame
 from salframe.panoramas.geometry import pose_2d
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.perspective import ViewRig, turned_similarity
-from salframe_image.networks import NETWORKS
-from salframe_image.views import as_batch, cut_views
+from salframe_image.image_network import ImageNetwork
+from salframe_image.network_input import cut_views
 
 FLAT = 1e-3
 """Similarities that vary by less over the turns tell no heading: features are kept as float16, which holds no more."""
-
-Colour = tuple[float, float, float]
 
 
 class ImageFeatures(Localizer):
@@ -43,17 +39,9 @@ class ImageFeatures(Localizer):
     version = "1"
     needs = frozenset({"rgb"})
     turn_tolerance_m: ClassVar[float] = 0.2  # between two views the heading is interpolated
-    weights = tuple(NETWORKS.values())
 
     class Config(ComponentConfig):
-        network: Literal[tuple(NETWORKS)] = Field("efficientnet-lite0", description="of `salframe weights list`")  # type: ignore[valid-type]
-        model: Path | None = Field(None, description="another network in ONNX instead of the fetched one")
-        output: str | None = Field(
-            None, description="tensor that holds the features, (N, C, h, w) or (N, C); null: the network's first output"
-        )
-        size_px: int = Field(224, ge=32, le=1024, description="width and height of the network's input")
-        mean: Colour = Field((127.0, 127.0, 127.0), description="subtracted from red, green, blue, 0 to 255")
-        std: Colour = Field((128.0, 128.0, 128.0), description="what red, green, blue are then divided by")
+        network: slot("image-network", "efficientnet-lite0")  # type: ignore[valid-type]
         views: int = Field(12, ge=3, le=72, description="perspective views around the panorama")
         hfov_deg: float = Field(120.0, gt=0, lt=150, description="field of view of each view")
         power: float = Field(
@@ -62,46 +50,23 @@ class ImageFeatures(Localizer):
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)
-        settings = self.config
-        (self._path,) = NETWORKS[settings.network].paths(settings.model)
-        self._model = open_model(
-            self._path, [(None, 3, settings.size_px, settings.size_px)], [settings.output] if settings.output else ()
-        )
-        self._rig = ViewRig(settings.views, settings.size_px, settings.size_px, np.deg2rad(settings.hfov_deg))
-
-    @classmethod
-    def check(cls, config: ComponentConfig) -> None:
-        """Raises WeightsMissing where this config's network is not at hand."""
-        super().check(config)
-        NETWORKS[config.network].paths(config.model)  # type: ignore[attr-defined]
-
-    def describe_identity(self) -> dict[str, Any]:
-        """The settings, and the hash of the network instead of its path."""
-        settings = self.config.model_dump(mode="json", exclude={"network", "model"})
-        return {
-            "localizer": self.name,
-            "version": self.version,
-            "settings": settings,
-            "weights": file_sha256(self._path),
-        }
+        self._network: ImageNetwork = registry().build("image-network", self.config.network)
+        size_px = self._network.size_px
+        self._rig = ViewRig(self.config.views, size_px, size_px, np.deg2rad(self.config.hfov_deg))
 
     def describe(self, panorama: Panorama) -> Description:
         """features (V, C) float16: of unit length, zeros for a view that lies for the greater part in what was not
         seen."""
         views, seen = cut_views(panorama, self._rig)
-        pooled = self._pool(self._model.run(as_batch(views, self.config.mean, self.config.std))[0])
+        pooled = self._pool(self._network.embed(views))
         unit = pooled / np.maximum(np.linalg.norm(pooled, axis=1, keepdims=True), 1e-9)
         return {"features": (unit * seen[:, None]).astype(np.float16)}
 
     def _pool(self, features: np.ndarray) -> np.ndarray:
-        if features.ndim == 4:
-            power = self.config.power
-            return (np.maximum(features, 0) ** power).mean((2, 3)) ** (1 / power)
-        if features.ndim != 2:
-            raise WeightsMissing(
-                f"{self._path} gives {self._model.outputs[0]} {features.shape}, expected features (N, C, h, w) or (N, C)"
-            )
-        return features
+        if features.ndim == 2:
+            return features
+        power = self.config.power
+        return (np.maximum(features, 0) ** power).mean((2, 3)) ** (1 / power)
 
     def index(self, descriptions: Sequence[Description], frames: Sequence[MapFrame]) -> None:
         self._map_frames = list(frames)

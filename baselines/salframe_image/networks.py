@@ -1,9 +1,21 @@
-"""The classification networks that can be fetched."""
+"""Image networks in ONNX: those that can be fetched, and the user's own."""
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import Field
+
+from salframe.framework.config import ComponentConfig
+from salframe.framework.errors import WeightsMissing
+from salframe.framework.identity import UserFile
+from salframe.framework.onnx import open_model
 from salframe.framework.weights import Download, Weights, WeightsFile
 from salframe_image.efficientnet import EFFICIENTNET_LITE0
+from salframe_image.image_network import ImageNetwork
+from salframe_image.network_input import as_batch
 
 RESNET101 = Weights(
     "resnet101",
@@ -22,4 +34,104 @@ RESNET101 = Weights(
 )
 """ResNet-101 v1 of the ONNX model zoo; the hash is that of the zoo's own Git LFS pointer."""
 
-NETWORKS = {weights.name: weights for weights in (EFFICIENTNET_LITE0, RESNET101)}
+Colour = tuple[float, float, float]
+
+
+class OnnxImageNetwork(ImageNetwork):
+    """A network that onnxruntime runs: its file, the tensor to take, and how it wants its colours."""
+
+    class Config(ComponentConfig):
+        size_px: int = Field(224, ge=32, le=1024, description="width and height of the network's input")
+
+    def __init__(self, config: ComponentConfig | None = None) -> None:
+        """Raises WeightsMissing where the file is no network that takes images of this size."""
+        super().__init__(config)
+        self._path = self.path(self.config)
+        self._model = open_model(self._path, [(None, 3, self.size_px, self.size_px)], self.outputs())
+
+    @classmethod
+    def path(cls, config: Any) -> Path:
+        """The network's file, verified. Raises WeightsMissing."""
+        return cls.weights[0].paths()[0]
+
+    @classmethod
+    def check(cls, config: Any) -> None:
+        """Raises WeightsMissing where the network is not at hand."""
+        super().check(config)
+        cls.path(config)
+
+    def outputs(self) -> tuple[str, ...]:
+        """The tensor that holds the features, none for the network's first output."""
+        return ()
+
+    def colours(self) -> tuple[Colour, Colour]:
+        """What is subtracted from red, green, blue, 0 to 255, and what they are then divided by."""
+        return (127.0, 127.0, 127.0), (128.0, 128.0, 128.0)
+
+    @property
+    def size_px(self) -> int:
+        """See ImageNetwork."""
+        return self.config.size_px
+
+    def embed(self, views: np.ndarray) -> np.ndarray:
+        """See ImageNetwork."""
+        features = self._model.run(as_batch(views, *self.colours()))[0]
+        if features.ndim not in (2, 4):
+            received = f"{self._model.outputs[0]} {features.shape}"
+            raise WeightsMissing(f"{self._path} gives {received}, expected features (N, C, h, w) or (N, C)")
+        return features
+
+
+class EfficientNetLite0(OnnxImageNetwork):
+    """EfficientNet-Lite0 (Google, 2020): its last feature map."""
+
+    name = "efficientnet-lite0"
+    version = "1"
+    weights = (EFFICIENTNET_LITE0,)
+
+
+class ResNet101(OnnxImageNetwork):
+    """ResNet-101 v1 of the ONNX model zoo: its last feature map."""
+
+    name = "resnet101"
+    version = "1"
+    weights = (RESNET101,)
+
+    def outputs(self) -> tuple[str, ...]:
+        """The last feature map before pooling and classifier."""
+        return ("resnetv18_stage4_activation2",)
+
+    def colours(self) -> tuple[Colour, Colour]:
+        """See OnnxImageNetwork: those of ImageNet."""
+        return (123.675, 116.28, 103.53), (58.395, 57.12, 57.375)
+
+
+class OwnNetwork(OnnxImageNetwork):
+    """An image network of your own in ONNX."""
+
+    name = "onnx"
+    version = "1"
+
+    class Config(OnnxImageNetwork.Config):
+        model: UserFile | None = Field(None, description="the ONNX file; there is none to fetch")
+        output: str | None = Field(
+            None, description="tensor that holds the features, (N, C, h, w) or (N, C); null: the network's first output"
+        )
+        mean: Colour = Field((127.0, 127.0, 127.0), description="subtracted from red, green, blue, 0 to 255")
+        std: Colour = Field((128.0, 128.0, 128.0), description="what red, green, blue are then divided by")
+
+    @classmethod
+    def path(cls, config: Any) -> Path:
+        """See OnnxImageNetwork."""
+        if config.model is None or not config.model.is_file():
+            received = "no model" if config.model is None else f"no file {config.model}"
+            raise WeightsMissing(f"the image network 'onnx': {received}, expected the path of an ONNX file as model")
+        return config.model
+
+    def outputs(self) -> tuple[str, ...]:
+        """See OnnxImageNetwork."""
+        return () if self.config.output is None else (self.config.output,)
+
+    def colours(self) -> tuple[Colour, Colour]:
+        """See OnnxImageNetwork."""
+        return self.config.mean, self.config.std

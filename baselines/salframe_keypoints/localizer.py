@@ -1,55 +1,30 @@
-"""The localizer that every feature and matcher pair is run by."""
+"""The localizer `keypoints`: views matched by any FeatureMatcher, against a shortlist, with a pose from ranges."""
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Iterator, Sequence
-from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import ClassVar
 
 import cv2
 import numpy as np
 from pydantic import Field
 
-from salframe.framework.config import ComponentConfig
-from salframe.framework.errors import RequirementMissing
-from salframe.framework.weights import file_sha256
+from salframe.framework.config import ComponentConfig, match_only
+from salframe.framework.errors import InputMissing
+from salframe.framework.registry import registry
+from salframe.framework.slots import slot
 from salframe.localization.answers import Localization, LocalizationStatus, PointMatches
 from salframe.localization.localizer import Description, Localizer, rank_places
 from salframe.panoramas.frames import MapFrame
 from salframe.panoramas.geometry import sample_nearest
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.perspective import ViewRig, turned_similarity
-from salframe_keypoints.aliked import AlikedLightGlue, AlikedNearest
-from salframe_keypoints.disk import DiskLightGlue
-from salframe_keypoints.efficient_loftr import EfficientLoftr
-from salframe_keypoints.loftr import Loftr
-from salframe_keypoints.loftr_compact import LoftrCompact
-from salframe_keypoints.pairs import Pair, View
+from salframe_keypoints.feature_matcher import FeatureMatcher, View
 from salframe_keypoints.poses import robust_pose
 from salframe_keypoints.shortlist import Vlad
-from salframe_keypoints.sift import Sift
-from salframe_keypoints.superpoint import SuperPointNearest, SuperPointSuperGlue
-from salframe_keypoints.xfeat import XFeat, XFeatNearest
-
-PAIRS: dict[str, type[Pair]] = {
-    "xfeat": XFeat,
-    "xfeat-nn": XFeatNearest,
-    "aliked-lightglue": AlikedLightGlue,
-    "aliked-nn": AlikedNearest,
-    "disk-lightglue": DiskLightGlue,
-    "superpoint-nn": SuperPointNearest,
-    "superpoint-superglue": SuperPointSuperGlue,
-    "efficient-loftr": EfficientLoftr,
-    "sift": Sift,
-    "loftr": Loftr,
-    "loftr-compact": LoftrCompact,
-}
-DESCRIBED_BY = {"pair", "views", "view_width_px", "view_height_px", "hfov_deg", "max_keypoints", "loftr_config"}
-"""The settings that a description depends on; the others matter to matching only."""
 
 EDGE_PX = 8
-"""Points this close to the end of a partial panorama describe that end rather than the scene; pixels of the panorama."""
+"""Points this close to the end of a partial panorama describe that end rather than the scene; its pixels."""
 
 
 class Keypoints(Localizer):
@@ -57,64 +32,36 @@ class Keypoints(Localizer):
 
     name = "keypoints"
     version = "2"
-    extra = "salframe[keypoints]"
     turn_tolerance_m: ClassVar[float] = 0.05  # the views cut the panorama at other pixels once it is turned
-    weights = tuple(weights for pair in PAIRS.values() for weights in pair.weights)
 
     class Config(ComponentConfig):
-        pair: Literal[tuple(PAIRS)] = Field("xfeat", description="features and their matcher")  # type: ignore[valid-type]
+        features: slot("feature-matcher", "xfeat")  # type: ignore[valid-type]
         views: int = Field(6, ge=3, description="perspective views around the panorama")
         view_width_px: int = Field(480, ge=64, le=4096)
         view_height_px: int = Field(352, ge=64, le=4096)
         hfov_deg: float = Field(90.0, gt=0, lt=150, description="horizontal field of view of each view")
-        max_keypoints: int = Field(512, ge=16, description="keypoints a view")
-        words: int = Field(64, ge=1, description="size of the vocabulary behind the global descriptor")
-        shortlist: int | None = Field(
+        words: int = match_only(64, ge=1, description="size of the vocabulary behind the global descriptor")
+        shortlist: int | None = match_only(
             5, ge=1, description="map frames, best by the global descriptor, that are matched in full; null: all"
         )
-        inlier_deg: float = Field(
+        inlier_deg: float = match_only(
             1.0, gt=0, description="a match agrees with a pose where its bearing is off by less than this"
         )
-        hypotheses: int = Field(500, ge=1, description="three-point samples that poses are drawn from")
-        min_inliers: int = Field(20, ge=4, description="a pose with fewer agreeing matches is none")
-        checkpoint: Path | None = Field(
-            None, description="local weights instead of the fetched ones: the file, or the folder that holds them"
-        )
-        loftr_config: dict[str, Any] = Field(
-            {"coarse": {"temp_bug_fix": True}},
-            description="what a LoFTR checkpoint changes in kornia's default_cfg; as given, the official one",
-        )
-        loftr_fine: bool = Field(True, description="false for a LoFTR checkpoint that has no fine stage")
+        hypotheses: int = match_only(500, ge=1, description="three-point samples that poses are drawn from")
+        min_inliers: int = match_only(20, ge=4, description="a pose with fewer agreeing matches is none")
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
+        """Raises ConfigError where the matcher cannot take views of this size."""
         super().__init__(config)
-        settings = self.config
-        self._rig = ViewRig(
-            settings.views, settings.view_width_px, settings.view_height_px, np.deg2rad(settings.hfov_deg)
-        )
-        self._pair = PAIRS[settings.pair](settings)
-
-    @classmethod
-    def check(cls, config: ComponentConfig) -> None:
-        """Raises RequirementMissing or WeightsMissing for what this config's pair needs; `sift` needs neither."""
-        pair = PAIRS[config.pair]  # type: ignore[attr-defined]
-        absent = [package for package in pair.requires if importlib.util.find_spec(package) is None]
-        if absent:
-            raise RequirementMissing(
-                f"{cls.name} pair {config.pair} needs {', '.join(absent)}, not installed: pip install '{pair.extra}'"
-            )
-        pair.files(config)  # type: ignore[arg-type]
+        width_px, height_px = self.config.view_width_px, self.config.view_height_px
+        self._rig = ViewRig(self.config.views, width_px, height_px, np.deg2rad(self.config.hfov_deg))
+        self._matcher: FeatureMatcher = registry().build("feature-matcher", self.config.features)
+        self._matcher.prepare(width_px, height_px)
 
     @property
     def needs(self) -> frozenset[str]:
         """Colour; range too where a pose is wanted, but not for the place."""
         return frozenset({"rgb"})
-
-    def describe_identity(self) -> dict[str, Any]:
-        """The settings of the views and features, and the hashes of the networks."""
-        hashes = [file_sha256(path) for path in self._pair.files(self.config)]
-        settings = self.config.model_dump(mode="json", include=DESCRIBED_BY)
-        return {"localizer": self.name, "version": self.version, "settings": settings, "weights": hashes}
 
     def describe(self, panorama: Panorama) -> Description:
         """The points of all views one after the other, how many each view has, their features, and the range at each
@@ -123,13 +70,15 @@ class Keypoints(Localizer):
         points_px (K, 2); range_m (K,) float32, NaN where unknown; features, their rows of all views; point_count,
         feature_count (V,) int64.
         """
-        views = self._pair.extract(self._rig.cut(panorama.rgb))
+        if panorama.rgb is None:
+            raise InputMissing(f"{panorama.id} has no colour, which {self.name} describes")
+        views = self._matcher.extract(self._rig.cut(panorama.rgb))
         if panorama.valid is not None:
             inside = cv2.erode(
                 panorama.valid.astype(np.uint8), np.ones((2 * EDGE_PX + 1, 2 * EDGE_PX + 1), np.uint8)
             ).astype(bool)
             views = [
-                self._pair.restrict(view, sample_nearest(inside, self._rig.bearings(i, view.points_px)))
+                self._matcher.restrict(view, sample_nearest(inside, self._rig.bearings(i, view.points_px)))
                 for i, view in enumerate(views)
             ]
         bearings = np.concatenate([self._rig.bearings(i, view.points_px) for i, view in enumerate(views)])
@@ -155,7 +104,7 @@ class Keypoints(Localizer):
         """Match the shortlist in full; a frame scores its agreeing matches plus its global similarity, which is below
         1."""
         views = _views(description)
-        pooled = np.stack([self._vlad.pool(self._pair.retrieval_features(view)) for view in views])
+        pooled = np.stack([self._vlad.pool(self._matcher.describe(view)) for view in views])
         if not pooled.any():
             return Localization((), None, LocalizationStatus.NO_FEATURES)
         similarity = turned_similarity(pooled, self._map_pooled)
@@ -186,7 +135,7 @@ class Keypoints(Localizer):
 
     def _pool(self, panoramas: Sequence[Sequence[View]]) -> tuple[Vlad, np.ndarray]:
         """A vocabulary learnt on the views of F panoramas, and the views pooled over it, (F, V, G)."""
-        local = [[self._pair.retrieval_features(view) for view in views] for views in panoramas]
+        local = [[self._matcher.describe(view) for view in views] for views in panoramas]
         vlad = Vlad([features for views in local for features in views], self.config.words)
         return vlad, np.stack([[vlad.pool(features) for features in views] for views in local])
 
@@ -197,7 +146,7 @@ class Keypoints(Localizer):
         positions of points in j."""
         for i, view in enumerate(views):
             j = (i + turn) % len(views)
-            pixels, matched = self._pair.match(view, others[j])
+            pixels, matched = self._matcher.match(view, others[j])
             yield self._rig.bearings(i, pixels), j, matched
 
     def _verify(self, views: Sequence[View], frame: int, turn: int) -> tuple[np.ndarray | None, int]:

@@ -8,12 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import Field
 
-from salframe.framework.config import merge
+from salframe.framework.config import match_only, merge
 from salframe.framework.errors import ConfigError, WeightsMissing
 from salframe.framework.weights import Download, Weights, WeightsFile
-from salframe_keypoints.images import ImagePair, decode
-from salframe_keypoints.pairs import View, load_strictly, read_checkpoint
+from salframe_keypoints.checkpoints import load_strictly, read_checkpoint
+from salframe_keypoints.feature_matcher import View
+from salframe_keypoints.images import ImageMatcher, decode, require_multiples
 
 LOFTR = Weights(
     name="loftr",
@@ -27,37 +29,49 @@ LOFTR = Weights(
 )
 
 
-class Loftr(ImagePair):
+class Loftr(ImageMatcher):
     """LoFTR on grey views; their points are the cells of LoFTR's coarse grid."""
 
+    name = "loftr"
+    version = "1"
     requires = ("torch", "kornia")
     weights = (LOFTR,)
 
-    def __init__(self, config) -> None:
-        import torch
+    class Config(ImageMatcher.Config):
+        architecture: dict[str, Any] = Field(
+            {"coarse": {"temp_bug_fix": True}},
+            description="what the checkpoint changes in kornia's default_cfg; as given, the official one",
+        )
+        fine: bool = match_only(True, description="false for a checkpoint that has no fine stage")
+
+    def __init__(self, config: Config | None = None) -> None:
         from kornia.feature.loftr import loftr
 
-        self._torch = torch
         super().__init__(config)
-        settings = merge(copy.deepcopy(loftr.default_cfg), config.loftr_config)
+        settings = merge(copy.deepcopy(loftr.default_cfg), self.config.architecture)
         settings["resolution"] = tuple(settings["resolution"])
         self.stride_px = settings["resolution"][0]
-        (path,) = LOFTR.paths(config.checkpoint)
+        (path,) = self.paths(self.config)
         try:
             self._model = loftr.LoFTR(pretrained=None, config=settings).eval()
         except (ValueError, KeyError, TypeError) as error:
-            raise ConfigError(
-                f"loftr_config is no architecture that kornia knows: {' '.join(str(error).split())}"
-            ) from None
-        if not config.loftr_fine:
+            raise ConfigError(f"architecture is none that kornia knows: {' '.join(str(error).split())}") from None
+        if not self.config.fine:
             _remove_fine_stage(self._model)
         load_strictly(self._model, checkpoint_state(read_checkpoint(path), path), path)
 
+    def prepare(self, width_px: int, height_px: int) -> None:
+        """See FeatureMatcher."""
+        super().prepare(width_px, height_px)
+        require_multiples(self.name, self.view_size_px, self.stride_px)
+
     def match(self, query: View, reference: View) -> tuple[np.ndarray, np.ndarray]:
-        """See Pair. The reference is LoFTR's first image, whose matches lie on the grid; those of the second are
-        refined off it."""
-        images = [self._torch.from_numpy(decode(view)).float()[None, None] / 255 for view in (reference, query)]
-        with self._torch.inference_mode():
+        """See FeatureMatcher. The reference is LoFTR's first image, whose matches lie on the grid; those of the second
+        are refined off it."""
+        import torch
+
+        images = [torch.from_numpy(decode(view)).float()[None, None] / 255 for view in (reference, query)]
+        with torch.inference_mode():
             found = self._model({"image0": images[0], "image1": images[1]})
         cells = (found["keypoints0"].numpy() / self.stride_px).round().astype(int)
         columns = -(-images[0].shape[3] // self.stride_px)

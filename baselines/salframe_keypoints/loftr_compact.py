@@ -1,4 +1,4 @@
-"""`loftr-compact`: a small LoFTR, trained by `python -m salframe_keypoints.training` and shipped with salframe;
+"""`loftr-compact`: a small LoFTR, trained by `python -m training.loftr_compact` and shipped with salframe;
 onnxruntime alone runs it."""
 
 from __future__ import annotations
@@ -9,11 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from salframe.framework.errors import ConfigError
 from salframe.framework.onnx import open_model
 from salframe.framework.weights import Shipped, Weights, WeightsFile
-from salframe_keypoints.images import ImagePair, decode
-from salframe_keypoints.pairs import View
+from salframe_keypoints.feature_matcher import View
+from salframe_keypoints.images import ImageMatcher, decode, require_multiples
 
 FILES = ("features.onnx", "coarse.onnx", "fine.onnx")
 STATE = "state.pt"
@@ -32,7 +31,7 @@ ARCHITECTURE = {
     "match_coarse": {"border_rm": 0, "thr": THRESHOLD},
     "fine": {"d_model": 16, "d_ffn": 16, "nhead": 2},
 }
-"""What it changes in kornia's default_cfg: with this as `loftr_config`, `pair: loftr` runs its state in kornia."""
+"""What it changes in kornia's default_cfg: with this as its `architecture`, `loftr` runs this state in kornia."""
 
 STRIDE_PX, FINE_STRIDE_PX, WINDOW = 8, 2, 5
 """Pixels between cells of the coarse and of the fine grid, and cells along a side of the fine stage's window: kornia's
@@ -59,7 +58,7 @@ LOFTR_COMPACT = Weights(
 
 @dataclass(frozen=True, eq=False)
 class Features:
-    """Of an image: tokens (1, L, C) of its coarse grid, row by row, `columns` in a row; fine map (1, D, h / 2, w / 2)."""
+    """Of an image: tokens (1, L, C) of its coarse grid, `columns` in a row; fine map (1, D, h / 2, w / 2)."""
 
     tokens: np.ndarray
     fine: np.ndarray
@@ -119,24 +118,27 @@ def windows(features: Features, cells: np.ndarray) -> np.ndarray:
     return padded[rows, columns].reshape(len(cells), WINDOW**2, -1)
 
 
-class LoftrCompact(ImagePair):
+class LoftrCompact(ImageMatcher):
     """The small LoFTR on grey views; their points are the cells of its coarse grid."""
 
+    name = "loftr-compact"
+    version = "1"
+    extra = ""
     weights = (LOFTR_COMPACT,)
     stride_px = STRIDE_PX
 
-    def __init__(self, config) -> None:
+    def __init__(self, config: ImageMatcher.Config | None = None) -> None:
         super().__init__(config)
-        size_px = config.view_width_px, config.view_height_px
-        if any(side % STRIDE_PX or side > LARGEST_PX for side in size_px):
-            raise ConfigError(
-                f"loftr-compact: views of {size_px[0]} x {size_px[1]} pixels, expected multiples of {STRIDE_PX} up to {LARGEST_PX}"
-            )
-        self._network = Network(LOFTR_COMPACT.paths(config.checkpoint))
+        self._network = Network(self.paths(self.config))
         self._see = lru_cache(maxsize=REMEMBERED)(lambda jpeg: self._network.features(decode(jpeg)))
 
+    def prepare(self, width_px: int, height_px: int) -> None:
+        """See FeatureMatcher."""
+        super().prepare(width_px, height_px)
+        require_multiples(self.name, self.view_size_px, STRIDE_PX, LARGEST_PX)
+
     def match(self, query: View, reference: View) -> tuple[np.ndarray, np.ndarray]:
-        """See Pair. The reference is LoFTR's first image, whose matches lie on the grid; those of the second are
-        refined off it."""
+        """See FeatureMatcher. The reference is LoFTR's first image, whose matches lie on the grid; those of the second
+        are refined off it."""
         cells, points, _ = self._network.match(self._see(reference), self._see(query))
         return points, cells

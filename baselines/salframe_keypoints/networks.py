@@ -6,24 +6,27 @@ import re
 from abc import abstractmethod
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from pydantic import Field
 
 from salframe.framework.errors import WeightsMissing
-from salframe_keypoints.pairs import DescriptorPair, View, load_strictly, read_checkpoint
-
-if TYPE_CHECKING:
-    from salframe_keypoints.localizer import Keypoints
+from salframe_keypoints.checkpoints import TrainedMatcher, load_strictly, read_checkpoint
+from salframe_keypoints.descriptors import DescriptorMatcher
+from salframe_keypoints.feature_matcher import View
 
 PIXEL_CENTRE = np.float32(0.5)
 """kornia and transformers put pixel centres at whole numbers."""
 
 
-class NetworkPair(DescriptorPair):
+class NetworkMatcher(TrainedMatcher, DescriptorMatcher):
     """Keypoints and descriptors of a network, matched where each of two descriptors is the other's nearest."""
 
     requires = ("torch", "kornia")
+
+    class Config(TrainedMatcher.Config):
+        max_keypoints: int = Field(512, ge=16, description="keypoints a view")
 
     @abstractmethod
     def detect(self, image: Any) -> tuple[Any, Any]:
@@ -31,18 +34,18 @@ class NetworkPair(DescriptorPair):
         h, w) from 0 to 1."""
 
     def extract(self, images: np.ndarray) -> list[View]:
-        """See Pair. One image at a time, which bounds the memory; descriptors are kept as float16."""
+        """See FeatureMatcher. One image at a time, which bounds the memory; descriptors are kept as float16."""
         import torch
 
         views = []
         with torch.inference_mode():
             for image in images:
-                keypoints, descriptors = self.detect(torch.from_numpy(image).permute(2, 0, 1)[None].float() / 255)
+                keypoints, descriptors = self.detect(torch.tensor(image).permute(2, 0, 1)[None].float() / 255)
                 views.append(View(keypoints.numpy().astype(np.float32) + PIXEL_CENTRE, descriptors.half().numpy()))
         return views
 
     def match_descriptors(self, query: View, reference: View) -> np.ndarray:
-        """See DescriptorPair."""
+        """See DescriptorMatcher."""
         if not len(query.features) or not len(reference.features):
             return np.zeros((0, 2), int)
         cosines = query.features.astype(np.float32) @ reference.features.astype(np.float32).T
@@ -51,34 +54,36 @@ class NetworkPair(DescriptorPair):
         return np.stack([mutual, nearest[mutual]], 1)
 
 
-class LightGlueMatcher:
+class LightGlue:
     """LightGlue (Lindenberger et al., ICCV 2023) by kornia, for one kind of features that it knows."""
 
-    def __init__(self, features: str, path: Path, config: Keypoints.Config) -> None:
+    def __init__(self, features: str, path: Path) -> None:
         """Raises WeightsMissing where `path` holds no LightGlue for these features."""
-        import torch
         from kornia import feature
 
-        settings = {key: value for key, value in feature.LightGlue.features[features].items() if key != "weights"}
-        self._network = feature.LightGlue(features=None, **settings).eval()
+        # `features=None` keeps kornia from downloading; what it knows of these features stands in the settings instead.
+        settings: dict[str, Any] = {**feature.LightGlue.features[features], "features": None}
+        del settings["weights"]
+        self._network = feature.LightGlue(**settings).eval()
         load_strictly(
             self._network, lightglue_state(read_checkpoint(path), path), path, computed="confidence_thresholds"
         )
-        self._size = torch.tensor([[config.view_width_px, config.view_height_px]])
 
-    def match(self, query: View, reference: View) -> np.ndarray:
-        """(M, 2) int: positions of matched points in the query and in the reference."""
+    def match(self, query: View, reference: View, view_size_px: tuple[int, int]) -> np.ndarray:
+        """(M, 2) int: positions of matched points in the query and in the reference, both width x height."""
         import torch
 
+        size = torch.tensor([view_size_px])
         with torch.inference_mode():
-            found = self._network({"image0": self._side(query), "image1": self._side(reference)})
-        return found["matches"][0].numpy()
+            matches = self._network({"image0": _side(query, size), "image1": _side(reference, size)})["matches"]
+        return matches[0].numpy()
 
-    def _side(self, view: View) -> dict[str, Any]:
-        import torch
 
-        points, descriptors = torch.from_numpy(view.points_px - PIXEL_CENTRE), torch.tensor(view.features).float()
-        return {"keypoints": points[None], "descriptors": descriptors[None], "image_size": self._size}
+def _side(view: View, size: Any) -> dict[str, Any]:
+    import torch
+
+    points, descriptors = torch.from_numpy(view.points_px - PIXEL_CENTRE), torch.tensor(view.features).float()
+    return {"keypoints": points[None], "descriptors": descriptors[None], "image_size": size}
 
 
 def lightglue_state(content: Any, path: Path) -> dict[str, Any]:

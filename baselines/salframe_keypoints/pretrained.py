@@ -27,7 +27,8 @@ class Pretrained:
     def files(self, folder: Path | None) -> tuple[Path, Path]:
         """config.json and model.safetensors of a local folder. Raises WeightsMissing where they are not there or are of
         another model."""
-        where = f"a folder with config.json and model.safetensors of https://huggingface.co/{self.repository} ({self.licence})"
+        address = f"https://huggingface.co/{self.repository} ({self.licence})"
+        where = f"a folder with config.json and model.safetensors of {address}"
         if folder is None:
             raise WeightsMissing(f"{self.model_type} is not shipped: set checkpoint to {where}")
         config, weights = folder / "config.json", folder / "model.safetensors"
@@ -60,7 +61,6 @@ class Pretrained:
             ) from None
         for what in ("missing_keys", "unexpected_keys", "mismatched_keys"):
             if report[what]:
-                raise WeightsMissing(
-                    f"{weights} does not fit {self.model_class}: {what.replace('_', ' ')} {sorted(map(str, report[what]))[:3]}"
-                )
+                keys = sorted(map(str, report[what]))[:3]
+                raise WeightsMissing(f"{weights} does not fit {self.model_class}: {what.replace('_', ' ')} {keys}")
         return model.eval()

@@ -2,38 +2,47 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import cv2
 import numpy as np
+from pydantic import Field
 
-from salframe_keypoints.pairs import DescriptorPair, View, gray, unit_rows
+from salframe.framework.config import ComponentConfig
+from salframe_keypoints.descriptors import DescriptorMatcher, unit_rows
+from salframe_keypoints.feature_matcher import View
 
 RATIO = 0.8
 """A match is kept where the nearest descriptor is closer than this share of the distance to the second (Lowe 2004,
 section 7.1)."""
 
 
-class Sift(DescriptorPair):
-    """OpenCV's SIFT with the ratio test."""
+class Sift(DescriptorMatcher):
+    """SIFT keypoints by OpenCV, with the ratio test."""
 
-    def __init__(self, config) -> None:
-        self._sift = cv2.SIFT_create(nfeatures=config.max_keypoints)
-        self._limit = config.max_keypoints
+    name = "sift"
+    version = "1"
+
+    class Config(ComponentConfig):
+        max_keypoints: int = Field(512, ge=16, description="keypoints a view")
+
+    def __init__(self, config: Config | None = None) -> None:
+        super().__init__(config)
+        self._sift = cv2.SIFT.create(nfeatures=self.config.max_keypoints)
 
     def extract(self, images: np.ndarray) -> list[View]:
-        """See Pair. OpenCV's descriptors are whole numbers up to 255, so uint8 holds them exactly."""
-        views = []
+        """See FeatureMatcher. OpenCV's descriptors are whole numbers up to 255, so uint8 holds them exactly."""
+        views, limit = [], self.config.max_keypoints
         for image in gray(images):
             keypoints, descriptors = self._sift.detectAndCompute(image, None)
-            keypoints = keypoints[: self._limit]  # OpenCV returns some more where the last responses tie
+            keypoints = keypoints[:limit]  # OpenCV returns some more where the last responses tie
             points = np.array([point.pt for point in keypoints], np.float32).reshape(-1, 2) + np.float32(0.5)
-            described = (
-                np.zeros((0, 128), np.uint8) if descriptors is None else descriptors[: self._limit].astype(np.uint8)
-            )
+            described = np.zeros((0, 128), np.uint8) if descriptors is None else descriptors[:limit].astype(np.uint8)
             views.append(View(points, described))
         return views
 
     def match_descriptors(self, query: View, reference: View) -> np.ndarray:
-        """See DescriptorPair."""
+        """See DescriptorMatcher."""
         if len(query.features) == 0 or len(reference.features) < 2:
             return np.zeros((0, 2), int)
         a, b = query.features.astype(np.float32), reference.features.astype(np.float32)
@@ -43,7 +52,7 @@ class Sift(DescriptorPair):
         kept = np.flatnonzero(nearest < RATIO**2 * second)
         return np.stack([kept, two[kept, 0]], 1)
 
-    def retrieval_features(self, view: View) -> np.ndarray:
+    def describe(self, view: View) -> np.ndarray:
         """RootSIFT (Arandjelovic and Zisserman 2012)."""
         return root_sift(view.features)
 
@@ -51,3 +60,8 @@ class Sift(DescriptorPair):
 def root_sift(descriptors: np.ndarray) -> np.ndarray:
     """(N, 128) float32 of unit length: square roots of SIFT descriptors."""
     return unit_rows(np.sqrt(descriptors.astype(np.float32)))
+
+
+def gray(images: Iterable[np.ndarray]) -> list[np.ndarray]:
+    """(h, w) uint8 luminance of each (h, w, 3) uint8 RGB image."""
+    return [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in images]

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from salframe_keypoints.networks import PIXEL_CENTRE, NetworkPair
-from salframe_keypoints.pairs import View
+from salframe_keypoints.feature_matcher import View
+from salframe_keypoints.networks import PIXEL_CENTRE, NetworkMatcher
 from salframe_keypoints.pretrained import Pretrained
 
 LICENCE = "Magic Leap's licence, non-commercial research"
@@ -20,55 +20,62 @@ SUPERPOINT = Pretrained("magic-leap-community/superpoint", LICENCE, "SuperPointF
 SUPERGLUE = Pretrained("magic-leap-community/superglue_indoor", LICENCE, "SuperGlueForKeypointMatching", "superglue")
 
 
-class SuperPointNearest(NetworkPair):
+class SuperPointNearest(NetworkMatcher):
     """SuperPoint keypoints with mutual nearest neighbours."""
 
+    name = "superpoint-nn"
+    version = "1"
     requires = ("torch", "transformers")
     extra = "salframe[transformers]"
 
     @classmethod
-    def files(cls, config) -> tuple[Path, ...]:
-        """See Pair."""
+    def paths(cls, config: Any) -> tuple[Path, ...]:
+        """See TrainedMatcher."""
         return SUPERPOINT.files(config.checkpoint)
 
-    def __init__(self, config) -> None:
-        self._extractor = SUPERPOINT.load(config.checkpoint)
-        self._extractor.keypoint_decoder.max_keypoints = config.max_keypoints
+    def __init__(self, config: NetworkMatcher.Config | None = None) -> None:
+        super().__init__(config)
+        self._extractor = SUPERPOINT.load(self.config.checkpoint)
+        self._extractor.keypoint_decoder.max_keypoints = self.config.max_keypoints
 
     def detect(self, image: Any) -> tuple[Any, Any]:
-        """See NetworkPair."""
+        """See NetworkMatcher."""
         keypoints, _, descriptors = detect_points(self._extractor, image)
         return keypoints, descriptors
 
 
-class SuperPointSuperGlue(NetworkPair):
-    """SuperPoint keypoints with SuperGlue, which reads their scores too: a point's features are its descriptor, then
-    its score."""
+class SuperPointSuperGlue(NetworkMatcher):
+    """SuperPoint keypoints with SuperGlue.
 
+    SuperGlue reads scores too: a point's features are its descriptor, then its score.
+    """
+
+    name = "superpoint-superglue"
+    version = "1"
     requires = ("torch", "transformers")
     extra = "salframe[transformers]"
 
     @classmethod
-    def files(cls, config) -> tuple[Path, ...]:
-        """See Pair."""
+    def paths(cls, config: Any) -> tuple[Path, ...]:
+        """See TrainedMatcher."""
         return SUPERGLUE.files(config.checkpoint)
 
-    def __init__(self, config) -> None:
-        self._network = SUPERGLUE.load(config.checkpoint)
+    def __init__(self, config: NetworkMatcher.Config | None = None) -> None:
+        super().__init__(config)
+        self._network = SUPERGLUE.load(self.config.checkpoint)
         self._extractor = self._network.keypoint_detector
-        self._extractor.keypoint_decoder.max_keypoints = config.max_keypoints
-        self._size_px = (config.view_width_px, config.view_height_px)
+        self._extractor.keypoint_decoder.max_keypoints = self.config.max_keypoints
 
     def detect(self, image: Any) -> tuple[Any, Any]:
-        """See NetworkPair."""
+        """See NetworkMatcher."""
         import torch
 
         keypoints, scores, descriptors = detect_points(self._extractor, image)
         return keypoints, torch.cat([descriptors, scores[:, None]], 1)
 
     def match_descriptors(self, query: View, reference: View) -> np.ndarray:
-        """See DescriptorPair. SuperGlue detects points on its own; here its detector is one that recalls those of the
-        two views."""
+        """See DescriptorMatcher. SuperGlue detects points on its own; here its detector is one that recalls those of
+        the two views."""
         import torch
 
         if not len(query.features) or not len(reference.features):
@@ -76,15 +83,14 @@ class SuperPointSuperGlue(NetworkPair):
         del self._network.keypoint_detector
         self._network.keypoint_detector = lambda pixels: self._recall((query, reference))
         with torch.inference_mode():
-            found = (
-                self._network(torch.empty(1, 2, 3, *self._size_px[::-1])).matches[0, 0, : len(query.features)].numpy()
-            )
-        matched = np.flatnonzero(found >= 0)
-        return np.stack([matched, found[matched]], 1)
+            matches = self._network(torch.empty(1, 2, 3, *self.view_size_px[::-1])).matches
+        partner = matches[0, 0, : len(query.features)].numpy()
+        matched = np.flatnonzero(partner >= 0)
+        return np.stack([matched, partner[matched]], 1)
 
-    def retrieval_features(self, view: View) -> np.ndarray:
+    def describe(self, view: View) -> np.ndarray:
         """The descriptors without the scores."""
-        return super().retrieval_features(View(view.points_px, view.features[:, :-1]))
+        return super().describe(View(view.points_px, view.features[:, :-1]))
 
     def _recall(self, views: tuple[View, View]) -> tuple[Any, Any, Any, Any]:
         """What SuperPoint gives of two images: relative positions, scores and descriptors, padded to as many points,
@@ -92,15 +98,13 @@ class SuperPointSuperGlue(NetworkPair):
         import torch
 
         most = max(len(view.points_px) for view in views)
-        keypoints, features, mask = (
-            torch.zeros(2, most, 2),
-            torch.zeros(2, most, views[0].features.shape[1]),
-            torch.zeros(2, most, dtype=torch.int),
-        )
+        keypoints = torch.zeros(2, most, 2)
+        features = torch.zeros(2, most, views[0].features.shape[1])
+        mask = torch.zeros(2, most, dtype=torch.int)
         for i, view in enumerate(views):
             count = len(view.points_px)
             keypoints[i, :count] = torch.from_numpy(
-                (view.points_px - PIXEL_CENTRE) / np.array(self._size_px, np.float32)
+                (view.points_px - PIXEL_CENTRE) / np.array(self.view_size_px, np.float32)
             )
             features[i, :count] = torch.tensor(view.features).float()
             mask[i, :count] = 1

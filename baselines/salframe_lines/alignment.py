@@ -59,7 +59,7 @@ def _compare(seen: Arcs, expected: Arcs) -> tuple[np.ndarray, np.ndarray]:
 
 
 def search(arcs: Sequence[Arcs], lines: Sequence[Lines3d], position_m: np.ndarray) -> np.ndarray:
-    """The position (3,) of most agreement around one that is right to some 0.3 m: finer and finer grids at its height."""
+    """The position (3,) of most agreement around one that is right to some 0.3 m: ever finer grids at its height."""
     arcs = [Arcs(*(part[:SEARCH_LINES] for part in along)) for along in arcs]
     lines = [Lines3d(*(part[:SEARCH_LINES] for part in along)) for along in lines]
     for step_m, tolerance_rad in SEARCH:

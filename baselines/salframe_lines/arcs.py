@@ -168,7 +168,7 @@ def lifted(arcs: Arcs, distance_m: np.ndarray) -> Lines3d:
 
 
 def seen_from(lines: Lines3d, axis: int, position_m: np.ndarray) -> Arcs:
-    """The arcs (..., N) that lines along `axis` are seen as from positions (..., 3), all in the lines' principal frame."""
+    """The arcs (..., N) that lines along `axis` are seen as from positions (..., 3), all in the principal frame."""
     position_m = np.roll(position_m, -axis, axis=-1)[..., None, :]
     first_m, second_m = (lines.across_m[:, i] - position_m[..., i + 1] for i in (0, 1))
     along_m = lines.along_m[:, ::-1] - position_m[..., :1]

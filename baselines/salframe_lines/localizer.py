@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from pydantic import Field
 
-from salframe.framework.config import ComponentConfig
+from salframe.framework.config import ComponentConfig, match_only
+from salframe.framework.errors import InputMissing
 from salframe.localization.answers import Localization, LocalizationStatus
 from salframe.localization.localizer import Description, Localizer, rank_places
 from salframe.panoramas.frames import MapFrame
@@ -18,9 +19,6 @@ from salframe_lines.alignment import AGREE_RAD, agreement, refine, search
 from salframe_lines.arcs import Arcs, Lines3d, arcs_along_axes, lifted, line_distances, principal_yaw, quarter_turned
 from salframe_lines.distances import agreeing_share, distance_codes, distance_codes_from, sphere_points
 from salframe_lines.segments import find_segments
-
-DESCRIBED_BY = {"max_lines"}
-"""The setting that a description depends on; the others matter to matching only."""
 
 OUTLIER_SHARE = 0.05
 """Share of the ends of a frame's lines left out on each side when the extent of its room is taken (LDL's quantiles)."""
@@ -51,20 +49,22 @@ class Lines(Localizer):
 
     class Config(ComponentConfig):
         max_lines: int = Field(100, ge=1, description="segments kept along each of the three directions, the longest")
-        sphere_points: int = Field(
+        sphere_points: int = match_only(
             162, ge=1, description="points of the sphere at which distance functions are compared"
         )
-        step_m: float = Field(
+        step_m: float = match_only(
             0.35, gt=0, description="between the positions around a map frame that a query is looked for at"
         )
-        reach_m: float = Field(5.0, ge=0, description="how far from a map frame, along x and y, a query is looked for")
-        inlier_rad: float = Field(
+        reach_m: float = match_only(
+            5.0, ge=0, description="how far from a map frame, along x and y, a query is looked for"
+        )
+        inlier_rad: float = match_only(
             0.1, gt=0, le=0.3, description="distance functions agree where they differ by no more than this"
         )
-        shortlist: int = Field(
+        shortlist: int = match_only(
             8, ge=1, description="pairs of map frame and turn, best by distance functions, that are aligned"
         )
-        min_agreement: float = Field(
+        min_agreement: float = match_only(
             0.1, ge=0, le=1, description="a pose that explains a smaller share of the query's lines is none"
         )
 
@@ -73,20 +73,14 @@ class Lines(Localizer):
         """Colour; range too where a map frame is to give a pose."""
         return frozenset({"rgb"})
 
-    def describe_identity(self) -> dict[str, Any]:
-        """The settings that a description depends on."""
-        return {
-            "localizer": self.name,
-            "version": self.version,
-            "settings": self.config.model_dump(mode="json", include=DESCRIBED_BY),
-        }
-
     def describe(self, panorama: Panorama) -> Description:
         """The lines of a panorama in its principal frame, 17 bytes each.
 
         yaw_rad (): of the principal frame. axis (N,) uint8, around_rad (N,), along_rad (N, 2) float32: see
         salframe_lines.arcs; distance_m (N,) float32 of the eye from the line, NaN where unknown.
         """
+        if panorama.rgb is None:
+            raise InputMissing(f"{panorama.id} has no colour, which {self.name} describes")
         ends = find_segments(panorama.rgb, panorama.valid)
         yaw_rad = principal_yaw(ends)
         arcs = arcs_along_axes(ends, yaw_rad, self.config.max_lines)

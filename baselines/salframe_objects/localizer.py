@@ -6,11 +6,10 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from pydantic import Field
 
-from salframe.framework.config import ComponentConfig, slot
-from salframe.framework.identity import identity
+from salframe.framework.config import ComponentConfig, match_only
 from salframe.framework.registry import registry
+from salframe.framework.slots import slot
 from salframe.localization.localizer import Description
 from salframe.panoramas.panorama import Panorama
 from salframe_objects.labels import WeightedLabels
@@ -25,7 +24,9 @@ class ObjectSetLocalizer(WeightedLabels):
 
     class Config(ComponentConfig):
         detector: slot("detector", "annotations")  # type: ignore[valid-type]
-        labels: Literal["set", "multiset"] = Field("set", description="which labels are there, or how many of each")
+        labels: Literal["set", "multiset"] = match_only(
+            "set", description="which labels are there, or how many of each"
+        )
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)
@@ -34,9 +35,6 @@ class ObjectSetLocalizer(WeightedLabels):
     @property
     def needs(self) -> frozenset[str]:
         return self._detector.needs
-
-    def describe_identity(self) -> dict:
-        return {"localizer": self.name, "version": self.version, "detector": identity(self.config.detector)}
 
     def describe(self, panorama: Panorama) -> Description:
         labels, counts = np.unique(np.array(self._detector.detect(panorama).labels, dtype=np.str_), return_counts=True)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from pydantic import Field
 
-from salframe.framework.config import ComponentConfig, slot
+from salframe.framework.config import ComponentConfig
 from salframe.framework.registry import registry
+from salframe.framework.slots import slot
 from salframe.graphs.detections import Detections
 from salframe.localization.localizer import Localizer
 from salframe.panoramas.panorama import Panorama

@@ -20,9 +20,10 @@ class SalientVolumesLocalizer(SalientObjects):
     the volume, with "visual, spatial, and directional features", and no structure. How these make a score is our
     reading. Two objects a, b of a label share
 
-        s_ab(t) = min(w_a, w_b) * max(cos(angle between the directions of a turned by t and b), 0) * min(r_a, r_b) / max(r_a, r_b)
+        s_ab(t) = min(w_a, w_b) * max(cos phi_ab(t), 0) * min(r_a, r_b) / max(r_a, r_b)
 
-    with w = S^p, S the saliency and p `saliency_power`, and r the range in metres. M is the largest sum of s_ab(t) over
+    with w = S^p, S the saliency and p `saliency_power`, phi_ab(t) the angle between the directions of b and of a turned
+    by t, and r the range in metres. M is the largest sum of s_ab(t) over
     one-to-one matchings and turns t about the vertical, and the score M / (sum w + sum w' - M), the weighted Jaccard
     index of `salient-objects` object by object. The heading of a panorama is arbitrary, so the turns tried are all that
     bring two objects of one label to the same azimuth. Objects of unknown range are left out.
@@ -92,6 +93,6 @@ def align_places(query: Description, place: Description) -> tuple[float, np.ndar
 
 
 def _directions(centroid_m: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Azimuth (N,), horizontal and vertical part (N,) of the unit vectors to the centroids, and their range in metres."""
+    """Azimuth (N,), horizontal and vertical part (N,) of the unit vectors to the centroids, and their range in m."""
     flat_m, range_m = np.hypot(centroid_m[:, 0], centroid_m[:, 1]), np.linalg.norm(centroid_m, axis=1)
     return np.arctan2(centroid_m[:, 1], centroid_m[:, 0]), flat_m / range_m, centroid_m[:, 2] / range_m, range_m

@@ -46,7 +46,8 @@ class AnnotationDetector(Detector):
     class Config(ComponentConfig):
         noise: Literal["auto", "none", "realistic", "heavy"] | Noise = Field(
             "auto",
-            description="errors added: a level or its own shares; auto: realistic on rendered panoramas, whose annotations are perfect, and none on "
+            description="errors added: a level or its own shares; auto: realistic on rendered panoramas, whose "
+            "annotations are perfect, and none on "
             "those of real ones, which hold errors of their own",
         )
         seed: int = Field(0, ge=0, description="seed of the errors")

@@ -1,140 +1,124 @@
-"""From the numbers that a detection network gives to boxes in its images."""
+"""From the numbers that detection networks of the known kinds give to boxes in their images."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import cv2
 import numpy as np
 
 from salframe.framework.errors import WeightsMissing
+from salframe_detectors.detection_decoder import DetectionDecoder, Found, Question
 
 YOLOX_STRIDES_PX = (8, 16, 32)
 MASK_COEFFICIENTS = 32
 """Prototype masks of YOLOv8's segmentation head."""
 
 
-@dataclass(frozen=True, eq=False)
-class Found:
-    """What a network found in one image.
+class Yolox(DetectionDecoder):
+    """YOLOX's raw grid (B, cells, 5 + classes): offset from the cell and log size in strides, objectness, classes."""
 
-    box_px (n, 4) left, top, right, bottom, pixel centres at +0.5; score (n,) in [0, 1]; label (n,) int, the class; mask
-    (n, height, width) bool, or None where only boxes are known.
+    name = "yolox"
+    version = "1"
+
+    def decode(self, outputs: Sequence[np.ndarray], asked: Question) -> list[Found]:
+        """See DetectionDecoder."""
+        cells = [(asked.height_px // stride, asked.width_px // stride, stride) for stride in YOLOX_STRIDES_PX]
+        count = sum(rows * columns for rows, columns, _ in cells)
+        (raw,) = _shaped(self.name, outputs, (count, 5 + asked.classes))
+        corner = np.concatenate(
+            [
+                np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), -1).reshape(-1, 2)
+                for rows, columns, _ in cells
+            ]
+        )
+        stride_px = np.concatenate([np.full((rows * columns, 1), stride) for rows, columns, stride in cells])
+        return [
+            _pick(
+                (image[:, :2] + corner) * stride_px,
+                np.exp(np.minimum(image[:, 2:4], 20)) * stride_px,
+                image[:, 4:5] * image[:, 5:],
+                asked,
+            )
+            for image in raw
+        ]
+
+
+class Yolov5(DetectionDecoder):
+    """YOLOv5 and YOLOv7 (B, candidates, 5 + classes): centre and size in pixels, objectness, classes."""
+
+    name = "yolov5"
+    version = "1"
+
+    def decode(self, outputs: Sequence[np.ndarray], asked: Question) -> list[Found]:
+        """See DetectionDecoder."""
+        (raw,) = _shaped(self.name, outputs, (None, 5 + asked.classes))
+        return [_pick(image[:, :2], image[:, 2:4], image[:, 4:5] * image[:, 5:], asked) for image in raw]
+
+
+class Yolov8(DetectionDecoder):
+    """YOLOv8 to YOLO11 (B, 4 + classes, candidates): centre and size in pixels, classes."""
+
+    name = "yolov8"
+    version = "1"
+
+    def decode(self, outputs: Sequence[np.ndarray], asked: Question) -> list[Found]:
+        """See DetectionDecoder."""
+        (raw,) = _shaped(self.name, outputs, (4 + asked.classes, None))
+        return [_pick(image[:2].T, image[2:4].T, image[4:].T, asked) for image in raw]
+
+
+class Yolov8Seg(DetectionDecoder):
+    """YOLOv8's segmentation: boxes as of yolov8, and masks.
+
+    32 coefficients more a candidate, and (B, 32, h, w) prototypes that these weigh to masks.
     """
 
-    box_px: np.ndarray
-    score: np.ndarray
-    label: np.ndarray
-    mask: np.ndarray | None = None
+    name = "yolov8-seg"
+    version = "1"
 
-    def take(self, index: np.ndarray) -> Found:
-        """What was found at these positions."""
-        return Found(
-            self.box_px[index], self.score[index], self.label[index], None if self.mask is None else self.mask[index]
-        )
-
-    def masks(self) -> Sequence[np.ndarray | None]:
-        """The mask of each, None where only boxes are known."""
-        return [None] * len(self.score) if self.mask is None else list(self.mask)
-
-
-@dataclass(frozen=True)
-class Question:
-    """What a decoder needs to know besides the numbers: the images' size, how many classes there are, the least score
-    wanted."""
-
-    width_px: int
-    height_px: int
-    classes: int
-    min_score: float
+    def decode(self, outputs: Sequence[np.ndarray], asked: Question) -> list[Found]:
+        """See DetectionDecoder."""
+        wanted = (4 + asked.classes + MASK_COEFFICIENTS, None), (MASK_COEFFICIENTS, None, None)
+        raw, prototypes = _shaped(self.name, outputs, *wanted)
+        answers = []
+        for image, prototype in zip(raw, prototypes, strict=True):
+            weights = image[4 + asked.classes :].T
+            picked, kept = _pick_from(image[:2].T, image[2:4].T, image[4 : 4 + asked.classes].T, asked)
+            masks = [
+                cv2.resize(np.tensordot(w, prototype, 1), (asked.width_px, asked.height_px)) > 0 for w in weights[kept]
+            ]
+            mask = np.array(masks, bool).reshape(-1, asked.height_px, asked.width_px)
+            answers.append(Found(picked.box_px, picked.score, picked.label, mask))
+        return answers
 
 
-Decoder = Callable[[Sequence[np.ndarray], Question], list[Found]]
-"""From a network's outputs, each with the batch as its first axis, to what was found in each image of the batch."""
+class Detr(DetectionDecoder):
+    """DETR: logits (B, queries, classes + 1), softmax, and boxes (B, queries, 4), centre and size as shares.
+
+    The last class is "no object".
+    """
+
+    name = "detr"
+    version = "1"
+
+    def decode(self, outputs: Sequence[np.ndarray], asked: Question) -> list[Found]:
+        """See DetectionDecoder."""
+        logits, boxes = _shaped(self.name, outputs, (None, asked.classes + 1), (None, 4))
+        odds = np.exp(logits - logits.max(-1, keepdims=True))
+        return _pick_shares(boxes, (odds / odds.sum(-1, keepdims=True))[..., :-1], asked)
 
 
-def yolox(outputs: Sequence[np.ndarray], asked: Question) -> list[Found]:
-    """YOLOX's raw grid (B, cells, 5 + classes): offset from the cell and log size in strides, objectness, classes."""
-    cells = [(asked.height_px // stride, asked.width_px // stride, stride) for stride in YOLOX_STRIDES_PX]
-    (raw,) = _shaped("yolox", outputs, (sum(rows * columns for rows, columns, _ in cells), 5 + asked.classes))
-    corner = np.concatenate(
-        [np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), -1).reshape(-1, 2) for rows, columns, _ in cells]
-    )
-    stride_px = np.concatenate([np.full((rows * columns, 1), stride) for rows, columns, stride in cells])
-    return [
-        _pick(
-            (image[:, :2] + corner) * stride_px,
-            np.exp(np.minimum(image[:, 2:4], 20)) * stride_px,
-            image[:, 4:5] * image[:, 5:],
-            asked,
-        )
-        for image in raw
-    ]
-
-
-def yolov5(outputs: Sequence[np.ndarray], asked: Question) -> list[Found]:
-    """YOLOv5 and YOLOv7 (B, candidates, 5 + classes): centre and size in pixels, objectness, classes."""
-    (raw,) = _shaped("yolov5", outputs, (None, 5 + asked.classes))
-    return [_pick(image[:, :2], image[:, 2:4], image[:, 4:5] * image[:, 5:], asked) for image in raw]
-
-
-def yolov8(outputs: Sequence[np.ndarray], asked: Question) -> list[Found]:
-    """YOLOv8 to YOLO11 (B, 4 + classes, candidates): centre and size in pixels, classes."""
-    (raw,) = _shaped("yolov8", outputs, (4 + asked.classes, None))
-    return [_pick(image[:2].T, image[2:4].T, image[4:].T, asked) for image in raw]
-
-
-def yolov8_seg(outputs: Sequence[np.ndarray], asked: Question) -> list[Found]:
-    """YOLOv8's segmentation: as yolov8 with 32 coefficients more a candidate, and (B, 32, h, w) prototypes that these
-    weigh to masks."""
-    wanted = (4 + asked.classes + MASK_COEFFICIENTS, None), (MASK_COEFFICIENTS, None, None)
-    raw, prototypes = _shaped("yolov8-seg", outputs, *wanted)
-    found = []
-    for image, prototype in zip(raw, prototypes, strict=True):
-        weights = image[4 + asked.classes :].T
-        picked, kept = _pick_from(image[:2].T, image[2:4].T, image[4 : 4 + asked.classes].T, asked)
-        masks = [
-            cv2.resize(np.tensordot(w, prototype, 1), (asked.width_px, asked.height_px)) > 0 for w in weights[kept]
-        ]
-        mask = np.array(masks, bool).reshape(-1, asked.height_px, asked.width_px)
-        found.append(Found(picked.box_px, picked.score, picked.label, mask))
-    return found
-
-
-def detr(outputs: Sequence[np.ndarray], asked: Question) -> list[Found]:
-    """DETR: logits (B, queries, classes + 1), the last "no object", softmax; boxes (B, queries, 4), centre and size as
-    shares."""
-    logits, boxes = _shaped("detr", outputs, (None, asked.classes + 1), (None, 4))
-    odds = np.exp(logits - logits.max(-1, keepdims=True))
-    return _pick_shares(boxes, (odds / odds.sum(-1, keepdims=True))[..., :-1], asked)
-
-
-def rt_detr(outputs: Sequence[np.ndarray], asked: Question) -> list[Found]:
+class RtDetr(DetectionDecoder):
     """RT-DETR, Deformable DETR and others with focal loss: as detr with logits (B, queries, classes), sigmoid."""
-    logits, boxes = _shaped("rt-detr", outputs, (None, asked.classes), (None, 4))
-    return _pick_shares(boxes, 1 / (1 + np.exp(-logits)), asked)
 
+    name = "rt-detr"
+    version = "1"
 
-DECODERS: dict[str, Decoder] = {
-    "yolox": yolox,
-    "yolov5": yolov5,
-    "yolov8": yolov8,
-    "yolov8-seg": yolov8_seg,
-    "detr": detr,
-    "rt-detr": rt_detr,
-}
-
-
-def suppress(found: Found, overlap: float) -> Found:
-    """Of boxes of one class whose intersection over union exceeds `overlap`, the one with the best score alone."""
-    if not len(found.score):
-        return found
-    corner, size = found.box_px[:, :2], found.box_px[:, 2:] - found.box_px[:, :2]
-    kept = cv2.dnn.NMSBoxesBatched(
-        np.hstack([corner, size]).tolist(), found.score.tolist(), found.label.tolist(), 0.0, overlap
-    )
-    return found.take(np.array(kept, int).ravel())
+    def decode(self, outputs: Sequence[np.ndarray], asked: Question) -> list[Found]:
+        """See DetectionDecoder."""
+        logits, boxes = _shaped(self.name, outputs, (None, asked.classes), (None, 4))
+        return _pick_shares(boxes, 1 / (1 + np.exp(-logits)), asked)
 
 
 def _shaped(name: str, outputs: Sequence[np.ndarray], *shapes: tuple[int | None, ...]) -> list[np.ndarray]:

@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
 
 from salframe.framework.config import ComponentConfig
 from salframe.framework.errors import ConfigError, InputMissing, WeightsMissing
+from salframe.framework.identity import UserFile
+from salframe.framework.registry import registry
+from salframe.framework.slots import slot
+from salframe.framework.weights import Weights
 from salframe.graphs.boxes import detections_from_points
 from salframe.graphs.detections import Detections
 from salframe.graphs.detector import Detector
 from salframe.graphs.turning import from_near_side
 from salframe.panoramas.panorama import Panorama
-from salframe_detectors.decoders import DECODERS, Found, Question, suppress
+from salframe_detectors.coverage import LEAST_FOV_DEG, Grid, Rig
 from salframe_detectors.depth import foreground
-from salframe_detectors.merging import group, outline
-from salframe_detectors.views import LEAST_FOV_DEG, Grid, Rig
+from salframe_detectors.detection_decoder import DetectionDecoder, Found, Question
+from salframe_detectors.merging import group, outline, suppress
 from salframe_detectors.zoo import COCO_80, ZOO
 
 BATCH = 4
@@ -42,8 +45,12 @@ class OnnxDetector(Detector):
     weights = tuple(ZOO.values())
 
     class Config(ComponentConfig):
-        model: str = Field("yolox-nano", description=f"path of an ONNX file, or weights to fetch: {', '.join(ZOO)}")
-        decoder: Literal[tuple(DECODERS)] = Field("yolox", description="what the network's outputs mean")  # type: ignore[valid-type]
+        model: Literal[tuple(ZOO)] | UserFile = Field(  # type: ignore[valid-type]
+            "yolox-nano",
+            union_mode="left_to_right",
+            description=f"path of an ONNX file, or weights to fetch: {', '.join(ZOO)}",
+        )
+        decoder: slot("detection-decoder", "yolox")  # type: ignore[valid-type]
         labels: Literal["coco-80"] | tuple[str, ...] = Field(
             "coco-80", description="the classes in the network's order"
         )
@@ -52,8 +59,8 @@ class OnnxDetector(Detector):
         )
         channels: Literal["bgr", "rgb"] = Field("bgr", description="order of the colours")
         scale: float = Field(1.0, gt=0, description="a colour from 0 to 255 becomes (colour * scale - mean) / std")
-        mean: tuple[float, float, float] = Field((0, 0, 0), description="in the order of `channels`")
-        std: tuple[float, float, float] = Field((1, 1, 1), description="in the order of `channels`")
+        mean: tuple[float, float, float] = Field((0.0, 0.0, 0.0), description="in the order of `channels`")
+        std: tuple[float, float, float] = Field((1.0, 1.0, 1.0), description="in the order of `channels`")
         fill: int = Field(114, ge=0, le=255, description="colour of what a partial panorama did not see")
         min_score: float = Field(0.3, gt=0, le=1, description="a detection that scores less is none")
         overlap: float = Field(
@@ -70,6 +77,7 @@ class OnnxDetector(Detector):
 
         super().__init__(config)
         self._path = _model_path(self.config.model)
+        self._decoder: DetectionDecoder = registry().build("detection-decoder", self.config.decoder)
         self._labels = COCO_80 if self.config.labels == "coco-80" else self.config.labels
         width, height = self.config.size_px or (None, None)
         self._model = open_model(self._path, [(None, 3, height, width)])
@@ -83,19 +91,15 @@ class OnnxDetector(Detector):
         self._look(np.full((1, height, width, 3), self.config.fill, np.uint8))
 
     @classmethod
-    def check(cls, config: ComponentConfig) -> None:
+    def check(cls, config: Any) -> None:
+        """Raises RequirementMissing, or WeightsMissing where the network is not at hand."""
         super().check(config)
-        _model_path(config.model)  # type: ignore[attr-defined]
+        _model_path(config.model)
 
     @classmethod
-    def files(cls, config: ComponentConfig) -> tuple[Path, ...]:
-        """The user's own network; those to fetch are known by their hash."""
-        path = Path(config.model)  # type: ignore[attr-defined]
-        return (path,) if config.model not in ZOO and path.is_file() else ()  # type: ignore[attr-defined]
-
-    def decode(self, outputs: Sequence[np.ndarray], asked: Question) -> list[Found]:
-        """What was found in each image of a batch. A subclass overrides it for a network of another kind."""
-        return DECODERS[self.config.decoder](outputs, asked)
+    def weights_in_use(cls, config: Any) -> tuple[Weights, ...]:
+        """Those that `model` names; none where it is a file."""
+        return (ZOO[config.model],) if isinstance(config.model, str) else ()
 
     @from_near_side
     def detect(self, panorama: Panorama) -> Detections:
@@ -147,19 +151,19 @@ class OnnxDetector(Detector):
             batch -= mean
             batch /= std
             try:
-                found += self.decode(self._model.run(batch), self._asked)
+                found += self._decoder.decode(self._model.run(batch), self._asked)
             except WeightsMissing as error:
                 raise WeightsMissing(f"{self._path}: {error}") from None
         return [suppress(one, self.config.overlap) for one in found]
 
 
-def _model_path(model: str) -> Path:
+def _model_path(model: str | UserFile) -> Path:
     """The file of a network to fetch, verified, or of the user's own. Raises WeightsMissing."""
-    if model in ZOO:
+    if isinstance(model, str):
         return ZOO[model].paths()[0]
-    if not Path(model).is_file():
+    if not model.is_file():
         raise WeightsMissing(f"no file {model}: expected the path of an ONNX file, or one of {', '.join(ZOO)}")
-    return Path(model)
+    return model
 
 
 def _detections(labels: list[str], scores: np.ndarray, points_m: list[np.ndarray] | None) -> Detections:

@@ -1,8 +1,12 @@
-"""One object from what several views show of it."""
+"""One object from what a network draws around it: the best of overlapping boxes in a view, then what several views
+show of it."""
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
+
+from salframe_detectors.detection_decoder import Found
 
 AGREEMENT = 0.2
 """Two views show the same object above this intersection over union. Low, because the box that a tilted view draws is
@@ -13,6 +17,17 @@ INSIDE = 0.3
 70 came out twice without."""
 LEAST_SHARED = 0.1
 """Two detections agree on no less than this share of the smaller: slivers at the border of two views prove nothing."""
+
+
+def suppress(found: Found, overlap: float) -> Found:
+    """Of boxes of one class whose intersection over union exceeds `overlap`, the one with the best score alone."""
+    if not len(found.score):
+        return found
+    corner, size = found.box_px[:, :2], found.box_px[:, 2:] - found.box_px[:, :2]
+    kept = cv2.dnn.NMSBoxesBatched(
+        np.hstack([corner, size]).tolist(), found.score.tolist(), found.label.tolist(), 0.0, overlap
+    )
+    return found.take(np.array(kept, int).ravel())
 
 
 def group(

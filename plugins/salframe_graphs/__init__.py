@@ -2,9 +2,9 @@
 
 import salframe
 from salframe_graphs.localizer import SaliencyGraphLocalizer
-from salframe_graphs.matching import TripletMatcher
 from salframe_graphs.positioning import LeastSquaresPositioner, RobustPositioner
 from salframe_graphs.saliency import VolumetricSaliency
+from salframe_graphs.triplet import TripletMatcher
 
 
 @salframe.hookimpl

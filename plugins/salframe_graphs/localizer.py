@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from pydantic import Field
 
-from salframe.framework.config import ComponentConfig, slot
+from salframe.framework.config import ComponentConfig, match_only
 from salframe.framework.errors import InputMissing
-from salframe.framework.identity import identity
 from salframe.framework.registry import registry
+from salframe.framework.slots import slot
 from salframe.graphs.graph import GraphConfig, SaliencyGraph, build_graph
 from salframe.graphs.packing import graph_from_arrays, graph_to_arrays, pack_graph, read_graphs, write_graphs
 from salframe.localization.answers import Localization, LocalizationStatus, NodeMatches
@@ -30,20 +29,20 @@ class SaliencyGraphLocalizer(Localizer):
     class Config(ComponentConfig):
         detector: slot("detector", "annotations")  # type: ignore[valid-type]
         saliency: slot("saliency", "volumetric")  # type: ignore[valid-type]
-        graph: GraphConfig = GraphConfig()
-        matcher: slot("matcher", "triplet")  # type: ignore[valid-type]
-        positioner: slot("positioner", "robust")  # type: ignore[valid-type]
-        top_k: int = Field(20, ge=1, description="map graphs that the matcher ranks")
-        min_score: float = Field(0.0, ge=0, description="a best match below this score is no answer")
-        agreement: float = Field(
+        graph: GraphConfig = GraphConfig.model_validate({})
+        matcher: slot("matcher", "triplet", match_only=True)  # type: ignore[valid-type]
+        positioner: slot("positioner", "robust", match_only=True)  # type: ignore[valid-type]
+        top_k: int = match_only(20, ge=1, description="map graphs that the matcher ranks")
+        min_score: float = match_only(0.0, ge=0, description="a best match below this score is no answer")
+        agreement: float = match_only(
             0.5,
             ge=0,
             description="share of the scores of matches that put the query in the same spot, added to a match's own",
         )
-        agreement_radius_m: float = Field(
+        agreement_radius_m: float = match_only(
             1.5, gt=0, description="distance in the world at which two matches no longer agree"
         )
-        nearest_scene: bool = Field(
+        nearest_scene: bool = match_only(
             True, description="a match with a transition frame answers with the scene frame nearest to the pose"
         )
 
@@ -58,23 +57,15 @@ class SaliencyGraphLocalizer(Localizer):
     def needs(self) -> frozenset[str]:
         return self._detector.needs
 
-    def describe_identity(self) -> dict:
-        stages = {name: identity(getattr(self.config, name)) for name in ("detector", "saliency")}
-        return {
-            "localizer": self.name,
-            "version": self.version,
-            **stages,
-            "graph": self.config.graph.model_dump(mode="json"),
-        }
-
     def graph(self, panorama: Panorama) -> SaliencyGraph:
         """The panorama's 360-degree saliency graph. Raises InputMissing where it has no range and the detector finds
         objects by colour alone."""
         detections = self._detector.detect(panorama)
         if panorama.range_m is None and len(detections) and np.isnan(detections.centroid_m).any(1).all():
             raise InputMissing(
-                f"{self.name} needs range, which {panorama.id} does not have: the detector {self.config.detector.kind!r} found "
-                f"{len(detections)} objects and the place of none; their labels are enough for 'objects'"
+                f"{self.name} needs range, which {panorama.id} does not have: the detector "
+                f"{self.config.detector.kind!r} found {len(detections)} objects and the place of none; "
+                "their labels are enough for 'objects'"
             )
         return build_graph(detections, self._saliency.score(detections), self.config.graph)
 

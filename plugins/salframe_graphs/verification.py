@@ -26,8 +26,8 @@ class Verified:
     def poses(self) -> list[np.ndarray | None]:
         """The best pose of each candidate (4, 4), query frame to map frame; None where there is none."""
         return [
-            None if np.isnan(yaw) else pose_2d(*shift, yaw)
-            for yaw, shift in zip(self.yaw_rad, self.shift_m, strict=True)
+            None if np.isnan(yaw_rad) else pose_2d(x_m, y_m, yaw_rad)
+            for yaw_rad, (x_m, y_m) in zip(self.yaw_rad, self.shift_m, strict=True)
         ]
 
 

@@ -23,7 +23,7 @@ _REMAP_WIDTH = 1024  # cv2.remap takes images with sides below 32768
 
 
 class SurfaceColor:
-    """Linear albedo of a scene's surfaces, filtered over what one pixel covers. Raises DataError on an unknown texture."""
+    """Linear albedo of a scene's surfaces, filtered over what a pixel covers. Raises DataError on unknown textures."""
 
     def __init__(self, scene: Scene):
         names = sorted({(material.texture, material.variant) for material in scene.materials})
@@ -86,7 +86,7 @@ def _anchors_m(scene: Scene) -> np.ndarray:
 
 def _hash_unit(*values: np.ndarray | int) -> np.ndarray:
     """Integers mixed to one float64 in [0, 1) that looks random."""
-    mixed = np.uint64(0x9E3779B97F4A7C15)
+    mixed: np.ndarray = np.array(0x9E3779B97F4A7C15, np.uint64)
     with np.errstate(over="ignore"):
         for value in values:
             mixed = (mixed ^ np.asarray(value, np.int64).astype(np.uint64)) * np.uint64(0xBF58476D1CE4E5B9)

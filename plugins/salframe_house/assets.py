@@ -73,7 +73,8 @@ NAMES = {
     "ottoman": r"puff|armchair ottoman",
     "oven": r"(double |small )?oven|(large )?stove|cooker",
     "piano": r"upright piano",
-    "plant": r"(little |indoor |decorative |succulent |spider )?plant|ficus|yucca|bamboo|spathiphyllum|cactus|bonsai tree",
+    "plant": r"(little |indoor |decorative |succulent |spider )?plant|ficus|yucca|bamboo|spathiphyllum|cactus|"
+    r"bonsai tree",
     "printer": r"inkjet printer and scanner",
     "projector": r"video projector",
     "radiator": r"radiator",

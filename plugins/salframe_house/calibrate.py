@@ -14,13 +14,14 @@ import numpy as np
 from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
 
-from salframe.panoramas.geometry import equirectangular_rays, pose_2d
+from salframe.panoramas.geometry import equirectangular_rays
+from salframe.panoramas.panorama import visible_instances
+from salframe.panoramas.rendered import FrameSpec
 from salframe_house.building import Building, Style, change_building, generate_building
-from salframe_house.frames import FrameSpec, choose_frames
+from salframe_house.frames import choose_frames
 from salframe_house.furniture import CLASSES
 
 _HEIGHT = 512
-_VISIBLE_PIXELS = 50
 
 
 @dataclass(frozen=True)
@@ -47,13 +48,12 @@ class _Viewer:
         self._instance_id, self._labels = scene.instance_id, building.labels
 
     def labels(self, frame: FrameSpec) -> list[str]:
-        """A label for each object that covers at least 50 pixels."""
-        pose = pose_2d(frame.x_m, frame.y_m, frame.yaw_rad, frame.z_m)
+        """A label for each visible object."""
+        pose = frame.pose
         direction = equirectangular_rays(_HEIGHT).reshape(-1, 3) @ pose[:3, :3].T.astype(np.float32)
         origin = np.repeat(pose[None, :3, 3].astype(np.float32), len(direction), 0)
         triangle = self._scene.run(origin, direction)
-        pixels = np.bincount(self._instance_id[triangle[triangle >= 0]])
-        return [self._labels[int(i)] for i in np.flatnonzero(pixels >= _VISIBLE_PIXELS) if i]
+        return [self._labels[i] for i in visible_instances(self._instance_id[triangle[triangle >= 0]])]
 
 
 def measure(style: Style, rooms: int, seed: int, queries_per_room: int = 3, fraction: float = 0.1) -> Difficulty:
@@ -92,15 +92,16 @@ def main() -> None:
     arguments = parser.parse_args()
     first, _, last = arguments.seeds.partition("..")
     print(
-        f"{len(CLASSES)} classes\nseed accuracy objects/room (least median most)  visible  twins  shift/m  map frames  classes used"
+        f"{len(CLASSES)} classes\n"
+        "seed accuracy objects/room (least median most)  visible  twins  shift/m  map frames  classes used"
     )
     rows = []
     for seed in range(int(first), int(last or first) + 1):
         rows.append(row := measure(arguments.style, arguments.rooms, seed))
         least, median, most = row.objects
         print(
-            f"{seed:4d} {row.accuracy:8.3f} {least:6.0f} {median:.1f} {most:.0f} {row.visible:24.1f} {row.twins:6.2f} {row.shift_m:8.3f} "
-            f"{row.map_frames:8d} {row.classes:12d}",
+            f"{seed:4d} {row.accuracy:8.3f} {least:6.0f} {median:.1f} {most:.0f} {row.visible:24.1f} {row.twins:6.2f} "
+            f"{row.shift_m:8.3f} {row.map_frames:8d} {row.classes:12d}",
             flush=True,
         )
     accuracy = [row.accuracy for row in rows]

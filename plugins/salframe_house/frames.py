@@ -10,12 +10,14 @@ from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
 from salframe.panoramas.geometry import wrap_angle
+from salframe.panoramas.rendered import FrameSpec, Role
 from salframe_house.building import Building
+from salframe_house.lighting import Lighting
 
-Role = Literal["map", "transition", "query"]
 QueryYaw = Literal["uniform", "normal"]
 
 CAMERA_HEIGHT_M = 1.5
+LATER: tuple[Lighting, ...] = ("evening", "dim")  # of queries
 CLEARANCE_M = 0.25
 REACH_M = 3.0  # every free point of a room lies this near a map frame
 SHIFT_M = (0.3, 1.1)  # of a query from its room's nearest map frame
@@ -27,23 +29,16 @@ _NORMAL_YAW_RAD = np.radians(16.6) * np.sqrt(np.pi / 2)  # deviation of a normal
 
 
 @dataclass(frozen=True)
-class FrameSpec:
-    """A panorama to take. `place` is the room's id, or "transition-.." in a doorway; `yaw_rad` turns its x axis from
-    the world's."""
+class HouseFrame(FrameSpec):
+    """A panorama of a building, and in which light it is taken. `place` is the room's id, or "transition-.." in a
+    doorway."""
 
-    id: str
-    role: Role
-    place: str
-    x_m: float
-    y_m: float
-    z_m: float
-    yaw_rad: float
-    lighting: str
+    lighting: Lighting
 
 
 def choose_frames(
     building: Building, changed: Building, seed: int, queries_per_room: int = 3, query_yaw: QueryYaw = "uniform"
-) -> tuple[FrameSpec, ...]:
+) -> tuple[HouseFrame, ...]:
     """Map and transition frames of a building by day, and queries of its changed version in the evening or in dim
     light.
 
@@ -65,10 +60,10 @@ def choose_frames(
 
 
 def _frame(
-    name: str, role: Role, place: str, point_m, yaw_rad: float, lighting: str, z_m: float = CAMERA_HEIGHT_M
-) -> FrameSpec:
+    name: str, role: Role, place: str, point_m, yaw_rad: float, lighting: Lighting, z_m: float = CAMERA_HEIGHT_M
+) -> HouseFrame:
     x, y = (round(float(value), 4) for value in point_m)
-    return FrameSpec(name, role, place, x, y, round(z_m, 4), round(float(yaw_rad), 6), lighting)
+    return HouseFrame(name, role, place, x, y, round(z_m, 4), round(float(yaw_rad), 6), lighting)
 
 
 def _map_points(building: Building) -> dict[str, np.ndarray]:
@@ -88,8 +83,8 @@ def _map_points(building: Building) -> dict[str, np.ndarray]:
 
 
 def _queries(
-    frames: list[FrameSpec], changed: Building, rng: np.random.Generator, per_room: int, yaw: QueryYaw
-) -> list[FrameSpec]:
+    frames: list[HouseFrame], changed: Building, rng: np.random.Generator, per_room: int, yaw: QueryYaw
+) -> list[HouseFrame]:
     free = changed.free_space(CLEARANCE_M)
     own = {room.id: [frame for frame in frames if frame.place == room.id] for room in changed.rooms}
     rooms = [room.id for room in changed.rooms for _ in range(per_room)]
@@ -107,10 +102,10 @@ def _queries(
         nearest = min(own[room], key=lambda frame: float(np.hypot(frame.x_m - point[0], frame.y_m - point[1])))
         angle = rng.uniform(-np.pi, np.pi) if yaw == "uniform" else nearest.yaw_rad + rng.normal(0.0, _NORMAL_YAW_RAD)
         z = CAMERA_HEIGHT_M + rng.uniform(-_HEIGHT_JITTER_M, _HEIGHT_JITTER_M)
-        lighting = str(rng.choice(("evening", "dim")))
-        queries.append(
-            _frame(f"query-{room}-{number % per_room}", "query", room, point, wrap_angle(angle), lighting, z)
-        )
+        lighting = LATER[rng.choice(len(LATER))]
+        # Known by its number among all frames: its room would tell where it was taken.
+        name = f"query-{len(frames) + number:04d}"
+        queries.append(_frame(name, "query", room, point, wrap_angle(angle), lighting, z))
     return queries
 
 

@@ -469,7 +469,8 @@ def _furnish_group(rooms: list[Room], layout: Layout, rng: np.random.Generator) 
     """Rooms with the same list of objects. What does not fit into one of them is left out of all."""
     items = _draw_items(rooms[0], rng)
     while True:
-        plans, failed = [], Counter()
+        plans: list[RoomPlan] = []
+        failed: Counter[Item] = Counter()
         for room in rooms:
             plan, missing = _furnish_room(room, layout, items, rng)
             plans.append(plan)
@@ -485,14 +486,17 @@ def _furnish_room(
     room: Room, layout: Layout, items: list[Item], rng: np.random.Generator
 ) -> tuple[RoomPlan, list[Item]]:
     """The best of some attempts to place the items: the plan and what found no place."""
-    best: tuple[RoomPlan, list[Item]] | None = None
-    for _ in range(_ATTEMPTS):
+
+    def attempt() -> tuple[RoomPlan, list[Item]]:
         plan = RoomPlan(room, layout)
-        missing = [item for item in _in_placing_order(items, rng) if plan.place(*item, rng) is None]
-        if best is None or len(missing) < len(best[1]):
-            best = plan, missing
-        if not missing:
+        return plan, [item for item in _in_placing_order(items, rng) if plan.place(*item, rng) is None]
+
+    best = attempt()
+    for _ in range(_ATTEMPTS - 1):
+        if not best[1]:
             break
+        again = attempt()
+        best = again if len(again[1]) < len(best[1]) else best
     return best
 
 
@@ -520,8 +524,8 @@ def _mirrored(objects: list[PlacedObject], source: Room, target: Room, layout: L
             for t, f, p, s in zip(target.centre_m, flip, (placed.x_m, placed.y_m), source.centre_m, strict=True)
         )
         yaw = np.arctan2(flip[1] * np.sin(placed.yaw_rad), flip[0] * np.cos(placed.yaw_rad))
-        pose = {"x_m": round(x, 4), "y_m": round(y, 4), "yaw_rad": round(float(yaw), 6)}
-        reflected.append(replace(placed, room=target.id, mirrored=not placed.mirrored, **pose))
+        turned = replace(placed, x_m=round(x, 4), y_m=round(y, 4), yaw_rad=round(float(yaw), 6))
+        reflected.append(replace(turned, room=target.id, mirrored=not placed.mirrored))
     return reflected
 
 

@@ -117,7 +117,8 @@ def flowers(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
         [(circle(10) * r * 0.35, 0.0), (circle(10) * r * 0.5, h * 0.25), (circle(10) * r * 0.3, h * 0.5)], looks.CERAMIC
     )
     _foliage(m, rng, (r * 0.9, size[1] * 0.45), h * 0.45, h * 0.9, 8)
-    petal = Material("fabric", tuple(float(c) for c in rng.uniform((0.35, 0.15, 0.15), (0.6, 0.45, 0.4)).round(3)))
+    red, green, blue = rng.uniform((0.35, 0.15, 0.15), (0.6, 0.45, 0.4)).round(3).tolist()
+    petal = Material("fabric", (red, green, blue))
     for angle in 2 * np.pi * (np.arange(6) + rng.random(6)) / 6:
         cx, cy = rng.uniform(0.3, 0.75) * r * np.cos(angle), rng.uniform(0.3, 0.75) * r * np.sin(angle)
         m.cylinder((cx, cy, h * rng.uniform(0.75, 0.9)), r * 0.08, h * 0.1, petal, top_radius=r * 0.22, segments=6)
@@ -181,7 +182,8 @@ def whiteboard(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
     m.box((-x, -y, 0.03), (-x + 0.015, y, h), looks.STEEL)
     m.box((-x + 0.015, -y + 0.02, 0.05), (-x + 0.017, y - 0.02, h - 0.02), looks.WHITE)
     m.box((-x + 0.015, -y * 0.5, 0.0), (x, y * 0.5, 0.03), looks.STEEL)
-    ink = Material("plastic", tuple(float(c) for c in rng.uniform(0.02, 0.3, 3).round(3)))
+    red, green, blue = rng.uniform(0.02, 0.3, 3).round(3).tolist()
+    ink = Material("plastic", (red, green, blue))
     for z in np.linspace(h * 0.5, h - 0.15, 3):
         start, length = rng.uniform(-0.8, 0.2) * y, rng.uniform(0.3, 0.7) * y
         m.box((-x + 0.017, start, z), (-x + 0.0175, start + length, z + 0.02), ink)

@@ -6,6 +6,7 @@ Wings are apart by courtyards, so that every room has an outer wall. All rooms a
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -175,8 +176,9 @@ class _Plan:
         mirror_of: str | None = None,
     ) -> str:
         """Add the room between two opposite corners of its wall axes; returns its id."""
-        low = tuple(min(a, b) + WALL_M / 2 for a, b in zip(corner_a, corner_b, strict=True))
-        high = tuple(max(a, b) - WALL_M / 2 for a, b in zip(corner_a, corner_b, strict=True))
+        (ax, ay), (bx, by) = corner_a, corner_b
+        low = min(ax, bx) + WALL_M / 2, min(ay, by) + WALL_M / 2
+        high = max(ax, bx) - WALL_M / 2, max(ay, by) - WALL_M / 2
         number = sum(room.kind == kind for room in self.rooms) + 1
         self.rooms.append(Room(f"{kind}-{number:02d}", kind, low, high, self.height_m, twin, mirror_of))
         return self.rooms[-1].id
@@ -280,7 +282,7 @@ def _add_row(
     row: int,
     depth: float,
 ) -> None:
-    """Put the cells of a row (0 above the corridor, 1 below) that are copies, or those that are not, in their places."""
+    """Put the cells of a row (0 above the corridor, 1 below) that are copies, or those that are not, in place."""
     x, y, direction, corridor = place
     up = 1 if row == 0 else -1
     base = y + up * corridor / 2
@@ -298,7 +300,9 @@ def _add_row(
         def world(u: float, v: float, left=left, flip=flip, width=cell.width_m) -> tuple[float, float]:
             return round(left + (width - u if flip else u), 4), round(base + up * v, 4)
 
-        originals = placed[cell.copy_of] if cell.mirrored else (None,) * len(cell.rooms)
+        originals: Sequence[str | None] = (None,) * len(cell.rooms)
+        if cell.mirrored and cell.copy_of is not None:
+            originals = placed[cell.copy_of]
         names = tuple(
             plan.add_room(kind, world(u0, v0), world(u1, v1), twin, original)
             for (kind, u0, u1, v0, v1), twin, original in zip(cell.rooms, cell.twins, originals, strict=True)
@@ -369,6 +373,7 @@ def _single_cell(kind: str, spec: RoomKind, depth: float, rng: np.random.Generat
     width = round(rng.uniform(*spec.width_m), 2)
     door = (_door_u(width, rng), 0.0, "v", 0.9, 0, -1)
     leaf = int(rng.choice((-1, 0, 0, 1)))
+    windows: tuple[tuple[float, float, float, float, int], ...]
     if spec.small_window:
         windows = ((round(width * rng.uniform(0.4, 0.6), 3), 0.8, 1.5, 2.15, 0),)
     elif width > 3.7:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import zlib
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from scipy import ndimage
 
 from salframe_house.scene import Light, Scene
 from salframe_house.tracing import Tracer
+
+Lighting = Literal["day", "evening", "dim"]
 
 
 @dataclass(frozen=True)
@@ -35,7 +38,7 @@ class Condition:
     noise: float = 0.0
 
 
-CONDITIONS = {
+CONDITIONS: dict[Lighting, Condition] = {
     "day": Condition(
         window=6.0,
         window_rgb=(0.93, 1.0, 1.09),

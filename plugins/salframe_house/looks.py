@@ -64,9 +64,8 @@ PAPER = Material("paper", (0.72, 0.71, 0.68))
 def _draw(rng: np.random.Generator, texture: str, palette, variants: int = VARIANTS, emission: float = 0.0) -> Material:
     base = np.array(palette[rng.integers(len(palette))])
     tone = base * rng.uniform(0.85, 1.15) * rng.uniform(0.95, 1.05, 3)
-    return Material(
-        texture, tuple(float(c) for c in tone.clip(0.02, 0.8).round(3)), int(rng.integers(variants)), emission
-    )
+    red, green, blue = tone.clip(0.02, 0.8).round(3).tolist()
+    return Material(texture, (red, green, blue), int(rng.integers(variants)), emission)
 
 
 def wood(rng: np.random.Generator) -> Material:

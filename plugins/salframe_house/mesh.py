@@ -21,7 +21,7 @@ _FACE_AXES = {  # face -> (normal axis, side, axis and direction of u, axis of v
 
 
 def _box_template() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Unit corners (6, 4, 3) of the faces, their unit texture coordinates (4, 2) and the axes (6, 2) that scale these."""
+    """Unit corners (6, 4, 3) of the faces, their texture coordinates (4, 2) and the axes (6, 2) that scale these."""
     corners, axes = np.zeros((6, 4, 3)), np.zeros((6, 2), int)
     uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], float)
     for face, (normal, side, axis_u, direction, axis_v) in enumerate(_FACE_AXES.values()):
@@ -82,8 +82,8 @@ class MeshBuilder:
     def box(self, low: Point, high: Point, material: Material, **faces: Material) -> None:
         """An axis-aligned box; `front`, `back`, `left`, `right`, `top`, `bottom` name faces (+x, -x, +y, -y, +z, -z) of
         another look."""
-        low, size = np.asarray(low, float), np.subtract(high, low)
-        vertices = (low + _BOX_CORNERS * size).reshape(24, 3)
+        corner, size = np.asarray(low, float), np.subtract(high, low)
+        vertices = (corner + _BOX_CORNERS * size).reshape(24, 3)
         uv = _BOX_UV * size[_BOX_UV_AXES][:, None]
         triangles = (np.arange(6)[:, None, None] * 4 + _QUAD).reshape(12, 3)
         material_index = np.full(6, self._index(material))

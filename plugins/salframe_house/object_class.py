@@ -37,7 +37,8 @@ class ObjectClass:
     def draw_size(self, seed: int) -> Size:
         """The size_m of the object with this seed, whole centimetres (rounded to millimetres below 5 cm)."""
         drawn = np.random.default_rng((seed, 1)).uniform(self.low_m, self.high_m)
-        return tuple(round(float(side), 2 if side > 0.05 else 3) for side in drawn)
+        length, width, height = (round(float(side), 2 if side > 0.05 else 3) for side in drawn)
+        return length, width, height
 
 
 CLASSES: dict[str, ObjectClass] = {}

@@ -5,7 +5,6 @@ from __future__ import annotations
 import zlib
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
 
 import cv2
 import numpy as np
@@ -14,7 +13,7 @@ from salframe.framework.errors import DataError
 from salframe.panoramas.geometry import equirectangular_rays, rays_to_pixels
 from salframe_house.albedo import SurfaceColor
 from salframe_house.bounce import Bounce
-from salframe_house.lighting import CONDITIONS, Condition, Lights, is_hollow, lights_on
+from salframe_house.lighting import CONDITIONS, Condition, Lighting, Lights, is_hollow, lights_on
 from salframe_house.scene import Scene
 from salframe_house.shading import IrradianceGrid
 from salframe_house.textures import texture_kind
@@ -64,13 +63,7 @@ class Renderer:
     and on a height that is no multiple of 4.
     """
 
-    def __init__(
-        self,
-        scene: Scene,
-        lighting: Literal["day", "evening", "dim"],
-        height: int = 512,
-        _surfaces: _Surfaces | None = None,
-    ):
+    def __init__(self, scene: Scene, lighting: Lighting, height: int = 512, _surfaces: _Surfaces | None = None):
         if height % _INDIRECT_STEP or height <= 0:
             raise DataError(f"a panorama's height of {height}, expected a positive multiple of {_INDIRECT_STEP}")
         if lighting not in CONDITIONS:
@@ -79,7 +72,7 @@ class Renderer:
         self._surfaces = _surfaces or _Surfaces(scene)
         self._tracer = self._surfaces.tracer
 
-    def relit(self, lighting: Literal["day", "evening", "dim"]) -> Renderer:
+    def relit(self, lighting: Lighting) -> Renderer:
         """A renderer of the same scene under another lighting, which shares the geometry and textures of this one."""
         return Renderer(self._scene, lighting, self._height, self._surfaces)
 
@@ -101,7 +94,7 @@ class Renderer:
         return np.where(np.isin(self._scene.instance_id, off), np.float32(0), emission[self._scene.material_index])
 
     def geometry(self, T_world_pano: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Range_m (H, 2H) float32, NaN where nothing, and instance_id (H, 2H) int32, by one exact ray a pixel centre."""
+        """Range_m (H, 2H) float32, NaN where nothing, and instance_id (H, 2H) int32, by one exact ray a pixel."""
         return self._images(self._primary(T_world_pano))
 
     def _images(self, surface: Surface) -> tuple[np.ndarray, np.ndarray]:

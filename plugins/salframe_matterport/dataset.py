@@ -168,7 +168,8 @@ class MatterportAnnotations(NavigableDataset):
                 )
         if not folds:
             raise DataError(
-                f"{self._root} gives no query: expected a viewpoint with {self.config.min_visible} visible objects and another in its region"
+                f"{self._root} gives no query: expected a viewpoint with {self.config.min_visible} visible objects "
+                "and another in its region"
             )
         return folds
 

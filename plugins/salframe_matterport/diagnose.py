@@ -26,17 +26,18 @@ def diagnose(run: Run, method: str) -> dict[str, list[str]]:
 
     Raises DataError where the run is of another dataset or lacks answers.
     """
-    config = run.dataset()
+    config = run.data()
     if not isinstance(config, MatterportAnnotations.Config):
         raise DataError(f"{run.directory} asked {config.kind}, expected {MatterportAnnotations.name}")
     dataset = MatterportAnnotations(config)
-    answers, scenes = run.predictions(method), dataset.scenes()
+    answers = {(row["fold"], row["query"]): row["places"] for row in run.rows(method)}
+    scenes = dataset.scenes()
     wrong: dict[str, list[str]] = {cause: [] for cause in CAUSES}
     for fold in dataset.folds():
         query_id = fold.queries[0].id
         if (fold.id, query_id) not in answers:
             raise DataError(f"{run.directory} has no answer of {method!r} to {query_id}: finish the run first")
-        places = answers[fold.id, query_id]["places"]
+        places = answers[fold.id, query_id]
         truth = dataset.truth(query_id)
         if places and places[0][1] == truth.place:
             continue

@@ -59,11 +59,13 @@ class HabitatMaps(MatterportAnnotations):
         scans = [scan for scan in super()._scans if maps_path(self._root, scan).is_dir()]
         if not scans:
             raise DataError(
-                f"{self._root} has no folder habitat_map/<scan>/ of any building, expected Object2HabitatMap's region.png and cat.png there"
+                f"{self._root} has no folder habitat_map/<scan>/ of any building, "
+                "expected Object2HabitatMap's region.png and cat.png there"
             )
         if len(scans) > 1:  # each has a world of its own
             raise DataError(
-                f"{self._root} has maps of {', '.join(scans)}, expected one building a map: --set data.scans=[{scans[0]}]"
+                f"{self._root} has maps of {', '.join(scans)}, "
+                f"expected one building a map: --set data.scans=[{scans[0]}]"
             )
         return scans
 
@@ -137,7 +139,8 @@ def _place(colour: np.ndarray, house: HouseFile, source: Path) -> tuple[np.ndarr
     matched, pixel_m, origin_m, misfit_m = max(fits, key=lambda fit: len(fit[0]))
     if len(matched) < 2 or misfit_m > _MISFIT_M:
         raise DataError(
-            f"{source}/region.png does not show the regions of the .house file: {len(matched)} of {len(patches)} patches lie where a region "
+            f"{source}/region.png does not show the regions of the .house file: "
+            f"{len(matched)} of {len(patches)} patches lie where a region "
             f"is (half of their edges within {misfit_m:.2f} m), expected two at least and {_MISFIT_M} m"
         )
     table = np.zeros(number.max() + 1, np.int32)
@@ -172,7 +175,7 @@ def _fit(
     """
     from scipy.optimize import least_squares
 
-    nothing = {}, np.nan, (np.nan, np.nan), np.inf
+    nothing: tuple[dict[int, int], float, tuple[float, float], float] = {}, np.nan, (np.nan, np.nan), np.inf
     if not patches:
         return nothing
     pixels = np.array(list(patches.values()))

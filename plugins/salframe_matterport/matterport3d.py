@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 from pydantic import Field
@@ -18,16 +18,14 @@ from salframe.framework.errors import DataError
 from salframe.framework.identity import digest
 from salframe.panoramas import images
 from salframe.panoramas.dataset import Dataset
+from salframe.panoramas.folder_format import FrameEntry, image_names, is_written, write_panorama
 from salframe.panoramas.frames import Fold, MapFrame, QueryFrame, Truth
 from salframe.panoramas.geometry import pose_2d, pose_yaw
 from salframe.panoramas.house_file import HouseFile, read_house
-from salframe.panoramas.panorama import Annotations, Panorama
+from salframe.panoramas.panorama import Annotations, Panorama, visible_instances
 from salframe_matterport.objects import label_pixels, labels
 from salframe_matterport.release import Color, Viewpoint, cameras_path, find_buildings, house_path, read_viewpoints
 from salframe_matterport.scenes import generator
-
-VISIBLE_PIXELS = 50
-"""An object that covers fewer pixels is not visible."""
 
 
 class Matterport3D(Dataset):
@@ -62,7 +60,8 @@ class Matterport3D(Dataset):
     def _buildings(self) -> dict[str, Path]:
         if self.config.root is None:
             raise DataError(
-                f"{self.name} needs the folder of the Matterport3D release (docs/how-to/real-buildings.md): --data-dir DIR"
+                f"{self.name} needs the folder of the Matterport3D release (docs/how-to/real-buildings.md): "
+                "--data-dir DIR"
             )
         known = find_buildings(self.config.root)
         if self.config.scans == "all":
@@ -100,19 +99,28 @@ class Matterport3D(Dataset):
         files = [cameras_path(viewpoint.folder), house_path(viewpoint.folder), *viewpoint.files(self.config.color)]
         return digest([self.version, id, self.config.color, self.config.height, *map(_stamp, files)])
 
-    def _kept(self, id: str) -> Path:
-        return cache_home() / "matterport3d" / id.split("/")[0] / f"{self._key(id)[:24]}.jpg"
+    @property
+    def _folder(self) -> Path:
+        """Where the stitched panoramas of all buildings are kept."""
+        return cache_home() / self.name
+
+    def _kept(self, id: str) -> dict[str, Any]:
+        """The files, by part, of the stitched panorama of a viewpoint."""
+        return image_names(f"{id.split('/')[0]}/{self._key(id)[:24]}", self.provides | {"valid"})
 
     def prepare(self, progress: Callable[[int, int], None]) -> None:
         """Stitch the panoramas that are not there yet. A viewpoint whose images are missing or damaged says so when it
         is loaded."""
         for done, (id, (viewpoint, _)) in enumerate(self._viewpoints.items()):
             progress(done, len(self._viewpoints))
-            if not self._kept(id).exists():
+            entry = FrameEntry(id=id, role="query", **self._kept(id))  # a mapping frame's pose and place are not kept
+            if not is_written(self._folder, entry):
                 try:
                     panorama = viewpoint.stitch(self.config.height, self.config.color)
                     objects = self._houses[viewpoint.folder.name].objects
-                    _write(self._kept(id), panorama, label_pixels(panorama.range_m, viewpoint.T_world_pano, objects))
+                    range_m = cast(np.ndarray, panorama.range_m)  # whatever is stitched has one
+                    instance_id = label_pixels(range_m, viewpoint.T_world_pano, objects)
+                    write_panorama(self._folder, entry, panorama.rgb, panorama.range_m, instance_id, panorama.valid)
                 except DataError as error:
                     self._broken[id] = str(error)
         progress(len(self._viewpoints), len(self._viewpoints))
@@ -125,7 +133,11 @@ class Matterport3D(Dataset):
             fold, truth = self._folds[query_id]
         except KeyError:
             raise DataError(f"{self.name} has no query {query_id!r}") from None
-        return truth if fold.id in self._broken else replace(truth, instances=_visible(self._kept(fold.id)))
+        if fold.id in self._broken:
+            return truth
+        return replace(
+            truth, instances=visible_instances(images.read_ids(self._folder / self._kept(fold.id)["instances"]))
+        )
 
     @cached_property
     def _folds(self) -> dict[str, tuple[Fold, Truth]]:
@@ -155,11 +167,12 @@ class Matterport3D(Dataset):
         return folds
 
     def _load(self, id: str, viewpoint_id: str, columns: int) -> Callable[[], Panorama]:
-        """What gives the panorama of a viewpoint turned by whole columns. It holds a path and labels, so that no query
+        """What gives the panorama of a viewpoint turned by whole columns. It holds paths and labels, so that no query
         carries its pose or place along.
         """
         named = labels(self._houses[viewpoint_id.split("/")[0]].objects)
-        return partial(_load, id, self._kept(viewpoint_id), columns, named, self._broken.get(viewpoint_id))
+        kept, broken = self._kept(viewpoint_id), self._broken.get(viewpoint_id)
+        return partial(_load, id, self._folder, kept, columns, named, broken)
 
 
 def _stamp(path: Path) -> list[str | int]:
@@ -170,29 +183,17 @@ def _stamp(path: Path) -> list[str | int]:
     return [path.name, state.st_size, state.st_mtime_ns]
 
 
-def _write(path: Path, panorama: Panorama, instance_id: np.ndarray) -> None:
-    """Keep a panorama; the picture comes last and says that all is there."""
-    images.write_range(path.with_suffix(".range.png"), panorama.range_m)
-    images.write_mask(path.with_suffix(".valid.png"), panorama.valid)
-    images.write_ids(path.with_suffix(".instances.png"), instance_id)
-    images.write_color(path, panorama.rgb)
-
-
-def _visible(path: Path) -> tuple[int, ...]:
-    """The objects that cover enough of a kept panorama."""
-    pixels = np.bincount(images.read_ids(path.with_suffix(".instances.png")).ravel())
-    return tuple(int(i) for i in np.flatnonzero(pixels >= VISIBLE_PIXELS) if i)
-
-
-def _load(id: str, path: Path, columns: int, named: Mapping[int, str], broken: str | None) -> Panorama:
+def _load(
+    id: str, root: Path, files: Mapping[str, str], columns: int, named: Mapping[int, str], broken: str | None
+) -> Panorama:
     """A kept panorama turned by this many columns. Raises DataError where its images were no good."""
     if broken is not None:
         raise DataError(broken)
     kept = (
-        images.read_color(path),
-        images.read_range(path.with_suffix(".range.png")),
-        images.read_mask(path.with_suffix(".valid.png")),
-        images.read_ids(path.with_suffix(".instances.png")),
+        images.read_color(root / files["rgb"]),
+        images.read_range(root / files["range"]),
+        images.read_mask(root / files["valid"]),
+        images.read_ids(root / files["instances"]),
     )
     rgb, range_m, valid, instance_id = (np.roll(image, columns, axis=1) for image in kept)
     return Panorama(id, rgb, range_m, valid, Annotations(instance_id, named))

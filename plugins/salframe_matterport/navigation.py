@@ -78,7 +78,8 @@ class ViewpointWorld(World):
 
     def stand(self, x_m: float, y_m: float, yaw_rad: float) -> np.ndarray:
         raise DataError(
-            f"{self.id}: received the start ({x_m:.2f}, {y_m:.2f}) m, expected a viewpoint: only there is something to be seen"
+            f"{self.id}: received the start ({x_m:.2f}, {y_m:.2f}) m, "
+            "expected a viewpoint: only there is something to be seen"
         )
 
     def draw_start(self, rng: np.random.Generator) -> np.ndarray:

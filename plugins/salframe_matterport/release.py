@@ -107,7 +107,8 @@ def find_buildings(root: Path) -> dict[str, Path]:
             return found
     received = "a folder without any" if root.is_dir() else "no folder"
     raise DataError(
-        f"{root} is {received}, expected v1/scans/<scan>/undistorted_camera_parameters/<scan>.conf of the Matterport3D release in it"
+        f"{root} is {received}, expected v1/scans/<scan>/undistorted_camera_parameters/<scan>.conf "
+        "of the Matterport3D release in it"
     )
 
 
@@ -164,6 +165,7 @@ def _read_depth(path: Path) -> np.ndarray:
 def _sized(path: Path, image: np.ndarray) -> np.ndarray:
     if image.shape[:2] != (HEIGHT_PX, WIDTH_PX):
         raise DataError(
-            f"{path} is {image.shape[1]} x {image.shape[0]}, expected {WIDTH_PX} x {HEIGHT_PX}, which its camera was calibrated for"
+            f"{path} is {image.shape[1]} x {image.shape[0]}, expected {WIDTH_PX} x {HEIGHT_PX}, "
+            "which its camera was calibrated for"
         )
     return image

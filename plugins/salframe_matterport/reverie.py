@@ -27,7 +27,7 @@ NAMED = 5
 
 
 class Reverie(Scorer):
-    """REVERIE: reaching the viewpoint that shows the object meant (SR, OSR, SPL), and naming the object (RGS, RGSPL)."""
+    """REVERIE: reaching the viewpoint that shows the object meant (SR, OSR, SPL), and naming it (RGS, RGSPL)."""
 
     name = "reverie"
     version = "1"
@@ -85,7 +85,7 @@ class Episode:
 
 @dataclass(frozen=True)
 class Answer:
-    """What an agent did: the viewpoints it walked through, the first its start, and the object it named ("None": none)."""
+    """What an agent did: the viewpoints it walked through, first its start, and the object it named ("None": none)."""
 
     path: tuple[str, ...]
     object_id: str
@@ -174,7 +174,8 @@ def read_episodes(root: Path) -> dict[str, dict[str, Episode]]:
             splits[path.stem.removeprefix("REVERIE_")] = episodes
     if not splits:
         raise DataError(
-            f"{root} has no episodes, expected reverie/REVERIE_<split>.json, reverie/BBox/*.json and connectivity/*.json in it"
+            f"{root} has no episodes, expected reverie/REVERIE_<split>.json, reverie/BBox/*.json "
+            "and connectivity/*.json in it"
         )
     return splits
 

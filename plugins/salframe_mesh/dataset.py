@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Literal, cast, get_args
 
 import numpy as np
 from pydantic import Field
 
-from salframe.framework.cache import cache_home
 from salframe.framework.config import ComponentConfig
 from salframe.framework.errors import DataError
 from salframe.framework.identity import digest
 from salframe.panoramas.floors import FloorMasks
-from salframe.panoramas.folder import FolderDataset
-from salframe.panoramas.folder_format import MANIFEST
-from salframe.panoramas.geometry import pose_2d
+from salframe.panoramas.house_file import read_house
 from salframe.panoramas.panorama import Panorama
+from salframe.panoramas.rendered import FrameSpec, RenderedDataset, Role
 from salframe_mesh.floors import Room, floor_masks, read_rooms
 from salframe_mesh.mesh_file import SUFFIXES, Surface, read_mesh
 from salframe_mesh.renderer import Renderer
@@ -28,27 +26,9 @@ SHIFT_M = 0.3, 1.1
 """How far queries that are not given stand from their map frame, and the clearance they need."""
 _CLEARANCE_M = 0.25
 _COLUMNS = "id", "role", "place", "x_m", "y_m", "z_m", "yaw_rad"
-_ROLES = "map", "transition", "query"
 
 
-class FrameSpec(NamedTuple):
-    """A panorama to render: its role ("map", "transition" or "query"), its place and pose in the world (z up)."""
-
-    id: str
-    role: str
-    place: str
-    x_m: float
-    y_m: float
-    z_m: float
-    yaw_rad: float
-
-    @property
-    def pose(self) -> np.ndarray:
-        """(4, 4) T_world_pano."""
-        return pose_2d(self.x_m, self.y_m, self.yaw_rad, self.z_m)
-
-
-class MeshDataset(FolderDataset):
+class MeshDataset(RenderedDataset[FrameSpec]):
     """RGB-D panoramas rendered from a mesh: Matterport3D (.obj), HM3D (.glb), Replica (.ply), or any building of yours.
 
     The folder holds one mesh and says where panoramas are taken: frames.csv, or the .house file of a Matterport3D
@@ -65,7 +45,7 @@ class MeshDataset(FolderDataset):
     class Config(ComponentConfig):
         root: Path | None = Field(
             None,
-            description="folder of a mesh, frames.csv or a .house file, and regions.json where rooms are known otherwise",
+            description="folder of a mesh, frames.csv or a .house file, and regions.json where that tells the rooms",
         )
         mesh: str | None = Field(None, description="the mesh's file in the folder; null: the only one there")
         up: Literal["z", "y"] = Field(
@@ -96,11 +76,6 @@ class MeshDataset(FolderDataset):
             )
         return found[0]
 
-    @property
-    def root(self) -> Path:
-        """Where the rendered frames are kept."""
-        return cache_home() / "mesh" / self.fingerprint[:16]
-
     @cached_property
     def fingerprint(self) -> str:
         """Of the settings, of frames.csv, regions.json and .house, and of the mesh's and its textures' names, sizes and
@@ -126,47 +101,20 @@ class MeshDataset(FolderDataset):
         """The panorama at this pose (4, 4)."""
         return self._renderer.render(T_world_pano, self.config.height, "observation")
 
-    def prepare(self, progress: Callable[[int, int], None]) -> None:
-        """Render the frames that are not there yet."""
-        if (self.root / MANIFEST).exists():
-            return
-        from salframe.panoramas.folder_format import (
-            FrameEntry,
-            TruthEntry,
-            is_written,
-            write_floor,
-            write_manifest,
-            write_panorama,
-        )
-
+    def list_frames(self) -> Sequence[FrameSpec]:
         if (self._source / "frames.csv").exists():
-            specs, floors = read_frames(self._source / "frames.csv"), self._floor_masks()
-        else:
-            mapped, floors = self._standing(), self._floor_masks()
-            specs = mapped + beside(mapped, floors, self.config.queries_per_frame, self.config.seed)
-        entries, truth = [], {}
-        for done, spec in enumerate(specs):
-            progress(done, len(specs))
-            asked, pose = spec.role == "query", tuple(spec.pose.ravel().tolist())
-            entry = FrameEntry(
-                id=spec.id,
-                role=spec.role,
-                rgb=f"frames/{done:05d}.jpg",
-                range=f"frames/{done:05d}.range.png",
-                pose=None if asked else pose,
-                place=None if asked else spec.place,
-            )
-            if not is_written(self.root, entry):
-                panorama = self._renderer.render(spec.pose, self.config.height, spec.id)
-                write_panorama(self.root, entry, panorama.rgb, panorama.range_m)
-            entries.append(entry)
-            if asked:
-                truth[spec.id] = TruthEntry(place=spec.place, pose=pose)
-        progress(len(specs), len(specs))
-        masks = [write_floor(self.root, f"floor-{number}", floor) for number, floor in enumerate(floors)]
-        write_manifest(self.root, entries, truth, floors=masks)
+            return read_frames(self._source / "frames.csv")
+        mapped = self._standing()
+        return mapped + beside(mapped, self._floors, self.config.queries_per_frame, self.config.seed)
 
-    def _floor_masks(self) -> list[FloorMasks]:
+    def render(self, frame: FrameSpec) -> Panorama:
+        return self._renderer.render(frame.pose, self.config.height, frame.id)
+
+    def list_floors(self) -> Mapping[str, FloorMasks]:
+        return {f"floor-{number}": floor for number, floor in enumerate(self._floors)}
+
+    @cached_property
+    def _floors(self) -> list[FloorMasks]:
         """The masks of each level whose rooms are known."""
         levels: dict[int, list[Room]] = {}
         for room in read_rooms(self._source):
@@ -181,17 +129,15 @@ class MeshDataset(FolderDataset):
         houses = sorted(self._source.glob("*.house"))
         if len(houses) != 1:
             raise DataError(
-                f"{self._source} has neither frames.csv ({', '.join(_COLUMNS)}) nor one .house file (house_segmentations of the Matterport3D "
-                "release), expected either to say where panoramas are taken"
+                f"{self._source} has neither frames.csv ({', '.join(_COLUMNS)}) nor one .house file "
+                "(house_segmentations of the Matterport3D release), expected either to say where panoramas are taken"
             )
-        from salframe.panoramas.house_file import read_house
-
-        standing = read_house(houses[0]).panoramas
-        mapped = [
-            FrameSpec(name, "map", f"{houses[0].stem}/region-{point.region}", *map(float, point.position_m), 0.0)
-            for name, point in standing.items()
-            if point.region is not None
-        ]
+        mapped = []
+        for name, point in read_house(houses[0]).panoramas.items():
+            if point.region is not None:
+                x_m, y_m, z_m = point.position_m.tolist()
+                place = f"{houses[0].stem}/region-{point.region}"
+                mapped.append(FrameSpec(name, "map", place, x_m, y_m, z_m, yaw_rad=0.0))
         if not mapped:
             raise DataError(
                 f"{houses[0]} has no panorama in a region, expected lines that begin with P, or a frames.csv beside it"
@@ -212,14 +158,16 @@ def read_frames(path: Path) -> list[FrameSpec]:
         specs: list[FrameSpec] = []
         for number, row in enumerate(reader, 2):
             try:
-                spec = FrameSpec(row["id"], row["role"], row["place"], *(float(row[name]) for name in _COLUMNS[3:]))
+                role = cast(Role, row["role"])
+                spec = FrameSpec(row["id"], role, row["place"], *[float(row[name]) for name in _COLUMNS[3:]])
             except (TypeError, ValueError):
                 raise DataError(
-                    f"{path}, line {number}: received {list(row.values())}, expected numbers in {', '.join(_COLUMNS[3:])}"
+                    f"{path}, line {number}: received {list(row.values())}, "
+                    f"expected numbers in {', '.join(_COLUMNS[3:])}"
                 ) from None
-            if spec.role not in _ROLES:
+            if spec.role not in get_args(Role):
                 raise DataError(
-                    f"{path}, line {number}: the role is {spec.role!r}, expected one of {', '.join(_ROLES)}"
+                    f"{path}, line {number}: the role is {spec.role!r}, expected one of {', '.join(get_args(Role))}"
                 )
             if any(spec.id == other.id for other in specs):
                 raise DataError(

@@ -12,6 +12,7 @@ import numpy as np
 from salframe.framework.errors import DataError
 from salframe.framework.files import read_json
 from salframe.panoramas.floors import FloorMasks
+from salframe.panoramas.house_file import read_house
 from salframe_mesh.mesh_file import Surface
 from salframe_mesh.renderer import Renderer
 
@@ -29,7 +30,7 @@ _POCKET_M2 = 1.0
 
 @dataclass(frozen=True, eq=False)
 class Room:
-    """A place: its name, its outlines (n, 2) in metres in the world, the height of its floor, and the level it is on."""
+    """A place: its name, its outlines (n, 2) in metres in the world, the height of its floor, and its level."""
 
     place: str
     outlines_m: tuple[np.ndarray, ...]
@@ -61,8 +62,6 @@ def read_rooms(root: Path) -> tuple[Room, ...]:
 
 
 def _of_house(path: Path) -> list[Room]:
-    from salframe.panoramas.house_file import read_house
-
     regions = read_house(path).regions
     return [Room(f"{path.stem}/region-{r.index}", r.outlines_m, float(r.low_m[2]), r.level) for r in regions]
 

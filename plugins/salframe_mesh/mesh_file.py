@@ -100,4 +100,11 @@ def _joined(parts: list, looks: tuple[np.ndarray, ...]) -> Surface:
             else np.full_like(vertices[-1], 255)
         )
         first += len(vertices[-1])
-    return Surface(*(np.concatenate(arrays) for arrays in (vertices, triangles, paint, uv, colors)), looks)
+    return Surface(
+        vertices_m=np.concatenate(vertices),
+        triangles=np.concatenate(triangles),
+        paint=np.concatenate(paint),
+        uv=np.concatenate(uv),
+        colors=np.concatenate(colors),
+        textures=looks,
+    )

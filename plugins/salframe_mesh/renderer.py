@@ -63,7 +63,7 @@ def _rays(T_world_pano: np.ndarray, height: int) -> np.ndarray:
 
 
 def _sampled(texture: np.ndarray, uv: np.ndarray) -> np.ndarray:
-    """(N, 3) float32 of a texture at (N, 2) coordinates, between the four pixels around; it repeats beyond its borders."""
+    """(N, 3) float32 of a texture at (N, 2) coordinates, between the four pixels around; it repeats beyond them."""
     height, width = texture.shape[:2]
     column, row = uv[:, 0] * width - 0.5, (1 - uv[:, 1]) * height - 0.5
     left, top = np.floor(column).astype(np.int64), np.floor(row).astype(np.int64)

@@ -1,5 +1,4 @@
-"""The detector `panoseg`: salframe's own network for RGB-D panoramas, its training on rendered buildings, and its
-export."""
+"""The detector `panoseg`: salframe's own network for RGB-D panoramas."""
 
 import salframe
 

@@ -1,4 +1,4 @@
-"""What the network tells apart, and what it looks at: shared by training and detection, so that neither drifts from the
+"""What the network tells apart, and what it looks at: shared by detection and training, so that neither drifts from the
 other."""
 
 from __future__ import annotations

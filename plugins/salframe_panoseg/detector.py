@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from pydantic import Field
@@ -11,6 +11,7 @@ from pydantic import Field
 from salframe.framework.config import ComponentConfig
 from salframe.framework.errors import InputMissing, WeightsMissing
 from salframe.framework.files import read_json
+from salframe.framework.identity import UserFile
 from salframe.framework.onnx import open_model
 from salframe.framework.weights import Shipped, Weights, WeightsFile
 from salframe.graphs.boxes import detections_from_points
@@ -40,12 +41,12 @@ class PanoSegDetector(Detector):
     """Objects from colour and range by a segmentation network trained on rendered buildings; it ships with salframe."""
 
     name = "panoseg"
-    version = "3"  # another one for another network, too: caches know ours by it
+    version = "3"
     needs: ClassVar[frozenset[str]] = frozenset({"rgb", "range"})
     weights = (PANOSEG,)
 
     class Config(ComponentConfig):
-        model: Path | None = Field(
+        model: UserFile | None = Field(
             None, description="folder of a training of your own; null: the network that comes with salframe"
         )
         min_score: float = Field(
@@ -59,16 +60,15 @@ class PanoSegDetector(Detector):
         self._labels = _labels(card)
 
     @classmethod
-    def files(cls, config: ComponentConfig) -> tuple[Path, ...]:
-        """The user's own network and its card; ours are known by their hash."""
-        folder: Path | None = config.model  # type: ignore[attr-defined]
-        return tuple(path for path in (folder / NETWORK, folder / CARD) if path.is_file()) if folder else ()
+    def weights_in_use(cls, config: Any) -> tuple[Weights, ...]:
+        """None where a training of the user's takes their place."""
+        return cls.weights if config.model is None else ()
 
     @classmethod
-    def check(cls, config: ComponentConfig) -> None:
+    def check(cls, config: Any) -> None:
         """Raises WeightsMissing where there is no network."""
         super().check(config)
-        PANOSEG.paths(config.model)  # type: ignore[attr-defined]
+        PANOSEG.paths(config.model)
 
     @from_near_side
     def detect(self, panorama: Panorama) -> Detections:

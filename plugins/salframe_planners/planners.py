@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from salframe.framework.errors import NoRoute, UnknownName
-from salframe.framework.registry import unknown
+from salframe.framework.errors import NoRoute, UnknownName, unknown
 from salframe.topology.planner import Planner, Route
 from salframe.topology.topological_map import MapEdge, TopologicalMap
 

@@ -1,13 +1,13 @@
-"""Configuration: frozen pydantic models, slots filled by plugins, YAML with `base:`, and `key.path=value` overrides."""
+"""Configuration: frozen pydantic models, YAML with `base:`, and `key.path=value` overrides."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import yaml
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, SerializeAsAny, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from salframe.framework.errors import ConfigError, SalframeError
 
@@ -43,34 +43,6 @@ class ComponentConfig(Settings):
 def match_only(default: Any, **field: Any) -> Any:
     """A pydantic Field for a setting that matters to matching only: descriptions of panoramas do not depend on it."""
     return Field(default, json_schema_extra={"match_only": True}, **field)
-
-
-def slot(role: str, default: str | None = None, *, match_only: bool = False) -> Any:
-    """The type of a config field that holds a component of `role`: `detector: slot("detector", "annotations")`.
-
-    It accepts a name, a mapping (its `kind` may be left out: then it is `default`), or a component's Config, asks the
-    registry and validates with that component's own Config. Without a `default`, that of configs/defaults.yaml for the
-    role; `match_only` as in the function of that name.
-    """
-    from salframe.framework.defaults import default_of
-
-    def kind() -> str:
-        return default_of(role) if default is None else default
-
-    def resolve(value: Any) -> ComponentConfig:
-        from salframe.framework.registry import registry
-
-        if isinstance(value, ComponentConfig):
-            return value
-        if isinstance(value, str):
-            value = {"kind": value}
-        if not isinstance(value, Mapping):
-            raise ValueError(f"received {value!r}, expected the name of a {role} or a mapping with its settings")
-        return validate(registry().get(role, value.get("kind", kind())).Config, value, role)
-
-    extra: Any = {"match_only": True} if match_only else None
-    field = Field(default_factory=lambda: {"kind": kind()}, validate_default=True, json_schema_extra=extra)
-    return Annotated[SerializeAsAny[ComponentConfig], BeforeValidator(resolve), field]
 
 
 def components_in(config: Any) -> Iterator[tuple[str, ComponentConfig]]:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Sequence
+
 
 class SalframeError(Exception):
     """Base of every error the command line prints as one line instead of a traceback."""
@@ -59,3 +62,14 @@ def describe_error(error: BaseException) -> str:
     """An exception in one line."""
     text = str(error) if isinstance(error, SalframeError) else f"{type(error).__name__}: {error}"
     return " ".join(text.split())
+
+
+def unknown(what: str, name: str, known: Sequence[str], failures: Sequence[object] = ()) -> str:
+    """The message for a name that nobody has: the closest one, the list, and the plugins that failed to load."""
+    close = difflib.get_close_matches(name, known, 1)
+    listed = ", ".join(known[:30]) + (f", ... ({len(known)} in all)" if len(known) > 30 else "")
+    hint = f", did you mean {close[0]!r}?" if close else "."
+    message = f"unknown {what} {name!r}{hint} Known: {listed or 'none'}."
+    if failures:
+        message += f" {len(failures)} plugin(s) failed to load: {', '.join(map(str, failures))}."
+    return message

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from salframe.framework.config import ComponentConfig, merge, nest, read_yaml, validate
-from salframe.framework.errors import ConfigError, UnknownName
-from salframe.framework.registry import registry, unknown
+from salframe.framework.errors import ConfigError, UnknownName, unknown
+from salframe.framework.registry import registry
 
 OTHERWISE = "otherwise"
 """The key under which a preset names another one."""

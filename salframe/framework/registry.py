@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 import os
 import re
@@ -18,7 +17,7 @@ from pydantic_core import PydanticSerializationError
 
 from salframe.framework.component import Component, Role, is_role
 from salframe.framework.config import ComponentConfig
-from salframe.framework.errors import PluginFailed, SalframeError, UnknownName, describe_error
+from salframe.framework.errors import PluginFailed, SalframeError, UnknownName, describe_error, unknown
 
 GROUP, COMMANDS = "salframe", "salframe.commands"
 """Entry points: modules with the hook `salframe_provides`, and modules with the hook `salframe_commands`."""
@@ -56,6 +55,9 @@ class Failure:
     plugin: str
     package: str
     reason: str
+
+    def __str__(self) -> str:
+        return f"{self.plugin} ({self.reason})"
 
 
 class Registry:
@@ -102,6 +104,9 @@ class Registry:
             if self.roles.setdefault(role.role, role) is not role:
                 raise SalframeError(f"the role {role.role!r} of {package} is already there: {self.roles[role.role]}")
         else:
+            for base in getattr(item, "__mro__", ()):
+                if is_role(base):  # the plugin that brings it may come later: plugins load in the order of their names
+                    self.add(base, package)
             check_declaration(item, self.roles)
             key = (item.role, item.name)
             if key in self._components and self._components[key][0] is not item:
@@ -216,21 +221,6 @@ def _check_settings(component: type[Component], where: str) -> None:
         raise SalframeError(
             f"{where}.Config has a default that cannot be written as JSON: {describe_error(error)}"
         ) from None
-
-
-def unknown(what: str, name: str, known: list[str], failures: list[Failure] | None = None) -> str:
-    """The message for a name that nobody has: the closest one, and the list."""
-    close = difflib.get_close_matches(name, known, 1)
-    listed = ", ".join(known[:30]) + (f", ... ({len(known)} in all)" if len(known) > 30 else "")
-    message = (
-        f"unknown {what} {name!r}"
-        + (f", did you mean {close[0]!r}?" if close else ".")
-        + f" Known: {listed or 'none'}."
-    )
-    if failures:
-        told = ", ".join(f"{failure.plugin} ({failure.reason})" for failure in failures)
-        message += f" {len(failures)} plugin(s) failed to load: {told}."
-    return message
 
 
 def _discover(group: str) -> list[EntryPoint]:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from salframe.framework.cache import cache_home
-from salframe.framework.errors import UnknownName, WeightsMissing
+from salframe.framework.errors import UnknownName, WeightsMissing, unknown
 from salframe.framework.files import atomic_path, file_sha256
 
 if TYPE_CHECKING:
@@ -236,8 +236,6 @@ def list_weights(registry: Registry) -> list[Weights]:
 
 def find_weights(name: str, registry: Registry) -> Weights:
     """The weights of this name. Raises UnknownName."""
-    from salframe.framework.registry import unknown
-
     declared = {weights.name: weights for weights in list_weights(registry)}
     if name not in declared:
         raise UnknownName(unknown("weights", name, sorted(declared)))

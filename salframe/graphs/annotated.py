@@ -12,10 +12,7 @@ from salframe.framework.errors import InputMissing
 from salframe.graphs.boxes import detections_from_points
 from salframe.graphs.detections import Detections
 from salframe.panoramas.geometry import equirectangular_rays, pose_2d, transform_points
-from salframe.panoramas.panorama import Annotations, Panorama
-
-MIN_PIXELS = 50
-"""An object that fills fewer pixels is not visible."""
+from salframe.panoramas.panorama import VISIBLE_PIXELS, Annotations, Panorama
 
 
 @dataclass(frozen=True)
@@ -64,7 +61,7 @@ def _objects_in_image(panorama: Panorama) -> list[Annotated]:
     return [
         Annotated(int(instance), annotations.labels[int(instance)], points[end - count : end])
         for instance, count, end in zip(instances, counts, ends, strict=True)
-        if count >= MIN_PIXELS and int(instance) in annotations.labels
+        if count >= VISIBLE_PIXELS and int(instance) in annotations.labels
     ]
 
 

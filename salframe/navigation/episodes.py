@@ -104,7 +104,7 @@ def _draw(site: Site, rng: np.random.Generator, number: int) -> Episode | None:
 def read_asked(path: Path) -> tuple[Asked, ...]:
     """The episodes of a JSON file. Raises DataError on a malformed one."""
     try:
-        return TypeAdapter(tuple[Asked, ...]).validate_python(read_json(path))
+        return tuple(TypeAdapter(list[Asked]).validate_python(read_json(path)))
     except ValidationError as error:
         first = error.errors()[0]
         where = f"episode {first['loc'][0]}: " if first["loc"] else ""

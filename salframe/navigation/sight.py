@@ -66,7 +66,8 @@ class Sight:
         if not usable:
             raise MethodFailed("; ".join(["no mapping frame can be used", *self._left_out[:1]]))
         self._frames = {frame.id: frame for frame in usable}
-        self._localizer.take_map([self._described[id] for id in self._frames], list(self._frames.values()))  # type: ignore[misc]
+        known = [described for id in self._frames if (described := self._described[id]) is not None]
+        self._localizer.take_map(known, list(self._frames.values()))
 
     def _describe(self, frame: MapFrame) -> Description | None:
         if frame.id not in self._described:

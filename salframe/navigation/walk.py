@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from salframe.framework.config import Settings, slot
+from salframe.framework.config import Settings
 from salframe.framework.defaults import default_of
 from salframe.framework.errors import NoRoute
+from salframe.framework.slots import slot
 from salframe.navigation.agent import Agent, Located
 from salframe.navigation.episodes import Episode, Site
 from salframe.navigation.guide import Guide

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from salframe.framework.errors import DataError, InputMissing, UnknownName
-from salframe.framework.registry import unknown
+from salframe.framework.errors import DataError, InputMissing, UnknownName, unknown
 from salframe.navigation.chart import Chart, FloorChart
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.floors import FloorMasks

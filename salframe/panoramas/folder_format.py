@@ -4,10 +4,10 @@ docs/reference/folder-format.md."""
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from pydantic import BaseModel, Field, PositiveFloat, field_validator, model_validator
@@ -24,6 +24,13 @@ from salframe.panoramas.panorama import Annotations, Panorama
 
 PARTS = ("rgb", "range", "instances", "valid")
 """Image files that a frame may have."""
+_IMAGE = {
+    "rgb": ("rgb", ".jpg"),
+    "range": ("range", ".range.png"),
+    "annotations": ("instances", ".instances.png"),
+    "valid": ("valid", ".valid.png"),
+}
+"""What a panorama may hold: the part that it is in the manifest, and how its file is called."""
 
 
 def _rigid(pose: tuple[float, ...] | None) -> tuple[float, ...] | None:
@@ -139,10 +146,9 @@ class Folder:
     @property
     def provides(self) -> frozenset[str]:
         """Which of "rgb", "range", "annotations" every frame has."""
-        parts = {"rgb": "rgb", "range": "range", "annotations": "instances"}
-        return frozenset(
-            name for name, part in parts.items() if all(getattr(frame, part) for frame in self.manifest.frames)
-        )
+        frames = self.manifest.frames
+        whole = {name for name, (part, _) in _IMAGE.items() if all(getattr(frame, part) for frame in frames)}
+        return frozenset(whole - {"valid"})
 
     @cached_property
     def labels(self) -> dict[int, str]:
@@ -270,18 +276,28 @@ def write_floor(root: Path, name: str, masks: FloorMasks) -> FloorEntry:
     return entry
 
 
+def image_names(stem: str, held: Iterable[str]) -> dict[str, Any]:
+    """The files, by part, of a panorama that holds some of "rgb", "range", "annotations" and "valid": stem.jpg,
+    stem.range.png and so on."""
+    chosen = set(held)
+    return {part: stem + ending for name, (part, ending) in _IMAGE.items() if name in chosen}
+
+
 def write_panorama(
     root: Path,
     frame: FrameEntry,
     rgb: np.ndarray | None = None,
     range_m: np.ndarray | None = None,
     instance_id: np.ndarray | None = None,
+    valid: np.ndarray | None = None,
 ) -> None:
     """Write the images of a frame to the files that its entry names; each appears whole or not at all."""
     if frame.range and range_m is not None:
         images.write_range(root / frame.range, range_m)
     if frame.instances and instance_id is not None:
         images.write_ids(root / frame.instances, instance_id)
+    if frame.valid and valid is not None:
+        images.write_mask(root / frame.valid, valid)
     if frame.rgb and rgb is not None:
         images.write_color(root / frame.rgb, rgb)
 

@@ -9,10 +9,10 @@ from typing import Any
 
 from salframe.framework.config import ComponentConfig, merge, parse_override
 from salframe.framework.defaults import default_of
-from salframe.framework.errors import DataError, UnknownName
+from salframe.framework.errors import DataError, UnknownName, unknown
 from salframe.framework.files import read_json
 from salframe.framework.presets import SUFFIXES, configure, names, nest_for, settings, short_name
-from salframe.framework.registry import registry, unknown
+from salframe.framework.registry import registry
 from salframe.panoramas.dataset import MANIFEST, Dataset
 from salframe.panoramas.folder import FolderDataset
 from salframe.panoramas.frames import MapFrame, QueryFrame

@@ -12,6 +12,8 @@ from salframe.framework.errors import DataError
 
 PARTS = frozenset({"rgb", "range", "annotations"})
 """What a panorama may provide, and a component may need."""
+VISIBLE_PIXELS = 50
+"""An object that covers fewer pixels of a panorama is not visible."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,3 +114,9 @@ class Panorama:
         """Which of "rgb", "range", "annotations" are there."""
         parts = {"rgb": self.rgb, "range": self.range_m, "annotations": self.annotations}
         return frozenset(name for name, value in parts.items() if value is not None)
+
+
+def visible_instances(instance_id: np.ndarray) -> tuple[int, ...]:
+    """The ids, ascending, of the objects that are visible in an instance image (H, 2H) int32, 0 where there is none."""
+    pixels = np.bincount(instance_id.ravel())
+    return tuple(int(i) for i in np.flatnonzero(pixels >= VISIBLE_PIXELS) if i)

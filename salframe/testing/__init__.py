@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pkgutil import resolve_name
 from typing import Any
 
-from salframe.framework.component import Component
+from salframe.framework.component import Component, Role
 from salframe.framework.config import ComponentConfig
 from salframe.framework.registry import registry
 from salframe.testing.asking import ConformanceError
@@ -36,7 +36,7 @@ _CHECKS: dict[str, Callable[[Callable[[], Any]], None]] = {
 
 def check_component(component: type[Component], config: ComponentConfig | None = None) -> None:
     """Check a component class against the rules of its role, on furnished rooms that the suite makes itself; `config`:
-    None for the defaults. Components of a role that a plugin brings are checked by what the role's `conformance` names.
+    None for the defaults. A role that a plugin brings has the rules that its `conformance` names.
 
     Raises ConformanceError on the first rule that is broken, in one line: what was checked, what was received, what was
     expected. Raises RequirementMissing or WeightsMissing where the component cannot run here.
@@ -45,9 +45,15 @@ def check_component(component: type[Component], config: ComponentConfig | None =
     try:
         used = check_config(component, config)
         component.check(used)
-        role = registry().roles[component.role]
-        check = _CHECKS.get(role.role) or (resolve_name(role.conformance) if role.conformance else None)
-        if check is not None:
-            check(lambda: component(used))
+        _check_of(registry().roles[component.role])(lambda: component(used))
     except ConformanceError as error:
         raise ConformanceError(f"{component.role} {component.name}: {error}") from error.__cause__
+
+
+def _check_of(role: type[Role]) -> Callable[[Callable[[], Any]], None]:
+    """The function that checks the promises of a role; one that checks nothing where nobody wrote any down."""
+    if role.role in _CHECKS:
+        return _CHECKS[role.role]
+    if not role.conformance:
+        return lambda make: None
+    return resolve_name(role.conformance)

@@ -10,8 +10,8 @@ from typing import cast
 import numpy as np
 
 from salframe.framework.defaults import default_of
-from salframe.framework.errors import DataError, NoRoute, UnknownName
-from salframe.framework.registry import registry, unknown
+from salframe.framework.errors import DataError, NoRoute, UnknownName, unknown
+from salframe.framework.registry import registry
 from salframe.panoramas.geometry import wrap_angle
 from salframe.topology.build import find_floor
 from salframe.topology.edges import joining_paths, make_edge

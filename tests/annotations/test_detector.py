@@ -5,9 +5,8 @@ import pytest
 from salframe_annotations.detector import AnnotationDetector
 
 from salframe.framework.errors import InputMissing
-from salframe.graphs.annotated import MIN_PIXELS
 from salframe.panoramas.geometry import equirectangular_rays
-from salframe.panoramas.panorama import Annotations, ObjectBoxes, Panorama
+from salframe.panoramas.panorama import VISIBLE_PIXELS, Annotations, ObjectBoxes, Panorama
 
 HEIGHT = 128
 
@@ -44,10 +43,10 @@ def test_points_and_centroids_are_those_of_the_patches():
 def test_small_and_unlabelled_objects_and_unknown_range_are_left_out():
     pano = panorama(objects=2)
     ids, range_m = np.array(pano.annotations.instance_id), np.array(pano.range_m)
-    ids[0, : MIN_PIXELS - 1] = 7
-    ids[2, :MIN_PIXELS] = 8
-    ids[4, :MIN_PIXELS] = 9
-    range_m[4, :MIN_PIXELS] = np.nan
+    ids[0, : VISIBLE_PIXELS - 1] = 7
+    ids[2, :VISIBLE_PIXELS] = 8
+    ids[4, :VISIBLE_PIXELS] = 9
+    range_m[4, :VISIBLE_PIXELS] = np.nan
     labels = {1: "a", 2: "b", 7: "few", 8: "just", 9: "no range"}
     found = detect(Panorama("x", range_m=range_m, annotations=Annotations(ids, labels)), noise="none")
     assert found.labels == ("a", "b", "just")

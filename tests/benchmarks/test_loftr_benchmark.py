@@ -3,7 +3,7 @@ benchmark`."""
 
 import numpy as np
 import pytest
-from salframe_keypoints.localizer import PAIRS, Keypoints
+from salframe_keypoints.loftr import Loftr
 from salframe_keypoints.loftr_compact import ARCHITECTURE, FOLDER, LOFTR_COMPACT, STATE, Network
 from scipy.ndimage import gaussian_filter
 
@@ -20,9 +20,10 @@ def images():
 
 def test_a_pair_in_kornia(benchmark, images):
     pytest.importorskip("kornia")
-    pair = PAIRS["loftr"](Keypoints.Config(pair="loftr", checkpoint=FOLDER / STATE, loftr_config=ARCHITECTURE))
-    first, second = pair.extract(np.repeat(images[..., None], 3, axis=3))
-    points, _ = benchmark(pair.match, second, first)
+    matcher = Loftr(Loftr.Config(checkpoint=FOLDER / STATE, architecture=ARCHITECTURE))
+    matcher.prepare(320, 240)
+    first, second = matcher.extract(np.repeat(images[..., None], 3, axis=3))
+    points, _ = benchmark(matcher.match, second, first)
     assert len(points) > 100
 
 

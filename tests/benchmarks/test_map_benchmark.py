@@ -9,7 +9,7 @@ from salframe_planners.planners import Dijkstra, FloydWarshall
 
 from salframe.panoramas.frames import MapFrame
 from salframe.panoramas.geometry import pose_2d
-from salframe.topology import build_topology
+from salframe.topology.build import build_topology
 
 pytestmark = pytest.mark.slow
 

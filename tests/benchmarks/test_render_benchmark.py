@@ -12,7 +12,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module", params=[("home", 12), ("office", 42)], ids=["home-12", "office-42"])
 def views(request):
-    """A renderer of a building by day and the poses of its first ten mapping frames, the first picture painted already."""
+    """A renderer of a building by day and the poses of its first ten mapping frames, the first picture painted."""
     building = generate_building(*request.param, 7)
     specs = choose_frames(building, building, 7, queries_per_room=1)[:10]
     poses = [pose_2d(spec.x_m, spec.y_m, spec.yaw_rad, spec.z_m) for spec in specs]

@@ -1,13 +1,18 @@
 """Known boxes written as each kind of network gives them, and read back."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from salframe_detectors.decoders import DECODERS, Found, Question, suppress
+from salframe_detectors.decoders import Yolov5
+from salframe_detectors.detection_decoder import DetectionDecoder, Found, Question
+from salframe_detectors.merging import suppress
 
 from salframe.framework.errors import WeightsMissing
+from salframe.framework.registry import registry
+from salframe.testing import ConformanceError, check_component
 
 ASKED = Question(width_px=96, height_px=64, classes=3, min_score=0.25)
 BOXES = np.array([[10.0, 8.0, 30.0, 40.0], [50.0, 20.0, 90.0, 60.0]])
@@ -74,10 +79,14 @@ WRITERS = {
 }
 
 
-@pytest.mark.parametrize("name", DECODERS)
+def decoder(name) -> DetectionDecoder:
+    return registry().get("detection-decoder", name)()
+
+
+@pytest.mark.parametrize("name", WRITERS)
 def test_known_boxes_come_back(name):
     outputs = [np.concatenate([output, np.zeros_like(output)]).astype(np.float32) for output in WRITERS[name]()]
-    first, second = DECODERS[name](outputs, ASKED)
+    first, second = decoder(name).decode(outputs, ASKED)
     assert first.box_px == pytest.approx(BOXES, abs=1e-3)
     assert first.label.tolist() == LABEL.tolist()
     assert first.score == pytest.approx(SCORE, abs=1e-3)
@@ -86,7 +95,7 @@ def test_known_boxes_come_back(name):
 
 
 def test_masks_are_those_of_the_prototypes():
-    (found,) = DECODERS["yolov8-seg"]([output.astype(np.float32) for output in as_yolov8_seg()], ASKED)
+    (found,) = decoder("yolov8-seg").decode([output.astype(np.float32) for output in as_yolov8_seg()], ASKED)
     left = np.broadcast_to(np.arange(96) < 48, (64, 96))
     assert found.mask.shape == (2, 64, 96)
     assert (found.mask[0] == left).mean() > 0.98
@@ -95,17 +104,17 @@ def test_masks_are_those_of_the_prototypes():
 
 def test_candidates_that_score_less_are_left_out_and_boxes_end_at_the_border():
     raw = np.array([[90.0, 60, 40, 40, 1, 0.6, 0, 0], [20, 20, 10, 10, 1, 0.2, 0.1, 0]], np.float32)
-    (found,) = DECODERS["yolov5"]([raw[None]], ASKED)
+    (found,) = decoder("yolov5").decode([raw[None]], ASKED)
     assert found.box_px.tolist() == [[70, 40, 96, 64]]
 
 
 def test_other_shapes_are_told():
     with pytest.raises(WeightsMissing, match=r"gives \(8, 100\) an image, the decoder yolox expects \(126, 8\)"):
-        DECODERS["yolox"]([np.zeros((1, 8, 100), np.float32)], ASKED)
+        decoder("yolox").decode([np.zeros((1, 8, 100), np.float32)], ASKED)
     with pytest.raises(
         WeightsMissing, match=r"gives \(100, 3\) an image, the decoder detr expects \(\*, 4\), \(\*, 4\)"
     ):
-        DECODERS["detr"]([np.zeros((1, 100, 3), np.float32)], ASKED)
+        decoder("detr").decode([np.zeros((1, 100, 3), np.float32)], ASKED)
 
 
 def test_of_overlapping_boxes_of_a_class_the_best_is_kept():
@@ -123,6 +132,53 @@ def test_the_decoder_that_the_documentation_adds_works():
     written: dict = {}
     exec(re.search(r"```python\n(.*?)```", page, re.DOTALL)[1], written)
     raw = np.hstack([BOXES, SCORE[:, None], LABEL[:, None]])[None]
-    (found,) = written["EndToEnd"].decode(None, [np.concatenate([raw, raw * (1, 1, 1, 1, 0.1, 1)], 1)], ASKED)
+    (found,) = written["EndToEnd"]().decode([np.concatenate([raw, raw * (1, 1, 1, 1, 0.1, 1)], 1)], ASKED)
     assert found.box_px.tolist() == BOXES.tolist()
     assert (found.score.tolist(), found.label.tolist()) == (SCORE.tolist(), LABEL.tolist())
+    check_component(written["EndToEnd"])
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_it_keeps_the_promises_of_the_role(name):
+    check_component(registry().get("detection-decoder", name))
+
+
+class Overflowing(Yolov5):
+    """Broken."""
+
+    name = "broken"
+
+    def decode(self, outputs, asked):
+        return [Found(one.box_px + 50, one.score, one.label) for one in super().decode(outputs, asked)]
+
+
+class Doubtful(Yolov5):
+    """Broken."""
+
+    name = "broken"
+
+    def decode(self, outputs, asked):
+        return super().decode(outputs, replace(asked, min_score=0.1))
+
+
+class Surprised(Yolov5):
+    """Broken."""
+
+    name = "broken"
+
+    def decode(self, outputs, asked):
+        return super().decode([outputs[0].reshape(-1, 11)], asked)
+
+
+@pytest.mark.parametrize(
+    ("component", "message"),
+    [
+        (Overflowing, r"received a box beyond the image, expected boxes within 96 x 64 pixels"),
+        (Doubtful, r"received scores \[.*expected shares of at least 0\.25"),
+        (Surprised, r"received ValueError: cannot reshape .*, expected boxes or WeightsMissing"),
+    ],
+)
+def test_a_broken_decoder_is_told_in_one_line(component, message):
+    with pytest.raises(ConformanceError, match=message) as caught:
+        check_component(component)
+    assert "\n" not in str(caught.value)

@@ -9,12 +9,12 @@ from salframe_detectors.detector import OnnxDetector
 from salframe_detectors.zoo import COCO_80, ZOO
 from tiny_network import COLOURS, settings, write_network
 
-from salframe.framework.errors import ConfigError, InputMissing, WeightsMissing
+from salframe.framework.errors import ConfigError, InputMissing, UnknownName, WeightsMissing
 from salframe.framework.identity import identity
 from salframe.framework.presets import configure
 from salframe.framework.registry import registry
 from salframe.localization.localizer import Localizer
-from salframe.panoramas.frames import Frame
+from salframe.panoramas.frames import MapFrame, QueryFrame
 from salframe.panoramas.geometry import (
     column_azimuth,
     equirectangular_rays,
@@ -193,13 +193,16 @@ def test_without_range_labels_are_known_and_places_can_be_told(network, detector
     assert registry().get("saliency", "volumetric")().score(found).tolist() == [0.5, 0.5]
     objects = localizer("objects", network)
     objects.build(
-        [Frame(name, lambda p=p: p, np.eye(4), name) for name, p in (("kitchen", kitchen), ("lounge", lounge))]
+        [
+            MapFrame(name, name, np.eye(4), load=lambda seen=seen: seen)
+            for name, seen in (("kitchen", kitchen), ("lounge", lounge))
+        ]
     )
-    assert objects.localize(Frame("query", lambda: turned(lounge, 100))).places[0].place == "lounge"
+    assert objects.localize(QueryFrame("query", lambda: turned(lounge, 100))).places[0].place == "lounge"
     with pytest.raises(
         InputMissing, match=r"needs range, which scene does not have: .* found 2 objects .* enough for 'objects'"
     ):
-        localizer("saliency-graph", network).localize(Frame("query", lambda: kitchen))
+        localizer("saliency-graph", network).localize(QueryFrame("query", lambda: kitchen))
 
 
 def test_without_colour_it_says_so(detector):
@@ -230,7 +233,7 @@ def test_a_network_of_any_size_is_given_the_declared_one(tmp_path):
             WeightsMissing,
             "no file nowhere.onnx: expected the path of an ONNX file, or one of yolox-nano,",
         ),
-        ({"decoder": "yolov4"}, ConfigError, "onnx.decoder: received 'yolov4', expected 'yolox', 'yolov5'"),
+        ({"decoder": "yolov4"}, UnknownName, "unknown detection-decoder 'yolov4', did you mean 'yolov[58]'"),
         (
             {"decoder": "yolov8"},
             WeightsMissing,
@@ -268,14 +271,25 @@ def test_a_broken_file_is_one_line(network, tmp_path, content):
 def test_caches_know_the_network_by_its_content(network, tmp_path):
     path = tmp_path / "mine.onnx"
     path.write_bytes(network.read_bytes())
-    before = identity(configure("detector", "onnx", settings(path)))
+
+    def known_by():
+        """The detector's identity, and that of descriptions made with it."""
+        config = configure("localizer", "objects", {"detector": {"kind": "onnx", **settings(path)}})
+        return identity(config.detector), registry().build("localizer", config).describe_identity()
+
+    before = known_by()
+    assert before[0] == identity(configure("detector", "onnx", settings(network)))
     write_network(path, near=50.0)
-    after = identity(configure("detector", "onnx", settings(path)))
-    assert {**before, "files": None} == {**after, "files": None}
-    assert before["files"] != after["files"]
-    assert "files" not in identity(
-        configure("detector", "onnx", {})
-    )  # those to fetch are known by the hash of their release
+    after = known_by()
+    assert before[0] != after[0]
+    assert before[1] != after[1]
+    assert "weights" not in before[0]
+
+
+def test_caches_know_a_network_to_fetch_by_the_hash_of_its_release():
+    for name, weights in ZOO.items():
+        known = identity(configure("detector", "onnx", {"model": name}))
+        assert known["weights"] == [weights.files[0].sha256]
 
 
 def test_networks_to_fetch_are_told_where_they_are_not_at_hand(monkeypatch, tmp_path):

@@ -1,4 +1,4 @@
-"""A detector that a user would bring, on the whole RGB-D viewpoint of the shared data. Skipped where either is absent."""
+"""A detector that a user would bring, on the shared data's RGB-D viewpoint. Skipped where either is absent."""
 
 import os
 from pathlib import Path

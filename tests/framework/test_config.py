@@ -13,12 +13,12 @@ from salframe.framework.config import (
     nest,
     parse_override,
     read_yaml,
-    slot,
     validate,
 )
 from salframe.framework.defaults import defaults
 from salframe.framework.errors import ConfigError, UnknownName
 from salframe.framework.registry import registry
+from salframe.framework.slots import slot
 from salframe.graphs.saliency import SaliencyModel
 
 

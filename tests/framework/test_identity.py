@@ -10,10 +10,11 @@ from pathlib import Path
 import pytest
 from pydantic import Field, ValidationError
 
-from salframe.framework.config import ComponentConfig, Settings, match_only, slot, validate
+from salframe.framework.config import ComponentConfig, Settings, match_only, validate
 from salframe.framework.errors import ConfigError
 from salframe.framework.identity import UserFile, content_sha256, digest, identity
 from salframe.framework.registry import registry
+from salframe.framework.slots import slot
 from salframe.framework.weights import Download, Weights, WeightsFile
 from salframe.graphs.saliency import SaliencyModel
 

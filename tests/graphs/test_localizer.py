@@ -6,10 +6,11 @@ from salframe_graphs.localizer import SaliencyGraphLocalizer
 
 from salframe.framework.config import validate
 from salframe.framework.errors import DataError, InputMissing
+from salframe.framework.identity import identity
 from salframe.framework.presets import configure, settings
 from salframe.graphs.detections import Detections
 from salframe.localization.localizer import rank_places
-from salframe.panoramas.frames import Frame, MapFrame
+from salframe.panoramas.frames import FrameKind, MapFrame, QueryFrame
 from salframe.panoramas.geometry import invert_pose, pose_2d, pose_errors, transform_points
 from salframe.panoramas.panorama import Annotations, ObjectBoxes, Panorama
 
@@ -34,24 +35,28 @@ def seen(room, T_room_pano, name):
     )
 
 
-def frame(room, name, T=None, **settings):
-    T = np.eye(4) if T is None else T
-    return Frame(name, lambda: seen(room, T, name), **settings)
+def map_frame(room, T_world_pano):
+    """Of a room whose middle is seen from the middle."""
+    name = f"map-{room}"
+    return MapFrame(name, f"room-{room}", T_world_pano, load=lambda: seen(room, np.eye(4), name))
+
+
+def query(room, T_room_pano=None):
+    pose = np.eye(4) if T_room_pano is None else T_room_pano
+    return QueryFrame("query", lambda: seen(room, pose, "query"))
 
 
 @pytest.fixture(scope="module")
 def mapped():
     localizer = SaliencyGraphLocalizer()
-    localizer.build(
-        [frame(i, f"map-{i}", T_world_pano=pose_2d(6.0 * i, 0, 0.3 * i), place=f"room-{i}") for i in range(12)]
-    )
+    localizer.build([map_frame(i, pose_2d(6.0 * i, 0, 0.3 * i)) for i in range(12)])
     return localizer
 
 
 def test_place_and_pose(mapped):
     for i in range(12):
         T = pose_2d(0.5, -0.4, 1.0 + i)
-        answer = mapped.localize(frame(i, "query", T))
+        answer = mapped.localize(query(i, T))
         assert answer.status == "ok"
         assert answer.places[0].place == f"room-{i}"
         assert pose_errors(answer.T_world_query, pose_2d(6.0 * i, 0, 0.3 * i) @ T) == pytest.approx((0, 0), abs=1e-4)
@@ -61,24 +66,24 @@ def test_saved_map_gives_the_same_answers(mapped, tmp_path):
     mapped.save(tmp_path)
     again = SaliencyGraphLocalizer()
     again.load(tmp_path)
-    query = frame(4, "query", pose_2d(0.2, 0.3, 2.0))
-    before, after = mapped.localize(query), again.localize(query)
+    asked = query(4, pose_2d(0.2, 0.3, 2.0))
+    before, after = mapped.localize(asked), again.localize(asked)
     assert before.places == after.places
     np.testing.assert_array_equal(before.T_world_query, after.T_world_query)
 
 
 def test_a_scene_is_a_few_hundred_bytes(mapped):
-    description, _ = mapped.describe_frame(frame(0, "query"))
+    description, _ = mapped.describe_frame(query(0))
     assert mapped.scene_bytes(description) == 2 + 18 * 7 + 3
 
 
 def test_failing_is_a_status(mapped):
     empty = Panorama("empty", annotations=Annotations(objects=ObjectBoxes.empty()))
-    assert mapped.localize(Frame("empty", lambda: empty)).status == "no-objects"
+    assert mapped.localize(QueryFrame("empty", lambda: empty)).status == "no-objects"
     strange = Detections(("spaceship",), np.ones(1), np.ones((1, 3)), np.ones((1, 3)), np.zeros(1))
     assert (
         mapped.localize(
-            Frame(
+            QueryFrame(
                 "s",
                 lambda: Panorama(
                     "s",
@@ -91,16 +96,14 @@ def test_failing_is_a_status(mapped):
         == "no-match"
     )
     picky = SaliencyGraphLocalizer(SaliencyGraphLocalizer.Config(min_score=10.0))
-    picky.build([frame(1, "map-1", T_world_pano=np.eye(4), place="room-1")])
-    answer = picky.localize(frame(1, "query"))
+    picky.build([map_frame(1, np.eye(4))])
+    answer = picky.localize(query(1))
     assert (answer.status, answer.places, answer.T_world_query) == ("low-score", (), None)
 
 
 def test_bad_input_is_one_clear_line(mapped, tmp_path):
     with pytest.raises(InputMissing, match="saliency-graph needs annotations, which q does not have"):
-        mapped.localize(Frame("q", lambda: Panorama("q", range_m=np.ones((4, 8), np.float32))))
-    with pytest.raises(DataError, match="q has no pose and place"):
-        SaliencyGraphLocalizer().build([frame(1, "q")])
+        mapped.localize(QueryFrame("q", lambda: Panorama("q", range_m=np.ones((4, 8), np.float32))))
     with pytest.raises(DataError, match="at least one mapping frame"):
         SaliencyGraphLocalizer().build([])
     (tmp_path / "map.json").write_text('{"format": 1, "version": "0", "localizer": {"kind": "objects"}, "frames": []}')
@@ -109,10 +112,10 @@ def test_bad_input_is_one_clear_line(mapped, tmp_path):
 
 
 def test_a_doorway_match_answers_with_the_scene_at_the_pose():
-    """In a map of a room, a doorway and another room the doorway matches best; the pose is on the second room's side."""
+    """Of a room, a doorway and another room the doorway matches best; the pose is on the second room's side."""
     frames = [
         MapFrame("a", "room-a", pose_2d(0, 0, 0)),
-        MapFrame("door", "transition-1", pose_2d(2, 0, 0), "transition"),
+        MapFrame("door", "transition-1", pose_2d(2, 0, 0), FrameKind.TRANSITION),
         MapFrame("b", "room-b", pose_2d(4, 0, 0)),
     ]
     scores = np.array([0.5, 0.9, 0.2])
@@ -131,3 +134,27 @@ def test_presets_are_configurations_of_the_same_stages(preset):
     config = configure("localizer", preset, settings("localizer", preset))
     assert config.kind == "saliency-graph"
     assert validate(SaliencyGraphLocalizer.Config, config.model_dump(), preset) == config
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"matcher": {"keep": 0.8}},
+        {"positioner": "least-squares"},
+        {"top_k": 3},
+        {"min_score": 0.1},
+        {"agreement": 0.0},
+        {"agreement_radius_m": 1.0},
+        {"nearest_scene": False},
+    ],
+)
+def test_what_matters_to_matching_only_is_no_part_of_a_description(change):
+    base, other = SaliencyGraphLocalizer.Config(), SaliencyGraphLocalizer.Config(**change)
+    assert identity(base) != identity(other)
+    assert SaliencyGraphLocalizer(base).describe_identity() == SaliencyGraphLocalizer(other).describe_identity()
+
+
+@pytest.mark.parametrize("change", [{"detector": {"noise": "heavy"}}, {"graph": {"top_k": 3}}])
+def test_what_makes_the_graph_is_part_of_a_description(change):
+    other = SaliencyGraphLocalizer(SaliencyGraphLocalizer.Config(**change))
+    assert SaliencyGraphLocalizer().describe_identity() != other.describe_identity()

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from salframe_house.dataset import House
-from salframe_house.rendering import VISIBLE_PIXELS, buildings
+from salframe_house.rendering import buildings
 
 from salframe.framework.errors import ConfigError, DataError
 from salframe.framework.presets import configure, settings
 from salframe.panoramas.geometry import equirectangular_rays
+from salframe.panoramas.panorama import VISIBLE_PIXELS
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +35,6 @@ def test_frames_have_what_they_should(house: House) -> None:
     (fold,) = house.folds()
     assert house.provides == {"range", "annotations"} == fold.mapping[0].load().provides
     assert len(fold.queries) == 6
-    assert all(query.T_world_pano is None and query.place is None for query in fold.queries)
     rooms = {frame.place for frame in fold.mapping if not frame.place.startswith("transition")}
     assert len(rooms) == 6
     assert {house.truth(query.id).place for query in fold.queries} == rooms
@@ -111,6 +112,23 @@ def test_presets(name: str, rooms: int, style: str) -> None:
     assert (config.queries_per_room, config.changed_fraction) == (3, 0.1)
     with pytest.raises(ConfigError, match=r"unknown key house-6\.colour"):
         configure("dataset", "house-6", settings("dataset", "house-6"), [{"colour": True}])
+
+
+def test_a_building_of_too_many_rooms_is_refused_at_once() -> None:
+    start = time.perf_counter()
+    with pytest.raises(ConfigError, match=r"house-6\.rooms: received 100000000, expected less than or equal to 500"):
+        configure("dataset", "house-6", settings("dataset", "house-6"), [{"rooms": 100_000_000}])
+    assert time.perf_counter() - start < 1
+
+
+def test_furniture_is_known_by_its_content_not_by_its_folder(tmp_path: Path) -> None:
+    def known(folder: str, content: bytes) -> str:
+        (tmp_path / folder).mkdir(exist_ok=True)
+        (tmp_path / folder / "library.sh3f").write_bytes(content)
+        return House(House.Config(models=tmp_path / folder)).fingerprint
+
+    assert known("here", b"sofa") == known("there", b"sofa") != known("there", b"chair")
+    assert House().fingerprint not in (known("here", b"sofa"), known("there", b"chair"))
 
 
 @pytest.mark.slow

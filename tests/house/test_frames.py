@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from salframe_house.building import Building, change_building, generate_building
 from salframe_house.calibrate import measure
-from salframe_house.frames import FrameSpec, choose_frames
+from salframe_house.frames import HouseFrame, choose_frames
 
 
 @lru_cache
-def case(style: str, rooms: int, seed: int) -> tuple[Building, Building, tuple[FrameSpec, ...]]:
+def case(style: str, rooms: int, seed: int) -> tuple[Building, Building, tuple[HouseFrame, ...]]:
     house = generate_building(style, rooms, seed)
     changed = change_building(house, 0.1, seed)
     return house, changed, choose_frames(house, changed, seed)
@@ -21,7 +21,7 @@ def case(style: str, rooms: int, seed: int) -> tuple[Building, Building, tuple[F
 CASES = [("home", 6, 0), ("home", 12, 1), ("office", 12, 2), ("hotel", 12, 3), ("office", 42, 0)]
 
 
-def nearest(frames, query: FrameSpec) -> FrameSpec:
+def nearest(frames, query: HouseFrame) -> HouseFrame:
     own = [frame for frame in frames if frame.role == "map" and frame.place == query.place]
     return min(own, key=lambda frame: np.hypot(frame.x_m - query.x_m, frame.y_m - query.y_m))
 

@@ -1,17 +1,11 @@
-"""Networks of a few nodes with known outputs, and panoramas whose colour tells the azimuth."""
+"""Networks of a few nodes with known outputs."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
-
-from salframe.panoramas.geometry import column_azimuth, pose_yaw
-from salframe.panoramas.panorama import Panorama
-
-HEIGHT = 128
 
 
 @pytest.fixture
@@ -42,11 +36,3 @@ def same_network(write_network) -> Path:
     from onnx import helper
 
     return write_network("same.onnx", [helper.make_node("Identity", ["x"], ["y"])])
-
-
-def compass(colours: np.ndarray, T_world_pano: np.ndarray | None = None, valid: np.ndarray | None = None) -> Panorama:
-    """A panorama of an endless cylinder: grey 127, and 100 cos or sin of the world azimuth as `colours` (3, 2) mixes
-    them."""
-    azimuth = column_azimuth(2 * HEIGHT) + (0.0 if T_world_pano is None else pose_yaw(T_world_pano))
-    row = 127 + 100 * np.stack([np.cos(azimuth), np.sin(azimuth)], 1) @ colours.T
-    return Panorama("compass", np.broadcast_to(np.rint(row), (HEIGHT, 2 * HEIGHT, 3)).astype(np.uint8), valid=valid)

@@ -4,11 +4,12 @@ import json
 
 import numpy as np
 import pytest
-from conftest import HEIGHT
+from compass import HEIGHT
 from salframe_image.clip import MEAN, STD, ClipRooms, room_type
 
 from salframe.framework.errors import InputMissing, WeightsMissing
-from salframe.panoramas.frames import Frame, MapFrame
+from salframe.framework.identity import identity
+from salframe.panoramas.frames import FrameKind, MapFrame, QueryFrame
 from salframe.panoramas.panorama import Panorama
 from salframe.testing import check_component
 
@@ -27,7 +28,7 @@ COLOURS = {
 
 @pytest.fixture
 def folder(write_network, tmp_path):
-    """A CLIP whose image encoder is the mean of its input, and whose text encoder the sum of EMBEDDINGS over the words."""
+    """A CLIP whose image encoder is the mean of its input, its text encoder the sum of EMBEDDINGS over the words."""
     from onnx import TensorProto, helper
 
     write_network("onnx/vision_model.onnx", [helper.make_node("ReduceMean", ["x"], ["y"], axes=[2, 3], keepdims=0)])
@@ -54,7 +55,10 @@ def build(folder):
     def make(rooms: dict[str, str], **settings) -> ClipRooms:
         localizer = ClipRooms(ClipRooms.Config(checkpoint=folder, views=4, hfov_deg=80, **settings))
         localizer.build(
-            [Frame(place, lambda colour=colour: painted(colour), np.eye(4), place) for place, colour in rooms.items()]
+            [
+                MapFrame(place, place, np.eye(4), load=lambda colour=colour: painted(colour))
+                for place, colour in rooms.items()
+            ]
         )
         return localizer
 
@@ -125,7 +129,7 @@ def test_room_types_are_those_of_scenes_unless_others_are_named(build, folder):
     frames = [
         MapFrame("1", "red-01", np.eye(4)),
         MapFrame("2", "blue", np.eye(4)),
-        MapFrame("3", "green-01", np.eye(4), "transition"),
+        MapFrame("3", "green-01", np.eye(4), FrameKind.TRANSITION),
     ]
     localizer.index([localizer.describe(painted(colour)) for colour in ("red", "blue", "green")], frames)
     scores = {ranked.place: ranked.score for ranked in ask(localizer, painted("blue")).places}
@@ -159,7 +163,7 @@ def test_where_nothing_is_seen_there_is_no_answer(build):
 
 def test_a_panorama_without_colour_is_refused(build):
     with pytest.raises(InputMissing, match="clip-rooms needs rgb, which dark does not have"):
-        build(ROOMS).localize(Frame("dark", lambda: Panorama("dark", range_m=np.ones((64, 128), np.float32))))
+        build(ROOMS).localize(QueryFrame("dark", lambda: Panorama("dark", range_m=np.ones((64, 128), np.float32))))
 
 
 def test_without_clip_the_row_says_how_to_get_it(monkeypatch, tmp_path):
@@ -198,3 +202,19 @@ def test_another_image_encoder_is_one_line(folder, build, write_network):
 
 def test_it_keeps_the_promises_of_a_localizer(folder):
     check_component(ClipRooms, ClipRooms.Config(checkpoint=folder, views=2, room_types=("red", "green", "blue")))
+
+
+def test_descriptions_are_known_by_the_checkpoints_content_and_not_by_prompts(folder):
+    def known_by(**settings):
+        config = ClipRooms.Config(checkpoint=folder, views=2, **settings)
+        return identity(config), ClipRooms(config).describe_identity()
+
+    before = known_by()
+    for change in ({"prompt": "the {}"}, {"room_types": ("red",)}):
+        assert known_by(**change)[0] != before[0]
+        assert known_by(**change)[1] == before[1]
+    path = folder / "onnx" / "vision_model.onnx"
+    path.write_bytes(path.read_bytes() + b"\x12\x04test")  # another field of the file: its producer's name
+    after = known_by()
+    assert before[0] != after[0]
+    assert before[1] != after[1]

@@ -2,14 +2,20 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from conftest import HEIGHT, compass
+from compass import HEIGHT, compass
 from salframe_image.localizer import ImageFeatures, peak_rad
+from salframe_image.network_input import as_batch
+from salframe_image.networks import EfficientNetLite0, OwnNetwork
 
 from salframe.framework.errors import InputMissing, WeightsMissing
-from salframe.panoramas.frames import Frame
+from salframe.framework.identity import identity
+from salframe.framework.presets import configure as configure_preset
+from salframe.framework.presets import settings
+from salframe.framework.registry import registry
+from salframe.panoramas.frames import MapFrame, QueryFrame
 from salframe.panoramas.geometry import pose_2d, pose_yaw, wrap_angle
 from salframe.panoramas.panorama import Panorama
-from salframe.testing import check_component
+from salframe.testing import ConformanceError, check_component
 
 HALL = np.array([[1, 0], [0, 1], [-1, 0]])
 CELLAR = np.array([[0, 1], [1, 0], [0, -1]])  # the same colours the other way round
@@ -19,19 +25,28 @@ CELLAR = np.array([[0, 1], [1, 0], [0, -1]])  # the same colours the other way r
 def configure(same_network):
     """A config of the localizer with the network whose features are the image; power 1 is the mean colour of a view,
     negative values cut off."""
-    return lambda **settings: ImageFeatures.Config(**{"model": same_network, "size_px": 32, "power": 1.0, **settings})
+
+    def make(network=None, **settings) -> ImageFeatures.Config:
+        chosen = {"kind": "onnx", "model": same_network, "size_px": 32, **(network or {})}
+        return ImageFeatures.Config(**{"network": chosen, "power": 1.0, **settings})
+
+    return make
 
 
 @pytest.fixture
 def localizer(configure):
     made = ImageFeatures(configure())
     frames = [("hall", HALL, pose_2d(1, 2, 0.4, 1.5)), ("cellar", CELLAR, pose_2d(7, 2, -2, 1.5))]
-    made.build([frame(name, compass(colours, pose), pose, name) for name, colours, pose in frames])
+    made.build([map_frame(name, compass(colours, pose), pose) for name, colours, pose in frames])
     return made
 
 
-def frame(name, panorama, pose=None, place=None) -> Frame:
-    return Frame(name, lambda: panorama, pose, place)
+def map_frame(name, panorama, pose) -> MapFrame:
+    return MapFrame(name, name, pose, load=lambda: panorama)
+
+
+def query(panorama) -> QueryFrame:
+    return QueryFrame("query", lambda: panorama)
 
 
 def test_a_view_is_pooled_by_its_generalised_mean(configure):
@@ -48,7 +63,7 @@ def test_features_that_are_pooled_already_are_taken_as_they_are(write_network, c
     from onnx import helper
 
     pooled = write_network("pooled.onnx", [helper.make_node("ReduceMean", ["x"], ["y"], axes=[2, 3], keepdims=0)])
-    received = ImageFeatures(configure(model=pooled)).describe(compass(HALL))["features"]
+    received = ImageFeatures(configure({"model": pooled})).describe(compass(HALL))["features"]
     expected = mean_colours(compass(HALL))
     np.testing.assert_allclose(received, expected / np.linalg.norm(expected, axis=1, keepdims=True), atol=2e-3)
 
@@ -69,7 +84,7 @@ def mean_colours(panorama):
 
 @pytest.mark.parametrize("yaw_rad", [-2.9, -1.3, 0.0, 0.25, 0.4, 1.0, 3.1])
 def test_place_and_heading_are_found_and_the_position_is_the_map_frames(localizer, yaw_rad):
-    answer = localizer.localize(frame("query", compass(HALL, pose_2d(1.6, 2.3, yaw_rad, 1.5))))
+    answer = localizer.localize(query(compass(HALL, pose_2d(1.6, 2.3, yaw_rad, 1.5))))
     assert answer.status == "ok"
     assert [place.place for place in answer.places] == ["hall", "cellar"]
     assert answer.places[0].score == pytest.approx(
@@ -89,20 +104,20 @@ def test_what_was_not_seen_does_not_count(localizer):
     hidden = Panorama("other colours there", np.where(seen[..., None], partial.rgb, 255 - partial.rgb), valid=seen)
     inside = azimuth[azimuth < 120] // 30  # views that end before what was not seen begins
     np.testing.assert_array_equal(localizer.describe(hidden)["features"][inside], features[inside])
-    answer = localizer.localize(frame("query", partial))
+    answer = localizer.localize(query(partial))
     assert answer.places[0].place == "hall"
     assert abs(wrap_angle(pose_yaw(answer.T_world_query) - 1.0)) < 0.1
 
 
 def test_where_nothing_is_seen_there_is_no_answer(localizer):
     nothing = compass(HALL, valid=np.zeros((HEIGHT, 2 * HEIGHT), bool))
-    answer = localizer.localize(frame("query", nothing))
+    answer = localizer.localize(query(nothing))
     assert (answer.status, answer.places, answer.T_world_query) == ("no-features", (), None)
 
 
 def test_without_texture_there_is_a_place_and_no_heading(localizer):
     plain = Panorama("plain", np.full((HEIGHT, 2 * HEIGHT, 3), (160, 130, 128), np.uint8))
-    answer = localizer.localize(frame("query", plain))
+    answer = localizer.localize(query(plain))
     assert answer.status == "no-pose"
     assert answer.T_world_query is None
     assert len(answer.places) == 2
@@ -110,12 +125,12 @@ def test_without_texture_there_is_a_place_and_no_heading(localizer):
 
 def test_one_map_frame_is_enough(configure):
     localizer, pose = ImageFeatures(configure()), pose_2d(1, 2, 0.4)
-    localizer.build([frame("hall", compass(HALL, pose), pose, "hall")])
-    answer = localizer.localize(frame("query", compass(HALL, pose_2d(0, 0, -0.8))))
+    localizer.build([map_frame("hall", compass(HALL, pose), pose)])
+    answer = localizer.localize(query(compass(HALL, pose_2d(0, 0, -0.8))))
     assert abs(wrap_angle(pose_yaw(answer.T_world_query) + 0.8)) < 0.02
     plain = Panorama("plain", np.full((HEIGHT, 2 * HEIGHT, 3), 160, np.uint8))
-    localizer.build([frame("plain", plain, pose, "cell")])  # all views alike: nothing is left of them but their mean
-    assert localizer.localize(frame("query", compass(HALL))).status == "no-pose"
+    localizer.build([map_frame("cell", plain, pose)])  # all views alike: nothing is left of them but their mean
+    assert localizer.localize(query(compass(HALL))).status == "no-pose"
 
 
 def test_the_parabola_meets_the_peak_between_two_angles():
@@ -127,8 +142,8 @@ def test_the_parabola_meets_the_peak_between_two_angles():
 
 
 def test_a_panorama_without_colour_is_refused(localizer):
-    with pytest.raises(InputMissing, match="image needs rgb, which dark does not have"):
-        localizer.localize(frame("dark", Panorama("dark", range_m=np.ones((64, 128), np.float32))))
+    with pytest.raises(InputMissing, match="image needs rgb, which query does not have"):
+        localizer.localize(query(Panorama("dark", range_m=np.ones((64, 128), np.float32))))
 
 
 def test_another_networks_layout_is_one_line(write_network, configure):
@@ -138,14 +153,14 @@ def test_another_networks_layout_is_one_line(write_network, configure):
     with pytest.raises(
         WeightsMissing, match=r"rows\.onnx gives y \(12, 3, 32\), expected features \(N, C, h, w\) or \(N, C\)"
     ):
-        ImageFeatures(configure(model=rows)).describe(compass(HALL))
+        ImageFeatures(configure({"model": rows})).describe(compass(HALL))
     large = write_network("large.onnx", [helper.make_node("Identity", ["x"], ["y"])], shape=("n", 3, 224, 224))
     with pytest.raises(
         WeightsMissing, match=r"large\.onnx takes x float32 \(\*, 3, 224, 224\), expected float32 \(\*, 3, 32, 32\)"
     ):
-        ImageFeatures(configure(model=large))
+        ImageFeatures(configure({"model": large}))
     with pytest.raises(WeightsMissing, match=r"same\.onnx is no ONNX network with a tensor pool5"):
-        ImageFeatures(configure(output="pool5"))
+        ImageFeatures(configure({"output": "pool5"}))
 
 
 def test_missing_and_damaged_weights_say_how_to_get_them(monkeypatch, tmp_path):
@@ -161,23 +176,64 @@ def test_missing_and_damaged_weights_say_how_to_get_them(monkeypatch, tmp_path):
         ImageFeatures.check(ImageFeatures.Config(network="resnet101"))
 
 
-def test_the_description_is_known_by_the_network_not_by_its_path(configure, same_network, tmp_path):
-    (tmp_path / "copy.onnx").write_bytes(same_network.read_bytes())
-    identities = [
-        ImageFeatures(config).describe_identity() for config in (configure(), configure(model=tmp_path / "copy.onnx"))
-    ]
-    assert identities[0] == identities[1]
-    assert ImageFeatures(configure(power=2.0)).describe_identity() != identities[0]
+def test_without_a_file_the_users_own_network_says_what_it_wants(tmp_path):
+    with pytest.raises(WeightsMissing, match="no model, expected the path of an ONNX file as model"):
+        ImageFeatures(ImageFeatures.Config(network="onnx"))
+    with pytest.raises(WeightsMissing, match=r"no file \S+none\.onnx, expected the path of an ONNX file as model"):
+        ImageFeatures(ImageFeatures.Config(network={"kind": "onnx", "model": tmp_path / "none.onnx"}))
+
+
+def test_the_description_is_known_by_the_networks_content_not_by_its_path(configure, same_network, tmp_path):
+    copy = tmp_path / "copy.onnx"
+    copy.write_bytes(same_network.read_bytes())
+
+    def known_by(**change):
+        config = configure(**change)
+        return identity(config), ImageFeatures(config).describe_identity()
+
+    before = known_by()
+    assert known_by(network={"model": copy}) == before
+    copy.write_bytes(copy.read_bytes() + b"\x12\x04test")  # another field of the file: its producer's name
+    after = known_by(network={"model": copy})
+    assert before[0] != after[0]
+    assert before[1] != after[1]
+    assert known_by(power=2.0)[1] != before[1]
+
+
+def test_fetched_networks_are_known_by_their_hash():
+    for name, kind in (("image", EfficientNetLite0), ("image-resnet101", registry().get("image-network", "resnet101"))):
+        network = identity(configure_preset("localizer", name, settings("localizer", name)))["settings"]["network"]
+        assert network["weights"] == [kind.weights[0].files[0].sha256]
 
 
 def test_it_keeps_the_promises_of_a_localizer(configure):
     check_component(ImageFeatures, configure())
 
 
+def test_networks_of_ones_own_keep_the_promises_of_their_role(configure, write_network):
+    from onnx import helper
+
+    check_component(OwnNetwork, configure().network)
+    pooled = write_network("pooled.onnx", [helper.make_node("ReduceMean", ["x"], ["y"], axes=[2, 3], keepdims=0)])
+    check_component(OwnNetwork, configure({"model": pooled}).network)
+    # of the whole batch instead of each image
+    mixed = write_network("mixed.onnx", [helper.make_node("Softmax", ["x"], ["y"], axis=0)])
+    with pytest.raises(ConformanceError, match="embed of one of them alone: received features off by"):
+        check_component(OwnNetwork, configure({"model": mixed}).network)
+
+
+def test_colours_are_shifted_and_scaled_as_declared(configure, same_network):
+    views = np.random.default_rng(0).integers(0, 256, (2, 32, 32, 3)).astype(np.uint8)
+    mean, std = (120.0, 110.0, 100.0), (50.0, 60.0, 70.0)
+    network = OwnNetwork(configure({"mean": mean, "std": std}).network)
+    np.testing.assert_allclose(network.embed(views), ((views - mean) / std).transpose(0, 3, 1, 2), atol=1e-5)
+    np.testing.assert_array_equal(network.embed(views), as_batch(views, mean, std))
+
+
 @pytest.mark.slow
 def test_it_keeps_them_with_the_network_it_is_meant_for():
     try:
-        ImageFeatures.check(ImageFeatures.Config())
+        check_component(EfficientNetLite0)
     except WeightsMissing as error:
         pytest.skip(str(error))
     check_component(ImageFeatures)

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from salframe_keypoints.localizer import PAIRS, Keypoints
+from salframe_keypoints.feature_matcher import FeatureMatcher
+from salframe_keypoints.localizer import Keypoints
 from scipy.ndimage import map_coordinates, zoom
 
+from salframe.framework.config import ComponentConfig, validate
 from salframe.framework.errors import RequirementMissing, WeightsMissing
-from salframe.panoramas.frames import Frame
+from salframe.framework.registry import registry
+from salframe.panoramas.frames import MapFrame, QueryFrame
 from salframe.panoramas.geometry import equirectangular_rays
 from salframe.panoramas.panorama import Panorama
 
@@ -44,10 +47,13 @@ class BoxRoom:
                 ).clip(0, 255)
         return Panorama(name, rgb, range_m.astype(np.float32) if with_range else None)
 
-    def frame(self, name: str, T_world_pano: np.ndarray, place: str | None = None, **options) -> Frame:
-        """A mapping frame where a place is given, else a query."""
+    def map_frame(self, name: str, T_world_pano: np.ndarray, place: str, **options) -> MapFrame:
         panorama = self.panorama(name, T_world_pano, **options)
-        return Frame(name, lambda: panorama, None if place is None else T_world_pano, place)
+        return MapFrame(name, place, T_world_pano, load=lambda: panorama)
+
+    def query(self, T_world_pano: np.ndarray, **options) -> QueryFrame:
+        panorama = self.panorama("query", T_world_pano, **options)
+        return QueryFrame("query", lambda: panorama)
 
 
 @pytest.fixture(scope="session")
@@ -55,22 +61,38 @@ def rooms() -> list[BoxRoom]:
     return [BoxRoom(seed) for seed in range(3)]
 
 
+def runnable(config: ComponentConfig) -> ComponentConfig:
+    """The config; skips where what its component needs is not here."""
+    try:
+        config.component.check(config)
+    except (RequirementMissing, WeightsMissing) as error:
+        pytest.skip(str(error))
+    if any("torch" in inner.component.requires for inner in (config, getattr(config, "features", config))):
+        import torch
+
+        torch.set_num_threads(1)  # tests run side by side: threads that wait for each other cost more than they bring
+    return config
+
+
 @pytest.fixture(scope="session")
 def configure():
-    """A config of the localizer; skips where what its pair needs is not here."""
+    """A config of the localizer with a matcher and its settings; skips where what they need is not here."""
 
-    def make(pair: str = "sift", **settings) -> Keypoints.Config:
-        config = Keypoints.Config(pair=pair, **settings)
-        try:
-            Keypoints.check(config)
-        except (RequirementMissing, WeightsMissing) as error:
-            pytest.skip(str(error))
-        if "torch" in PAIRS[pair].requires:
-            import torch
+    def make(kind: str = "sift", features: dict | None = None, **settings) -> Keypoints.Config:
+        chosen = {"features": {"kind": kind, **(features or {})}, **settings}
+        return runnable(validate(Keypoints.Config, chosen, "keypoints"))
 
-            torch.set_num_threads(
-                1
-            )  # tests run side by side: threads that wait for each other cost more than they bring
-        return config
+    return make
+
+
+@pytest.fixture(scope="session")
+def make_matcher():
+    """A matcher by its name, told the size of its views; skips where what it needs is not here."""
+
+    def make(kind: str, size_px: tuple[int, int] = (480, 352), **settings) -> FeatureMatcher:
+        config = runnable(registry().get("feature-matcher", kind).Config(**settings))
+        matcher = registry().build("feature-matcher", config)
+        matcher.prepare(*size_px)
+        return matcher
 
     return make

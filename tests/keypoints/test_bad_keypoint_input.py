@@ -8,18 +8,19 @@ import json
 import cv2
 import numpy as np
 import pytest
-from salframe.evaluation.compare import compare
 from salframe_keypoints.localizer import Keypoints
 from tiny_folder import write_tiny_folder
 
+from salframe.evaluation.localization import compare
+from salframe.evaluation.request import Request
 from salframe.framework.errors import RequirementMissing, WeightsMissing
 from salframe.framework.presets import configure, settings
-from salframe.panoramas.frames import Frame
+from salframe.panoramas.frames import QueryFrame
 from salframe.panoramas.geometry import pose_2d, pose_errors
 from salframe.panoramas.panorama import Panorama
 from salframe.testing import check_component
 
-SMALL = ("view_width_px=240", "view_height_px=176", "max_keypoints=200", "hypotheses=100")
+SMALL = ("view_width_px=240", "view_height_px=176", "features.max_keypoints=200", "hypotheses=100")
 QUERY = pose_2d(0.5, -0.3, 1.2)
 
 
@@ -32,8 +33,8 @@ def tiny(tmp_path, monkeypatch):
 
 def run(folder, methods, *overrides):
     """Rows by method."""
-    comparison = compare(methods, str(folder), overrides=(*SMALL, *overrides), engine="inline")
-    return {row["method"]: row for row in comparison.rows}
+    result = compare(Request(methods, str(folder), settings=(*SMALL, *overrides), engine="inline"))
+    return {row.method: row for row in result.rows}
 
 
 def edit_manifest(folder, change):
@@ -48,43 +49,48 @@ def test_a_checkpoint_that_is_missing_or_another_networks_costs_its_own_row(tiny
     pytest.importorskip("kornia")
     other, none = tmp_path / "other.pt", tmp_path / "none.pt"
     torch.save({"conv.weight": torch.zeros(1)}, other)
-    rows = run(tiny, ["xfeat-nn", "aliked-nn", "sift"], f"xfeat-nn.checkpoint={other}", f"aliked-nn.checkpoint={none}")
-    assert not rows["xfeat-nn"]["available"]
-    assert "other.pt does not fit XFeatModel" in rows["xfeat-nn"]["reason"]
-    assert f"no file {none}" in rows["aliked-nn"]["reason"]
-    assert rows["sift"]["accuracy"] is not None
+    rows = run(
+        tiny,
+        ["xfeat-nn", "aliked-nn", "sift"],
+        f"xfeat-nn.features.checkpoint={other}",
+        f"aliked-nn.features.checkpoint={none}",
+    )
+    assert not rows["xfeat-nn"].available
+    assert "other.pt does not fit XFeatModel" in rows["xfeat-nn"].reason
+    assert f"no file {none}" in rows["aliked-nn"].reason
+    assert rows["sift"].accuracy is not None
 
 
 def test_a_map_without_range_gives_places_and_no_pose(tiny):
     edit_manifest(tiny, lambda frame: {key: value for key, value in frame.items() if key != "range"})
     row = run(tiny, ["sift"])["sift"]
-    assert row["status"] == {"no-pose": 3}
-    assert row["accuracy"] == 1
-    assert row["median_translation_m"] is None
+    assert row.status == {"no-pose": 3}
+    assert row.accuracy == 1
+    assert row.median_translation_m is None
 
 
 def test_a_map_of_one_frame_answers_with_its_place(tiny):
     edit_manifest(tiny, lambda frame: frame if frame["role"] == "query" or frame["id"] == "kitchen-map" else None)
     row = run(tiny, ["sift"])["sift"]
-    assert sum(row["status"].values()) == 3
-    assert row["accuracy"] == pytest.approx(1 / 3)
+    assert sum(row.status.values()) == 3
+    assert row.accuracy == pytest.approx(1 / 3)
 
 
 def test_a_query_without_texture_fails_and_the_others_do_not(tiny):
     cv2.imwrite(str(tiny / "frames" / "lounge-query.rgb.png"), np.full((192, 384, 3), 128, np.uint8))
     row = run(tiny, ["sift"])["sift"]
-    assert row["status"]["no-features"] == 1
-    assert row["accuracy"] == pytest.approx(2 / 3)
+    assert row.status["no-features"] == 1
+    assert row.accuracy == pytest.approx(2 / 3)
 
 
 def test_views_without_texture_leave_the_pose_to_the_others(rooms, configure):
     """Half of the query shows one even colour, as a near white wall would."""
     localizer = Keypoints(configure("sift", view_width_px=240, view_height_px=176))
-    localizer.build([room.frame(f"m{i}", np.eye(4), f"room {i}", height=256) for i, room in enumerate(rooms)])
+    localizer.build([room.map_frame(f"m{i}", np.eye(4), f"room {i}", height=256) for i, room in enumerate(rooms)])
     seen = rooms[1].panorama("query", QUERY, 256)
     rgb = seen.rgb.copy()
     rgb[:, :256] = 235
-    answer = localizer.localize(Frame("query", lambda: Panorama("query", rgb)))
+    answer = localizer.localize(QueryFrame("query", lambda: Panorama("query", rgb)))
     assert (answer.status, answer.places[0].place) == ("ok", "room 1")
     assert pose_errors(answer.T_world_query, QUERY)[0] < 0.05
 

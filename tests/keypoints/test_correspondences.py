@@ -1,4 +1,4 @@
-"""What a pair matches in two panoramas of a textured box, whose every range is known."""
+"""What a matcher takes for the same in two panoramas of a textured box, whose every range is known."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from salframe.panoramas.panorama import Panorama
 QUERY, REFERENCE = pose_2d(0.6, -0.4, 2.2, z_m=0.05), pose_2d(0.1, 0.0, 0.3)
 
 
-@pytest.mark.parametrize("pair", ["sift", "xfeat"])
-def test_most_matches_are_right_to_a_pixel(pair, configure, rooms):
-    localizer = Keypoints(configure(pair, view_width_px=240, view_height_px=176))
+@pytest.mark.parametrize("kind", ["sift", "xfeat"])
+def test_most_matches_are_right_to_a_pixel(kind, configure, rooms):
+    localizer = Keypoints(configure(kind, view_width_px=240, view_height_px=176))
     query, reference = rooms[1].panorama("query", QUERY, 256), rooms[1].panorama("reference", REFERENCE, 256)
     matches = localizer.correspond(localizer.describe(query), localizer.describe(reference))
     np.testing.assert_allclose(np.linalg.norm(np.stack([matches.query, matches.reference]), axis=2), 1, atol=1e-9)

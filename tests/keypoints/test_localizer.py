@@ -2,21 +2,28 @@ from __future__ import annotations
 
 import hashlib
 import importlib.util
+import shutil
 
 import numpy as np
 import pytest
-from salframe_keypoints.localizer import PAIRS, Keypoints
+from salframe_keypoints.localizer import Keypoints
+from salframe_keypoints.loftr_compact import FOLDER, STATE
 
 from salframe.framework.cache import Cache
 from salframe.framework.config import validate
-from salframe.framework.errors import ConfigError, RequirementMissing, WeightsMissing
-from salframe.panoramas.frames import Frame
+from salframe.framework.errors import ConfigError, RequirementMissing, UnknownName, WeightsMissing
+from salframe.framework.identity import identity
+from salframe.framework.registry import registry
+from salframe.panoramas.frames import QueryFrame
 from salframe.panoramas.geometry import pose_2d, pose_errors
 from salframe.panoramas.panorama import Panorama
+from salframe.testing import check_component
+
+TRAINED = [name for name in registry().names("feature-matcher") if registry().get("feature-matcher", name).weights]
 
 
-def slow(pair: str):
-    return pytest.param(pair, marks=pytest.mark.slow)
+def slow(kind: str):
+    return pytest.param(kind, marks=pytest.mark.slow)
 
 
 QUERY = pose_2d(0.6, -0.4, 2.2, z_m=0.05)
@@ -24,17 +31,17 @@ QUERY = pose_2d(0.6, -0.4, 2.2, z_m=0.05)
 
 @pytest.fixture(scope="module")
 def mapping(rooms):
-    return [room.frame(f"m{i}", pose_2d(0.1 * i, 0.0, 0.3 * i), f"room {i}") for i, room in enumerate(rooms)]
+    return [room.map_frame(f"m{i}", pose_2d(0.1 * i, 0.0, 0.3 * i), f"room {i}") for i, room in enumerate(rooms)]
 
 
 @pytest.fixture(scope="module")
 def query(rooms):
-    return rooms[1].frame("query", QUERY)
+    return rooms[1].query(QUERY)
 
 
 @pytest.fixture(scope="module")
 def make(configure):
-    return lambda pair="sift", **settings: Keypoints(configure(pair, **settings))
+    return lambda kind="sift", **settings: Keypoints(configure(kind, **settings))
 
 
 @pytest.fixture(scope="module")
@@ -44,9 +51,9 @@ def sift(make, mapping):
     return localizer
 
 
-@pytest.mark.parametrize("pair", ["sift", "xfeat"])
-def test_the_room_is_found_and_the_pose_is_right_to_centimetres(make, pair, mapping, query):
-    localizer = make(pair)
+@pytest.mark.parametrize("kind", ["sift", "xfeat"])
+def test_the_room_is_found_and_the_pose_is_right_to_centimetres(make, kind, mapping, query):
+    localizer = make(kind)
     localizer.build(mapping)
     answer = localizer.localize(query)
     assert answer.status == "ok"
@@ -71,13 +78,13 @@ def test_a_saved_map_answers_alike(make, sift, query, tmp_path):
 
 
 def test_only_the_map_needs_range(sift, rooms):
-    answer = sift.localize(rooms[1].frame("query", QUERY, with_range=False))
+    answer = sift.localize(rooms[1].query(QUERY, with_range=False))
     assert pose_errors(answer.T_world_query, QUERY)[0] < 0.02
 
 
 def test_a_map_without_range_gives_the_place_and_no_pose(make, rooms, query):
     localizer = make()
-    localizer.build([room.frame(f"m{i}", np.eye(4), f"room {i}", with_range=False) for i, room in enumerate(rooms)])
+    localizer.build([room.map_frame(f"m{i}", np.eye(4), f"room {i}", with_range=False) for i, room in enumerate(rooms)])
     answer = localizer.localize(query)
     assert (answer.status, answer.T_world_query, answer.places[0].place) == ("no-pose", None, "room 1")
 
@@ -92,7 +99,7 @@ def test_a_place_that_is_not_in_the_map_has_no_pose(make, sift, mapping, query):
 
 def test_a_blank_panorama_has_no_features(sift):
     blank = Panorama("blank", np.full((64, 128, 3), 90, np.uint8))
-    answer = sift.localize(Frame("blank", lambda: blank))
+    answer = sift.localize(QueryFrame("blank", lambda: blank))
     assert (answer.status, answer.places, answer.T_world_query) == ("no-features", (), None)
 
 
@@ -100,8 +107,8 @@ def test_frames_off_the_shortlist_are_ranked_but_not_matched(make, mapping, quer
     localizer = make(shortlist=1)
     localizer.build(mapping)
     matched = []
-    match = localizer._pair.match
-    localizer._pair.match = lambda seen, reference: matched.append(1) or match(seen, reference)
+    match = localizer._matcher.match
+    localizer._matcher.match = lambda seen, reference: matched.append(1) or match(seen, reference)
     answer = localizer.localize(query)
     assert len(matched) == 6
     assert answer.status == "ok"
@@ -111,7 +118,7 @@ def test_frames_off_the_shortlist_are_ranked_but_not_matched(make, mapping, quer
 def test_exhaustive_matching_agrees_with_the_shortlist(make, rooms, query):
     poses = [pose_2d(0.0, 0.1, 0.3), pose_2d(0.5, 0.1, -0.7)]
     mapping = [
-        room.frame(f"m{i}{j}", poses[j], f"room {i}", height=256) for i, room in enumerate(rooms) for j in range(2)
+        room.map_frame(f"m{i}{j}", poses[j], f"room {i}", height=256) for i, room in enumerate(rooms) for j in range(2)
     ]
     answers = []
     for shortlist in (2, None):
@@ -127,12 +134,12 @@ def test_exhaustive_matching_agrees_with_the_shortlist(make, rooms, query):
 
 
 @pytest.mark.parametrize(
-    "pair", ["sift", "xfeat", "xfeat-nn", *map(slow, ("aliked-nn", "aliked-lightglue", "disk-lightglue"))]
+    "kind", ["sift", "xfeat", "xfeat-nn", *map(slow, ("aliked-nn", "aliked-lightglue", "disk-lightglue"))]
 )
-def test_one_map_frame_with_and_without_range_and_a_blank_query(make, pair, rooms):
-    localizer = make(pair, view_width_px=240, view_height_px=176)
-    query = rooms[1].frame("query", QUERY)
-    localizer.build([rooms[1].frame("m", pose_2d(0.1, 0.0, 0.3), "room 1")])
+def test_one_map_frame_with_and_without_range_and_a_blank_query(make, kind, rooms):
+    localizer = make(kind, view_width_px=240, view_height_px=176)
+    query = rooms[1].query(QUERY)
+    localizer.build([rooms[1].map_frame("m", pose_2d(0.1, 0.0, 0.3), "room 1")])
     answer = localizer.localize(query)
     assert (answer.status, [place.place for place in answer.places]) == ("ok", ["room 1"])
     translation, rotation = pose_errors(answer.T_world_query, QUERY)
@@ -140,11 +147,11 @@ def test_one_map_frame_with_and_without_range_and_a_blank_query(make, pair, room
     assert rotation < np.deg2rad(0.2)
     for value in (0, 90):
         blank = Panorama("blank", np.full((256, 512, 3), value, np.uint8))
-        answer = localizer.localize(Frame("blank", lambda blank=blank: blank))
+        answer = localizer.localize(QueryFrame("blank", lambda blank=blank: blank))
         assert answer.status in ("no-features", "no-pose")
         assert answer.T_world_query is None
 
-    localizer.build([rooms[1].frame("m", pose_2d(0.1, 0.0, 0.3), "room 1", with_range=False)])
+    localizer.build([rooms[1].map_frame("m", pose_2d(0.1, 0.0, 0.3), "room 1", with_range=False)])
     answer = localizer.localize(query)
     assert (answer.status, answer.T_world_query, answer.places[0].place) == ("no-pose", None, "room 1")
 
@@ -152,7 +159,7 @@ def test_one_map_frame_with_and_without_range_and_a_blank_query(make, pair, room
 def test_the_median_rotation_error_is_below_a_tenth_of_a_degree(sift, rooms):
     rng = np.random.default_rng(360)
     poses = [pose_2d(*rng.uniform(-1.2, 1.2, 2), rng.uniform(-3, 3), z_m=rng.uniform(-0.1, 0.1)) for _ in range(5)]
-    answers = [sift.localize(rooms[0].frame("query", pose, height=256)).T_world_query for pose in poses]
+    answers = [sift.localize(rooms[0].query(pose, height=256)).T_world_query for pose in poses]
     assert np.median([pose_errors(answer, pose)[1] for answer, pose in zip(answers, poses, strict=True)]) < np.deg2rad(
         0.1
     )
@@ -187,45 +194,101 @@ def test_descriptions_are_cached_by_what_they_depend_on(make, mapping, tmp_path)
     assert remembered == seconds
     np.testing.assert_array_equal(again["features"], description["features"])
     assert len(list(tmp_path.rglob("*.npz"))) == 1
-    make(max_keypoints=100).describe_frame(mapping[0], cache, "rooms")
+    make(features={"max_keypoints": 100}).describe_frame(mapping[0], cache, "rooms")
     assert len(list(tmp_path.rglob("*.npz"))) == 2
 
 
 def test_sift_needs_no_torch_and_xfeat_says_that_it_does(monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    Keypoints.check(Keypoints.Config(pair="sift"))
+    Keypoints.check(Keypoints.Config(features="sift"))
     with pytest.raises(
         RequirementMissing, match=r"xfeat needs torch, kornia, not installed: pip install 'salframe\[keypoints\]'"
     ):
-        Keypoints.check(Keypoints.Config(pair="xfeat"))
+        Keypoints.check(Keypoints.Config(features="xfeat"))
 
 
-@pytest.mark.parametrize("pair", [name for name in PAIRS if PAIRS[name].weights])
-def test_weights_of_another_hash_are_told_with_both(pair, monkeypatch, tmp_path):
+@pytest.mark.parametrize("kind", TRAINED)
+def test_weights_of_another_hash_are_told_with_both(kind, monkeypatch, tmp_path):
     pytest.importorskip("kornia")
     monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path))
-    (weights,) = PAIRS[pair].weights
+    (weights,) = registry().get("feature-matcher", kind).weights
     weights.directory.mkdir(parents=True)
     (weights.directory / weights.files[0].name).write_bytes(b"other")
     received = hashlib.sha256(b"other").hexdigest()
     with pytest.raises(
-        WeightsMissing, match=f"has sha256 {received}, expected {weights.files[0].sha256}; .*weights fetch {pair}$"
+        WeightsMissing, match=f"has sha256 {received}, expected {weights.files[0].sha256}; .*weights fetch {kind}$"
     ):
-        Keypoints.check(Keypoints.Config(pair=pair))
+        Keypoints.check(Keypoints.Config(features=kind))
 
 
 def test_missing_weights_name_the_path_the_hash_and_the_command(monkeypatch, tmp_path):
     pytest.importorskip("kornia")
     monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path))
     with pytest.raises(WeightsMissing) as caught:
-        Keypoints(Keypoints.Config(pair="loftr"))
+        Keypoints(Keypoints.Config(features="loftr"))
     expected = f"{tmp_path}/weights/loftr/loftr_indoor_ds_new.ckpt (sha256 be9ff88b"
     assert expected in str(caught.value)
     assert str(caught.value).endswith("salframe weights fetch loftr")
 
 
-def test_an_unknown_pair_is_named_with_the_known_ones():
+def test_an_unknown_matcher_is_named_with_the_known_ones():
+    with pytest.raises(UnknownName, match=r"unknown feature-matcher 'xfeet', did you mean 'xfeat'\? Known: aliked"):
+        validate(Keypoints.Config, {"features": "xfeet"}, "method")
+
+
+def test_views_that_a_matcher_cannot_take_are_refused_at_construction():
     with pytest.raises(
-        ConfigError, match=r"method.pair: received 'xfeet', expected 'xfeat', .*'loftr' or 'loftr-compact'"
+        ConfigError, match="loftr-compact: views of 640 x 480 pixels, expected multiples of 8 up to 512"
     ):
-        validate(Keypoints.Config, {"pair": "xfeet"}, "method")
+        Keypoints(Keypoints.Config(features="loftr-compact", view_width_px=640, view_height_px=480))
+
+
+def test_what_matters_to_matching_only_is_no_part_of_a_description(configure):
+    base = Keypoints(configure("sift"))
+    for change in ({"words": 32}, {"shortlist": None}, {"inlier_deg": 2}, {"hypotheses": 9}, {"min_inliers": 4}):
+        config = configure("sift", **change)
+        assert identity(config) != identity(base.config)
+        assert Keypoints(config).describe_identity() == base.describe_identity()
+    for change in ({"views": 4}, {"hfov_deg": 80}, {"features": {"max_keypoints": 99}}):
+        assert Keypoints(configure("sift", **change)).describe_identity() != base.describe_identity()
+
+
+def test_descriptions_are_known_by_the_content_of_a_checkpoint(configure, tmp_path):
+    """A folder that is written anew is another checkpoint; one that is copied is the same."""
+    shutil.copytree(FOLDER, tmp_path / "mine")
+    shutil.copytree(FOLDER, tmp_path / "copy")
+    size = {"view_width_px": 320, "view_height_px": 240}
+
+    def known_by(folder):
+        config = configure("loftr-compact", {"checkpoint": folder}, **size)
+        return identity(config), Keypoints(config).describe_identity()
+
+    before = known_by(tmp_path / "mine")
+    assert known_by(tmp_path / "copy") == before
+    (tmp_path / "mine" / STATE).write_bytes(b"another training")
+    after = known_by(tmp_path / "mine")
+    assert before[0] != after[0]
+    assert before[1] != after[1]
+
+
+def test_fetched_weights_are_part_of_the_identity():
+    """By their own hashes, which stand in place of the checkpoint's."""
+    (weights,) = registry().get("feature-matcher", "loftr-compact").weights
+    features = identity(Keypoints.Config(features="loftr-compact"))["settings"]["features"]
+    assert features["weights"] == [file.sha256 for file in weights.files]
+
+
+def test_a_third_partys_matcher_is_found_and_used(monkeypatch, rooms):
+    """It comes first in the order that plugins load in, and no code of ours names it."""
+    monkeypatch.setenv("SALFRAME_PLUGINS", "matcher_plugin,salframe_keypoints")
+    registry.cache_clear()
+    try:
+        assert registry().failures == []
+        localizer = Keypoints(Keypoints.Config(features={"kind": "corners", "count": 200}, min_inliers=15))
+        check_component(registry().get("feature-matcher", "corners"))
+        localizer.build([room.map_frame(f"m{i}", np.eye(4), f"room {i}") for i, room in enumerate(rooms)])
+        answer = localizer.localize(rooms[1].query(pose_2d(0.05, 0.02, 0.1)))
+    finally:
+        registry.cache_clear()
+    assert (answer.status, answer.places[0].place) == ("ok", "room 1")
+    assert pose_errors(answer.T_world_query, pose_2d(0.05, 0.02, 0.1))[0] < 0.05

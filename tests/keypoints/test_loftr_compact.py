@@ -9,8 +9,8 @@ import sys
 import cv2
 import numpy as np
 import pytest
-from salframe_keypoints.localizer import PAIRS, Keypoints
-from salframe_keypoints.loftr_compact import ARCHITECTURE, FILES, FOLDER, STATE, mutual_maxima
+from salframe_keypoints.localizer import Keypoints
+from salframe_keypoints.loftr_compact import ARCHITECTURE, FILES, FOLDER, STATE, LoftrCompact, mutual_maxima
 
 from salframe.framework.errors import ConfigError, WeightsMissing
 from salframe.panoramas.perspective import ViewRig
@@ -18,12 +18,6 @@ from salframe.panoramas.perspective import ViewRig
 SIZE_PX = 320, 240
 HOMOGRAPHY = np.array([[0.94, -0.17, 38.0], [0.14, 0.98, -22.0], [1e-4, -5e-5, 1.0]])
 """Points of the first image to points of the second: turned by 9 degrees, shifted by 40 pixels, tilted a little."""
-
-
-def settings(**changes) -> Keypoints.Config:
-    return Keypoints.Config(
-        **{"pair": "loftr-compact", "view_width_px": SIZE_PX[0], "view_height_px": SIZE_PX[1], **changes}
-    )
 
 
 @pytest.fixture(scope="module")
@@ -35,19 +29,19 @@ def images(rooms):
     return np.stack([view, (0.6 * warped).astype(np.uint8)])
 
 
-def precision(pair, images) -> tuple[float, int]:
+def precision(matcher, images) -> tuple[float, int]:
     """Share of the matches within 3 pixels of where HOMOGRAPHY puts them, and how many there are."""
-    reference, query = pair.extract(images)
-    points, cells = pair.match(query, reference)
+    reference, query = matcher.extract(images)
+    points, cells = matcher.match(query, reference)
     true = cv2.perspectiveTransform(reference.points_px[None].astype(np.float64), HOMOGRAPHY)[0][cells]
     return float((np.linalg.norm(points - true, axis=1) <= 3).mean()) if len(cells) else 0.0, len(cells)
 
 
-def test_matches_are_those_of_kornias_module_with_the_same_weights(images, configure):
-    in_kornia = PAIRS["loftr"](configure("loftr", checkpoint=FOLDER / STATE, loftr_config=ARCHITECTURE))
-    compact = PAIRS["loftr-compact"](settings())
+def test_matches_are_those_of_kornias_module_with_the_same_weights(images, make_matcher):
+    in_kornia = make_matcher("loftr", SIZE_PX, checkpoint=FOLDER / STATE, architecture=ARCHITECTURE)
+    compact = make_matcher("loftr-compact", SIZE_PX)
     reference, query = compact.extract(images)
-    (points, cells), (expected, expected_cells) = (pair.match(query, reference) for pair in (compact, in_kornia))
+    (points, cells), (expected, expected_cells) = (each.match(query, reference) for each in (compact, in_kornia))
     assert len(cells) > 100
     assert np.isin(cells, expected_cells).mean() > 0.995  # a confidence may round to the other side of the threshold
     assert np.isin(expected_cells, cells).mean() > 0.995
@@ -55,16 +49,14 @@ def test_matches_are_those_of_kornias_module_with_the_same_weights(images, confi
     np.testing.assert_allclose(points[np.isin(cells, both)], expected[np.isin(expected_cells, both)], atol=0.01)
 
 
-def test_matches_lie_where_a_homography_puts_them(images):
-    share, count = precision(PAIRS["loftr-compact"](settings()), images)
+def test_matches_lie_where_a_homography_puts_them(images, make_matcher):
+    share, count = precision(make_matcher("loftr-compact", SIZE_PX), images)
     assert count > 200
     assert share > 0.9
 
 
-def test_that_is_the_weights_doing(images, configure, tmp_path):
-    import torch
-
-    configure("loftr-compact")
+def test_that_is_the_weights_doing(images, make_matcher, tmp_path):
+    torch = pytest.importorskip("torch")
     state = torch.load(FOLDER / STATE, weights_only=True)
     generator = torch.Generator().manual_seed(0)
     shuffled = {
@@ -72,28 +64,29 @@ def test_that_is_the_weights_doing(images, configure, tmp_path):
         for name, value in state.items()
     }
     torch.save(shuffled, tmp_path / "shuffled.pt")
-    broken = configure("loftr", checkpoint=tmp_path / "shuffled.pt", loftr_config=ARCHITECTURE)
-    share, count = precision(PAIRS["loftr"](broken), images)
+    broken = make_matcher("loftr", SIZE_PX, checkpoint=tmp_path / "shuffled.pt", architecture=ARCHITECTURE)
+    share, count = precision(broken, images)
     assert share * count < 20
 
 
 def test_it_runs_without_torch():
     code = (
         "import sys, numpy as np; sys.modules['torch'] = sys.modules['kornia'] = None\n"
-        "from salframe_keypoints.localizer import PAIRS, Keypoints\n"
-        "pair = PAIRS['loftr-compact'](Keypoints.Config(pair='loftr-compact', view_width_px=160, view_height_px=120))\n"
-        "a, b = pair.extract(np.random.default_rng(0).integers(0, 255, (2, 120, 160, 3), np.uint8))\n"
-        "print(pair.match(a, a)[0].shape[1])"
+        "from salframe_keypoints.loftr_compact import LoftrCompact\n"
+        "matcher = LoftrCompact()\n"
+        "matcher.prepare(160, 120)\n"
+        "a, b = matcher.extract(np.random.default_rng(0).integers(0, 255, (2, 120, 160, 3), np.uint8))\n"
+        "print(matcher.match(a, a)[0].shape[1])"
     )
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "2\n"
 
 
-def test_views_without_texture_have_no_match():
-    pair = PAIRS["loftr-compact"](settings())
-    first, second = pair.extract(np.full((2, 240, 320, 3), 127, np.uint8))
-    points, cells = pair.match(first, second)
+def test_views_without_texture_have_no_match(make_matcher):
+    matcher = make_matcher("loftr-compact", SIZE_PX)
+    first, second = matcher.extract(np.full((2, 240, 320, 3), 127, np.uint8))
+    points, cells = matcher.match(first, second)
     assert points.shape == (len(cells), 2)
-    assert pair.retrieval_features(first).shape == (0, 128)
+    assert matcher.describe(first).shape == (0, 128)
 
 
 def test_mutual_maxima_are_greatest_in_row_and_column():
@@ -108,12 +101,12 @@ def test_a_truncated_file_is_one_clear_line(name, tmp_path, monkeypatch):
     path = tmp_path / "weights" / "loftr-compact" / name
     path.write_bytes(path.read_bytes()[:-1000])
     with pytest.raises(WeightsMissing, match=rf"{name} is no ONNX network: .*"):  # the user's own: by its layout
-        PAIRS["loftr-compact"](settings(checkpoint=path.parent))
+        LoftrCompact(LoftrCompact.Config(checkpoint=path.parent))
     monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path))
     with pytest.raises(
         WeightsMissing, match=rf"{name} has sha256 [0-9a-f]{{64}}, expected [0-9a-f]{{64}}; "
     ):  # ours: by its hash
-        Keypoints.check(settings())
+        Keypoints.check(Keypoints.Config(features="loftr-compact"))
 
 
 def test_a_network_of_another_layout_is_one_clear_line(tmp_path):
@@ -122,15 +115,15 @@ def test_a_network_of_another_layout_is_one_clear_line(tmp_path):
     with pytest.raises(
         WeightsMissing, match=r"features\.onnx takes first float32 .*, expected float32 \(1, 1, \*, \*\)"
     ):
-        PAIRS["loftr-compact"](settings(checkpoint=tmp_path / "own"))
+        LoftrCompact(LoftrCompact.Config(checkpoint=tmp_path / "own"))
 
 
 @pytest.mark.parametrize("size", [(324, 240), (320, 520)])
-def test_views_of_another_kind_of_size_are_one_clear_line(size):
+def test_views_of_another_kind_of_size_are_one_clear_line(size, make_matcher):
     with pytest.raises(
         ConfigError, match=rf"loftr-compact: views of {size[0]} x {size[1]} pixels, expected multiples of 8 up to 512"
     ):
-        PAIRS["loftr-compact"](settings(view_width_px=size[0], view_height_px=size[1]))
+        make_matcher("loftr-compact", size)
 
 
 def test_what_is_shipped_is_small():

@@ -7,13 +7,13 @@ import json
 import numpy as np
 import pytest
 from salframe_keypoints.loftr_compact import STRIDE_PX
-from salframe_keypoints.training import pairs
-from salframe_keypoints.training.pairs import PosedView, correspondences
-from salframe_keypoints.training.panoramas import Shot
-from salframe_keypoints.training.settings import Stage, Training
 
 from salframe.framework.errors import ConfigError
 from salframe.panoramas.geometry import equirectangular_rays, pose_2d
+from training.loftr_compact import view_pairs
+from training.loftr_compact.panoramas import Shot
+from training.loftr_compact.settings import Stage, Training
+from training.loftr_compact.view_pairs import PosedView, correspondences
 
 SIZE_PX = 160, 120
 COLUMNS = SIZE_PX[0] // STRIDE_PX
@@ -40,7 +40,7 @@ def true_points(cells, offset_px):
 
 def test_two_views_of_a_panorama_are_related_by_a_homography(shots):
     rng = np.random.default_rng(5)
-    first, second = pairs._draw_homography(shots[:1], SIZE_PX, rng)
+    first, second = view_pairs._draw_homography(shots[:1], SIZE_PX, rng)
     matched, points = true_points(*correspondences(first, second))
     assert len(matched) > 30
     mapped = np.column_stack([first.grid()[matched], np.ones(len(matched))])
@@ -50,9 +50,9 @@ def test_two_views_of_a_panorama_are_related_by_a_homography(shots):
 
 
 def test_views_from_two_places_see_the_same_point_of_the_room(shots):
-    camera = pairs._camera(SIZE_PX, 120.0)
+    camera = view_pairs._camera(SIZE_PX, 120.0)
     first, second = (
-        PosedView(shot, camera, pairs._rotation(turn, 0.02, 0.01), SIZE_PX)
+        PosedView(shot, camera, view_pairs._rotation(turn, 0.02, 0.01), SIZE_PX)
         for shot, turn in zip(shots, (0.1, -0.15), strict=True)
     )
     matched, points = true_points(*correspondences(first, second))
@@ -70,8 +70,8 @@ def test_what_stands_in_the_way_in_the_second_view_has_no_match(shots):
     rays = equirectangular_rays(len(blocked))
     azimuth = np.arctan2(rays[..., 1], rays[..., 0])
     blocked[np.abs(azimuth) < BLOCKED_RAD] = 0.7
-    camera, ahead = pairs._camera(SIZE_PX, 120.0), pairs._rotation(0.0, 0.0, 0.0)
-    first = PosedView(shots[0], camera, pairs._rotation(0.2, 0.0, 0.0), SIZE_PX)
+    camera, ahead = view_pairs._camera(SIZE_PX, 120.0), view_pairs._rotation(0.0, 0.0, 0.0)
+    first = PosedView(shots[0], camera, view_pairs._rotation(0.2, 0.0, 0.0), SIZE_PX)
     free = PosedView(shots[1], camera, ahead, SIZE_PX)
     behind = PosedView(Shot(shots[1].gray, blocked, shots[1].T_world_pano), camera, ahead, SIZE_PX)
     matched, points = true_points(*correspondences(first, free))
@@ -89,7 +89,7 @@ pytest.importorskip("kornia")
 @pytest.fixture
 def train(shots, monkeypatch):
     """Training on views of two shots, a few pixels large, with rows of its log instead of a report."""
-    from salframe_keypoints.training import train as module
+    from training.loftr_compact import train as module
 
     monkeypatch.setattr(module, "read_rooms", lambda config, seeds: [tuple(shots)])
     monkeypatch.setattr(module, "HELD_OUT_PAIRS", 1)
@@ -131,7 +131,7 @@ def test_a_folder_holds_one_run(train, tmp_path):
 
 
 def test_the_learning_rate_rises_stays_and_falls():
-    from salframe_keypoints.training.train import learning_rate
+    from training.loftr_compact.train import learning_rate
 
     config = Training(warmup_steps=10, decay_steps=20)
     rates = [learning_rate(step, 100, config) / config.peak_learning_rate for step in (0, 9, 50, 80, 90, 100)]

@@ -1,10 +1,10 @@
-"""A room of plain walls with rectangles on them, ray-cast in closed form, so that every edge, pose and range is known."""
+"""A room of plain walls with rectangles on them, ray-cast in closed form: every edge, pose and range is known."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from salframe.panoramas.frames import Frame
+from salframe.panoramas.frames import MapFrame
 from salframe.panoramas.geometry import equirectangular_rays
 from salframe.panoramas.panorama import Panorama
 
@@ -50,7 +50,6 @@ class PlainRoom:
             rgb[(axis == normal) & (high == side) & ((on_wall > low_m) & (on_wall < high_m)).all(-1)] = colour
         return rgb, range_m
 
-    def frame(self, name: str, T_world_pano: np.ndarray, place: str | None = None, **options) -> Frame:
-        """A mapping frame where a place is given, else a query."""
+    def map_frame(self, name: str, T_world_pano: np.ndarray, place: str, **options) -> MapFrame:
         panorama = self.panorama(name, T_world_pano, **options)
-        return Frame(name, lambda: panorama, None if place is None else T_world_pano, place)
+        return MapFrame(name, place, T_world_pano, load=lambda: panorama)

@@ -9,7 +9,8 @@ import pytest
 from plain_room import EYE_M
 from salframe_lines.localizer import Lines
 
-from salframe.panoramas.frames import Frame
+from salframe.framework.identity import identity
+from salframe.panoramas.frames import MapFrame
 from salframe.panoramas.geometry import pose_2d, pose_errors
 from salframe.panoramas.panorama import Panorama
 from salframe.testing import check_component
@@ -20,7 +21,7 @@ QUERY = pose_2d(3.1, 2.3, 2.2, EYE_M + 0.03)
 @pytest.fixture(scope="module")
 def mapping(rooms):
     return [
-        room.frame(f"m{i}", pose_2d(2.2 + 0.1 * i, 1.8, 0.3 + 0.4 * i, EYE_M), f"room {i}")
+        room.map_frame(f"m{i}", pose_2d(2.2 + 0.1 * i, 1.8, 0.3 + 0.4 * i, EYE_M), f"room {i}")
         for i, room in enumerate(rooms)
     ]
 
@@ -77,7 +78,7 @@ def test_light_does_not_matter(localizer, query):
 
 def test_a_panorama_without_texture_is_a_status(localizer):
     answer = ask(localizer, Panorama("wall", np.full((256, 512, 3), 130, np.uint8)))
-    assert (answer.status, answer.places, answer.T_world_query) == ("no-lines", (), None)
+    assert (answer.status, answer.places, answer.T_world_query) == ("no-features", (), None)
 
 
 def test_the_end_of_a_partial_panorama_is_no_line(localizer, query):
@@ -115,7 +116,8 @@ def test_another_room_is_no_pose(mapping, query):
 
 
 def test_a_map_frame_in_which_nothing_is_seen(mapping, query):
-    dark = Frame("dark", lambda: Panorama("dark", np.zeros((256, 512, 3), np.uint8)), np.eye(4), "nowhere")
+    black = Panorama("dark", np.zeros((256, 512, 3), np.uint8))
+    dark = MapFrame("dark", "nowhere", np.eye(4), load=lambda: black)
     localizer = Lines()
     localizer.build([dark, mapping[1]])
     assert ask(localizer, query).places[0].place == "room 1"
@@ -129,6 +131,15 @@ def test_a_line_takes_17_bytes_and_the_longest_are_kept(localizer, query):
             np.diff(description["along_rad"][description["axis"] == axis])[:, 0] for description in (every, few)
         )
         np.testing.assert_array_equal(of_few, np.sort(of_all)[::-1][:5])
+
+
+def test_a_description_depends_on_the_number_of_lines_alone():
+    base = Lines()
+    for change in ({"sphere_points": 42}, {"step_m": 0.5}, {"reach_m": 3}, {"shortlist": 2}, {"min_agreement": 0.2}):
+        config = Lines.Config(**change)
+        assert identity(config) != identity(base.config)
+        assert Lines(config).describe_identity() == base.describe_identity()
+    assert Lines(Lines.Config(max_lines=5)).describe_identity() != base.describe_identity()
 
 
 @pytest.mark.slow

@@ -25,7 +25,7 @@ SPHERE = sphere()
 
 
 def ball_boxes(offset_m, radius_m):
-    """visible_pos and bbox2d of a ball at offset_m from the viewpoint, as a renderer of the 36 views would give them."""
+    """visible_pos and bbox2d of a ball at offset_m from the viewpoint, as a renderer of the 36 views gives them."""
     views, boxes = [], []
     for view in range(36):
         # From a camera that looks along +y (right +x, down -z): up by the elevation, then clockwise by the heading.

@@ -124,22 +124,20 @@ def test_unknown_range_is_nan_where_nothing_can_be_triangulated(building):
 
 
 def test_keys_and_order_do_not_link_an_object_across_viewpoints(building):
-    mapping = {frame.id: frame.load().annotations for fold in opened(building).folds() for frame in fold.mapping}
-    keys = [key for annotations in mapping.values() for key in annotations.objects.keys]
+    mapping = {frame.id: objects_of(frame) for fold in opened(building).folds() for frame in fold.mapping}
+    keys = [key for objects in mapping.values() for key in objects.keys]
     assert len(set(keys)) == len(keys) == 3 + 4 + 3
-    assert all(list(annotations.objects.keys) == sorted(annotations.objects.keys) for annotations in mapping.values())
+    assert all(list(objects.keys) == sorted(objects.keys) for objects in mapping.values())
 
 
 def test_keys_stay_when_the_panorama_is_turned(building):
     first, second = opened(building).folds()
-    mapped = next(frame for frame in second.mapping if frame.id == "fake/a").load().annotations
-    turned = first.queries[0].load().annotations
-    assert mapped.objects.keys == turned.objects.keys
-    assert mapped.objects.labels == turned.objects.labels
-    assert np.linalg.norm(mapped.objects.centroid_m, axis=1) == pytest.approx(
-        np.linalg.norm(turned.objects.centroid_m, axis=1)
-    )
-    assert mapped.objects.size_m == pytest.approx(turned.objects.size_m)
+    mapped = objects_of(next(frame for frame in second.mapping if frame.id == "fake/a"))
+    turned = objects_of(first.queries[0])
+    assert mapped.keys == turned.keys
+    assert mapped.labels == turned.labels
+    assert np.linalg.norm(mapped.centroid_m, axis=1) == pytest.approx(np.linalg.norm(turned.centroid_m, axis=1))
+    assert mapped.size_m == pytest.approx(turned.size_m)
 
 
 def test_fingerprint_follows_settings_and_content_but_not_the_folder(building, tmp_path):

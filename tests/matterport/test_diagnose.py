@@ -6,7 +6,8 @@ from salframe_matterport.dataset import MatterportAnnotations
 from salframe_matterport.diagnose import cause_of, main
 from salframe_matterport.scenes import Scene
 
-from salframe.evaluation.run import Run
+from salframe.evaluation.request import Resolved
+from salframe.evaluation.run import ROWS, Run
 from salframe.framework.registry import registry
 from salframe.panoramas.geometry import pose_2d
 
@@ -59,8 +60,10 @@ def test_cause(own, winning, cause):
 def run(building, tmp_path):
     """A run on the drawn building, which has two queries in region 0: a is right, b names region 1."""
     config = MatterportAnnotations.Config(root=building.root)
+    methods = {"objects": registry().get("localizer", "objects").Config()}
+    engine = registry().get("engine", "inline").Config()
     run = Run.open(
-        tmp_path / "runs", "test", config, {"objects": registry().get("localizer", "objects").Config()}, seed=0
+        tmp_path / "runs", "test", {"name": "localization"}, Resolved(methods, "fake", config, engine), seed=0
     )
     run.folder("objects").mkdir(parents=True)
     places = {"a": "fake/region-0", "b": "fake/region-1"}
@@ -68,7 +71,7 @@ def run(building, tmp_path):
         {"fold": f"fake/{v}", "query": f"fake/{v}/query", "places": [["fake/c", place, 1.0]]}
         for v, place in places.items()
     ]
-    (run.folder("objects") / "predictions.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+    (run.folder("objects") / ROWS).write_text("".join(json.dumps(row) + "\n" for row in rows))
     return run
 
 
@@ -81,6 +84,6 @@ def test_command_counts_and_lists_wrong_queries(run, capsys):
 def test_command_says_what_is_missing(run, tmp_path, capsys):
     assert main([str(tmp_path / "nowhere"), "objects"]) == 2
     assert "is no run folder" in capsys.readouterr().err
-    (run.folder("objects") / "predictions.jsonl").write_text("")
+    (run.folder("objects") / ROWS).write_text("")
     assert main([str(run.directory), "objects"]) == 2
     assert "has no answer of 'objects' to fake/a/query: finish the run first" in capsys.readouterr().err

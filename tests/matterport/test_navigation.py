@@ -10,7 +10,7 @@ from salframe_matterport.dataset import MatterportAnnotations
 from salframe_planners.planners import Dijkstra
 
 from salframe.framework.errors import DataError
-from salframe.navigation.episodes import Site, draw_episodes, read_episodes
+from salframe.navigation.episodes import Site, draw_episodes, place_episodes, read_asked
 from salframe.navigation.guide import Guide
 from salframe.panoramas.geometry import pose_yaw
 
@@ -119,7 +119,7 @@ def test_an_unknown_viewpoint_is_one_line(world, tmp_path, entry, line):
     path = tmp_path / "episodes.json"
     path.write_text(json.dumps([entry]))
     with pytest.raises(DataError, match=line):
-        read_episodes(path, {"fake": Site(world, Guide(world.chart, Dijkstra.Config()))}, 0)
+        place_episodes(read_asked(path), {"fake": Site(world, Guide(world.chart, Dijkstra.Config()))}, 0)
 
 
 def test_a_building_without_neighbours_is_malformed(building):

@@ -130,7 +130,7 @@ def test_pixels_show_the_object_whose_box_their_point_lies_in(prepared):
 
 
 def test_stitching_resumes_and_the_fingerprint_follows_the_files(prepared, release):
-    kept = sorted(prepared._kept(f"drawn/{name}") for name in NAMES)
+    kept = sorted(prepared._folder / prepared._kept(f"drawn/{name}")["rgb"] for name in NAMES)
     kept[1].unlink()
     before = [path.stat().st_mtime_ns for path in (kept[0], kept[2])]
     seen = []

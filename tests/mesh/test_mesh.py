@@ -1,4 +1,4 @@
-"""Panoramas of meshes: colours where a wall has them, and the ranges of a generated building, beside its own renderer."""
+"""Panoramas of meshes: colours where a wall has them, and the ranges of a generated building, beside its renderer."""
 
 import json
 import sys
@@ -179,7 +179,8 @@ def test_a_house_file_gives_frames_and_queries_beside_them(exported, building, t
     for index, room in enumerate(building.rooms):
         x, y = building.free_space(0.4, 0.1)[room.id][0]
         lines.append(
-            f"R  {index} 0  0 0  b  0 0 0  {room.low_m[0]} {room.low_m[1]} 0  {room.high_m[0]} {room.high_m[1]} 2.6  2.6  0 0 0 0"
+            f"R  {index} 0  0 0  b  0 0 0  {room.low_m[0]} {room.low_m[1]} 0  "
+            f"{room.high_m[0]} {room.high_m[1]} 2.6  2.6  0 0 0 0"
         )
         lines.append(f"P  {index:032x}  {index} {index}  0  {x} {y} 1.5  0 0 0 0 0")
     (tmp_path / "home.house").write_text("\n".join(lines))

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from salframe_objects.localizer import ObjectSetLocalizer, SalientObjectsLocalizer
 
+from salframe.framework.identity import identity
 from salframe.framework.presets import configure, settings
 from salframe.graphs.detections import Detections
 from salframe.panoramas.frames import MapFrame
@@ -87,3 +88,11 @@ def test_a_power_of_zero_is_the_multiset():
 def test_nothing_in_common_is_no_match(kind):
     assert scores(exactly(kind), (("bath", 1.0),)) == ("no-match", {})
     assert scores(exactly(kind), ()) == ("no-objects", {})
+
+
+def test_how_labels_are_counted_matters_to_matching_only():
+    sets, multisets = (exactly(ObjectSetLocalizer, labels=labels) for labels in ("set", "multiset"))
+    assert identity(sets.config) != identity(multisets.config)
+    assert sets.describe_identity() == multisets.describe_identity()
+    weights = [exactly(SalientObjectsLocalizer, saliency_power=power).describe_identity() for power in (0.5, 1.0)]
+    assert weights[0] != weights[1]

@@ -6,9 +6,9 @@ import pytest
 torch = pytest.importorskip("torch", reason="the network is trained with torch: salframe[training]")
 
 from salframe_panoseg.classes import CHANNELS  # noqa: E402
-from salframe_panoseg.network import Closed, PanoSeg, SeamConv  # noqa: E402
 
-from salframe.framework.errors import WeightsMissing
+from salframe.framework.errors import WeightsMissing  # noqa: E402
+from training.panoseg.network import Closed, PanoSeg, SeamConv  # noqa: E402
 
 STRIDE = 32
 """Columns of a pixel of the encoder's last block."""

@@ -157,7 +157,13 @@ def test_a_training_of_ones_own_takes_its_place(detector, panoramas, tmp_path):
     config = own(tmp_path)
     assert PanoSegDetector(config).detect(panoramas[0]).labels == detector.detect(panoramas[0]).labels
     before = identity(config)
+    assert "weights" not in before
     assert identity(own(tmp_path, card={"labels": []})) != before
+
+
+def test_caches_know_the_shipped_network_by_its_hash():
+    known = identity(configure("localizer", "objects", {"detector": "panoseg"}))["settings"]["detector"]
+    assert known["weights"] == [file.sha256 for file in PANOSEG.files]
 
 
 def test_networks_that_do_not_fit_are_one_line(tmp_path):

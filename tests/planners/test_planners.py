@@ -13,7 +13,7 @@ from salframe_planners.planners import Dijkstra, FloydWarshall
 
 from salframe.framework.errors import NoRoute, UnknownName
 from salframe.testing import check_component
-from salframe.topology import build_topology
+from salframe.topology.build import build_topology
 from salframe.topology.topological_map import MapEdge, MapNode, TopologicalMap
 
 PLANNERS = [FloydWarshall, Dijkstra]

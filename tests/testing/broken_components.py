@@ -11,9 +11,9 @@ from pydantic import ConfigDict
 from salframe_annotations.detector import AnnotationDetector
 from salframe_engines import Inline
 from salframe_graphs.localizer import SaliencyGraphLocalizer
-from salframe_graphs.matching import TripletMatcher
 from salframe_graphs.positioning import RobustPositioner
 from salframe_graphs.saliency import VolumetricSaliency
+from salframe_graphs.triplet import TripletMatcher
 
 from salframe.framework.config import ComponentConfig, match_only
 from salframe.framework.identity import UserFile, identity

@@ -15,10 +15,11 @@ from salframe_annotations.detector import AnnotationDetector
 from tiny_folder import write_tiny_folder
 
 from salframe.framework.component import Role
-from salframe.framework.config import match_only, merge, slot
+from salframe.framework.config import match_only, merge
 from salframe.framework.identity import UserFile
 from salframe.framework.presets import configure, settings
 from salframe.framework.registry import registry
+from salframe.framework.slots import slot
 from salframe.panoramas.geometry import rays_to_pixels
 from salframe.testing import ConformanceError, check_component
 from salframe.testing.identities import another_config
@@ -50,7 +51,9 @@ def small_datasets(tiny: Path) -> dict[str, dict]:
 OURS = [component for component, package in registry() if package == "salframe"]
 
 
-STAGES = [c for c in OURS if c.role not in ("dataset", "localizer") and c.name != "onnx"]
+BROUGHT = ("feature-matcher", "detection-decoder", "image-network")
+"""Roles that plugins of ours bring, checked in tests/keypoints, tests/detectors and tests/image."""
+STAGES = [c for c in OURS if c.role not in ("dataset", "localizer", *BROUGHT) and c.name != "onnx"]
 """All but `onnx`, whose network is made in tests/detectors/test_onnx_detector.py."""
 
 
@@ -230,3 +233,16 @@ def test_a_role_brings_its_own_rules(monkeypatch):
         check_component(Spinning)
     monkeypatch.setattr(Compass, "conformance", "")
     check_component(Spinning)
+
+
+def test_a_role_of_a_plugins_own_is_checked_by_the_function_that_it_names(monkeypatch):
+    monkeypatch.setenv("SALFRAME_PLUGINS", "role_plugin")
+    registry.cache_clear()
+    try:
+        assert registry().failures == []
+        check_component(registry().get("greeter", "polite"))
+        check_component(registry().get("mute", "silent"))  # nobody wrote down what it promises
+        with pytest.raises(ConformanceError, match="greeter rude: greet: received 'what', expected a greeting"):
+            check_component(registry().get("greeter", "rude"))
+    finally:
+        registry.cache_clear()

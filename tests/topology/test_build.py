@@ -15,7 +15,7 @@ from scipy import ndimage
 from salframe.framework.errors import DataError
 from salframe.panoramas.frames import FrameKind, MapFrame
 from salframe.panoramas.geometry import pose_2d
-from salframe.topology import TopologySettings, build_topology
+from salframe.topology.build import TopologySettings, build_topology
 from salframe.topology.grid import FloorGrid, cell
 from salframe.topology.topological_map import MapEdge, TopologicalMap
 

@@ -50,7 +50,7 @@ def test_labels_grow_to_the_middle_of_the_threshold(wall_m):
 
 
 def test_labels_do_not_grow_through_walls():
-    """The threshold runs along a third room, behind a thin wall, whose floor is nearer than that of the rooms joined."""
+    """The threshold runs along a third room, behind a thin wall, whose floor is nearer than that of the two joined."""
     region = np.zeros((13, 20), np.int32)
     region[1:12, 1:4], region[1:12, 16:19], region[1:5, 5:15] = 1, 2, 3
     free = region > 0

@@ -13,7 +13,7 @@ from salframe_matterport.readers import connectivity_path, read_connectivity, re
 
 from salframe.framework.files import read_json
 from salframe.panoramas.frames import MapFrame
-from salframe.topology import build_topology
+from salframe.topology.build import build_topology
 
 ROOT = Path(os.environ.get("SALFRAME_SHARED_DATA", Path(__file__).parents[3] / "shared" / "data")) / "matterport3d"
 SCAN = "17DRP5sb8fy"

@@ -8,7 +8,7 @@ import pytest
 from plans import block, frame, two_rooms
 
 from salframe.framework.errors import DataError, NoRoute, UnknownName
-from salframe.topology import build_topology
+from salframe.topology.build import build_topology
 from salframe.topology.planner import Route
 from salframe.topology.routes import directions, find_nodes, find_route, with_position
 from salframe.topology.topological_map import MapEdge

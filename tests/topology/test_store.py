@@ -16,7 +16,7 @@ from salframe.framework.errors import ConfigError, DataError
 from salframe.framework.files import atomic_folder
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.frames import FrameKind
-from salframe.topology import build_topology
+from salframe.topology.build import build_topology
 from salframe.topology.export import export_topology
 from salframe.topology.picture import draw_topology
 from salframe.topology.store import read_topology, write_topology

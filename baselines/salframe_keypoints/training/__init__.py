@@ -1,5 +1,0 @@
-"""Training of `loftr-compact`: render panoramas, cut pairs of views with their exact correspondences, train, export to
-ONNX.
-
-`python -m salframe_keypoints.training FOLDER` does all of it.
-"""

@@ -1,0 +1,17 @@
+"""What a robot with a range finder needs: a component of every kind that a plugin may bring, and presets with them."""
+
+from pathlib import Path
+
+import salframe
+from salframe.framework.registry import Presets
+from salframe_rangefinder.detector import HeightBands
+from salframe_rangefinder.localizer import RangeProfile
+from salframe_rangefinder.planner import NetworkxPlanner
+from salframe_rangefinder.rooms import BoxRooms
+from salframe_rangefinder.stages import ApparentSize, BoxSizes, PlanarFit
+
+
+@salframe.hookimpl
+def salframe_provides():
+    presets = Presets(Path(__file__).parent / "presets")
+    return [BoxRooms, HeightBands, ApparentSize, BoxSizes, PlanarFit, NetworkxPlanner, RangeProfile, presets]

@@ -1,0 +1,75 @@
+"""Parts of salframe's own chain: a saliency model, a matcher and a positioner."""
+
+import numpy as np
+from pydantic import Field
+from scipy.optimize import linear_sum_assignment
+
+from salframe.framework.config import ComponentConfig, match_only
+from salframe.graphs.matcher import GraphMatch, GraphMatcher
+from salframe.graphs.saliency import SaliencyModel
+from salframe.localization.positioner import PoseEstimate, PoseStatus, Positioner
+from salframe.panoramas.geometry import pose_2d, transform_points
+
+
+class ApparentSize(SaliencyModel):
+    """Share of the solid angle that objects fill: what is large and near stands out."""
+
+    name = "apparent-size"
+    version = "1"
+
+    def score(self, detections):
+        distance_m = np.linalg.norm(detections.centroid_m, axis=1)
+        angle = np.nan_to_num((detections.size_m.max(1, initial=0) / np.maximum(distance_m, 0.1)) ** 2)
+        return angle / angle.sum() if angle.any() else np.full(len(angle), 1 / max(len(angle), 1))
+
+
+class BoxSizes(GraphMatcher):
+    """Pairs objects of one label whose boxes are of one size; the score is the mean likeness of all objects."""
+
+    name = "box-sizes"
+    version = "1"
+
+    class Config(ComponentConfig):
+        tolerance_m: float = match_only(0.2, gt=0, description="difference in size at which likeness is 1/e")
+
+    def index(self, graphs):
+        return list(graphs)
+
+    def match(self, query, index, top_k):
+        matches = [self._match(query, graph, scene) for scene, graph in enumerate(index)]
+        return sorted((match for match in matches if len(match.pairs)), key=lambda match: -match.score)[:top_k]
+
+    def _match(self, query, graph, scene):
+        apart_m = np.abs(query.size_m[:, None] - graph.size_m).max(-1, initial=0)
+        alike = np.exp(-apart_m / self.config.tolerance_m)
+        alike *= np.array(query.labels, str)[:, None] == np.array(graph.labels, str)
+        rows, columns = linear_sum_assignment(alike, maximize=True)
+        paired = alike[rows, columns] > 0
+        score = alike[rows, columns].sum() / max(len(query), len(graph), 1)
+        return GraphMatch(scene, float(score), np.column_stack([rows[paired], columns[paired]]))
+
+
+class PlanarFit(Positioner):
+    """The upright rigid motion of least squares, in closed form; pairs that it leaves far apart are no inliers."""
+
+    name = "planar-fit"
+    version = "1"
+
+    class Config(ComponentConfig):
+        inlier_m: float = Field(0.5, gt=0, description="largest distance of an inlier pair")
+
+    def solve(self, query_m, reference_m, weights=None):
+        nothing = np.zeros(len(query_m), bool)
+        if len(query_m) < 2:
+            return PoseEstimate(None, PoseStatus.TOO_FEW, None, nothing)
+        share = np.ones(len(query_m)) if weights is None or not weights.any() else weights
+        share = share / share.sum()
+        middle_m, goal_m = share @ query_m, share @ reference_m
+        query, reference = (points[:, 0] + 1j * points[:, 1] for points in (query_m - middle_m, reference_m - goal_m))
+        turn = share @ (query.conj() * reference)
+        if abs(turn) < 1e-9:  # m^2: all points of a side are one
+            return PoseEstimate(None, PoseStatus.DEGENERATE, None, nothing)
+        pose = pose_2d(0, 0, float(np.angle(turn)))
+        pose[:3, 3] = goal_m - transform_points(pose, middle_m)
+        off_m = np.linalg.norm(transform_points(pose, query_m) - reference_m, axis=1)
+        return PoseEstimate(pose, PoseStatus.OK, None, off_m < self.config.inlier_m)

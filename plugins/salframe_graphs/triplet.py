@@ -1,0 +1,254 @@
+"""The graph matcher: candidates, node alignment, weighted triplets, geometric verification (method.md 3)."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from salframe.framework.config import ComponentConfig
+from salframe.framework.errors import RequirementMissing
+from salframe.graphs.graph import SaliencyGraph
+from salframe.graphs.matcher import GraphMatch, GraphMatcher
+from salframe_graphs.features import node2vec, ring_hop_histograms
+from salframe_graphs.verification import Verified, verify
+
+
+@dataclass(frozen=True)
+class GraphIndex:
+    """A map's S graphs, laid out for matching: counts (L, S), a row a label, so that a query reads its own labels'
+    rows; rarity (L,), inverse document frequency. The nodes padded to the largest graph, m nodes: label (S, m), -1
+    where padded; centroid_m, size_m (S, m, 3); saliency (S, m); features (S, m, F); weight (S, m), what a node counts
+    in the score, 0 where padded.
+    """
+
+    graphs: tuple[SaliencyGraph, ...]
+    vocabulary: dict[str, int]
+    counts: np.ndarray
+    rarity: np.ndarray
+    label: np.ndarray
+    centroid_m: np.ndarray
+    size_m: np.ndarray
+    saliency: np.ndarray
+    features: np.ndarray
+    weight: np.ndarray
+
+
+class TripletMatcher(GraphMatcher):
+    """Label-set candidates, one-to-one node alignment, weighted triplets, geometric verification of the survivors."""
+
+    name = "triplet"
+    version = "2"
+
+    class Config(ComponentConfig):
+        labels: Literal["set", "multiset"] = Field(
+            "multiset", description="Jaccard index over which labels are there, or how many of each"
+        )
+        rarity: bool = Field(
+            True,
+            description="weigh labels by smooth inverse document frequency over the map, ln((1 + S) / (1 + s)) + 1",
+        )
+        confidence: bool = Field(True, description="a node counts in the score as much as its detector is sure of it")
+        keep: float = Field(
+            0.25, ge=0, le=1, description="candidates: Jaccard index at least this share of the best (paper: 0.6)"
+        )
+        height_scale_m: float | None = Field(
+            0.2, gt=0, description="difference in height that halves node similarity; null: height ignored"
+        )
+        size_scale: tuple[float, float] | None = Field(
+            (0.8, 0.5),
+            description="log ratios of box length and box height that halve node similarity; null: size ignored",
+        )
+        structure: Literal["rings", "node2vec"] = Field("rings", description="structural feature of a node")
+        ring_edges_m: tuple[float, ...] = Field((1.0, 2.0, 4.0), description="outer edges of the distance rings")
+        hops: int = Field(2, ge=0, description="context hops whose labels are counted")
+        saliency_weight: float = Field(
+            0.0, ge=0, description="weight of the saliency ratio in node similarity (label: 1)"
+        )
+        structure_weight: float = Field(
+            0.3, ge=0, description="weight of the structural feature in node similarity (label: 1)"
+        )
+        least_similarity: float = Field(0.1, ge=0, le=1, description="node pairs below this similarity are rejected")
+        normalise: bool = Field(True, description="divide the triplet score by the query's edge mass (paper: raw sum)")
+        similarity_score: float = Field(
+            1.0, ge=0, description="weight in the score of the Jaccard index over aligned nodes"
+        )
+        triplet_score: float = Field(0.0, ge=0, description="weight in the score of the triplets")
+        edge_weights: Literal["saliency", "unit"] = Field(
+            "saliency", description="what a triplet counts: sqrt(S_a S_b), or 1 (an unweighted graph)"
+        )
+        geometry_score: float = Field(
+            2.0, ge=0, description="weight in the score of the nodes consistent with one pose; 0: no verification"
+        )
+        tolerance_m: float = Field(
+            0.3, gt=0, description="verification: distance at which two nodes cannot be one, at no range"
+        )
+        tolerance_share: float = Field(
+            0.05, ge=0, description="verification: added tolerance, a share of the nodes' ranges"
+        )
+        largest_shift_m: float = Field(
+            6.0, gt=0, description="verification: a query this far from a map frame is not matched to it"
+        )
+        seed: int = Field(0, ge=0, description="seed of node2vec")
+
+    @classmethod
+    def check(cls, config: Any) -> None:
+        super().check(config)
+        if config.structure == "node2vec" and importlib.util.find_spec("gensim") is None:
+            raise RequirementMissing("structure node2vec needs gensim, not installed: pip install 'salframe[node2vec]'")
+
+    def index(self, graphs: Sequence[SaliencyGraph]) -> GraphIndex:
+        vocabulary = {label: i for i, label in enumerate(sorted({label for graph in graphs for label in graph.labels}))}
+        shape = (len(graphs), max((len(graph) for graph in graphs), default=0))
+        counts = np.zeros((len(vocabulary), len(graphs)))
+        label = np.full(shape, -1)
+        centroid, size, saliency, sureness = (
+            np.zeros((*shape, 3)),
+            np.ones((*shape, 3)),
+            np.zeros(shape),
+            np.zeros(shape),
+        )
+        features = np.zeros((*shape, self._features(graphs[0], vocabulary).shape[1] if graphs else 0))
+        for s, graph in enumerate(graphs):
+            n = len(graph)
+            label[s, :n] = [vocabulary[name] for name in graph.labels]
+            np.add.at(counts[:, s], label[s, :n], 1)
+            centroid[s, :n], size[s, :n], saliency[s, :n] = graph.centroid_m, graph.size_m, graph.saliency
+            sureness[s, :n] = self._sureness(graph)
+            features[s, :n] = self._features(graph, vocabulary)
+        if self.config.labels == "set":
+            counts = np.minimum(counts, 1)
+        scenes = (counts > 0).sum(1)
+        rarity = np.log((1 + len(graphs)) / (1 + scenes)) + 1 if self.config.rarity else np.ones(len(vocabulary))
+        return GraphIndex(
+            tuple(graphs),
+            vocabulary,
+            counts,
+            rarity,
+            label,
+            centroid,
+            size,
+            saliency,
+            features,
+            sureness * rarity[label],
+        )
+
+    def match(self, query: SaliencyGraph, index: GraphIndex, top_k: int) -> list[GraphMatch]:
+        known = np.array([index.vocabulary.get(label, -1) for label in query.labels], int)
+        if not (known >= 0).any():
+            return []
+        # A label that the map lacks is as rare as can be.
+        rarity = np.where(
+            known >= 0, index.rarity[known], np.log(1 + len(index.graphs)) + 1 if self.config.rarity else 1.0
+        )
+        jaccard = self._jaccard(query.labels, known, rarity, index)
+        candidates = np.flatnonzero((jaccard > 0) & (jaccard >= self.config.keep * jaccard.max()))
+        weight = self._sureness(query) * rarity
+        similarity = self._similarity(query, known, index, candidates)
+        alike = np.where(similarity >= self.config.least_similarity, similarity, 0)
+        score = np.zeros(len(candidates))
+        kernel = np.zeros_like(alike)
+        poses: list[np.ndarray | None] = [None] * len(candidates)
+        if self.config.similarity_score:
+            score += self.config.similarity_score * self._shared(similarity, weight, index.weight[candidates])
+        if self.config.geometry_score:
+            found = self._verify(query, weight, index, candidates, alike)
+            kernel, poses = found.kernel, found.poses()
+            score += self.config.geometry_score * self._shared(kernel, weight, index.weight[candidates])
+        if self.config.triplet_score:
+            pairs = [self._align(alike[k], kernel[k]) for k in range(len(candidates))]
+            triplets = [self._triplets(query, index.graphs[s], p) for s, p in zip(candidates, pairs, strict=True)]
+            score += self.config.triplet_score * np.array(triplets)
+        order = np.lexsort((-jaccard[candidates], -score))[:top_k]
+        return [
+            GraphMatch(int(candidates[k]), float(score[k]), self._align(alike[k], kernel[k]), poses[k]) for k in order
+        ]
+
+    def _sureness(self, graph: SaliencyGraph) -> np.ndarray:
+        """(N,) what each node counts before its label's rarity: its detector's score, or 1."""
+        return graph.scores if self.config.confidence else np.ones(len(graph))
+
+    def _features(self, graph: SaliencyGraph, vocabulary: dict[str, int]) -> np.ndarray:
+        """(N, F) structural features that a graph has on its own; node2vec's are trained with the query."""
+        if self.config.structure == "node2vec" or not self.config.structure_weight:
+            return np.zeros((len(graph), 0))
+        return ring_hop_histograms(graph, vocabulary, self.config.ring_edges_m, self.config.hops)
+
+    def _jaccard(self, labels: Sequence[str], known: np.ndarray, rarity: np.ndarray, index: GraphIndex) -> np.ndarray:
+        """(S,) Jaccard index of the query's labels with each map graph's, weighed by rarity."""
+        _, first, count = np.unique(np.array(labels, dtype=np.str_), return_index=True, return_counts=True)
+        number = np.ones(len(count)) if self.config.labels == "set" else count
+        asked, weight = known[first], rarity[first]
+        shared = weight[asked >= 0] @ np.minimum(index.counts[asked[asked >= 0]], number[asked >= 0, None])
+        union = index.rarity @ index.counts + weight @ number - shared
+        return np.divide(shared, union, out=np.zeros(len(shared)), where=union > 0)
+
+    def _similarity(
+        self, query: SaliencyGraph, known: np.ndarray, index: GraphIndex, candidates: np.ndarray
+    ) -> np.ndarray:
+        """(K, n, m) node similarity in [0, 1] of height, size, saliency ratio and structure, 0 where labels differ."""
+        same = (known[None, :, None] == index.label[candidates][:, None]) & (known >= 0)[None, :, None]
+        a, b = query.saliency[None, :, None], index.saliency[candidates][:, None]
+        ratio = np.minimum(a, b) / np.maximum(np.maximum(a, b), 1e-12)
+        if not self.config.structure_weight:
+            structure = np.zeros(same.shape)
+        elif self.config.structure == "rings":
+            structure = self._features(query, index.vocabulary) @ np.swapaxes(index.features[candidates], 1, 2)
+        else:
+            structure = np.zeros(same.shape)
+            vectors = node2vec([query, *(index.graphs[s] for s in candidates)], self.config.seed)
+            for k, block in enumerate(vectors[1:]):
+                structure[k, :, : len(block)] = np.maximum(vectors[0] @ block.T, 0)
+        whole = 1 + self.config.saliency_weight + self.config.structure_weight
+        similarity = same * (1 + self.config.saliency_weight * ratio + self.config.structure_weight * structure) / whole
+        if self.config.height_scale_m is not None:
+            height = query.centroid_m[None, :, None, 2] - index.centroid_m[candidates][:, None, :, 2]
+            similarity /= 1 + (height / self.config.height_scale_m) ** 2
+        if self.config.size_scale is not None:
+            for side, scale in zip((0, 2), self.config.size_scale, strict=True):
+                change = np.log(query.size_m[None, :, None, side] / index.size_m[candidates][:, None, :, side])
+                similarity /= 1 + (change / scale) ** 2
+        return similarity
+
+    def _shared(self, similarity: np.ndarray, weight: np.ndarray, reference: np.ndarray) -> np.ndarray:
+        """(K,) Jaccard index over nodes of weight (n,) and reference (K, m), each shared by its similarity to the most
+        similar node of the other graph."""
+        shared = np.minimum(similarity.max(2) @ weight, (similarity.max(1) * reference).sum(1))
+        whole = weight.sum() + reference.sum(1) - shared
+        return np.divide(shared, whole, out=np.zeros(len(shared)), where=whole > 0)
+
+    def _verify(self, query, weight, index, candidates, similarity) -> Verified:
+        reference = index.centroid_m[candidates]
+        ranges = np.hypot(query.range_m[None, :, None], np.linalg.norm(reference, axis=2)[:, None])
+        tolerance = self.config.tolerance_m + self.config.tolerance_share * ranges
+        return verify(
+            query.centroid_m[:, :2], reference[..., :2], similarity, tolerance, weight, self.config.largest_shift_m
+        )
+
+    def _align(self, similarity: np.ndarray, kernel: np.ndarray) -> np.ndarray:
+        """(M, 2) one-to-one node pairs: those that one pose explains (kernel) where there are two, else of greatest
+        total similarity."""
+        from scipy.optimize import linear_sum_assignment
+
+        for value in (kernel, similarity):
+            rows, columns = linear_sum_assignment(value, maximize=True)
+            accepted = value[rows, columns] > 0
+            if accepted.sum() >= 2:
+                break
+        return np.column_stack([rows[accepted], columns[accepted]])
+
+    def _triplets(self, query: SaliencyGraph, reference: SaliencyGraph, pairs: np.ndarray) -> float:
+        """I = sum(W o M) over edges present in both graphs between aligned nodes; without edges in the query, the
+        aligned saliency."""
+        if not len(query.edges):
+            return float(query.saliency[pairs[:, 0]].sum())
+        a, b = np.triu_indices(len(pairs), 1)
+        both = query.adjacency[pairs[a, 0], pairs[b, 0]] & reference.adjacency[pairs[a, 1], pairs[b, 1]]
+        if self.config.edge_weights == "unit":
+            return float(both.sum()) / (len(query.edges) if self.config.normalise else 1.0)
+        weight = np.sqrt(query.saliency[pairs[a, 0]] * query.saliency[pairs[b, 0]])
+        return float(weight[both].sum()) / (float(query.weights.sum()) if self.config.normalise else 1.0)

@@ -1,0 +1,194 @@
+"""Data sets that render: once into the folder format, and read from there."""
+
+from __future__ import annotations
+
+import multiprocessing
+from abc import abstractmethod
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from functools import cache, cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Literal, TypeVar
+
+import numpy as np
+
+from salframe.framework.cache import cache_home
+from salframe.framework.config import ComponentConfig
+from salframe.framework.errors import SalframeError
+from salframe.framework.identity import digest, identity
+from salframe.framework.processes import die_with_parent
+from salframe.panoramas.dataset import MANIFEST
+from salframe.panoramas.floors import FloorMasks
+from salframe.panoramas.folder import FolderDataset
+from salframe.panoramas.geometry import pose_2d
+from salframe.panoramas.panorama import Panorama, visible_instances
+
+if TYPE_CHECKING:
+    from salframe.panoramas.folder_format import FrameEntry, TruthEntry
+
+Role = Literal["map", "transition", "query"]
+
+_OBJECTS = "objects.parquet"
+
+
+@dataclass(frozen=True)
+class FrameSpec:
+    """An upright panorama to render: its role, its place, and where it is taken, in the world (z up); `yaw_rad` turns
+    its x axis from the world's."""
+
+    id: str
+    role: Role
+    place: str
+    x_m: float
+    y_m: float
+    z_m: float
+    yaw_rad: float
+
+    @property
+    def pose(self) -> np.ndarray:
+        """T_world_pano (4, 4) float64."""
+        return pose_2d(self.x_m, self.y_m, self.yaw_rad, self.z_m)
+
+    @property
+    def is_query(self) -> bool:
+        """Whether its place and pose are truth, which the manifest does not tell."""
+        return self.role == "query"
+
+
+Frame = TypeVar("Frame", bound=FrameSpec)
+
+
+class RenderedDataset(FolderDataset, Generic[Frame]):
+    """Base of data sets that render their panoramas once, into a folder of salframe's cache, and read them from there.
+
+    A subclass says which frames there are, of FrameSpec or a subclass, and renders one at a time; it may name objects
+    and floors. It states `provides`: the folder, which knows, comes later. Its configuration and version determine
+    every pixel, or it has a `fingerprint` of its own.
+    """
+
+    workers: ClassVar[int] = 1
+    """Processes that render. With more than one, each makes a data set of its own from the configuration."""
+
+    @property
+    @abstractmethod
+    def provides(self) -> frozenset[str]:
+        """Which of "rgb", "range", "annotations" `render` gives: these are kept."""
+
+    @abstractmethod
+    def list_frames(self) -> Sequence[Frame]:
+        """The panoramas of the data set, mapping frames and queries. A query's id must not tell where it was taken."""
+
+    @abstractmethod
+    def render(self, frame: Frame) -> Panorama:
+        """The panorama of one of these frames."""
+
+    def list_objects(self) -> Mapping[str, Sequence[Any]] | None:
+        """The columns of the table of objects, `instance_id` and `label` among them; None without annotations."""
+        return None
+
+    def list_floors(self) -> Mapping[str, FloorMasks]:
+        """The floors by the name that their files begin with."""
+        return {}
+
+    def file_stem(self, number: int, frame: Frame) -> str:
+        """What the files of a frame are called: its number, as an id may hold what no file's name can."""
+        return f"{number:05d}"
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """Of the settings and the version."""
+        return digest(identity(self.config))
+
+    @property
+    def root(self) -> Path:
+        """Where the rendered frames are kept."""
+        return cache_home() / self.name / self.fingerprint[:16]
+
+    def prepare(self, progress: Callable[[int, int], None]) -> None:
+        """Render the frames that are not there yet; progress(done, total) counts frames.
+
+        Raises SalframeError where a rendering process dies.
+        """
+        if (self.root / MANIFEST).exists():
+            return
+        from salframe.panoramas.folder_format import is_written, write_floor, write_manifest, write_objects
+
+        frames = self.list_frames()
+        # What describes the frames comes first: what is wrong with it shows before hours of rendering.
+        objects, floors = self.list_objects(), self.list_floors()
+        entries = [self._entry(number, frame) for number, frame in enumerate(frames)]
+        absent = [pair for pair in zip(frames, entries, strict=True) if not is_written(self.root, pair[1])]
+        done = len(frames) - len(absent)
+        progress(done, len(frames))
+        try:
+            for _ in self._render_all(absent):
+                done += 1
+                progress(done, len(frames))
+        except BrokenProcessPool:
+            raise SalframeError(
+                f"a rendering process died after {done} of {len(frames)} frames: run it again to resume"
+            ) from None
+        if objects is not None:
+            write_objects(self.root / _OBJECTS, objects)
+        truth = {
+            frame.id: self._truth(frame, entry) for frame, entry in zip(frames, entries, strict=True) if frame.is_query
+        }
+        masks = [write_floor(self.root, name, floor) for name, floor in floors.items()]
+        table = None if objects is None else _OBJECTS
+        write_manifest(self.root, entries, truth, table, masks, rendered="annotations" in self.provides)
+
+    def _entry(self, number: int, frame: Frame) -> FrameEntry:
+        from salframe.panoramas.folder_format import FrameEntry, image_names
+
+        known: dict[str, Any] = {} if frame.is_query else {"place": frame.place, "pose": _numbers(frame)}
+        names = image_names(f"frames/{self.file_stem(number, frame)}", self.provides)
+        return FrameEntry(id=frame.id, role=frame.role, **names, **known)
+
+    def _truth(self, frame: Frame, entry: FrameEntry) -> TruthEntry:
+        from salframe.panoramas.folder_format import TruthEntry
+        from salframe.panoramas.images import read_ids
+
+        instances = visible_instances(read_ids(self.root / entry.instances)) if entry.instances else ()
+        return TruthEntry(place=frame.place, pose=_numbers(frame), instances=instances)
+
+    def _render_all(self, frames: Sequence[tuple[Frame, FrameEntry]]) -> Iterator[None]:
+        """Render frames and write them, yielding after each."""
+        if self.workers == 1 or not frames:
+            for frame, entry in frames:
+                _write(self.root, entry, self.render(frame))
+                yield
+            return
+        spawn = multiprocessing.get_context("spawn")
+        pool = ProcessPoolExecutor(self.workers, mp_context=spawn, initializer=die_with_parent)
+        try:
+            jobs = [pool.submit(_render_in_worker, type(self), self.config, self.root, *pair) for pair in frames]
+            for job in as_completed(jobs):
+                yield job.result()
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+def _numbers(frame: FrameSpec) -> tuple[float, ...]:
+    """The pose as the manifest has it: 16 numbers row by row."""
+    return tuple(frame.pose.ravel().tolist())
+
+
+def _write(root: Path, entry: FrameEntry, panorama: Panorama) -> None:
+    from salframe.panoramas.folder_format import write_panorama
+
+    instance_id = None if panorama.annotations is None else panorama.annotations.instance_id
+    write_panorama(root, entry, panorama.rgb, panorama.range_m, instance_id)
+
+
+def _render_in_worker(
+    kind: type[RenderedDataset], config: ComponentConfig, root: Path, frame: FrameSpec, entry: FrameEntry
+) -> None:
+    _write(root, entry, _dataset_of(kind, config).render(frame))
+
+
+@cache
+def _dataset_of(kind: type[RenderedDataset], config: ComponentConfig) -> RenderedDataset:
+    """The data set of a worker process, which keeps what it has built from one frame to the next."""
+    return kind(config)

@@ -1,0 +1,61 @@
+"""A configuration as rows to read."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import pytest
+from pydantic import Field
+
+from salframe.framework.config import ComponentConfig, Settings
+from salframe.framework.registry import registry
+from salframe.framework.settings import Setting, list_settings
+from salframe.framework.slots import slot
+from salframe.graphs.saliency import SaliencyModel
+
+
+class Grid(Settings):
+    size_m: float = Field(0.5, gt=0, description="side of a cell")
+
+
+class Inner(SaliencyModel):
+    """Has a setting."""
+
+    name, version = "inner", "1"
+
+    class Config(ComponentConfig):
+        share: float = Field(0.5, ge=0, le=1, description="what it keeps")
+
+    def score(self, detections):
+        return detections.scores
+
+
+class Outer(Inner):
+    """Has all kinds."""
+
+    name = "outer"
+
+    class Config(ComponentConfig):
+        model: slot("saliency", "inner")
+        grid: Grid = Grid()
+        way: Literal["straight", "round"] = "straight"
+        limit: int | None = None
+        tables: tuple[str, ...] = ()
+
+
+@pytest.fixture
+def models(fakes):
+    for component in (Inner, Outer):
+        registry().add(component, "test")
+
+
+def test_every_setting_is_a_row_with_its_dotted_key(models):
+    config = Outer.Config(model={"share": 0.25}, grid={"size_m": 2}, limit=3)
+    assert list(list_settings(config)) == [
+        Setting("model", "inner", "inner", "saliency", ""),
+        Setting("model.share", 0.25, 0.5, "float, at least 0, at most 1", "what it keeps"),
+        Setting("grid.size_m", 2.0, 0.5, "float, over 0", "side of a cell"),
+        Setting("way", "straight", "straight", "straight | round", ""),
+        Setting("limit", 3, None, "int | null", ""),
+        Setting("tables", [], [], "tuple[str, ...]", ""),
+    ]

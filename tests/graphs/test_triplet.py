@@ -1,0 +1,261 @@
+"""The matcher on rooms drawn at random, whose nodes and poses are known."""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+from salframe_graphs.agreement import agree
+from salframe_graphs.features import node2vec, ring_hop_histograms
+from salframe_graphs.triplet import TripletMatcher
+from salframe_graphs.verification import verify
+
+from salframe.framework.errors import RequirementMissing
+from salframe.graphs.detections import Detections
+from salframe.graphs.graph import GraphConfig, SaliencyGraph, build_graph
+from salframe.graphs.matcher import GraphMatch
+from salframe.panoramas.frames import MapFrame
+from salframe.panoramas.geometry import invert_pose, pose_2d, pose_errors, transform_points
+
+LABELS = ("bed", "sofa", "chair", "table", "lamp", "plant", "tv", "desk", "picture", "cabinet")
+
+
+def room(seed, nodes=8, labels=LABELS):
+    """A random room's objects seen from its middle, biggest first."""
+    rng = np.random.default_rng(seed)
+    centroid = np.column_stack(
+        [rng.uniform(-2.5, 2.5, nodes), rng.uniform(-2, 2, nodes), rng.uniform(-1.2, 0.8, nodes)]
+    )
+    size = rng.uniform(0.3, 1.8, (nodes, 3))
+    return Detections(
+        [str(name) for name in rng.choice(labels, nodes)], np.ones(nodes), centroid, size, rng.uniform(0, np.pi, nodes)
+    )
+
+
+def graph_of(detections, T=None):
+    """The graph of these objects seen from pose T in their frame; every object keeps its saliency."""
+    volume = detections.size_m.prod(1)
+    if T is not None:
+        moved = transform_points(invert_pose(T), detections.centroid_m)
+        detections = Detections(detections.labels, detections.scores, moved, detections.size_m, detections.yaw_rad)
+    return build_graph(detections, volume / volume.sum(), GraphConfig())
+
+
+def matcher(**settings):
+    return TripletMatcher(TripletMatcher.Config(**settings))
+
+
+@pytest.fixture(scope="module")
+def rooms():
+    return [room(seed) for seed in range(30)]
+
+
+def test_jaccard_is_that_of_multisets(rooms):
+    """Against collections.Counter, whose & and | are the intersection and union of multisets."""
+    graphs = [graph_of(r) for r in rooms]
+    one = matcher(rarity=False)
+    index = one.index(graphs)
+    query = graph_of(room(99, nodes=11))
+    known = np.array([index.vocabulary.get(label, -1) for label in query.labels])
+    found = one._jaccard(query.labels, known, np.ones(len(known)), index)
+    asked = Counter(query.labels)
+    expected = [(asked & Counter(g.labels)).total() / (asked | Counter(g.labels)).total() for g in graphs]
+    np.testing.assert_allclose(found, expected)
+
+
+def test_set_jaccard_ignores_numbers(rooms):
+    graphs = [graph_of(r) for r in rooms]
+    one = matcher(rarity=False, labels="set")
+    index = one.index(graphs)
+    query = graph_of(room(99, nodes=11, labels=(*LABELS, "stranger")))
+    known = np.array([index.vocabulary.get(label, -1) for label in query.labels])
+    found = one._jaccard(query.labels, known, np.ones(len(known)), index)
+    asked = set(query.labels)
+    np.testing.assert_allclose(found, [len(asked & set(g.labels)) / len(asked | set(g.labels)) for g in graphs])
+
+
+def test_a_moved_room_is_found_with_its_nodes_and_pose(rooms):
+    index = matcher().index([graph_of(r) for r in rooms])
+    for scene, objects in enumerate(rooms):
+        T = pose_2d(0.4, -0.5, 0.2 * scene)
+        query = graph_of(objects, T)
+        best = matcher().match(query, index, 5)[0]
+        assert best.scene == scene
+        np.testing.assert_array_equal(
+            best.pairs[:, 0], best.pairs[:, 1]
+        )  # both graphs list the same objects by saliency
+        assert len(best.pairs) == len(objects)
+        assert pose_errors(best.T_scene_query, T) == pytest.approx((0, 0), abs=1e-6)
+
+
+def test_twin_rooms_are_told_apart_by_geometry():
+    """The same objects at other places, and the same mirrored: labels cannot tell, one pose can."""
+    right = room(5)
+    rng = np.random.default_rng(6)
+    elsewhere = Detections(
+        right.labels,
+        right.scores,
+        right.centroid_m[rng.permutation(8)] * [1, 1, 0] + right.centroid_m * [0, 0, 1],
+        right.size_m,
+        right.yaw_rad,
+    )
+    mirrored = Detections(right.labels, right.scores, right.centroid_m * [1, -1, 1], right.size_m, -right.yaw_rad)
+    graphs = [graph_of(elsewhere), graph_of(mirrored), graph_of(right)]
+    query = graph_of(right, pose_2d(0.5, 0.3, 2.0))
+    one = matcher()
+    ranked = one.match(query, one.index(graphs), 3)
+    assert ranked[0].scene == 2
+    assert ranked[0].score > 1.2 * ranked[1].score
+    blind = matcher(geometry_score=0.0, structure_weight=0.0)
+    scores = [m.score for m in blind.match(query, blind.index(graphs), 3)]
+    assert max(scores) == pytest.approx(min(scores))
+
+
+def test_matches_are_one_to_one_and_alike(rooms):
+    graphs = [graph_of(r) for r in rooms]
+    one = matcher()
+    for match in one.match(graph_of(room(77, nodes=12)), one.index(graphs), 30):
+        query, reference = match.pairs.T
+        assert len(set(query)) == len(query)
+        assert len(set(reference)) == len(reference)
+        assert [graph_of(room(77, nodes=12)).labels[i] for i in query] == [
+            graphs[match.scene].labels[j] for j in reference
+        ]
+
+
+def test_strangers_and_empty_maps_match_nothing(rooms):
+    one = matcher()
+    stranger = graph_of(room(1, labels=("spaceship",)))
+    assert one.match(stranger, one.index([graph_of(r) for r in rooms]), 5) == []
+    assert one.match(graph_of(rooms[0]), one.index([graph_of(Detections.empty())]), 5) == []
+    assert one.match(graph_of(Detections.empty()), one.index([graph_of(r) for r in rooms]), 5) == []
+
+
+def test_triplet_score_by_hand():
+    """A path a-b-c against one that lacks b-c: I = w_ab over w_ab + w_bc."""
+    saliency = np.array([0.5, 0.3, 0.2])
+    base = {
+        "labels": ("a", "b", "c"),
+        "scores": np.ones(3),
+        "saliency": saliency,
+        "centroid_m": np.eye(3),
+        "size_m": np.ones((3, 3)),
+        "yaw_rad": np.zeros(3),
+    }
+    query = SaliencyGraph(**base, edges=np.array([[0, 1], [1, 2]]))
+    reference = SaliencyGraph(**base, edges=np.array([[0, 1], [0, 2]]))
+    settings = {"structure_weight": 0.0, "similarity_score": 0.0, "geometry_score": 0.0, "triplet_score": 1.0}
+    ab, bc = np.sqrt(0.15), np.sqrt(0.06)
+    for normalise, expected in ((True, ab / (ab + bc)), (False, ab)):
+        one = matcher(**settings, normalise=normalise)
+        assert one.match(query, one.index([reference]), 1)[0].score == pytest.approx(expected)
+    edgeless = SaliencyGraph(**base, edges=np.zeros((0, 2), int))
+    one = matcher(**settings)
+    assert one.match(edgeless, one.index([reference]), 1)[0].score == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(("geometry_score", "weight"), [(0.0, 1.0), (2.0, 3.0)])
+def test_a_node_counts_as_much_as_its_detector_is_sure(geometry_score, weight):
+    """Five objects that query and map share, and two of the map's alone: the Jaccard index is that of the sums of their
+    scores."""
+    shared = Detections(
+        LABELS[:5], np.array([0.9, 0.8, 0.7, 0.6, 0.5]), room(0, 5).centroid_m, np.ones((5, 3)), np.zeros(5)
+    )
+    extra = Detections(
+        LABELS[5:7], np.array([0.3, 0.1]), np.array([[2.0, 2, 0], [-2, 2, 0]]), np.ones((2, 3)), np.zeros(2)
+    )
+    more = Detections(
+        (*shared.labels, *extra.labels),
+        *(
+            np.concatenate([getattr(shared, name), getattr(extra, name)])
+            for name in ("scores", "centroid_m", "size_m", "yaw_rad")
+        ),
+    )
+    settings = {"structure_weight": 0.0, "rarity": False, "geometry_score": geometry_score}
+    for confidence, expected in ((True, 3.5 / 3.9), (False, 5 / 7)):
+        one = matcher(**settings, confidence=confidence)
+        for query, reference in ((shared, more), (more, shared)):
+            found = one.match(graph_of(query), one.index([graph_of(reference)]), 1)[0]
+            assert found.score == pytest.approx(weight * expected)
+
+
+def test_nodes_of_score_zero_count_nothing():
+    unsure = Detections(LABELS[:3], np.zeros(3), room(0, 3).centroid_m, np.ones((3, 3)), np.zeros(3))
+    one = matcher()
+    assert one.match(graph_of(unsure), one.index([graph_of(unsure)]), 1)[0].score == 0
+
+
+def test_ring_and_hop_histograms_by_hand():
+    """Labels a, b, c on a line at 0, 1.5 and 3 m; only a and b are linked."""
+    graph = SaliencyGraph(
+        ("a", "b", "c"),
+        np.ones(3),
+        np.full(3, 1 / 3),
+        np.array([[0, 0, 0], [1.5, 0, 0], [3, 0, 0]], float),
+        np.ones((3, 3)),
+        np.zeros(3),
+        np.array([[0, 1]]),
+    )
+    found = ring_hop_histograms(graph, {"a": 0, "b": 1, "c": 2}, (1.0, 2.0, 4.0), 2)
+    a = np.array([[0, 0, 0], [0, 1, 0], [0, 0, 1], [0, 1, 0], [0, 0, 0]]).ravel()
+    np.testing.assert_allclose(found[0], a / np.linalg.norm(a))
+
+
+def test_node2vec_is_seeded_and_joint():
+    pytest.importorskip("gensim")
+    graphs = [graph_of(room(3)), graph_of(room(3), pose_2d(0.3, 0.1, 1.0))]
+    first, again = node2vec(graphs, seed=1), node2vec(graphs, seed=1)
+    for a, b in zip(first, again, strict=True):
+        np.testing.assert_array_equal(a, b)
+    same_label = np.array([[x == y for y in graphs[1].labels] for x in graphs[0].labels])
+    similarity = first[0] @ first[1].T
+    assert similarity[same_label].mean() > similarity[~same_label].mean()
+
+
+def test_verification_ignores_outliers():
+    rng = np.random.default_rng(3)
+    reference = rng.uniform(-3, 3, (1, 9, 2))
+    T = pose_2d(0.7, -0.2, 1.1)
+    query = transform_points(invert_pose(T), np.column_stack([reference[0], np.zeros(9)]))[:, :2]
+    query[:3] = rng.uniform(-3, 3, (3, 2))
+    found = verify(query, reference, np.ones((1, 9, 9)), np.full((1, 9, 9), 0.3), np.full(9, 1 / 9), 4.0)
+    assert pose_errors(found.poses()[0], T) == pytest.approx((0, 0), abs=0.05)
+    np.testing.assert_allclose(found.kernel[0, range(3, 9), range(3, 9)], 1, atol=0.05)
+    far = verify(query, reference, np.ones((1, 9, 9)), np.full((1, 9, 9), 0.3), np.full(9, 1 / 9), 0.1)
+    assert far.poses() == [None]
+
+
+def test_agreeing_matches_outvote_a_lone_one():
+    frames = [MapFrame(str(i), f"place-{i}", pose_2d(2.0 * i, 0, 0.5 * i)) for i in range(4)]
+    there = pose_2d(3.0, 1.0, 0.3)
+    matches = [GraphMatch(3, 1.0, np.zeros((0, 2), int), pose_2d(0, 0, 2.0))]
+    matches += [
+        GraphMatch(i, 0.8, np.zeros((0, 2), int), invert_pose(frames[i].T_world_pano) @ there) for i in range(2)
+    ]
+    matches.append(GraphMatch(2, 0.1, np.zeros((0, 2), int)))
+    ranked = agree(matches, frames, 0.5, 1.5)
+    assert [m.scene for m in ranked] == [0, 1, 3, 2]
+    assert [m.score for m in ranked] == pytest.approx([1.2, 1.2, 1.0, 0.1])
+
+
+def test_node2vec_without_gensim_says_how_to_get_it(monkeypatch):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(RequirementMissing, match=r"needs gensim, not installed: pip install 'salframe\[node2vec\]'"):
+        matcher(structure="node2vec")
+
+
+def test_an_unweighted_graph_counts_triplets():
+    """Four objects in a row, each in context with the next; the map lacks the edge of the last two."""
+
+    def chain(edges):
+        centroid = np.column_stack([np.arange(4.0), np.ones(4), np.zeros(4)])
+        saliency = np.array([0.5, 0.3, 0.15, 0.05])
+        return SaliencyGraph(LABELS[:4], np.ones(4), saliency, centroid, np.ones((4, 3)), np.zeros(4), np.array(edges))
+
+    query, reference = chain([(0, 1), (1, 2), (2, 3)]), chain([(0, 1), (1, 2)])
+    given = {"triplet_score": 1.0, "similarity_score": 0.0, "geometry_score": 0.0}
+    shares = {"unit": 2 / 3, "saliency": (0.15**0.5 + 0.045**0.5) / (0.15**0.5 + 0.045**0.5 + 0.0075**0.5)}
+    numbers = {"unit": 2, "saliency": 0.15**0.5 + 0.045**0.5}
+    for normalise, expected in ((True, shares), (False, numbers)):
+        for weights, score in expected.items():
+            one = matcher(edge_weights=weights, normalise=normalise, **given)
+            assert one.match(query, one.index([reference]), 1)[0].score == pytest.approx(score)

@@ -1,0 +1,50 @@
+"""A third party's matcher: corners with the patch around them, for the tests of what `keypoints` finds."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from pydantic import Field
+from salframe_keypoints.descriptors import DescriptorMatcher
+from salframe_keypoints.feature_matcher import View
+
+import salframe
+from salframe.framework.config import ComponentConfig
+
+PATCH_PX = 17
+
+
+class Corners(DescriptorMatcher):
+    """Shi and Tomasi's corners with the patch around them, matched where each is the other's most alike."""
+
+    name = "corners"
+    version = "1"
+
+    class Config(ComponentConfig):
+        count: int = Field(100, ge=1, description="corners a view")
+
+    def extract(self, images: np.ndarray) -> list[View]:
+        return [self._view(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)) for image in images]
+
+    def match_descriptors(self, query: View, reference: View) -> np.ndarray:
+        if not len(query.features) or not len(reference.features):
+            return np.zeros((0, 2), int)
+        cosines = query.features @ reference.features.T
+        nearest = cosines.argmax(1)
+        (mutual,) = np.nonzero(cosines.argmax(0)[nearest] == np.arange(len(nearest)))
+        return np.column_stack([mutual, nearest[mutual]])
+
+    def _view(self, image: np.ndarray) -> View:
+        found = cv2.goodFeaturesToTrack(image, self.config.count, 0.01, 8)
+        corners = np.zeros((0, 2), np.float32) if found is None else found.reshape(-1, 2)
+        size_px = (PATCH_PX, PATCH_PX)
+        patches = [cv2.getRectSubPix(image, size_px, corner.tolist()).ravel() for corner in corners]
+        features = np.reshape(patches, (-1, PATCH_PX**2)).astype(np.float32)
+        features -= features.mean(1, keepdims=True)
+        features /= np.maximum(np.linalg.norm(features, axis=1, keepdims=True), 1e-9)
+        return View(corners + np.float32(0.5), features)
+
+
+@salframe.hookimpl
+def salframe_provides() -> list[type]:
+    return [Corners]

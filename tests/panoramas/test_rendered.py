@@ -1,0 +1,174 @@
+"""The base of data sets that render: what it writes, in which order, and what a run that was killed leaves."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from salframe.framework.config import ComponentConfig
+from salframe.framework.errors import DataError, SalframeError
+from salframe.panoramas.floors import FloorMasks
+from salframe.panoramas.frames import FrameKind
+from salframe.panoramas.panorama import Annotations, Panorama
+from salframe.panoramas.rendered import FrameSpec, RenderedDataset
+
+FRAMES = [
+    FrameSpec("hall/1", "map", "hall", 1.0, 2.0, 1.5, 0.0),
+    FrameSpec("door", "transition", "door-1", 2.0, 2.0, 1.5, 0.0),
+    FrameSpec("q", "query", "hall", 1.5, 2.0, 1.4, np.pi / 2),
+]
+TURNED = [[0, -1, 0, 1.5], [1, 0, 0, 2.0], [0, 0, 1, 1.4], [0, 0, 0, 1]]
+"""The query's pose: its x axis is the world's y."""
+FLOOR = FloorMasks(
+    np.ones((3, 4), bool), np.ones((3, 4), np.int32), np.zeros((3, 4), bool), 0.5, (0.0, 1.5), {1: "hall"}, 0.2
+)
+
+
+class Plain(RenderedDataset[FrameSpec]):
+    """Panoramas 16 pixels high, at a range that tells the frame; of three objects in two rows, two are visible."""
+
+    name = "plain"
+    version = "1"
+    provides = frozenset({"range", "annotations"})
+
+    class Config(ComponentConfig):
+        range_m: float = 2.0
+
+    def list_frames(self) -> list[FrameSpec]:
+        return FRAMES
+
+    def render(self, frame: FrameSpec) -> Panorama:
+        range_m = np.full((16, 32), self.config.range_m + FRAMES.index(frame), np.float32)
+        instance_id = np.zeros((16, 32), np.int32)
+        instance_id.flat[:50], instance_id.flat[60:109], instance_id.flat[200:300] = 1, 2, 7
+        return Panorama(frame.id, range_m=range_m, annotations=Annotations(instance_id, rendered=True))
+
+    def list_objects(self) -> dict[str, list]:
+        return {"instance_id": [1, 2, 7], "label": ["bed", "lamp", "sofa"]}
+
+    def list_floors(self) -> dict[str, FloorMasks]:
+        return {"ground": FLOOR}
+
+
+class Many(Plain):
+    """The same, rendered by two processes."""
+
+    name = "many"
+    workers = 2
+
+
+class Dying(Many):
+    """One whose processes die."""
+
+    name = "dying"
+
+    def render(self, frame: FrameSpec) -> Panorama:
+        os._exit(3)
+
+
+class Unplanned(Plain):
+    """One whose floors cannot be drawn."""
+
+    name = "unplanned"
+
+    def render(self, frame: FrameSpec) -> Panorama:
+        pytest.fail("rendered before its floors were drawn")
+
+    def list_floors(self) -> dict[str, FloorMasks]:
+        raise DataError("no floor")
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path))
+    return tmp_path
+
+
+def recorder() -> tuple[list[tuple[int, int]], Callable[[int, int], None]]:
+    seen: list[tuple[int, int]] = []
+    return seen, lambda done, total: seen.append((done, total))
+
+
+def files(root: Path) -> dict[str, tuple[bytes, int]]:
+    paths = (path for path in root.rglob("*") if path.is_file())
+    return {path.relative_to(root).as_posix(): (path.read_bytes(), path.stat().st_mtime_ns) for path in paths}
+
+
+def test_what_was_rendered_is_read_from_the_folder(cache: Path) -> None:
+    data = Plain()
+    seen, progress = recorder()
+    data.prepare(progress)
+    assert seen == [(0, 3), (1, 3), (2, 3), (3, 3)]
+    assert data.root == cache / "plain" / data.fingerprint[:16]
+    (fold,) = data.folds()
+    assert [(f.id, f.place, f.kind) for f in fold.mapping] == [
+        ("hall/1", "hall", FrameKind.SCENE),
+        ("door", "door-1", FrameKind.TRANSITION),
+    ]
+    assert [float(frame.load().range_m[3, 3]) for frame in (*fold.mapping, *fold.queries)] == [2.0, 3.0, 4.0]
+    (query,) = fold.queries
+    annotations = query.load().annotations
+    assert annotations.labels == {1: "bed", 2: "lamp", 7: "sofa"}
+    assert annotations.rendered
+    truth = data.truth("q")
+    assert (truth.place, truth.instances) == ("hall", (1, 7))  # the lamp covers 49 pixels
+    np.testing.assert_allclose(truth.T_world_pano, TURNED, atol=1e-15)
+    (floor,) = data.floors()
+    assert (floor.regions, floor.z_m) == ({1: "hall"}, 0.2)
+    assert sorted(files(data.root)) == [
+        *(f"frames/{number:05d}.{part}.png" for number in range(3) for part in ("instances", "range")),
+        *(f"ground-{mask}.png" for mask in ("free", "obstacle", "region")),
+        "manifest.json",
+        "objects.parquet",
+        "truth.json",
+    ]
+
+
+def test_a_killed_run_loses_no_finished_frame() -> None:
+    """Stopped after two frames there is no manifest, and those two are not rendered again."""
+    data = Plain()
+
+    def stop(done: int, total: int) -> None:
+        if done == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        data.prepare(stop)
+    before = files(data.root)
+    assert sorted(before) == [
+        f"frames/0000{number}.{part}.png" for number in range(2) for part in ("instances", "range")
+    ]
+    with pytest.raises(DataError, match=r"no manifest\.json"):
+        data.folds()
+    seen, progress = recorder()
+    data = Plain()
+    data.prepare(progress)
+    assert seen == [(2, 3), (3, 3)]
+    assert before.items() <= files(data.root).items()
+    data.prepare(lambda done, total: pytest.fail("rendered what was there"))
+
+
+def test_other_settings_are_another_folder() -> None:
+    assert Plain().fingerprint == Plain().fingerprint != Plain(Plain.Config(range_m=3.0)).fingerprint
+    assert Plain().root != Many().root
+
+
+def test_processes_render_the_same_files() -> None:
+    for kind in (Plain, Many):
+        kind().prepare(lambda done, total: None)
+    content = [{name: data for name, (data, _) in files(kind().root).items()} for kind in (Plain, Many)]
+    assert content[0] == content[1]
+
+
+def test_a_process_that_dies_is_one_line() -> None:
+    with pytest.raises(SalframeError, match=r"a rendering process died after 0 of 3 frames: run it again to resume"):
+        Dying().prepare(lambda done, total: None)
+
+
+def test_what_is_wrong_with_the_floors_shows_before_rendering() -> None:
+    with pytest.raises(DataError, match="no floor"):
+        Unplanned().prepare(lambda done, total: None)

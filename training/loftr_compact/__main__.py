@@ -1,0 +1,39 @@
+"""`python -m training.loftr_compact FOLDER`: render, train, export `loftr-compact`; the same command resumes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from salframe.framework.config import merge, nest, parse_override, validate
+from salframe.framework.errors import SalframeError
+from training.loftr_compact.export import export
+from training.loftr_compact.panoramas import render
+from training.loftr_compact.settings import Training
+from training.loftr_compact.train import train
+
+
+def main(
+    folder: Annotated[Path, typer.Argument(help="where checkpoint, log and the ONNX files go")],
+    overrides: Annotated[
+        list[str] | None, typer.Option("--set", help="key.path=value, as in Training; repeatable")
+    ] = None,
+) -> None:
+    """Render the panoramas, train, and export; what is done already is not done again."""
+    settings: dict = {}
+    for text in overrides or []:
+        settings = merge(settings, nest(*parse_override(text)))
+    try:
+        config = validate(Training, settings, "training")
+        buildings = max(stage.buildings for stage in config.stages)
+        seeds = range(config.held_out_seed, config.held_out_seed + 1 + buildings)
+        render(config.panoramas, seeds, lambda done, total: print(f"buildings {done}/{total}", flush=True))
+        export(train(config, folder, lambda row: print(row, flush=True)), folder)
+    except SalframeError as error:
+        raise SystemExit(f"error: {error}") from None
+
+
+if __name__ == "__main__":
+    typer.run(main)

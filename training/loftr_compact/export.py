@@ -1,0 +1,106 @@
+"""The trained network as the ONNX files that `loftr-compact` runs, and as the state that kornia's module takes."""
+
+from __future__ import annotations
+
+import copy
+import warnings
+from pathlib import Path
+from typing import Any
+
+import torch
+from kornia.feature.loftr import loftr
+from salframe_keypoints.loftr_compact import FILES, FINE_STRIDE_PX, LARGEST_PX, STATE, STRIDE_PX
+from torch import Tensor, nn
+
+from salframe.framework.files import atomic_path
+
+OPSET = 18
+
+
+class _Features(nn.Module):
+    """Image (1, 1, h, w) -> position-encoded tokens (1, L, C) of the coarse grid, and the fine map (1, D, h / 2, w /
+    2)."""
+
+    def __init__(self, network: loftr.LoFTR) -> None:
+        super().__init__()
+        self.network = network
+
+    def forward(self, image: Tensor) -> tuple[Tensor, Tensor]:
+        coarse, fine = self.network.backbone(image)
+        return self.network.pos_encoding(coarse).flatten(2).transpose(1, 2), fine
+
+
+class _Coarse(nn.Module):
+    """Tokens of both images -> dual-softmax confidence (1, L, S), and the tokens (1, L, C), (1, S, C) attended."""
+
+    def __init__(self, network: loftr.LoFTR) -> None:
+        super().__init__()
+        self.transformer, self.temperature = network.loftr_coarse, network.coarse_matching.temperature
+
+    def forward(self, first: Tensor, second: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        first, second = self.transformer(first, second)
+        similarity = first @ second.transpose(1, 2) / (first.shape[2] * self.temperature)
+        return similarity.softmax(1) * similarity.softmax(2), first, second
+
+
+class _Fine(nn.Module):
+    """Fine windows (M, 25, D) and attended tokens (M, C) of both sides of matches -> offset (M, 2) in units of the
+    window's radius."""
+
+    def __init__(self, network: loftr.LoFTR) -> None:
+        super().__init__()
+        self.network = network
+
+    def forward(self, first: Tensor, second: Tensor, first_token: Tensor, second_token: Tensor) -> Tensor:
+        merge, context = self.network.fine_preprocess.merge_feat, self.network.fine_preprocess.down_proj
+        windows = [
+            merge(torch.cat([window, context(token)[:, None].expand(-1, window.shape[1], -1)], 2))
+            for window, token in ((first, first_token), (second, second_token))
+        ]
+        data: dict[str, Any] = {"stride_f": FINE_STRIDE_PX, "b_ids": None, "mconf": first[:, 0, 0]}
+        data["mkpts0_c"] = data["mkpts1_c"] = torch.zeros_like(first[:, 0, :2])
+        self.network.fine_matching(*self.network.loftr_fine(*windows), data)
+        return data["expec_f"][:, :2]
+
+
+def export(network: loftr.LoFTR, folder: Path) -> None:
+    """Write the files to a folder. Image sides are multiples of 8 up to LARGEST_PX; a file holds position encodings no
+    further than that."""
+    network = copy.deepcopy(network).eval().to(memory_format=torch.contiguous_format)
+    cells = LARGEST_PX // STRIDE_PX
+    network.pos_encoding.pe = network.pos_encoding.pe[:, :, :cells, :cells].clone()
+    dims, window = network.config["resnetfpn"]["block_dims"], network.config["fine_window_size"] ** 2
+    tokens, points = torch.rand(1, 300, dims[-1]), torch.rand(40, dims[-1])
+    windows = torch.rand(40, window, dims[0])
+    parts: list[tuple[nn.Module, tuple[Tensor, ...], dict[str, dict[int, str]], list[str]]] = [
+        (_Features(network), (torch.rand(1, 1, 120, 160),), {"image": {2: "height", 3: "width"}}, ["tokens", "fine"]),
+        (
+            _Coarse(network),
+            (tokens, torch.rand_like(tokens)),
+            {"first": {1: "cells0"}, "second": {1: "cells1"}},
+            ["confidence", "tokens0", "tokens1"],
+        ),
+        (
+            _Fine(network),
+            (windows, torch.rand_like(windows), points, torch.rand_like(points)),
+            {name: {0: "matches"} for name in ("first", "second", "first_token", "second_token")},
+            ["offset"],
+        ),
+    ]
+    for file, (module, example, axes, outputs) in zip(FILES, parts, strict=True):
+        with atomic_path(folder / file) as temporary, warnings.catch_warnings():
+            warnings.simplefilter(
+                "ignore"
+            )  # of branches on sizes, which go the same way for all views, and of the exporter's age
+            torch.onnx.export(
+                module.eval(),
+                example,
+                temporary,
+                input_names=list(axes),
+                output_names=outputs,
+                dynamic_axes=axes,
+                opset_version=OPSET,
+                dynamo=False,
+            )
+    with atomic_path(folder / STATE) as temporary:
+        torch.save(network.state_dict(), temporary)

@@ -1,0 +1,110 @@
+"""Panoramas for training: rooms of generated buildings, each from a few places, by day and after a while in other
+light."""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from salframe.framework.cache import cache_home
+from salframe.framework.files import read_arrays, write_arrays
+from salframe.framework.identity import digest
+from salframe.framework.processes import die_with_parent
+from salframe.panoramas.geometry import pose_2d
+from training.loftr_compact.settings import Panoramas
+
+STYLES = ("home", "office", "hotel")
+SHOTS = ((0, "day"), (1, "day"), (0, "evening"), (2, "evening"), (3, "dim"))
+"""Of each room: which of its places, and the light. What is not by day sees the changed building."""
+
+NEAR_M, FAR_M = 0.3, 2.0
+"""Between the first place of a room and each of the others."""
+
+CLEARANCE_M = 0.3
+WORKERS = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """A panorama: gray (H, 2H) uint8; range_m (H, 2H) float16, NaN where unknown; T_world_pano (4, 4)."""
+
+    gray: np.ndarray
+    range_m: np.ndarray
+    T_world_pano: np.ndarray
+
+
+def folder(config: Panoramas) -> Path:
+    """Where the panoramas of these settings and this generator are kept."""
+    from salframe_house.dataset import House
+
+    return cache_home() / "loftr-training" / digest({"house": House.version, **config.model_dump()})[:16]
+
+
+def render(config: Panoramas, seeds: Sequence[int], progress: Callable[[int, int], None]) -> None:
+    """Render the buildings' panoramas that are not there yet, two buildings at a time; progress(done, total) counts
+    buildings."""
+    progress(0, len(seeds))
+    with ProcessPoolExecutor(
+        WORKERS, mp_context=multiprocessing.get_context("spawn"), initializer=die_with_parent
+    ) as pool:
+        for done, future in enumerate(as_completed([pool.submit(_render_building, config, seed) for seed in seeds]), 1):
+            future.result()
+            progress(done, len(seeds))
+
+
+def read_rooms(config: Panoramas, seeds: Sequence[int]) -> list[tuple[Shot, ...]]:
+    """The shots of each room of the buildings, in a fixed order."""
+    rooms: dict[str, list[Shot]] = {}
+    for path in sorted(path for seed in seeds for path in folder(config).glob(f"{seed}-*.npz")):
+        rooms.setdefault(path.stem.rpartition("-")[0], []).append(Shot(**read_arrays(path)))
+    return [tuple(shots) for shots in rooms.values()]
+
+
+def _render_building(config: Panoramas, seed: int) -> None:
+    from salframe_house.building import change_building, generate_building
+    from salframe_house.render import Renderer
+
+    building = generate_building(STYLES[seed % len(STYLES)], config.rooms, seed)
+    changed = change_building(building, config.changed_fraction, seed)
+    rng = np.random.default_rng((seed, 8))
+    day, later = Renderer(building.scene(), "day", config.height), Renderer(changed.scene(), "evening", config.height)
+    renderers = {"day": day, "evening": later, "dim": later.relit("dim")}
+    free, free_later = building.free_space(CLEARANCE_M), changed.free_space(CLEARANCE_M)
+    for room in building.rooms:
+        both = np.array(sorted(set(map(tuple, free[room.id])) & set(map(tuple, free_later[room.id]))))
+        if not len(both):
+            continue
+        places = _places(both, rng)
+        for number, (place, light) in enumerate(SHOTS):
+            path = folder(config) / f"{seed}-{room.id}-{number}.npz"
+            if not path.exists():
+                rendering = renderers[light].render(places[place])
+                write_arrays(
+                    path,
+                    {
+                        "gray": _gray(rendering.rgb),
+                        "range_m": rendering.range_m.astype(np.float16),
+                        "T_world_pano": places[place],
+                    },
+                )
+
+
+def _places(free_m: np.ndarray, rng: np.random.Generator) -> list[np.ndarray]:
+    """(4, 4) poses: the first anywhere in a room's free space (N, 2), the others near it, all looking anywhere."""
+    first = free_m[rng.integers(len(free_m))]
+    away = np.linalg.norm(free_m - first, axis=1)
+    near = free_m[(away >= NEAR_M) & (away <= FAR_M)]
+    near = near if len(near) else free_m
+    others = near[rng.integers(len(near), size=max(place for place, _ in SHOTS))]
+    return [pose_2d(*point, rng.uniform(-np.pi, np.pi), 1.5 + rng.uniform(-0.05, 0.05)) for point in (first, *others)]
+
+
+def _gray(rgb: np.ndarray) -> np.ndarray:
+    import cv2
+
+    return cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)

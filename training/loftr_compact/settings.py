@@ -1,0 +1,47 @@
+"""What a training run is made from. The defaults are those of the weights that salframe ships."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from salframe.framework.config import Settings
+
+
+class Panoramas(Settings):
+    """How the panoramas that pairs are cut from are rendered."""
+
+    rooms: int = Field(10, ge=4, description="rooms of each building")
+    changed_fraction: float = Field(0.15, ge=0, le=1, description="share of the objects changed before the evening")
+    height: int = Field(512, ge=64, multiple_of=4)
+
+
+class Stage(Settings):
+    """Some training at one size of the views."""
+
+    width_px: int = Field(ge=16, multiple_of=8)
+    height_px: int = Field(ge=16, multiple_of=8)
+    batch: int = Field(ge=1, description="pairs a step")
+    steps: int = Field(ge=1)
+    buildings: int = Field(ge=1, description="how many of the training buildings its pairs come from")
+
+
+class Training(Settings):
+    """All settings of a run."""
+
+    seed: int = Field(0, ge=0)
+    panoramas: Panoramas = Panoramas()
+    held_out_seed: int = Field(
+        5000, ge=0, description="the building that measures progress; those of the following seeds are trained on"
+    )
+    stages: tuple[Stage, ...] = (
+        Stage(width_px=160, height_px=120, batch=8, steps=800, buildings=5),
+        Stage(width_px=160, height_px=120, batch=8, steps=4000, buildings=8),
+        Stage(width_px=320, height_px=240, batch=4, steps=500, buildings=8),
+    )
+    peak_learning_rate: float = Field(1e-3, gt=0)
+    warmup_steps: int = Field(100, ge=1)
+    decay_steps: int = Field(1100, ge=1, description="the last so many steps, over which the learning rate falls")
+    weight_decay: float = Field(0.01, ge=0)
+    fine_matches: int = Field(24, ge=1, description="true matches a pair that the fine stage learns from")
+    report_every: int = Field(200, ge=1, description="steps between checkpoints and held-out measurements")
+    processes: int = Field(2, ge=1, description="that share every batch; beside each another one cuts its pairs")

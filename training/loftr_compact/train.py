@@ -1,0 +1,190 @@
+"""The training loop: seeded, resumed from its last checkpoint, its progress in a JSON lines file."""
+
+from __future__ import annotations
+
+import json
+import math
+import tempfile
+from collections.abc import Callable, Sequence
+from itertools import accumulate
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+import torch.distributed
+import torch.multiprocessing
+from kornia.feature.loftr import loftr
+from torch.utils.data import DataLoader, Dataset
+
+from salframe.framework.errors import ConfigError
+from salframe.framework.files import atomic_path, read_json, write_json
+from training.loftr_compact.network import build, losses
+from training.loftr_compact.panoramas import Shot, read_rooms
+from training.loftr_compact.settings import Stage, Training
+from training.loftr_compact.view_pairs import PosedView, correspondences, draw_pair, photometric, warp
+
+CHECKPOINT, LOG, SETTINGS = "checkpoint.pt", "log.jsonl", "settings.json"
+HELD_OUT_PAIRS = 12
+HELD_OUT_SIZE_PX = 320, 240
+PRECISE_PX = 3.0
+GRADIENT_NORM = 1.0
+FINAL_RATE = 0.02
+"""Of the peak learning rate, where the cosine ends."""
+
+
+class Pairs(Dataset):
+    """Training pairs of a stage; pair number n is the same whenever it is asked for."""
+
+    def __init__(self, rooms: Sequence[Sequence[Shot]], stage: Stage, stage_number: int, seed: int) -> None:
+        self._rooms, self._stage, self._key = rooms, stage, (seed, 0, stage_number)
+
+    def __len__(self) -> int:
+        return self._stage.steps * self._stage.batch
+
+    def __getitem__(self, number: int) -> dict[str, np.ndarray]:
+        rng = np.random.default_rng((*self._key, number))
+        pair = draw_pair(self._rooms, (self._stage.width_px, self._stage.height_px), rng)
+        cells, offset_px = correspondences(*pair)
+        return {
+            "images": np.stack([photometric(view.cut(), rng) for view in pair]),
+            "cells": cells,
+            "offset_px": offset_px,
+        }
+
+
+def train(config: Training, folder: Path, report: Callable[[dict[str, Any]], None]) -> loftr.LoFTR:
+    """The trained network. What `folder` holds of the same settings is gone on with. Raises ConfigError where it holds
+    another run.
+
+    report(row) gets each row of the log: step, losses, learning rate, and the held-out precision.
+    """
+    _claim(folder, config)
+    with tempfile.TemporaryDirectory() as meeting:
+        arguments = (config, folder, report, f"file://{meeting}/store")
+        torch.multiprocessing.start_processes(_work, arguments, nprocs=config.processes, start_method="fork")
+    network = build()
+    network.load_state_dict(torch.load(folder / CHECKPOINT, weights_only=True)["network"])
+    return network.eval()
+
+
+def _work(rank: int, config: Training, folder: Path, report: Callable[[dict[str, Any]], None], meeting: str) -> None:
+    """What each process does: its share of every batch, the first one also keeps the checkpoints and the log."""
+    torch.set_num_threads(1)
+    torch.distributed.init_process_group("gloo", init_method=meeting, rank=rank, world_size=config.processes)
+    torch.manual_seed(config.seed)
+    network = build()
+    optimizer = torch.optim.AdamW(network.parameters(), lr=config.peak_learning_rate, weight_decay=config.weight_decay)
+    step = _resume(folder / CHECKPOINT, network, optimizer)
+    held_out = draw_held_out(config) if rank == 0 else []
+    ends = list(accumulate(stage.steps for stage in config.stages))
+    for number, (stage, end) in enumerate(zip(config.stages, ends, strict=True)):
+        if step >= end:
+            continue
+        rooms = read_rooms(
+            config.panoramas, range(config.held_out_seed + 1, config.held_out_seed + 1 + stage.buildings)
+        )
+        shares = [
+            range(n * stage.batch + rank, (n + 1) * stage.batch, config.processes)
+            for n in range(step - end + stage.steps, stage.steps)
+        ]
+        for batch in DataLoader(
+            Pairs(rooms, stage, number, config.seed), batch_sampler=shares, num_workers=1, prefetch_factor=8
+        ):
+            rate = learning_rate(step, ends[-1], config)
+            for group in optimizer.param_groups:
+                group["lr"] = rate
+            generator = torch.Generator().manual_seed((config.seed * 1_000_003 + step) * config.processes + rank)
+            parts = losses(network.train(), batch, config.fine_matches, generator)
+            optimizer.zero_grad()
+            sum(parts.values()).backward()
+            _average(network)
+            torch.nn.utils.clip_grad_norm_(network.parameters(), GRADIENT_NORM)
+            optimizer.step()
+            step += 1
+            if rank == 0 and (step % config.report_every == 0 or step == ends[-1]):
+                with atomic_path(folder / CHECKPOINT) as temporary:
+                    torch.save(
+                        {"step": step, "network": network.state_dict(), "optimizer": optimizer.state_dict()}, temporary
+                    )
+                row = {
+                    "step": step,
+                    "rate": rate,
+                    **{name: part.item() for name, part in parts.items()},
+                    **held_out_precision(network, held_out),
+                }
+                with (folder / LOG).open("a") as file:
+                    file.write(json.dumps(row) + "\n")
+                report(row)
+    torch.distributed.destroy_process_group()
+
+
+def _average(network: loftr.LoFTR) -> None:
+    """Give all processes the mean of their gradients and of their running means and variances."""
+    values = [parameter.grad for parameter in network.parameters() if parameter.grad is not None]
+    values += [buffer for buffer in network.buffers() if buffer.is_floating_point()]
+    flat = torch.cat([value.flatten() for value in values])
+    torch.distributed.all_reduce(flat)
+    for value, mean in zip(
+        values, (flat / torch.distributed.get_world_size()).split([value.numel() for value in values]), strict=True
+    ):
+        value.copy_(mean.view_as(value))
+
+
+def learning_rate(step: int, steps: int, config: Training) -> float:
+    """Linear warm-up, the peak, and over the last steps a half cosine down to FINAL_RATE of it."""
+    done = max(0.0, 1 - (steps - step) / config.decay_steps)
+    fall = FINAL_RATE + (1 - FINAL_RATE) * (1 + math.cos(math.pi * done)) / 2
+    return config.peak_learning_rate * min(1.0, (step + 1) / config.warmup_steps) * fall
+
+
+def draw_held_out(config: Training) -> list[tuple[PosedView, PosedView]]:
+    """Pairs of the held-out building at the run-time size."""
+    rooms = read_rooms(config.panoramas, [config.held_out_seed])
+    return [
+        draw_pair(rooms, HELD_OUT_SIZE_PX, np.random.default_rng((config.seed, 1, number)))
+        for number in range(HELD_OUT_PAIRS)
+    ]
+
+
+def held_out_precision(network: torch.nn.Module, pairs: Sequence[tuple[PosedView, PosedView]]) -> dict[str, float]:
+    """Share of the matches within 3 pixels of their true place, mean over pairs, 0 without a match; and matches a pair.
+
+    Matches of what the other panorama does not see count for neither.
+    """
+    network.eval()
+    precision, count = [], []
+    for first, second in pairs:
+        images = {
+            f"image{side}": torch.from_numpy(view.cut()).float()[None, None] / 255
+            for side, view in enumerate((first, second))
+        }
+        with torch.inference_mode():
+            found = network(images)
+        error = np.linalg.norm(
+            warp(found["keypoints0"].numpy().astype(np.float64), first, second) - found["keypoints1"].numpy(), axis=1
+        )
+        error = error[np.isfinite(error)]
+        precision.append(float((error <= PRECISE_PX).mean()) if len(error) else 0.0)
+        count.append(len(error))
+    return {"held_out_precision": float(np.mean(precision)), "held_out_matches": float(np.mean(count))}
+
+
+def _claim(folder: Path, config: Training) -> None:
+    path = folder / SETTINGS
+    if path.exists() and read_json(path) != config.model_dump(mode="json"):
+        raise ConfigError(
+            f"{folder} holds a run with other settings ({SETTINGS}): choose another folder, or its settings"
+        )
+    write_json(path, config.model_dump(mode="json"))
+
+
+def _resume(path: Path, network: torch.nn.Module, optimizer: torch.optim.Optimizer) -> int:
+    """The step that the checkpoint was written after, its state put into the network and optimizer; 0 where there is
+    none."""
+    if not path.exists():
+        return 0
+    state = torch.load(path, weights_only=True)
+    network.load_state_dict(state["network"])
+    optimizer.load_state_dict(state["optimizer"])
+    return state["step"]

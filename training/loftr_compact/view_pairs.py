@@ -1,0 +1,188 @@
+"""Pairs of perspective views of one room with their exact correspondences on LoFTR's coarse grid.
+
+Cell (x, y) of the grid stands for the point (8 x, 8 y) of the image, pixel centres at +0.5. View pixels are K R^T d for
+a direction d in the panorama frame, where R turns camera axes (x right, y down, z forward) to it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from salframe_keypoints.loftr_compact import STRIDE_PX
+
+from salframe.panoramas.geometry import invert_pose, pose_yaw, rays_to_pixels, sample_nearest, transform_points
+from training.loftr_compact.panoramas import Shot
+
+FOCAL_PX = 160.0
+"""Of the views that `loftr-compact` cuts at run time: 320 pixels for 90 degrees."""
+
+DEPTH_TOLERANCE = 0.05
+LEAST_MATCHED = 0.1
+"""Share of the first view's cells with a true match below which another pair of views is drawn."""
+
+ATTEMPTS = 10
+HOMOGRAPHIES = 0.3
+"""Share of the pairs that are two views of one panorama, hence related by a homography, with sheared and stretched
+cameras."""
+
+
+@dataclass(frozen=True, eq=False)
+class PosedView:
+    """A view that a camera matrix (3, 3) and a rotation (3, 3) cut from a shot; size_px is width, height."""
+
+    shot: Shot
+    camera: np.ndarray
+    rotation: np.ndarray
+    size_px: tuple[int, int]
+
+    def bearings(self, pixels: np.ndarray) -> np.ndarray:
+        """(K, 3) unit vectors in the panorama frame through pixels (K, 2)."""
+        rays = np.column_stack([pixels, np.ones(len(pixels))]) @ (self.rotation @ np.linalg.inv(self.camera)).T
+        return rays / np.linalg.norm(rays, axis=1, keepdims=True)
+
+    def project(self, directions: np.ndarray) -> np.ndarray:
+        """(K, 2) pixels that directions (K, 3) in the panorama frame fall on, NaN behind the camera and outside the
+        image."""
+        image = directions @ (self.camera @ self.rotation.T).T
+        with np.errstate(divide="ignore", invalid="ignore"):
+            pixels = image[:, :2] / image[:, 2:]
+        inside = (image[:, 2] > 0) & (pixels >= 0).all(1) & (pixels < self.size_px).all(1)
+        return np.where(inside[:, None], pixels, np.nan)
+
+    def cut(self) -> np.ndarray:
+        """(h, w) uint8 image, bilinear."""
+        width, height = self.size_px
+        y, x = np.mgrid[:height, :width] + 0.5
+        columns, rows = rays_to_pixels(self.bearings(np.column_stack([x.ravel(), y.ravel()])), len(self.shot.gray))
+        maps = ((a.reshape(height, width) - 0.5).astype(np.float32) for a in (columns, rows))
+        return cv2.remap(self.shot.gray, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+
+    def grid(self) -> np.ndarray:
+        """(L, 2) float64 points of the coarse grid, row by row."""
+        x, y = np.meshgrid(*(np.arange(0, size, STRIDE_PX) for size in self.size_px))
+        return np.column_stack([x.ravel(), y.ravel()]).astype(np.float64)
+
+
+def warp(points_px: np.ndarray, source: PosedView, target: PosedView) -> np.ndarray:
+    """(K, 2) where the target view sees the points (K, 2) of the source view.
+
+    NaN outside the image, where the range is unknown, and where the target's panorama has another range: occluded, or
+    changed.
+    """
+    bearings = source.bearings(points_px)
+    points_m = bearings * sample_nearest(source.shot.range_m, bearings)[:, None].astype(np.float64)
+    seen_m = transform_points(invert_pose(target.shot.T_world_pano) @ source.shot.T_world_pano, points_m)
+    known = np.isfinite(seen_m).all(1)
+    range_m = np.where(known, np.linalg.norm(seen_m, axis=1), np.nan)
+    seen_m = np.where(known[:, None], seen_m, (1.0, 0.0, 0.0))
+    there_m = sample_nearest(target.shot.range_m, seen_m).astype(np.float64)
+    with np.errstate(invalid="ignore"):
+        visible = known & (np.abs(there_m - range_m) < DEPTH_TOLERANCE * range_m)
+    return np.where(visible[:, None], target.project(seen_m), np.nan)
+
+
+def correspondences(first: PosedView, second: PosedView) -> tuple[np.ndarray, np.ndarray]:
+    """For each cell of the first view, the cell of the second that it matches, (L,) int64, -1 for none; and where, (L,
+    2) float32.
+
+    Cells match where each is the nearest cell to the other's true place (LoFTR section 3.3). The place is in pixels
+    from the second cell.
+    """
+    grid_first, grid_second = first.grid(), second.grid()
+    forward = warp(grid_first, first, second)
+    cells, back = _nearest_cell(forward, second.size_px), _nearest_cell(warp(grid_second, second, first), first.size_px)
+    mutual = (cells >= 0) & (back[cells] == np.arange(len(cells)))
+    offset_px = np.where(mutual[:, None], forward - grid_second[cells], 0)
+    return np.where(mutual, cells, -1), offset_px.astype(np.float32)
+
+
+def _nearest_cell(points_px: np.ndarray, size_px: tuple[int, int]) -> np.ndarray:
+    """(K,) int64 index of the coarse cell nearest to each point, -1 for NaN and where that cell would lie beyond the
+    grid."""
+    columns, rows = (size // STRIDE_PX for size in size_px)
+    known = np.isfinite(points_px).all(1)
+    x, y = np.rint(np.where(known[:, None], points_px, -STRIDE_PX) / STRIDE_PX).astype(np.int64).T
+    return np.where((x >= 0) & (x < columns) & (y >= 0) & (y < rows), y * columns + x, -1)
+
+
+def draw_pair(
+    rooms: Sequence[Sequence[Shot]], size_px: tuple[int, int], rng: np.random.Generator
+) -> tuple[PosedView, PosedView]:
+    """Two overlapping views of a room, from different panoramas or by homography from one."""
+    for _ in range(ATTEMPTS):
+        room = rooms[rng.integers(len(rooms))]
+        homography = rng.random() < HOMOGRAPHIES or len(room) < 2
+        pair = (_draw_homography if homography else _draw_views)(room, size_px, rng)
+        if (correspondences(*pair)[0] >= 0).mean() >= LEAST_MATCHED:
+            break
+    return pair
+
+
+def _draw_views(
+    room: Sequence[Shot], size_px: tuple[int, int], rng: np.random.Generator
+) -> tuple[PosedView, PosedView]:
+    """Views of two panoramas: of the same point of the room, more or less, or in the same direction of the world, as at
+    run time."""
+    a, b = (room[i] for i in rng.choice(len(room), 2, replace=False))
+    azimuth, focal = rng.uniform(-np.pi, np.pi), FOCAL_PX * rng.uniform(0.8, 1.25)
+    first = PosedView(a, _camera(size_px, focal), _rotation(azimuth, rng.normal(0, 0.09), rng.normal(0, 0.04)), size_px)
+    ahead = first.bearings(np.array([size_px]) / 2)
+    seen_m = transform_points(
+        invert_pose(b.T_world_pano) @ a.T_world_pano, ahead * sample_nearest(a.range_m, ahead)[0]
+    )[0]
+    same_point, pitch = rng.random() < 0.6 and np.isfinite(seen_m).all(), rng.normal(0, 0.09)
+    target = (
+        np.arctan2(seen_m[1], seen_m[0])
+        if same_point
+        else azimuth + pose_yaw(a.T_world_pano) - pose_yaw(b.T_world_pano)
+    )
+    aside = rng.uniform(-2 / 3, 2 / 3) * np.arctan(size_px[0] / 2 / FOCAL_PX)
+    second = PosedView(
+        b,
+        _camera(size_px, focal * rng.uniform(0.85, 1.18)),
+        _rotation(target + aside, pitch, rng.normal(0, 0.04)),
+        size_px,
+    )
+    return first, second
+
+
+def _draw_homography(
+    room: Sequence[Shot], size_px: tuple[int, int], rng: np.random.Generator
+) -> tuple[PosedView, PosedView]:
+    shot = room[rng.integers(len(room))]
+    azimuth, focal = rng.uniform(-np.pi, np.pi), FOCAL_PX * rng.uniform(0.8, 1.25)
+    first = PosedView(
+        shot, _camera(size_px, focal), _rotation(azimuth, rng.normal(0, 0.2), rng.normal(0, 0.1)), size_px
+    )
+    camera = _camera(size_px, focal * rng.uniform(0.7, 1.4), shear=rng.normal(0, 0.12), stretch=rng.uniform(0.85, 1.18))
+    turn = rng.uniform(-0.5, 0.5) * np.arctan(size_px[0] / 2 / FOCAL_PX)
+    return first, PosedView(shot, camera, _rotation(azimuth + turn, rng.normal(0, 0.2), rng.normal(0, 0.25)), size_px)
+
+
+def _camera(size_px: tuple[int, int], focal_px: float, shear: float = 0.0, stretch: float = 1.0) -> np.ndarray:
+    return np.array([[focal_px, shear * focal_px, size_px[0] / 2], [0, stretch * focal_px, size_px[1] / 2], [0, 0, 1]])
+
+
+def _rotation(azimuth_rad: float, pitch_rad: float, roll_rad: float) -> np.ndarray:
+    """(3, 3) from camera axes to the panorama frame: level and forward, rolled, pitched up, then turned
+    counter-clockwise."""
+    (ca, cp, cr), (sa, sp, sr) = (f(np.array([azimuth_rad, pitch_rad, roll_rad])) for f in (np.cos, np.sin))
+    level = np.array([[0, 0, 1], [-1, 0, 0], [0, -1, 0]])
+    roll = np.array([[cr, -sr, 0], [sr, cr, 0], [0, 0, 1]])
+    pitch = np.array([[cp, 0, -sp], [0, 1, 0], [sp, 0, cp]])
+    turn = np.array([[ca, -sa, 0], [sa, ca, 0], [0, 0, 1]])
+    return turn @ pitch @ level @ roll
+
+
+def photometric(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """(1, h, w) float32 in [0, 1]: another exposure, gamma, noise, a little blur, and JPEG as at run time."""
+    if rng.random() < 0.3:
+        image = cv2.GaussianBlur(image, (0, 0), rng.uniform(0.3, 1.2))
+    value = (image / 255.0) ** rng.uniform(0.6, 1.6)
+    value = 0.5 + (value - 0.5) * rng.uniform(0.6, 1.3) + rng.uniform(-0.12, 0.12)
+    value = np.clip(255 * (value + rng.normal(0, rng.uniform(0, 0.02), image.shape)), 0, 255).astype(np.uint8)
+    encoded = cv2.imencode(".jpg", value, [cv2.IMWRITE_JPEG_QUALITY, int(rng.integers(70, 96))])[1]
+    return cv2.imdecode(encoded, cv2.IMREAD_GRAYSCALE)[None].astype(np.float32) / 255

@@ -1,0 +1,73 @@
+"""The trained network as an ONNX file that answers in classes, scores and votes at the panorama's own resolution, and
+its card."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import torch
+from salframe_panoseg.classes import CHANNELS, HEIGHT
+from salframe_panoseg.detector import OUTPUTS
+from torch import Tensor, nn
+from torch.nn import functional
+
+from salframe.framework.files import atomic_path, write_json
+from salframe.framework.weights import file_sha256
+from training.panoseg.network import PanoSeg
+
+DOUBT = 4.0
+"""A pixel is structure where that is so many times as probable as any object: what may be an object is told, with its
+low score."""
+
+
+class Answer(nn.Module):
+    """(B, 6, H, W) -> class_id (B, H, W) uint8, score (B, H, W) float32 (the class's probability), vote_m (B, 3, H, W)
+    float32.
+
+    Trained with `weights` (C,), the network overrates what counted more; in `score` that is taken back.
+    """
+
+    def __init__(self, network: PanoSeg, weights: Tensor) -> None:
+        super().__init__()
+        self.network = network
+        self.register_buffer("overrated", weights.log()[:, None, None])
+        self.register_buffer("doubt", torch.tensor([math.log(DOUBT)] + [0.0] * (len(weights) - 1))[:, None, None])
+
+    def forward(self, image: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        logits, votes = self.network(image)
+        logits = logits - self.overrated
+        chosen = logits - self.doubt
+        probability = logits.softmax(1).gather(1, chosen.argmax(1, keepdim=True))
+        score = functional.interpolate(probability, scale_factor=2, mode="nearest")[:, 0]
+        return doubled(chosen).argmax(1).to(torch.uint8), score, doubled(votes)
+
+
+def doubled(image: Tensor) -> Tensor:
+    """Twice the resolution, bilinear, closed at the seam."""
+    image = torch.cat([image[..., -1:], image, image[..., :1]], -1)
+    return functional.interpolate(image, scale_factor=2, mode="bilinear", align_corners=False)[..., 2:-2]
+
+
+def export(checkpoint: Path, path: Path, card: dict[str, Any]) -> Path:
+    """Write the checkpoint's network to `path` and its card beside it, with its labels and sha256."""
+    state = torch.load(checkpoint, map_location="cpu", weights_only=True)
+    network = PanoSeg(len(card["labels"]) + 1)
+    network.load_state_dict(state["network"])
+    answer = Answer(network, state["weights"]).eval()
+    example = torch.zeros(1, CHANNELS, HEIGHT, 2 * HEIGHT)
+    with torch.no_grad(), atomic_path(path) as temporary:
+        torch.onnx.export(
+            answer,
+            (example,),
+            temporary,
+            input_names=["image"],
+            output_names=list(OUTPUTS),
+            opset_version=18,
+            dynamo=True,
+            external_data=False,
+            verbose=False,
+        )
+    write_json(path.with_suffix(".json"), card | {"sha256": file_sha256(path)})
+    return path

