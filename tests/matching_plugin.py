@@ -9,10 +9,11 @@ from salframe_annotations.detector import AnnotationDetector
 import salframe
 from salframe.evaluation.matching import PIXEL_RAD
 from salframe.framework.config import ComponentConfig
-from salframe.localization.answers import Localization, NodeMatches, PointMatches
+from salframe.framework.errors import WeightsMissing
+from salframe.localization.answers import Localization, LocalizationStatus, NodeMatches, PointMatches
 from salframe.localization.localizer import Localizer
 from salframe.panoramas.dataset import Dataset
-from salframe.panoramas.frames import Fold, Frame, Truth
+from salframe.panoramas.frames import Fold, FrameKind, MapFrame, QueryFrame, Truth
 from salframe.panoramas.geometry import pose_2d, sample_nearest, transform_points
 from salframe.testing.rooms import ROOMS, look, stand
 
@@ -46,19 +47,22 @@ class Furnished(Dataset):
             {"rgb", *(["range"] if self.config.ranges else []), *(["annotations"] if self.config.instances else [])}
         )
 
-    def _frame(self, id, room, T_world_pano, place=None, kind="scene"):
-        return Frame(
-            id, lambda: look(room, id, T_world_pano, self.provides), T_world_pano if place else None, place, kind
-        )
+    def _look(self, id, room, T_world_pano):
+        return lambda: look(room, id, T_world_pano, self.provides)
+
+    def _map_frame(self, id, room, T_world_pano, place, kind=FrameKind.SCENE):
+        return MapFrame(id, place, T_world_pano, kind, self._look(id, room, T_world_pano))
 
     def folds(self):
         mapping, queries = [], []
         for room in ROOMS[:2]:
             place = "nowhere" if self.config.unmapped and room is ROOMS[1] else room.name
-            mapping.append(self._frame(f"{room.name}-corner", room, stand(room, 0.3, 0.8), place))
-            mapping.append(self._frame(f"{room.name}-door", room, stand(room) @ STEP, place, "transition"))
-            mapping.append(self._frame(f"{room.name}-middle", room, stand(room), place))
-            queries.append(self._frame(f"{room.name}-query", room, stand(room) @ STEP))
+            mapping.append(self._map_frame(f"{room.name}-corner", room, stand(room, 0.3, 0.8), place))
+            door = FrameKind.TRANSITION
+            mapping.append(self._map_frame(f"{room.name}-door", room, stand(room) @ STEP, place, door))
+            mapping.append(self._map_frame(f"{room.name}-middle", room, stand(room), place))
+            id = f"{room.name}-query"
+            queries.append(QueryFrame(id, self._look(id, room, stand(room) @ STEP)))
         return [Fold("all", tuple(mapping), tuple(queries))]
 
     def truth(self, query_id):
@@ -89,7 +93,7 @@ class Points(Localizer):
         pass
 
     def match(self, description):
-        return Localization((), None, "no-match")
+        return Localization((), None, LocalizationStatus.NO_MATCH)
 
     def correspond(self, query, reference):
         if not self.left:
@@ -135,6 +139,34 @@ class Neither(Points):
         return None
 
 
+class Confused(Points):
+    """Matches, and does not say what."""
+
+    name = "confused"
+
+    def correspond(self, query, reference):
+        return [(0, 1)]
+
+
+class Leaving(Points):
+    """Exits where it should match."""
+
+    name = "leaving"
+
+    def correspond(self, query, reference):
+        raise SystemExit("it leaves")
+
+
+class Weightless(Points):
+    """Its weights are never there."""
+
+    name = "weightless"
+
+    @classmethod
+    def check(cls, config: ComponentConfig) -> None:
+        raise WeightsMissing("weightless.pth is not at hand: salframe weights fetch weightless")
+
+
 @salframe.hookimpl
 def salframe_provides():
-    return [Furnished, Points, Nodes, Neither]
+    return [Furnished, Points, Nodes, Neither, Confused, Leaving, Weightless]

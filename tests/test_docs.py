@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import ast
 import importlib.util
 import re
+import subprocess
+import sys
 from pathlib import Path
+from textwrap import indent
 
 import pytest
 import typer
@@ -12,7 +16,6 @@ import yaml
 from command_line import run
 
 from salframe.cli import app
-from salframe.framework.presets import CONFIGS
 from salframe.framework.registry import registry
 
 REPOSITORY = Path(__file__).parent.parent
@@ -66,8 +69,10 @@ def test_every_component_and_setting_is_in_the_reference():
 
 def test_every_preset_is_in_the_reference():
     text = (DOCS / "reference/components.md").read_text()
-    for folder in ("methods", "data"):
-        for preset in (CONFIGS / folder).glob("*.yaml"):
+    shipped = [path for path, package in registry().preset_files() if package == "salframe"]
+    assert {path.parent.name for path in shipped} == {"methods", "data", "ablations"}
+    for preset in shipped:
+        if preset.parent.name != "ablations":
             assert f"`{preset.stem}`" in text
 
 
@@ -94,7 +99,7 @@ def test_every_page_is_in_the_navigation():
 
 
 def test_the_tutorial_on_your_own_panoramas_works(tmp_path, monkeypatch):
-    """Its script and its commands, against the pose that the script gives the query and the output that the page shows."""
+    """Its script and its commands, against the pose that the script gives the query and the output that it shows."""
     monkeypatch.chdir(tmp_path)
     text = (DOCS / "tutorials/your-own-panoramas.md").read_text()
     exec(re.search(r"```python\n(.*?)```", text, re.DOTALL)[1], {})
@@ -104,6 +109,51 @@ def test_the_tutorial_on_your_own_panoramas_works(tmp_path, monkeypatch):
     assert answer["places"][0]["place"] == "study"
     pose = [answer["pose"][key] for key in ("x_m", "y_m", "yaw_deg")]
     assert pose == pytest.approx([8.3, 0.4, 90], abs=0.1)
+
+
+def blocks(page: str, language: str) -> list[str]:
+    return re.findall(rf"```{language}\n(.*?)```", (DOCS / page).read_text(), re.DOTALL)
+
+
+PYTHON = [page for page in PAGES if "```python" in page.read_text() and page.stem != "write-a-plugin"]
+"""Pages that show Python; write-a-plugin.md is run by a test of its own."""
+
+
+@pytest.mark.parametrize("page", PYTHON, ids=lambda page: page.stem)
+def test_what_pages_import_is_there(page):
+    for block in blocks(page.relative_to(DOCS).as_posix(), "python"):
+        for node in ast.parse(block).body:
+            if isinstance(node, ast.Import | ast.ImportFrom):
+                exec(compile(ast.Module([node], []), str(page), "exec"), {})
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory):
+    return tmp_path_factory.mktemp("cache")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("page", "said"),
+    [
+        ("tutorials/first-comparison.md", r"proposed 1\.0 .*\nobjects 0\.\d+ None .*\nruns/house-6-\w+/report\.html"),
+        ("how-to/ablate.md", r"(proposed\[matcher\.geometry_score=.*\] [01]\.\d+ 0\.\d+\n){4}"),
+        ("how-to/matching.md", r"proposed nodes 0\.\d+ 0\.\d+\nusg nodes 0\.\d+ 0\.\d+"),
+        ("how-to/navigate.md", r"proposed [01]\.\d+ 0\.\d+"),
+        ("how-to/maps.md", r"turn right .*, walk "),
+        ("how-to/detectors.md", r"annotations (1\.0|0\.\d+) (1\.0|0\.\d+) \d"),
+    ],
+)
+def test_what_pages_show_in_python_runs(page, said, cache, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("SALFRAME_CACHE", str(cache))
+    for content in blocks(page, "yaml")[:1]:
+        (tmp_path / "FILE.yaml").write_text(content)
+    (script,) = [block for block in blocks(page, "python") if "house-" in block or "FILE.yaml" in block]
+    (tmp_path / "script.py").write_text(f"if __name__ == '__main__':\n{indent(script, '    ')}")
+    done = subprocess.run([sys.executable, "script.py"], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert re.search(said, done.stdout), done.stdout
 
 
 def test_the_site_asks_nobody_else():

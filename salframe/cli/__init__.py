@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import sys
+from functools import cache
+from importlib.metadata import entry_points
 from typing import Any
 
-import click
 import typer
 from typer.core import TyperGroup
 
@@ -13,20 +15,29 @@ from salframe.cli import compare, data, detection, inspect, localize, map, match
 from salframe.cli.output import json_alone
 from salframe.framework.errors import SalframeError
 
+COMMANDS, PLUGINS = "salframe.commands", "SALFRAME_PLUGINS"
+"""Where plugins' commands come from, as salframe.framework.registry has it, which is imported late."""
+
 
 class Commands(TyperGroup):
-    """Our commands, and those that plugins bring, which are loaded when they are listed or called."""
+    """Our commands, and those that plugins bring, which are loaded when they are listed or called.
 
-    def list_commands(self, ctx: click.Context) -> list[str]:
-        return [*super().list_commands(ctx), *sorted(_plugin_commands())]
+    Contexts and commands are of the click that this version of typer was built on; it exports neither.
+    """
 
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        own = super().get_command(ctx, cmd_name)
-        return own or _plugin_commands().get(cmd_name)
+    def list_commands(self, ctx: Any) -> list[str]:
+        own = super().list_commands(ctx)
+        return [*own, *sorted(set(_plugin_commands()) - set(own))]
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        return super().get_command(ctx, cmd_name) or _plugin_commands().get(cmd_name)
 
 
-def _plugin_commands() -> dict[str, click.Command]:
-    """The commands of plugins by name; none of ours is replaced."""
+@cache
+def _plugin_commands() -> dict[str, Any]:
+    """The commands of plugins by name."""
+    if PLUGINS not in os.environ and not entry_points(group=COMMANDS):
+        return {}  # and no registry is imported for `--help`
     from salframe.framework.registry import load_commands
 
     commands, failures = load_commands()
@@ -35,7 +46,7 @@ def _plugin_commands() -> dict[str, click.Command]:
     return {name: _as_click(name, command) for name, (command, _) in commands.items()}
 
 
-def _as_click(name: str, command: Any) -> click.Command:
+def _as_click(name: str, command: Any) -> Any:
     if isinstance(command, typer.Typer):
         return typer.main.get_group(command)
     alone = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
@@ -45,7 +56,7 @@ def _as_click(name: str, command: Any) -> click.Command:
 
 app = typer.Typer(
     cls=Commands,
-    help="Where am I, and which way do I turn? Localization from one RGB-D panorama, and the baselines to compare with.",
+    help="Where am I, and which way do I turn? Localization from one RGB-D panorama, and baselines to compare with.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,

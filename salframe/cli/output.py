@@ -61,7 +61,7 @@ def print_json(value: Any) -> None:
 
 
 class Bars:
-    """The progress of each thing that is told of, on stderr: a bar, or where that is no terminal, a line now and then."""
+    """The progress of each thing that is told of, on stderr: a bar, or off a terminal a line now and then."""
 
     def __init__(self) -> None:
         from rich.console import Console

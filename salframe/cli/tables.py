@@ -171,7 +171,7 @@ def _print_notes(result: Result[Any], statuses: bool = False) -> None:
         if told := "; ".join(part for part in (row.reason, failures if statuses else "") if part):
             notes.append(f"{row.method}: {told}")
     for note in notes:
-        console.print(note, style="dim", markup=False, highlight=False)
+        console.print(note, style="dim", markup=False, highlight=False, soft_wrap=True)
 
 
 def _print_where(result: Result[Any]) -> None:

@@ -14,7 +14,7 @@ from salframe.evaluation.result import Result
 from salframe.evaluation.run import PieceStatus, Row, Run
 from salframe.evaluation.runner import run_task
 from salframe.evaluation.task import MethodRow, Record, Survey, Task, Worker, check_needs
-from salframe.framework.errors import DataError, InputMissing
+from salframe.framework.errors import DataError, InputMissing, InvalidAnswer
 from salframe.graphs.annotated import annotated_detections
 from salframe.graphs.detections import Detections
 from salframe.graphs.detector import Detector
@@ -117,6 +117,8 @@ class _Detecting(Worker[QueryFrame]):
         start = time.perf_counter()
         found = self._detector.detect(panorama)
         ms = (time.perf_counter() - start) * 1e3
+        if not isinstance(found, Detections):
+            raise InvalidAnswer(f"detect gave {type(found).__name__}, expected Detections")
         truth = annotated_detections(panorama)
         counted = {"annotated": Counter(truth.labels), "found": Counter(found.labels)}
         return {**counted, "right": count_right(found, truth), "ms": ms, "status": PieceStatus.OK, "error": None}

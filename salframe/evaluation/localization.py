@@ -22,7 +22,7 @@ from salframe.evaluation.run import DESCRIPTIONS, ROWS, Row, RowWriter, Run, rea
 from salframe.evaluation.runner import run_task
 from salframe.evaluation.task import MethodRow, Record, Survey, Task, Worker, check_needs
 from salframe.framework.cache import Cache
-from salframe.framework.errors import FRAME_ERRORS, DataError, InvalidAnswer, MethodFailed
+from salframe.framework.errors import FRAME_ERRORS, DataError, InvalidAnswer, MethodFailed, describe_error
 from salframe.localization.answers import Localization
 from salframe.localization.localizer import Description, Localizer
 from salframe.panoramas.dataset import Dataset
@@ -113,8 +113,9 @@ class LocalizationTask(Task[Query, LocalizationSurvey]):
         return piece.fold.id, piece.frame.id
 
     def total(self, survey: LocalizationSurvey) -> int:
-        frames = {frame.id for fold in survey.dataset.folds() for frame in (*fold.mapping, *fold.queries)}
-        return len(frames) + len(survey.pieces)
+        folds = survey.dataset.folds()
+        mapped = {frame.id for fold in folds for frame in fold.mapping}
+        return len(mapped | {frame.id for fold in folds for frame in fold.queries}) + len(survey.pieces)
 
     def open(
         self, label: str, method: Localizer, survey: LocalizationSurvey, todo: Sequence[Query], folder: Path
@@ -196,7 +197,12 @@ class _Answering(Worker[Query]):
 
     def work(self, piece: Query) -> Row:
         if piece.fold.id != self._fold:
-            self._take_map(piece.fold)
+            try:
+                self._take_map(piece.fold)
+            except MethodFailed:
+                raise
+            except Exception as error:  # without its map a method can answer nothing
+                raise MethodFailed(describe_error(error)) from error
             self._fold = piece.fold.id
         try:
             description, describe_ms = self._descriptions.take(piece.frame)
@@ -278,7 +284,7 @@ def _row(answer: Localization | None, describe_ms: float | None = None, query_ms
     pose = answer.T_world_query if answer else None
     covariance = answer.covariance if answer else None
     return {
-        "places": [[place.frame, place.place, place.score] for place in places],
+        "places": [[place.frame, place.place, float(place.score)] for place in places],
         "pose": None if pose is None else np.asarray(pose, float).ravel().tolist(),
         "covariance": None if covariance is None else np.asarray(covariance, float).tolist(),
         "query_ms": query_ms,

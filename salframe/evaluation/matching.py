@@ -17,7 +17,7 @@ from salframe.evaluation.run import PieceStatus, Row, Run
 from salframe.evaluation.runner import run_task
 from salframe.evaluation.task import MethodRow, Record, Survey, Task, Worker, check_needs
 from salframe.framework.cache import Cache
-from salframe.framework.errors import DataError, InputMissing, MethodUnavailable
+from salframe.framework.errors import DataError, InputMissing, InvalidAnswer, MethodUnavailable
 from salframe.graphs.annotated import annotated_objects
 from salframe.localization.answers import NodeMatches, PointMatches
 from salframe.localization.localizer import Localizer
@@ -126,6 +126,8 @@ class _Matching(Worker[FramePair]):
         found = self._localizer.correspond(query, reference)
         if found is None:
             raise MethodUnavailable("matches neither points nor objects")
+        if not isinstance(found, PointMatches | NodeMatches):
+            raise InvalidAnswer(f"correspond gave {type(found).__name__}, expected PointMatches, NodeMatches or None")
         row = check_matches(found, piece.query.load(), piece.reference.load(), piece.T_reference_query)
         return {"reference": piece.reference.id, **row, "status": PieceStatus.OK, "error": None}
 

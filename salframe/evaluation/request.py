@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -40,10 +40,6 @@ class Request:
         object.__setattr__(self, "methods", tuple(self.methods))
         object.__setattr__(self, "settings", tuple(self.settings))
 
-    def to_json(self) -> dict[str, Any]:
-        """All of it, by name."""
-        return {name: str(value) if isinstance(value, Path) else value for name, value in asdict(self).items()}
-
 
 @dataclass(frozen=True, eq=False)
 class Resolved:
@@ -62,23 +58,29 @@ class Resolved:
 
 
 def resolve(request: Request, role: str = "localizer", scopes: Sequence[str] = ()) -> Resolved:
-    """The configurations of a request whose methods are components of `role`; `scopes`: first words of further settings.
+    """The configurations of a request whose methods are components of `role`; `scopes`: first words of more settings.
 
-    Where a method cannot run here, the preset that its own names takes its place. Raises SalframeError on names and
-    settings that are wrong.
+    Where a method cannot run here, the preset that its own names takes its place, unless that one was asked for too.
+    Raises SalframeError on names and settings that are wrong.
     """
     if not request.methods:
         raise ConfigError("received no method, expected at least one")
-    asked = {short_name(method): method for method in request.methods}
+    asked: dict[str, str] = {}
+    for method in request.methods:
+        if asked.setdefault(short_name(method), method) != method:
+            both = f"{asked[short_name(method)]} and {method}"
+            raise ConfigError(f"received the methods {both}, which tables would both call {short_name(method)}")
     contents = {name: settings(role, method) for name, method in asked.items()}
     pairs = map(parse_override, request.settings)
     given = Overrides(pairs, contents, scopes=("data", "engine", *scopes), role=role)
-    methods, notes = {}, []
+    methods: dict[str, ComponentConfig] = {}
+    notes: list[str] = []
     for name, method in asked.items():
         config = configure(role, name, contents[name], given.methods[name])
         runs, instead, note = stand_in(role, method, config, given.methods[name])
-        methods[runs] = instead
         notes += [note] if note else []
+        if runs == name or runs not in asked:
+            methods[runs] = instead
     data_name, data = configure_dataset(request.data, request.data_dir, given.scopes["data"])
     engine = configure_default("engine", request.engine or default_of("engine"), given.scopes["engine"])
     return Resolved(methods, data_name, data, engine, given.scopes, tuple(notes))
@@ -90,8 +92,8 @@ def stand_in(
     """What runs for a method: its name and configuration, and why where it is another one.
 
     That is the preset which the method's own names under `otherwise`, where the method cannot run here and that one
-    can. What was set of the method is set of it too, unless it cannot take that. Where neither can run, the method
-    stays, and with it the reason.
+    can. What was set of the method is set of it too, unless it cannot take that. Where neither can run, set so, the
+    method stays, and with it the reason.
     """
     name = short_name(method)
     missing = why_not(config)
@@ -102,18 +104,30 @@ def stand_in(
     plain = configure_default(role, other)
     if why_not(plain):
         return name, config, None
+    as_it_is = f"{note}; it runs as it is, for it cannot take what was set"
     try:
         instead = configure_default(role, other, given)
+    except ConfigError as error:
+        return other, plain, f"{as_it_is}: {error}"
+    if why_not(instead):
+        return name, config, None
+    try:
         registry().build(role, instead)
     except ConfigError as error:
-        return other, plain, f"{note}; it runs as it is, for it cannot take what was set: {error}"
+        return other, plain, f"{as_it_is}: {error}"
+    except KeyboardInterrupt:
+        raise
+    except BaseException:  # whatever else is wrong with it, its own row will tell
+        return other, instead, note
     return other, instead, note
 
 
 def why_not(config: ComponentConfig) -> str | None:
-    """Why a configured component cannot run here, None where it can."""
+    """Why a configured component cannot run here, None where it can, or where its check breaks: its row will tell."""
     try:
         config.component.check(config)
     except (RequirementMissing, WeightsMissing) as error:
         return str(error)
+    except Exception:
+        return None
     return None

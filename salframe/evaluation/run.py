@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
@@ -17,7 +17,7 @@ import yaml
 
 from salframe.evaluation.request import Resolved
 from salframe.framework.config import ComponentConfig, read_yaml, validate
-from salframe.framework.errors import ConfigError, DataError, InvalidAnswer
+from salframe.framework.errors import ConfigError, DataError, InvalidAnswer, describe_error
 from salframe.framework.files import read_json, write_json, write_text
 from salframe.framework.identity import digest, identity
 from salframe.framework.installation import environment
@@ -26,7 +26,9 @@ from salframe.framework.registry import registry
 Row = dict[str, Any]
 """What a method made of one piece of a task, as a line of rows.jsonl."""
 
-REQUEST, ROWS, DESCRIPTIONS = "request.yaml", "rows.jsonl", "descriptions.jsonl"
+REQUEST, ROWS, DESCRIPTIONS, NOTES = "request.yaml", "rows.jsonl", "descriptions.jsonl", "notes.json"
+LONGEST = 200
+"""Characters of a folder's name: file systems take 255 bytes."""
 
 
 class PieceStatus(StrEnum):
@@ -55,6 +57,14 @@ class Outcome:
     given: tuple[str, ...] = ()
 
 
+def identity_of(config: ComponentConfig) -> dict[str, Any]:
+    """The identity of a configured method; of one that cannot tell it, its settings and why: its own row will tell."""
+    try:
+        return identity(config)
+    except Exception as error:
+        return {"unknown": describe_error(error), "settings": config.model_dump(mode="json")}
+
+
 @dataclass(frozen=True)
 class Run:
     """A run folder. `content` is that of its request.yaml: task, seed, data, methods by label, settings with values."""
@@ -70,7 +80,7 @@ class Run:
         """
         if not name or "/" in name or name in (".", ".."):
             raise ConfigError(f"received the run name {name!r}, expected one without slashes")
-        known_by = {label: identity(config) for label, config in resolved.methods.items()}
+        known_by = {label: identity_of(config) for label, config in resolved.methods.items()}
         key = digest({"task": task, "seed": seed, "data": identity(resolved.data), "methods": known_by})
         settings = {label: config.model_dump(mode="json") for label, config in resolved.methods.items()}
         asked = {"task": dict(task), "seed": seed, "data": resolved.data.model_dump(mode="json"), "methods": settings}
@@ -124,7 +134,11 @@ class Run:
     def folder(self, label: str) -> Path:
         """The folder of a method. Labels are escaped, so that no two share one and none lies elsewhere."""
         name = quote(label, safe="[]=,; ")
-        return self.directory / (name.replace(".", "%2E") if not name.strip(".") else name)
+        if not name.strip("."):
+            name = name.replace(".", "%2E")
+        if len(name) > LONGEST:
+            name = f"{name[: LONGEST - 17]}-{digest(label)[:16]}"
+        return self.directory / name
 
     def rows(self, label: str) -> list[Row]:
         """What the method has made of its pieces so far."""
@@ -144,7 +158,7 @@ class Run:
         write_json(self.folder(label) / "outcome.json", content)
 
     def bind(self, fingerprint: str) -> None:
-        """Tie the run to the data's content and write env.json. Raises DataError where it is not what the run began with."""
+        """Tie the run to the data's content and write env.json. Raises DataError where that is not what it began on."""
         path = self.directory / "env.json"
         if not path.exists():
             write_json(path, {"dataset_fingerprint": fingerprint, **environment()})
@@ -157,6 +171,15 @@ class Run:
     def environment(self) -> Mapping[str, Any]:
         """What `bind` wrote: the data's fingerprint, versions, machine."""
         return read_json(self.directory / "env.json")
+
+    def notes(self) -> list[str]:
+        """What must be said beside the table: which method ran instead of another, whose answers were reused."""
+        path = self.directory / NOTES
+        return read_json(path) if path.exists() else []
+
+    def add_notes(self, notes: Sequence[str]) -> None:
+        """Keep these notes, each once."""
+        write_json(self.directory / NOTES, list(dict.fromkeys([*self.notes(), *notes])))
 
     def reuse(self, label: str, known_by: str) -> Path | None:
         """Take over what the same method was found to answer to the same pieces of the same data in another run.
@@ -242,5 +265,6 @@ class LineCounter:
                 added = file.read()
         except FileNotFoundError:
             return 0
-        self._seen[path] = offset + len(added), lines + added.count(b"\n")
+        whole = added.rfind(b"\n") + 1  # an unfinished line is read again: whoever resumes cuts it off
+        self._seen[path] = offset + whole, lines + added.count(b"\n")
         return self._seen[path][1]

@@ -15,7 +15,17 @@ from salframe.evaluation.engine import Engine
 from salframe.evaluation.reported import Reported
 from salframe.evaluation.request import Request, Resolved
 from salframe.evaluation.result import Result
-from salframe.evaluation.run import ROWS, LineCounter, MethodStatus, Outcome, PieceStatus, Row, RowWriter, Run
+from salframe.evaluation.run import (
+    ROWS,
+    LineCounter,
+    MethodStatus,
+    Outcome,
+    PieceStatus,
+    Row,
+    RowWriter,
+    Run,
+    identity_of,
+)
 from salframe.evaluation.task import MethodRow, Record, Survey, Task
 from salframe.framework.errors import (
     FRAME_ERRORS,
@@ -27,7 +37,7 @@ from salframe.framework.errors import (
     describe_error,
 )
 from salframe.framework.files import write_json
-from salframe.framework.identity import digest, identity
+from salframe.framework.identity import digest
 from salframe.framework.registry import registry
 from salframe.panoramas.opening import Progress, open_dataset
 
@@ -56,24 +66,23 @@ def run_task(
     survey = task.survey(dataset)
     notes = list(resolved.notes)
     for label, config in resolved.methods.items():
-        key = {"task": known_as, "data": dataset.fingerprint, "mode": task.mode(label), "method": identity(config)}
+        key = {"task": known_as, "data": dataset.fingerprint, "mode": task.mode(label), "method": identity_of(config)}
         source = run.reuse(label, digest(key))
         notes += [f"{label}: answers of {source} are reused"] if source is not None else []
+    run.add_notes(notes)
     todo = [label for label in run.labels if not _finished(task, run, label, survey)]
     with _watch(task, run, task.total(survey), progress):
         for label, ended in zip(todo, engine.map(partial(work_method, task, run.directory), todo), strict=True):
             if isinstance(ended, BaseException):
                 run.end(label, Outcome(MethodStatus.CRASHED, describe_error(ended)))
-    return conclude(task, run, survey, notes, reported)
+    return conclude(task, run, survey, reported)
 
 
-def conclude(
-    task: Task[Any, Any], run: Run, survey: Survey[Any], notes: Sequence[str] = (), reported: tuple[Reported, ...] = ()
-) -> Result[Any]:
+def conclude(task: Task[Any, Any], run: Run, survey: Survey[Any], reported: tuple[Reported, ...] = ()) -> Result[Any]:
     """The result of a run from its rows; writes its metrics and report. Runs no method."""
     records = [_record(task, run, label, survey) for label in run.labels]
     rows: Sequence[MethodRow] = task.summarize(survey, records, run.seed)
-    told = (*notes, *survey.notes)
+    told = (*run.notes(), *survey.notes)
     result: Result[Any] = Result(
         task.name, run.directory, run.content, run.environment(), tuple(rows), None, told, reported
     )

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar, Generic, TypeVar
 
-from salframe.evaluation.request import why_not
 from salframe.evaluation.run import ROWS, MethodStatus, Outcome, PieceStatus, Row, Run
 from salframe.framework.component import Component
 from salframe.framework.config import components_in
@@ -23,7 +22,7 @@ Surveyed = TypeVar("Surveyed", bound="Survey[Any]")
 
 @dataclass(frozen=True, eq=False)
 class Survey(Generic[Piece]):
-    """A task on a data set: its pieces in the order of the table, and what must be said of those left out, a line each."""
+    """A task on a data set: its pieces in the order of the table, and what must be said of those left out."""
 
     dataset: Dataset
     pieces: Sequence[Piece]
@@ -34,13 +33,15 @@ class Survey(Generic[Piece]):
 class MethodRow:
     """A method's line in the table of a task; numbers are None where there is nothing to measure.
 
-    given: which parts of panoramas it was given; reason: why it was not measured, or a warning; status: how often each
-    status occurred; errors: the first message of each status that has one.
+    given: which parts of panoramas it was given; available: whether it can run here; ended: how its work ended; reason:
+    why it was not measured, or a warning; status: how often each status occurred; errors: the first message of each
+    status that has one.
     """
 
     method: str
     given: tuple[str, ...] = ()
     available: bool = True
+    ended: MethodStatus = MethodStatus.DONE
     reason: str | None = None
     status: Mapping[str, int] = field(default_factory=dict)
     errors: Mapping[str, str] = field(default_factory=dict)
@@ -53,7 +54,7 @@ class MethodRow:
     @property
     def crashed(self) -> bool:
         """Whether the method raised or died, on a piece or altogether."""
-        return PieceStatus.CRASHED in self.status
+        return self.ended is MethodStatus.CRASHED or PieceStatus.CRASHED in self.status
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +85,7 @@ class Record:
             "method": self.label,
             "given": self.outcome.given,
             "available": self.outcome.status is not MethodStatus.UNAVAILABLE,
+            "ended": self.outcome.status,
             "reason": self.outcome.reason,
             "status": status,
             "errors": errors,
@@ -185,4 +187,8 @@ def check_needs(method: Component, needs: frozenset[str], dataset: Dataset) -> N
 
 def _could_look(name: str, dataset: Dataset) -> bool:
     component: Any = registry().get("detector", name)
-    return component.needs <= dataset.provides and why_not(component.Config()) is None
+    try:
+        component.check(component.Config())
+        return component.needs <= dataset.provides
+    except Exception:  # whatever is wrong with that one, it is no hint
+        return False

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from salframe.framework.cache import Cache
-from salframe.framework.errors import FRAME_ERRORS, MethodFailed
-from salframe.localization.answers import LocalizationStatus
+from salframe.framework.errors import FRAME_ERRORS, InvalidAnswer, MethodFailed
+from salframe.localization.answers import Localization, LocalizationStatus
 from salframe.localization.localizer import Description, Localizer
 from salframe.navigation.agent import Located
 from salframe.navigation.world import World
@@ -47,6 +47,8 @@ class Sight:
         self._take_map(world.mapping(T_world_pano))
         panorama = world.observe(T_world_pano)
         answer = self._localizer.match(self._localizer.describe_frame(QueryFrame(panorama.id, lambda: panorama))[0])
+        if not isinstance(answer, Localization):
+            raise InvalidAnswer(f"match gave {type(answer).__name__}, expected a Localization")
         if not answer.status.names_a_place or not answer.places:
             return None
         best = answer.places[0]

@@ -1,4 +1,4 @@
-"""The report of a comparison: table, error curves, floor plans and every answer, and the accuracy figure as SVG for print."""
+"""The report of a comparison: table, error curves, floor plans, every answer; the accuracy figure as SVG for print."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from salframe.panoramas.frames import Truth
 RIGHT, WRONG = COLOURS[0], COLOURS[1]
 
 Figure = dict[str, Any]
-"""A Plotly figure as JSON: {"title": ..., "data": [...], "layout": {...}}; "wide" where it needs the width of the page."""
+"""A Plotly figure as JSON: {"title": ..., "data": [...], "layout": {...}}; "wide" where it needs the page's width."""
 
 
 @dataclass(frozen=True, eq=False)

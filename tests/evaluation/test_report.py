@@ -4,17 +4,15 @@ import re
 import xml.etree.ElementTree as ElementTree
 
 import pytest
-from salframe.evaluation.compare import compare
+
+from salframe.evaluation.localization import compare
+from salframe.evaluation.request import Request
 
 
 @pytest.fixture
 def comparison(fakes):
-    return compare(
-        ["reader", "greedy", "weightless"],
-        "rooms",
-        overrides=["greedy.wrong_from=2", "greedy.refuse_in=1"],
-        engine="inline",
-    )
+    settings = ("greedy.wrong_from=2", "greedy.refuse_in=1")
+    return compare(Request(("reader", "greedy", "weightless"), "rooms", settings=settings, engine="inline"))
 
 
 def test_the_report_needs_nothing_else(comparison):
@@ -35,7 +33,7 @@ def test_the_report_holds_every_row_and_query(comparison):
 
 
 def test_labels_are_escaped(fakes):
-    page = compare(["reader"], "rooms", name="<script>alert(1)<", engine="inline").report.read_text()
+    page = compare(Request(("reader",), "rooms", name="<script>alert(1)<", engine="inline")).report.read_text()
     assert "<script>alert(1)" not in page
 
 
@@ -43,12 +41,12 @@ def test_the_accuracy_figure_is_drawn_to_scale(comparison):
     figure = ElementTree.parse(comparison.run / "accuracy.svg").getroot()
     names = {"s": "http://www.w3.org/2000/svg"}
     widths = [float(bar.get("width")) for bar in figure.findall("s:rect", names)]
-    accuracy = [row["accuracy"] for row in comparison.rows if row["accuracy"] is not None]
+    accuracy = [row.accuracy for row in comparison.rows if row.measured]
     assert widths == pytest.approx([400 * value for value in accuracy], abs=0.05)
     assert "reader" in [text.text for text in figure.findall("s:text", names)]
 
 
 def test_a_run_without_a_measured_method_has_a_report(fakes):
-    comparison = compare(["weightless"], "rooms", engine="inline")
+    comparison = compare(Request(("weightless",), "rooms", engine="inline"))
     assert "weightless.pth is not at hand" in comparison.report.read_text()
     assert not (comparison.run / "accuracy.svg").exists()

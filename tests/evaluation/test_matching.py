@@ -2,23 +2,14 @@
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
-
 import numpy as np
 import pytest
 from command_line import run
 from matching_plugin import STEP, turned_by
-from salframe.evaluation.compare import compare
 
-from salframe.evaluation.matching import (
-    COLUMNS,
-    PIXEL_RAD,
-    check_matches,
-    measure_matching,
-    own_objects,
-    point_errors_px,
-)
+from salframe.evaluation.localization import compare
+from salframe.evaluation.matching import PIXEL_RAD, check_matches, measure_matching, own_objects, point_errors_px
+from salframe.evaluation.request import Request
 from salframe.framework.errors import DataError, InputMissing
 from salframe.framework.presets import configure, settings
 from salframe.framework.registry import registry
@@ -133,81 +124,65 @@ def test_methods_that_align_objects_do_so_without_a_map(method):
     assert len(localizer.correspond(localizer.describe(query), localizer.describe(emptied)).pairs) == 0
 
 
-@pytest.fixture
-def furnished(monkeypatch, tmp_path):
-    monkeypatch.setenv("SALFRAME_PLUGINS", "matching_plugin,salframe_annotations,salframe_engines")
-    monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")]))
-    monkeypatch.chdir(tmp_path)
-    registry.cache_clear()
-    yield
-    registry.cache_clear()
-
-
-def measure(methods, *overrides, engine="inline"):
+def measure(methods, *settings, engine="inline", **given):
     """Rows by method, and the whole."""
-    matching = measure_matching(methods, "furnished", overrides=overrides, engine=engine)
-    return {row["method"]: row for row in matching.rows}, matching
+    result = measure_matching(Request(tuple(methods), "furnished", settings=settings, engine=engine, **given))
+    return {row.method: row for row in result.rows}, result
 
 
 def test_rows_of_points_and_of_nodes(furnished):
-    rows, matching = measure(["points", "nodes", "neither"], "points.off_px=2")
+    rows, result = measure(["points", "nodes", "neither"], "points.off_px=2")
     points, nodes, neither = rows.values()
-    assert all(tuple(row) == COLUMNS for row in matching.rows)
-    assert (points["kind"], points["pairs"], points["matches_per_pair"], points["pairs_without_match"]) == (
-        "points",
-        2,
-        40,
-        0,
-    )
-    assert (points["mma_1"], points["mma_5"]) == (0, 1)
-    assert (points["precision"], points["recall"]) == (None, None)
+    assert (points.kind, points.pairs, points.matches_per_pair, points.pairs_without_match) == ("points", 2, 40, 0)
+    assert (points.mma_1, points.mma_5) == (0, 1)
+    assert (points.precision, points.recall) == (None, None)
     # 5 of 7 objects of the bedroom and of 6 of the kitchen are matched
-    assert (nodes["kind"], nodes["matches_per_pair"], nodes["precision"]) == ("nodes", 5, 1)
-    assert nodes["true_per_pair"] == 6.5
-    assert nodes["recall"] == pytest.approx((5 / 7 + 5 / 6) / 2)
-    assert nodes["mma_3"] is None
-    assert (neither["available"], neither["reason"]) == (False, "matches neither points nor objects")
-    assert matching.measured
-    assert not matching.crashed
+    assert (nodes.kind, nodes.matches_per_pair, nodes.precision) == ("nodes", 5, 1)
+    assert nodes.true_per_pair == 6.5
+    assert nodes.recall == pytest.approx((5 / 7 + 5 / 6) / 2)
+    assert nodes.mma_3 is None
+    assert (neither.available, neither.reason) == (False, "matches neither points nor objects")
+    assert result.measured
+    assert not result.crashed
 
 
 def test_crossed_nodes_are_wrong(furnished):
     rows, _ = measure(["nodes"], "crossed=true")
-    assert rows["nodes"]["precision"] == pytest.approx(3 / 5)
-    assert rows["nodes"]["recall"] == pytest.approx((3 / 7 + 3 / 6) / 2)
+    assert rows["nodes"].precision == pytest.approx(3 / 5)
+    assert rows["nodes"].recall == pytest.approx((3 / 7 + 3 / 6) / 2)
 
 
 def test_without_a_match_nothing_is_right(furnished):
     rows, _ = measure(["points", "nodes"], "count=0", "first=0")
-    assert (rows["points"]["mma_5"], rows["points"]["pairs_without_match"]) == (0, 2)
-    assert (rows["nodes"]["precision"], rows["nodes"]["recall"]) == (0, 0)
+    assert (rows["points"].mma_5, rows["points"].pairs_without_match) == (0, 2)
+    assert (rows["nodes"].precision, rows["nodes"].recall) == (0, 0)
 
 
 def test_a_pair_that_crashes_counts_as_wrong_and_is_asked_again(furnished):
-    rows, matching = measure(["points", "nodes"], "fail_after=1")
-    assert rows["points"]["mma_1"] == 0.5
-    assert rows["points"]["reason"] == "1 pair(s) failed, the first: ValueError: no more"
-    assert rows["nodes"]["precision"] == 1
-    assert matching.crashed
-    before = {path.parent.name: path.read_text() for path in matching.run.glob("*/pairs.jsonl")}
+    rows, result = measure(["points", "nodes"], "fail_after=1")
+    assert rows["points"].mma_1 == 0.5
+    assert rows["points"].reason == "1 pair(s) failed, the first: ValueError: no more"
+    assert rows["nodes"].precision == 1
+    assert result.crashed
+    before = {path.parent.name: path.read_text() for path in result.run.glob("*/rows.jsonl")}
     again, _ = measure(["points", "nodes"], "fail_after=1")
-    after = {path.parent.name: path.read_text() for path in matching.run.glob("*/pairs.jsonl")}
+    after = {path.parent.name: path.read_text() for path in result.run.glob("*/rows.jsonl")}
     assert after["nodes"] == before["nodes"]
     assert len(after["points"].splitlines()) == 3
-    assert again["points"]["mma_1"] == 1  # alone in its second run, the query that failed does not
+    assert again["points"].mma_1 == 1  # alone in its second run, the query that failed does not
 
 
 def test_a_query_is_matched_with_the_nearest_scene_frame_of_its_place(furnished):
-    _, matching = measure(["points"])
-    rows = (matching.run / "points" / "pairs.jsonl").read_text()
+    _, result = measure(["points"])
+    rows = (result.run / "points" / "rows.jsonl").read_text()
     assert '"reference": "bedroom-middle"' in rows
     assert '"reference": "kitchen-middle"' in rows
 
 
 def test_queries_of_places_that_are_not_mapped_are_left_out_and_counted(furnished):
-    rows, matching = measure(["points"], "data.unmapped=true")
-    assert (rows["points"]["pairs"], matching.left_out) == (1, 1)
+    rows, result = measure(["points"], "data.unmapped=true")
+    assert rows["points"].pairs == 1
+    assert result.notes == ("1 queries left out: their place has no scene frame in the map",)
 
 
 def test_data_that_tells_no_truth_is_refused(furnished):
@@ -216,16 +191,32 @@ def test_data_that_tells_no_truth_is_refused(furnished):
     with pytest.raises(DataError, match="the true pose of bedroom-query is not known"):
         measure(["points"], "data.posed=false")
     rows, _ = measure(["nodes", "points"], "data.instances=false")
-    assert rows["nodes"]["reason"] == "needs annotations, which furnished does not have"
-    assert rows["points"]["mma_1"] == 1
+    assert rows["nodes"].reason == "needs annotations, which furnished does not have"
+    assert rows["points"].mma_1 == 1
 
 
 def test_a_comparison_of_the_same_name_is_another_run(furnished):
-    compared = compare(["points"], "furnished", name="same", engine="inline")
-    matched = measure_matching(["points"], "furnished", name="same", engine="inline")
+    compared = compare(Request(("points",), "furnished", name="same", engine="inline"))
+    _, matched = measure(["points"], name="same")
     assert compared.run.name.startswith("same-")
     assert matched.run.name.startswith("same-")
     assert compared.run != matched.run
+
+
+@pytest.mark.parametrize("engine", ["inline", "processes"])
+def test_a_method_that_exits_costs_its_own_row(furnished, engine):
+    rows, result = measure(["leaving", "points"], engine=engine)
+    assert (rows["leaving"].reason, rows["leaving"].measured) == ("SystemExit: it leaves", False)
+    assert rows["points"].mma_1 == 1
+    assert result.crashed
+
+
+def test_what_is_no_match_costs_its_own_row(furnished):
+    rows, result = measure(["confused", "points"])
+    assert rows["confused"].reason == "correspond gave list, expected PointMatches, NodeMatches or None"
+    assert not rows["confused"].measured
+    assert result.crashed
+    assert rows["points"].mma_1 == 1
 
 
 def test_the_command_prints_two_tables_and_resumes(furnished):
@@ -244,5 +235,5 @@ def test_the_command_prints_two_tables_and_resumes(furnished):
 def test_processes_measure_alike(furnished):
     inline, _ = measure(["nodes"])
     processes, _ = measure(["nodes"], "crossed=true", engine="processes")
-    assert processes["nodes"]["true_per_pair"] == inline["nodes"]["true_per_pair"]
-    assert processes["nodes"]["precision"] == pytest.approx(0.6)
+    assert processes["nodes"].true_per_pair == inline["nodes"].true_per_pair
+    assert processes["nodes"].precision == pytest.approx(0.6)

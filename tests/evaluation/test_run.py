@@ -5,8 +5,9 @@ import json
 import pytest
 import yaml
 
-from salframe.evaluation.run import RowWriter, Run, read_rows
-from salframe.framework.errors import ConfigError, DataError
+from salframe.evaluation.request import Resolved
+from salframe.evaluation.run import LineCounter, MethodStatus, Outcome, RowWriter, Run, read_rows
+from salframe.framework.errors import ConfigError, DataError, InvalidAnswer
 from salframe.framework.installation import environment
 from salframe.framework.presets import configure, settings
 
@@ -15,8 +16,13 @@ def config(role: str, name: str, **given: object):
     return configure(role, name, settings(role, name), [given])
 
 
+def resolved(**methods):
+    return Resolved(methods, "rooms", config("dataset", "rooms"), config("engine", "inline"))
+
+
 def open_run(runs, seed=0, **given):
-    return Run.open(runs, "test", config("dataset", "rooms"), {"reader": config("localizer", "reader", **given)}, seed)
+    asked = resolved(reader=config("localizer", "reader", **given))
+    return Run.open(runs, "test", {"name": "localization"}, asked, seed)
 
 
 def test_a_row_cut_off_by_a_kill_is_dropped(tmp_path):
@@ -36,7 +42,7 @@ def test_a_damaged_line_in_the_middle_is_an_error(tmp_path):
 
 
 def test_rows_refuse_nan(tmp_path):
-    with RowWriter(tmp_path / "rows.jsonl") as rows, pytest.raises(ValueError, match="JSON"):
+    with RowWriter(tmp_path / "rows.jsonl") as rows, pytest.raises(InvalidAnswer, match=r"not finite.*query_ms.*nan"):
         rows.append({"query_ms": float("nan")})
     assert list(read_rows(tmp_path / "rows.jsonl")) == []
 
@@ -58,19 +64,19 @@ def test_the_folder_follows_a_components_version(fakes, tmp_path, monkeypatch):
     assert open_run(tmp_path).directory != before
 
 
-def test_config_yaml_holds_every_setting_and_reads_back(fakes, tmp_path):
+def test_request_yaml_holds_every_setting_and_reads_back(fakes, tmp_path):
     run = open_run(tmp_path, offset=2)
-    content = yaml.safe_load((run.directory / "config.yaml").read_text())
+    content = yaml.safe_load((run.directory / "request.yaml").read_text())
     assert content["methods"]["reader"]["offset"] == 2
     assert content["methods"]["reader"]["wrong_from"] == 99
     again = Run.load(run.directory)
     assert again.labels == ["reader"]
-    assert again.method("reader") == config("localizer", "reader", offset=2)
-    assert again.dataset() == config("dataset", "rooms")
+    assert again.method("reader", "localizer") == config("localizer", "reader", offset=2)
+    assert again.data() == config("dataset", "rooms")
 
 
-def test_an_edited_config_is_an_error(fakes, tmp_path):
-    path = open_run(tmp_path).directory / "config.yaml"
+def test_an_edited_request_is_an_error(fakes, tmp_path):
+    path = open_run(tmp_path).directory / "request.yaml"
     path.write_text(path.read_text().replace("offset: 0", "offset: 1"))
     with pytest.raises(ConfigError, match="edited"):
         open_run(tmp_path)
@@ -86,18 +92,56 @@ def test_a_changed_dataset_is_an_error(fakes, tmp_path):
 
 def test_no_two_labels_share_a_folder(fakes, tmp_path):
     run = open_run(tmp_path)
-    labels = ["a/b", "a_b", "a%2Fb", "a[b=c]", "a", ".."]
+    long = "proposed[" + ",".join(f"detector.noise.part_{i}=0.{i}" for i in range(20)) + "]"
+    labels = ["a/b", "a_b", "a%2Fb", "a[b=c]", "a", ".", "..", "...", "../a", "/a", long, f"{long}2"]
     assert len({run.folder(label) for label in labels}) == len(labels)
-    assert all(run.folder(label).parent == run.directory for label in labels)
+    assert all(run.folder(label).resolve().parent == run.directory.resolve() for label in labels)
+    for label in labels:
+        run.end(label, Outcome(MethodStatus.DONE))
 
 
-@pytest.mark.parametrize("name", ["", "a/b"])
+@pytest.mark.parametrize("name", ["", "a/b", ".", ".."])
 def test_a_name_with_slashes_is_an_error(fakes, tmp_path, name):
     with pytest.raises(ConfigError, match="slashes"):
-        Run.open(tmp_path, name, config("dataset", "rooms"), {}, 0)
+        Run.open(tmp_path, name, {"name": "localization"}, resolved(), 0)
 
 
 def test_environment_lists_versions_and_plugins(fakes):
     found = environment()
     assert {"salframe", "numpy", "scipy"} <= found["packages"].keys()
     assert {"role": "localizer", "name": "reader", "version": "1", "package": "fake_plugin"} in found["plugins"]
+
+
+def test_an_outcome_reads_back(fakes, tmp_path):
+    run = open_run(tmp_path)
+    assert run.outcome("reader") is None
+    ended = Outcome(MethodStatus.CRASHED, "why", ("range", "rgb"))
+    run.end("reader", ended)
+    assert run.outcome("reader") == ended
+
+
+def test_lines_are_counted_by_what_was_added(tmp_path):
+    path, lines = tmp_path / "rows.jsonl", LineCounter()
+    assert lines.count(path) == 0
+    path.write_text("1\n2\n3")
+    assert lines.count(path) == 2
+    path.write_text("1 2 3")  # as long as what was read before, and without a line: it must not be looked at again
+    assert lines.count(path) == 2
+    path.write_text("1\n2\n4444\n5\n")
+    assert lines.count(path) == 4
+
+
+def test_a_line_that_is_cut_off_and_written_anew_is_counted_once(tmp_path):
+    path, lines = tmp_path / "rows.jsonl", LineCounter()
+    path.write_text('{"query": 1}\n{"query": 2, "places": [')
+    assert lines.count(path) == 1
+    with RowWriter(path) as rows:
+        rows.append({"q": 2})
+    assert lines.count(path) == 2
+
+
+def test_notes_are_kept_once(fakes, tmp_path):
+    run = open_run(tmp_path)
+    run.add_notes(["one"])
+    run.add_notes(["two", "one"])
+    assert Run.load(run.directory).notes() == ["one", "two"]

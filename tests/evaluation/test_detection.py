@@ -1,11 +1,16 @@
 from __future__ import annotations
 
+import json
+import sys
+
 import numpy as np
 import pytest
 from command_line import run
+from salframe_annotations.detector import AnnotationDetector
 from tiny_folder import write_tiny_folder
 
 from salframe.evaluation.detection import count_right, measure_detection
+from salframe.evaluation.request import Request
 from salframe.framework.errors import ConfigError
 from salframe.graphs.boxes import detections_from_points
 
@@ -35,12 +40,22 @@ def tiny(tmp_path_factory):
     return write_tiny_folder(tmp_path_factory.mktemp("tiny"))
 
 
+@pytest.fixture(autouse=True)
+def elsewhere(tmp_path, monkeypatch):
+    monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path / "cache"))
+    monkeypatch.chdir(tmp_path)
+
+
+def measure(data, *settings, **given):
+    return measure_detection(Request(("annotations",), str(data), settings=settings, engine="inline", **given))
+
+
 def test_annotations_without_error_are_all_right_and_with_error_as_many_as_the_noise_leaves(tiny):
     """Noise that misses a share m of the objects leaves a recall of 1 - m, and a precision of 1."""
-    (perfect,) = measure_detection(["annotations"], str(tiny), overrides=["annotations.noise=none"])
+    (perfect,) = measure(tiny, "annotations.noise=none").rows
     assert perfect.overall.precision == perfect.overall.recall == 1
     assert perfect.overall.annotated == sum(counts.annotated for counts in perfect.classes.values()) > 0
-    (half,) = measure_detection(["annotations"], str(tiny), overrides=['annotations.noise={"missed": 0.5}'])
+    (half,) = measure(tiny, 'annotations.noise={"missed": 0.5}').rows
     assert half.overall.precision == 1
     assert half.overall.annotated == perfect.overall.annotated
     assert half.overall.recall == half.overall.found / half.overall.annotated < 1
@@ -51,5 +66,42 @@ def test_the_command_prints_what_is_measured_and_a_wrong_setting_is_one_line(tin
     result = run("detection", "--detectors", "annotations", "--data", str(tiny), "--classes")
     assert result.code == 0
     assert "precision %" in result.out
-    with pytest.raises(ConfigError, match=r"received the setting noise, expected data\.KEY or annotations\.KEY"):
-        measure_detection(["annotations"], str(tiny), overrides=["noise=none"])
+    with pytest.raises(ConfigError, match=r"received the setting noize: unknown key 'noize', did you mean 'noise'"):
+        measure(tiny, "noize=none")
+
+
+def test_detection_resumes(tiny, monkeypatch):
+    result = measure(tiny)
+    path = result.run / "annotations" / "rows.jsonl"
+    lines = path.read_text().splitlines(keepends=True)
+    path.write_text(lines[0] + lines[1][:20])
+    looked = []
+    detect = AnnotationDetector.detect
+
+    def spy(self, panorama):
+        looked.append(panorama.id)
+        return detect(self, panorama)
+
+    monkeypatch.setattr(AnnotationDetector, "detect", spy)
+    again = measure(tiny)
+    assert again.run == result.run
+    assert sorted(set(looked)) == sorted(json.loads(line)["query"] for line in lines[1:])
+    assert again.rows[0].overall == result.rows[0].overall
+    looked.clear()
+    assert measure(tiny).rows == again.rows
+    assert looked == []
+
+
+def test_a_detector_that_exits_costs_its_own_row(tiny, monkeypatch):
+    monkeypatch.setattr(AnnotationDetector, "detect", lambda self, panorama: sys.exit("it leaves"))
+    result = measure(tiny)
+    assert (result.rows[0].reason, result.rows[0].measured) == ("SystemExit: it leaves", False)
+    assert result.crashed
+
+
+@pytest.mark.parametrize("answer", [None, {"labels": ("chair",)}])
+def test_what_is_no_detections_costs_the_detector_its_row(tiny, monkeypatch, answer):
+    monkeypatch.setattr(AnnotationDetector, "detect", lambda self, panorama: answer)
+    result = measure(tiny)
+    assert result.rows[0].reason == f"detect gave {type(answer).__name__}, expected Detections"
+    assert result.crashed

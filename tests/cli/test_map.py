@@ -15,12 +15,15 @@ from PIL import Image
 from salframe.framework.registry import registry
 from salframe.localization.localizer import MAP_FORMAT
 
+TOPOLOGY = Path(__file__).parent.parent / "topology"
+
 
 @pytest.fixture
 def rooms(fakes, monkeypatch: pytest.MonkeyPatch):
     """The fakes with doors, and our planners."""
+    monkeypatch.syspath_prepend(TOPOLOGY)
     monkeypatch.setenv("SALFRAME_PLUGINS", "fake_plugin,doored_plugin,salframe_engines,salframe_planners")
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(Path(__file__).parent), os.environ["PYTHONPATH"]]))
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(TOPOLOGY), os.environ["PYTHONPATH"]]))
     registry.cache_clear()
 
 

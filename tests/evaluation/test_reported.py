@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+
 import pytest
 from command_line import run
-from salframe.evaluation.compare import compare
-from salframe.evaluation.evaluate import COLUMNS
 
+from salframe.evaluation.localization import LocalizationRow, compare
 from salframe.evaluation.reported import Reported, read_reported
+from salframe.evaluation.request import Request
 from salframe.framework.config import validate
 from salframe.framework.errors import ConfigError
 
@@ -25,14 +27,20 @@ def test_the_papers_figures_are_shipped_with_their_source():
     assert tables["Perturbation"]["objects, 66 %"] == (0.67, 40.28, 31.77)
 
 
-def test_json_holds_them_under_a_key_of_their_own(fakes):
+@pytest.fixture
+def shipped(plugins):
+    """The components of fake_plugin, the engines, and what salframe ships beside components."""
+    plugins("fake_plugin", "salframe_engines", "salframe.configs")
+
+
+def test_json_holds_them_under_a_key_of_their_own(shipped):
     done = run("compare", "--methods", "reader", "--data", "rooms", "--engine", "inline", "--json", "--reported")
-    assert [tuple(row) for row in done.json["rows"]] == [COLUMNS]
+    assert [tuple(row) for row in done.json["rows"]] == [tuple(field.name for field in fields(LocalizationRow))]
     (paper,) = done.json["reported"]
     assert paper["tables"][1]["rows"]["SOVS"] == [0.82]
 
 
-def test_the_terminal_shows_them_below_the_measured_table(fakes):
+def test_the_terminal_shows_them_below_the_measured_table(shipped):
     lines = run(
         "compare", "--methods", "reader,weightless", "--data", "rooms", "--engine", "inline", "--reported"
     ).out.splitlines()
@@ -44,12 +52,13 @@ def test_the_terminal_shows_them_below_the_measured_table(fakes):
     assert max(map(len, lines[:-1])) <= 100
 
 
-def test_the_report_holds_them_in_a_section_of_their_own(fakes):
-    page = compare(["reader"], "rooms", engine="inline", reported=True).report.read_text()
+def test_the_report_holds_them_in_a_section_of_their_own(shipped):
+    request = Request(("reader",), "rooms", engine="inline")
+    page = compare(request, reported=True).report.read_text()
     measured, _, section = page.partition("Reported, not measured")
     assert "<td>SOVS</td><td>0.82</td>" in section
     assert "SOVS" not in measured
-    assert "Reported, not measured" not in compare(["reader"], "rooms", engine="inline").report.read_text()
+    assert "Reported, not measured" not in compare(request).report.read_text()
 
 
 def test_a_row_with_a_number_too_few_is_told():

@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from salframe.evaluation.metrics import accuracy_interval, count_statuses, judge, mcnemar_exact, summarize
-from salframe.panoramas.frames import Truth
+from salframe.evaluation.localization import LocalizationSurvey, LocalizationTask, Query
+from salframe.evaluation.metrics import accuracy_interval, bootstrap_interval, judge, mcnemar_exact, pose_recalls
+from salframe.evaluation.run import DESCRIPTIONS, MethodStatus, Outcome, RowWriter
+from salframe.evaluation.task import Record, count_statuses
+from salframe.panoramas.frames import Fold, MapFrame, QueryFrame, Truth
 from salframe.panoramas.geometry import pose_2d
 
 TRUTH = Truth("kitchen", pose_2d(1, 2, 0))
@@ -56,34 +59,47 @@ def test_a_truth_without_a_pose_is_not_judged():
     judged = judge([answer("kitchen", pose=pose_2d(0, 0, 0))], [Truth("kitchen")])
     assert np.isnan(judged.translation_m).all()
     assert judged.correct.all()
-    row = summarize(judged, [answer("kitchen")], {}, [], 0)
-    assert row["recall_1m_10deg"] is None
-    assert row["median_translation_m"] is None
+    assert pose_recalls(judged) == {"recall_025m_2deg": None, "recall_05m_5deg": None, "recall_1m_10deg": None}
 
 
-def test_summary_of_four_queries():
-    answers = [
+class Kitchen:
+    """A data set of four queries in the kitchen and three mapping frames, as far as a summary looks at it."""
+
+    fold = Fold(
+        "all",
+        tuple(MapFrame(id, "kitchen", np.eye(4)) for id in ("map-1", "map-2", "left-out")),
+        tuple(QueryFrame(f"query-{i}", lambda: None) for i in range(4)),
+    )
+
+    def folds(self):
+        return [self.fold]
+
+    def truth(self, query_id):
+        return TRUTH
+
+
+def test_summary_of_four_queries(tmp_path):
+    answers = (
         answer("kitchen", pose=pose_2d(1.1, 2, math.radians(1)), query_ms=1.0, memory=10.0),  # within every bound
-        answer(
-            "kitchen", pose=pose_2d(1.4, 2, math.radians(1)), query_ms=2.0, memory=30.0
-        ),  # within the second and third
+        answer("kitchen", pose=pose_2d(1.4, 2, math.radians(1)), query_ms=2.0, memory=30.0),  # within the second, third
         answer(
             "hall", pose=pose_2d(1.9, 2, math.radians(9)), query_ms=9.0, memory=20.0
-        ),  # wrong place, pose within the third
+        ),  # wrong, its pose in the third
         answer(status="no-objects", query_ms=None, memory=None),
-    ]
-    descriptions = {
-        "map-1": {"ms": 5.0, "bytes": 100},
-        "map-2": {"ms": 7.0, "bytes": 300},
-        "query": {"ms": 100.0, "bytes": 9000},
-    }
-    row = summarize(judge(answers, [TRUTH] * 4), answers, descriptions, ["map-1", "map-2", "left-out"], 0)
-    assert row["accuracy"] == 0.5
-    assert (row["recall_025m_2deg"], row["recall_05m_5deg"], row["recall_1m_10deg"]) == (0.25, 0.5, 0.75)
-    assert row["median_translation_m"] == pytest.approx(0.25)  # of 0.1 and 0.4: the wrong place does not count
-    assert row["median_rotation_deg"] == pytest.approx(1.0)
-    assert row["bytes_per_scene"] == 200.0
-    assert (row["describe_ms"], row["query_ms"], row["peak_memory_mb"]) == (7.0, 2.0, 30.0)
+    )
+    with RowWriter(tmp_path / DESCRIPTIONS) as costs:
+        for frame, ms, size in (("map-1", 5.0, 100), ("map-2", 7.0, 300), ("query-0", 100.0, 9000)):
+            costs.append({"frame": frame, "ms": ms, "bytes": size})
+    data = Kitchen()
+    survey = LocalizationSurvey(data, [Query(data.fold, frame) for frame in data.fold.queries])
+    record = Record("method", Outcome(MethodStatus.DONE), answers, tmp_path)
+    (row,) = LocalizationTask().summarize(survey, [record], 0)
+    assert (row.queries, row.accuracy, row.status) == (4, 0.5, {"ok": 3, "no-objects": 1})
+    assert (row.recall_025m_2deg, row.recall_05m_5deg, row.recall_1m_10deg) == (0.25, 0.5, 0.75)
+    assert row.median_translation_m == pytest.approx(0.25)  # of 0.1 and 0.4: the wrong place does not count
+    assert row.median_rotation_deg == pytest.approx(1.0)
+    assert row.bytes_per_scene == 200.0
+    assert (row.describe_ms, row.query_ms, row.peak_memory_mb) == (7.0, 2.0, 30.0)
 
 
 @pytest.mark.parametrize(("right", "queries"), [(90, 100), (7, 10), (500, 1009)])
@@ -117,3 +133,10 @@ def test_statuses_are_counted_ok_first():
         ("no-pose", 2),
         ("low-score", 1),
     ]
+
+
+def test_the_interval_of_a_mean_is_that_of_its_standard_error():
+    values = np.random.default_rng(1).normal(3.0, 2.0, 400)
+    low, high = bootstrap_interval(values, 0)
+    assert (high - low) / 2 == pytest.approx(1.96 * values.std() / 20, rel=0.08)
+    assert bootstrap_interval(values, 0) == (low, high)

@@ -1,0 +1,59 @@
+"""data, build and localize."""
+
+from __future__ import annotations
+
+import json
+
+import cv2
+import numpy as np
+from command_line import run
+
+from salframe.framework.registry import registry
+
+
+def test_data_list_and_info(fakes):
+    assert "rooms" in [entry["name"] for entry in run("data", "list", "--json").json]
+    facts = run("data", "info", "rooms", "--set", "data.leave_one_out=true", "--json").json
+    assert (facts["folds"], facts["mapping_frames"], facts["queries"], facts["mapped_places"]) == (10, 5, 10, 5)
+    assert facts["provides"] == ["rgb"]
+    assert run("data", "render", "rooms").code == 0
+
+
+def test_build_then_localize(fakes, tmp_path):
+    assert run("build", "rooms", "-o", "map", "--method", "reader", "--set", "offset=1").code == 0
+    assert (tmp_path / "map" / "map.json").is_file()
+    found = run("localize", "map", "query-2-0", "--data", "rooms", "--json").json
+    assert found["status"] == "ok"
+    assert found["places"][0] == {
+        "place": "room-3",
+        "frame": "map-3",
+        "score": 0.0,
+    }  # the map was built with a localizer that is one off
+    assert found["pose"] == {"x_m": 12.0, "y_m": 0.0, "yaw_deg": 0.0}
+    printed = run("localize", "map", "query-2-0", "--data", "rooms").out
+    assert "room-3" in printed
+    assert "pose: x 12.00 m, y 0.00 m, yaw 0.0 deg" in printed
+    assert "unknown frame 'query-2-9'" in run("localize", "map", "query-2-9", "--data", "rooms").err
+
+
+def test_an_image_of_a_folder_is_localized_by_its_path(fakes, tmp_path, monkeypatch):
+    monkeypatch.setenv("SALFRAME_PLUGINS", "fake_plugin")
+    registry.cache_clear()
+    (tmp_path / "mine" / "images").mkdir(parents=True)
+    for name, room in (("a", 1), ("b", 3)):
+        cv2.imwrite(str(tmp_path / "mine" / "images" / f"{name}.png"), np.full((4, 8, 3), room, np.uint8))
+    mapped = {"id": "here", "role": "map", "rgb": "images/a.png", "place": "home", "pose": np.eye(4).ravel().tolist()}
+    asked = {"id": "there", "role": "query", "rgb": "images/b.png"}
+    manifest = {"format": "salframe-folder", "version": 1, "frames": [mapped, asked]}
+    (tmp_path / "mine" / "manifest.json").write_text(json.dumps(manifest))
+    run("build", "rooms", "-o", "map", "--method", "reader")
+    assert run("localize", "map", "mine/images/b.png", "--json").json["places"][0]["place"] == "room-3"
+    assert run("localize", "map", "there", "--data", "mine", "--json").json["places"][0]["place"] == "room-3"
+    assert "has no frame with the image images/c.png" in run("localize", "map", "mine/images/c.png").err
+    assert "lies in no folder with a manifest.json" in run("localize", "map", "c.png").err
+
+
+def test_build_does_not_write_into_another_folder(fakes, tmp_path):
+    (tmp_path / "home").mkdir()
+    (tmp_path / "home" / "letter.txt").write_text("dear")
+    assert "holds something else than a map" in run("build", "rooms", "-o", "home", "--method", "reader").err

@@ -1,0 +1,115 @@
+"""The command line as a whole: what it loads, its help, and errors in one line."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+from command_line import run
+
+from salframe.framework.registry import registry
+
+
+def modules_after(*arguments: str) -> set[str]:
+    """The modules a fresh interpreter has loaded after `salframe` ran with these arguments."""
+    code = (
+        "import sys; from salframe.cli import main\n"
+        "try: main()\nexcept SystemExit: pass\n"
+        "print('\\n' + ' '.join(sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=True)
+    return set(done.stdout.splitlines()[-1].split())
+
+
+def test_help_loads_nothing_heavy():
+    loaded = modules_after("--help")
+    assert "typer" in loaded
+    assert not loaded & {"numpy", "scipy", "networkx", "torch", "cv2", "pydantic", "plotly"}
+
+
+def test_plugins_does_not_load_torch():
+    loaded = modules_after("plugins")
+    assert "salframe_keypoints" in loaded
+    assert not loaded & {"torch", "kornia"}
+
+
+def test_every_command_has_help():
+    listed = run("--help").out
+    for command in (
+        "compare",
+        "ablate",
+        "evaluate",
+        "build",
+        "localize",
+        "plugins",
+        "show",
+        "doctor",
+        "data",
+        "weights",
+    ):
+        assert command in listed
+        assert run(command, "--help").code == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["compare", "--methods", "raeder", "--data", "rooms"], "unknown method 'raeder', did you mean 'reader'?"),
+        (["compare", "--methods", "reader", "--data", "roms"], "unknown dataset 'roms', did you mean 'rooms'?"),
+        (
+            ["compare", "--methods", "reader", "--data", "rooms", "--engine", "inlin"],
+            "unknown engine 'inlin', did you mean 'inline'?",
+        ),
+        (
+            ["compare", "--methods", "reader", "--data", "rooms", "--set", "offset"],
+            "received --set 'offset', expected key.path=value",
+        ),
+        (
+            ["compare", "--methods", "reader", "--data", "rooms", "--set", "offset=far"],
+            "reader.offset: received 'far', expected",
+        ),
+        (
+            ["compare", "--methods", "reader", "--data", "rooms", "--set", "data.size=1"],
+            "unknown key rooms.size (known: rooms,",
+        ),
+        (
+            ["compare", "--methods", "reader", "--data", "rooms", "--set", "data.rooms=0"],
+            "rooms has no query, expected at least one",
+        ),
+        (["ablate", "absent.yaml"], "cannot read absent.yaml"),
+        (["evaluate", "."], "is no run folder"),
+        (["show", "raeder"], "unknown preset or component 'raeder', did you mean 'reader'?"),
+        (["localize", ".", "query-0-0", "--data", "rooms"], "cannot read map.json"),
+        (["build", "rooms", "-o", "map", "--method", "weightless"], "weightless.pth is not at hand"),
+        (["weights", "where", "nothing"], "unknown weights 'nothing'"),
+    ],
+)
+def test_what_a_user_gets_wrong_is_one_line(fakes, arguments, message):
+    done = run(*arguments)
+    assert done.code == 2
+    assert done.err.startswith("error: ")
+    assert done.err.count("\n") == 1
+    assert message in done.err
+
+
+def test_debug_shows_the_traceback(fakes):
+    from salframe.framework.errors import UnknownName
+
+    with pytest.raises(UnknownName):
+        run("--debug", "show", "raeder")
+
+
+def test_a_plugin_that_fails_to_import_is_told_and_stops_nothing(fakes, monkeypatch):
+    monkeypatch.setenv("SALFRAME_PLUGINS", "fake_plugin,salframe_engines,no_such_plugin")
+    registry.cache_clear()
+    listed = run("plugins")
+    assert listed.code == 0
+    assert "no_such_plugin failed to load: ModuleNotFoundError" in listed.out
+    assert run("compare", "--methods", "reader", "--data", "rooms", "--engine", "inline").code == 0
+    done = run("compare", "--methods", "no_such_plugin", "--data", "rooms")
+    assert (done.code, done.err.count("\n")) == (2, 1)
+    assert "failed to load (ModuleNotFoundError: No module named 'no_such_plugin')" in done.err
+    checked = run("doctor")
+    assert checked.code == 1
+    assert "no_such_plugin: ModuleNotFoundError" in checked.out

@@ -1,0 +1,136 @@
+"""What commands print where: JSON alone on stdout, progress now and then on stderr."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+from command_line import run
+
+from salframe.cli import output
+from salframe.framework.registry import registry
+
+SALFRAME = (sys.executable, "-c", "from salframe.cli import main; main()")
+
+
+@pytest.fixture
+def noisy(fakes, monkeypatch):
+    """The fakes and noisy_plugin, which prints at import and wherever it is called."""
+    monkeypatch.setenv("SALFRAME_PLUGINS", "fake_plugin,noisy_plugin,salframe_engines")
+    monkeypatch.delitem(sys.modules, "noisy_plugin", raising=False)
+    registry.cache_clear()
+
+
+@pytest.mark.parametrize("engine", ["inline", "processes"])
+def test_json_stands_alone_whatever_a_plugin_prints(noisy, engine):
+    asked = ("compare", "--methods", "noisy,reader,ranger", "--data", "rooms", "--engine", engine, "--json")
+    done = subprocess.run([*SALFRAME, *asked], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    content = json.loads(done.stdout)
+    assert [row["accuracy"] for row in content["rows"]] == [1.0, 1.0, None]
+    below = ("noisy is imported, says the library", "noisy describes, says the library")
+    for said in ("noisy is imported\n", "noisy describes\n", "noisy matches\n", *below):
+        assert said in done.stderr
+
+
+def test_without_json_what_a_plugin_prints_is_left_alone(noisy):
+    asked = ("compare", "--methods", "noisy", "--data", "rooms", "--engine", "inline")
+    done = subprocess.run([*SALFRAME, *asked], capture_output=True, text=True)
+    assert "noisy matches\n" in done.stdout
+    assert "100.0 (100-100)" in done.stdout
+
+
+def test_an_error_leaves_stdout_empty(noisy):
+    done = subprocess.run([*SALFRAME, "show", "nosy", "--json"], capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "did you mean 'noisy'?" in done.stderr
+
+
+def test_json_says_what_was_asked_of_what_and_what_went_wrong(fakes):
+    asked = ("--data", "rooms", "--engine", "inline", "--set", "data.broken=[query-3-1]", "--set", "reader.fail_in=2")
+    done = run("compare", "--methods", "reader,weightless", *asked, "--seed", 5, "--json")
+    content = done.json
+    assert done.code == 1
+    assert (content["format"], content["task"]) == (1, "localization")
+    assert content["request"]["seed"] == 5
+    assert content["request"]["data"] == {
+        "kind": "rooms",
+        "rooms": 5,
+        "queries": 2,
+        "posed": True,
+        "broken": ["query-3-1"],
+        "leave_one_out": False,
+        "root": "",
+    }
+    assert content["request"]["methods"]["reader"]["fail_in"] == 2
+    assert len(content["data_fingerprint"]) >= 64
+    assert content["versions"]["packages"]["salframe"]
+    plugin = {"role": "localizer", "name": "reader", "version": "1", "package": "fake_plugin"}
+    assert plugin in content["versions"]["plugins"]
+    reader, weightless = content["rows"]
+    assert reader["status"] == {"ok": 7, "crashed": 2, "error": 1}
+    assert reader["errors"] == {"crashed": "ValueError: this room is too much", "error": "query-3-1.png is no image"}
+    assert (reader["given"], reader["ended"], weightless["ended"]) == (["rgb"], "done", "unavailable")
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """What time.monotonic tells, to be set."""
+    now = [100.0]
+    monkeypatch.setattr(output.time, "monotonic", lambda: now[0])
+    return now
+
+
+def test_off_a_terminal_progress_is_a_line_now_and_then(clock, capsys):
+    with output.Bars() as bars:
+        for second in range(1, 101):
+            clock[0] = 100.0 + second
+            bars.update("house", second, 100)
+            bars.update("reader", 2 * second, 200)
+    told = capsys.readouterr()
+    assert told.out == ""
+    expected = ["house 30/100, reader 58/200", "house 60/100, reader 118/200", "house 90/100, reader 178/200"]
+    assert told.err.splitlines() == expected
+
+
+def test_how_often_a_line_is_printed(clock, capsys, monkeypatch):
+    monkeypatch.setattr(output, "LINE_SECONDS", 5.0)
+    with output.Bars() as bars:
+        for second in range(1, 12):
+            clock[0] = 100.0 + second
+            bars.update("house", second, 100)
+    assert capsys.readouterr().err.splitlines() == ["house 5/100", "house 10/100"]
+
+
+def test_a_comparison_off_a_terminal_tells_how_far_it_is(fakes, monkeypatch):
+    monkeypatch.setattr(output, "LINE_SECONDS", 0.0)
+    monkeypatch.setattr("salframe.evaluation.runner.POLL_SECONDS", 0.05)
+    asked = ("compare", "--methods", "reader", "--data", "rooms", "--engine", "inline", "--set", "sleep_s=0.05")
+    lines = run(*asked).err.splitlines()
+    assert lines[0] == "rooms 5/5"
+    assert lines[-1] == "rooms 5/5, reader 25/25"
+    done = [int(line.split("reader ")[1].split("/")[0]) for line in lines[1:]]
+    assert done == sorted(done)
+    assert len(set(done)) > 2
+
+
+@pytest.mark.parametrize("group", [False, True], ids=["the command alone", "as by Ctrl-C, all its processes"])
+def test_an_interrupt_says_how_to_resume_and_nothing_else(fakes, tmp_path, group):
+    asked = ("compare", "--methods", "reader", "--data", "rooms", "--set", "sleep_s=0.3")
+    process = subprocess.Popen(
+        [*SALFRAME, *asked], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    while not any(path.stat().st_size for path in tmp_path.glob("runs/*/reader/rows.jsonl")):
+        time.sleep(0.02)
+    if group:
+        os.killpg(process.pid, signal.SIGINT)
+    else:
+        process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=10)
+    assert (process.returncode, out) == (130, "")
+    assert err == "interrupted: run the same command again to resume\n"

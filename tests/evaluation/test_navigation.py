@@ -1,0 +1,212 @@
+"""`salframe navigate`, from the command line and from Python."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from command_line import run as salframe
+from scipy.stats import binom
+
+from salframe.evaluation.navigation import NavigationRow, NavigationSurvey, NavigationTask, Positioning, navigate
+from salframe.evaluation.request import Request
+from salframe.evaluation.run import MethodStatus, Outcome
+from salframe.evaluation.task import Record
+from salframe.framework.errors import ConfigError
+from salframe.navigation.walk import NavigationConfig
+
+pytestmark = pytest.mark.usefixtures("apartment")
+
+
+def run(methods, *settings, episodes=6, positioning=Positioning.ON, **given):
+    request = Request(tuple(methods), "apartment", settings=settings, engine="inline", **given)
+    result = navigate(request, episodes=episodes, positioning=positioning)
+    return {row.method: row for row in result.rows}, result
+
+
+def rows(result, method="seer"):
+    return [json.loads(line) for line in (result.run / method / "rows.jsonl").read_text().splitlines()]
+
+
+def test_a_good_localizer_arrives(tmp_path):
+    table, result = run(["seer"])
+    row = table["seer"]
+    assert isinstance(row, NavigationRow)
+    assert (row.episodes, row.success_rate, row.status) == (6, 1.0, {"arrived": 6})
+    assert row.spl > 0.9
+    assert [walked["episode"] for walked in rows(result)] == list(range(6))
+    kept = (result.run / "seer" / "metrics.json").read_text()
+    assert json.loads(kept) == json.loads(json.dumps(result.to_json()["rows"][0]))
+    assert result.measured
+    assert not result.crashed
+
+
+def test_the_same_command_gives_the_same_table_elsewhere_too():
+    first, one = run(["seer"])
+    again, other = run(["seer"], runs=Path("elsewhere"))
+    assert first == again
+    assert rows(one) == rows(other)
+
+
+def test_a_run_resumes():
+    table, result = run(["seer"])
+    path = result.run / "seer" / "rows.jsonl"
+    lines = path.read_bytes().splitlines(keepends=True)
+    path.write_bytes(b"".join(lines[:4]) + lines[4][:50])
+    (result.run / "seer" / "outcome.json").unlink()
+    assert run(["seer"])[0] == table
+    assert path.read_bytes() == b"".join(lines)
+
+
+def test_without_positioning_the_place_is_all_it_has():
+    table, result = run(["seer"], positioning=Positioning.BOTH)
+    assert list(table) == ["seer", "seer without positioning"]
+    frames = {(1.0, 2.0), (3.0, 3.5), (7.0, 2.0), (4.1, 2.0)}
+    for walked in rows(result, "seer without positioning"):
+        assert tuple(walked["believed"][0][:2]) in frames
+        assert walked["believed"][0][3] == walked["path"][0][3]  # the heading that it was told
+    assert table["seer without positioning"].p_value is not None
+    assert list(run(["seer"], positioning=Positioning.OFF)[0]) == ["seer without positioning"]
+    assert run(["seer"], "posed=false")[0]["seer"].success_rate == table["seer without positioning"].success_rate
+
+
+def test_an_episode_that_crashes_costs_only_itself():
+    asked = [{"start": "a-west", "goal": "a-north"}, {"start": "b", "goal": "a-west"}]
+    Path("two.json").write_text(json.dumps(asked))
+    table, result = run(["seer"], "crash_east_of_m=5.0", episodes=Path("two.json"))
+    assert table["seer"].status == {"arrived": 1, "crashed": 1}
+    assert table["seer"].success_rate == 0.5
+    assert rows(result)[1]["error"] == "ValueError: too far east"
+    assert "too far east" in (result.run / "seer" / "crash.log").read_text()
+    assert result.crashed
+
+
+@pytest.mark.parametrize(
+    ("match", "reason"),
+    [
+        (lambda self, description: {"status": "ok"}, "match gave dict, expected a Localization"),
+        (lambda self, description: sys.exit("it leaves"), "SystemExit: it leaves"),
+    ],
+)
+def test_nonsense_and_an_exit_cost_the_method_its_row(monkeypatch, match, reason):
+    from apartment_plugin import Seer
+
+    Path("blind.yaml").write_text("kind: seer\nblind: true\n")
+    answer = Seer.match
+    monkeypatch.setattr(Seer, "match", lambda self, seen: (answer if self.config.blind else match)(self, seen))
+    table, result = run(["seer", "blind.yaml"], episodes=2)
+    assert (table["seer"].reason, table["seer"].success_rate) == (reason, None)
+    assert table["blind"].success_rate == 0.0
+    assert result.crashed
+
+
+def test_a_method_that_cannot_run_keeps_its_row():
+    table, _ = run(["weightless", "seer"])
+    assert not table["weightless"].available
+    assert "salframe weights fetch weightless" in table["weightless"].reason
+    assert table["weightless"].success_rate is None
+    assert table["seer"].success_rate == 1.0
+
+
+def test_the_settings_are_part_of_the_run():
+    _, one = run(["seer"])
+    table, other = run(["seer"], "navigation.budget=1", "navigation.planner=dijkstra")
+    assert one.run != other.run
+    assert table["seer"].panoramas == 1.0
+    with pytest.raises(ConfigError, match=r"unknown key navigation\.bugdet"):
+        run(["seer"], "navigation.bugdet=1")
+    with pytest.raises(ConfigError, match="received 0 episodes, expected at least 1"):
+        run(["seer"], episodes=0)
+
+
+def test_the_command_prints_the_table_and_the_report():
+    result = salframe("navigate", "--data", "apartment", "--methods", "seer", "--episodes", 3, "--engine", "inline")
+    assert result.code == 0
+    assert "100.0 (100-100)" in result.out
+    report = Path(result.out.split("report: ")[1].strip())
+    page = report.read_text()
+    assert "where it\nbelieved to be" in page
+    content = json.loads(page.split("const content = ")[1].split(";\n")[0])
+    assert len(content["episodes"]["seer"]) == 3
+    assert content["worlds"]["floor"]["picture"].startswith("data:image/png;base64,")
+    printed = salframe(
+        "navigate", "--data", "apartment", "--methods", "seer", "--episodes", 3, "--engine", "inline", "--json"
+    ).json
+    assert printed["rows"][0]["success_rate"] == 1.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        (
+            ("--data", "still"),
+            "error: still cannot render, and navigation needs panoramas from wherever the agent stands\n",
+        ),
+        (
+            ("--data", "unmasked"),
+            "error: unmasked has no floor masks, which navigation needs to know where walls are\n",
+        ),
+        (
+            ("--data", "apartment", "--episodes", "none.json"),
+            "error: cannot read none.json: No such file or directory\n",
+        ),
+        (("--data", "apartment", "--episodes", "-2"), "error: received -2 episodes, expected at least 1\n"),
+    ],
+)
+def test_bad_input_is_one_line(arguments, line):
+    result = salframe("navigate", "--methods", "seer", "--engine", "inline", *arguments)
+    assert (result.code, result.err) == (2, line)
+
+
+def test_bad_episodes_are_told_and_the_others_walked():
+    asked = [{"start": [4.1, 0.5], "goal": "b"}, {"start": "a-west", "goal": "b"}, {"start": "a-west", "goal": "attic"}]
+    Path("mixed.json").write_text(json.dumps(asked))
+    result = salframe(
+        "navigate", "--data", "apartment", "--methods", "seer", "--episodes", "mixed.json", "--engine", "inline"
+    )
+    assert result.code == 0
+    assert "episode 0: floor: (4.10, 0.50) m is in a wall or obstacle" in result.out
+    assert "episode 2: floor: unknown node 'attic'." in result.out
+
+
+def episodes(successes, **given):
+    ended = {"status": "arrived", "oracle": True, "success_3m": True, "travelled_m": 4.0, "panoramas": 3, **given}
+    return tuple(
+        {"episode": i, **ended, "collisions": 1, "path": [], "success": success, "spl": 0.5 * success}
+        for i, success in enumerate(successes)
+    )
+
+
+def summarize(*methods):
+    """The lines of the table for methods with these rows, the same episodes each."""
+    records = [Record(f"m{i}", Outcome(MethodStatus.DONE), found, Path()) for i, found in enumerate(methods)]
+    survey = NavigationSurvey(None, [SimpleNamespace(number=i) for i in range(len(methods[0]))], sites={})
+    return NavigationTask(NavigationConfig(), len(methods[0]), 0).summarize(survey, records, 0)
+
+
+def test_means_and_intervals():
+    (row,) = summarize(episodes([True] * 30 + [False] * 10))
+    assert (row.success_rate, row.spl, row.oracle_success_rate) == (0.75, 0.375, 1.0)
+    assert (row.path_m, row.panoramas, row.collisions) == (4.0, 3.0, 1.0)
+    low, high = binom.ppf((0.025, 0.975), 40, 0.75) / 40
+    assert row.success_rate_low == pytest.approx(low, abs=0.026)
+    assert row.success_rate_high == pytest.approx(high, abs=0.026)
+
+
+def test_a_crashed_episode_is_a_failure_and_has_no_length():
+    crashed = {"status": "crashed", "success": False, "oracle": False, "spl": 0.0, "success_3m": False, "episode": 1}
+    (row,) = summarize((*episodes([True]), crashed))
+    assert (row.success_rate, row.path_m) == (0.5, 4.0)
+    (row,) = summarize((crashed,))
+    assert (row.success_rate, row.path_m) == (0.0, None)
+
+
+def test_significance_is_of_the_same_episodes():
+    first, second = summarize(episodes([True] * 8), episodes([False] * 8))
+    assert first.p_value is None
+    assert second.p_value == pytest.approx(2 / 2**8)
+    _, alike = summarize(episodes([True, False]), episodes([True, False]))
+    assert alike.p_value == 1.0
