@@ -4,13 +4,16 @@ given."""
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import salframe
 
+if TYPE_CHECKING:
+    from salframe.framework.registry import Presets
+
 
 @salframe.hookimpl
-def salframe_provides() -> list[Any]:
-    from salframe.framework.registry import Presets
+def salframe_provides() -> list[Presets]:
+    from salframe.framework.registry import Presets  # the command line reads the defaults before it needs a registry
 
     return [Presets(Path(__file__).parent)]
