@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from functools import cache
+from functools import cached_property
 from importlib.metadata import entry_points
 from typing import Any
 
@@ -25,15 +25,18 @@ class Commands(TyperGroup):
     Contexts and commands are of the click that this version of typer was built on; it exports neither.
     """
 
+    @cached_property
+    def _brought(self) -> dict[str, Any]:
+        return _plugin_commands()
+
     def list_commands(self, ctx: Any) -> list[str]:
         own = super().list_commands(ctx)
-        return [*own, *sorted(set(_plugin_commands()) - set(own))]
+        return [*own, *sorted(set(self._brought) - set(own))]
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        return super().get_command(ctx, cmd_name) or _plugin_commands().get(cmd_name)
+        return super().get_command(ctx, cmd_name) or self._brought.get(cmd_name)
 
 
-@cache
 def _plugin_commands() -> dict[str, Any]:
     """The commands of plugins by name."""
     if PLUGINS not in os.environ and not entry_points(group=COMMANDS):

@@ -346,9 +346,6 @@ class Swayed(SaliencyGraphLocalizer):
 class Scrupulous(SaliencyGraphLocalizer):
     """Broken."""
 
-    class Config(SaliencyGraphLocalizer.Config):
-        patience: int = match_only(3, le=3)
-
     def describe_identity(self):
         return identity(self.config)
 
@@ -416,7 +413,7 @@ BROKEN = [
     (Boastful, "match where nothing is seen: received the status 'ok' without a pose"),
     (Unordered, "expected one entry a place"),
     (Swayed, "describe_identity with another lossy: received another description, expected the same: .* match_only"),
-    (Scrupulous, "describe_identity with another patience: received another one, expected the same: .* match_only"),
+    (Scrupulous, "describe_identity with another top_k: received another one, expected the same: .* match_only"),
     (Inattentive, "describe_identity with another content of the file table: received the same one, expected another"),
     (Fragile, "map: received ValueError: 3 is odd"),
     (Backwards, r"received \[4, 1\], expected \[1, 4\], in order"),
