@@ -9,7 +9,6 @@ import pytest
 import yaml
 from command_line import run
 
-import salframe.cli
 from salframe.framework.registry import registry
 
 
@@ -29,10 +28,8 @@ def shipped(fakes, monkeypatch, tmp_path):
     monkeypatch.delitem(sys.modules, "shipped_presets", raising=False)
     monkeypatch.setenv("SALFRAME_PLUGINS", "fake_plugin,noisy_plugin,shipped_presets,salframe_engines")
     registry.cache_clear()
-    salframe.cli._plugin_commands.cache_clear()
     registry()  # noisy_plugin prints when it is imported
     yield
-    salframe.cli._plugin_commands.cache_clear()
 
 
 def test_methods_are_listed_a_line_each_with_what_they_lack(shipped):
@@ -86,12 +83,10 @@ def test_commands_that_cannot_be_loaded_are_told_once_and_stop_nothing(fakes, mo
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setenv("SALFRAME_PLUGINS", "fake_plugin,broken_commands,salframe_engines")
     registry.cache_clear()
-    salframe.cli._plugin_commands.cache_clear()
     done = run("--help")
     told = "broken_commands of broken_commands: its commands failed to load: SystemExit: no commands today\n"
     assert (done.code, done.err) == (0, told)
     assert run("compare", "--methods", "reader", "--data", "rooms", "--engine", "inline").code == 0
-    salframe.cli._plugin_commands.cache_clear()
 
 
 def test_methods_and_data_may_be_files(fakes):
