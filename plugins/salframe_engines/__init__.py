@@ -27,12 +27,7 @@ class Inline(Engine):
 
     def map(self, function: Callable[[Any], Any], items: Sequence[Any]) -> Iterator[Any]:
         for item in items:
-            try:
-                yield function(item)
-            except KeyboardInterrupt:
-                raise
-            except BaseException as error:  # SystemExit too: it is the item's, not ours
-                yield error
+            yield _attempt(function, item)
 
 
 class Processes(Engine):
@@ -54,6 +49,16 @@ class Processes(Engine):
                 for child in multiprocessing.active_children():
                     child.terminate()
                 raise
+
+
+def _attempt(function: Callable[[Any], Any], item: Any) -> Any:
+    """function(item), or what it raised: SystemExit too, which is the item's, not ours."""
+    try:
+        return function(item)
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
+        return error
 
 
 def _alone(function: Callable[[Any], Any], item: Any) -> Any:

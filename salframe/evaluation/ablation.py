@@ -72,7 +72,10 @@ def ablate(file: Path, request: Request, *, progress: Progress | None = None) ->
     for label, config in resolved.methods.items():
         for values in itertools.product(*plan.vary.values()):
             choice = dict(zip(plan.vary, values, strict=True))
-            variants[_label(label, choice)] = _vary(file, label, config, choice)
+            name = _label(label, choice)
+            if name in variants:
+                raise ConfigError(f"{file}: vary gives {name} twice, expected different values")
+            variants[name] = _vary(file, label, config, choice)
     return run_task(LocalizationTask(), asked, replace(resolved, methods=variants), progress=progress)
 
 

@@ -14,7 +14,7 @@ from salframe.evaluation.result import Result
 from salframe.evaluation.run import PieceStatus, Row, Run
 from salframe.evaluation.runner import run_task
 from salframe.evaluation.task import MethodRow, Record, Survey, Task, Worker, check_needs
-from salframe.framework.errors import DataError, InputMissing, InvalidAnswer
+from salframe.framework.errors import FRAME_ERRORS, DataError, InputMissing, InvalidAnswer
 from salframe.graphs.annotated import annotated_detections
 from salframe.graphs.detections import Detections
 from salframe.graphs.detector import Detector
@@ -99,6 +99,14 @@ class DetectionTask(Task[QueryFrame, Survey[QueryFrame]]):
         check_needs(method, method.needs, survey.dataset)
         return _Detecting(method)
 
+    def failed(self, piece: QueryFrame) -> Row:
+        """What there was to find, where the panorama can be read at all."""
+        try:
+            annotated = Counter(annotated_detections(piece.load()).labels)
+        except FRAME_ERRORS:
+            return {}
+        return {"annotated": annotated, "found": {}, "right": {}, "ms": None}
+
     def summarize(self, survey: Survey[QueryFrame], records: Sequence[Record], seed: int) -> tuple[DetectionRow, ...]:
         return tuple(_summarize(record, len(survey.pieces)) for record in records)
 
@@ -144,15 +152,17 @@ def _summarize(record: Record, panoramas: int) -> DetectionRow:
     line = DetectionRow(**record.common(), panoramas=panoramas)
     if not record.done:
         return line
-    good = [row for row in record.rows if row is not None and row["status"] == PieceStatus.OK]
-    failed = len(record.rows) - len(good)
-    if failed:
+    rows = [row for row in record.rows if row is not None]
+    good = [row for row in rows if row["status"] == PieceStatus.OK]
+    if len(good) < panoramas:
         first = next(iter(line.errors.values()), "no answer")
-        line = replace(line, reason=f"{failed} panorama(s) left out, the first: {first}")
+        line = replace(line, reason=f"{panoramas - len(good)} panorama(s) failed, the first: {first}")
     if not good:
         return line
+    # What a failure had to find was not found; a panorama that nobody could read tells nothing.
+    counted = [row for row in rows if "annotated" in row]
     annotated, found, right = (
-        sum((Counter(row[key]) for row in good), Counter[str]()) for key in ("annotated", "found", "right")
+        sum((Counter(row[key]) for row in counted), Counter[str]()) for key in ("annotated", "found", "right")
     )
     classes = {label: Counts.of(annotated[label], found[label], right[label]) for label in sorted({*annotated, *found})}
     overall = Counts.of(annotated.total(), found.total(), right.total())

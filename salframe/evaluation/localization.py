@@ -191,6 +191,7 @@ class _Answering(Worker[Query]):
         uses = Counter(frame.id for fold in folds.values() for frame in fold.mapping)
         uses.update(piece.frame.id for piece in todo)
         self._localizer, self._fold = localizer, ""
+        self._places: dict[str, str] = {}
         self._descriptions = _Descriptions(localizer, dataset.fingerprint, uses, folder / DESCRIPTIONS)
         self._left_out: dict[str, str] = {}
         self._unusable: list[str] = []
@@ -214,6 +215,9 @@ class _Answering(Worker[Query]):
         query_ms = (time.perf_counter() - start) * 1e3
         if not isinstance(answer, Localization):
             raise InvalidAnswer(f"match gave {type(answer).__name__}, expected a Localization")
+        for ranked in answer.places:
+            if self._places.get(ranked.frame) != ranked.place:
+                raise InvalidAnswer(f"match gave {ranked}, expected a frame of the map and its place")
         return {**_row(answer, describe_ms, query_ms), "status": answer.status, "error": None}
 
     def _take_map(self, fold: Fold) -> None:
@@ -231,15 +235,19 @@ class _Answering(Worker[Query]):
             reasons = list(self._left_out.values())[:1]
             raise MethodFailed("; ".join([f"fold {fold.id} has no mapping frame that can be used", *reasons]))
         self._localizer.take_map(known, frames)
+        self._places = {frame.id: frame.place for frame in frames}
 
-    def end(self) -> str | None:
+    def close(self) -> None:
         self._descriptions.close()
+
+    @property
+    def warning(self) -> str | None:
         problems = {
             "mapping frame(s) left out": list(self._left_out.values()),
             "query frame(s) that cannot be used": self._unusable,
         }
-        told = [f"{len(reasons)} {what}, the first: {reasons[0]}" for what, reasons in problems.items() if reasons]
-        return "; ".join(told) or None
+        parts = [f"{len(reasons)} {what}, the first: {reasons[0]}" for what, reasons in problems.items() if reasons]
+        return "; ".join(parts) or None
 
 
 class _Descriptions:

@@ -117,6 +117,7 @@ class _Matching(Worker[FramePair]):
 
     def __init__(self, localizer: Localizer, dataset: str) -> None:
         self._localizer, self._dataset, self._cache = localizer, dataset, Cache()
+        self._kind: type[PointMatches | NodeMatches] | None = None
 
     def work(self, piece: FramePair) -> Row:
         query, reference = (
@@ -128,6 +129,9 @@ class _Matching(Worker[FramePair]):
             raise MethodUnavailable("matches neither points nor objects")
         if not isinstance(found, PointMatches | NodeMatches):
             raise InvalidAnswer(f"correspond gave {type(found).__name__}, expected PointMatches, NodeMatches or None")
+        if self._kind not in (None, type(found)):
+            raise InvalidAnswer(f"correspond gave {type(found).__name__}, expected one kind of matches for all pairs")
+        self._kind = type(found)
         row = check_matches(found, piece.query.load(), piece.reference.load(), piece.T_reference_query)
         return {"reference": piece.reference.id, **row, "status": PieceStatus.OK, "error": None}
 
@@ -238,6 +242,8 @@ def _summarize(record: Record, pairs: int) -> MatchingRow:
         line = replace(line, reason=f"{len(failed)} pair(s) failed, the first: {failed[0]['error']}")
     if not good:
         return line
+    if len({row["kind"] for row in good}) > 1:
+        return replace(line, reason="matched points in some pairs and nodes in others")
     kind, matches = good[0]["kind"], sum(row["matches"] for row in good) / pairs
     numbers = _points(good, pairs) if kind == "points" else _nodes(good, pairs)
     return replace(line, kind=kind, matches_per_pair=matches, **numbers)

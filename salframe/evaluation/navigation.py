@@ -197,7 +197,8 @@ class _Walking(Worker[Episode]):
         site = self._sites[piece.world]
         return walk(site, partial(self._sight.look, site.world), piece, self._config, self._seed)
 
-    def end(self) -> str | None:
+    @property
+    def warning(self) -> str | None:
         return self._sight.warning
 
 

@@ -26,7 +26,10 @@ from salframe.framework.registry import registry
 Row = dict[str, Any]
 """What a method made of one piece of a task, as a line of rows.jsonl."""
 
-REQUEST, ROWS, DESCRIPTIONS, NOTES = "request.yaml", "rows.jsonl", "descriptions.jsonl", "notes.json"
+REQUEST, NOTES, METHODS = "request.yaml", "notes.json", "methods"
+"""In a run folder: what was asked, what must be said of it, and a folder for each method."""
+ROWS, DESCRIPTIONS, OUTCOME, IDENTITY = "rows.jsonl", "descriptions.jsonl", "outcome.json", "identity.json"
+"""In a method's folder."""
 LONGEST = 200
 """Characters of a folder's name: file systems take 255 bytes."""
 
@@ -80,8 +83,7 @@ class Run:
         """
         if not name or "/" in name or name in (".", ".."):
             raise ConfigError(f"received the run name {name!r}, expected one without slashes")
-        known_by = {label: identity_of(config) for label, config in resolved.methods.items()}
-        key = digest({"task": task, "seed": seed, "data": identity(resolved.data), "methods": known_by})
+        key = _known_as(task, seed, resolved.data, resolved.methods)
         settings = {label: config.model_dump(mode="json") for label, config in resolved.methods.items()}
         asked = {"task": dict(task), "seed": seed, "data": resolved.data.model_dump(mode="json"), "methods": settings}
         text = yaml.safe_dump(asked, sort_keys=False)
@@ -89,8 +91,13 @@ class Run:
         path = directory / REQUEST
         if not path.exists():
             write_text(path, text)
-        elif read_yaml(path) != content:
-            raise ConfigError(f"{path} was edited since the run began: restore it, or remove {directory}")
+        elif read_yaml(path) != content:  # the same files may have other names today
+            run = cls.load(directory)
+            roles = {label: config.component.role for label, config in resolved.methods.items()}
+            methods = {label: run.method(label, roles[label]) for label in run.labels if label in roles}
+            if run.labels != list(roles) or _known_as(run.task, run.seed, run.data(), methods) != key:
+                raise ConfigError(f"{path} was edited since the run began: restore it, or remove {directory}")
+            return run
         return cls(directory, content)
 
     @classmethod
@@ -138,7 +145,7 @@ class Run:
             name = name.replace(".", "%2E")
         if len(name) > LONGEST:
             name = f"{name[: LONGEST - 17]}-{digest(label)[:16]}"
-        return self.directory / name
+        return self.directory / METHODS / name
 
     def rows(self, label: str) -> list[Row]:
         """What the method has made of its pieces so far."""
@@ -146,16 +153,23 @@ class Run:
 
     def outcome(self, label: str) -> Outcome | None:
         """How the method's work ended, None where it has not."""
-        path = self.folder(label) / "outcome.json"
+        path = self.folder(label) / OUTCOME
         if not path.exists():
             return None
         content = read_json(path)
         return Outcome(MethodStatus(content["status"]), content["reason"], tuple(content["given"]))
 
+    def begin(self, label: str) -> Path:
+        """Make the method's folder ready for work, which has not ended; returns it."""
+        folder = self.folder(label)
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / OUTCOME).unlink(missing_ok=True)
+        return folder
+
     def end(self, label: str, outcome: Outcome) -> None:
         """Keep how the method's work ended."""
         content = {"status": outcome.status, "reason": outcome.reason, "given": list(outcome.given)}
-        write_json(self.folder(label) / "outcome.json", content)
+        write_json(self.folder(label) / OUTCOME, content)
 
     def bind(self, fingerprint: str) -> None:
         """Tie the run to the data's content and write env.json. Raises DataError where that is not what it began on."""
@@ -175,35 +189,49 @@ class Run:
     def notes(self) -> list[str]:
         """What must be said beside the table: which method ran instead of another, whose answers were reused."""
         path = self.directory / NOTES
-        return read_json(path) if path.exists() else []
+        sources = {label: _identity(self.folder(label)).get("source") for label in self.labels}
+        reused = [
+            f"{label}: answers of {source}, with their times, are reused" for label, source in sources.items() if source
+        ]
+        return [*(read_json(path) if path.exists() else []), *reused]
 
-    def add_notes(self, notes: Sequence[str]) -> None:
-        """Keep these notes, each once."""
-        write_json(self.directory / NOTES, list(dict.fromkeys([*self.notes(), *notes])))
+    def set_notes(self, notes: Sequence[str]) -> None:
+        """Keep what must be said of the request that the run serves now."""
+        write_json(self.directory / NOTES, list(notes))
 
-    def reuse(self, label: str, known_by: str) -> Path | None:
-        """Take over what the same method was found to answer to the same pieces of the same data in another run.
+    def reuse(self, label: str, known_by: str) -> None:
+        """Take over what the same method answered to the same pieces of the same data in another run, if any did.
 
-        `known_by`: the hash of all that answers depend on. Returns the run that they come from, None where the method
-        has a folder already or no other run has any.
+        `known_by`: the hash of all that answers depend on. A method that has begun in this run is left alone.
         """
         folder = self.folder(label)
-        if (folder / "identity.json").exists():
-            return None
-        others = [path.parent for path in sorted(self.directory.parent.glob("*/*/identity.json"))]
-        alike = [other for other in others if (other / ROWS).exists() and _known_by(other) == known_by]
+        if (folder / IDENTITY).exists():
+            return
+        others = [path.parent for path in sorted(self.directory.parent.glob(f"*/{METHODS}/*/{IDENTITY}"))]
+        alike = [other for other in others if (other / ROWS).exists() and _identity(other).get("sha256") == known_by]
         best = max(alike, key=lambda other: (other / ROWS).stat().st_size, default=None)
         folder.mkdir(parents=True, exist_ok=True)
-        for name in (DESCRIPTIONS, ROWS, "outcome.json") if best is not None else ():
+        # Rows first: a run in progress has described whatever its rows speak of.
+        for name in (ROWS, DESCRIPTIONS, OUTCOME):
             if best is not None and (best / name).exists():
                 shutil.copyfile(best / name, folder / name)
-        write_json(folder / "identity.json", {"sha256": known_by})
-        return None if best is None else best.parent
+        source = None if best is None else str(best.parent.parent)
+        write_json(folder / IDENTITY, {"sha256": known_by, "source": source})
 
 
-def _known_by(folder: Path) -> str | None:
-    content = read_json(folder / "identity.json")
-    return content.get("sha256") if isinstance(content, dict) else None
+def _known_as(task: Mapping[str, Any], seed: int, data: ComponentConfig, methods: Mapping[str, ComponentConfig]) -> str:
+    """The hash of all that a run depends on."""
+    known_by = {label: identity_of(config) for label, config in methods.items()}
+    return digest({"task": dict(task), "seed": seed, "data": identity(data), "methods": known_by})
+
+
+def _identity(folder: Path) -> dict[str, Any]:
+    """What a method's folder is known by; nothing where that cannot be read."""
+    try:
+        content = read_json(folder / IDENTITY)
+    except DataError:
+        return {}
+    return content if isinstance(content, dict) else {}
 
 
 def read_rows(path: Path) -> Iterator[Row]:

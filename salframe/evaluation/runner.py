@@ -59,20 +59,20 @@ def run_task(
     keeps its row, with the reason.
     """
     engine: Engine = registry().build("engine", resolved.engine)
-    known_as = {"name": task.name, **task.asks()}
+    known_as = {"name": task.name, "version": task.version, **task.asks()}
     run = Run.open(request.runs, request.name or task.prefix + resolved.name, known_as, resolved, request.seed)
     dataset = open_dataset(resolved.data, progress and partial(progress, resolved.name))
     run.bind(dataset.fingerprint)
     survey = task.survey(dataset)
-    notes = list(resolved.notes)
     for label, config in resolved.methods.items():
         key = {"task": known_as, "data": dataset.fingerprint, "mode": task.mode(label), "method": identity_of(config)}
-        source = run.reuse(label, digest(key))
-        notes += [f"{label}: answers of {source} are reused"] if source is not None else []
-    run.add_notes(notes)
+        run.reuse(label, digest(key))
+    run.set_notes(resolved.notes)
     todo = [label for label in run.labels if not _finished(task, run, label, survey)]
     with _watch(task, run, task.total(survey), progress):
-        for label, ended in zip(todo, engine.map(partial(work_method, task, run.directory), todo), strict=True):
+        answers = iter(engine.map(partial(work_method, task, run.directory), todo))
+        for label in todo:
+            ended = next(answers, MethodFailed(f"the engine {engine.name!r} gave no answer for it"))
             if isinstance(ended, BaseException):
                 run.end(label, Outcome(MethodStatus.CRASHED, describe_error(ended)))
     return conclude(task, run, survey, reported)
@@ -94,8 +94,7 @@ def conclude(task: Task[Any, Any], run: Run, survey: Survey[Any], reported: tupl
 def work_method(task: Task[Any, Any], directory: Path, label: str) -> None:
     """Have one method of a run do what it has not done yet, and keep how it ended, whatever it raises."""
     run = Run.load(directory)
-    folder = run.folder(label)
-    folder.mkdir(parents=True, exist_ok=True)
+    folder = run.begin(label)
     given: tuple[str, ...] = ()
     try:
         config = run.method(label, task.role)
@@ -104,12 +103,11 @@ def work_method(task: Task[Any, Any], directory: Path, label: str) -> None:
         survey = task.survey(open_dataset(run.data()))
         done = {key for key, row in _by_key(task, run, label).items() if row["status"] != PieceStatus.CRASHED}
         todo = [piece for piece in survey.pieces if task.key(piece) not in done]
-        worker = task.open(label, method, survey, todo, folder)
-        with RowWriter(folder / ROWS) as rows:
+        with task.open(label, method, survey, todo, folder) as worker, RowWriter(folder / ROWS) as rows:
             for piece in todo:
                 known_by = dict(zip(task.key_fields, task.key(piece), strict=True))
                 rows.append({**known_by, **_attempt(task, worker.work, piece, folder)})
-        outcome = Outcome(MethodStatus.DONE, worker.end(), given)
+            outcome = Outcome(MethodStatus.DONE, worker.warning, given)
     except (RequirementMissing, WeightsMissing, InputMissing, MethodUnavailable) as error:
         outcome = Outcome(MethodStatus.UNAVAILABLE, str(error), given)
     except KeyboardInterrupt:

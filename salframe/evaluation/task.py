@@ -101,20 +101,32 @@ class Worker(ABC, Generic[Piece]):
         MethodFailed the method its row.
         """
 
-    def end(self) -> str | None:
-        """Release what is held; what the user must know of the work, None where there is nothing."""
+    @property
+    def warning(self) -> str | None:
+        """What the user must know of the work done, None where there is nothing."""
         return None
+
+    def close(self) -> None:
+        """Release what is held."""
+        return None
+
+    def __enter__(self) -> Worker[Piece]:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
 
 class Task(ABC, Generic[Piece, Surveyed]):
     """Something that methods are measured by. An instance says what is asked, and can be pickled.
 
-    `name` is known in run folders; `role`: what its methods are; `prefix`: of run folders without a name of their own;
-    `counts`: what its pieces are called; `key_fields`: what a piece is known by in rows; `counted`: files whose lines
-    tell how far a method is.
+    `name` is known in run folders; `version` changes whenever rows of the same answers do; `role`: what its methods
+    are; `prefix`: of run folders without a name of their own; `counts`: what its pieces are called; `key_fields`: what a
+    piece is known by in rows; `counted`: files whose lines tell how far a method is.
     """
 
     name: ClassVar[str]
+    version: ClassVar[str] = "1"
     role: ClassVar[str] = "localizer"
     prefix: ClassVar[str] = ""
     counts: ClassVar[str]
@@ -176,19 +188,24 @@ def check_needs(method: Component, needs: frozenset[str], dataset: Dataset) -> N
         return
     words = " and ".join(sorted(absent))
     for slot, inner in components_in(method.config):
-        component: Any = inner.component
-        if component.role == "detector" and absent & component.needs:
-            able = [name for name in registry().names("detector") if _could_look(name, dataset)]
+        role = inner.component.role
+        if absent & _needs(inner.component):
+            able = [name for name in registry().names(role) if _could_do(registry().get(role, name), dataset)]
             hint = " or ".join(f"--set {slot}.kind={name}" for name in able)
-            told = f"detectors that can look at it: {hint}" if able else "no detector at hand can look at it"
-            raise InputMissing(f"its detector {inner.kind!r} needs {words}, which {dataset.name} does not have; {told}")
+            advice = f"what can do without: {hint}" if able else f"no {role} at hand can do without"
+            raise InputMissing(f"its {role} {inner.kind!r} needs {words}, which {dataset.name} does not have; {advice}")
     raise InputMissing(f"needs {words}, which {dataset.name} does not have")
 
 
-def _could_look(name: str, dataset: Dataset) -> bool:
-    component: Any = registry().get("detector", name)
+def _needs(component: type[Component]) -> frozenset[str]:
+    """What panoramas must have for a component whose class says so; nothing of others."""
+    needs = getattr(component, "needs", None)
+    return needs if isinstance(needs, frozenset) else frozenset()
+
+
+def _could_do(component: type[Component], dataset: Dataset) -> bool:
     try:
         component.check(component.Config())
-        return component.needs <= dataset.provides
+        return _needs(component) <= dataset.provides
     except Exception:  # whatever is wrong with that one, it is no hint
         return False

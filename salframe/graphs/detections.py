@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from salframe.framework.arrays import check_array
-from salframe.framework.errors import DataError
+from salframe.framework.errors import InvalidAnswer
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,15 +29,15 @@ class Detections:
     def __post_init__(self) -> None:
         object.__setattr__(self, "labels", tuple(self.labels))
         n = len(self.labels)
-        scores = check_array(self, "scores", np.float64, n)
+        scores = check_array(self, "scores", np.float64, n, error=InvalidAnswer)
         outside = scores[~((scores >= 0) & (scores <= 1))]
         if len(outside):
-            raise DataError(f"Detections.scores holds {outside[0]}, expected numbers from 0 to 1")
-        check_array(self, "centroid_m", np.float64, n, 3)
-        check_array(self, "size_m", np.float64, n, 3)
-        check_array(self, "yaw_rad", np.float64, n)
+            raise InvalidAnswer(f"Detections.scores holds {outside[0]}, expected numbers from 0 to 1")
+        check_array(self, "centroid_m", np.float64, n, 3, error=InvalidAnswer)
+        check_array(self, "size_m", np.float64, n, 3, error=InvalidAnswer)
+        check_array(self, "yaw_rad", np.float64, n, error=InvalidAnswer)
         if self.points_m is not None and len(self.points_m) != n:
-            raise DataError(f"Detections.points_m holds {len(self.points_m)} point sets, expected {n}")
+            raise InvalidAnswer(f"Detections.points_m holds {len(self.points_m)} point sets, expected {n}")
 
     def __len__(self) -> int:
         return len(self.labels)

@@ -8,7 +8,7 @@ from enum import StrEnum
 import numpy as np
 
 from salframe.framework.arrays import check_array
-from salframe.framework.errors import DataError, InvalidAnswer
+from salframe.framework.errors import InvalidAnswer
 from salframe.panoramas.geometry import is_rigid
 
 RIGID_TOLERANCE = 1e-3
@@ -45,7 +45,8 @@ class Localization:
     """A localizer's answer: `places` best first, one entry a place; T_world_query (4, 4), a rigid motion, or None;
     covariance as in PoseEstimate, in the map frame's axes.
 
-    Raises InvalidAnswer on a status that is none of LocalizationStatus and on a pose that is no rigid motion.
+    Raises InvalidAnswer on a status that is none of LocalizationStatus, on a pose that is no rigid motion, where a
+    status that names a place comes without one, and where OK comes without a pose or NO_POSE with one.
     """
 
     places: tuple[RankedPlace, ...]
@@ -62,6 +63,13 @@ class Localization:
         if self.T_world_query is not None and not is_rigid(self.T_world_query, RIGID_TOLERANCE):
             told = " ".join(str(np.asarray(self.T_world_query).tolist()).split())[:200]
             raise InvalidAnswer(f"a localization has the pose {told}, expected a rigid motion (4, 4) or None")
+        if self.status.names_a_place and not self.places:
+            raise InvalidAnswer(f"a localization has the status {self.status} and no place, expected a place")
+        if self.status.names_a_place and (self.T_world_query is not None) != (self.status is LocalizationStatus.OK):
+            there = "no pose" if self.T_world_query is None else "a pose"
+            raise InvalidAnswer(
+                f"a localization has the status {self.status} and {there}, expected a pose with ok alone"
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,8 +81,8 @@ class PointMatches:
     reference: np.ndarray
 
     def __post_init__(self) -> None:
-        count = len(check_array(self, "query", np.float64, None, 3))
-        check_array(self, "reference", np.float64, count, 3)
+        count = len(check_array(self, "query", np.float64, None, 3, error=InvalidAnswer))
+        check_array(self, "reference", np.float64, count, 3, error=InvalidAnswer)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,10 +96,13 @@ class NodeMatches:
     pairs: np.ndarray
 
     def __post_init__(self) -> None:
-        counts = [len(check_array(self, name, np.float64, None, 3)) for name in ("query_m", "reference_m")]
-        pairs = check_array(self, "pairs", np.int64, None, 2)
+        counts = [
+            len(check_array(self, name, np.float64, None, 3, error=InvalidAnswer))
+            for name in ("query_m", "reference_m")
+        ]
+        pairs = check_array(self, "pairs", np.int64, None, 2, error=InvalidAnswer)
         one_to_one = all(len(np.unique(side)) == len(side) for side in pairs.T)
         if len(pairs) and not (pairs.min() >= 0 and (pairs < counts).all() and one_to_one):
-            raise DataError(
+            raise InvalidAnswer(
                 f"NodeMatches.pairs must use each of {counts[0]} query and {counts[1]} reference nodes at most once"
             )

@@ -293,7 +293,7 @@ def test_a_detector_that_lacks_something_is_named_and_others_that_could_look(dat
     (row,) = done.json["rows"]
     assert (done.code, row["available"]) == (1, False)
     needs = "its detector 'annotations' needs annotations, which folder does not have"
-    hint = re.fullmatch(f"{needs}; detectors that can look at it: (.*)", row["reason"])
+    hint = re.fullmatch(f"{needs}; what can do without: (.*)", row["reason"])
     assert hint, row["reason"]
     offered = hint[1].split(" or ")
     assert "--set detector.kind=panoseg" in offered
@@ -309,4 +309,4 @@ def test_where_no_detector_can_look_that_is_said(data, monkeypatch):
     registry.cache_clear()
     (row,) = compare("./data", "--json").json["rows"]
     registry.cache_clear()
-    assert row["reason"].endswith("which folder does not have; no detector at hand can look at it")
+    assert row["reason"].endswith("which folder does not have; no detector at hand can do without")

@@ -125,7 +125,7 @@ def test_an_interrupt_says_how_to_resume_and_nothing_else(fakes, tmp_path, group
     process = subprocess.Popen(
         [*SALFRAME, *asked], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     )
-    while not any(path.stat().st_size for path in tmp_path.glob("runs/*/reader/rows.jsonl")):
+    while not any(path.stat().st_size for path in tmp_path.glob("runs/*/methods/reader/rows.jsonl")):
         time.sleep(0.02)
     if group:
         os.killpg(process.pid, signal.SIGINT)

@@ -47,7 +47,7 @@ def test_values_that_look_like_paths_stay_inside_the_run(faults):
     assert [row.accuracy for row in result.rows] == [1.0] * 4
     folders = {path.parent.resolve() for path in Path().rglob("outcome.json")}
     assert len(folders) == 4
-    assert all(folder.parent == result.run.resolve() for folder in folders)
+    assert all(folder.parent == result.run.resolve() / "methods" for folder in folders)
 
 
 def test_a_variant_that_crashes_costs_its_own_row(faults):
@@ -67,3 +67,9 @@ def test_a_shipped_ablation_is_read_by_its_name():
     assert read_ablation(Path("positioners")).vary["positioner"] == ("robust", "least-squares")
     with pytest.raises(ConfigError, match="cannot read position"):
         read_ablation(Path("position"))
+
+
+def test_values_that_are_spelt_alike_are_told_apart_or_refused(fakes):
+    file = write(method="reader", data="rooms", vary={"offset": [1, 1]})
+    with pytest.raises(ConfigError, match=r"sweep\.yaml: vary gives reader\[offset=1\] twice"):
+        ablate(file, Request((), engine="inline"))

@@ -72,7 +72,7 @@ def test_the_command_prints_what_is_measured_and_a_wrong_setting_is_one_line(tin
 
 def test_detection_resumes(tiny, monkeypatch):
     result = measure(tiny)
-    path = result.run / "annotations" / "rows.jsonl"
+    path = result.run / "methods" / "annotations" / "rows.jsonl"
     lines = path.read_text().splitlines(keepends=True)
     path.write_text(lines[0] + lines[1][:20])
     looked = []
@@ -90,6 +90,23 @@ def test_detection_resumes(tiny, monkeypatch):
     looked.clear()
     assert measure(tiny).rows == again.rows
     assert looked == []
+
+
+def test_what_a_crash_had_to_find_was_not_found(tiny, monkeypatch):
+    whole = measure(tiny).rows[0].overall
+    detect = AnnotationDetector.detect
+
+    def stumble(self, panorama):
+        if panorama.id == "lounge-query":
+            raise ValueError("too much")
+        return detect(self, panorama)
+
+    monkeypatch.setattr(AnnotationDetector, "detect", stumble)
+    row = measure(tiny, name="stumbling", seed=1).rows[0]
+    assert (row.status, row.crashed) == ({"ok": 2, "crashed": 1}, True)
+    assert row.overall.annotated == whole.annotated
+    assert 0 < row.overall.found < whole.found
+    assert row.overall.recall == row.overall.right / whole.annotated < 1
 
 
 def test_a_detector_that_exits_costs_its_own_row(tiny, monkeypatch):

@@ -45,7 +45,7 @@ def test_rows_have_the_promised_numbers(fakes):
     assert row.bytes_per_scene == 16  # two int64
     assert row.available
     assert row.reason is None
-    kept = (result.run / "reader" / "metrics.json").read_text()
+    kept = (result.run / "methods" / "reader" / "metrics.json").read_text()
     assert json.loads(kept) == json.loads(json.dumps(result.to_json()["rows"][0]))
     assert result.measured
     assert not result.crashed
@@ -211,7 +211,7 @@ def test_a_kill_loses_no_finished_query(fakes, tmp_path):
     before = b""
     while before.count(b"\n") < 3:
         time.sleep(0.02)
-        found = list(tmp_path.glob("runs/*/reader/rows.jsonl"))
+        found = list(tmp_path.glob("runs/*/methods/reader/rows.jsonl"))
         before = found[0].read_bytes() if found else b""
     os.kill(process.pid, signal.SIGKILL)
     process.wait()

@@ -10,7 +10,7 @@ from matching_plugin import STEP, turned_by
 from salframe.evaluation.localization import compare
 from salframe.evaluation.matching import PIXEL_RAD, check_matches, measure_matching, own_objects, point_errors_px
 from salframe.evaluation.request import Request
-from salframe.framework.errors import DataError, InputMissing
+from salframe.framework.errors import DataError, InputMissing, InvalidAnswer
 from salframe.framework.presets import configure, settings
 from salframe.framework.registry import registry
 from salframe.localization.answers import NodeMatches, PointMatches
@@ -107,7 +107,7 @@ def test_nodes_without_an_instance_image_cannot_be_judged():
 
 @pytest.mark.parametrize("pairs", [[[0, 3]], [[0, 1], [0, 2]], [[-1, 0]]])
 def test_pairs_of_nodes_that_are_not_there_or_used_twice_are_refused(pairs):
-    with pytest.raises(DataError, match="each of 3 query and 3 reference nodes at most once"):
+    with pytest.raises(InvalidAnswer, match="each of 3 query and 3 reference nodes at most once"):
         NodeMatches(np.zeros((3, 3)), np.zeros((3, 3)), np.array(pairs))
 
 
@@ -164,9 +164,9 @@ def test_a_pair_that_crashes_counts_as_wrong_and_is_asked_again(furnished):
     assert rows["points"].reason == "1 pair(s) failed, the first: ValueError: no more"
     assert rows["nodes"].precision == 1
     assert result.crashed
-    before = {path.parent.name: path.read_text() for path in result.run.glob("*/rows.jsonl")}
+    before = {path.parent.name: path.read_text() for path in result.run.glob("methods/*/rows.jsonl")}
     again, _ = measure(["points", "nodes"], "fail_after=1")
-    after = {path.parent.name: path.read_text() for path in result.run.glob("*/rows.jsonl")}
+    after = {path.parent.name: path.read_text() for path in result.run.glob("methods/*/rows.jsonl")}
     assert after["nodes"] == before["nodes"]
     assert len(after["points"].splitlines()) == 3
     assert again["points"].mma_1 == 1  # alone in its second run, the query that failed does not
@@ -174,7 +174,7 @@ def test_a_pair_that_crashes_counts_as_wrong_and_is_asked_again(furnished):
 
 def test_a_query_is_matched_with_the_nearest_scene_frame_of_its_place(furnished):
     _, result = measure(["points"])
-    rows = (result.run / "points" / "rows.jsonl").read_text()
+    rows = (result.run / "methods" / "points" / "rows.jsonl").read_text()
     assert '"reference": "bedroom-middle"' in rows
     assert '"reference": "kitchen-middle"' in rows
 

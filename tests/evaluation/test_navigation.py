@@ -28,7 +28,7 @@ def run(methods, *settings, episodes=6, positioning=Positioning.ON, **given):
 
 
 def rows(result, method="seer"):
-    return [json.loads(line) for line in (result.run / method / "rows.jsonl").read_text().splitlines()]
+    return [json.loads(line) for line in (result.run / "methods" / method / "rows.jsonl").read_text().splitlines()]
 
 
 def test_a_good_localizer_arrives(tmp_path):
@@ -38,7 +38,7 @@ def test_a_good_localizer_arrives(tmp_path):
     assert (row.episodes, row.success_rate, row.status) == (6, 1.0, {"arrived": 6})
     assert row.spl > 0.9
     assert [walked["episode"] for walked in rows(result)] == list(range(6))
-    kept = (result.run / "seer" / "metrics.json").read_text()
+    kept = (result.run / "methods" / "seer" / "metrics.json").read_text()
     assert json.loads(kept) == json.loads(json.dumps(result.to_json()["rows"][0]))
     assert result.measured
     assert not result.crashed
@@ -53,10 +53,10 @@ def test_the_same_command_gives_the_same_table_elsewhere_too():
 
 def test_a_run_resumes():
     table, result = run(["seer"])
-    path = result.run / "seer" / "rows.jsonl"
+    path = result.run / "methods" / "seer" / "rows.jsonl"
     lines = path.read_bytes().splitlines(keepends=True)
     path.write_bytes(b"".join(lines[:4]) + lines[4][:50])
-    (result.run / "seer" / "outcome.json").unlink()
+    (result.run / "methods" / "seer" / "outcome.json").unlink()
     assert run(["seer"])[0] == table
     assert path.read_bytes() == b"".join(lines)
 
@@ -80,7 +80,7 @@ def test_an_episode_that_crashes_costs_only_itself():
     assert table["seer"].status == {"arrived": 1, "crashed": 1}
     assert table["seer"].success_rate == 0.5
     assert rows(result)[1]["error"] == "ValueError: too far east"
-    assert "too far east" in (result.run / "seer" / "crash.log").read_text()
+    assert "too far east" in (result.run / "methods" / "seer" / "crash.log").read_text()
     assert result.crashed
 
 

@@ -95,7 +95,7 @@ def test_no_two_labels_share_a_folder(fakes, tmp_path):
     long = "proposed[" + ",".join(f"detector.noise.part_{i}=0.{i}" for i in range(20)) + "]"
     labels = ["a/b", "a_b", "a%2Fb", "a[b=c]", "a", ".", "..", "...", "../a", "/a", long, f"{long}2"]
     assert len({run.folder(label) for label in labels}) == len(labels)
-    assert all(run.folder(label).resolve().parent == run.directory.resolve() for label in labels)
+    assert all(run.folder(label).resolve().parent == run.directory.resolve() / "methods" for label in labels)
     for label in labels:
         run.end(label, Outcome(MethodStatus.DONE))
 
@@ -140,8 +140,24 @@ def test_a_line_that_is_cut_off_and_written_anew_is_counted_once(tmp_path):
     assert lines.count(path) == 2
 
 
-def test_notes_are_kept_once(fakes, tmp_path):
+def test_notes_are_those_of_the_last_request(fakes, tmp_path):
     run = open_run(tmp_path)
-    run.add_notes(["one"])
-    run.add_notes(["two", "one"])
-    assert Run.load(run.directory).notes() == ["one", "two"]
+    run.set_notes(["one"])
+    run.set_notes(["two"])
+    assert Run.load(run.directory).notes() == ["two"]
+
+
+def test_a_method_at_work_has_not_ended(fakes, tmp_path):
+    run = open_run(tmp_path)
+    run.end("reader", Outcome(MethodStatus.CRASHED, "the first try"))
+    run.begin("reader")
+    assert run.outcome("reader") is None
+
+
+def test_a_run_that_cannot_be_read_stops_no_reuse(fakes, tmp_path):
+    other = open_run(tmp_path, seed=1)
+    other.begin("reader")
+    (other.folder("reader") / "identity.json").write_text("garbage")
+    run = open_run(tmp_path)
+    run.reuse("reader", "0123")
+    assert run.notes() == []

@@ -31,7 +31,7 @@ def test_a_method_that_exits_costs_its_own_row(faults, where, engine):
     faulty = rows["faulty"]
     assert (faulty.ended, faulty.reason) == (MethodStatus.CRASHED, "SystemExit: the network wants to leave")
     assert (faulty.accuracy, faulty.status) == (None, {"crashed": 6})
-    assert "the network wants to leave" in (result.run / "faulty" / "crash.log").read_text()
+    assert "the network wants to leave" in (result.run / "methods" / "faulty" / "crash.log").read_text()
     assert rows["reader"].accuracy == 1.0
     assert result.crashed
     assert result.measured
@@ -88,6 +88,11 @@ NONSENSE = {
     "mirrored": r"a localization has the pose \[\[1\.0, .*, expected a rigid motion",
     "nan": r"a localization has the pose \[\[nan, .*, expected a rigid motion",
     "status": r"a localization has the status 'certain', expected one of ok, no-pose, .*",
+    "posed": "a localization has the status no-pose and a pose, expected a pose with ok alone",
+    "poseless": "a localization has the status ok and no pose, expected a pose with ok alone",
+    "placeless": "a localization has the status no-pose and no place, expected a place",
+    "elsewhere": r"match gave RankedPlace\(frame='map-9', .*, expected a frame of the map and its place",
+    "misplaced": r"match gave RankedPlace\(frame='map-0', place='room-1', .*, expected a frame of the map and its place",
     "mapping": "match gave dict, expected a Localization",
     "nothing": "match gave NoneType, expected a Localization",
     "score": r"an answer holds a number that is not finite: .*'room-0', nan.*",
@@ -106,7 +111,7 @@ def test_nonsense_costs_its_own_row(faults, answer, message):
 
 
 def test_a_method_that_crashes_when_all_is_answered_is_told(faults, monkeypatch):
-    monkeypatch.setattr("salframe.evaluation.localization._Answering.end", lambda self: 1 / 0)
+    monkeypatch.setattr("salframe.evaluation.localization._Answering.close", lambda self: 1 / 0)
     rows, result = run(["reader"])
     assert rows["reader"].status == {"ok": 6}
     assert rows["reader"].reason == "ZeroDivisionError: division by zero"
@@ -129,7 +134,7 @@ def asked(monkeypatch) -> list[str]:
 
 
 def kept(result, label="reader") -> str:
-    return (result.run / label / "rows.jsonl").read_text()
+    return (result.run / "methods" / label / "rows.jsonl").read_text()
 
 
 def test_another_comparison_with_a_method_more_asks_only_that_one(fakes, asked):
@@ -140,7 +145,7 @@ def test_another_comparison_with_a_method_more_asks_only_that_one(fakes, asked):
     assert asked == ["greedy"] * 6
     assert after["reader"] == before["reader"]
     assert kept(second) == kept(first)
-    assert f"reader: answers of {first.run} are reused" in second.notes
+    assert f"reader: answers of {first.run}, with their times, are reused" in second.notes
     assert "reused" not in " ".join(first.notes)
     assert run(["reader", "greedy"], name="another")[1].notes == second.notes  # of the resumed run too
 
@@ -201,12 +206,12 @@ def test_what_crashed_elsewhere_is_asked_again(fakes, asked, monkeypatch):
 
 def test_a_run_folder_says_what_was_asked_and_where(fakes):
     _, result = run(["reader", "weightless"])
-    assert {path.name for path in result.run.iterdir()} >= {"request.yaml", "env.json", "reader", "weightless"}
-    names = {path.name for path in (result.run / "reader").iterdir()}
+    assert {path.name for path in result.run.iterdir()} >= {"request.yaml", "env.json", "methods"}
+    names = {path.name for path in (result.run / "methods" / "reader").iterdir()}
     assert names == {"rows.jsonl", "descriptions.jsonl", "outcome.json", "identity.json", "metrics.json"}
     environment = json.loads((result.run / "env.json").read_text())
     assert environment["dataset_fingerprint"] == result.to_json()["data_fingerprint"]
-    outcome = json.loads((result.run / "weightless" / "outcome.json").read_text())
+    outcome = json.loads((result.run / "methods" / "weightless" / "outcome.json").read_text())
     assert outcome["status"] == "unavailable"
 
 
@@ -218,5 +223,5 @@ def test_the_folders_of_odd_labels_stay_inside_the_run(faults):
     assert all(row.accuracy == 1.0 for row in rows.values())
     found = {path.parent.resolve() for path in Path().rglob("outcome.json")}
     assert len(found) == 3
-    assert all(folder.parent == result.run.resolve() for folder in found)
+    assert all(folder.parent == result.run.resolve() / "methods" for folder in found)
     assert sorted(os.listdir()) == ["...yaml", "..yaml", "a b.yaml", "cache", "runs"]

@@ -23,13 +23,13 @@ def refuse(*_: object) -> None:
 def check_again(result, monkeypatch, component: str) -> None:
     """That a result is measured again alike where none of its methods can be built, in Python and on the command
     line."""
-    metrics = {path: path.read_text() for path in result.run.glob("*/metrics.json")}
+    metrics = {path: path.read_text() for path in result.run.glob("methods/*/metrics.json")}
     for path in metrics:
         path.unlink()
     monkeypatch.setattr(f"{component}.__init__", refuse)
     again = evaluate(result.run)
     assert (again.task, again.rows, again.notes) == (result.task, result.rows, result.notes)
-    assert {path: path.read_text() for path in result.run.glob("*/metrics.json")} == metrics
+    assert {path: path.read_text() for path in result.run.glob("methods/*/metrics.json")} == metrics
     printed = salframe("evaluate", result.run)
     assert printed.code == 0
     assert all(row.method in printed.out for row in result.rows)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from salframe.framework.errors import DataError, InvalidAnswer
-from salframe.localization.answers import Localization, LocalizationStatus, NodeMatches, PointMatches
+from salframe.localization.answers import Localization, LocalizationStatus, NodeMatches, PointMatches, RankedPlace
 from salframe.localization.localizer import rank_places
 from salframe.localization.positioner import PoseEstimate, PoseStatus
 from salframe.panoramas.frames import FrameKind, MapFrame
@@ -47,17 +47,18 @@ def test_a_pose_that_is_no_rigid_motion_is_no_answer(pose):
 
 def test_a_rigid_motion_is_an_answer():
     pose = pose_2d(1.0, -2.0, 2.5, 0.3)
-    np.testing.assert_array_equal(Localization((), pose, "ok").T_world_query, pose)
+    here = (RankedPlace("a", "room", 1.0),)
+    np.testing.assert_array_equal(Localization(here, pose, "ok").T_world_query, pose)
 
 
 def test_matches_must_fit_together():
     points = np.eye(3)
     assert PointMatches(points, points).query.shape == (3, 3)
-    with pytest.raises(DataError, match=r"PointMatches.reference has shape \(2, 3\), expected \(3, 3\)"):
+    with pytest.raises(InvalidAnswer, match=r"PointMatches.reference has shape \(2, 3\), expected \(3, 3\)"):
         PointMatches(points, points[:2])
     assert len(NodeMatches(points, points, np.array([[0, 2], [1, 0]])).pairs) == 2
     for pairs in ([[0, 3]], [[-1, 0]], [[0, 1], [0, 2]]):
-        with pytest.raises(DataError, match="must use each of 3 query and 3 reference nodes at most once"):
+        with pytest.raises(InvalidAnswer, match="must use each of 3 query and 3 reference nodes at most once"):
             NodeMatches(points, points, np.array(pairs))
 
 
