@@ -121,8 +121,8 @@ class Task(ABC, Generic[Piece, Surveyed]):
     """Something that methods are measured by. An instance says what is asked, and can be pickled.
 
     `name` is known in run folders; `version` changes whenever rows of the same answers do; `role`: what its methods
-    are; `prefix`: of run folders without a name of their own; `counts`: what its pieces are called; `key_fields`: what a
-    piece is known by in rows; `counted`: files whose lines tell how far a method is.
+    are; `prefix`: of run folders without a name of their own; `counts`: what its pieces are called; `key_fields`: what
+    a piece is known by in rows; `counted`: files whose lines tell how far a method is.
     """
 
     name: ClassVar[str]

@@ -29,7 +29,6 @@ def shipped(fakes, monkeypatch, tmp_path):
     monkeypatch.setenv("SALFRAME_PLUGINS", "fake_plugin,noisy_plugin,shipped_presets,salframe_engines")
     registry.cache_clear()
     registry()  # noisy_plugin prints when it is imported
-    yield
 
 
 def test_methods_are_listed_a_line_each_with_what_they_lack(shipped):
