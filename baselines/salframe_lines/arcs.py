@@ -86,10 +86,11 @@ def arcs_along_axes(ends: np.ndarray, yaw_rad: float, limit: int) -> tuple[Arcs,
     off = np.abs(normal / np.linalg.norm(normal, axis=1, keepdims=True))
     belongs = off < np.sin(OFF_AXIS_RAD)
     belongs &= belongs.sum(1, keepdims=True) == 1
-    return tuple(_joined(np.roll(ends[belongs[:, k]], -k, axis=2), limit) for k in range(3))  # type: ignore[return-value]
+    x, y, z = (_joined(np.roll(ends[belongs[:, k]], -k, axis=2), limit) for k in range(3))
+    return x, y, z
 
 
-def _joined(ends, limit):
+def _joined(ends: np.ndarray, limit: int) -> Arcs:
     """Arcs from ends (N, 2, 3) whose first coordinate runs along their axis."""
     from scipy.sparse.csgraph import connected_components
 

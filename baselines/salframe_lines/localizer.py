@@ -151,10 +151,11 @@ class Lines(Localizer):
         if not has_range:
             distance_m = np.ones_like(distance_m)
         along = zip(_arcs(description), _along_axes(description, distance_m), strict=True)
-        lines = tuple(lifted(arcs, distances_m) for arcs, distances_m in along)
+        x, y, z = (lifted(arcs, distances_m) for arcs, distances_m in along)
+        lines = x, y, z
         T_world_principal = frame.T_world_pano @ pose_2d(0, 0, float(description["yaw_rad"]))
         positions_m = self._grid(lines) if has_range else np.zeros((1, 3))
-        return _MapLines(T_world_principal, lines, has_range, positions_m)  # type: ignore[arg-type]
+        return _MapLines(T_world_principal, lines, has_range, positions_m)
 
     def _grid(self, lines: Sequence[Lines3d]) -> np.ndarray:
         """(T, 3) positions at the frame's height, its own among them."""
@@ -179,4 +180,5 @@ def _along_axes(description: Description, values: np.ndarray) -> list[np.ndarray
 
 def _arcs(description: Description) -> tuple[Arcs, Arcs, Arcs]:
     around_rad, along_rad = (_along_axes(description, description[name]) for name in ("around_rad", "along_rad"))
-    return tuple(Arcs(*parts) for parts in zip(around_rad, along_rad, strict=True))  # type: ignore[return-value]
+    x, y, z = map(Arcs, around_rad, along_rad)
+    return x, y, z

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
 from salframe.panoramas.geometry import wrap_angle
-from salframe.panoramas.rendered import FrameSpec, Role
+from salframe.panoramas.rendered import FrameRole, FrameSpec
 from salframe_house.building import Building
 from salframe_house.lighting import Lighting
 
@@ -60,7 +60,7 @@ def choose_frames(
 
 
 def _frame(
-    name: str, role: Role, place: str, point_m, yaw_rad: float, lighting: Lighting, z_m: float = CAMERA_HEIGHT_M
+    name: str, role: FrameRole, place: str, point_m, yaw_rad: float, lighting: Lighting, z_m: float = CAMERA_HEIGHT_M
 ) -> HouseFrame:
     x, y = (round(float(value), 4) for value in point_m)
     return HouseFrame(name, role, place, x, y, round(z_m, 4), round(float(yaw_rad), 6), lighting)

@@ -17,7 +17,7 @@ from salframe.framework.identity import digest
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.house_file import read_house
 from salframe.panoramas.panorama import Panorama
-from salframe.panoramas.rendered import FrameSpec, RenderedDataset, Role
+from salframe.panoramas.rendered import FrameRole, FrameSpec, RenderedDataset
 from salframe_mesh.floors import Room, floor_masks, read_rooms
 from salframe_mesh.mesh_file import SUFFIXES, Surface, read_mesh
 from salframe_mesh.renderer import Renderer
@@ -78,16 +78,11 @@ class MeshDataset(RenderedDataset[FrameSpec]):
 
     @cached_property
     def fingerprint(self) -> str:
-        """Of the settings, of frames.csv, regions.json and .house, and of the mesh's and its textures' names, sizes and
-        times of change."""
-        texts = [
-            path.read_text(errors="replace")
-            for path in sorted(self._source.iterdir())
-            if path.suffix in (".csv", ".json", ".house", ".mtl")
-        ]
-        looks = [path for path in self._source.rglob("*") if path.suffix.lower() in (*SUFFIXES, ".jpg", ".png")]
-        stamps = [[path.name, path.stat().st_size, path.stat().st_mtime_ns] for path in sorted(looks)]
-        return digest([self.version, self.config.model_dump(mode="json", exclude={"root"}), texts, stamps])
+        """Of the settings, of the tables in the folder (frames.csv, regions.json, .house, .mtl), and of the path, size
+        and time of change of every other file below it: materials may name any image."""
+        files = sorted(path for path in self._source.rglob("*") if path.is_file())
+        known = [[path.relative_to(self._source).as_posix(), *_content_or_stamp(path)] for path in files]
+        return digest([self.version, self.config.model_dump(mode="json", exclude={"root"}), known])
 
     @cached_property
     def _surface(self) -> Surface:
@@ -145,6 +140,14 @@ class MeshDataset(RenderedDataset[FrameSpec]):
         return mapped
 
 
+def _content_or_stamp(path: Path) -> list[str | int]:
+    """The text of a table; of any other file, which may be large, its size and time of change."""
+    if path.suffix in (".csv", ".json", ".house", ".mtl"):
+        return [path.read_text(errors="replace")]
+    state = path.stat()
+    return [state.st_size, state.st_mtime_ns]
+
+
 def read_frames(path: Path) -> list[FrameSpec]:
     """The rows of frames.csv: id, role (map, transition or query), place, x_m, y_m, z_m, yaw_rad. Raises DataError on a
     malformed row."""
@@ -158,17 +161,16 @@ def read_frames(path: Path) -> list[FrameSpec]:
         specs: list[FrameSpec] = []
         for number, row in enumerate(reader, 2):
             try:
-                role = cast(Role, row["role"])
+                role = cast(FrameRole, row["role"])
                 spec = FrameSpec(row["id"], role, row["place"], *[float(row[name]) for name in _COLUMNS[3:]])
             except (TypeError, ValueError):
                 raise DataError(
                     f"{path}, line {number}: received {list(row.values())}, "
                     f"expected numbers in {', '.join(_COLUMNS[3:])}"
                 ) from None
-            if spec.role not in get_args(Role):
-                raise DataError(
-                    f"{path}, line {number}: the role is {spec.role!r}, expected one of {', '.join(get_args(Role))}"
-                )
+            if spec.role not in get_args(FrameRole):
+                known = ", ".join(get_args(FrameRole))
+                raise DataError(f"{path}, line {number}: the role is {spec.role!r}, expected one of {known}")
             if any(spec.id == other.id for other in specs):
                 raise DataError(
                     f"{path}, line {number}: a second frame {spec.id!r}, expected an id of its own for each"

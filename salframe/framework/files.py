@@ -12,11 +12,15 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
+from pydantic import BaseModel
 
-from salframe.framework.errors import DataError
+from salframe.framework.config import validate
+from salframe.framework.errors import ConfigError, DataError
+
+_Model = TypeVar("_Model", bound=BaseModel)
 
 
 @contextmanager
@@ -47,8 +51,16 @@ def atomic_folder(path: Path) -> Iterator[Path]:
             path.rename(replaced)
         temporary.rename(path)
     finally:
+        if replaced.exists() and not path.exists():  # interrupted between the two renames
+            replaced.rename(path)
         for folder in (temporary, replaced):
             shutil.rmtree(folder, ignore_errors=True)
+
+
+def remove_unfinished(folder: Path, pid: int) -> None:
+    """Remove the temporary files that a process that was killed left of `atomic_path` in a folder and those below."""
+    for temporary in folder.rglob(f".*-{pid}-*"):
+        temporary.unlink(missing_ok=True)
 
 
 def write_text(path: Path, text: str) -> None:
@@ -70,6 +82,17 @@ def read_json(path: Path) -> Any:
         raise DataError(f"cannot read {path}: {error.strerror}") from None
     except ValueError as error:
         raise DataError(f"{path} is not JSON: {error}") from None
+
+
+def read_model(path: Path, model: type[_Model]) -> _Model:
+    """Read JSON as an instance of a pydantic model. Raises DataError, in one line, on whatever does not fit."""
+    content = read_json(path)
+    if not isinstance(content, Mapping):
+        raise DataError(f"{path} holds {type(content).__name__}, expected an object")
+    try:
+        return validate(model, content, f"{path}:")
+    except ConfigError as error:
+        raise DataError(str(error)) from None
 
 
 def write_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> None:

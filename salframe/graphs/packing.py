@@ -134,13 +134,15 @@ def write_graphs(path: Path, graphs: Sequence[SaliencyGraph]) -> None:
             for column, value in zip(rows.values(), values, strict=True):
                 column.append(value)
     types = {"scene": pa.int32(), "node": pa.int32(), "label": pa.string(), "neighbours": pa.list_(pa.int32())}
-    schema = pa.schema([(name, types.get(name, pa.float64())) for name in rows])
+    count = {"scenes": str(len(graphs))}  # a scene without objects has no row
+    schema = pa.schema([(name, types.get(name, pa.float64())) for name in rows], metadata=count)
     with atomic_path(path) as temporary:
         pq.write_table(pa.table(rows, schema), temporary)
 
 
 def read_graphs(path: Path, count: int) -> list[SaliencyGraph]:
-    """The `count` graphs that `write_graphs` wrote. Raises DataError."""
+    """The `count` graphs that `write_graphs` wrote. Raises DataError where it wrote more or fewer, or is no such
+    table."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -150,8 +152,11 @@ def read_graphs(path: Path, count: int) -> list[SaliencyGraph]:
         label, neighbours = table["label"].to_pylist(), table["neighbours"].to_pylist()
         centroid = np.column_stack([column["x_m"], column["y_m"], column["z_m"]])
         size = np.column_stack([column["length_m"], column["width_m"], column["height_m"]])
-    except (OSError, pa.ArrowException, KeyError) as error:
+        written = int(table.schema.metadata[b"scenes"])
+    except (OSError, pa.ArrowException, KeyError, TypeError) as error:
         raise DataError(f"{path} is not a table of graphs: {' '.join(str(error).split())}") from None
+    if written != count:
+        raise DataError(f"{path} has {written} graphs, expected {count}")
     graphs = []
     for scene in range(count):
         rows = np.flatnonzero(column["scene"] == scene)

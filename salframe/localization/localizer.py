@@ -12,9 +12,10 @@ import numpy as np
 
 from salframe.framework.cache import Cache
 from salframe.framework.component import Role
+from salframe.framework.config import Settings
 from salframe.framework.errors import DataError, InputMissing
-from salframe.framework.files import read_arrays, read_json, write_arrays, write_json
-from salframe.framework.identity import identity
+from salframe.framework.files import read_arrays, read_json, read_model, write_arrays, write_json
+from salframe.framework.identity import digest, identity
 from salframe.localization.answers import Localization, NodeMatches, PointMatches, RankedPlace
 from salframe.panoramas.frames import FrameKind, MapFrame, QueryFrame
 from salframe.panoramas.panorama import Panorama
@@ -23,7 +24,28 @@ Description = Mapping[str, np.ndarray]
 """What a localizer remembers of one panorama: named arrays (no object dtype), so that it can be cached, saved and
 weighed."""
 
-MAP, MAP_FORMAT = "map.json", 1
+MAP, MAP_FORMAT = "map.json", 2
+_Row = tuple[float, float, float, float]
+
+
+class SavedFrame(Settings):
+    """A mapping frame in map.json."""
+
+    id: str
+    place: str
+    kind: FrameKind
+    T_world_pano: tuple[_Row, _Row, _Row, _Row]
+
+
+class SavedMap(Settings):
+    """map.json: the localizer's version and settings, a digest of what its descriptions depend on, and the frames in
+    their order."""
+
+    format: int
+    version: str
+    localizer: dict[str, Any]
+    described_by: str
+    frames: tuple[SavedFrame, ...]
 
 
 class Localizer(Role):
@@ -76,7 +98,7 @@ class Localizer(Role):
     ) -> tuple[Description, float]:
         """The description of a frame and the seconds it took when it was computed, loading the panorama not counted.
 
-        With a cache, `dataset` (its fingerprint) and the frame's id stand for the panorama. Raises InputMissing,
+        With a cache, `dataset` (its content_key) and the frame's id stand for the panorama. Raises InputMissing,
         DataError.
         """
         if cache is not None:
@@ -132,41 +154,70 @@ class Localizer(Role):
             {"id": f.id, "place": f.place, "kind": f.kind, "T_world_pano": f.T_world_pano.tolist()}
             for f in self._frames
         ]
-        settings = self.config.model_dump(mode="json")
-        write_json(
-            directory / MAP, {"format": MAP_FORMAT, "version": self.version, "localizer": settings, "frames": frames}
-        )
+        content = {
+            "format": MAP_FORMAT,
+            "version": self.version,
+            "localizer": self.config.model_dump(mode="json"),
+            "described_by": digest(self.describe_identity()),
+            "frames": frames,
+        }
+        write_json(directory / MAP, content)
 
     def load(self, directory: Path) -> None:
-        """Read a map that `save` wrote. Raises DataError on another format, method or version."""
-        content = read_json(directory / MAP)
-        try:
-            if content["format"] != MAP_FORMAT:
-                raise DataError(f"{directory} has map format {content['format']}, expected {MAP_FORMAT}")
-            if (content["localizer"]["kind"], content["version"]) != (self.name, self.version):
-                made = f"{content['localizer']['kind']} {content['version']}"
-                raise DataError(f"{directory} was made by {made}, expected {self.name} {self.version}: build it again")
-            frames = [
-                MapFrame(f["id"], f["place"], np.array(f["T_world_pano"], float), f["kind"]) for f in content["frames"]
-            ]
-        except KeyError as error:
-            raise DataError(f"{directory / 'map.json'} has no key {error}") from None
-        self.take_map(self.read_descriptions(directory, len(frames)), frames)
+        """Read a map that `save` wrote.
+
+        Raises DataError on another format, method or version, on a map whose descriptions this localizer would make
+        otherwise (settings, weights, files of the user's), and on one that is damaged.
+        """
+        saved = read_map(directory)
+        kind = saved.localizer.get("kind")
+        if (kind, saved.version) != (self.name, self.version):
+            made = f"{kind} {saved.version}"
+            raise DataError(f"{directory} was made by {made}, expected {self.name} {self.version}: build it again")
+        if saved.described_by != digest(self.describe_identity()):
+            raise DataError(
+                f"{directory} was described with other settings, weights or files than {self.name} has now: "
+                "build it again"
+            )
+        frames = [MapFrame(f.id, f.place, np.array(f.T_world_pano), f.kind) for f in saved.frames]
+        descriptions = self.read_descriptions(directory, len(frames))
+        if len(descriptions) != len(frames):
+            raise _miscounted(directory, len(descriptions), len(frames))
+        self.take_map(descriptions, frames)
 
     def write_descriptions(self, directory: Path, descriptions: Sequence[Description]) -> None:
         """Write the map's descriptions: one compressed array archive, unless overridden."""
         arrays = {
             f"{i}/{name}": array for i, description in enumerate(descriptions) for name, array in description.items()
         }
-        write_arrays(directory / "descriptions.npz", arrays)
+        write_arrays(directory / "descriptions.npz", {"count": np.array(len(descriptions)), **arrays})
 
     def read_descriptions(self, directory: Path, count: int) -> Sequence[Description]:
-        """Read what `write_descriptions` wrote, `count` descriptions in order."""
+        """Read what `write_descriptions` wrote, `count` descriptions in order. Raises DataError where there are more or
+        fewer."""
+        arrays = read_arrays(directory / "descriptions.npz")
+        written = int(arrays.pop("count", np.array(-1)))
+        if written != count:
+            raise _miscounted(directory, written, count)
         descriptions: list[dict[str, np.ndarray]] = [{} for _ in range(count)]
-        for key, array in read_arrays(directory / "descriptions.npz").items():
+        for key, array in arrays.items():
             position, _, name = key.partition("/")
             descriptions[int(position)][name] = array
         return descriptions
+
+
+def read_map(directory: Path) -> SavedMap:
+    """What map.json in a folder says. Raises DataError, in one line, on another format and on whatever is wrong."""
+    content = read_json(directory / MAP)
+    if isinstance(content, Mapping) and content.get("format", MAP_FORMAT) != MAP_FORMAT:
+        raise DataError(f"{directory} has map format {content['format']}, expected {MAP_FORMAT}: build it again")
+    return read_model(directory / MAP, SavedMap)
+
+
+def _miscounted(directory: Path, descriptions: int, frames: int) -> DataError:
+    return DataError(
+        f"{directory} has {descriptions} descriptions and {frames} frames, expected one each: build it again"
+    )
 
 
 def rank_places(

@@ -10,15 +10,12 @@ from salframe.framework.cache import Cache
 from salframe.framework.config import parse_override, validate
 from salframe.framework.defaults import default_of
 from salframe.framework.errors import ConfigError, DataError
-from salframe.framework.files import read_json
+from salframe.framework.files import atomic_folder
 from salframe.framework.presets import Overrides, configure, settings, short_name
 from salframe.framework.registry import registry
-from salframe.localization.localizer import MAP, Localizer
+from salframe.localization.localizer import MAP, Localizer, read_map
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.opening import Progress, configure_dataset, mapping_frames, open_dataset
-
-TOPOLOGY = "topology.json"
-"""What makes a folder a topological map; it may hold the map of a localizer too."""
 
 
 def build_map(
@@ -30,20 +27,23 @@ def build_map(
     overrides: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> Localizer:
-    """Describe a dataset's mapping frames with a method and save the map to the folder `output`.
+    """Describe a dataset's mapping frames with a method and save the map to the folder `output`, which appears whole.
 
-    Raises ConfigError where `output` holds something else than a map.
+    It replaces the map that the folder held and all that lies beside it, the topology of a topological map too. Raises
+    ConfigError where `output` holds something else than a map.
     """
-    check_output(output)
+    check_output(output, MAP)
     name, dataset, localizer = prepare(data, method, data_dir, overrides, progress)
-    localizer.build(mapping_frames(dataset), Cache(), dataset.fingerprint, progress and partial(progress, name))
-    localizer.save(output)
+    localizer.build(mapping_frames(dataset), Cache(), dataset.content_key, progress and partial(progress, name))
+    with atomic_folder(output) as folder:
+        localizer.save(folder)
     return localizer
 
 
-def check_output(output: Path) -> None:
-    """Raises ConfigError where a folder to write a map to holds something else than a map."""
-    is_map = any((output / name).exists() for name in (MAP, TOPOLOGY))
+def check_output(output: Path, *names: str) -> None:
+    """Raises ConfigError where a folder to write a map to holds something else than a map, which has a file of one of
+    these names."""
+    is_map = any((output / name).exists() for name in names)
     if output.exists() and not is_map and (not output.is_dir() or any(output.iterdir())):
         raise ConfigError(f"{output} holds something else than a map: name a new folder, or remove it")
 
@@ -65,12 +65,10 @@ def open_map(directory: Path) -> Localizer:
 
     Raises DataError where `directory` is no map, UnknownName without its localizer.
     """
-    content = read_json(directory / MAP)
-    try:
-        saved = content["localizer"]
-        model = registry().get("localizer", saved["kind"]).Config
-    except (KeyError, TypeError):
-        raise DataError(f"{directory / MAP} names no localizer: build the map again") from None
+    saved = read_map(directory).localizer
+    if not isinstance(kind := saved.get("kind"), str):
+        raise DataError(f"{directory / MAP} names no localizer: build the map again")
+    model = registry().get("localizer", kind).Config
     localizer: Localizer = registry().build("localizer", validate(model, saved, f"{directory}:"))
     localizer.load(directory)
     return localizer

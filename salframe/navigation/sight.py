@@ -20,7 +20,7 @@ ASTRAY_RAD = np.radians(45.0)
 
 
 class Sight:
-    """A localizer that looks around in worlds; `dataset` is the fingerprint under which mapping frames are cached.
+    """A localizer that looks around in worlds; `dataset` is the content_key under which mapping frames are cached.
 
     Without `positioning`, or where the localizer gives no pose, an agent takes itself to stand at the frame of the
     first place.

@@ -13,6 +13,7 @@ from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.frames import MapFrame
 from salframe.panoramas.geometry import pose_2d, pose_yaw
+from salframe.panoramas.opening import mapping_frames
 from salframe.panoramas.panorama import Panorama
 from salframe.topology.build import TopologySettings, build_topology, find_floor
 from salframe.topology.grid import FloorGrid, cell
@@ -89,7 +90,7 @@ class FloorWorld(World):
         self._grid = FloorGrid(floor, settings.robot_radius_m)
         super().__init__(id, FloorChart(build_topology([floor], frames, settings), self._grid, settings.robot_radius_m))
         self._dataset, self._radius_m = dataset, settings.robot_radius_m
-        self._mapping = tuple({frame.id: frame for fold in dataset.folds() for frame in fold.mapping}.values())
+        self._mapping = mapping_frames(dataset)
         self._camera_z_m = float(np.median([frame.T_world_pano[2, 3] for frame in frames]))
         self._names = self._grid.names
         self._free = FloorGrid(actual, settings.robot_radius_m).clear
@@ -173,9 +174,8 @@ def floor_worlds(dataset: Dataset, actual: Sequence[FloorMasks] | None = None) -
         raise DataError(f"{dataset.name} has no floor masks, which navigation needs to know where walls are")
     order = sorted(range(len(floors)), key=lambda number: floors[number].z_m)
     by_height = [floors[number] for number in order]
-    frames = {frame.id: frame for fold in dataset.folds() for frame in fold.mapping}
     own: list[list[MapFrame]] = [[] for _ in floors]
-    for frame in frames.values():
+    for frame in mapping_frames(dataset):
         place = find_floor(by_height, frame.T_world_pano[:3, 3])
         if place is not None:
             own[order[place]].append(frame)
@@ -184,5 +184,6 @@ def floor_worlds(dataset: Dataset, actual: Sequence[FloorMasks] | None = None) -
         raise DataError(f"{dataset.name} has no mapping frame on its floor at z = {bare[0]:g} m, expected at least one")
     names = ["floor" if len(floors) == 1 else f"floor-{number}" for number in range(len(floors))]
     return [
-        FloorWorld(*parts) for parts in zip(names, [dataset] * len(floors), floors, own, actual or floors, strict=True)
+        FloorWorld(id=name, dataset=dataset, floor=floor, frames=frames, actual=changed)
+        for name, floor, frames, changed in zip(names, floors, own, actual or floors, strict=True)
     ]

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
+from typing import final
 
 import numpy as np
 
 from salframe.framework.component import Role
 from salframe.framework.errors import InputMissing
+from salframe.framework.identity import digest
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.frames import Fold, Truth
 from salframe.panoramas.panorama import Panorama
@@ -32,6 +34,12 @@ class Dataset(Role):
     @abstractmethod
     def fingerprint(self) -> str:
         """Changes whenever any frame's content or any truth does; part of every cache key."""
+
+    @final
+    @property
+    def content_key(self) -> str:
+        """What caches know the content by: name, version and fingerprint, so that a new version changes every key."""
+        return digest([self.name, self.version, self.fingerprint])
 
     def prepare(self, progress: Callable[[int, int], None]) -> None:
         """Do what takes long and can be resumed (render, index) before the first fold; `progress(done, total)`."""

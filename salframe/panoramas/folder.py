@@ -45,6 +45,7 @@ class FolderDataset(Dataset):
 
     @property
     def provides(self) -> frozenset[str]:
+        """What every frame has. Instance images count as annotations only where every frame has range too."""
         return self._folder.provides
 
     @property
@@ -55,7 +56,7 @@ class FolderDataset(Dataset):
         entries = self._folder.manifest.frames
         mapping = tuple(self._folder.map_frame(entry) for entry in entries if entry.role != "query")
         queries = tuple(self._folder.query_frame(entry) for entry in entries if entry.role == "query")
-        return [Fold(self.root.name, mapping, queries)]
+        return [Fold("all", mapping, queries)]
 
     def truth(self, query_id: str) -> Truth:
         return self._folder.truth(query_id)

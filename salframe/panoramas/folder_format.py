@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, Field, PositiveFloat, field_validator, model_validator
+from pydantic import Field, PositiveFloat, field_validator, model_validator
 
-from salframe.framework.config import Settings, validate
-from salframe.framework.errors import ConfigError, DataError
-from salframe.framework.files import atomic_path, read_json, write_json
+from salframe.framework.config import Settings
+from salframe.framework.errors import DataError
+from salframe.framework.files import atomic_path, read_model, write_json
 from salframe.panoramas import images
 from salframe.panoramas.dataset import MANIFEST
 from salframe.panoramas.floors import FloorMasks
@@ -22,15 +22,15 @@ from salframe.panoramas.frames import FrameKind, MapFrame, QueryFrame, Truth
 from salframe.panoramas.geometry import is_rigid
 from salframe.panoramas.panorama import Annotations, Panorama
 
-PARTS = ("rgb", "range", "instances", "valid")
-"""Image files that a frame may have."""
-_IMAGE = {
+IMAGE_KEYS = ("rgb", "range", "instances", "valid")
+"""The keys of a frame in the manifest that name an image file."""
+_WRITTEN_AS = {
     "rgb": ("rgb", ".jpg"),
     "range": ("range", ".range.png"),
     "annotations": ("instances", ".instances.png"),
     "valid": ("valid", ".valid.png"),
 }
-"""What a panorama may hold: the part that it is in the manifest, and how its file is called."""
+"""What a panorama may hold: its key in the manifest, and how its file is called."""
 
 
 def _rigid(pose: tuple[float, ...] | None) -> tuple[float, ...] | None:
@@ -71,7 +71,7 @@ class FrameEntry(Settings):
 
 
 class FloorEntry(Settings):
-    """A floor in the manifest: masks as PNG files, laid out as types.FloorMasks says; `regions` names the places of the
+    """A floor in the manifest: masks as PNG files, laid out as FloorMasks says; `regions` names the places of the
     region labels."""
 
     free: str
@@ -132,23 +132,15 @@ class Folder:
         if not (root / MANIFEST).exists():
             raise DataError(f"{root} is no dataset folder: it has no {MANIFEST}")
         self.root = root
-        self.manifest: Manifest = self._checked(Manifest, MANIFEST)
-
-    def _checked(self, model: type[BaseModel], name: str):
-        content = read_json(self.root / name)
-        if not isinstance(content, Mapping):
-            raise DataError(f"{self.root / name} holds {type(content).__name__}, expected an object")
-        try:
-            return validate(model, content, f"{self.root / name}:")
-        except ConfigError as error:
-            raise DataError(str(error)) from None
+        self.manifest = read_model(root / MANIFEST, Manifest)
 
     @property
     def provides(self) -> frozenset[str]:
-        """Which of "rgb", "range", "annotations" every frame has."""
+        """Which of "rgb", "range", "annotations" every frame has; no annotations without range, as instance images
+        alone tell of no object where it is."""
         frames = self.manifest.frames
-        whole = {name for name, (part, _) in _IMAGE.items() if all(getattr(frame, part) for frame in frames)}
-        return frozenset(whole - {"valid"})
+        whole = {name for name, (key, _) in _WRITTEN_AS.items() if all(getattr(frame, key) for frame in frames)}
+        return frozenset(whole - {"valid"} - ({"annotations"} if "range" not in whole else set()))
 
     @cached_property
     def labels(self) -> dict[int, str]:
@@ -157,7 +149,7 @@ class Folder:
 
     @cached_property
     def _truth(self) -> dict[str, TruthEntry]:
-        return {} if self.manifest.truth is None else self._checked(TruthFile, self.manifest.truth).queries
+        return {} if self.manifest.truth is None else read_model(self.root / self.manifest.truth, TruthFile).queries
 
     def truth(self, query_id: str) -> Truth:
         """The truth of a query."""
@@ -218,7 +210,7 @@ class Folder:
         """Sha256 of the content of every file that the manifest names, and of the manifest."""
         names = [MANIFEST, *(name for name in (self.manifest.truth, self.manifest.objects) if name)]
         names += [name for floor in self.manifest.floors for name in (floor.free, floor.region, floor.obstacle)]
-        names += [name for frame in self.manifest.frames for part in PARTS if (name := getattr(frame, part))]
+        names += [name for frame in self.manifest.frames for key in IMAGE_KEYS if (name := getattr(frame, key))]
         content = hashlib.sha256()
         for name in names:
             try:
@@ -280,7 +272,7 @@ def image_names(stem: str, held: Iterable[str]) -> dict[str, Any]:
     """The files, by part, of a panorama that holds some of "rgb", "range", "annotations" and "valid": stem.jpg,
     stem.range.png and so on."""
     chosen = set(held)
-    return {part: stem + ending for name, (part, ending) in _IMAGE.items() if name in chosen}
+    return {key: stem + ending for name, (key, ending) in _WRITTEN_AS.items() if name in chosen}
 
 
 def write_panorama(
@@ -304,7 +296,7 @@ def write_panorama(
 
 def is_written(root: Path, frame: FrameEntry) -> bool:
     """Whether all images of a frame are there."""
-    return all((root / name).exists() for part in PARTS if (name := getattr(frame, part)))
+    return all((root / name).exists() for key in IMAGE_KEYS if (name := getattr(frame, key)))
 
 
 def write_manifest(

@@ -10,7 +10,6 @@ from typing import Any
 from salframe.framework.config import ComponentConfig, merge, parse_override
 from salframe.framework.defaults import default_of
 from salframe.framework.errors import DataError, UnknownName, unknown
-from salframe.framework.files import read_json
 from salframe.framework.presets import SUFFIXES, configure, names, nest_for, settings, short_name
 from salframe.framework.registry import registry
 from salframe.panoramas.dataset import MANIFEST, Dataset
@@ -84,10 +83,12 @@ def find_image(path: Path) -> tuple[Path, str]:
         raise DataError(
             f"{path} lies in no folder with a {MANIFEST}, expected one that says what frame the image belongs to"
         )
+    from salframe.panoramas.folder_format import IMAGE_KEYS, Folder
+
     image = path.relative_to(folder).as_posix()
-    for entry in read_json(folder / MANIFEST)["frames"]:
-        if image in entry.values():
-            return folder, entry["id"]
+    for frame in Folder(folder).manifest.frames:
+        if image in [getattr(frame, key) for key in IMAGE_KEYS]:
+            return folder, frame.id
     raise DataError(f"{folder / MANIFEST} has no frame with the image {image}")
 
 

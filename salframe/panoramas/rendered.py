@@ -10,13 +10,14 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Literal, TypeVar, cast
 
 import numpy as np
 
 from salframe.framework.cache import cache_home
 from salframe.framework.config import ComponentConfig
 from salframe.framework.errors import SalframeError
+from salframe.framework.files import remove_unfinished
 from salframe.framework.identity import digest, identity
 from salframe.framework.processes import die_with_parent
 from salframe.panoramas.dataset import MANIFEST
@@ -28,7 +29,7 @@ from salframe.panoramas.panorama import Panorama, visible_instances
 if TYPE_CHECKING:
     from salframe.panoramas.folder_format import FrameEntry, TruthEntry
 
-Role = Literal["map", "transition", "query"]
+FrameRole = Literal["map", "transition", "query"]
 
 _OBJECTS = "objects.parquet"
 
@@ -39,7 +40,7 @@ class FrameSpec:
     its x axis from the world's."""
 
     id: str
-    role: Role
+    role: FrameRole
     place: str
     x_m: float
     y_m: float
@@ -166,8 +167,20 @@ class RenderedDataset(FolderDataset, Generic[Frame]):
             jobs = [pool.submit(_render_in_worker, type(self), self.config, self.root, *pair) for pair in frames]
             for job in as_completed(jobs):
                 yield job.result()
+        except BaseException:
+            self._stop(pool)
+            raise
         finally:
             pool.shutdown(cancel_futures=True)
+
+    def _stop(self, pool: ProcessPoolExecutor) -> None:
+        """End the processes of a pool, which would otherwise finish the frames that they have begun."""
+        processes = list((pool._processes or {}).values())  # Python 3.14 is the first to have terminate_workers()
+        for process in processes:
+            process.terminate()
+        for process in processes:
+            process.join()
+            remove_unfinished(self.root, cast(int, process.pid))
 
 
 def _numbers(frame: FrameSpec) -> tuple[float, ...]:

@@ -11,6 +11,7 @@ from salframe.framework.cache import Cache
 from salframe.framework.errors import DataError, NoRoute
 from salframe.framework.files import atomic_folder
 from salframe.localization.answers import Localization
+from salframe.localization.localizer import MAP
 from salframe.localization.saved_map import check_output, open_map, prepare
 from salframe.panoramas.frames import MapFrame, QueryFrame
 from salframe.panoramas.geometry import pose_yaw
@@ -18,7 +19,7 @@ from salframe.panoramas.opening import Progress, mapping_frames
 from salframe.topology.build import TopologySettings, build_topology
 from salframe.topology.planner import Route
 from salframe.topology.routes import HERE, find_route, with_position
-from salframe.topology.store import read_topology, write_topology
+from salframe.topology.store import TOPOLOGY, read_topology, write_topology
 from salframe.topology.topological_map import TopologicalMap
 
 
@@ -39,7 +40,7 @@ def build_topological_map(
     mapping frames gives the topological map alone. Raises DataError on a dataset without floors, ConfigError where
     `output` holds something else than a map.
     """
-    check_output(output)
+    check_output(output, MAP, TOPOLOGY)
     name, dataset, localizer = prepare(data, method, data_dir, overrides, progress)
     floors, frames = dataset.floors(), mapping_frames(dataset)
     if not floors:
@@ -51,7 +52,7 @@ def build_topological_map(
     with atomic_folder(output) as folder:
         write_topology(folder, topology)
         if frames:
-            localizer.build(frames, Cache(), dataset.fingerprint, progress and partial(progress, name))
+            localizer.build(frames, Cache(), dataset.content_key, progress and partial(progress, name))
             localizer.save(folder)
     return topology
 

@@ -8,11 +8,10 @@ from typing import Any
 
 from salframe.framework.errors import DataError
 from salframe.framework.files import atomic_path, read_arrays, read_json, write_arrays, write_json
-from salframe.localization.saved_map import TOPOLOGY
 from salframe.panoramas.floors import FloorMasks
 from salframe.topology.topological_map import MapEdge, MapNode, NodeKind, TopologicalMap
 
-FORMAT = 1
+TOPOLOGY, FORMAT = "topology.json", 1
 _MASKS = ("free", "region", "obstacle")
 
 

@@ -1,9 +1,15 @@
 """The detector `annotations` on panoramas of boxes whose place is known."""
 
+import json
+
 import numpy as np
 import pytest
 from salframe_annotations.detector import AnnotationDetector
+from tiny_folder import write_tiny_folder
 
+from salframe.evaluation.localization import compare
+from salframe.evaluation.request import Request
+from salframe.evaluation.run import MethodStatus
 from salframe.framework.errors import InputMissing
 from salframe.panoramas.geometry import equirectangular_rays
 from salframe.panoramas.panorama import VISIBLE_PIXELS, Annotations, ObjectBoxes, Panorama
@@ -155,3 +161,18 @@ def test_auto_noise_is_for_rendered_panoramas():
     for pano, level in ((real, "none"), (rendered, "realistic")):
         np.testing.assert_array_equal(detect(pano).centroid_m, detect(pano, noise=level).centroid_m)
     assert detect(rendered, noise="realistic").labels != detect(rendered, noise="none").labels
+
+
+def test_without_range_the_detector_is_named(fakes, monkeypatch, tmp_path):
+    """A folder with instance images alone: the method cannot run, rather than fail at every query."""
+    monkeypatch.setenv("SALFRAME_PLUGINS", "salframe_annotations,salframe_objects,salframe_engines,salframe.configs")
+    manifest = write_tiny_folder(tmp_path / "tiny") / "manifest.json"
+    content = json.loads(manifest.read_text())
+    for frame in content["frames"]:
+        del frame["range"]
+    manifest.write_text(json.dumps(content))
+    result = compare(
+        Request(("objects",), str(manifest.parent), settings=("detector.kind=annotations",), engine="inline")
+    )
+    assert result.rows[0].ended is MethodStatus.UNAVAILABLE
+    assert "its detector 'annotations' needs annotations, which folder does not have" in result.rows[0].reason

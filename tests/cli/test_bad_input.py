@@ -139,7 +139,7 @@ def test_a_comparison_without_any_usable_frame_fails(data):
     done = compare("./data", "--json")
     assert done.code == 1
     assert re.fullmatch(
-        r"DataError: .*|fold data has no mapping frame that can be used; .*is no readable image.*",
+        r"DataError: .*|fold all has no mapping frame that can be used; .*is no readable image.*",
         done.json["rows"][0]["reason"],
     )
 

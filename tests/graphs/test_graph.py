@@ -126,6 +126,9 @@ def test_graph_table_is_read_back_exactly(graph, tmp_path):
     np.testing.assert_array_equal(back[2].edges, graph.edges)
     np.testing.assert_array_equal(back[2].centroid_m, graph.centroid_m)
     np.testing.assert_array_equal(back[2].scores, graph.scores)
+    for count in (2, 4):
+        with pytest.raises(DataError, match=f"has 3 graphs, expected {count}"):
+            read_graphs(tmp_path / "graphs.parquet", count)
     (tmp_path / "bad.parquet").write_bytes(b"PAR1 no")
     with pytest.raises(DataError, match=r"bad\.parquet is not a table of graphs"):
         read_graphs(tmp_path / "bad.parquet", 1)

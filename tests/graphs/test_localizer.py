@@ -1,5 +1,7 @@
 """The localizer `saliency-graph` end to end on object lists, and how places are ranked."""
 
+import json
+
 import numpy as np
 import pytest
 from salframe_graphs.localizer import SaliencyGraphLocalizer
@@ -106,7 +108,8 @@ def test_bad_input_is_one_clear_line(mapped, tmp_path):
         mapped.localize(QueryFrame("q", lambda: Panorama("q", range_m=np.ones((4, 8), np.float32))))
     with pytest.raises(DataError, match="at least one mapping frame"):
         SaliencyGraphLocalizer().build([])
-    (tmp_path / "map.json").write_text('{"format": 1, "version": "0", "localizer": {"kind": "objects"}, "frames": []}')
+    content = {"format": 2, "version": "0", "localizer": {"kind": "objects"}, "described_by": "", "frames": []}
+    (tmp_path / "map.json").write_text(json.dumps(content))
     with pytest.raises(DataError, match="made by objects 0, expected saliency-graph"):
         SaliencyGraphLocalizer().load(tmp_path)
 

@@ -11,11 +11,14 @@ from fake_plugin import Reader, Rooms
 
 from salframe.framework.cache import Cache
 from salframe.framework.errors import ConfigError, DataError, InputMissing, UnknownName
+from salframe.framework.identity import UserFile
 from salframe.framework.registry import registry
-from salframe.localization.localizer import MAP
+from salframe.localization.localizer import MAP, Localizer
 from salframe.localization.saved_map import build_map, open_map
 from salframe.panoramas.frames import FrameKind, QueryFrame
 from salframe.panoramas.opening import find_dataset, find_frame, mapping_frames
+
+FRAME = {"id": "a", "place": "b", "kind": "scene", "T_world_pano": np.eye(4).tolist()}
 
 
 def edit(directory: Path, **changes) -> None:
@@ -60,21 +63,25 @@ def test_a_folder_of_something_else_is_not_overwritten(saved, tmp_path):
 @pytest.mark.parametrize(
     ("changes", "error", "message"),
     [
-        ({"format": 99}, DataError, "has map format 99, expected 1"),
+        ({"format": 99}, DataError, "has map format 99, expected 2: build it again"),
         ({"version": "0"}, DataError, "was made by reader 0, expected reader 1: build it again"),
         ({"localizer": {"kind": "raeder"}}, UnknownName, "unknown localizer 'raeder', did you mean 'reader'"),
         ({"localizer": {"kind": "reader", "ofset": 1}}, ConfigError, "unknown key .*ofset"),
-        ({"localizer": None}, DataError, r"map\.json names no localizer: build the map again"),
-        ({"frames": [{"id": "a"}]}, DataError, r"map\.json has no key 'place'"),
+        ({"localizer": None}, DataError, r"map\.json: localizer: received None, expected a valid dictionary"),
+        ({"localizer": {}}, DataError, r"map\.json names no localizer: build the map again"),
+        ({"frames": [{"id": "a"}]}, DataError, r"map\.json: frames\.0\.place is missing"),
+        ({"frames": []}, DataError, "has 3 descriptions and 0 frames, expected one each: build it again"),
+        ({"frames": [FRAME] * 4}, DataError, "has 3 descriptions and 4 frames, expected one each: build it again"),
+        ({"described_by": "0"}, DataError, "was described with other settings, weights or files .*: build it again"),
         (
-            {"frames": [{"id": "a", "place": "b", "kind": "attic", "T_world_pano": np.eye(4).tolist()}]},
+            {"frames": [{**FRAME, "kind": "attic"}]},
             DataError,
-            "the frame a has the kind 'attic', expected one of scene, transition",
+            r"map\.json: frames\.0\.kind: received 'attic', expected 'scene' or 'transition'",
         ),
         (
-            {"frames": [{"id": "a", "place": "b", "kind": "scene", "T_world_pano": [1, 2]}]},
+            {"frames": [{**FRAME, "T_world_pano": [1, 2]}]},
             DataError,
-            r"MapFrame\.T_world_pano has shape \(2,\), expected \(4, 4\)",
+            r"map\.json: frames\.0\.T_world_pano\.0: received 1, expected a valid tuple",
         ),
     ],
 )
@@ -83,6 +90,63 @@ def test_a_map_that_is_none_is_one_line(saved, changes, error, message):
     with pytest.raises(error, match=message) as caught:
         open_map(saved)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("content", ["[]", '{"format": 2}', "null"])
+def test_a_map_file_without_its_keys_is_one_line(saved, content):
+    (saved / MAP).write_text(content)
+    for load in (open_map, Reader().load):
+        with pytest.raises(DataError, match=r"map\.json(: version is missing| holds .*, expected an object)") as caught:
+            load(saved)
+        assert "\n" not in str(caught.value)
+
+
+class Noting(Reader):
+    """Reads a file of the user's when it describes."""
+
+    name = "noting"
+    describe_identity = Localizer.describe_identity
+
+    class Config(Reader.Config):
+        note: UserFile = UserFile("note.txt")
+
+
+def test_a_map_described_with_another_file_is_not_asked(fakes):
+    Path("note.txt").write_text("one")
+    noting = Noting()
+    noting.build(mapping_frames(Rooms()))
+    noting.save(Path("map"))
+    Noting().load(Path("map"))
+    Path("note.txt").write_text("two")
+    with pytest.raises(DataError, match=r"was described with other .* files than noting has now: build it again"):
+        Noting().load(Path("map"))
+
+
+def test_a_map_is_replaced_whole_or_not_at_all(saved, monkeypatch):
+    def interrupt(path, content):
+        raise KeyboardInterrupt
+
+    (saved / "topology.json").write_text("{}")
+    before = {path.name: path.read_bytes() for path in saved.iterdir()}
+    with monkeypatch.context() as patch:
+        patch.setattr("salframe.localization.localizer.write_json", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            build_map("rooms", saved, "reader")
+    assert {path.name: path.read_bytes() for path in saved.iterdir()} == before
+    build_map("rooms", saved, "reader")
+    assert {path.name for path in saved.iterdir()} == {"map.json", "descriptions.npz"}
+
+
+def test_another_version_of_a_dataset_is_described_anew(fakes, monkeypatch):
+    first = Rooms().content_key
+    monkeypatch.setattr(Rooms, "version", "2")
+    assert Rooms().content_key != first
+    for folder in ("first", "second"):
+        build_map("rooms", Path(folder), "reader")
+        assert len(list(Cache().directory.rglob("*.npz"))) == 5
+    monkeypatch.setattr(Rooms, "version", "3")
+    build_map("rooms", Path("third"), "reader")
+    assert len(list(Cache().directory.rglob("*.npz"))) == 10
 
 
 def test_a_folder_without_a_map_is_one_line(fakes, tmp_path):

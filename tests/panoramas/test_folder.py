@@ -175,6 +175,17 @@ def test_optional_parts_are_optional(tmp_path: Path, images: dict[str, np.ndarra
         data.truth("x")
 
 
+def test_instance_images_without_range_are_no_annotations(folder: Path) -> None:
+    edit(folder, lambda m: m["frames"][1].pop("range"))
+    assert dataset(folder).provides == {"rgb"}
+
+
+def test_a_moved_folder_has_the_same_fold(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
+    (before,) = dataset(folder).folds()
+    (after,) = dataset(folder.rename(tmp_path_factory.mktemp("other") / "name")).folds()
+    assert after.id == before.id
+
+
 def test_fingerprint_follows_every_file(folder: Path) -> None:
     before = dataset(folder).fingerprint
     assert dataset(folder).fingerprint == before

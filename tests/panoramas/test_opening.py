@@ -89,6 +89,27 @@ def test_an_image_leads_to_its_frame(fakes, tiny):
     assert open_frame("kitchen-query", str(tiny)).load().rgb.shape == (192, 384, 3)
 
 
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("{}", r"manifest\.json: .*frames is missing"),
+        ('{"frames": [{}]}', r"frames\.0\.id is missing"),
+        ("[]", "holds list"),
+    ],
+)
+def test_an_image_beside_a_wrong_manifest_is_one_line(tmp_path, content, message):
+    (tmp_path / "manifest.json").write_text(content)
+    with pytest.raises(DataError, match=message) as caught:
+        find_image(tmp_path / "a.png")
+    assert "\n" not in str(caught.value)
+
+
+def test_the_id_and_the_place_of_a_frame_are_no_images(fakes, tiny):
+    for name in ("kitchen-map", "kitchen"):
+        with pytest.raises(DataError, match=f"has no frame with the image {name}"):
+            find_image(tiny / name)
+
+
 def test_an_image_of_no_frame_is_one_line(fakes, tiny, tmp_path):
     with pytest.raises(DataError, match=r"manifest\.json has no frame with the image frames/absent\.png"):
         find_image(tiny / "frames" / "absent.png")

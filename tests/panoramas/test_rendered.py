@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
+import signal
+import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,6 +15,7 @@ import pytest
 
 from salframe.framework.config import ComponentConfig
 from salframe.framework.errors import DataError, SalframeError
+from salframe.framework.files import atomic_path
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.frames import FrameKind
 from salframe.panoramas.panorama import Annotations, Panorama
@@ -68,6 +73,18 @@ class Dying(Many):
 
     def render(self, frame: FrameSpec) -> Panorama:
         os._exit(3)
+
+
+class Slow(Many):
+    """One whose processes take a minute to write a frame."""
+
+    name = "slow"
+
+    def render(self, frame: FrameSpec) -> Panorama:
+        with atomic_path(self.root / "half.png") as temporary:
+            temporary.touch()
+            time.sleep(60)
+        return super().render(frame)
 
 
 class Unplanned(Plain):
@@ -167,6 +184,25 @@ def test_processes_render_the_same_files() -> None:
 def test_a_process_that_dies_is_one_line() -> None:
     with pytest.raises(SalframeError, match=r"a rendering process died after 0 of 3 frames: run it again to resume"):
         Dying().prepare(lambda done, total: None)
+
+
+def test_an_interrupt_ends_the_processes_at_once() -> None:
+    sent: list[float] = []
+
+    def interrupt() -> None:
+        while len(list(Slow().root.glob(".half-*"))) < Slow.workers:
+            time.sleep(0.01)
+        sent.append(time.monotonic())
+        os.kill(os.getpid(), signal.SIGINT)
+
+    thread = threading.Thread(target=interrupt)
+    thread.start()
+    with pytest.raises(KeyboardInterrupt):
+        Slow().prepare(lambda done, total: None)
+    assert time.monotonic() - sent[0] < 1
+    assert multiprocessing.active_children() == []
+    assert files(Slow().root) == {}
+    thread.join()
 
 
 def test_what_is_wrong_with_the_floors_shows_before_rendering() -> None:
