@@ -12,7 +12,7 @@ import numpy as np
 
 from salframe.framework.errors import RequirementMissing
 from salframe.framework.files import atomic_path
-from salframe.framework.weights import Progress, Weights, WeightsFile, Wheel
+from salframe.framework.weights import ByteProgress, Weights, WeightsFile, Wheel
 
 STAGES = ((1, 1), (2, 2), (2, 2), (3, 2), (3, 1), (4, 2), (1, 1))
 """Blocks and stride of the first block, stage by stage (efficientnet_lite_builder.py of the authors); the rest is in
@@ -36,7 +36,7 @@ class Converted:
         """None: what can be installed is the checkpoint."""
         return None
 
-    def fetch(self, files: tuple[WeightsFile, ...], directory: Path, progress: Progress) -> None:
+    def fetch(self, files: tuple[WeightsFile, ...], directory: Path, progress: ByteProgress) -> None:
         """Fetch the checkpoint and write the network. Raises RequirementMissing, WeightsMissing."""
         absent = [package for package in ("torch", "onnx") if importlib.util.find_spec(package) is None]
         if absent:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import sys
+import traceback
 from functools import cached_property
-from importlib.metadata import entry_points
 from typing import Any
 
 import typer
@@ -13,10 +12,12 @@ from typer.core import TyperGroup
 
 from salframe.cli import compare, data, detection, inspect, localize, map, matching, navigate, score, weights
 from salframe.cli.output import json_alone
-from salframe.framework.errors import SalframeError
+from salframe.framework.entry_points import COMMANDS, discover
+from salframe.framework.errors import SalframeError, describe_error
 
-COMMANDS, PLUGINS = "salframe.commands", "SALFRAME_PLUGINS"
-"""Where plugins' commands come from, as salframe.framework.registry has it, which is imported late."""
+
+class _Interrupted(Exception):
+    """An interrupt of the user, by a name that typer does not end the process for."""
 
 
 class Commands(TyperGroup):
@@ -36,10 +37,26 @@ class Commands(TyperGroup):
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         return super().get_command(ctx, cmd_name) or self._brought.get(cmd_name)
 
+    def invoke(self, ctx: Any) -> Any:
+        """Run a command. What it raises passes through typer as an error of ours: typer itself never raises SystemExit
+        here, but a component may, and the process would end as if all was well."""
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:
+            raise _Interrupted from None
+        except SystemExit as stop:
+            if ctx.invoked_subcommand not in self.commands:  # a plugin's command ends as it likes
+                raise
+            *_, last = traceback.extract_tb(stop.__traceback__)
+            where = f"{last.filename} line {last.lineno}"
+            raise SalframeError(
+                f"{describe_error(stop)} was raised in {where}, expected no component to end the process"
+            ) from stop
+
 
 def _plugin_commands() -> dict[str, Any]:
     """The commands of plugins by name."""
-    if PLUGINS not in os.environ and not entry_points(group=COMMANDS):
+    if not discover(COMMANDS):
         return {}  # and no registry is imported for `--help`
     from salframe.framework.registry import load_commands
 
@@ -94,10 +111,14 @@ app.add_typer(weights.app, name="weights")
 
 
 def main() -> None:
-    """Run the command line; an error that a user can cause is one line on stderr and exit status 2."""
+    """Run the command line; an error that a user can cause is one line on stderr and exit status 2, an interrupt one
+    line and 130."""
     try:
         with json_alone("--json" in sys.argv):
             app()
+    except (KeyboardInterrupt, _Interrupted):
+        print("interrupted: run the same command again to resume", file=sys.stderr)
+        sys.exit(130)
     except SalframeError as error:
         if _debug:
             raise

@@ -21,7 +21,7 @@ from salframe.cli.options import (
     Runs,
     Seed,
     Set,
-    split_names,
+    make_request,
 )
 from salframe.cli.output import show
 
@@ -43,9 +43,10 @@ def compare(
     """Run methods on the same queries and print what they reach and cost. Run it again to resume."""
     from salframe.cli.tables import print_comparison
     from salframe.evaluation.localization import compare as run
-    from salframe.evaluation.request import Request
 
-    request = Request(split_names(methods), data, data_dir, tuple(overrides or ()), name, seed, engine, runs)
+    request = make_request(
+        methods, data=data, data_dir=data_dir, overrides=overrides, name=name, runs=runs, engine=engine, seed=seed
+    )
     show(lambda progress: run(request, reported=reported, progress=progress), print_comparison, as_json)
 
 
@@ -65,9 +66,10 @@ def ablate(
     """Run every combination of the values under `vary:` as a method of its own, in one table."""
     from salframe.cli.tables import print_comparison
     from salframe.evaluation.ablation import ablate as run
-    from salframe.evaluation.request import Request
 
-    request = Request((), data, data_dir, tuple(overrides or ()), name, seed, engine, runs)
+    request = make_request(
+        data=data, data_dir=data_dir, overrides=overrides, name=name, runs=runs, engine=engine, seed=seed
+    )
     show(lambda progress: run(file, request, progress=progress), print_comparison, as_json)
 
 

@@ -14,14 +14,19 @@ app = typer.Typer(help="Look at datasets, and make the rendered ones.", no_args_
 def list_(as_json: Json = False) -> None:
     """List datasets and their presets."""
     from salframe.cli.tables import print_table
+    from salframe.framework.errors import SalframeError
     from salframe.framework.installation import list_components
     from salframe.framework.presets import names, settings
 
     summaries = {component.name: component.summary for component in list_components() if component.role == "dataset"}
-    kinds = {name: settings("dataset", name)["kind"] for name in names("dataset")}
-    rows = [
-        [name, kind, summaries.get(kind, "its plugin is not at hand: salframe doctor")] for name, kind in kinds.items()
-    ]
+    rows = []
+    for name in names("dataset"):
+        try:
+            kind = settings("dataset", name)["kind"]
+        except SalframeError as error:
+            rows.append([name, "", str(error)])
+        else:
+            rows.append([name, kind, summaries.get(kind, "its plugin is not at hand: salframe doctor")])
     if as_json:
         print_json([dict(zip(("name", "kind", "summary"), row, strict=True)) for row in rows])
     else:

@@ -19,7 +19,7 @@ from salframe.cli.options import (
     Name,
     Runs,
     Set,
-    split_names,
+    make_request,
 )
 from salframe.cli.output import show
 
@@ -40,8 +40,9 @@ def detection(
     """
     from salframe.cli.tables import print_detection
     from salframe.evaluation.detection import measure_detection
-    from salframe.evaluation.request import Request
 
-    request = Request(split_names(detectors), data, data_dir, tuple(overrides or ()), name, 0, engine, runs)
+    request = make_request(
+        detectors, data=data, data_dir=data_dir, overrides=overrides, name=name, runs=runs, engine=engine
+    )
     table = partial(print_detection, classes=classes)
     show(lambda progress: measure_detection(request, progress=progress), table, as_json)

@@ -49,8 +49,8 @@ def localize(
 
     localizer = open_map(map)
     with Bars() as bars:
-        asked = open_frame(frame, data, data_dir, overrides or (), bars.update)
-    answer = localizer.localize(asked)
+        query_frame = open_frame(frame, data, data_dir, overrides or (), bars.update)
+    answer = localizer.localize(query_frame)
     if as_json:
         print_json(answer_json(answer))
     else:

@@ -116,8 +116,8 @@ def query(
     from salframe.topology.place_map import ask_map
 
     with Bars() as bars:
-        asked = open_frame(frame, data, data_dir, overrides or (), bars.update)
-    found = ask_map(map, asked, goal, planner)
+        query_frame = open_frame(frame, data, data_dir, overrides or (), bars.update)
+    found = ask_map(map, query_frame, goal, planner)
     if as_json:
         heading_deg = None if found.heading_rad is None else float(np.degrees(found.heading_rad))
         node = {"node": found.node, "distance_m": found.distance_m, "heading_deg": heading_deg}

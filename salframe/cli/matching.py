@@ -15,7 +15,7 @@ from salframe.cli.options import (
     Name,
     Runs,
     Set,
-    split_names,
+    make_request,
 )
 from salframe.cli.output import show
 
@@ -35,7 +35,8 @@ def matching(
     """
     from salframe.cli.tables import print_matching
     from salframe.evaluation.matching import measure_matching
-    from salframe.evaluation.request import Request
 
-    request = Request(split_names(methods), data, data_dir, tuple(overrides or ()), name, 0, engine, runs)
+    request = make_request(
+        methods, data=data, data_dir=data_dir, overrides=overrides, name=name, runs=runs, engine=engine
+    )
     show(lambda progress: measure_matching(request, progress=progress), print_matching, as_json)

@@ -18,14 +18,14 @@ from salframe.cli.options import (
     Methods,
     Name,
     Runs,
-    split_names,
+    make_request,
 )
 from salframe.cli.output import show
 
 
 def navigate(
     methods: Methods = METHODS,
-    data: Annotated[str, typer.Option(help="A dataset that can render, or matterport-annotations.")] = DATA,
+    data: Annotated[str, typer.Option(help="A dataset that can render, or says itself where to walk.")] = DATA,
     episodes: Annotated[
         str, typer.Option(metavar="N|FILE", help="How many episodes to draw, or a JSON file of them.")
     ] = "100",
@@ -55,12 +55,17 @@ def navigate(
     from salframe.cli.tables import print_navigation
     from salframe.evaluation.navigation import Positioning
     from salframe.evaluation.navigation import navigate as run
-    from salframe.evaluation.request import Request
 
-    asked = int(episodes) if episodes.lstrip("-").isdigit() else Path(episodes)
-    request = Request(split_names(methods), data, data_dir, tuple(overrides or ()), name, seed, engine, runs)
+    source: int | Path
+    try:
+        source = int(episodes)
+    except ValueError:
+        source = Path(episodes)
+    request = make_request(
+        methods, data=data, data_dir=data_dir, overrides=overrides, name=name, runs=runs, engine=engine, seed=seed
+    )
     show(
-        lambda progress: run(request, episodes=asked, positioning=Positioning(positioning), progress=progress),
+        lambda progress: run(request, episodes=source, positioning=Positioning(positioning), progress=progress),
         print_navigation,
         as_json,
     )

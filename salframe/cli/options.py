@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from salframe.framework.defaults import default_of
+
+if TYPE_CHECKING:
+    from salframe.evaluation.request import Request
 
 METHODS, MATCHING_METHODS, DETECTORS = (
     ",".join(default_of(key)) for key in ("methods", "matching_methods", "detectors")
@@ -39,3 +42,29 @@ Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 def split_names(names: str) -> tuple[str, ...]:
     """Names that stand between commas."""
     return tuple(name.strip() for name in names.split(",") if name.strip())
+
+
+def make_request(
+    methods: str = "",
+    *,
+    data: str | None,
+    data_dir: Path | None,
+    overrides: list[str] | None,
+    name: str | None,
+    runs: Path,
+    engine: str,
+    seed: int = 0,
+) -> Request:
+    """What the options that tasks share ask for; `methods` stand between commas."""
+    from salframe.evaluation.request import Request
+
+    return Request(
+        methods=split_names(methods),
+        data=data,
+        data_dir=data_dir,
+        settings=tuple(overrides or ()),
+        name=name,
+        seed=seed,
+        engine=engine,
+        runs=runs,
+    )

@@ -8,7 +8,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout
-from typing import TYPE_CHECKING, Any, TextIO, TypeVar
+from typing import TYPE_CHECKING, Any, TextIO
 
 import typer
 
@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from salframe.evaluation.result import Result
     from salframe.panoramas.opening import Progress
 
-Row = TypeVar("Row")
-
 LINE_SECONDS = 30.0
 """Off a terminal, progress is a line this often."""
 
@@ -28,29 +26,28 @@ _json_out: TextIO | None = None
 
 @contextmanager
 def json_alone(wanted: bool) -> Iterator[None]:
-    """Send whatever is printed to stderr, in this process and its children, but for what `print_json` prints."""
+    """Send whatever is printed to stderr, in this process and its children, but for what `print_json` prints.
+
+    In a process of its own that stays so to the end: buffers of C libraries and what runs at exit come after this.
+    Where something stands in for stdout, as in tests, it is left as it was.
+    """
     global _json_out
     if not wanted:
         yield
         return
-    _json_out, kept = sys.stdout, None
-    try:
-        number = sys.stdout.fileno()
-    except (OSError, ValueError):  # no real file, as in tests
-        number = -1
-    if number >= 0:
+    alone = sys.stdout is sys.__stdout__
+    if alone:
         sys.stdout.flush()
-        kept = os.dup(number)
-        _json_out = os.fdopen(os.dup(number), "w")
-        os.dup2(2, number)
+        _json_out = os.fdopen(os.dup(sys.stdout.fileno()), "w")
+        os.dup2(2, sys.stdout.fileno())
+    else:
+        _json_out = sys.stdout
     try:
         with redirect_stdout(sys.stderr):
             yield
     finally:
         _json_out.flush()
-        if kept is not None:
-            os.dup2(kept, number)
-            os.close(kept)
+        if alone:
             _json_out.close()
         _json_out = None
 
@@ -61,7 +58,7 @@ def print_json(value: Any) -> None:
 
 
 class Bars:
-    """The progress of each thing that is told of, on stderr: a bar, or off a terminal a line now and then."""
+    """The progress of each thing that `update` names, on stderr: a bar, or off a terminal a line now and then."""
 
     def __init__(self) -> None:
         from rich.console import Console
@@ -76,16 +73,16 @@ class Bars:
         console = Console(stderr=True)
         self._progress = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
         self._bars: dict[str, TaskID] = {}
-        self._told: dict[str, str] = {}
+        self._counts: dict[str, str] = {}
         self._last = time.monotonic()
 
     def update(self, what: str, done: int, total: int) -> None:
         """Set the progress of `what`."""
         if self._progress.disable:
-            self._told[what] = f"{what} {done}/{total}"
+            self._counts[what] = f"{what} {done}/{total}"
             if time.monotonic() - self._last >= LINE_SECONDS:
                 self._last = time.monotonic()
-                print(", ".join(self._told.values()), file=sys.stderr, flush=True)
+                print(", ".join(self._counts.values()), file=sys.stderr, flush=True)
             return
         if what not in self._bars:
             self._bars[what] = self._progress.add_task(what, total=total)
@@ -103,12 +100,8 @@ def show(run: Callable[[Progress], Result[Any]], table: Callable[[Result[Any]], 
     """Run a task with its progress on stderr, print the table or JSON on stdout; exit 1 where nothing was measured or
     something crashed.
     """
-    try:
-        with Bars() as bars:
-            result = run(bars.update)
-    except KeyboardInterrupt:
-        print("interrupted: run the same command again to resume", file=sys.stderr)
-        raise typer.Exit(130) from None
+    with Bars() as bars:
+        result = run(bars.update)
     if as_json:
         print_json(result.to_json())
     else:

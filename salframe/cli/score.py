@@ -19,11 +19,14 @@ def score(
 ) -> None:
     """Score a file of answers to a published task by the task's own rules, one row a split."""
     from salframe.cli.tables import print_table
+    from salframe.framework.errors import InvalidAnswer
     from salframe.framework.registry import registry
 
-    rows = registry().build("scorer", registry().get("scorer", task).Config()).score(file, data)
+    rows = list(registry().build("scorer", registry().get("scorer", task).Config()).score(file, data))
+    if not rows:
+        raise InvalidAnswer(f"the scorer {task} gave no row for {file}, expected one a split")
     if as_json:
-        print_json(list(rows))
+        print_json(rows)
     else:
         print_table(
             list(rows[0]),

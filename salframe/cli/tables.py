@@ -168,8 +168,8 @@ def _print_notes(result: Result[Any], statuses: bool = False) -> None:
     console, notes = _console(), list(result.notes)
     for row in result.rows:
         failures = ", ".join(f"{count} {status}" for status, count in row.status.items() if status != "ok")
-        if told := "; ".join(part for part in (row.reason, failures if statuses else "") if part):
-            notes.append(f"{row.method}: {told}")
+        if remarks := "; ".join(part for part in (row.reason, failures if statuses else "") if part):
+            notes.append(f"{row.method}: {remarks}")
     for note in notes:
         console.print(note, style="dim", markup=False, highlight=False, soft_wrap=True)
 

@@ -20,16 +20,13 @@ Name = Annotated[str, typer.Argument(help="As in `salframe weights list`.")]
 def list_(as_json: Json = False) -> None:
     """List the weights that components use, their licence, size and source, and whether they are at hand."""
     from salframe.cli.tables import format_bytes, print_table
-    from salframe.framework.errors import WeightsMissing
+    from salframe.framework.errors import failure_of
     from salframe.framework.registry import registry
     from salframe.framework.weights import list_weights
 
     rows = []
     for weights in list_weights(registry()):
-        try:
-            state = str(weights.paths()[0].parent)
-        except WeightsMissing:
-            state = "not at hand"
+        state = "not at hand" if failure_of(weights.paths) else str(weights.paths()[0].parent)
         rows.append([weights.name, weights.licence, format_bytes(weights.size_bytes), str(weights.source), state])
     headings = ("name", "licence", "size", "source", "where")
     if as_json:

@@ -83,7 +83,7 @@ def _vary(file: Path, label: str, config: ComponentConfig, choice: Mapping[str, 
     """The configuration with these values of dotted keys."""
     content = config.model_dump(mode="json")
     pairs = [(tuple(key.split(".")), value) for key, value in choice.items()]
-    given = Overrides(pairs, {label: content}, scopes=("data", "engine"))
+    given = Overrides(pairs, {label: content}, role="localizer", scopes=("data", "engine"))
     if any(given.scopes.values()):
         expected = "settings of methods: a run has one dataset and one engine"
         raise ConfigError(f"{file}: vary holds {', '.join(choice)}, expected {expected}")

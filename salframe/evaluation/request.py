@@ -72,7 +72,7 @@ def resolve(request: Request, role: str = "localizer", scopes: Sequence[str] = (
             raise ConfigError(f"received the methods {both}, which tables would both call {short_name(method)}")
     contents = {name: settings(role, method) for name, method in asked.items()}
     pairs = map(parse_override, request.settings)
-    given = Overrides(pairs, contents, scopes=("data", "engine", *scopes), role=role)
+    given = Overrides(pairs, contents, role=role, scopes=("data", "engine", *scopes))
     methods: dict[str, ComponentConfig] = {}
     notes: list[str] = []
     for name, method in asked.items():

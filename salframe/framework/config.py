@@ -79,8 +79,13 @@ def _problem(model: type[BaseModel], problem: Any, where: str) -> str:
     return f"{key}: received {problem['input']!r}, expected {problem['msg'].removeprefix('Input should be ')}"
 
 
-def read_yaml(path: Path) -> dict[str, Any]:
-    """A YAML mapping; an optional `base:` names another file, relative to this one, whose keys it overrides."""
+def read_yaml(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
+    """A YAML mapping; an optional `base:` names another file, relative to this one, whose keys it overrides.
+
+    `above`: the files that have this one as their base. Raises ConfigError.
+    """
+    if path.resolve() in above:
+        raise ConfigError(f"{path} is its own base")
     try:
         content = yaml.safe_load(path.read_text())
     except OSError as error:
@@ -90,7 +95,11 @@ def read_yaml(path: Path) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise ConfigError(f"{path} holds {type(content).__name__}, expected a mapping")
     base = content.pop("base", None)
-    return content if base is None else merge(read_yaml(path.parent / base), content)
+    if base is None:
+        return content
+    if not isinstance(base, str):
+        raise ConfigError(f"{path}: base is {base!r}, expected the name of a file")
+    return merge(read_yaml(path.parent / base, (*above, path.resolve())), content)
 
 
 def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 
 class SalframeError(Exception):
@@ -62,6 +62,18 @@ def describe_error(error: BaseException) -> str:
     """An exception in one line."""
     text = str(error) if isinstance(error, SalframeError) else f"{type(error).__name__}: {error}"
     return " ".join(text.split())
+
+
+def failure_of(call: Callable[[], object]) -> str | None:
+    """Call what may be a plugin's own code: whatever it raised, in one line, None where it raised nothing. Only an
+    interrupt of the user passes."""
+    try:
+        call()
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
+        return describe_error(error)
+    return None
 
 
 def unknown(what: str, name: str, known: Sequence[str], failures: Sequence[object] = ()) -> str:

@@ -15,6 +15,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import core_schema, to_jsonable_python
 
 from salframe.framework.config import ComponentConfig
+from salframe.framework.errors import ConfigError
 from salframe.framework.files import file_sha256
 
 if sys.platform == "win32":
@@ -46,7 +47,11 @@ def identity(config: ComponentConfig, *, describing: bool = False) -> dict[str, 
     component = config.component
     known = {"role": component.role, "name": component.name, "version": component.version}
     weights = [file.sha256 for used in component.weights_in_use(config) for file in used.files]
-    return {**known, "settings": _settings(config, describing), **({"weights": weights} if weights else {})}
+    return {
+        **known,
+        "settings": settings_identity(config, describing=describing),
+        **({"weights": weights} if weights else {}),
+    }
 
 
 def matters_to_matching_only(field: FieldInfo) -> bool:
@@ -55,7 +60,9 @@ def matters_to_matching_only(field: FieldInfo) -> bool:
     return isinstance(extra, Mapping) and bool(extra.get("match_only"))
 
 
-def _settings(model: BaseModel, describing: bool) -> dict[str, Any]:
+def settings_identity(model: BaseModel, *, describing: bool = False) -> dict[str, Any]:
+    """What a model of settings is known by, as in `identity`: its settings, files by their content, slots by the
+    identity of the component in them. Raises ConfigError on a file that cannot be read."""
     chosen = {}
     for name, field in type(model).model_fields.items():
         if name != "kind" and not (describing and matters_to_matching_only(field)):
@@ -67,24 +74,32 @@ def _value(value: Any, describing: bool) -> Any:
     if isinstance(value, ComponentConfig):
         return identity(value, describing=describing)
     if isinstance(value, BaseModel):
-        return _settings(value, describing)
+        return settings_identity(value, describing=describing)
     if isinstance(value, UserFile):
         return content_sha256(value) or str(value)
     if isinstance(value, Mapping):
         return {str(key): _value(part, describing) for key, part in value.items()}
     if isinstance(value, tuple | list):
         return [_value(part, describing) for part in value]
+    if isinstance(value, set | frozenset):  # their order is another one in every process
+        return sorted((_value(part, describing) for part in value), key=lambda part: json.dumps(part, sort_keys=True))
     return to_jsonable_python(value)
 
 
 def content_sha256(path: Path) -> str | None:
-    """Sha256 (hex) of a file, or of the names and contents of all files in a folder; None where there is neither."""
-    if path.is_file():
-        return file_sha256(path)
-    if not path.is_dir():
-        return None
-    inside = sorted(file for file in path.rglob("*") if file.is_file())
-    return digest([[file.relative_to(path).as_posix(), file_sha256(file)] for file in inside])
+    """Sha256 (hex) of a file, or of the names and contents of all files in a folder; None where there is neither.
+
+    Raises ConfigError where it cannot be read.
+    """
+    try:
+        if path.is_file():
+            return file_sha256(path)
+        if not path.is_dir():
+            return None
+        inside = sorted(file for file in path.rglob("*") if file.is_file())
+        return digest([[file.relative_to(path).as_posix(), file_sha256(file)] for file in inside])
+    except OSError as error:
+        raise ConfigError(f"cannot read {path}: {error.strerror}") from None
 
 
 def digest(value: Any) -> str:

@@ -13,7 +13,7 @@ from typing import Any
 
 from salframe.framework.cache import cache_home
 from salframe.framework.component import Component
-from salframe.framework.errors import SalframeError, describe_error
+from salframe.framework.errors import SalframeError, failure_of
 from salframe.framework.presets import configure, names, preset_names, settings
 from salframe.framework.registry import Failure, registry
 from salframe.framework.weights import list_weights
@@ -69,8 +69,8 @@ def list_names(role: str) -> Iterator[ComponentStatus]:
     packages = {component.name: package for component, package in registry() if component.role == role}
     packages |= preset_names(role)
     for name in names(role):
-        content = settings(role, name)
         try:
+            content = settings(role, name)
             component = registry().get(role, content.get("kind", name))
         except SalframeError as error:
             yield ComponentStatus(role, name, "", packages[name], "", str(error))
@@ -79,11 +79,7 @@ def list_names(role: str) -> Iterator[ComponentStatus]:
 
 
 def _status(name: str, package: str, component: type[Component], content: Mapping[str, Any]) -> ComponentStatus:
-    missing = None
-    try:
-        component.check(configure(component.role, name, content))
-    except Exception as error:  # a check is the plugin's own code
-        missing = describe_error(error)
+    missing = failure_of(lambda: component.check(configure(component.role, name, content)))
     return ComponentStatus(component.role, name, component.version, package, summary_of(component), missing)
 
 
@@ -114,13 +110,7 @@ class Diagnosis:
 
 def diagnose() -> Diagnosis:
     """Look at the installation. Changes nothing."""
-    weights: dict[str, str | None] = {}
-    for entry in list_weights(registry()):
-        try:
-            entry.paths()
-            weights[entry.name] = None
-        except SalframeError as error:
-            weights[entry.name] = str(error)
+    weights = {entry.name: failure_of(entry.paths) for entry in list_weights(registry())}
     return Diagnosis(environment(), tuple(registry().failures), cache_home(), folder_bytes(cache_home()), weights)
 
 

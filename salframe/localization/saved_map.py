@@ -54,7 +54,7 @@ def prepare(
     """A method's short name, the prepared dataset, and the method's localizer, with overrides for both."""
     asked = default_of("map_method") if method is None else method
     name, content = short_name(asked), settings("localizer", asked)
-    given = Overrides(map(parse_override, overrides), {name: content}, scopes=("data",))
+    given = Overrides(map(parse_override, overrides), {name: content}, role="localizer", scopes=("data",))
     localizer: Localizer = registry().build("localizer", configure("localizer", name, content, given.methods[name]))
     data_name, config = configure_dataset(data, data_dir, given.scopes["data"])
     return name, open_dataset(config, progress and partial(progress, data_name)), localizer

@@ -15,6 +15,7 @@ from salframe.testing.datasets import check_dataset
 from salframe.testing.declaration import check_config, check_declaration
 from salframe.testing.detectors import check_detector
 from salframe.testing.engines import check_engine
+from salframe.testing.identities import check_files
 from salframe.testing.localizers import check_localizer
 from salframe.testing.scorers import check_scorer
 from salframe.testing.stages import check_matcher, check_planner, check_positioner, check_saliency
@@ -32,6 +33,8 @@ _CHECKS: dict[str, Callable[[Callable[[], Any]], None]] = {
     "localizer": check_localizer,
     "engine": check_engine,
 }
+"""The rules of the core's own roles. They cannot name these in `conformance`, as a plugin's roles do: they stand in
+layers below this one, which must not know it."""
 
 
 def check_component(component: type[Component], config: ComponentConfig | None = None) -> None:
@@ -44,6 +47,7 @@ def check_component(component: type[Component], config: ComponentConfig | None =
     check_declaration(component)
     try:
         used = check_config(component, config)
+        check_files(used)
         component.check(used)
         _check_of(registry().roles[component.role])(lambda: component(used))
     except ConformanceError as error:

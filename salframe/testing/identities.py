@@ -7,15 +7,33 @@ import tempfile
 import types
 import typing
 from collections.abc import Callable, Iterator
-from pathlib import Path
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path, PurePath
 from typing import Any
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
 from salframe.framework.component import Component
 from salframe.framework.config import ComponentConfig
-from salframe.framework.identity import UserFile, digest, matters_to_matching_only
+from salframe.framework.identity import UserFile, digest, identity, matters_to_matching_only
 from salframe.testing.asking import attempt, expect, same
+
+
+def check_files(config: ComponentConfig) -> None:
+    """Another content of a UserFile gives another identity, another name of it does not; no setting is a plain Path,
+    whose content would not be part of the identity, but for a dataset's, which answers for its content itself.
+
+    The component is not made: it may refuse a file that the suite writes.
+    """
+    component = config.component
+    plain = [] if component.role == "dataset" else list(_plain_paths(component.Config))
+    expect(not plain, f"setting {', '.join(plain)}", "a plain Path", "a UserFile, whose content is in the identity")
+    for file in _user_files(config):
+        checks: list[tuple[str, bool]] = [("identity", False)]
+        checks += [] if file.match_only else [("identity for describing", True)]
+        for what, describing in checks:
+            _check_file(lambda changed: changed, partial(identity, describing=describing), file, what)
 
 
 def check_identities(
@@ -33,8 +51,9 @@ def check_identities(
             other = another_config(component.config, name)
             if other is not None:
                 _check_match_only(component, type(component)(other), known_by, describe, f"{what} with another {name}")
-        elif UserFile in _alternatives(field.annotation):
-            _check_file(component, name, known_by, what)
+    for file in _user_files(component.config):
+        if not file.match_only:
+            _check_file(type(component), known_by, file, what)
 
 
 def _check_match_only(
@@ -46,22 +65,89 @@ def _check_match_only(
     expect(same(before, after), checked, "another description", "the same: the setting is match_only")
 
 
-def _check_file(component: Component, name: str, known_by: Callable[[Any], Any], what: str) -> None:
-    checked = f"{what} with another content of the file {name}"
+@dataclass(frozen=True)
+class _FileSetting:
+    """A setting that takes a UserFile: its dotted key, whether it matters to matching only, and what gives the model
+    with another file there, None where it takes no such file."""
+
+    key: str
+    match_only: bool
+    put: Callable[[UserFile], Any]
+
+
+def _user_files(model: BaseModel) -> Iterator[_FileSetting]:
+    """The settings of a model, of the models nested in it and of the components in its slots that take a UserFile."""
+
+    def inside(name: str, wrap: Callable[[UserFile], Any]) -> Callable[[UserFile], Any]:
+        def put(file: UserFile) -> Any:
+            value = wrap(file)
+            return None if value is None else _with(model, name, value)
+
+        return put
+
+    for name, field in type(model).model_fields.items():
+        value, only = getattr(model, name), matters_to_matching_only(field)
+        if isinstance(value, BaseModel):
+            for inner in _user_files(value):
+                yield _FileSetting(f"{name}.{inner.key}", only or inner.match_only, inside(name, inner.put))
+            continue
+        for kind in _alternatives(field.annotation):
+            parts = typing.get_args(kind) if typing.get_origin(kind) in (tuple, list) else ()
+            if kind is UserFile:
+                yield _FileSetting(name, only, inside(name, lambda file: file))
+            elif any(UserFile in _alternatives(part) for part in parts):
+                count = 1 if typing.get_origin(kind) is list or Ellipsis in parts else len(parts)
+                yield _FileSetting(name, only, inside(name, partial(_repeat, count)))
+
+
+def _repeat(count: int, file: UserFile) -> tuple[UserFile, ...]:
+    return (file,) * count
+
+
+def _plain_paths(model: type[BaseModel], seen: tuple[type[BaseModel], ...] = ()) -> Iterator[str]:
+    """The settings of a model, and of the models nested in it, that may be a Path which is no UserFile."""
+    for name, field in model.model_fields.items():
+        for kind in _types_in(field.annotation):
+            if issubclass(kind, PurePath) and not issubclass(kind, UserFile):
+                yield name
+            elif issubclass(kind, BaseModel) and not issubclass(kind, ComponentConfig) and kind not in seen:
+                yield from (f"{name}.{key}" for key in _plain_paths(kind, (*seen, model)))
+
+
+def _types_in(annotation: Any) -> Iterator[type]:
+    """Every class that an annotation mentions."""
+    arguments = typing.get_args(annotation)
+    if typing.get_origin(annotation) is typing.Annotated:
+        arguments = arguments[:1]
+    if arguments and typing.get_origin(annotation) is not typing.Literal:
+        for argument in arguments:
+            yield from _types_in(argument)
+    elif isinstance(annotation, type):
+        yield annotation
+
+
+def _check_file(
+    make: Callable[[ComponentConfig], Any], known_by: Callable[[Any], Any], setting: _FileSetting, what: str
+) -> None:
+    """One file with two contents, and a copy of the latter by another name. A setting that takes no such file, and a
+    component that cannot be made with one, are left alone."""
+    checked = f"{what} with another content of the file {setting.key}"
     with tempfile.TemporaryDirectory() as folder:
         received = []
-        for content in ("one", "another"):
-            path = Path(folder, content)
+        for name, content in (("file", "one"), ("file", "another"), ("copy", "another")):
+            path = Path(folder, name)
             path.write_text(content)
-            config = _with(component.config, name, UserFile(path))
+            config = setting.put(UserFile(path))
             if config is None:
-                return  # a setting that takes no such file
+                return
             try:
-                made = type(component)(config)
+                made = make(config)
             except Exception:
                 return  # the suite cannot write a file of the component's own format
             received.append(attempt(checked, lambda one: digest(known_by(one)), made))
-    expect(received[0] != received[1], checked, "the same one", "another one")
+    first, other, copy = received
+    expect(other != first, checked, "the same one", "another one")
+    expect(copy == other, f"{what} with another name of the file {setting.key}", "another one", "the same one")
 
 
 def another_config(config: ComponentConfig, name: str) -> ComponentConfig | None:
@@ -75,7 +161,7 @@ def another_config(config: ComponentConfig, name: str) -> ComponentConfig | None
     return None
 
 
-def _with(config: ComponentConfig, name: str, value: Any) -> ComponentConfig | None:
+def _with(config: Any, name: str, value: Any) -> Any:
     try:
         return type(config).model_validate({**dict(config), name: value})
     except ValidationError:

@@ -161,3 +161,43 @@ def test_show_tells_default_type_and_help(fakes):
         "type": "float, at least 0",
         "help": "seconds a query takes",
     }
+
+
+def test_a_faulty_preset_is_told_and_ends_no_listing(shipped, tmp_path):
+    (tmp_path / "presets" / "data" / "odd.yaml").write_text("rooms: 3\n")
+    (tmp_path / "presets" / "methods" / "odd.yaml").write_text("kind: reader\notherwise: [x]\n")
+    registry.cache_clear()
+    for command in (("methods",), ("plugins",), ("data", "list")):
+        assert run(*command).code == 0
+    listed = [entry["name"] for entry in run("data", "list", "--json").json]
+    assert "large" in listed
+    assert "odd" not in listed
+    assert "data/odd.yaml of shipped_presets failed to load: " in run("plugins").out
+    assert run("doctor").code == 1
+    done = run("compare", "--methods", "odd", "--data", "rooms")
+    assert (done.code, done.err.count("\n")) == (2, 1)
+    assert "the preset methods/odd.yaml of shipped_presets is faulty" in done.err
+
+
+def test_data_that_is_lost_is_listed(shipped, tmp_path):
+    registry()
+    (tmp_path / "presets" / "data" / "large.yaml").unlink()
+    listed = {entry["name"]: entry["summary"] for entry in run("data", "list", "--json").json}
+    assert listed["large"].startswith("cannot read ")
+
+
+def test_a_scorer_that_gives_no_row_is_one_line(fakes):
+    from salframe.evaluation.scorer import Scorer
+
+    class Hollow(Scorer):
+        """Gives nothing."""
+
+        name, version = "hollow", "1"
+
+        def score(self, answers, root):
+            return []
+
+    registry().add(Hollow, "test")
+    done = run("score", "hollow", "answers.json", "--data", ".")
+    message = "error: the scorer hollow gave no row for answers.json, expected one a split\n"
+    assert (done.code, done.out, done.err) == (2, "", message)

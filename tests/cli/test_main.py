@@ -78,6 +78,8 @@ def test_every_command_has_help():
             "rooms has no query, expected at least one",
         ),
         (["ablate", "absent.yaml"], "cannot read absent.yaml"),
+        (["navigate", "--episodes=-5", "--data", "rooms"], "received -5 episodes, expected at least 1"),
+        (["navigate", "--episodes=--5", "--data", "rooms", "--methods", "reader"], "cannot read --5"),
         (["evaluate", "."], "is no run folder"),
         (["show", "raeder"], "unknown preset or component 'raeder', did you mean 'reader'?"),
         (["localize", ".", "query-0-0", "--data", "rooms"], "cannot read map.json"),
@@ -113,3 +115,72 @@ def test_a_plugin_that_fails_to_import_is_told_and_stops_nothing(fakes, monkeypa
     checked = run("doctor")
     assert checked.code == 1
     assert "no_such_plugin: ModuleNotFoundError" in checked.out
+
+
+ENDING = """
+import salframe
+from fake_plugin import Reader
+
+class Ending(Reader):
+    \"\"\"Ends the process.\"\"\"
+    name = "ending"
+
+    @classmethod
+    def {}(cls, config):
+        raise {}
+
+def leave():
+    \"\"\"A command that ends with a status of its own.\"\"\"
+    raise SystemExit(7)
+
+@salframe.hookimpl
+def salframe_provides():
+    return [Ending]
+
+@salframe.hookimpl
+def salframe_commands():
+    return {{"leave": leave}}
+"""
+COMPARE = ("compare", "--methods", "ending", "--data", "rooms", "--engine", "inline")
+
+
+@pytest.fixture
+def ending(fakes, monkeypatch, tmp_path):
+    """Makes a plugin with a localizer that raises something in one of its methods."""
+
+    def make(method: str, error: str) -> None:
+        (tmp_path / "ending_plugin.py").write_text(ENDING.format(method, error))
+        monkeypatch.syspath_prepend(tmp_path)
+        monkeypatch.delitem(sys.modules, "ending_plugin", raising=False)
+        monkeypatch.setenv("SALFRAME_PLUGINS", "fake_plugin,ending_plugin,salframe_engines")
+        registry.cache_clear()
+
+    return make
+
+
+@pytest.mark.parametrize("method", ["check", "weights_in_use"])
+@pytest.mark.parametrize("error", ["SystemExit", "SystemExit(0)"])
+def test_a_component_that_ends_the_process_is_an_error(ending, method, error):
+    ending(method, error)
+    done = run(*COMPARE, "--json")
+    assert (done.code, done.out, done.err.count("\n")) == (2, "", 1)
+    assert "error: SystemExit:" in done.err
+    assert "ending_plugin.py line 11" in done.err
+    assert run("methods").code == run("plugins").code == 0
+
+
+def test_a_command_ends_as_it_likes(ending):
+    ending("check", "SystemExit")
+    assert run("leave").code == 7
+    wrong = run("compare", "--sed", "1")
+    assert (wrong.code, wrong.out) == (2, "")
+    assert "No such option" in wrong.err
+    assert run("compare", "--help").code == 0
+
+
+@pytest.mark.parametrize("command", [COMPARE, ("methods",), ("plugins",)], ids=lambda command: command[0])
+def test_every_command_says_that_it_was_interrupted(ending, command):
+    ending("check", "KeyboardInterrupt")
+    done = run(*command)
+    assert (done.code, done.out) == (130, "")
+    assert done.err == "interrupted: run the same command again to resume\n"

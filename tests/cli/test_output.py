@@ -38,6 +38,30 @@ def test_json_stands_alone_whatever_a_plugin_prints(noisy, engine):
         assert said in done.stderr
 
 
+LATE = """
+import atexit, ctypes, sys
+import salframe
+atexit.register(print, "said at exit")
+
+@salframe.hookimpl
+def salframe_provides():
+    sys.__stdout__.write("said past redirection\\n")
+    ctypes.CDLL(None).printf(b"said by C\\n")
+    return []
+"""
+
+
+def test_json_stands_alone_whatever_is_printed_at_the_end(fakes, monkeypatch, tmp_path):
+    (tmp_path / "late_plugin.py").write_text(LATE)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
+    monkeypatch.setenv("SALFRAME_PLUGINS", "fake_plugin,late_plugin,salframe_engines")
+    monkeypatch.delenv("PYTHONUNBUFFERED", raising=False)
+    done = subprocess.run([*SALFRAME, "methods", "--json"], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert any(entry["name"] == "reader" for entry in json.loads(done.stdout))
+    assert set(done.stderr.splitlines()) == {"said at exit", "said past redirection", "said by C"}
+
+
 def test_without_json_what_a_plugin_prints_is_left_alone(noisy):
     asked = ("compare", "--methods", "noisy", "--data", "rooms", "--engine", "inline")
     done = subprocess.run([*SALFRAME, *asked], capture_output=True, text=True)

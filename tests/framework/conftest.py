@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from salframe.framework.registry import GROUP
+from salframe.framework.entry_points import GROUP
 
 HEAD = """
 from pathlib import Path

@@ -12,7 +12,7 @@ from pydantic import Field, ValidationError
 
 from salframe.framework.config import ComponentConfig, Settings, match_only, validate
 from salframe.framework.errors import ConfigError
-from salframe.framework.identity import UserFile, content_sha256, digest, identity
+from salframe.framework.identity import UserFile, content_sha256, digest, identity, settings_identity
 from salframe.framework.registry import registry
 from salframe.framework.slots import slot
 from salframe.framework.weights import Download, Weights, WeightsFile
@@ -194,3 +194,27 @@ def test_a_file_is_a_path_wherever_it_goes(tmp_path):
 def test_the_order_of_keys_does_not_change_a_digest():
     assert digest({"a": 1, "b": [2.5, None]}) == digest({"b": [2.5, None], "a": 1})
     assert digest({"a": 1}) == hashlib.sha256(b'{"a":1}').hexdigest()
+
+
+class Marks(Settings):
+    kept: frozenset[int] = frozenset()
+    parts: tuple[Part, ...] = ()
+
+
+def test_the_order_of_a_set_is_no_part_of_it():
+    one, other = Marks(kept=frozenset([0, 8])), Marks(kept=frozenset([8, 0]))
+    assert list(one.kept) != list(other.kept)
+    assert settings_identity(one) == settings_identity(other) == {"kept": [0, 8], "parts": []}
+
+
+def test_settings_of_no_component_have_one_too(tmp_path):
+    (tmp_path / "table.csv").write_bytes(b"chair, 1")
+    marks = Marks(parts=(Part(table=tmp_path / "table.csv"),))
+    part = {"table": hashlib.sha256(b"chair, 1").hexdigest(), "tables": []}
+    assert settings_identity(marks, describing=True)["parts"] == [part]
+    assert settings_identity(marks)["parts"] == [{**part, "limit": 3}]
+
+
+def test_a_file_that_cannot_be_read_is_one_line(tmp_path):
+    with pytest.raises(ConfigError, match=r"cannot read .*: File name too long"):
+        identity(Model.Config(table=tmp_path / ("x" * 300)))

@@ -17,6 +17,7 @@ from salframe.framework.installation import (
     list_names,
 )
 from salframe.framework.registry import Failure, Presets, registry
+from salframe.framework.weights import Weights, WeightsFile
 from salframe.graphs.saliency import SaliencyModel
 
 
@@ -102,3 +103,57 @@ def test_the_environment_is_json_with_the_versions_that_matter(models):
 
 def test_a_folder_that_is_not_there_is_empty():
     assert folder_bytes(Path("/no/such/folder")) == 0
+
+
+class Leaving(Model):
+    """Ends the process when it is checked."""
+
+    name = "leaving"
+
+    @classmethod
+    def check(cls, config):
+        raise SystemExit
+
+
+class Gone:
+    """A source that ends the process."""
+
+    def installed(self, file):
+        raise SystemExit(0)
+
+
+class Hidden(Model):
+    """Its weights cannot be looked for."""
+
+    name = "hidden"
+    weights = (Weights("hidden", "MIT", (WeightsFile("hidden.pt", "0" * 64, 1),), Gone()),)
+
+
+def test_a_component_that_ends_the_process_ends_no_listing(fakes):
+    registry().add(Leaving, "a-package")
+    registry().add(Hidden, "a-package")
+    found = {one.name: one for one in (*list_components(), *list_names("saliency"))}
+    assert found["leaving"].missing == "SystemExit:"
+    assert found["hidden"].missing is None
+    assert diagnose().weights == {"hidden": "SystemExit: 0"}
+
+
+def test_an_interrupt_passes_through_a_listing(fakes, monkeypatch):
+    def interrupt(config):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Leaving, "check", interrupt)
+    registry().add(Leaving, "a-package")
+    with pytest.raises(KeyboardInterrupt):
+        list(list_components())
+
+
+def test_a_preset_whose_file_is_lost_costs_only_itself(models, tmp_path):
+    path = tmp_path / "methods" / "lost.yaml"
+    path.parent.mkdir()
+    path.write_text("kind: reader\n")
+    registry().add(Presets(tmp_path), "a-package")
+    path.unlink()
+    found = {one.name: one for one in list_names("localizer")}
+    assert found["lost"].missing.startswith("cannot read ")
+    assert found["reader"].missing is None

@@ -27,7 +27,7 @@ CONFIGS = Path(__file__).parents[2] / "configs"
 
 def route(*texts: str, methods: tuple[str, ...] = ("reader", "greedy")) -> Overrides:
     content = {method: settings("localizer", method) for method in methods}
-    return Overrides(map(parse_override, texts), content, scopes=("data", "engine"))
+    return Overrides(map(parse_override, texts), content, role="localizer", scopes=("data", "engine"))
 
 
 @pytest.fixture
@@ -109,6 +109,7 @@ def test_a_yaml_file_is_a_method_and_a_data_set(fakes, tmp_path, suffix):
     [
         ("offset: 2\n", r"mine\.yaml has no `kind`, expected the name of a localizer and its settings"),
         ("kind: 3\n", r"mine\.yaml has no `kind`"),
+        ("kind: reader\notherwise: [x]\n", r"mine\.yaml: otherwise is \['x'\], expected the name of another localizer"),
         ("- kind\n", r"mine\.yaml holds list, expected a mapping"),
         ("kind: [\n", r"mine\.yaml is not YAML: "),
         (None, r"cannot read .*mine\.yaml: No such file"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from importlib.metadata import EntryPoint
@@ -12,8 +13,9 @@ import pytest
 from salframe.builtin import salframe_provides
 from salframe.framework.component import Role
 from salframe.framework.config import ComponentConfig
+from salframe.framework.entry_points import GROUP
 from salframe.framework.errors import PluginFailed, SalframeError, UnknownName
-from salframe.framework.registry import GROUP, Failure, Presets, Registry, load_commands, registry
+from salframe.framework.registry import Failure, Presets, Registry, load_commands, registry
 from salframe.graphs.saliency import SaliencyModel
 
 
@@ -64,6 +66,9 @@ class Nameless(SaliencyModel):
         (declared(extra=None), "Changed.extra is None, expected text"),
         (declared(requires="torch"), "Changed.requires is str, expected a tuple"),
         (declared(weights=[]), "Changed.weights is list, expected a tuple"),
+        (declared(weights=("small.pt",)), "Changed.weights holds 'small.pt', expected Weights"),
+        (declared(Config=config(labels=(frozenset[str], frozenset("ab")))), "Changed.Config has a set for labels"),
+        (declared(Config=config(parts=(dict, {"a": ({1},)}))), "Changed.Config has a set for parts, expected a tuple"),
         (
             declared(requires=("torch.nn",)),
             "Changed.requires holds 'torch.nn', expected the name of a top-level package",
@@ -117,6 +122,16 @@ def test_a_role_that_is_taken_is_refused(found):
 
     with pytest.raises(SalframeError, match=r"the role 'saliency' of a-package is already there: .*SaliencyModel"):
         found.add(Saliency, "a-package")
+
+
+@pytest.mark.parametrize(
+    ("attribute", "value"), [("role", None), ("role", 3), ("word", None), ("conformance", print), ("presets", 1)]
+)
+def test_a_role_that_is_declared_badly_is_refused(found, attribute, value):
+    role = type("Compass", (Role,), {"role": "compass", attribute: value})
+    with pytest.raises(SalframeError, match=rf"Compass\.{attribute} of a-package is .*, expected text"):
+        found.add(role, "a-package")
+    assert "compass" not in found.roles
 
 
 RAISING = {
@@ -224,6 +239,53 @@ def test_a_preset_whose_name_is_taken_is_refused(found, tmp_path):
     ):
         found.add(Presets(tmp_path / "two"), "two")
     assert found.list_presets("methods") == {"calm": "one"}
+
+
+def write_presets(folder: Path, **content: str) -> Presets:
+    """A collection with these files: `methods__calm` is methods/calm.yaml."""
+    for name, text in content.items():
+        path = folder / f"{name.replace('__', '/')}.yaml"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    return Presets(folder)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "reason"),
+    [
+        ("methods__odd", "[kind", "odd.yaml is not YAML"),
+        ("ablations__odd", "- kind", "odd.yaml holds list, expected a mapping"),
+        ("methods__odd", "offset: 1", "odd.yaml has no `kind`, expected the name of a localizer"),
+        ("data__odd", "kind: [rooms]", "odd.yaml has no `kind`, expected the name of a dataset"),
+        ("methods__odd", "kind: even\notherwise: [calm]", r"odd.yaml: otherwise is \['calm'\], expected the name"),
+        ("methods__odd", "base: odd.yaml", "odd.yaml is its own base"),
+        ("methods__odd", "base: 3", "odd.yaml: base is 3, expected the name of a file"),
+    ],
+)
+def test_a_faulty_preset_costs_only_itself(found, tmp_path, name, content, reason):
+    found.add(write_presets(tmp_path, **{name: content, "methods__calm": "kind: even"}), "a-package")
+    (failure,) = found.failures
+    folder = name.partition("__")[0]
+    assert (failure.plugin, failure.package) == (f"{folder}/odd.yaml", "a-package")
+    assert re.search(reason, failure.reason)
+    assert [path.stem for path, _ in found.preset_files()] == ["calm"]
+    with pytest.raises(PluginFailed, match=f"the preset {folder}/odd.yaml of a-package is faulty: .*{reason}"):
+        found.find_preset(folder, "odd")
+
+
+def test_presets_are_listed_whatever_their_folder(found, tmp_path):
+    names = ("voices__loud", "reported__paper", "ablations__all", "data__large", "methods__wild", "methods__calm")
+    found.add(write_presets(tmp_path, **dict.fromkeys(names, "kind: even")), "a-package")
+    listed = [(path.parent.name, path.stem) for path, _ in found.preset_files()]
+    assert listed == [tuple(name.split("__")) for name in (names[5], *names[4:1:-1], *names[1::-1])]
+
+
+def test_presets_may_come_before_their_role(found, tmp_path):
+    found.add(write_presets(tmp_path, voices__loud="kind: even", voices__odd="pitch: 3"), "a-package")
+    assert found.failures == []
+    found.add(type("Voice", (Role,), {"role": "voice", "presets": "voices"}), "another-package")
+    assert found.list_presets("voices") == {"loud": "a-package"}
+    assert [(failure.plugin, failure.package) for failure in found.failures] == [("voices/odd.yaml", "a-package")]
 
 
 def test_a_preset_of_another_folder_may_have_the_same_name(found, tmp_path):

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from pydantic import ConfigDict
+from pydantic import ConfigDict, field_validator
 from salframe_annotations.detector import AnnotationDetector
 from salframe_engines import Inline
 from salframe_graphs.localizer import SaliencyGraphLocalizer
@@ -15,7 +16,8 @@ from salframe_graphs.positioning import RobustPositioner
 from salframe_graphs.saliency import VolumetricSaliency
 from salframe_graphs.triplet import TripletMatcher
 
-from salframe.framework.config import ComponentConfig, match_only
+from salframe.framework.config import ComponentConfig, Settings, match_only
+from salframe.framework.errors import DataError
 from salframe.framework.identity import UserFile, identity
 from salframe.graphs.detections import Detections
 from salframe.localization.positioner import PoseEstimate
@@ -360,6 +362,48 @@ class Inattentive(SaliencyGraphLocalizer):
         return {"name": self.name}
 
 
+class Refusing(AnnotationDetector):
+    """Broken."""
+
+    name = "broken"
+
+    class Config(AnnotationDetector.Config):
+        table: UserFile | None = None
+
+        @field_validator("table")
+        @classmethod
+        def _plain(cls, value):
+            return None if value is None else Path(value)
+
+    def __init__(self, config=None):
+        super().__init__(config)
+        if self.config.table is not None:
+            raise DataError("the table is no table")
+
+
+class Tables(Settings):
+    files: tuple[UserFile, ...] = ()
+
+    @field_validator("files")
+    @classmethod
+    def _plain(cls, value):
+        return tuple(map(str, value))
+
+
+class Nested(Described):
+    """Broken."""
+
+    class Config(AnnotationDetector.Config):
+        tables: Tables = Tables()
+
+
+class Pathed(Described):
+    """Broken."""
+
+    class Config(AnnotationDetector.Config):
+        table: tuple[Path, ...] | None = None
+
+
 class Fragile(Inline):
     """Broken."""
 
@@ -415,6 +459,9 @@ BROKEN = [
     (Swayed, "describe_identity with another lossy: received another description, expected the same: .* match_only"),
     (Scrupulous, "describe_identity with another top_k: received another one, expected the same: .* match_only"),
     (Inattentive, "describe_identity with another content of the file table: received the same one, expected another"),
+    (Refusing, "identity with another content of the file table: received the same one, expected another"),
+    (Nested, "identity with another content of the file tables.files: received the same one, expected another"),
+    (Pathed, "setting table: received a plain Path, expected a UserFile"),
     (Fragile, "map: received ValueError: 3 is odd"),
     (Backwards, r"received \[4, 1\], expected \[1, 4\], in order"),
     (int, "<class 'int'> is no component: it must subclass one of Dataset"),

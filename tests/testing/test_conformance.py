@@ -8,21 +8,22 @@ from typing import Literal
 
 import numpy as np
 import pytest
-from broken_components import BROKEN, columns
+from broken_components import BROKEN, Described, columns
 from broken_datasets import BROKEN_DATASETS
 from broken_planners import Dijkstra, OneWay, Retracing, Swimming
 from salframe_annotations.detector import AnnotationDetector
 from tiny_folder import write_tiny_folder
 
 from salframe.framework.component import Role
-from salframe.framework.config import match_only, merge
+from salframe.framework.config import Settings, match_only, merge
+from salframe.framework.errors import DataError
 from salframe.framework.identity import UserFile
 from salframe.framework.presets import configure, settings
 from salframe.framework.registry import registry
 from salframe.framework.slots import slot
 from salframe.panoramas.geometry import rays_to_pixels
 from salframe.testing import ConformanceError, check_component
-from salframe.testing.identities import another_config
+from salframe.testing.identities import _user_files, another_config, check_files
 from salframe.testing.rooms import HEIGHT_PX, ROOMS, look, stand
 
 REAL = Path(os.environ.get("SALFRAME_SHARED_DATA", Path(__file__).parents[3] / "shared" / "data")) / "matterport3d"
@@ -163,6 +164,11 @@ def test_a_planner_is_checked_against_the_shortest_route():
         check_component(Retracing)
 
 
+class Listed(Settings):
+    files: tuple[UserFile, ...] = ()
+    last: UserFile | None = match_only(None)
+
+
 class Settled(AnnotationDetector):
     """Settings of each type that the suite varies, none of which matters, and a file that does."""
 
@@ -177,6 +183,28 @@ class Settled(AnnotationDetector):
         matcher: slot("matcher", "triplet", match_only=True)
         word: str = match_only("any")
         labels: UserFile | None = None
+
+
+class Filed(Described):
+    """Takes files in a nested model and in the component of a slot, and refuses those of the suite."""
+
+    class Config(AnnotationDetector.Config):
+        tables: Listed = Listed()
+        detector: slot("detector", "onnx")
+
+    def __init__(self, config=None):
+        super().__init__(config)
+        if self.config != self.Config():
+            raise DataError("what a file")
+
+
+def test_files_are_found_wherever_they_are():
+    check_files(Filed.Config())
+    assert {file.key: file.match_only for file in _user_files(Filed.Config())} == {
+        "tables.files": False,
+        "tables.last": True,
+        "detector.model": False,
+    }
 
 
 def test_settings_that_do_not_matter_are_varied():
