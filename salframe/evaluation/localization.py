@@ -192,7 +192,7 @@ class _Answering(Worker[Query]):
         uses.update(piece.frame.id for piece in todo)
         self._localizer, self._fold = localizer, ""
         self._places: dict[str, str] = {}
-        self._descriptions = _Descriptions(localizer, dataset.fingerprint, uses, folder / DESCRIPTIONS)
+        self._descriptions = _Descriptions(localizer, dataset.content_key, uses, folder / DESCRIPTIONS)
         self._left_out: dict[str, str] = {}
         self._unusable: list[str] = []
 

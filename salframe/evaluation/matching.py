@@ -106,7 +106,7 @@ class MatchingTask(Task[FramePair, Survey[FramePair]]):
         self, label: str, method: Localizer, survey: Survey[FramePair], todo: Sequence[FramePair], folder: Path
     ) -> Worker[FramePair]:
         check_needs(method, method.needs, survey.dataset)
-        return _Matching(method, survey.dataset.fingerprint)
+        return _Matching(method, survey.dataset.content_key)
 
     def summarize(self, survey: Survey[FramePair], records: Sequence[Record], seed: int) -> tuple[MatchingRow, ...]:
         return tuple(_summarize(record, len(survey.pieces)) for record in records)

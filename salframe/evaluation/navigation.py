@@ -20,6 +20,7 @@ from salframe.evaluation.task import MethodRow, Record, Survey, Task, Worker, ch
 from salframe.framework.config import merge, validate
 from salframe.framework.errors import ConfigError
 from salframe.framework.files import write_json
+from salframe.framework.identity import settings_identity
 from salframe.localization.localizer import Localizer
 from salframe.navigation.episodes import Asked, Episode, Site, draw_episodes, place_episodes, read_asked
 from salframe.navigation.guide import Guide
@@ -131,6 +132,9 @@ class NavigationTask(Task[Episode, NavigationSurvey]):
         asked = self.asked if isinstance(self.asked, int) else [one.model_dump(mode="json") for one in self.asked]
         return {"episodes": asked, "seed": self.seed, "settings": self.config.model_dump(mode="json")}
 
+    def identity(self) -> dict[str, Any]:
+        return {**self.asks(), "settings": settings_identity(self.config)}
+
     @classmethod
     def from_run(cls, run: Run) -> NavigationTask:
         asked, config = run.task["episodes"], validate(NavigationConfig, run.task["settings"], "navigation")
@@ -158,7 +162,7 @@ class NavigationTask(Task[Episode, NavigationSurvey]):
         self, label: str, method: Localizer, survey: NavigationSurvey, todo: Sequence[Episode], folder: Path
     ) -> Worker[Episode]:
         check_needs(method, method.needs, survey.dataset)
-        sight = Sight(method, survey.dataset.fingerprint, positioning=not self.mode(label))
+        sight = Sight(method, survey.dataset.content_key, positioning=not self.mode(label))
         return _Walking(sight, survey.sites, self.config, self.seed)
 
     def failed(self, piece: Episode) -> Row:

@@ -59,13 +59,13 @@ def run_task(
     keeps its row, with the reason.
     """
     engine: Engine = registry().build("engine", resolved.engine)
-    known_as = {"name": task.name, "version": task.version, **task.asks()}
+    known_as = {"name": task.name, "version": task.version, "identity": digest(task.identity()), **task.asks()}
     run = Run.open(request.runs, request.name or task.prefix + resolved.name, known_as, resolved, request.seed)
     dataset = open_dataset(resolved.data, progress and partial(progress, resolved.name))
     run.bind(dataset.fingerprint)
     survey = task.survey(dataset)
     for label, config in resolved.methods.items():
-        key = {"task": known_as, "data": dataset.fingerprint, "mode": task.mode(label), "method": identity_of(config)}
+        key = {"task": known_as, "data": dataset.content_key, "mode": task.mode(label), "method": identity_of(config)}
         run.reuse(label, digest(key))
     run.set_notes(resolved.notes)
     todo = [label for label in run.labels if not _finished(task, run, label, survey)]

@@ -134,8 +134,12 @@ class Task(ABC, Generic[Piece, Surveyed]):
     counted: ClassVar[tuple[str, ...]] = (ROWS,)
 
     def asks(self) -> dict[str, Any]:
-        """What the task asks beyond the data set's own pieces, as JSON: part of every identity."""
+        """What the task asks beyond the data set's own pieces, as JSON that `from_run` reads."""
         return {}
+
+    def identity(self) -> dict[str, Any]:
+        """What answers depend on of what the task asks: all of it, with the versions of its components where any are."""
+        return self.asks()
 
     @classmethod
     @abstractmethod
