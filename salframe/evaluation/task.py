@@ -138,7 +138,7 @@ class Task(ABC, Generic[Piece, Surveyed]):
         return {}
 
     def identity(self) -> dict[str, Any]:
-        """What answers depend on of what the task asks: all of it, with the versions of its components where any are."""
+        """What answers depend on of what the task asks: all of it, with the identities of components in it."""
         return self.asks()
 
     @classmethod
