@@ -147,7 +147,12 @@ def test_a_comparison_off_a_terminal_tells_how_far_it_is(fakes, monkeypatch):
 def test_an_interrupt_says_how_to_resume_and_nothing_else(fakes, tmp_path, group):
     asked = ("compare", "--methods", "reader", "--data", "rooms", "--set", "sleep_s=0.3")
     process = subprocess.Popen(
-        [*SALFRAME, *asked], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+        [*SALFRAME, *asked],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a shell in the background ignores it
     )
     while not any(path.stat().st_size for path in tmp_path.glob("runs/*/methods/reader/rows.jsonl")):
         time.sleep(0.02)
@@ -155,6 +160,6 @@ def test_an_interrupt_says_how_to_resume_and_nothing_else(fakes, tmp_path, group
         os.killpg(process.pid, signal.SIGINT)
     else:
         process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=10)
+    out, err = process.communicate(timeout=60)
     assert (process.returncode, out) == (130, "")
     assert err == "interrupted: run the same command again to resume\n"

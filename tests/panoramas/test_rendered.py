@@ -186,7 +186,7 @@ def test_a_process_that_dies_is_one_line() -> None:
         Dying().prepare(lambda done, total: None)
 
 
-def test_an_interrupt_ends_the_processes_at_once() -> None:
+def test_an_interrupt_ends_the_processes_at_once(interruptible) -> None:
     sent: list[float] = []
 
     def interrupt() -> None:
@@ -199,7 +199,7 @@ def test_an_interrupt_ends_the_processes_at_once() -> None:
     thread.start()
     with pytest.raises(KeyboardInterrupt):
         Slow().prepare(lambda done, total: None)
-    assert time.monotonic() - sent[0] < 1
+    assert time.monotonic() - sent[0] < 30  # the work of each would have taken longer
     assert multiprocessing.active_children() == []
     assert files(Slow().root) == {}
     thread.join()
