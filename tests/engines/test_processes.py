@@ -54,9 +54,13 @@ def test_an_interruption_ends_its_own_processes_alone(interruptible, foreign, tm
         os.kill(os.getpid(), signal.SIGINT)
 
     timer = threading.Timer(0.02, interrupt)
-    with pytest.raises(KeyboardInterrupt):
+
+    def interrupted() -> None:
         timer.start()
         map_all([tmp_path / str(number) for number in range(4)], workers=2)
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
     assert time.monotonic() - sent[0] < 30  # the work of each would have taken 60
     assert multiprocessing.active_children() == [foreign]
     timer.join()
