@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import cv2
 import numpy as np
 
 from salframe.framework.errors import WeightsMissing
@@ -79,6 +78,8 @@ class Yolov8Seg(DetectionDecoder):
 
     def decode(self, outputs: Sequence[np.ndarray], asked: Question) -> list[Found]:
         """See DetectionDecoder."""
+        import cv2
+
         wanted = (4 + asked.classes + MASK_COEFFICIENTS, None), (MASK_COEFFICIENTS, None, None)
         raw, prototypes = _shaped(self.name, outputs, *wanted)
         answers = []

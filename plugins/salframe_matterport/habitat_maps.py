@@ -12,7 +12,6 @@ from collections.abc import Callable, Sequence
 from functools import cached_property
 from pathlib import Path
 
-import cv2
 import numpy as np
 from pydantic import Field
 
@@ -152,6 +151,8 @@ def _place(colour: np.ndarray, house: HouseFile, source: Path) -> tuple[np.ndarr
 def _patches(colour: np.ndarray) -> tuple[dict[int, np.ndarray], np.ndarray]:
     """Boxes (left, top, right, bottom) in pixels of the large connected patches of one colour by their number, and the
     numbers (H, W)."""
+    import cv2
+
     boxes: dict[int, np.ndarray] = {}
     number = np.zeros(colour.shape, np.int32)
     for value in np.unique(colour[colour > 0]):
