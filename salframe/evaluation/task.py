@@ -30,7 +30,7 @@ class Survey(Generic[Piece]):
 
 
 @dataclass(frozen=True, kw_only=True)
-class MethodRow:
+class MethodRow(ABC):
     """A method's line in the table of a task; numbers are None where there is nothing to measure.
 
     given: which parts of panoramas it was given; available: whether it can run here; ended: how its work ended; reason:
@@ -47,9 +47,9 @@ class MethodRow:
     errors: Mapping[str, str] = field(default_factory=dict)
 
     @property
+    @abstractmethod
     def measured(self) -> bool:
         """Whether the method has numbers."""
-        raise NotImplementedError
 
     @property
     def crashed(self) -> bool:
