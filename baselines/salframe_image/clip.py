@@ -87,12 +87,6 @@ class ClipRooms(Localizer):
         """None where the user's checkpoint takes their place."""
         return cls.weights if config.checkpoint is None else ()
 
-    @classmethod
-    def check(cls, config: Any) -> None:
-        """Raises RequirementMissing, or WeightsMissing where CLIP is not at hand."""
-        super().check(config)
-        CLIP_VIT_B32.paths(config.checkpoint)
-
     def describe(self, panorama: Panorama) -> Description:
         """embeddings (V, D) float16: CLIP's of each view, of unit length; zeros for a view that lies for the greater
         part in what was not seen."""

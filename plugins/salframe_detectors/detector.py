@@ -91,12 +91,6 @@ class OnnxDetector(Detector):
         self._look(np.full((1, height, width, 3), self.config.fill, np.uint8))
 
     @classmethod
-    def check(cls, config: Any) -> None:
-        """Raises RequirementMissing, or WeightsMissing where the network is not at hand."""
-        super().check(config)
-        _model_path(config.model)
-
-    @classmethod
     def weights_in_use(cls, config: Any) -> tuple[Weights, ...]:
         """Those that `model` names; none where it is a file."""
         return (ZOO[config.model],) if isinstance(config.model, str) else ()

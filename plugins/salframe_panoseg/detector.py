@@ -64,12 +64,6 @@ class PanoSegDetector(Detector):
         """None where a training of the user's takes their place."""
         return cls.weights if config.model is None else ()
 
-    @classmethod
-    def check(cls, config: Any) -> None:
-        """Raises WeightsMissing where there is no network."""
-        super().check(config)
-        PANOSEG.paths(config.model)
-
     @from_near_side
     def detect(self, panorama: Panorama) -> Detections:
         """See Detector. Raises InputMissing where the panorama has no colour or no range."""

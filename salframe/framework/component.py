@@ -54,6 +54,8 @@ class Component(ABC):
         if absent:
             hint = f": pip install '{cls.extra}'" if cls.extra else ""
             raise RequirementMissing(f"{cls.name} needs {', '.join(absent)}, not installed{hint}")
+        for weights in cls.weights_in_use(config):
+            weights.find()
         for _, inner in components_in(config):
             inner.component.check(inner)
 

@@ -190,6 +190,14 @@ class Weights:
         hash is not held against ours. Raises WeightsMissing with the path looked at, the sha256 and how to get it; or
         with both hashes where they differ.
         """
+        found = self.find(override)
+        if override is None:
+            for path, file in zip(found, self.files, strict=True):
+                _verify(path, file, f"get it again with: salframe weights fetch {self.name}")
+        return found
+
+    def find(self, override: Path | None = None) -> tuple[Path, ...]:
+        """The `paths`, not read yet: enough to say what can run here. Raises WeightsMissing where one is not there."""
         if override is not None:
             names = ", ".join(file.name for file in self.files)
             if len(self.files) > 1 and override.is_file():
@@ -197,18 +205,17 @@ class Weights:
                     f"weights {self.name!r}: received the file {override}, expected a folder that holds {names}"
                 )
             return tuple(self._own(override / file.name if override.is_dir() else override) for file in self.files)
-        found = []
-        for file in self.files:
-            path = self.directory / file.name
-            path = path if path.is_file() else self.source.installed(file) or path
-            if not path.is_file():
-                raise WeightsMissing(
-                    f"weights {self.name!r}: no file {path} (sha256 {file.sha256}); "
-                    f"get it with: salframe weights fetch {self.name}"
-                )
-            _verify(path, file, f"get it again with: salframe weights fetch {self.name}")
-            found.append(path)
-        return tuple(found)
+        return tuple(map(self._found, self.files))
+
+    def _found(self, file: WeightsFile) -> Path:
+        path = self.directory / file.name
+        path = path if path.is_file() else self.source.installed(file) or path
+        if not path.is_file():
+            raise WeightsMissing(
+                f"weights {self.name!r}: no file {path} (sha256 {file.sha256}); "
+                f"get it with: salframe weights fetch {self.name}"
+            )
+        return path
 
     def _own(self, path: Path) -> Path:
         if not path.is_file():
