@@ -22,13 +22,13 @@ def build(
     overrides: Set = None,
 ) -> None:
     """Build a map from a dataset's mapping frames."""
-    from salframe.cli.output import Bars
+    from salframe.cli.output import Bars, tell
     from salframe.cli.tables import format_bytes
     from salframe.framework.installation import folder_bytes
     from salframe.localization.saved_map import build_map
 
     with Bars() as bars:
-        build_map(data, output, method, data_dir=data_dir, overrides=overrides or (), progress=bars.update)
+        build_map(data, output, method, data_dir=data_dir, overrides=overrides or (), progress=bars.update, tell=tell)
     print(f"{output}: {format_bytes(folder_bytes(output))}")
 
 

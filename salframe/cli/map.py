@@ -40,13 +40,20 @@ def build(
     overrides: Set = None,
 ) -> None:
     """Build a topological map from a dataset's floor masks, and the map of a method from its mapping frames."""
-    from salframe.cli.output import Bars
+    from salframe.cli.output import Bars, tell
     from salframe.topology.place_map import build_topological_map
     from salframe.topology.topological_map import NodeKind
 
     with Bars() as bars:
         made = build_topological_map(
-            data, output, method, choose=choose, data_dir=data_dir, overrides=overrides or (), progress=bars.update
+            data,
+            output,
+            method,
+            choose=choose,
+            data_dir=data_dir,
+            overrides=overrides or (),
+            progress=bars.update,
+            tell=tell,
         )
     scenes = sum(node.kind is NodeKind.SCENE for node in made.nodes)
     print(f"{output}: {scenes} scene nodes, {len(made.nodes) - scenes} transition nodes, {len(made.edges)} edges")

@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from salframe.framework.errors import ConfigError, SalframeError
 
 if TYPE_CHECKING:
+    from salframe.framework.auto import Choice
     from salframe.framework.component import Component
 
 SAFE: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
@@ -55,13 +56,14 @@ def components_in(config: Any) -> Iterator[tuple[str, ComponentConfig]]:
             yield name, value
 
 
-def validate(model: type[BaseModel], settings: Mapping[str, Any], where: str) -> Any:
+def validate(model: type[BaseModel], settings: Mapping[str, Any], where: str, choice: Choice | None = None) -> Any:
     """An instance of `model`, or a ConfigError that names the key, what was received and what was expected.
 
-    `where` the settings stand: the dotted key that holds them, or a file's name and a colon.
+    `where` the settings stand: the dotted key that holds them, or a file's name and a colon; `choice`: what decides
+    slots that say `auto`, which stay undecided without.
     """
     try:
-        return model.model_validate(settings)
+        return model.model_validate(settings, context=choice)
     except ValidationError as error:
         problems = list(dict.fromkeys(_problem(model, problem, where) for problem in error.errors()))
         more = f"; and {len(problems) - PROBLEMS} more such faults" if len(problems) > PROBLEMS else ""
