@@ -51,10 +51,23 @@ def localize(
     with Bars() as bars:
         query_frame = open_frame(frame, data, data_dir, overrides or (), bars.update)
     answer = localizer.localize(query_frame)
+    tell_decided(map)
     if as_json:
         print_json(answer_json(answer))
     else:
         print_answer(answer)
+
+
+def tell_decided(map: Path) -> None:
+    """Tell what fills the slots of a map's localizer that are left to the data by default."""
+    from salframe.cli.output import tell
+    from salframe.framework.config import components_in
+    from salframe.framework.defaults import auto_order
+    from salframe.localization.saved_map import map_config
+
+    for slot, inner in components_in(map_config(map)):
+        if auto_order(inner.component.role):
+            tell(f"{slot} of the map: {inner.kind}")
 
 
 def answer_json(answer: Localization) -> dict[str, Any]:

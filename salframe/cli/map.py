@@ -117,7 +117,7 @@ def query(
     heading."""
     import numpy as np
 
-    from salframe.cli.localize import answer_json, print_answer
+    from salframe.cli.localize import answer_json, print_answer, tell_decided
     from salframe.cli.output import Bars
     from salframe.panoramas.opening import open_frame
     from salframe.topology.place_map import ask_map
@@ -125,6 +125,7 @@ def query(
     with Bars() as bars:
         query_frame = open_frame(frame, data, data_dir, overrides or (), bars.update)
     found = ask_map(map, query_frame, goal, planner)
+    tell_decided(map)
     if as_json:
         heading_deg = None if found.heading_rad is None else float(np.degrees(found.heading_rad))
         node = {"node": found.node, "distance_m": found.distance_m, "heading_deg": heading_deg}

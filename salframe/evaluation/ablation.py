@@ -85,9 +85,7 @@ def ablate(file: Path, request: Request, *, progress: Progress | None = None) ->
     return run_task(LocalizationTask(), asked, resolved, progress=progress)
 
 
-def _vary(
-    file: Path, label: str, config: ComponentConfig, choice: Mapping[str, Any], auto: Choice
-) -> ComponentConfig:
+def _vary(file: Path, label: str, config: ComponentConfig, choice: Mapping[str, Any], auto: Choice) -> ComponentConfig:
     """The configuration with these values of dotted keys."""
     content = config.model_dump(mode="json")
     pairs = [(tuple(key.split(".")), value) for key, value in choice.items()]

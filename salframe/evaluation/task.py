@@ -200,4 +200,3 @@ def check_needs(method: Component, needs: frozenset[str], dataset: Dataset) -> N
             advice = f"what can do without: {hint}" if able else f"no {role} at hand can do without"
             raise InputMissing(f"its {role} {inner.kind!r} needs {words}, which {dataset.name} does not have; {advice}")
     raise InputMissing(f"needs {words}, which {dataset.name} does not have")
-

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from salframe.framework.auto import Choice
 from salframe.framework.cache import Cache
-from salframe.framework.config import parse_override, validate
+from salframe.framework.config import ComponentConfig, parse_override, validate
 from salframe.framework.defaults import default_of
 from salframe.framework.errors import ConfigError, DataError
 from salframe.framework.files import atomic_folder
@@ -84,10 +84,15 @@ def open_map(directory: Path) -> Localizer:
 
     Raises DataError where `directory` is no map, UnknownName without its localizer.
     """
+    localizer: Localizer = registry().build("localizer", map_config(directory))
+    localizer.load(directory)
+    return localizer
+
+
+def map_config(directory: Path) -> ComponentConfig:
+    """The configuration of a saved map's localizer, as it was decided when the map was built. Raises as `open_map`."""
     saved = read_map(directory).localizer
     if not isinstance(kind := saved.get("kind"), str):
         raise DataError(f"{directory / MAP} names no localizer: build the map again")
-    model = registry().get("localizer", kind).Config
-    localizer: Localizer = registry().build("localizer", validate(model, saved, f"{directory}:"))
-    localizer.load(directory)
-    return localizer
+    config: ComponentConfig = validate(registry().get("localizer", kind).Config, saved, f"{directory}:")
+    return config
