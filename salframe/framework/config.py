@@ -49,11 +49,19 @@ def match_only(default: Any, **field: Any) -> Any:
 
 
 def components_in(config: Any) -> Iterator[tuple[str, ComponentConfig]]:
-    """The slots of a configuration and the configurations of the components in them, not those nested deeper."""
+    """The slots of a configuration and the configurations of the components in them, not those nested deeper; of a
+    field that holds several, `name[0]` and so on."""
     for name in type(config).model_fields if isinstance(config, BaseModel) else ():
         value = getattr(config, name)
         if isinstance(value, ComponentConfig):
             yield name, value
+        elif holds_components(value):
+            yield from ((f"{name}[{number}]", one) for number, one in enumerate(value))
+
+
+def holds_components(value: Any) -> bool:
+    """Whether the value of a setting is several components' configurations."""
+    return isinstance(value, tuple) and bool(value) and all(isinstance(one, ComponentConfig) for one in value)
 
 
 def validate(model: type[BaseModel], settings: Mapping[str, Any], where: str, choice: Choice | None = None) -> Any:

@@ -39,6 +39,25 @@ def slot(role: str, default: str | None = None, *, match_only: bool = False) -> 
     return Annotated[SerializeAsAny[ComponentConfig], BeforeValidator(resolve), field]
 
 
+def slots(role: str, default: tuple[str, ...]) -> Any:
+    """The type of a config field that holds several components of `role`, at least one, in order:
+    `of: slots("detector", ("segments", "onnx"))`.
+
+    It accepts a list; each entry is what a `slot` accepts, and a mapping names its `kind`.
+    """
+
+    def resolve(value: Any, info: ValidationInfo) -> tuple[ComponentConfig, ...]:
+        if not isinstance(value, list | tuple) or not value:
+            raise ValueError(f"received {value!r}, expected a list of at least one {role}")
+        nameless = [one for one in value if isinstance(one, Mapping) and "kind" not in one]
+        if nameless:
+            raise ValueError(f"received {nameless[0]!r}, expected a `kind` that names a {role}, and its settings")
+        return tuple(_fill(role, "", one, info.context) for one in value)
+
+    field = Field(default_factory=lambda: tuple({"kind": name} for name in default), validate_default=True)
+    return Annotated[tuple[SerializeAsAny[ComponentConfig], ...], BeforeValidator(resolve), field]
+
+
 def _fill(role: str, default: str, value: Any, choice: Choice | None) -> ComponentConfig:
     """The configuration of the component that a value of a slot stands for. Raises ConfigError, UnknownName, and
     InputMissing where nothing that `auto` may become can run."""

@@ -54,8 +54,8 @@ OURS = [component for component, package in registry() if package == "salframe"]
 
 BROUGHT = ("feature-matcher", "detection-decoder", "image-network")
 """Roles that plugins of ours bring, checked in tests/keypoints, tests/detectors and tests/image."""
-STAGES = [c for c in OURS if c.role not in ("dataset", "localizer", *BROUGHT) and c.name != "onnx"]
-"""All but `onnx`, whose network is made in tests/detectors/test_onnx_detector.py."""
+STAGES = [c for c in OURS if c.role not in ("dataset", "localizer", *BROUGHT) and c.name not in ("onnx", "union")]
+"""All but `onnx` and `union`, whose networks are made in tests/detectors."""
 
 
 @pytest.mark.parametrize("component", STAGES, ids=lambda component: component.name)
