@@ -8,7 +8,9 @@ from salframe.graphs.detections import Detections
 
 SAME = 0.5
 """Two detectors mean the same object where what they find shares more than this of the smaller. Of the smaller, not of
-both: one sees the part of an object that its mask covers, the other the box around all of it."""
+both: one sees the part of an object that its mask covers, the other the box around all of it. Objects of `panoseg` and
+annotated ones of the same name in a rendered home (house-6, seed 100, 30 panoramas): of 98 pairs within 0.3 m 97 share
+more of their boxes and 96 of their caps, of 11 pairs over 1 m apart none and 1."""
 SLACK_M = 0.1
 """A side of a box counts as no less than this when boxes are laid on each other: two boxes around a picture on the wall
 are a few cm thick and as far apart."""

@@ -12,6 +12,7 @@ from auto_plugin import ABSENT
 from command_line import run as salframe
 
 from salframe.evaluation.localization import compare
+from salframe.evaluation.navigation import navigate
 from salframe.evaluation.request import Request, resolve
 from salframe.framework.auto import Choice
 from salframe.framework.defaults import auto_order
@@ -167,3 +168,23 @@ def test_no_component_may_be_called_so():
 
     with pytest.raises(SalframeError, match="name is 'auto', which slots say that leave their component to the data"):
         registry().add(type("Auto", (Named,), {"name": "auto"}), "a-package")
+
+
+def test_where_agents_walk_and_topologies_are_made_the_same_is_said(plugins):
+    plugins(
+        "apartment_plugin",
+        "auto_plugin",
+        "salframe_objects",
+        "salframe_engines",
+        "salframe_planners",
+        folders=(".", "navigation"),
+    )
+    reason = (
+        "no detector of 'auto' can run on apartment: annotations: needs annotations, which the data does not have; "
+    )
+    walked = navigate(Request(("objects",), "apartment", engine="inline"), episodes=2)
+    assert walked.row("objects").reason.startswith(reason)
+    made = salframe("map", "build", "apartment", "-o", "map", "--method", "objects")
+    assert (made.code, made.out) == (2, "")
+    assert made.err.startswith(f"error: {reason}")
+    assert not Path("map").exists()

@@ -20,7 +20,7 @@ from salframe.framework.errors import DataError
 from salframe.framework.identity import UserFile
 from salframe.framework.presets import configure, settings
 from salframe.framework.registry import registry
-from salframe.framework.slots import slot
+from salframe.framework.slots import slot, slots
 from salframe.panoramas.geometry import rays_to_pixels
 from salframe.testing import ConformanceError, check_component
 from salframe.testing.identities import _user_files, another_config, check_files
@@ -191,6 +191,7 @@ class Filed(Described):
     class Config(AnnotationDetector.Config):
         tables: Listed = Listed()
         detector: slot("detector", "onnx")
+        others: slots("detector", ("annotations", "onnx"))
 
     def __init__(self, config=None):
         super().__init__(config)
@@ -204,6 +205,7 @@ def test_files_are_found_wherever_they_are():
         "tables.files": False,
         "tables.last": True,
         "detector.model": False,
+        "others[1].model": False,
     }
 
 
