@@ -123,13 +123,14 @@ def stand_in(
     if other is None:
         return name, config, None
     note = f"{other}, not {name}: {missing}"
-    plain = configure_default(role, other, choice=choice)
+    content = settings(role, other)
+    plain = decide(role, other, content, (), choice)
     if why_not(plain):
         return name, config, None
     as_it_is = f"{note}; it runs as it is, for it cannot take what was set"
     try:
-        instead = configure_default(role, other, given, choice)
-    except ConfigError as error:
+        instead = decide(role, other, content, given, choice)
+    except (ConfigError, InputMissing) as error:
         return other, plain, f"{as_it_is}: {error}"
     if why_not(instead):
         return name, config, None

@@ -29,27 +29,37 @@ class Choice:
     def take(self, role: str) -> type[Component]:
         """The first component in the role's order that can run here on the data. Raises InputMissing that says why each
         cannot."""
-        provides, reasons = self._provides(), []
-        for name, remark in auto_order(role).items():
-            try:
-                component = registry().get(role, name)
-            except UnknownName:
-                continue
-            except PluginFailed as error:
-                reasons.append(f"{name}: {error}")
-                continue
-            reason = why_unfit(component, provides)
-            if reason is None:
-                self._taken[role] = f"auto took the {role} {name}" + (f", which {remark}" if remark else "")
-                return component
-            reasons.append(f"{name}: {reason}")
-        raise InputMissing(f"no {role} of 'auto' can run on {self._data}: {'; '.join(reasons) or 'none is installed'}")
+        component, remark = _first(role, self._provides())
+        if component is None:
+            raise InputMissing(f"no {role} of {AUTO!r} can run on {self._data}: {remark}")
+        self._taken[role] = f"{AUTO} took the {role} {component.name}" + (f", which {remark}" if remark else "")
+        return component
 
 
-def why_unfit(component: type[Component], provides: frozenset[str]) -> str | None:
-    """Why a component cannot run, as it is, on panoramas with these parts, None where it can."""
+def _first(role: str, provides: frozenset[str] | None) -> tuple[type[Component] | None, str]:
+    """The first component in a role's order that can run on panoramas with these parts (None: whatever it needs), with
+    what to say of it; None with the reasons where none can. Names that nobody brings are passed over."""
+    reasons = []
+    for name, remark in auto_order(role).items():
+        try:
+            component = registry().get(role, name)
+        except UnknownName:
+            continue
+        except PluginFailed as error:
+            reasons.append(f"{name}: {error}")
+            continue
+        reason = why_unfit(component, provides)
+        if reason is None:
+            return component, remark
+        reasons.append(f"{name}: {reason}")
+    return None, "; ".join(reasons) or "none is installed"
+
+
+def why_unfit(component: type[Component], provides: frozenset[str] | None) -> str | None:
+    """Why a component cannot run, as it is, on panoramas with these parts (None: whatever it needs), None where it
+    can."""
     reason = failure_of(lambda: component.check(component.Config()))
-    if reason is not None:
+    if reason is not None or provides is None:
         return reason
     absent = needs_of(component.Config()) - provides
     return f"needs {' and '.join(sorted(absent))}, which the data does not have" if absent else None
@@ -72,12 +82,9 @@ class Undecided(Component):
     @classmethod
     def check(cls, config: ComponentConfig) -> None:
         """Raises RequirementMissing where nothing that it may become could run here, whatever the data."""
-        known = [name for name in auto_order(cls.role) if name in registry().names(cls.role)]
-        components = [registry().get(cls.role, name) for name in known]
-        failures = [failure_of(lambda one=one: one.check(one.Config())) for one in components]  # type: ignore[misc]
-        if None not in failures:
-            reasons = "; ".join(f"{name}: {failure}" for name, failure in zip(known, failures, strict=True))
-            raise RequirementMissing(f"no {cls.role} of 'auto' can run here: {reasons or 'none is installed'}")
+        component, reasons = _first(cls.role, None)
+        if component is None:
+            raise RequirementMissing(f"no {cls.role} of {AUTO!r} can run here: {reasons}")
 
 
 @cache

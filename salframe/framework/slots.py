@@ -39,9 +39,9 @@ def slot(role: str, default: str | None = None, *, match_only: bool = False) -> 
     return Annotated[SerializeAsAny[ComponentConfig], BeforeValidator(resolve), field]
 
 
-def slots(role: str, default: tuple[str, ...]) -> Any:
+def slots(role: str, default: tuple[str, ...], description: str) -> Any:
     """The type of a config field that holds several components of `role`, at least one, in order:
-    `of: slots("detector", ("segments", "onnx"))`.
+    `of: slots("detector", ("segments", "onnx"), "the detectors to unite")`.
 
     It accepts a list; each entry is what a `slot` accepts, and a mapping names its `kind`.
     """
@@ -54,7 +54,11 @@ def slots(role: str, default: tuple[str, ...]) -> Any:
             raise ValueError(f"received {nameless[0]!r}, expected a `kind` that names a {role}, and its settings")
         return tuple(_fill(role, "", one, info.context) for one in value)
 
-    field = Field(default_factory=lambda: tuple({"kind": name} for name in default), validate_default=True)
+    field = Field(
+        default_factory=lambda: tuple({"kind": name} for name in default),
+        validate_default=True,
+        description=description,
+    )
     return Annotated[tuple[SerializeAsAny[ComponentConfig], ...], BeforeValidator(resolve), field]
 
 

@@ -191,7 +191,7 @@ class Filed(Described):
     class Config(AnnotationDetector.Config):
         tables: Listed = Listed()
         detector: slot("detector", "onnx")
-        others: slots("detector", ("annotations", "onnx"))
+        others: slots("detector", ("annotations", "onnx"), "some more")
 
     def __init__(self, config=None):
         super().__init__(config)
