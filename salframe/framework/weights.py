@@ -162,7 +162,8 @@ class Shipped:
 
 @dataclass(frozen=True)
 class Weights:
-    """The files of one trained network, their licence (SPDX), and where they come from.
+    """The files of one trained network, their licence (SPDX), and where they come from; `data` says what the network
+    was trained on where that has terms of its own.
 
     They lie in salframe's own cache or in an installed package, or a config names a local path. Nothing is downloaded
     unless asked for.
@@ -172,6 +173,7 @@ class Weights:
     licence: str
     files: tuple[WeightsFile, ...]
     source: Source
+    data: str = ""
 
     @property
     def size_bytes(self) -> int:

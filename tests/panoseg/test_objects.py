@@ -3,7 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from salframe_panoseg.detector import from_panorama, into_panorama
-from salframe_panoseg.objects import LEAST_POINTS, group_pixels, without_strays
+from salframe_panoseg.objects import LEAST_POINTS, group_pixels
+
+from salframe.graphs.pixels import without_strays
 
 H, W = 32, 64
 
