@@ -14,7 +14,7 @@ from pydantic import Field, model_validator
 from salframe.framework.config import ComponentConfig
 from salframe.framework.errors import InputMissing, WeightsMissing
 from salframe.framework.identity import UserFile
-from salframe.framework.weights import Download, Weights, WeightsFile
+from salframe.framework.weights import Link, Weights, WeightsFile
 from salframe.graphs.boxes import detections_where_known
 from salframe.graphs.detections import Detections
 from salframe.graphs.detector import Detector
@@ -22,9 +22,9 @@ from salframe.graphs.pixels import without_strays
 from salframe.graphs.turning import from_near_side
 from salframe.panoramas.geometry import equirectangular_rays
 from salframe.panoramas.panorama import Panorama
-from salframe_segments.card import Card, card_beside, read_card, shipped_card
+from salframe_segments.card import Calibration, Card, card_beside, read_card, shipped_card
 from salframe_segments.instances import find_instances
-from salframe_segments.networks import TFLITE, SegmentationNetwork, open_network
+from salframe_segments.networks import TFLITE, open_network
 from salframe_segments.voting import HEIGHT, Views, vote
 
 UNSEEN = 114
@@ -35,24 +35,28 @@ MOST_SCORES = 160
 ADE20K = Weights(
     name="ade20k",
     licence="Apache-2.0",
-    data="ADE20K (images for research and non-commercial use only)",
+    data="ADE20K, whose images are for research and non-commercial use",
     files=(
         WeightsFile(
-            "deeplabv3_mnv2_ade20k_uint8.tflite",
-            "2d58c681d81b5e181816b81cc815b82edf3daad905b4d7d35afade80aee93b5f",
-            2_348_952,
+            "lite-model_deeplabv3-mobilenetv2-ade20k_1_default_1.tflite",
+            "9476784566f88bf0bdc3169f0012fb7d08857b325811d8c1aaf5ada1c0d4e4f9",
+            2_415_896,
         ),
     ),
-    source=Download(
-        ("https://github.com/mlcommons/mobile_models/raw/1f9963316b81a63fdef1040133ae64f6e8879c5b/v0_7/tflite",)
+    # TensorFlow Hub moved to Kaggle: its address leads on to the second, where its files for TensorFlow Lite lay.
+    source=Link(
+        (
+            "https://tfhub.dev/sayakpaul/lite-model/deeplabv3-mobilenetv2-ade20k/1/default/1?lite-format=tflite",
+            "https://storage.googleapis.com/tfhub-lite-models/sayakpaul/lite-model/deeplabv3-mobilenetv2-ade20k/1/default/1.tflite",
+        )
     ),
 )
 
 
 @dataclass(frozen=True, eq=False)
 class PixelClasses:
-    """What each pixel of a panorama most likely shows: names, of objects as the graph calls them and of structure as the
-    network does; class_id (H, W) int32 into names; probability (H, W) float32 of that class; seen (H, W) bool, false
+    """What each pixel of a panorama most likely shows: names, of objects as the graph calls them and of structure as
+    the network does; class_id (H, W) int32 into names; probability (H, W) float32 of that class; seen (H, W) bool, false
     where no view looks or the panorama is not valid."""
 
     names: tuple[str, ...]
@@ -117,6 +121,11 @@ class SegmentsDetector(Detector):
         width, height = card.input.size_px
         next(self._network.probabilities(np.full((1, height, width, 3), UNSEEN, np.uint8)))
 
+    @property
+    def calibration(self) -> Calibration:
+        """How scores follow from probabilities."""
+        return self._network.card.calibration
+
     @classmethod
     def requires_in_use(cls, config: Any) -> tuple[str, ...]:
         """LiteRT for networks of TensorFlow Lite alone."""
@@ -143,7 +152,7 @@ class SegmentsDetector(Detector):
         for own in found:
             weight = area_sr.flat[own]
             mean = float(np.average(pixels.probability.flat[own], weights=weight))
-            score = self._network.card.calibration.score(mean)
+            score = self.calibration.score(mean)
             if score < self.config.min_score:
                 continue
             labels.append(pixels.names[int(class_id.flat[own[0]])])
@@ -168,11 +177,11 @@ class SegmentsDetector(Detector):
         colour."""
         if panorama.rgb is None:
             raise InputMissing(f"{panorama.id} has no colour, which the detector {self.name!r} reads")
-        image, valid = panorama.rgb, np.ones((HEIGHT, 2 * HEIGHT), bool)
+        image, valid, shown = panorama.rgb, np.ones((HEIGHT, 2 * HEIGHT), bool), np.ones(self._views.count, bool)
         if panorama.valid is not None:
             image = np.where(panorama.valid[..., None], image, np.uint8(UNSEEN))
             valid = _smaller(panorama.valid.astype(np.uint8)) > 0
-        shown = self._views.show(valid)
+            shown = self._views.show(valid)
         if not shown.any():
             nothing = np.zeros(valid.shape, np.float32)
             return PixelClasses(self._classes.names, nothing.astype(np.int32), nothing, nothing > 0)
@@ -215,9 +224,12 @@ class Classes:
 
     def join(self, probabilities: np.ndarray) -> np.ndarray:
         """(h, w, names) float32: the sum of the probabilities (h, w, C) of the classes of each name."""
-        which = np.zeros((len(self.index), len(self.names)), np.float32)
-        which[np.arange(len(self.index)), self.index] = 1
-        return probabilities @ which
+        joined = np.zeros((*probabilities.shape[:2], len(self.names)), np.float32)
+        names, first = np.unique(self.index, return_index=True)
+        joined[..., names] = probabilities[..., first]
+        for other in np.setdiff1d(np.arange(len(self.index)), first):
+            joined[..., self.index[other]] += probabilities[..., other]
+        return joined
 
 
 def _model_path(model: str | UserFile) -> Path:

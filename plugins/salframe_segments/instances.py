@@ -7,8 +7,8 @@ import numpy as np
 from salframe.graphs.pixels import connected_parts
 
 JUMP = 0.1
-"""Neighbouring pixels whose ranges differ by more than this share of the nearer are of two parts. A floor seen from 1.5 m
-above, 0.7 deg a pixel, reaches that 8 m away."""
+"""Neighbouring pixels whose ranges differ by more than this share of the nearer are of two parts. A table top half a
+metre below the camera, 0.7 deg a pixel, reaches that 4 m away."""
 SPILL = 0.1
 """What a jump in range cuts off of a patch of one class is the rim that spilt onto what lies behind, not an object,
 where it is smaller than this share of the patch's largest part."""
@@ -32,7 +32,7 @@ def find_instances(
     pixels = np.flatnonzero(usable)
     if not len(pixels):
         return []
-    range_m = None if points_m is None else np.linalg.norm(points_m, axis=-1).ravel()
+    range_m = np.zeros(class_id.size) if points_m is None else np.linalg.norm(points_m, axis=-1).ravel()
 
     def same(first: np.ndarray, second: np.ndarray) -> np.ndarray:
         return classes[first] == classes[second]
@@ -43,7 +43,7 @@ def find_instances(
         return same(first, second) & (whole[classes[first]] | ~jumps)
 
     blob_of = connected_parts(usable, same)
-    part_of = blob_of if range_m is None else connected_parts(usable, level)
+    part_of = blob_of if points_m is None else connected_parts(usable, level)
     parts = _split(pixels, part_of)
     size_sr = np.bincount(part_of, area_sr.flat[pixels])
     largest_sr = np.zeros(blob_of.max() + 1)

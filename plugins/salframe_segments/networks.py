@@ -50,8 +50,8 @@ class SegmentationNetwork(ABC):
         if taken.dtype == "float32":
             images = images.astype(np.float32)
             images *= np.float32(taken.scale)
-            images -= np.float32(taken.mean)
-            images /= np.float32(taken.std)
+            images -= np.array(taken.mean, np.float32)
+            images /= np.array(taken.std, np.float32)
         return np.ascontiguousarray(images.transpose(0, 3, 1, 2) if taken.layout == "nchw" else images)
 
 

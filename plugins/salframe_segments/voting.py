@@ -40,6 +40,11 @@ class Views:
         rings = ((self.level, 0.0), (self.tilted, TILT_RAD), (self.tilted, -TILT_RAD))
         return tuple(ViewRig(n, self.width_px, self.height_px, self.fov_rad, up) for n, up in rings if n)
 
+    @property
+    def count(self) -> int:
+        """V, how many views there are."""
+        return self.level + 2 * self.tilted
+
     def cut(self, image: np.ndarray) -> np.ndarray:
         """(V, height_px, width_px, 3) uint8, ring by ring, of a panorama's colour (H, 2H, 3)."""
         return np.concatenate([ring.cut(image) for ring in self.rings])

@@ -62,8 +62,8 @@ def detections_where_known(
     bearing: np.ndarray | None = None,
     solid_angle_sr: np.ndarray | None = None,
 ) -> Detections:
-    """Detections of objects given by the points (n_i, 3) behind their masks; where these are fewer than LEAST_POINTS, or
-    None for all, position and size are NaN. bearing (N, 3) and solid_angle_sr (N,) as in Detections."""
+    """Detections of objects given by the points (n_i, 3) behind their masks; where these are fewer than LEAST_POINTS,
+    or None for all, position and size are NaN. bearing (N, 3) and solid_angle_sr (N,) as in Detections."""
     known = [i for i, points in enumerate(points_m or ()) if len(points) >= LEAST_POINTS]
     centroid, size = np.full((len(labels), 3), np.nan), np.full((len(labels), 3), np.nan)
     yaw = np.full(len(labels), np.nan)

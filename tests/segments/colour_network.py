@@ -1,5 +1,5 @@
-"""A segmentation network whose answers are known in closed form: a class is a colour, and a pixel's logits fall with the
-squared distance of its colour from each of them."""
+"""A segmentation network whose answers are known in closed form: a class is a colour, and a pixel's logits fall with
+the squared distance of its colour from each of them."""
 
 from __future__ import annotations
 
