@@ -6,7 +6,7 @@ import numpy as np
 
 from salframe.graphs.pixels import connected_parts
 
-JUMP = 0.1
+JUMP = 0.2
 """Neighbouring pixels whose ranges differ by more than this share of the nearer are of two parts. A table top half a
 metre below the camera, 0.7 deg a pixel, reaches that 4 m away."""
 SPILL = 0.1
