@@ -19,6 +19,8 @@ from salframe.panoramas.photograph import Pinhole
 
 NARROWEST, WIDEST = 1280, 2560
 """Images of fewer columns are enlarged by a whole factor, of more reduced by one, so that names can be read."""
+NAMES, CROWD = 40, 24
+"""The largest objects, so many at most, are named on the image; names of more than a crowd are smaller."""
 COLOURS: tuple[Colour, ...] = (
     (230, 57, 70),
     (29, 120, 200),
@@ -109,10 +111,11 @@ def draw_outlines(
 def name_objects(
     image: np.ndarray, detections: Detections, lines: list[list[np.ndarray]], colours: dict[str, Colour]
 ) -> np.ndarray:
-    """An image (H, W, 3) uint8 with labels and scores where the objects' lines, of `find_lines`, are."""
+    """An image (H, W, 3) uint8 with labels and scores of the largest objects where their lines are (`find_lines`)."""
     height, width = image.shape[:2]
-    lettering = Lettering(width, height, _letters(image))
-    for i in _largest_first(lines):
+    crowded = len(detections) > CROWD
+    lettering = Lettering(width, height, round(_letters(image) * (0.8 if crowded else 1)))
+    for i in _largest_first(lines)[:NAMES]:
         label, spot = detections.labels[i], _spot(lines[i], width, height)
         if spot is not None:
             lettering.put(f"{label} {detections.scores[i]:.2f}", colours[label], *spot)

@@ -15,6 +15,8 @@ from salframe.panoramas.photograph import Pinhole
 GROUND, SEEN, RING, EDGE = (247, 248, 250), (233, 236, 242), (206, 211, 219), (118, 128, 146)
 BEARING_LENGTH = 0.82
 """How far rays reach, a share of the plan's reach."""
+NAMES = 30
+"""The most salient objects, so many at most, are named."""
 RINGS, RING_METRES = 6, (0.5, 1, 2, 5, 10, 20, 50)
 """So many rings at most, these metres apart."""
 
@@ -78,8 +80,19 @@ class Plan:
         for centre, r, colour in zip(place, radius, colours, strict=True):
             disk(self._image, centre, r + self._side / 500, PAPER)
             disk(self._image, centre, r, colour)
-        for label, centre, box, colour in zip(graph.labels, place, around, colours, strict=True):
-            self._lettering.put(label, colour, box, centre)
+        for i in range(min(len(graph), NAMES)):
+            label, inside = graph.labels[i], ((place[i] >= 0) & (place[i] < self._side)).all()
+            if inside:
+                self._lettering.put(label, colours[i], around[i], place[i])
+            else:
+                far_m = np.hypot(*graph.centroid_m[i, :2])
+                self._write(f"{label}, {far_m:.1f} m", self._towards(place[i]), colours[i])
+
+    def _towards(self, beyond: np.ndarray) -> np.ndarray:
+        """Where the line from the camera to a pixel outside the plan leaves it."""
+        ahead = beyond - self._middle
+        room = np.where(ahead > 0, self._side - self._middle, self._middle) / np.maximum(np.abs(ahead), 1e-9)
+        return self._middle + room.min() * ahead
 
     def _draw_rays(self, detections: Detections) -> None:
         """Objects whose bearing alone is known, each as wide as its solid angle."""

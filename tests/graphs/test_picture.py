@@ -140,6 +140,19 @@ def test_the_plan_looks_ahead_upwards_and_has_nodes_at_their_positions():
         assert colour[y - 2 : y + 2, x - 2 : x + 2].all()
 
 
+def test_what_lies_far_beyond_the_others_is_named_at_the_plans_border():
+    """Nine objects 1 m away and one 30 m to the right, which would leave the others no room."""
+    angle = np.linspace(0, 2 * np.pi, 9, endpoint=False)
+    centroid = np.vstack([np.column_stack([np.cos(angle), np.sin(angle), 0 * angle]), [[0, -30, 0]]])
+    found = Detections((*("cup",) * 9, "tower"), np.ones(10), centroid, np.full((10, 3), 0.1), np.zeros(10))
+    plan, coloured = plan_of(found)
+    assert np.hypot(*(plan.pixel(centroid[0, :2]) - 400)) > 100
+    rows, columns = np.nonzero(coloured[9])
+    assert columns.min() > 800 - 160
+    assert columns.max() >= 797
+    assert abs(rows.mean() - 400) < 40
+
+
 def test_without_range_the_plan_has_rays():
     found = balls(False)
     colours = choose_colours(found.labels)
