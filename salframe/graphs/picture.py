@@ -269,4 +269,5 @@ def _shorten(text: str, letters: Any, longest: float) -> str:
 def _degrees(angle_deg: float) -> str:
     if not np.isfinite(angle_deg):
         return "-"
-    return f"{round(angle_deg):+d}°" if round(angle_deg) else "0°"
+    whole = round(angle_deg)
+    return f"{whole:+d}°" if whole % 180 else f"{abs(whole)}°"

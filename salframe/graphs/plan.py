@@ -47,9 +47,13 @@ class Plan:
         self._name_sides(all_around=camera is None)
         if graph is None:
             self._draw_ring(BEARING_LENGTH)
-            self._draw_rays(detections)
         else:
             self._draw_rings(reach_m)
+        self._image = self._lettering.draw(self._image)  # under the objects
+        self._lettering.names.clear()
+        if graph is None:
+            self._draw_rays(detections)
+        else:
             self._draw_graph(graph)
         head = side / 55 * np.array([(0, -1.3), (0.8, 0.9), (0, 0.45), (-0.8, 0.9)])
         fill(self._image, self._middle + head, INK)
@@ -143,7 +147,10 @@ class Plan:
 
 
 def _reach(graph: SaliencyGraph) -> float:
-    """How far from the camera the plan has to reach, in metres: to the farthest node, unless that lies far beyond the
-    others."""
-    distance = np.hypot(graph.centroid_m[:, 0], graph.centroid_m[:, 1])
-    return float(max(1.0, min(distance.max() * 1.12, 3 * np.median(distance)))) if len(distance) else 1.0
+    """How far from the camera the plan has to reach, in metres: to the ends of the boxes, but not to what lies far
+    beyond the others."""
+    if not len(graph):
+        return 1.0
+    distance_m = np.hypot(graph.centroid_m[:, 0], graph.centroid_m[:, 1])
+    ends_m = distance_m + np.hypot(graph.size_m[:, 0], graph.size_m[:, 1]) / 2
+    return float(max(1.0, min(ends_m.max(), 3 * np.median(distance_m))))
