@@ -42,11 +42,13 @@ class ShowConfig(Settings):
 
 @dataclass(frozen=True, eq=False)
 class ObjectView:
-    """What was found in an image: where its picture lies, the objects in the panorama frame, their saliency (N,)
-    float64, None where no range is known, and the seconds that detection took."""
+    """What was found in an image: where its picture lies, the detector with those of its settings that are not as they
+    come, the objects in the panorama frame, their saliency (N,) float64, None where no range is known, and the seconds
+    that detection took."""
 
     image: Path
     picture: Path
+    detector: str
     detections: Detections
     saliency: np.ndarray | None
     seconds: float
@@ -68,7 +70,7 @@ class ObjectView:
             }
             for i in range(len(found))
         ]
-        named = {"image": str(self.image), "picture": str(self.picture)}
+        named = {"image": str(self.image), "picture": str(self.picture), "detector": self.detector}
         return {**named, "seconds": self.seconds, "objects": objects}
 
 
@@ -76,13 +78,11 @@ class ObjectView:
 class ObjectViews:
     """The images that were shown, in the order in which they were named, and why others were not, in a line each."""
 
-    detector: str
     views: tuple[ObjectView, ...]
     failures: Mapping[Path, str]
 
     def to_json(self) -> dict[str, Any]:
         return {
-            "detector": self.detector,
             "images": [view.to_json() for view in self.views],
             "failures": [{"image": str(image), "error": error} for image, error in self.failures.items()],
         }
@@ -122,13 +122,15 @@ def show_objects(
             failures[image] = describe_error(error)
     if progress:
         progress("show-objects", len(images), len(images))
-    return ObjectViews(stages.detector, tuple(views), failures)
+    return ObjectViews(tuple(views), failures)
 
 
 def _check(
     images: Sequence[Path], output: Path, range_image: Path | None, fov_deg: float | None, pitch_deg: float | None
 ) -> None:
     """Raises ConfigError on what would go wrong with every image."""
+    if not images:
+        raise ConfigError("received no image, expected at least one")
     if range_image is not None and len(images) != 1:
         raise ConfigError(f"received {len(images)} images and the range of one, expected one image with --range")
     if pitch_deg is not None and fov_deg is None:
@@ -170,7 +172,6 @@ class _Stages:
             if one.value != one.default
         ]
         self.detector = f"{config.detector.kind} ({', '.join(changed)})" if changed else config.detector.kind
-        """The detector and those of its settings that are not as they come."""
 
     def detect(self, panorama: Panorama) -> tuple[Detections, float]:
         """The objects, and the seconds it took. Raises InputMissing, InvalidAnswer."""
@@ -199,7 +200,7 @@ def _show(image: Path, picture: Path, shot: Shot, stages: _Stages) -> ObjectView
     title = f"{image.name}    {stages.detector}: {len(found)} objects in {seconds:.2f} s"
     drawn = draw_objects(shot.rgb, found, saliency=saliency, graph=graph, camera=shot.camera, title=title)
     _write_picture(picture, drawn)
-    return ObjectView(image, picture, found, saliency, seconds)
+    return ObjectView(image, picture, stages.detector, found, saliency, seconds)
 
 
 def _check_picture(path: Path) -> None:

@@ -31,8 +31,8 @@ def pictures(fakes, tmp_path, monkeypatch):
 def test_a_panorama_with_range(pictures):
     shown = run("show-objects", "hall.jpg", *DETECTOR, "--range", "hall.range.png", "-o", "out", "--json")
     assert (shown.code, shown.err) == (0, "")
-    assert shown.json["detector"] == "balls"
     (view,) = shown.json["images"]
+    assert view["detector"] == "balls"
     assert (view["image"], view["picture"]) == ("hall.jpg", "out/hall.objects.png")
     assert view["seconds"] > 0
     for found, (label, centre_m, radius_m, score) in zip(view["objects"], BALLS, strict=True):
@@ -73,9 +73,10 @@ def test_a_photograph_is_drawn_in_its_own_pixels(pictures):
 
 
 def test_settings_change_detector_and_graph(pictures):
-    shown = run("show-objects", "hall.jpg", *DETECTOR, "--set", "detector.min_score=0.6", "--json").json
-    assert shown["detector"] == "balls (min_score=0.6)"
-    assert [found["label"] for found in shown["images"][0]["objects"]] == ["globe", "ottoman"]
+    arguments = ("hall.jpg", *DETECTOR, "--set", "detector.min_score=0.6", "--json")
+    (view,) = run("show-objects", *arguments).json["images"]
+    assert view["detector"] == "balls (min_score=0.6)"
+    assert [found["label"] for found in view["objects"]] == ["globe", "ottoman"]
     assert "unknown key show-objects.grph" in run("show-objects", "hall.jpg", *DETECTOR, "--set", "grph.top_k=1").err
     assert "unknown detector 'bals', did you mean 'balls'?" in run("show-objects", "hall.jpg", "--detector", "bals").err
 
