@@ -19,7 +19,9 @@ def show_objects(
             metavar="IMAGE", help="Panoramas, twice as wide as high, or with --fov photographs; JPEG or PNG."
         ),
     ],
-    detector: Annotated[str | None, typer.Option(help="A detector of `salframe plugins`.")] = None,
+    detector: Annotated[
+        str | None, typer.Option(help="A detector of `salframe plugins`; by what can run unless given.")
+    ] = None,
     overrides: Annotated[
         list[str] | None,
         typer.Option(
@@ -46,7 +48,7 @@ def show_objects(
 ) -> None:
     """Draw the objects that a detector finds in images: NAME.objects.png has outlines, labels and scores, the saliency
     graph from above, or without range the bearings, and a table. Exit 1 where an image could not be shown."""
-    from salframe.cli.output import Bars
+    from salframe.cli.output import Bars, tell
     from salframe.graphs.show import show_objects
 
     with Bars() as bars:
@@ -60,6 +62,8 @@ def show_objects(
             pitch_deg=pitch,
             progress=bars.update if len(images) > 1 else None,
         )
+    for note in shown.notes:
+        tell(note)
     if as_json:
         print_json(shown.to_json())
     else:

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from salframe.framework.auto import Choice
 from salframe.framework.config import Settings, merge, nest, parse_override, validate
-from salframe.framework.errors import ConfigError, DataError, InputMissing, InvalidAnswer, describe_error
+from salframe.framework.errors import ConfigError, DataError, InputMissing, InvalidAnswer, SalframeError, describe_error
 from salframe.framework.files import atomic_path
 from salframe.framework.registry import registry
 from salframe.framework.settings import list_settings
@@ -35,7 +36,7 @@ SUFFIX, MARK = ".objects.png", ("Software", "salframe show-objects")
 class ShowConfig(Settings):
     """What `--set` changes: the detector, and how its objects become a saliency graph."""
 
-    detector: slot("detector")  # type: ignore[valid-type]
+    detector: slot("detector", "auto")  # type: ignore[valid-type]
     saliency: slot("saliency")  # type: ignore[valid-type]
     graph: GraphConfig = GraphConfig.model_validate({})
 
@@ -76,10 +77,12 @@ class ObjectView:
 
 @dataclass(frozen=True, eq=False)
 class ObjectViews:
-    """The images that were shown, in the order in which they were named, and why others were not, in a line each."""
+    """The images that were shown, in the order in which they were named; why others were not, in a line each; and, as
+    notes, what `auto` became."""
 
     views: tuple[ObjectView, ...]
     failures: Mapping[Path, str]
+    notes: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         return {
@@ -104,11 +107,12 @@ def show_objects(
     An image twice as wide as high is a panorama; one that a manifest.json names comes with the other parts of its
     frame. fov_deg makes photographs of them, of this horizontal field of view, taken looking up by pitch_deg.
     range_image is the range of the one image: along the ray of a panorama, z-depth of a photograph, 16 bits,
-    millimetres. An image that cannot be shown costs its own answer alone. Raises SalframeError on names and settings
-    that are wrong.
+    millimetres. The detector is, unless named, the one that can run on the first image that can be read. An image that
+    cannot be shown costs its own answer alone. Raises SalframeError on names and settings that are wrong.
     """
     _check(images, output, range_image, fov_deg, pitch_deg)
-    stages = _Stages(_configure(detector, overrides))
+    choice = Choice("these images", lambda: _provided(images, range_image, fov_deg, pitch_deg))
+    stages = _Stages(_configure(detector, overrides, choice))
     views, failures = [], {}
     for done, image in enumerate(images):
         if progress:
@@ -122,7 +126,7 @@ def show_objects(
             failures[image] = describe_error(error)
     if progress:
         progress("show-objects", len(images), len(images))
-    return ObjectViews(tuple(views), failures)
+    return ObjectViews(tuple(views), failures, tuple(choice.notes))
 
 
 def _check(
@@ -144,11 +148,23 @@ def _check(
         )
 
 
-def _configure(detector: str | None, overrides: Sequence[str]) -> ShowConfig:
+def _configure(detector: str | None, overrides: Sequence[str], choice: Choice) -> ShowConfig:
     content = {} if detector is None else {"detector": detector}
     for override in overrides:
         content = merge(content, nest(*parse_override(override)))
-    return validate(ShowConfig, content, "show-objects")
+    return validate(ShowConfig, content, "show-objects", choice)
+
+
+def _provided(
+    images: Sequence[Path], range_image: Path | None, fov_deg: float | None, pitch_deg: float | None
+) -> frozenset[str]:
+    """What the first image that can be read provides."""
+    for image in images:
+        try:
+            return _open(image, range_image, fov_deg, pitch_deg).panorama.provides
+        except SalframeError:
+            continue
+    return frozenset({"rgb"})
 
 
 def _open(image: Path, range_image: Path | None, fov_deg: float | None, pitch_deg: float | None) -> Shot:

@@ -68,11 +68,10 @@ def test_every_default_is_a_name_that_there_is():
         "engine": "engine",
         "planner": "planner",
         "navigation_planner": "planner",
-        "detector": "detector",
         "saliency": "saliency",
     }
     assert set(defaults()) == {*known, "auto"}
-    assert set(auto_order("detector")) <= {*names("detector"), "segments"}
+    assert set(auto_order("detector")) <= set(names("detector"))
     for key, role in known.items():
         listed = default_of(key)
         assert set([listed] if isinstance(listed, str) else listed) <= set(names(role)), key
