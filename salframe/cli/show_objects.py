@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from salframe.cli.options import Json
-from salframe.cli.output import print_json
+from salframe.cli.output import print_json, tell
 
 
 def show_objects(
@@ -19,9 +18,7 @@ def show_objects(
             metavar="IMAGE", help="Panoramas, twice as wide as high, or with --fov photographs; JPEG or PNG."
         ),
     ],
-    detector: Annotated[
-        str | None, typer.Option(help="A detector of `salframe plugins`; by what can run unless given.")
-    ] = None,
+    detector: Annotated[str | None, typer.Option(help="A detector of `salframe plugins`; auto unless named.")] = None,
     overrides: Annotated[
         list[str] | None,
         typer.Option(
@@ -48,7 +45,7 @@ def show_objects(
 ) -> None:
     """Draw the objects that a detector finds in images: NAME.objects.png has outlines, labels and scores, the saliency
     graph from above, or without range the bearings, and a table. Exit 1 where an image could not be shown."""
-    from salframe.cli.output import Bars, tell
+    from salframe.cli.output import Bars
     from salframe.graphs.show import show_objects
 
     with Bars() as bars:
@@ -62,14 +59,14 @@ def show_objects(
             pitch_deg=pitch,
             progress=bars.update if len(images) > 1 else None,
         )
-    for note in shown.notes:
-        tell(note)
     if as_json:
         print_json(shown.to_json())
     else:
         for view in shown.views:
             print(f"{view.picture}: {len(view.detections)} objects in {view.seconds:.2f} s")
+    for note in shown.notes:
+        tell(note)
     for error in shown.failures.values():
-        print(f"error: {error}", file=sys.stderr)
+        tell(f"error: {error}")
     if shown.failures:
         raise typer.Exit(1)

@@ -57,7 +57,7 @@ class Lettering:
         return np.array([font(self.points).getbbox(text)[2] + 0.7 * self.points, 1.45 * self.points], float)
 
     def draw(self, picture: np.ndarray) -> np.ndarray:
-        """A picture (height, width, 3) uint8 with the names on it."""
+        """A picture (height, width, 3) uint8, a copy, with the names on it."""
         from PIL import Image, ImageDraw
 
         picture = picture.copy()
