@@ -9,7 +9,7 @@ from salframe.framework.config import ComponentConfig
 from salframe.framework.registry import registry
 from salframe.framework.slots import slot
 from salframe.graphs.detections import Detections
-from salframe.localization.localizer import Localizer
+from salframe.localization.localizer import Localizer, range_slot
 from salframe.panoramas.panorama import Panorama
 
 
@@ -18,6 +18,7 @@ class SalientObjects(Localizer):
 
     class Config(ComponentConfig):
         detector: slot("detector", "annotations")  # type: ignore[valid-type]
+        range: range_slot()  # type: ignore[valid-type]
         saliency: slot("saliency", "volumetric")  # type: ignore[valid-type]
         saliency_power: float = Field(
             1 / 3, ge=0, description="p of an object's weight S^p: 1 share of volume, 1/3 of length, 0 all alike"

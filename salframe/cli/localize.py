@@ -45,11 +45,13 @@ def localize(
     """Print where a panorama was taken: places, best first, and the pose."""
     from salframe.cli.output import Bars
     from salframe.localization.saved_map import open_map
+    from salframe.panoramas.camera_height import warn_of_units
     from salframe.panoramas.opening import open_frame
 
     localizer = open_map(map)
     with Bars() as bars:
         query_frame = open_frame(frame, data, data_dir, overrides or (), bars.update)
+    warn_of_units([query_frame])
     answer = localizer.localize(query_frame)
     if as_json:
         print_json(answer_json(answer))

@@ -112,11 +112,13 @@ def query(
 
     from salframe.cli.localize import answer_json, print_answer
     from salframe.cli.output import Bars
+    from salframe.panoramas.camera_height import warn_of_units
     from salframe.panoramas.opening import open_frame
     from salframe.topology.place_map import ask_map
 
     with Bars() as bars:
         query_frame = open_frame(frame, data, data_dir, overrides or (), bars.update)
+    warn_of_units([query_frame])
     found = ask_map(map, query_frame, goal, planner)
     if as_json:
         heading_deg = None if found.heading_rad is None else float(np.degrees(found.heading_rad))

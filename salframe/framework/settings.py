@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import types
 import typing
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from salframe.framework.config import ComponentConfig
+from salframe.framework.config import ROLE, ComponentConfig
 
 BOUNDS = {"ge": "at least", "gt": "over", "le": "at most", "lt": "under"}
 
@@ -20,8 +20,8 @@ BOUNDS = {"ge": "at least", "gt": "over", "le": "at most", "lt": "under"}
 class Setting:
     """One setting: its dotted key as `--set` takes it, its value, its default, its type, and its help.
 
-    Of a slot, value and default are names of components and the type is their role; the settings of the component in it
-    come next.
+    Of a slot, value and default are names of components and the type is their role ("ROLE | null" of an empty one); the
+    settings of the component in it come next.
     """
 
     key: str
@@ -40,7 +40,8 @@ def list_settings(config: BaseModel, prefix: str = "") -> Iterator[Setting]:
             continue
         key, value, help = prefix + name, getattr(config, name), field.description or ""
         if isinstance(value, ComponentConfig):
-            yield Setting(key, value.kind, defaults[name]["kind"], value.component.role, help)
+            default = defaults[name]
+            yield Setting(key, value.kind, default and default["kind"], value.component.role, help)
         elif not isinstance(value, BaseModel):
             yield Setting(key, plain[name], defaults.get(name), _type(field), help)
         if isinstance(value, BaseModel):
@@ -48,6 +49,8 @@ def list_settings(config: BaseModel, prefix: str = "") -> Iterator[Setting]:
 
 
 def _type(field: FieldInfo) -> str:
+    if isinstance(field.json_schema_extra, Mapping) and (role := field.json_schema_extra.get(ROLE)):
+        return f"{role} | null"
     bounds = [
         f"{words} {getattr(rule, bound):g}"
         for rule in field.metadata

@@ -14,6 +14,7 @@ from salframe.framework.files import atomic_folder
 from salframe.framework.presets import Overrides, configure, settings, short_name
 from salframe.framework.registry import registry
 from salframe.localization.localizer import MAP, Localizer, read_map
+from salframe.panoramas.camera_height import warn_of_units
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.opening import Progress, configure_dataset, mapping_frames, open_dataset
 
@@ -51,13 +52,16 @@ def check_output(output: Path, *names: str) -> None:
 def prepare(
     data: str | None, method: str | None, data_dir: Path | None, overrides: Sequence[str], progress: Progress | None
 ) -> tuple[str, Dataset, Localizer]:
-    """A method's short name, the prepared dataset, and the method's localizer, with overrides for both."""
+    """A method's short name, the prepared dataset, and the method's localizer, with overrides for both. Warns where
+    ranges seem to be in a wrong unit."""
     asked = default_of("map_method") if method is None else method
     name, content = short_name(asked), settings("localizer", asked)
     given = Overrides(map(parse_override, overrides), {name: content}, role="localizer", scopes=("data",))
     localizer: Localizer = registry().build("localizer", configure("localizer", name, content, given.methods[name]))
     data_name, config = configure_dataset(data, data_dir, given.scopes["data"])
-    return name, open_dataset(config, progress and partial(progress, data_name)), localizer
+    dataset = open_dataset(config, progress and partial(progress, data_name))
+    warn_of_units(mapping_frames(dataset))
+    return name, dataset, localizer
 
 
 def open_map(directory: Path) -> Localizer:
