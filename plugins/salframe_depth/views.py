@@ -11,8 +11,8 @@ import numpy as np
 from salframe.panoramas.perspective import ViewRig
 
 TILTED, TILT_RAD = 4, np.pi / 3
-"""Views that look down, and as many that look up, and by how much. With level views alone nothing tells the floor from
-a table top: in a rendered kitchen the former was out of sight, and every range came out twice too large."""
+"""Views that look down, and as many that look up, and by how much. With level views alone the floor may be out of
+sight, and a table top is taken for it: in a rendered kitchen every range came out twice too large."""
 LEAST_VIEWS, LEAST_FOV_DEG = 6, 75
 """With fewer level views or a smaller field of view some directions are in no view."""
 

@@ -92,21 +92,20 @@ def units_note(frames: Sequence[MapFrame | QueryFrame]) -> str | None:
 
     Panoramas without range, or without a floor, and those that cannot be read, tell nothing.
     """
-    heights = [height for frame in _few(frames) if (height := _height_of(frame)) is not None]
+    heights = {frame.id: height for frame in _few(frames) if (height := _height_of(frame)) is not None}
     if not heights:
         return None
-    height_m = float(np.median(heights))
+    height_m = float(np.median(list(heights.values())))
     least_m, most_m = PLAUSIBLE_M
     if least_m <= height_m <= most_m:
         return None
+    first = next(iter(heights))
+    seen = f"in {first}" if len(heights) == 1 else f"median of {len(heights)} panoramas from {first} on"
     factor = min(UNITS, key=lambda factor: abs(np.log(height_m * factor / USUAL_M)))
-    likely = f", likely {UNITS[factor]}" if least_m <= height_m * factor <= most_m else ""
-    times = f"{1 / factor:g} times too large" if factor < 1 else f"{factor:g} times too small"
-    wrong = f"ranges may be about {times}{likely}" if likely else "is the range in metres?"
-    return (
-        f"the floor lies {height_m:.3g} m below the camera (median of {len(heights)} panoramas from {frames[0].id} on)"
-        f", expected {least_m:g} to {most_m:g} m: {wrong}"
-    )
+    times = f"{1 / factor:.3g} times too large" if factor < 1 else f"{factor:.3g} times too small"
+    plausible = least_m <= height_m * factor <= most_m
+    cause = f"ranges may be about {times}, likely {UNITS[factor]}" if plausible else "are its ranges in metres?"
+    return f"the floor lies {height_m:.3g} m below the camera ({seen}), expected {least_m:g} to {most_m:g} m: {cause}"
 
 
 def warn_of_units(frames: Sequence[MapFrame | QueryFrame]) -> None:

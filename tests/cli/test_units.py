@@ -10,7 +10,8 @@ from tiny_folder import write_tiny_folder
 
 from salframe.panoramas.images import read_range, write_range
 
-SAID = "the floor lies 6 m below the camera (median of {} panoramas from {} on), expected 0.45 to 2.8 m: "
+SAID = "the floor lies 6 m below the camera ({}), expected 0.45 to 2.8 m: "
+MAPPED = "median of 3 panoramas from bedroom-map on"
 LIKELY = "ranges may be about 4 times too large, likely quarter millimetres read as millimetres\n"
 
 
@@ -26,13 +27,13 @@ def quarters(tmp_path, monkeypatch) -> Path:
 
 
 def test_a_wrong_unit_is_told_on_stderr(quarters, tmp_path):
-    of_map = "warning: " + SAID.format(3, "bedroom-map") + LIKELY
+    of_map = "warning: " + SAID.format(MAPPED) + LIKELY
     info = run("data", "info", quarters)
     assert (info.code, info.err) == (0, of_map)
     build = run("build", quarters, "-o", "map")
     assert (build.code, build.err) == (0, of_map)
     found = run("localize", "map", quarters / "frames" / "bedroom-query.range.png", "--json")
-    assert found.err == "warning: " + SAID.format(1, "bedroom-query") + LIKELY
+    assert found.err == "warning: " + SAID.format("in bedroom-query") + LIKELY
     assert found.json["places"][0]["place"] == "bedroom"
 
 
@@ -40,7 +41,7 @@ def test_a_wrong_unit_is_told_under_the_table_and_in_the_report(quarters):
     arguments = ("compare", "--methods", "objects", "--data", quarters, "--engine", "inline")
     result = run(*arguments, "--json").json
     (note,) = result["notes"]
-    assert f"{note}\n" == SAID.format(3, "bedroom-map") + LIKELY
+    assert f"{note}\n" == SAID.format(MAPPED) + LIKELY
     assert note in run(*arguments).out
     assert note in Path(result["report"]).read_text()
 
