@@ -54,6 +54,13 @@ class OnnxImageNetwork(ImageNetwork):
         """The network's file, verified. Raises WeightsMissing."""
         return cls.weights[0].paths()[0]
 
+    @classmethod
+    def check(cls, config: Any) -> None:
+        """Raises WeightsMissing where the network is not at hand."""
+        super().check(config)
+        if not cls.weights_in_use(config):
+            cls.path(config)
+
     def outputs(self) -> tuple[str, ...]:
         """The tensor that holds the features, none for the network's first output."""
         return ()

@@ -34,6 +34,13 @@ class TrainedMatcher(FeatureMatcher):
         """None where the user's checkpoint takes their place."""
         return cls.weights if config.checkpoint is None else ()
 
+    @classmethod
+    def check(cls, config: Any) -> None:
+        """Raises RequirementMissing, or WeightsMissing where the networks are not at hand."""
+        super().check(config)
+        if not cls.weights_in_use(config):
+            cls.paths(config)
+
 
 def read_checkpoint(path: Path) -> Any:
     """What a torch checkpoint holds, on the CPU, without running code from it. Raises WeightsMissing."""

@@ -17,6 +17,8 @@ class Detections:
     labels: N names; scores (N,) float64 in [0, 1]; centroid_m, size_m (N, 3) float64, the centroid and the length,
     width, height of the upright box; yaw_rad (N,) float64, azimuth of the box's length, modulo pi; points_m: N arrays
     (n_i, 3) float32 behind the masks, or None where only boxes are known. A centroid whose range is not known is NaN.
+    bearing (N, 3) float64, unit vectors towards the objects, known without range too; unless given, that of the
+    centroid. solid_angle_sr (N,) float64, how much of the sphere each covers; NaN where it is not known.
     """
 
     labels: tuple[str, ...]
@@ -25,6 +27,8 @@ class Detections:
     size_m: np.ndarray
     yaw_rad: np.ndarray
     points_m: tuple[np.ndarray, ...] | None = None
+    bearing: np.ndarray = None  # type: ignore[assignment]  # filled in below
+    solid_angle_sr: np.ndarray = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "labels", tuple(self.labels))
@@ -36,6 +40,12 @@ class Detections:
         check_array(self, "centroid_m", np.float64, n, 3, error=InvalidAnswer)
         check_array(self, "size_m", np.float64, n, 3, error=InvalidAnswer)
         check_array(self, "yaw_rad", np.float64, n, error=InvalidAnswer)
+        if self.bearing is None:
+            object.__setattr__(self, "bearing", _unit(self.centroid_m))
+        if self.solid_angle_sr is None:
+            object.__setattr__(self, "solid_angle_sr", np.full(n, np.nan))
+        check_array(self, "bearing", np.float64, n, 3, error=InvalidAnswer)
+        check_array(self, "solid_angle_sr", np.float64, n, error=InvalidAnswer)
         if self.points_m is not None and len(self.points_m) != n:
             raise InvalidAnswer(f"Detections.points_m holds {len(self.points_m)} point sets, expected {n}")
 
@@ -53,8 +63,16 @@ class Detections:
             self.size_m[index],
             self.yaw_rad[index],
             points,
+            self.bearing[index],
+            self.solid_angle_sr[index],
         )
 
     @classmethod
     def empty(cls) -> Detections:
         return cls((), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    """Vectors (N, 3) at length 1; NaN where they have none."""
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.divide(vectors, length, out=np.full(vectors.shape, np.nan), where=length > 0)

@@ -51,6 +51,7 @@ def turned_detections(found: Detections, angle_rad: float) -> Detections:
     return replace(
         found,
         centroid_m=transform_points(turn, found.centroid_m),
+        bearing=transform_points(turn, found.bearing),
         yaw_rad=(found.yaw_rad + angle_rad) % np.pi,
         points_m=points,
     )

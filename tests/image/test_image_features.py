@@ -173,7 +173,7 @@ def test_missing_and_damaged_weights_say_how_to_get_them(monkeypatch, tmp_path):
     (tmp_path / "weights" / "resnet101").mkdir(parents=True)
     (tmp_path / "weights" / "resnet101" / "resnet101-v1-7.onnx").write_bytes(b"half of it")
     with pytest.raises(WeightsMissing, match=r"has sha256 .*, expected 760702f6.*salframe weights fetch resnet101"):
-        ImageFeatures.check(ImageFeatures.Config(network="resnet101"))
+        ImageFeatures(ImageFeatures.Config(network="resnet101"))
 
 
 def test_without_a_file_the_users_own_network_says_what_it_wants(tmp_path):

@@ -213,12 +213,13 @@ def test_weights_of_another_hash_are_told_with_both(kind, monkeypatch, tmp_path)
     monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path))
     (weights,) = registry().get("feature-matcher", kind).weights
     weights.directory.mkdir(parents=True)
-    (weights.directory / weights.files[0].name).write_bytes(b"other")
+    for file in weights.files:
+        (weights.directory / file.name).write_bytes(b"other")
     received = hashlib.sha256(b"other").hexdigest()
     with pytest.raises(
         WeightsMissing, match=f"has sha256 {received}, expected {weights.files[0].sha256}; .*weights fetch {kind}$"
     ):
-        Keypoints.check(Keypoints.Config(features=kind))
+        Keypoints(Keypoints.Config(features=kind))
 
 
 def test_missing_weights_name_the_path_the_hash_and_the_command(monkeypatch, tmp_path):

@@ -106,7 +106,7 @@ def test_a_truncated_file_is_one_clear_line(name, tmp_path, monkeypatch):
     with pytest.raises(
         WeightsMissing, match=rf"{name} has sha256 [0-9a-f]{{64}}, expected [0-9a-f]{{64}}; "
     ):  # ours: by its hash
-        Keypoints.check(Keypoints.Config(features="loftr-compact"))
+        Keypoints(Keypoints.Config(features="loftr-compact"))
 
 
 def test_a_network_of_another_layout_is_one_clear_line(tmp_path):

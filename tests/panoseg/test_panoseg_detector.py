@@ -173,4 +173,4 @@ def test_networks_that_do_not_fit_are_one_line(tmp_path):
     with pytest.raises(WeightsMissing, match=r"panoseg.json holds no list of labels, expected the card"):
         PanoSegDetector(own(tmp_path, card={"classes": 3}))
     with pytest.raises(WeightsMissing, match=r"no file .*nowhere; give another path"):
-        PanoSegDetector.check(PanoSegDetector.Config(model=tmp_path / "nowhere"))
+        PanoSegDetector(PanoSegDetector.Config(model=tmp_path / "nowhere"))
