@@ -16,6 +16,9 @@ RIDGE = 1e-9
 """Draws views that overlap no other, and shifts that overlaps leave open, to scale 1 and shift 0: a share of the mean
 curvature, far below what overlaps tell."""
 
+TINY = 1e-9
+"""Stands for 0 where networks say 0 everywhere, or agree to the last digit."""
+
 
 def align(terms: np.ndarray) -> np.ndarray:
     """(V, K) float64 coefficients that bring V views to agree at P rays of the sphere; the first have a mean of 1.
@@ -37,10 +40,10 @@ def align(terms: np.ndarray) -> np.ndarray:
         said = [((a * found[u]).sum(1), (b * found[v]).sum(1)) for (u, v), a, b in pairs]
         # What is said may be close to 0, or less, while shifts are still off.
         typical = np.median(np.abs(np.concatenate([x + y for x, y in said]) / 2))
-        level = [np.maximum(np.abs(x + y) / 2, typical / 4) for x, y in said]
+        level = [np.maximum(np.abs(x + y) / 2, max(typical / 4, TINY)) for x, y in said]
         off = [(x - y) / most for (x, y), most in zip(said, level, strict=True)]
         usual = 1.48 * np.median(np.abs(np.concatenate(off)))
-        weight = [1 / most**2 / (1 + (o / (OUTLIER * usual + 1e-9)) ** 2) for most, o in zip(level, off, strict=True)]
+        weight = [1 / most**2 / (1 + (o / (OUTLIER * usual + TINY)) ** 2) for most, o in zip(level, off, strict=True)]
         found = _solve(pairs, weight, count, size)
     return found
 
@@ -56,7 +59,7 @@ def _solve(pairs: list, weights: list[np.ndarray], count: int, size: int) -> np.
     first = np.zeros((count, size))
     first[:, 0] = 1
     curvature, prior = normal.reshape(count * size, -1), first.ravel()
-    ridge = RIDGE * np.trace(curvature) / len(curvature)
+    ridge = max(RIDGE * np.trace(curvature) / len(curvature), TINY)
     # Two right-hand sides: the prior's pull, and the multiplier that holds the mean of the first coefficients at 1.
     pulled, lifted = np.linalg.solve(curvature + ridge * np.eye(len(curvature)), np.stack([ridge * prior, prior], 1)).T
     return (pulled + lifted * (count - pulled @ prior) / (lifted @ prior)).reshape(count, size)

@@ -114,15 +114,17 @@ class Localizer(Role):
             return self.needs
         return (self.needs - {"range"}) | self.range_model.needs
 
-    def complete(self, panorama: Panorama, cache: Cache | None = None, dataset: str = "") -> tuple[Panorama, float]:
+    def complete(
+        self, panorama: Panorama, cache: Cache | None = None, known_by: Mapping[str, str] | None = None
+    ) -> tuple[Panorama, float]:
         """The panorama with what `needs` asks for, its range estimated where it has none and a range model is set, and
-        the seconds that this took when it was done. Raises InputMissing."""
+        the seconds that this took when it was done; cache and known_by as in `estimate_range`. Raises InputMissing."""
         absent = sorted(self.needs_of(panorama.provides) - panorama.provides)
         if absent:
             raise InputMissing(f"{self.name} needs {' and '.join(absent)}, which {panorama.id} does not have")
         if self.range_model is None or not self.estimates(panorama.provides):
             return panorama, 0.0
-        return estimate_range(self.range_model, panorama, cache, dataset)
+        return estimate_range(self.range_model, panorama, cache, known_by)
 
     def describe_identity(self) -> dict[str, Any]:
         """What `describe` depends on besides the panorama: the settings that are not `match_only`, and the weights."""
@@ -140,12 +142,13 @@ class Localizer(Role):
         With a cache, `dataset` (its content_key) and the frame's id stand for the panorama. Raises InputMissing,
         DataError.
         """
+        known_by = {"dataset": dataset, "frame": frame.id}
         if cache is not None:
-            key = {"dataset": dataset, "frame": frame.id, "describe": self.describe_identity()}
+            key = {**known_by, "describe": self.describe_identity()}
             known = cache.get(key)
             if known is not None:
                 return known
-        panorama, estimate_s = self.complete(frame.load(), cache, dataset)
+        panorama, estimate_s = self.complete(frame.load(), cache, known_by)
         start = time.perf_counter()
         description = self.describe(panorama)
         seconds = estimate_s + time.perf_counter() - start

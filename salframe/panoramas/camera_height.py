@@ -102,7 +102,7 @@ def units_note(frames: Sequence[MapFrame | QueryFrame]) -> str | None:
     first = next(iter(heights))
     seen = f"in {first}" if len(heights) == 1 else f"median of {len(heights)} panoramas from {first} on"
     factor = min(UNITS, key=lambda factor: abs(np.log(height_m * factor / USUAL_M)))
-    times = f"{1 / factor:.3g} times too large" if factor < 1 else f"{factor:.3g} times too small"
+    times = f"{round(max(factor, 1 / factor), 2):g} times too {'large' if factor < 1 else 'small'}"
     plausible = least_m <= height_m * factor <= most_m
     cause = f"ranges may be about {times}, likely {UNITS[factor]}" if plausible else "are its ranges in metres?"
     return f"the floor lies {height_m:.3g} m below the camera ({seen}), expected {least_m:g} to {most_m:g} m: {cause}"

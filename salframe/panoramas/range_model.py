@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import wraps
 from typing import Any, ClassVar
@@ -38,16 +38,16 @@ class RangeModel(Role):
 
 
 def estimate_range(
-    model: RangeModel, panorama: Panorama, cache: Cache | None = None, dataset: str = ""
+    model: RangeModel, panorama: Panorama, cache: Cache | None = None, known_by: Mapping[str, str] | None = None
 ) -> tuple[Panorama, float]:
     """The panorama with the range that a model estimates, unknown where nothing was seen, and `range_by` the model's
     name; the seconds that it took when it was estimated.
 
-    With a cache, `dataset` (its content_key) and the panorama's id stand for the colour, and methods that share a model
-    share its estimates. Raises InputMissing where the panorama lacks what the model needs, InvalidAnswer on an answer
-    that is no range image.
+    With a cache, `known_by` (the content_key of its dataset and the id of its frame) stands for the colour, and methods
+    that share a model share its estimates. Raises InputMissing where the panorama lacks what the model needs,
+    InvalidAnswer on an answer that is no range image.
     """
-    key = {"dataset": dataset, "frame": panorama.id, "range": identity(model.config)}
+    key = {**(known_by or {}), "range": identity(model.config)}
     known = None if cache is None else cache.get(key)
     if known is None:
         absent = sorted(model.needs - panorama.provides)

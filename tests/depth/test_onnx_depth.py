@@ -127,6 +127,13 @@ def test_turning_the_panorama_turns_its_range(network):
         assert np.array_equal(model.estimate(turned(panorama, columns)), np.roll(before, columns, 1), equal_nan=True)
 
 
+@pytest.mark.parametrize("gives", ["inverse", "z-depth", "range"])
+@pytest.mark.parametrize("scale", [{"metric": True}, {"camera_height_m": 1.5}])
+def test_of_a_network_that_sees_nothing_no_range_is_known(network, gives, scale):
+    model = build(network(gives, times=0.0), gives=gives, **scale)
+    assert np.isnan(model.estimate(painted(ROOMS[0]))).all()
+
+
 def test_a_partial_panorama_is_estimated_where_it_was_seen(network):
     half = halved(painted(ROOMS[0]))
     model = build(network("z-depth", spread=1.0, shift=0.8), gives="z-depth", camera_height_m=EYE_M)

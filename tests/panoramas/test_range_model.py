@@ -52,15 +52,15 @@ def test_the_panorama_gets_the_range_and_its_maker():
 def test_an_estimate_is_kept_for_all_that_use_the_same_model(tmp_path):
     cache, panorama = Cache(tmp_path), Panorama("a", rgb=RGB)
     Even.answers = 0
-    first, seconds = estimate_range(Even(), panorama, cache, "data")
-    again, seconds_then = estimate_range(Even(), panorama, cache, "data")
+    first, seconds = estimate_range(Even(), panorama, cache, {"dataset": "data", "frame": "a"})
+    again, seconds_then = estimate_range(Even(), panorama, cache, {"dataset": "data", "frame": "a"})
     assert np.array_equal(first.range_m, again.range_m)
     assert seconds_then == seconds
     assert (again.range_by, Even.answers) == ("even", 1)
-    other, _ = estimate_range(Even(Even.Config(range_m=3.0)), panorama, cache, "data")
+    other, _ = estimate_range(Even(Even.Config(range_m=3.0)), panorama, cache, {"dataset": "data", "frame": "a"})
     assert (other.range_m == 3).all()
-    estimate_range(Even(), panorama, cache, "other data")
-    estimate_range(Even(), Panorama("b", rgb=RGB), cache, "data")
+    estimate_range(Even(), panorama, cache, {"dataset": "other", "frame": "a"})
+    estimate_range(Even(), Panorama("b", rgb=RGB), cache, {"dataset": "data", "frame": "b"})
     estimate_range(Even(), panorama)
     assert Even.answers == 5
 
