@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 import traceback
-import warnings
 from functools import cached_property
 from typing import Any
 
@@ -14,7 +13,7 @@ from typer.core import TyperGroup
 from salframe.cli import compare, data, detection, inspect, localize, map, matching, navigate, score, weights
 from salframe.cli.output import json_alone
 from salframe.framework.entry_points import COMMANDS, discover
-from salframe.framework.errors import SalframeError, SalframeWarning, describe_error
+from salframe.framework.errors import SalframeError, describe_error
 
 
 class _Interrupted(Exception):
@@ -111,21 +110,9 @@ app.add_typer(map.app, name="map")
 app.add_typer(weights.app, name="weights")
 
 
-def _show_warning(message: Any, category: Any, filename: str, lineno: int, file: Any = None, line: Any = None) -> None:
-    """A warning of ours as one line on stderr, any other as Python shows it."""
-    if issubclass(category, SalframeWarning):
-        print(f"warning: {' '.join(str(message).split())}", file=sys.stderr)
-    else:
-        _show_any(message, category, filename, lineno, file, line)
-
-
-_show_any = warnings.showwarning
-
-
 def main() -> None:
     """Run the command line; an error that a user can cause is one line on stderr and exit status 2, an interrupt one
     line and 130."""
-    warnings.showwarning = _show_warning
     try:
         with json_alone("--json" in sys.argv):
             app()

@@ -54,10 +54,6 @@ class NoRoute(SalframeError):
     """Two nodes of a topological map are not connected."""
 
 
-class SalframeWarning(UserWarning):
-    """Something that a user should look at, and that stops nothing. The command line prints it as one line."""
-
-
 FRAME_ERRORS = (DataError, InputMissing)
 """What is wrong with a frame, not with the method that looks at it."""
 

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 
 import numpy as np
 
-from salframe.framework.errors import SalframeWarning
 from salframe.panoramas.frames import MapFrame, QueryFrame
 from salframe.panoramas.geometry import equirectangular_rays
 
@@ -106,13 +104,6 @@ def units_note(frames: Sequence[MapFrame | QueryFrame]) -> str | None:
     plausible = least_m <= height_m * factor <= most_m
     cause = f"ranges may be about {times}, likely {UNITS[factor]}" if plausible else "are its ranges in metres?"
     return f"the floor lies {height_m:.3g} m below the camera ({seen}), expected {least_m:g} to {most_m:g} m: {cause}"
-
-
-def warn_of_units(frames: Sequence[MapFrame | QueryFrame]) -> None:
-    """Issue `units_note` as a SalframeWarning."""
-    note = units_note(frames)
-    if note is not None:
-        warnings.warn(note, SalframeWarning, stacklevel=2)
 
 
 def _few(frames: Sequence[MapFrame | QueryFrame]) -> list[MapFrame | QueryFrame]:

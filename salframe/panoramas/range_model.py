@@ -24,6 +24,8 @@ class RangeModel(Role):
 
     role = "range-model"
     needs: ClassVar[frozenset[str]] = frozenset({"rgb"})
+    gives: ClassVar[frozenset[str]] = frozenset({"range"})
+    """What panoramas get, for `auto` in a slot declared after the range model's."""
     turn_tolerance: ClassVar[float] = 1e-3
     """Turning the panorama by columns turns the range image: 95 % of its ranges change by no more than this share of
     themselves. `from_bright_side` sees to it."""

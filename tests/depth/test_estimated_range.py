@@ -49,7 +49,9 @@ def rooms(monkeypatch, tmp_path):
 
 def localizer(network, method="saliency-graph"):
     chosen = {"model": str(network), "gives": "z-depth", "camera_height_m": EYE_M, **PLAIN}
-    config = configure("localizer", method, settings("localizer", method), [{"range": chosen}])
+    config = configure(
+        "localizer", method, settings("localizer", method), [{"range": chosen, "detector": "annotations"}]
+    )
     return registry().build("localizer", config)
 
 
