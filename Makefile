@@ -34,6 +34,6 @@ docs: .venv/demo.installed
 	touch $@
 
 .venv/test.installed: .venv/demo.installed
-	$(INSTALL) --editable ".[test,keypoints,training,transformers,node2vec,clip,assets]"
+	$(INSTALL) --editable ".[test,keypoints,training,transformers,node2vec,clip,assets,tflite]"
 	for name in xfeat xfeat-nn aliked-nn aliked-lightglue disk-lightglue efficientnet-lite0; do .venv/bin/salframe weights fetch $$name || exit 1; done
 	touch $@

@@ -31,6 +31,8 @@ def test_the_wheel_holds_every_package_preset_template_and_network(tmp_path):
     expected |= {str(path.relative_to(REPOSITORY)) for path in (REPOSITORY / "salframe").rglob("*.jinja")}
     weights = REPOSITORY / "baselines" / "salframe_keypoints" / "loftr_compact_weights"
     expected |= {f"salframe_keypoints/{weights.name}/{path.name}" for path in weights.iterdir()}
+    cards = REPOSITORY / "plugins" / "salframe_segments"
+    expected |= {f"salframe_segments/{path.relative_to(cards)}" for path in cards.rglob("*.yaml")}
     expected |= {f"salframe_panoseg/{name}" for name in ("panoseg.onnx", "panoseg.json")}
     for container in (REPOSITORY, REPOSITORY / "plugins", REPOSITORY / "baselines"):
         expected |= {str(path.relative_to(container)) for path in container.glob("salframe*/**/*.py")}

@@ -14,7 +14,7 @@ from salframe.framework.identity import UserFile
 from salframe.framework.registry import registry
 from salframe.framework.slots import slot
 from salframe.framework.weights import Weights
-from salframe.graphs.boxes import detections_from_points
+from salframe.graphs.boxes import LEAST_POINTS, detections_where_known
 from salframe.graphs.detections import Detections
 from salframe.graphs.detector import Detector
 from salframe.graphs.turning import from_near_side
@@ -27,8 +27,6 @@ from salframe_detectors.zoo import COCO_80, ZOO
 
 BATCH = 4
 """Views that a network with a free batch axis is given at a time: more take memory and save no time on a CPU."""
-LEAST_PIXELS = 5
-"""Fewer points than this tell no position, and fewer pixels of an object at a view's border nothing."""
 
 
 class OnnxDetector(Detector):
@@ -118,7 +116,7 @@ class OnnxDetector(Detector):
             for box, mask in zip(one.box_px, one.masks(), strict=True)
         ]
         footprint = np.array(marked, bool).reshape(len(view), len(grid.rays))
-        known = ~cut | (footprint.sum(1) >= LEAST_PIXELS)
+        known = ~cut | (footprint.sum(1) >= LEAST_POINTS)  # fewer pixels at a view's border tell nothing
         labels, scores, points = [], [], []
         for kind in np.unique(label[known]):
             alike = np.flatnonzero(known & (label == kind))
@@ -130,7 +128,7 @@ class OnnxDetector(Detector):
                     inside = np.flatnonzero(outline(footprint[own], view[own], grid.seen))
                     inside = inside[foreground(range_m[inside], grid.solid_angle_sr[inside])]
                     points.append(grid.rays[inside] * range_m[inside, None])
-        return _detections(labels, np.array(scores, float), None if range_m is None else points)
+        return detections_where_known(labels, np.array(scores, float), None if range_m is None else points)
 
     def _look(self, views: np.ndarray) -> list[Found]:
         """What the network finds in each view (V, height, width, 3) uint8 RGB."""
@@ -158,21 +156,3 @@ def _model_path(model: str | UserFile) -> Path:
     if not model.is_file():
         raise WeightsMissing(f"no file {model}: expected the path of an ONNX file, or one of {', '.join(ZOO)}")
     return model
-
-
-def _detections(labels: list[str], scores: np.ndarray, points_m: list[np.ndarray] | None) -> Detections:
-    """Detections by the points behind them; where these are too few or there are none at all, position and size are
-    NaN."""
-    unknown = np.full((1, 3), np.nan, np.float32)
-    centroid, size, yaw = (
-        np.full((len(labels), 3), np.nan),
-        np.full((len(labels), 3), np.nan),
-        np.full(len(labels), np.nan),
-    )
-    if points_m is None:
-        return Detections(tuple(labels), scores, centroid, size, yaw)
-    known = [i for i, points in enumerate(points_m) if len(points) >= LEAST_PIXELS]
-    placed = detections_from_points([labels[i] for i in known], scores[known], [points_m[i] for i in known])
-    centroid[known], size[known], yaw[known] = placed.centroid_m, placed.size_m, placed.yaw_rad
-    points = tuple(points if i in known else unknown for i, points in enumerate(points_m))
-    return Detections(tuple(labels), scores, centroid, size, yaw, points)

@@ -17,11 +17,12 @@ from salframe.framework.weights import Shipped, Weights, WeightsFile
 from salframe.graphs.boxes import detections_from_points
 from salframe.graphs.detections import Detections
 from salframe.graphs.detector import Detector
+from salframe.graphs.pixels import without_strays
 from salframe.graphs.turning import from_near_side
 from salframe.panoramas.geometry import column_azimuth, equirectangular_rays
 from salframe.panoramas.panorama import Panorama
 from salframe_panoseg.classes import CHANNELS, HEIGHT, network_input, smaller
-from salframe_panoseg.objects import group_pixels, without_strays
+from salframe_panoseg.objects import group_pixels
 
 NETWORK, CARD = "panoseg.onnx", "panoseg.json"
 OUTPUTS = ("class_id", "score", "vote_m")

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from salframe.graphs.pixels import connected_parts
+
 LEAST_POINTS = 12
 """An object on fewer pixels of the network's panorama is not reported."""
 LINK_M = 0.2
@@ -11,8 +13,6 @@ LINK_M = 0.2
 SAME_M = 0.7
 """Parts of a class, cut by what stands before them, are one object where the centres that they vote for are nearer than
 this, or than the larger part is long: votes are as far off as an object is large."""
-STRAY = 4.0
-"""A point this many times farther from an object's median than half of its points are is a stray."""
 
 
 def group_pixels(class_id: np.ndarray, points_m: np.ndarray, centre_m: np.ndarray, seen: np.ndarray) -> np.ndarray:
@@ -23,32 +23,19 @@ def group_pixels(class_id: np.ndarray, points_m: np.ndarray, centre_m: np.ndarra
     where their class is the same and their votes differ by less than LINK_M; parts of a class are one object where
     their mean votes are close.
     """
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
-    height, width = class_id.shape
     usable = seen & (class_id > 0)
-    index = np.arange(height * width).reshape(height, width)
-    links = []
-    for rows, columns in ((0, 1), (1, 0), (1, 1), (1, -1)):
-        here, there = index[: height - rows], np.roll(index, -columns, 1)[rows:]
-        first, second = here.ravel(), there.ravel()
-        joined = usable.flat[first] & usable.flat[second] & (class_id.flat[first] == class_id.flat[second])
-        first, second = first[joined], second[joined]
-        votes = centre_m.reshape(-1, 3)
-        near = np.linalg.norm(votes[first] - votes[second], axis=1) < LINK_M
-        links.append(np.stack([first[near], second[near]]))
-    first, second = np.concatenate(links, 1)
-    graph = coo_matrix((np.ones(len(first), np.int8), (first, second)), shape=(height * width,) * 2)
-    part = connected_components(graph, directed=False)[1].reshape(height, width)
+    classes, votes = class_id.ravel(), centre_m.reshape(-1, 3)
+
+    def alike(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+        return (classes[first] == classes[second]) & (np.linalg.norm(votes[first] - votes[second], axis=1) < LINK_M)
+
+    part_of = connected_parts(usable, alike)
+    count = np.bincount(part_of)
     pixels = np.flatnonzero(usable)
-    _, part_of, count = np.unique(part.flat[pixels], return_inverse=True, return_counts=True)
-    owner = _join_parts(
-        class_id.flat[pixels], points_m.reshape(-1, 3)[pixels], centre_m.reshape(-1, 3)[pixels], part_of, count
-    )
-    objects = np.zeros(height * width, np.int32)
-    objects[pixels] = owner[part_of]
-    return objects.reshape(height, width)
+    owner = _join_parts(classes[pixels], points_m.reshape(-1, 3)[pixels], votes[pixels], part_of, count)
+    objects = np.zeros(class_id.shape, np.int32)
+    objects.flat[pixels] = owner[part_of]
+    return objects
 
 
 def _join_parts(
@@ -75,9 +62,3 @@ def _join_parts(
 def _length_m(points_m: np.ndarray) -> float:
     """The length of a bar whose points (n, 3) lie as far from their mean, whichever way it is turned."""
     return float(np.sqrt(12 * points_m.var(0).sum()))
-
-
-def without_strays(points_m: np.ndarray) -> np.ndarray:
-    """The points (n, 3) of an object that lie with the others: mask borders spill onto the wall behind."""
-    distance = np.linalg.norm(points_m - np.median(points_m, axis=0), axis=1)
-    return points_m[distance <= STRAY * max(float(np.median(distance)), 0.05)]

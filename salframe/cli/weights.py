@@ -18,7 +18,8 @@ Name = Annotated[str, typer.Argument(help="As in `salframe weights list`.")]
 
 @app.command("list")
 def list_(as_json: Json = False) -> None:
-    """List the weights that components use, their licence, size and source, and whether they are at hand."""
+    """List the weights that components use, their licence (and what they were trained on, where that has terms of its
+    own), size and source, and whether they are at hand."""
     from salframe.cli.tables import format_bytes, print_table
     from salframe.framework.errors import failure_of
     from salframe.framework.registry import registry
@@ -27,7 +28,7 @@ def list_(as_json: Json = False) -> None:
     rows = []
     for weights in list_weights(registry()):
         state = "not at hand" if failure_of(weights.paths) else str(weights.paths()[0].parent)
-        rows.append([weights.name, weights.licence, format_bytes(weights.size_bytes), str(weights.source), state])
+        rows.append([weights.name, weights.terms, format_bytes(weights.size_bytes), str(weights.source), state])
     headings = ("name", "licence", "size", "source", "where")
     if as_json:
         print_json([dict(zip(headings, row, strict=True)) for row in rows])
@@ -37,11 +38,14 @@ def list_(as_json: Json = False) -> None:
 
 @app.command()
 def fetch(name: Name) -> None:
-    """Download weights into salframe's cache, unless they are at hand, and verify them."""
+    """Download weights into salframe's cache, unless they are at hand, and verify them; their licence, and the terms of
+    what they were trained on, are told on stderr."""
     from salframe.cli.output import Bars
     from salframe.framework.registry import registry
     from salframe.framework.weights import fetch as get
+    from salframe.framework.weights import find_weights
 
+    typer.echo(f"{name}: {find_weights(name, registry()).terms}", err=True)
     with Bars() as bars:
         paths = get(name, registry(), lambda done, total: bars.update(f"{name} (kB)", done // 1000, total // 1000))
     for path in paths:

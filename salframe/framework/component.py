@@ -42,6 +42,11 @@ class Component(ABC):
         self.check(self.config)
 
     @classmethod
+    def requires_in_use(cls, config: Any) -> tuple[str, ...]:
+        """The packages that a component with this config imports."""
+        return cls.requires
+
+    @classmethod
     def weights_in_use(cls, config: Any) -> tuple[Weights, ...]:
         """The weights that a component with this config loads: their hashes are part of its identity."""
         return cls.weights
@@ -50,7 +55,7 @@ class Component(ABC):
     def check(cls, config: Any) -> None:
         """Raises RequirementMissing or WeightsMissing where a component with this config, or one in its slots, could
         not run here; cheap, imports nothing heavy."""
-        absent = [package for package in cls.requires if importlib.util.find_spec(package) is None]
+        absent = [package for package in cls.requires_in_use(config) if importlib.util.find_spec(package) is None]
         if absent:
             hint = f": pip install '{cls.extra}'" if cls.extra else ""
             raise RequirementMissing(f"{cls.name} needs {', '.join(absent)}, not installed{hint}")

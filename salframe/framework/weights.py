@@ -109,6 +109,10 @@ class Download:
     def __str__(self) -> str:
         return self.urls[0]
 
+    def address(self, url: str, file: WeightsFile) -> str:
+        """Where a file lies below one of the URLs."""
+        return f"{url}/{file.name}"
+
     def installed(self, file: WeightsFile) -> Path | None:
         """None: nothing installs these."""
         return None
@@ -120,23 +124,32 @@ class Download:
         total, before = sum(file.size_bytes for file in files), 0
         for file in files:
             failures = []
-            for url in self.urls:
+            for address in (self.address(url, file) for url in self.urls):
                 try:
                     with (
-                        urllib.request.urlopen(f"{url}/{file.name}", timeout=60) as answer,
+                        urllib.request.urlopen(address, timeout=60) as answer,
                         atomic_path(directory / file.name) as temporary,
                     ):
                         with temporary.open("wb") as sink:
                             while chunk := answer.read(CHUNK_BYTES):
                                 sink.write(chunk)
                                 progress(before + sink.tell(), total)
-                        _verify(temporary, file, f"{url}/{file.name}")
+                        _verify(temporary, file, address)
                     break
                 except OSError as error:
-                    failures.append(f"{url}/{file.name}: {getattr(error, 'reason', None) or error}")
+                    failures.append(f"{address}: {getattr(error, 'reason', None) or error}")
             else:
                 raise WeightsMissing(f"download failed: {'; '.join(failures)}")
             before += file.size_bytes
+
+
+@dataclass(frozen=True)
+class Link(Download):
+    """One file by whole URLs, which need not end in its name; others are tried where the first does not answer."""
+
+    def address(self, url: str, file: WeightsFile) -> str:
+        """The URL itself."""
+        return url
 
 
 @dataclass(frozen=True)
@@ -162,7 +175,8 @@ class Shipped:
 
 @dataclass(frozen=True)
 class Weights:
-    """The files of one trained network, their licence (SPDX), and where they come from.
+    """The files of one trained network, their licence (SPDX), and where they come from; `data` says what the network
+    was trained on where that has terms of its own.
 
     They lie in salframe's own cache or in an installed package, or a config names a local path. Nothing is downloaded
     unless asked for.
@@ -172,6 +186,12 @@ class Weights:
     licence: str
     files: tuple[WeightsFile, ...]
     source: Source
+    data: str = ""
+
+    @property
+    def terms(self) -> str:
+        """The licence, and what the network was trained on where that has terms of its own."""
+        return f"{self.licence}; trained on {self.data}" if self.data else self.licence
 
     @property
     def size_bytes(self) -> int:

@@ -10,6 +10,8 @@ from salframe.graphs.detections import Detections
 
 LEAST_SIDE_M = 0.05
 """No object is thinner: flat sets of points (a picture seen head on) get a box this thick."""
+LEAST_POINTS = 5
+"""Fewer points than this tell no position."""
 
 
 def upright_box(points_m: np.ndarray) -> tuple[np.ndarray, float]:
@@ -51,3 +53,24 @@ def detections_from_points(labels: Sequence[str], scores: np.ndarray, points_m: 
         np.array([yaw for _, yaw in boxes]),
         tuple(points_m),
     )
+
+
+def detections_where_known(
+    labels: Sequence[str],
+    scores: np.ndarray,
+    points_m: Sequence[np.ndarray] | None,
+    bearing: np.ndarray | None = None,
+    solid_angle_sr: np.ndarray | None = None,
+) -> Detections:
+    """Detections of objects given by the points (n_i, 3) behind their masks; where these are fewer than LEAST_POINTS,
+    or None for all, position and size are NaN. bearing (N, 3) and solid_angle_sr (N,) as in Detections."""
+    known = [i for i, points in enumerate(points_m or ()) if len(points) >= LEAST_POINTS]
+    centroid, size = np.full((len(labels), 3), np.nan), np.full((len(labels), 3), np.nan)
+    yaw = np.full(len(labels), np.nan)
+    clouds = None
+    if points_m is not None:
+        placed = detections_from_points([labels[i] for i in known], scores[known], [points_m[i] for i in known])
+        centroid[known], size[known], yaw[known] = placed.centroid_m, placed.size_m, placed.yaw_rad
+        unknown = np.full((1, 3), np.nan, np.float32)
+        clouds = tuple(points if i in known else unknown for i, points in enumerate(points_m))
+    return Detections(tuple(labels), scores, centroid, size, yaw, clouds, bearing, solid_angle_sr)  # type: ignore[arg-type]

@@ -14,8 +14,8 @@ from salframe.panoramas.geometry import rays_to_pixels
 
 @dataclass(frozen=True)
 class ViewRig:
-    """`count` level pinhole views, equally spaced in azimuth; the first looks along +x, the others follow
-    counter-clockwise.
+    """A ring of `count` pinhole views, equally spaced in azimuth and all looking up by elevation_rad; the first looks
+    along +x, the others follow counter-clockwise.
 
     Pixel centres lie at +0.5 and the principal point in the image's centre, as in salframe.geometry.
     """
@@ -24,6 +24,7 @@ class ViewRig:
     width_px: int
     height_px: int
     hfov_rad: float
+    elevation_rad: float = 0.0
 
     @property
     def focal_px(self) -> float:
@@ -35,7 +36,8 @@ class ViewRig:
         """(V, 3, 3) float64 from camera axes (x right, y down, z forward) to the panorama frame."""
         azimuth = 2 * np.pi * np.arange(self.count) / self.count
         c, s, zero = np.cos(azimuth), np.sin(azimuth), np.zeros(self.count)
-        right, down, forward = (s, -c, zero), (zero, zero, zero - 1), (c, s, zero)
+        level, up = np.cos(self.elevation_rad), np.sin(self.elevation_rad)
+        right, down, forward = (s, -c, zero), (c * up, s * up, zero - level), (c * level, s * level, zero + up)
         return np.array([right, down, forward]).transpose(2, 1, 0)
 
     def bearings(self, view: int, pixels: np.ndarray) -> np.ndarray:
@@ -43,6 +45,15 @@ class ViewRig:
         rays = np.ones((len(pixels), 3))
         rays[:, :2] = (np.asarray(pixels, np.float64) - (self.width_px / 2, self.height_px / 2)) / self.focal_px
         return (rays / np.linalg.norm(rays, axis=1, keepdims=True)) @ self.rotations[view].T
+
+    def project(self, bearings: np.ndarray, view: int) -> tuple[np.ndarray, np.ndarray]:
+        """Where bearings (K, 3) in the panorama frame fall on one view: pixels (K, 2) float64, x then y, and (K,) bool
+        whether the view shows them; the pixels of those that it does not show mean nothing."""
+        local = bearings @ self.rotations[view]
+        ahead = local[:, 2] > 1e-6
+        pixels = local[:, :2] / np.where(ahead, local[:, 2], 1)[:, None] * self.focal_px
+        pixels += self.width_px / 2, self.height_px / 2
+        return pixels, ahead & ((pixels >= 0) & (pixels < (self.width_px, self.height_px))).all(1)
 
     def cut(self, image: np.ndarray) -> np.ndarray:
         """(V, height, width, C) views of an equirectangular uint8 image (H, 2H, C), bilinear."""
@@ -68,7 +79,7 @@ def _sampling(rig: ViewRig, height: int) -> tuple[np.ndarray, np.ndarray]:
     pixels = np.stack([x.ravel(), y.ravel()], 1)
     rays = np.stack([rig.bearings(view, pixels) for view in range(rig.count)])
     columns, rows = rays_to_pixels(rays.reshape(rig.count, rig.height_px, rig.width_px, 3), height)
-    return (columns - 0.5).astype(np.float32), (rows - 0.5).astype(np.float32)
+    return (columns - 0.5).astype(np.float32), np.clip(rows - 0.5, 0, height - 1).astype(np.float32)
 
 
 def turned_similarity(query: np.ndarray, reference: np.ndarray) -> np.ndarray:

@@ -31,16 +31,17 @@ def test_a_wrong_unit_is_told_on_stderr(quarters, tmp_path):
     info = run("data", "info", quarters)
     assert (info.code, info.err) == (0, of_map)
     build = run("build", quarters, "-o", "map")
-    assert (build.code, build.err) == (0, of_map)
+    assert build.code == 0
+    assert of_map in build.err
     found = run("localize", "map", quarters / "frames" / "bedroom-query.range.png", "--json")
-    assert found.err == "warning: " + SAID.format("in bedroom-query") + LIKELY
+    assert found.err.partition("\n")[0] + "\n" == "warning: " + SAID.format("in bedroom-query") + LIKELY
     assert found.json["places"][0]["place"] == "bedroom"
 
 
 def test_a_wrong_unit_is_told_under_the_table_and_in_the_report(quarters):
     arguments = ("compare", "--methods", "objects", "--data", quarters, "--engine", "inline")
     result = run(*arguments, "--json").json
-    (note,) = result["notes"]
+    (note,) = [note for note in result["notes"] if "floor" in note]
     assert f"{note}\n" == SAID.format(MAPPED) + LIKELY
     assert note in run(*arguments).out
     assert note in Path(result["report"]).read_text()
@@ -51,4 +52,4 @@ def test_of_a_right_unit_nothing_is_said(tmp_path, monkeypatch):
     folder = write_tiny_folder(tmp_path / "data")
     assert run("data", "info", folder).err == ""
     arguments = ("compare", "--methods", "objects", "--data", folder, "--engine", "inline", "--runs", tmp_path)
-    assert run(*arguments, "--json").json["notes"] == []
+    assert not any("floor" in note for note in run(*arguments, "--json").json["notes"])

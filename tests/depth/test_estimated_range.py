@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,8 @@ from command_line import run
 from painted_plugin import without_range
 from painted_rooms import PLAIN, write_network
 
+from salframe.framework.auto import Choice
+from salframe.framework.defaults import defaults
 from salframe.framework.errors import InputMissing
 from salframe.framework.presets import configure, settings
 from salframe.framework.registry import registry
@@ -87,9 +90,18 @@ def test_what_is_needed_follows_what_is_there(network):
 
 
 def _without_colour(panorama):
-    from dataclasses import replace
-
     return replace(panorama, rgb=None)
+
+
+@pytest.mark.parametrize("method", ["saliency-graph", "objects", "sovs"])
+def test_auto_takes_a_detector_that_needs_the_range_which_the_model_gives(network, method, monkeypatch):
+    monkeypatch.setitem(defaults(), "auto", {"detector": ["annotations", "panoseg"]})
+    colour = Choice("photographs", lambda: frozenset({"rgb"}))
+    content = settings("localizer", method)
+    chosen = {"range": {"model": str(network), "metric": True}}
+    assert configure("localizer", method, content, [chosen], colour).detector.kind == "panoseg"
+    with pytest.raises(InputMissing, match="panoseg: needs range, which the data does not have"):
+        configure("localizer", method, content, [], colour)
 
 
 @pytest.mark.parametrize("method", ["saliency-graph", "objects"])

@@ -69,6 +69,8 @@ def test_every_default_is_a_name_that_there_is():
         "planner": "planner",
         "navigation_planner": "planner",
         "range-model": "range-model",
+        "detector": "detector",
+        "saliency": "saliency",
     }
     assert set(defaults()) == {*known, "auto"}
     assert set(auto_order("detector")) <= {*names("detector"), "segments"}

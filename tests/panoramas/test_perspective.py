@@ -51,3 +51,18 @@ def test_the_turn_and_the_frame_are_found():
     similarity = turned_similarity(query, reference)
     assert np.unravel_index(similarity.argmax(), similarity.shape) == (2, 5)
     assert np.isclose(similarity[2, 5], 1)
+
+
+def test_a_ring_may_look_up_or_down_and_projection_undoes_bearings():
+    for elevation in (np.pi / 3, -np.pi / 3):
+        ring = ViewRig(4, 100, 80, np.deg2rad(90), elevation)
+        for view in range(4):
+            axis = ring.bearings(view, np.array([[50.0, 40.0]]))[0]
+            np.testing.assert_allclose(np.arcsin(axis[2]), elevation, atol=1e-12)
+            np.testing.assert_allclose(np.arctan2(axis[1], axis[0]) % (2 * np.pi), view * np.pi / 2, atol=1e-12)
+            pixels = np.random.default_rng(view).uniform((0, 0), (100, 80), (20, 2))
+            bearings = ring.bearings(view, pixels)
+            assert bearings[:, 2] @ (40 - pixels[:, 1]) > 0  # up in the image is up
+            back, shown = ring.project(np.concatenate([bearings, -bearings]), view)
+            np.testing.assert_allclose(back[:20], pixels, atol=1e-9)
+            assert shown.tolist() == [True] * 20 + [False] * 20

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from salframe_panoseg.detector import from_panorama, into_panorama
-from salframe_panoseg.objects import LEAST_POINTS, group_pixels, without_strays
+from salframe_panoseg.objects import LEAST_POINTS, group_pixels
 
 H, W = 32, 64
 
@@ -73,14 +73,6 @@ def test_turning_the_panorama_turns_the_objects():
     turned = group_pixels(np.roll(class_id, 24, 1), POINTS_M, np.roll(centre_m, 24, 1), SEEN)
     pairs = set(zip(objects.ravel().tolist(), turned.ravel().tolist(), strict=True))
     assert len(pairs) == objects.max() + 1  # the same partition, numbered otherwise
-
-
-def test_strays_go_and_a_long_object_stays_whole():
-    rng = np.random.default_rng(0)
-    sofa = rng.uniform((-1, -0.4, 0), (1, 0.4, 0.8), (400, 3))
-    strays = rng.uniform((3, 3, 0), (4, 4, 1), (20, 3))
-    kept = without_strays(np.concatenate([sofa, strays]))
-    np.testing.assert_array_equal(kept, sofa)
 
 
 def test_votes_point_from_a_pixel_to_its_centre_in_the_panorama_frame():

@@ -1,0 +1,261 @@
+"""The detector `segments`: a semantic segmentation network on views of a panorama."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Literal
+
+import cv2
+import numpy as np
+from pydantic import Field, model_validator
+
+from salframe.framework.config import ComponentConfig
+from salframe.framework.errors import InputMissing, WeightsMissing
+from salframe.framework.identity import UserFile
+from salframe.framework.weights import Link, Weights, WeightsFile
+from salframe.graphs.boxes import detections_where_known
+from salframe.graphs.detections import Detections
+from salframe.graphs.detector import Detector
+from salframe.graphs.pixels import without_strays
+from salframe.graphs.turning import from_near_side
+from salframe.panoramas.geometry import equirectangular_rays
+from salframe.panoramas.panorama import Panorama
+from salframe_segments.card import Calibration, Card, card_beside, read_card, shipped_card
+from salframe_segments.instances import find_instances
+from salframe_segments.networks import TFLITE, open_network
+from salframe_segments.voting import HEIGHT, Views, vote
+
+UNSEEN = 114
+"""The grey of what a partial panorama did not see."""
+MOST_SCORES = 160
+"""Of a view's scores at most so many rows and columns vote: more than a panorama of 512 x 256 can show."""
+
+ADE20K = Weights(
+    name="ade20k",
+    licence="Apache-2.0",
+    data="ADE20K, whose images are for research and non-commercial use",
+    files=(
+        WeightsFile(
+            "lite-model_deeplabv3-mobilenetv2-ade20k_1_default_1.tflite",
+            "9476784566f88bf0bdc3169f0012fb7d08857b325811d8c1aaf5ada1c0d4e4f9",
+            2_415_896,
+        ),
+    ),
+    # TensorFlow Hub moved to Kaggle: its address leads on to the second, where its files for TensorFlow Lite lay.
+    source=Link(
+        (
+            "https://tfhub.dev/sayakpaul/lite-model/deeplabv3-mobilenetv2-ade20k/1/default/1?lite-format=tflite",
+            "https://storage.googleapis.com/tfhub-lite-models/sayakpaul/lite-model/deeplabv3-mobilenetv2-ade20k/1/default/1.tflite",
+        )
+    ),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class PixelClasses:
+    """What each pixel of a panorama most likely shows: names, of objects as the graph calls them and of structure as
+    the network does; class_id (H, W) int32 into names; probability (H, W) float32 of that class; seen (H, W) bool, false
+    where no view looks or the panorama is not valid."""
+
+    names: tuple[str, ...]
+    class_id: np.ndarray
+    probability: np.ndarray
+    seen: np.ndarray
+
+
+class SegmentsDetector(Detector):
+    """Objects from any network that gives class scores for each pixel, by votes of overlapping views; doors and windows
+    are objects too.
+
+    Works from colour alone; then bearings, labels and scores are known, and positions are NaN.
+    """
+
+    name = "segments"
+    version = "1"
+    needs: ClassVar[frozenset[str]] = frozenset({"rgb"})
+    requires = ("ai_edge_litert",)
+    extra = "salframe[tflite]"
+    weights = (ADE20K,)
+
+    class Config(ComponentConfig):
+        model: Literal["ade20k"] | UserFile = Field(
+            "ade20k",
+            union_mode="left_to_right",
+            description="path of an ONNX or TensorFlow Lite file, or weights to fetch: ade20k",
+        )
+        card: UserFile | None = Field(
+            None,
+            description="the network's model card; null: the one beside its file, NAME.yaml, else the one that comes "
+            "with salframe for this very file",
+        )
+        views: int = Field(6, ge=1, le=16, description="views around the horizon")
+        tilted_views: int = Field(0, ge=0, le=8, description="views that look up by 60 deg, and as many down")
+        fov_deg: float = Field(90.0, ge=30, le=120, description="field of view across the width of a view")
+        mirrored: bool = Field(
+            False, description="look at every view a second time, mirrored: twice the time, steadier answers"
+        )
+        min_score: float = Field(0.3, ge=0, le=1, description="objects that score less are left out")
+
+        @model_validator(mode="before")
+        @classmethod
+        def _card_beside(cls, value: Any) -> Any:
+            """A card that lies beside the network is named, so that its content is part of the identity."""
+            if isinstance(value, Mapping) and value.get("card") is None:
+                model = value.get("model", "ade20k")
+                if isinstance(model, str | Path) and model != "ade20k" and (card := card_beside(Path(model))):
+                    return {**value, "card": str(card)}
+            return value
+
+    def __init__(self, config: ComponentConfig | None = None) -> None:
+        """Raises WeightsMissing where there is no network or it does not fit its card; ConfigError on a faulty card."""
+        super().__init__(config)
+        path = _model_path(self.config.model)
+        card = shipped_card(path) if self.config.card is None else read_card(self.config.card)
+        self._network = open_network(path, card)
+        self._classes = Classes.of(card)
+        self._views = Views(
+            self.config.views, self.config.tilted_views, *card.input.size_px, np.radians(self.config.fov_deg)
+        )
+        width, height = card.input.size_px
+        next(self._network.probabilities(np.full((1, height, width, 3), UNSEEN, np.uint8)))
+
+    @property
+    def calibration(self) -> Calibration:
+        """How scores follow from probabilities."""
+        return self._network.card.calibration
+
+    @classmethod
+    def requires_in_use(cls, config: Any) -> tuple[str, ...]:
+        """LiteRT for networks of TensorFlow Lite alone."""
+        return cls.requires if config.model == "ade20k" or config.model.suffix == TFLITE else ()
+
+    @classmethod
+    def weights_in_use(cls, config: Any) -> tuple[Weights, ...]:
+        """Those that `model` names; none where it is a file."""
+        return cls.weights if config.model == "ade20k" else ()
+
+    @from_near_side
+    def detect(self, panorama: Panorama) -> Detections:
+        """See Detector. Raises InputMissing where the panorama has no colour."""
+        pixels = self.classify(panorama)
+        rays = equirectangular_rays(HEIGHT)
+        area_sr = np.broadcast_to(_row_area_sr()[:, None], pixels.seen.shape)
+        points_m = None
+        if panorama.range_m is not None:
+            points_m = rays * _smaller(panorama.range_m)[..., None]
+        # Class 0, no object, stands where nothing was seen too.
+        class_id = np.where(pixels.seen, pixels.class_id, 0)
+        found = find_instances(class_id, self._classes.is_object, self._classes.is_fixed, points_m, area_sr)
+        labels, scores, bearing, solid_angle_sr, clouds = [], [], [], [], []
+        for own in found:
+            weight = area_sr.flat[own]
+            mean = float(np.average(pixels.probability.flat[own], weights=weight))
+            score = self.calibration.score(mean)
+            if score < self.config.min_score:
+                continue
+            labels.append(pixels.names[int(class_id.flat[own[0]])])
+            scores.append(score)
+            towards = weight @ rays.reshape(-1, 3)[own]
+            bearing.append(towards / np.linalg.norm(towards))
+            solid_angle_sr.append(weight.sum())
+            if points_m is not None:
+                points = points_m.reshape(-1, 3)[own]
+                points = points[np.isfinite(points).all(1)]
+                clouds.append(without_strays(points) if len(points) else points)
+        return detections_where_known(
+            labels,
+            np.array(scores),
+            None if points_m is None else clouds,
+            np.array(bearing).reshape(-1, 3),
+            np.array(solid_angle_sr),
+        )
+
+    def classify(self, panorama: Panorama) -> PixelClasses:
+        """What each pixel of a panorama shows, on HEIGHT rows and 2 HEIGHT columns. Raises InputMissing where it has no
+        colour."""
+        if panorama.rgb is None:
+            raise InputMissing(f"{panorama.id} has no colour, which the detector {self.name!r} reads")
+        image, valid, shown = panorama.rgb, np.ones((HEIGHT, 2 * HEIGHT), bool), np.ones(self._views.count, bool)
+        if panorama.valid is not None:
+            image = np.where(panorama.valid[..., None], image, np.uint8(UNSEEN))
+            valid = _smaller(panorama.valid.astype(np.uint8)) > 0
+            shown = self._views.show(valid)
+        if not shown.any():
+            nothing = np.zeros(valid.shape, np.float32)
+            return PixelClasses(self._classes.names, nothing.astype(np.int32), nothing, nothing > 0)
+        views = self._views.cut(image)[shown]
+        probabilities = self._look(views)
+        if self.config.mirrored:
+            probabilities = (probabilities + self._look(views[:, :, ::-1])[:, :, ::-1]) / 2
+        mean, weight = vote(self._views, shown, probabilities)
+        class_id = mean.argmax(-1)
+        probability = np.take_along_axis(mean, class_id[..., None], -1)[..., 0]
+        return PixelClasses(self._classes.names, class_id.astype(np.int32), probability, valid & (weight > 0))
+
+    def _look(self, views: np.ndarray) -> np.ndarray:
+        """(V, h, w, names) float32: the probabilities of views (V, height, width, 3) uint8 RGB."""
+        return np.stack([self._classes.join(_thin(one)) for one in self._network.probabilities(views)])
+
+
+@dataclass(frozen=True, eq=False)
+class Classes:
+    """A network's classes as the graph knows them: names, the first of them nothing; those of one name are one class.
+    index (C,) int, the name of each of the network's classes; is_object, is_fixed (names,) bool."""
+
+    names: tuple[str, ...]
+    index: np.ndarray
+    is_object: np.ndarray
+    is_fixed: np.ndarray
+
+    @classmethod
+    def of(cls, card: Card) -> Classes:
+        called = [card.name_of(label) or label for label in card.labels]
+        names = ("", *dict.fromkeys(called))
+        objects = {name for label in card.labels if (name := card.name_of(label))}
+        fixed = {card.fixed[label] for label in card.labels if label in card.fixed}
+        return cls(
+            names,
+            np.array([names.index(name) for name in called]),
+            np.array([name in objects for name in names]),
+            np.array([name in fixed for name in names]),
+        )
+
+    def join(self, probabilities: np.ndarray) -> np.ndarray:
+        """(h, w, names) float32: the sum of the probabilities (h, w, C) of the classes of each name."""
+        joined = np.zeros((*probabilities.shape[:2], len(self.names)), np.float32)
+        names, first = np.unique(self.index, return_index=True)
+        joined[..., names] = probabilities[..., first]
+        for other in np.setdiff1d(np.arange(len(self.index)), first):
+            joined[..., self.index[other]] += probabilities[..., other]
+        return joined
+
+
+def _model_path(model: str | UserFile) -> Path:
+    """The file of the network to fetch, verified, or of the user's own. Raises WeightsMissing."""
+    if isinstance(model, str):
+        return ADE20K.paths()[0]
+    if not model.is_file():
+        raise WeightsMissing(f"no file {model}: expected the path of an ONNX or TensorFlow Lite file, or ade20k")
+    return model
+
+
+def _thin(scores: np.ndarray) -> np.ndarray:
+    """Scores (h, w, C) at evenly spaced rows and columns, at most MOST_SCORES of each."""
+    for axis in (0, 1):
+        length = scores.shape[axis]
+        if length > MOST_SCORES:
+            scores = scores.take(((np.arange(MOST_SCORES) + 0.5) * length / MOST_SCORES).astype(int), axis)
+    return scores
+
+
+def _smaller(image: np.ndarray) -> np.ndarray:
+    """An image (H, 2H) of ranges or a mask with HEIGHT rows, each pixel one of those that it covers."""
+    return cv2.resize(image, (2 * HEIGHT, HEIGHT), interpolation=cv2.INTER_NEAREST)
+
+
+def _row_area_sr() -> np.ndarray:
+    """(HEIGHT,) float64: how much of the sphere a pixel of each row covers."""
+    edge = np.cos(np.pi * np.arange(HEIGHT + 1) / HEIGHT)
+    return (edge[:-1] - edge[1:]) * np.pi / HEIGHT

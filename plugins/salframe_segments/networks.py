@@ -1,0 +1,171 @@
+"""Segmentation networks behind one interface: views in, class probabilities out."""
+
+from __future__ import annotations
+
+import os
+import struct
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from salframe.framework.errors import WeightsMissing
+from salframe_segments.card import Card, Layout
+
+TFLITE = ".tflite"
+BATCH = 1
+"""Views that a network with a free batch axis is given at a time: more take memory and save no time on a CPU."""
+
+
+class SegmentationNetwork(ABC):
+    """A network with its card, ready to run; `open_network` makes it."""
+
+    def __init__(self, path: Path, card: Card) -> None:
+        self.path, self.card = path, card
+
+    @abstractmethod
+    def raw(self, batch: np.ndarray) -> np.ndarray:
+        """What the network gives for a batch in its own layout and dtype: float32, in the card's output layout."""
+
+    def probabilities(self, views: np.ndarray) -> Iterator[np.ndarray]:
+        """For each view of (V, height, width, 3) uint8 RGB, of the card's size, the probabilities (h, w, C) float32 of
+        its classes at the network's own resolution. Raises WeightsMissing where the file gives something else than the
+        card says."""
+        given = self.card.output
+        for first in range(0, len(views), BATCH):
+            scores = _channels_last(self.raw(self._as_input(views[first : first + BATCH])), given.layout)
+            if scores.ndim != 4 or scores.shape[-1] != len(self.card.labels):
+                raise WeightsMissing(
+                    f"{self.path} gives {' x '.join(map(str, scores.shape))}, "
+                    f"expected 4 axes, {len(self.card.labels)} classes as its card has labels ({given.layout})"
+                )
+            for one in scores:
+                yield _softmax(one) if given.values == "logits" else one
+
+    def _as_input(self, views: np.ndarray) -> np.ndarray:
+        taken = self.card.input
+        images = views[..., ::-1] if taken.channels == "bgr" else views
+        if taken.dtype == "float32":
+            images = images.astype(np.float32)
+            images *= np.float32(taken.scale)
+            images -= np.array(taken.mean, np.float32)
+            images /= np.array(taken.std, np.float32)
+        return np.ascontiguousarray(images.transpose(0, 3, 1, 2) if taken.layout == "nchw" else images)
+
+
+class OnnxNetwork(SegmentationNetwork):
+    """By onnxruntime."""
+
+    def __init__(self, path: Path, card: Card) -> None:
+        from salframe.framework.onnx import open_model
+
+        super().__init__(path, card)
+        taken, (width, height) = card.input, card.input.size_px
+        shape = (None, 3, height, width) if taken.layout == "nchw" else (None, height, width, 3)
+        outputs = () if card.output.name is None else (card.output.name,)
+        self._model = open_model(path, [shape], outputs, taken.dtype)
+
+    def raw(self, batch: np.ndarray) -> np.ndarray:
+        scores = self._model.run(batch)[0]
+        if scores.dtype.kind != "f":
+            raise WeightsMissing(f"{self.path} gives {scores.dtype}, expected scores as floats: name them, output.name")
+        return np.asarray(scores, np.float32)
+
+
+class TfliteNetwork(SegmentationNetwork):
+    """By LiteRT, TensorFlow Lite's runtime."""
+
+    def __init__(self, path: Path, card: Card) -> None:
+        from ai_edge_litert.interpreter import Interpreter
+
+        super().__init__(path, card)
+        try:
+            content = bytearray(path.read_bytes())
+        except OSError as error:
+            raise WeightsMissing(f"cannot read {path}: {error.strerror}") from None
+        try:
+            if card.output.name is not None:
+                _end_at(content, card.output.name)
+            self._interpreter = Interpreter(model_content=bytes(content), num_threads=os.cpu_count())
+            self._interpreter.allocate_tensors()
+        except _NoTensor:
+            raise WeightsMissing(f"{path} has no tensor {card.output.name!r}, which its card names as output") from None
+        except Exception as error:  # the runtime raises ValueError and RuntimeError, and on no model struct.error
+            raise WeightsMissing(
+                f"{path} is no TensorFlow Lite network: {' '.join(str(error).split())[:200]}"
+            ) from None
+        inputs = self._interpreter.get_input_details()
+        self._output = self._interpreter.get_output_details()[0]
+        width, height = card.input.size_px
+        shape = (1, 3, height, width) if card.input.layout == "nchw" else (1, height, width, 3)
+        received = [(_dtype(one), tuple(map(int, one["shape"]))) for one in inputs]
+        if received != [(card.input.dtype, shape)]:
+            raise WeightsMissing(f"{path} takes {_listed(received)}, expected {_listed([(card.input.dtype, shape)])}")
+        if self._output["dtype"] is not np.float32 and not self._output["quantization"][0]:
+            raise WeightsMissing(
+                f"{path} gives {_dtype(self._output)} without quantization, expected scores: name them, output.name"
+            )
+        self._input = inputs[0]["index"]
+
+    def raw(self, batch: np.ndarray) -> np.ndarray:
+        return np.concatenate([self._one(batch[i : i + 1]) for i in range(len(batch))])
+
+    def _one(self, image: np.ndarray) -> np.ndarray:
+        self._interpreter.set_tensor(self._input, image)
+        self._interpreter.invoke()
+        scores = self._interpreter.get_tensor(self._output["index"])
+        if scores.dtype == np.float32:
+            return scores
+        scale, zero = self._output["quantization"]
+        return (scores.astype(np.float32) - np.float32(zero)) * np.float32(scale)
+
+
+def open_network(path: Path, card: Card) -> SegmentationNetwork:
+    """The network in a file, by the file's suffix. Raises WeightsMissing where it does not fit its card."""
+    return (TfliteNetwork if path.suffix == TFLITE else OnnxNetwork)(path, card)
+
+
+class _NoTensor(Exception):
+    """A network has no tensor of this name."""
+
+
+def _end_at(content: bytearray, name: str) -> None:
+    """Make a tensor the only output of a TensorFlow Lite file, and leave out the operators after the one that gives it.
+
+    Raises _NoTensor.
+    """
+    from ai_edge_litert import schema_py_generated as schema
+
+    graph = schema.Model.GetRootAs(content).Subgraphs(0)
+    tensors = [i for i in range(graph.TensorsLength()) if graph.Tensors(i).Name() == name.encode()]
+    operators = range(graph.OperatorsLength())
+    last = [i for i in operators if tensors and tensors[0] in graph.Operators(i).OutputsAsNumpy()]
+    if not last:
+        raise _NoTensor
+    graph.OutputsAsNumpy()[:] = tensors[0]
+    # A vector is stored as its length and its elements; operators stand in the order in which they run.
+    length_at = graph._tab.Vector(graph._tab.Offset(OPERATORS_SLOT)) - 4
+    struct.pack_into("<I", content, length_at, last[0] + 1)
+
+
+OPERATORS_SLOT = 10
+"""Where a subgraph's table names its operators (schema.fbs, its fourth field)."""
+
+
+def _channels_last(scores: np.ndarray, layout: Layout) -> np.ndarray:
+    return scores.transpose(0, 2, 3, 1) if layout == "nchw" and scores.ndim == 4 else scores
+
+
+def _softmax(logits: np.ndarray) -> np.ndarray:
+    grown = np.exp(logits - logits.max(-1, keepdims=True))
+    return grown / grown.sum(-1, keepdims=True)
+
+
+def _dtype(details: Any) -> str:
+    return np.dtype(details["dtype"]).name
+
+
+def _listed(tensors: list[tuple[str, tuple[int, ...]]]) -> str:
+    return ", ".join(f"{dtype} ({', '.join(map(str, shape))})" for dtype, shape in tensors)
