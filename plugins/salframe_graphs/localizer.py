@@ -14,7 +14,7 @@ from salframe.framework.slots import slot
 from salframe.graphs.graph import GraphConfig, SaliencyGraph, build_graph
 from salframe.graphs.packing import graph_from_arrays, graph_to_arrays, pack_graph, read_graphs, write_graphs
 from salframe.localization.answers import Localization, LocalizationStatus, NodeMatches
-from salframe.localization.localizer import Description, Localizer, rank_places
+from salframe.localization.localizer import Description, Localizer, range_slot, rank_places
 from salframe.panoramas.frames import MapFrame
 from salframe.panoramas.panorama import Panorama
 from salframe_graphs.agreement import agree
@@ -27,6 +27,7 @@ class SaliencyGraphLocalizer(Localizer):
     version = "2"
 
     class Config(ComponentConfig):
+        range: range_slot()  # type: ignore[valid-type]
         detector: slot("detector", "auto")  # type: ignore[valid-type]
         saliency: slot("saliency", "volumetric")  # type: ignore[valid-type]
         graph: GraphConfig = GraphConfig.model_validate({})

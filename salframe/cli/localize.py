@@ -43,13 +43,14 @@ def localize(
     as_json: Json = False,
 ) -> None:
     """Print where a panorama was taken: places, best first, and the pose."""
-    from salframe.cli.output import Bars
+    from salframe.cli.output import Bars, tell_units
     from salframe.localization.saved_map import open_map
     from salframe.panoramas.opening import open_frame
 
     localizer = open_map(map)
     with Bars() as bars:
         query_frame = open_frame(frame, data, data_dir, overrides or (), bars.update)
+    tell_units([query_frame])
     answer = localizer.localize(query_frame)
     tell_decided(map)
     if as_json:

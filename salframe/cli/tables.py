@@ -178,7 +178,7 @@ def _print_notes(result: Result[Any], statuses: bool = False) -> None:
     console, notes = _console(), list(result.notes)
     for row in result.rows:
         failures = ", ".join(f"{count} {status}" for status, count in row.status.items() if status != "ok")
-        if remarks := "; ".join(part for part in (row.reason, failures if statuses else "") if part):
+        if remarks := "; ".join(part for part in (row.remark, failures if statuses else "") if part):
             notes.append(f"{row.method}: {remarks}")
     for note in notes:
         console.print(note, style="dim", markup=False, highlight=False, soft_wrap=True)

@@ -120,7 +120,7 @@ class LocalizationTask(Task[Query, LocalizationSurvey]):
     def open(
         self, label: str, method: Localizer, survey: LocalizationSurvey, todo: Sequence[Query], folder: Path
     ) -> Worker[Query]:
-        check_needs(method, method.needs, survey.dataset)
+        check_needs(method, survey.dataset)
         return _Answering(method, survey.dataset, todo, folder)
 
     def failed(self, piece: Query) -> Row:

@@ -57,6 +57,15 @@ def sample_nearest(image: np.ndarray, bearings: np.ndarray) -> np.ndarray:
     return image[np.minimum(rows.astype(int), height - 1), columns.astype(int) % (2 * height)]
 
 
+def peak_column(side: np.ndarray) -> int:
+    """The column around which values (W,) are high: the phase of their first Fourier coefficient. Rolling them by c
+    adds c, modulo W."""
+    column = -np.angle(np.fft.rfft(side)[1]) * len(side) / (2 * np.pi)
+    return int(
+        np.floor(column + 0.5 + 1e-6)
+    )  # half columns, where mirrored rooms peak, go up in spite of rounding errors
+
+
 def pose_2d(x_m: float, y_m: float, yaw_rad: float, z_m: float = 0.0) -> np.ndarray:
     """(4, 4) float64 rigid motion of an upright frame: yaw about +z, then the shift (x, y, z)."""
     pose = np.eye(4)

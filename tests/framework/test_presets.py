@@ -68,6 +68,7 @@ def test_every_default_is_a_name_that_there_is():
         "engine": "engine",
         "planner": "planner",
         "navigation_planner": "planner",
+        "range-model": "range-model",
         "detector": "detector",
         "saliency": "saliency",
     }
