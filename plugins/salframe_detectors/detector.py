@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
@@ -15,7 +16,7 @@ from salframe.framework.registry import registry
 from salframe.framework.slots import slot
 from salframe.framework.weights import Weights
 from salframe.graphs.boxes import detections_from_points
-from salframe.graphs.detections import Detections
+from salframe.graphs.detections import Detections, unit_vectors
 from salframe.graphs.detector import Detector
 from salframe.graphs.turning import from_near_side
 from salframe.panoramas.panorama import Panorama
@@ -35,8 +36,8 @@ class OnnxDetector(Detector):
     """Any perspective detector in ONNX, on overlapping views that cover the sphere; what several views show comes out
     once.
 
-    Works from colour alone; then nothing tells how far the objects are: labels and scores are known, every position is
-    NaN, which is enough for `objects` and too little for a graph.
+    Works from colour alone; then nothing tells how far the objects are: labels, scores and bearings are known, every
+    position is NaN, which is enough to be localized in a map with range and too little for a map.
     """
 
     name = "onnx"
@@ -119,18 +120,22 @@ class OnnxDetector(Detector):
         ]
         footprint = np.array(marked, bool).reshape(len(view), len(grid.rays))
         known = ~cut | (footprint.sum(1) >= LEAST_PIXELS)
-        labels, scores, points = [], [], []
+        labels, scores, bearing, solid_angle_sr, points = [], [], [], [], []
         for kind in np.unique(label[known]):
             alike = np.flatnonzero(known & (label == kind))
             for members in group(footprint[alike], view[alike], cut[alike], grid.seen, grid.solid_angle_sr):
                 own = alike[members]
                 labels.append(self._labels[kind])
                 scores.append(score[own].max())
+                inside = np.flatnonzero(outline(footprint[own], view[own], grid.seen))
+                bearing.append(grid.solid_angle_sr[inside] @ grid.rays[inside])
+                solid_angle_sr.append(grid.solid_angle_sr[inside].sum())
                 if range_m is not None:
-                    inside = np.flatnonzero(outline(footprint[own], view[own], grid.seen))
                     inside = inside[foreground(range_m[inside], grid.solid_angle_sr[inside])]
                     points.append(grid.rays[inside] * range_m[inside, None])
-        return _detections(labels, np.array(scores, float), None if range_m is None else points)
+        towards, covered_sr = unit_vectors(np.reshape(bearing, (-1, 3))), np.array(solid_angle_sr, float)
+        joined = Detections.without_range(labels, np.array(scores, float), towards, covered_sr)
+        return joined if range_m is None else _placed(joined, points)
 
     def _look(self, views: np.ndarray) -> list[Found]:
         """What the network finds in each view (V, height, width, 3) uint8 RGB."""
@@ -160,19 +165,12 @@ def _model_path(model: str | UserFile) -> Path:
     return model
 
 
-def _detections(labels: list[str], scores: np.ndarray, points_m: list[np.ndarray] | None) -> Detections:
-    """Detections by the points behind them; where these are too few or there are none at all, position and size are
-    NaN."""
+def _placed(found: Detections, points_m: list[np.ndarray]) -> Detections:
+    """The detections with the points behind them; where these are too few, position and size stay NaN."""
     unknown = np.full((1, 3), np.nan, np.float32)
-    centroid, size, yaw = (
-        np.full((len(labels), 3), np.nan),
-        np.full((len(labels), 3), np.nan),
-        np.full(len(labels), np.nan),
-    )
-    if points_m is None:
-        return Detections(tuple(labels), scores, centroid, size, yaw)
+    centroid, size, yaw = (np.array(array) for array in (found.centroid_m, found.size_m, found.yaw_rad))
     known = [i for i, points in enumerate(points_m) if len(points) >= LEAST_PIXELS]
-    placed = detections_from_points([labels[i] for i in known], scores[known], [points_m[i] for i in known])
+    placed = detections_from_points([found.labels[i] for i in known], found.scores[known], [points_m[i] for i in known])
     centroid[known], size[known], yaw[known] = placed.centroid_m, placed.size_m, placed.yaw_rad
     points = tuple(points if i in known else unknown for i, points in enumerate(points_m))
-    return Detections(tuple(labels), scores, centroid, size, yaw, points)
+    return replace(found, centroid_m=centroid, size_m=size, yaw_rad=yaw, points_m=points)

@@ -14,6 +14,7 @@ from salframe.framework.config import ComponentConfig
 from salframe.framework.errors import RequirementMissing
 from salframe.graphs.graph import SaliencyGraph
 from salframe.graphs.matcher import GraphMatch, GraphMatcher
+from salframe_graphs.bearings import verify_bearings
 from salframe_graphs.features import node2vec, ring_hop_histograms
 from salframe_graphs.verification import Verified, verify
 
@@ -190,8 +191,11 @@ class TripletMatcher(GraphMatcher):
     def _similarity(
         self, query: SaliencyGraph, known: np.ndarray, index: GraphIndex, candidates: np.ndarray
     ) -> np.ndarray:
-        """(K, n, m) node similarity in [0, 1] of height, size, saliency ratio and structure, 0 where labels differ."""
+        """(K, n, m) node similarity in [0, 1] of height, size, saliency ratio and structure, 0 where labels differ; of
+        a query without range labels are all that can be compared."""
         same = (known[None, :, None] == index.label[candidates][:, None]) & (known >= 0)[None, :, None]
+        if query.bearings_only:
+            return same.astype(np.float64)
         a, b = query.saliency[None, :, None], index.saliency[candidates][:, None]
         ratio = np.minimum(a, b) / np.maximum(np.maximum(a, b), 1e-12)
         if not self.config.structure_weight:
@@ -223,6 +227,9 @@ class TripletMatcher(GraphMatcher):
 
     def _verify(self, query, weight, index, candidates, similarity) -> Verified:
         reference = index.centroid_m[candidates]
+        if query.bearings_only:
+            tolerance = self.config.tolerance_m, self.config.tolerance_share
+            return verify_bearings(query.bearing, reference, similarity, weight, tolerance, self.config.largest_shift_m)
         ranges = np.hypot(query.range_m[None, :, None], np.linalg.norm(reference, axis=2)[:, None])
         tolerance = self.config.tolerance_m + self.config.tolerance_share * ranges
         return verify(
