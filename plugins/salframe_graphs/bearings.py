@@ -34,7 +34,7 @@ def verify_bearings(
     grid_m = np.stack(np.meshgrid(steps, steps), -1).reshape(-1, 1, 2)
     grid_m = grid_m[np.hypot(*grid_m[:, 0].T) <= largest_shift_m]
     candidates = len(similarity)
-    result = Verified(np.full(candidates, np.nan), np.full((candidates, 2), np.nan), np.zeros(similarity.shape))
+    result = Verified.none(similarity.shape)
     for start in range(0, candidates, _BLOCK):
         block = np.arange(start, min(start + _BLOCK, candidates))
         block = block[similarity[block].any((1, 2))]

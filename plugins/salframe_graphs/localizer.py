@@ -103,7 +103,7 @@ class SaliencyGraphLocalizer(Localizer):
         if query.bearings_only:
             pose = self._positioner.resect(query.bearing[nodes], there)
         else:
-            pose = self._positioner.solve(query.centroid_m[nodes], there, query.saliency[nodes])
+            pose = self._positioner.solve(best.scale * query.centroid_m[nodes], there, query.saliency[nodes])
         T_world_scene = self._map_frames[best.scene].T_world_pano
         if pose.T_reference_query is None:
             places = rank_places(self._map_frames, scores)

@@ -66,14 +66,13 @@ def resect(bearing: np.ndarray, reference_m: np.ndarray, tolerance_m: float, amb
     poses = np.array([_fit(rows, hypotheses[i], squared[i] < 1) for i in few])
     support = np.maximum(1 - (rows.distance_m(poses) / tolerance_m) ** 2, 0).sum(1)
     best = int(support.argmax())
-    v = poses[best]
-    inliers = _inliers(rows, v, tolerance_m)
+    v, inliers = poses[best], squared[few[best]] < 1
     for _ in range(5):
-        v = _fit(rows, v, inliers)
         closer = _inliers(rows, v, tolerance_m)
         if closer.sum() < 2 or (closer == inliers).all():
             break
         inliers = closer
+        v = _fit(rows, v, inliers)
     covariance = _covariance(rows, v, inliers)
     x_m, y_m, yaw_rad = _pose(v)
     sd = np.sqrt(np.diag(covariance))
@@ -110,7 +109,7 @@ def _from_pairs(rows: _Rows) -> np.ndarray:
     pair = np.array(list(combinations(range(len(rows.z_m)), 2)))
     matrix = np.concatenate([rows.beside[pair], rows.up[pair, None] * rows.before[pair]], 1)
     heights = (rows.z_m * rows.out)[pair]
-    solvable = np.linalg.cond(matrix) < 1e4
+    solvable = np.linalg.cond(matrix) < 1e4  # no pair of level directions
     right = np.concatenate([np.zeros_like(heights), heights], 1)[solvable]
     return _normal(np.linalg.solve(matrix[solvable], right[..., None])[..., 0])
 
@@ -120,9 +119,9 @@ def _from_triples(rows: _Rows) -> np.ndarray:
     points lie in front."""
     triple = np.array(list(combinations(range(len(rows.z_m)), 3)), int).reshape(-1, 3)
     _, size, right = np.linalg.svd(rows.beside[triple])
-    # Points on a circle with the camera look alike from all of that circle.
-    v = right[:, 3][size[:, 2] > 1e-4 * size[:, 0]]
-    before = np.einsum("hij,hj->hi", rows.before[triple[size[:, 2] > 1e-4 * size[:, 0]]], v)
+    told = size[:, 2] > 1e-4 * size[:, 0]  # points on a circle with the camera look alike from all of that circle
+    v = right[told, 3]
+    before = np.einsum("hij,hj->hi", rows.before[triple[told]], v)
     return _normal(v * np.where(before.sum(1) < 0, -1, 1)[:, None])
 
 

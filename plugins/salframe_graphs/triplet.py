@@ -16,7 +16,7 @@ from salframe.graphs.graph import SaliencyGraph
 from salframe.graphs.matcher import GraphMatch, GraphMatcher
 from salframe_graphs.bearings import verify_bearings
 from salframe_graphs.features import node2vec, ring_hop_histograms
-from salframe_graphs.verification import Verified, verify
+from salframe_graphs.verification import ScaleBound, Verified, verify
 
 
 @dataclass(frozen=True)
@@ -90,6 +90,13 @@ class TripletMatcher(GraphMatcher):
         )
         tolerance_share: float = Field(
             0.05, ge=0, description="verification: added tolerance, a share of the nodes' ranges"
+        )
+        largest_scale_error: float = Field(
+            0.0,
+            ge=0,
+            lt=1,
+            description="verification: all of a query's ranges may be off by one factor, up to this share, which is "
+            "estimated with the pose; 0: they are right, as a sensor's are",
         )
         largest_shift_m: float = Field(
             6.0, gt=0, description="verification: a query this far from a map frame is not matched to it"
@@ -165,9 +172,12 @@ class TripletMatcher(GraphMatcher):
             triplets = [self._triplets(query, index.graphs[s], p) for s, p in zip(candidates, pairs, strict=True)]
             score += self.config.triplet_score * np.array(triplets)
         order = np.lexsort((-jaccard[candidates], -score))[:top_k]
-        return [
-            GraphMatch(int(candidates[k]), float(score[k]), self._align(alike[k], kernel[k]), poses[k]) for k in order
-        ]
+        matches = []
+        for k in order:
+            scene, pairs = int(candidates[k]), self._align(alike[k], kernel[k])
+            scale = self._scale(query, index.graphs[scene], pairs)
+            matches.append(GraphMatch(scene, float(score[k]), pairs, poses[k], scale))
+        return matches
 
     def _sureness(self, graph: SaliencyGraph) -> np.ndarray:
         """(N,) what each node counts before its label's rarity: its detector's score, or 1."""
@@ -210,7 +220,10 @@ class TripletMatcher(GraphMatcher):
         whole = 1 + self.config.saliency_weight + self.config.structure_weight
         similarity = same * (1 + self.config.saliency_weight * ratio + self.config.structure_weight * structure) / whole
         if self.config.height_scale_m is not None:
-            height = query.centroid_m[None, :, None, 2] - index.centroid_m[candidates][:, None, :, 2]
+            own = query.centroid_m[None, :, None, 2]
+            height = own - index.centroid_m[candidates][:, None, :, 2]
+            if self.config.largest_scale_error:  # what a factor within the bound makes of it at best
+                height = np.maximum(np.abs(height) - self.config.largest_scale_error * np.abs(own), 0)
             similarity /= 1 + (height / self.config.height_scale_m) ** 2
         if self.config.size_scale is not None:
             for side, scale in zip((0, 2), self.config.size_scale, strict=True):
@@ -233,8 +246,32 @@ class TripletMatcher(GraphMatcher):
         ranges = np.hypot(query.range_m[None, :, None], np.linalg.norm(reference, axis=2)[:, None])
         tolerance = self.config.tolerance_m + self.config.tolerance_share * ranges
         return verify(
-            query.centroid_m[:, :2], reference[..., :2], similarity, tolerance, weight, self.config.largest_shift_m
+            query.centroid_m[:, :2],
+            reference[..., :2],
+            similarity,
+            tolerance,
+            weight,
+            self.config.largest_shift_m,
+            self._scale_bound(query, reference),
         )
+
+    def _scale_bound(self, query: SaliencyGraph, reference: np.ndarray) -> ScaleBound | None:
+        """What is taken to be known of the scale of the query's ranges, against map nodes (K, m, 3)."""
+        if not self.config.largest_scale_error or query.bearings_only:
+            return None
+        bound, height_scale_m = self.config.largest_scale_error, self.config.height_scale_m
+        return ScaleBound(bound, query.centroid_m[:, 2], reference[..., 2], height_scale_m)
+
+    def _scale(self, query: SaliencyGraph, reference: SaliencyGraph, pairs: np.ndarray) -> float:
+        """The factor that gives the query's aligned nodes the spread of the map's, within the bound."""
+        bound = self._scale_bound(query, reference.centroid_m[None])
+        if bound is None or len(pairs) < 2:
+            return 1.0
+        spread = [
+            np.linalg.norm(np.std(graph.centroid_m[pairs[:, side], :2], axis=0))
+            for side, graph in enumerate((query, reference))
+        ]
+        return float(bound.clip(spread[1] / max(spread[0], 1e-9)))
 
     def _align(self, similarity: np.ndarray, kernel: np.ndarray) -> np.ndarray:
         """(M, 2) one-to-one node pairs: those that one pose explains (kernel) where there are two, else of greatest

@@ -118,10 +118,10 @@ def _check_turn(localizer: Localizer, panorama: Panorama, before: Localization, 
 
 
 def _check_needs(localizer: Localizer) -> None:
-    """What `needs` says is enough: the other parts may be missing. Range comes with instance images."""
-    parts = localizer.needs | ({"range"} if "annotations" in localizer.needs else set())
-    for frame in query_frames(parts)[:1]:
-        _answer(localizer, f"of a panorama with {' and '.join(sorted(parts))} alone", frame.load(), map_frames())
+    """What `needs` says is enough: the other parts may be missing."""
+    for frame in query_frames(localizer.needs)[:1]:
+        what = f"of a panorama with {' and '.join(sorted(localizer.needs))} alone"
+        _answer(localizer, what, frame.load(), map_frames())
 
 
 def _check_saving(
