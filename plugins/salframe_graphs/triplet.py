@@ -174,9 +174,9 @@ class TripletMatcher(GraphMatcher):
         order = np.lexsort((-jaccard[candidates], -score))[:top_k]
         matches = []
         for k in order:
-            scene, pairs = int(candidates[k]), self._align(alike[k], kernel[k])
-            scale = self._scale(query, index.graphs[scene], pairs)
-            matches.append(GraphMatch(scene, float(score[k]), pairs, poses[k], scale))
+            scene, aligned = int(candidates[k]), self._align(alike[k], kernel[k])
+            scale = self._scale(query, index.graphs[scene], aligned)
+            matches.append(GraphMatch(scene, float(score[k]), aligned, poses[k], scale))
         return matches
 
     def _sureness(self, graph: SaliencyGraph) -> np.ndarray:
@@ -267,11 +267,9 @@ class TripletMatcher(GraphMatcher):
         bound = self._scale_bound(query, reference.centroid_m[None])
         if bound is None or len(pairs) < 2:
             return 1.0
-        spread = [
-            np.linalg.norm(np.std(graph.centroid_m[pairs[:, side], :2], axis=0))
-            for side, graph in enumerate((query, reference))
-        ]
-        return float(bound.clip(spread[1] / max(spread[0], 1e-9)))
+        nodes = query.centroid_m[pairs[:, 0], :2], reference.centroid_m[pairs[:, 1], :2]
+        own, there = (float(np.linalg.norm(np.std(some, axis=0))) for some in nodes)
+        return float(bound.clip(there / max(own, 1e-9)))
 
     def _align(self, similarity: np.ndarray, kernel: np.ndarray) -> np.ndarray:
         """(M, 2) one-to-one node pairs: those that one pose explains (kernel) where there are two, else of greatest
