@@ -46,8 +46,8 @@ class Localization:
     covariance as in PoseEstimate, in the map frame's axes; heading_rad, the azimuth of the query's x axis in the world:
     the pose's, or what is known of a query without one.
 
-    Raises InvalidAnswer on a status that is none of LocalizationStatus, on a pose that is no rigid motion, where a
-    status that names a place comes without one, and where OK comes without a pose or NO_POSE with one.
+    Raises InvalidAnswer on a status that is none of LocalizationStatus, on a pose that is no rigid motion, on a heading
+    that is not finite, where a status that names a place comes without one, and where OK comes without a pose or NO_POSE with one.
     """
 
     places: tuple[RankedPlace, ...]
@@ -74,6 +74,8 @@ class Localization:
             )
         if self.T_world_query is not None:
             object.__setattr__(self, "heading_rad", pose_yaw(np.asarray(self.T_world_query)))
+        if self.heading_rad is not None and not np.isfinite(self.heading_rad):
+            raise InvalidAnswer(f"a localization has the heading {self.heading_rad}, expected radians or None")
 
 
 @dataclass(frozen=True, eq=False)
