@@ -47,7 +47,8 @@ class Localization:
     the pose's, or what is known of a query without one.
 
     Raises InvalidAnswer on a status that is none of LocalizationStatus, on a pose that is no rigid motion, on a heading
-    that is not finite, where a status that names a place comes without one, and where OK comes without a pose or NO_POSE with one.
+    that is not finite, where a status that names a place comes without one, and where OK comes without a pose or
+    NO_POSE with one.
     """
 
     places: tuple[RankedPlace, ...]
