@@ -26,6 +26,12 @@ def row_elevation(height: int) -> np.ndarray:
     return np.pi / 2 - np.pi * (np.arange(height) + 0.5) / height
 
 
+def pixel_solid_angles(height: int) -> np.ndarray:
+    """(H,) float64 solid angle_sr of a pixel in each row of an equirectangular image of this height."""
+    edges = np.sin(np.linspace(np.pi / 2, -np.pi / 2, height + 1))
+    return (edges[:-1] - edges[1:]) * np.pi / height
+
+
 @lru_cache(maxsize=4)
 def equirectangular_rays(height: int) -> np.ndarray:
     """(H, 2H, 3) float32 unit vectors in the panorama frame through the pixel centres; read-only, shared by calls."""

@@ -123,9 +123,8 @@ def _check_turn(localizer: Localizer, panorama: Panorama, before: Localization, 
 
 
 def _check_needs(localizer: Localizer) -> None:
-    """What `needs` says is enough: the other parts may be missing. Range comes with instance images."""
+    """What `needs` says is enough: the other parts may be missing."""
     parts = localizer.needs_of(frozenset())
-    parts |= {"range"} if "annotations" in parts else set()
     for frame in query_frames(parts)[:1]:
         _answer(localizer, f"of a panorama with {' and '.join(sorted(parts))} alone", frame.load(), map_frames())
 

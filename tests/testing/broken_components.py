@@ -286,6 +286,32 @@ class Centring(RobustPositioner):
         return super().solve(query_m, reference_m, weights)
 
 
+class Backward(RobustPositioner):
+    """Broken."""
+
+    def resect(self, bearing, reference_m):
+        return super().resect(-bearing, reference_m)
+
+
+class Rangeless(TripletMatcher):
+    """Broken."""
+
+    def match(self, query, index, top_k):
+        return [
+            replace(match, score=match.score + query.range_m.mean()) for match in super().match(query, index, top_k)
+        ]
+
+
+class Stretched(Described):
+    """Broken."""
+
+    def detect(self, panorama):
+        found = super().detect(panorama)
+        return (
+            found if len(found) and np.isfinite(found.centroid_m).all() else replace(found, bearing=2 * found.bearing)
+        )
+
+
 class Mixed(SaliencyGraphLocalizer):
     """Broken."""
 
@@ -512,6 +538,9 @@ BROKEN = [
     (Optimistic, "solve of no point: received a pose"),
     (Poseless, "received the status 'ok' without a pose"),
     (Centring, "received .*read-only"),
+    (Backward, "resect 8 directions.*: received"),
+    (Rangeless, r"match of a graph without range: received scores .*nan"),
+    (Stretched, r"detect with annotations alone: received bearings of length \[2.0"),
     (Mixed, "after save and load: received"),
     (North, "received a pose that moved .* rad off the turn"),
     (Scolding, "received ValueError: there is nothing here"),
