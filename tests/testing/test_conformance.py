@@ -54,8 +54,8 @@ OURS = [component for component, package in registry() if package == "salframe"]
 
 BROUGHT = ("feature-matcher", "detection-decoder", "image-network")
 """Roles that plugins of ours bring, checked in tests/keypoints, tests/detectors and tests/image."""
-FILED = ("onnx", "union", "onnx-depth")
-"""Checked in tests/detectors and tests/depth, where their networks are made."""
+FILED = ("onnx", "union", "segments", "onnx-depth")
+"""Checked in tests/detectors, tests/segments and tests/depth, where their networks are made."""
 STAGES = [c for c in OURS if c.role not in ("dataset", "localizer", *BROUGHT) and c.name not in FILED]
 
 
