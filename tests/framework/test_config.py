@@ -101,7 +101,8 @@ def test_a_slot_without_a_default_takes_that_of_the_defaults_file(models):
     assert [name for name, _ in components_in(Outer.Config())] == ["model", "judge"]
 
 
-def test_a_slot_whose_role_has_no_default_is_refused(fakes):
+def test_a_slot_whose_role_has_no_default_is_refused(fakes, monkeypatch):
+    monkeypatch.delitem(defaults(), "saliency")
     with pytest.raises(ConfigError, match="no name stands for 'saliency' where none is given, only for methods, "):
         registry().add(Outer, "test")
 
