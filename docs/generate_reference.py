@@ -96,7 +96,7 @@ def _component(component: type[Component]) -> str:
 def _own_settings(config: ComponentConfig) -> Iterator[Setting]:
     """The settings of a component without those of the components in its slots."""
     found = list(list_settings(config))
-    slots = tuple(f"{setting.key}." for setting in found if setting.type in registry().roles)
+    slots = tuple(f"{s.key}{end}" for s in found for end in ".[" if s.type.split(",")[0] in registry().roles)
     return (setting for setting in found if not setting.key.startswith(slots))
 
 

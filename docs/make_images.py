@@ -42,7 +42,12 @@ def draw_panorama_graph(path: Path) -> None:
     rendering = Renderer(building.scene(), "day", HEIGHT).render(pose_2d(spec.x_m, spec.y_m, spec.yaw_rad, spec.z_m))
     annotations = Annotations(rendering.instance_id, building.labels)
     panorama = Panorama(FRAME, rendering.rgb, rendering.range_m, annotations=annotations)
-    config = configure("localizer", "proposed", settings("localizer", "proposed"), [{"detector": {"noise": "none"}}])
+    config = configure(
+        "localizer",
+        "proposed",
+        settings("localizer", "proposed"),
+        [{"detector": {"kind": "annotations", "noise": "none"}}],
+    )
     graph = registry().build("localizer", config).graph(panorama)
 
     palette = plt.get_cmap("tab20").colors

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import importlib.util
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -17,6 +18,7 @@ from command_line import run
 
 from salframe.cli import app
 from salframe.framework.registry import registry
+from salframe.panoramas.opening import find_dataset
 
 REPOSITORY = Path(__file__).parent.parent
 DOCS = REPOSITORY / "docs"
@@ -109,6 +111,35 @@ def test_the_tutorial_on_your_own_panoramas_works(tmp_path, monkeypatch):
     assert answer["places"][0]["place"] == "study"
     pose = [answer["pose"][key] for key in ("x_m", "y_m", "yaw_deg")]
     assert pose == pytest.approx([8.3, 0.4, 90], abs=0.1)
+
+
+@pytest.mark.slow
+def test_the_walk_from_photographs_to_an_answer_works(cache, tmp_path, monkeypatch):
+    """Its scripts and its commands that need no download, on the stand-ins, against what the renderer knows."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("SALFRAME_CACHE", str(cache))
+    page = "how-to/photographs.md"
+    commands = [
+        shlex.split(line, comments=True)[1:] for line in re.findall("^salframe .*", (DOCS / page).read_text(), re.M)
+    ]
+    render, show, _, look, build, localize, *_ = commands
+    assert run(*render).code == 0
+    stand_ins, manifest = blocks(page, "python")
+    exec(stand_ins, {})
+    assert "study-01-0.objects.png: " in run(*show).out
+    exec(manifest, {})
+    names = sorted(str(path) for path in Path("pictures").glob("*.jpg"))
+    looked = run("show-objects", *names, *look[2:], "--json").json
+    assert len(looked["images"]) == 14
+    assert not looked["failures"]
+    assert sum(len(view["objects"]) for view in looked["images"]) > 50
+    assert run(*build).code == 0
+    answer = run(*localize, "--json").json
+    query = Path(localize[-1]).stem
+    truth = find_dataset("house-6", overrides=render[3:][1:]).truth(query)
+    assert answer["places"][0]["place"] == truth.place == "study-01"
+    assert [answer["pose"]["x_m"], answer["pose"]["y_m"]] == pytest.approx(truth.T_world_pano[:2, 3], abs=0.3)
+    assert "study-01  (frame study-01-0)" in run(*localize).out
 
 
 def blocks(page: str, language: str) -> list[str]:

@@ -23,7 +23,7 @@ class ObjectSetLocalizer(WeightedLabels):
     version = "1"
 
     class Config(ComponentConfig):
-        detector: slot("detector", "annotations")  # type: ignore[valid-type]
+        detector: slot("detector", "auto")  # type: ignore[valid-type]
         labels: Literal["set", "multiset"] = match_only(
             "set", description="which labels are there, or how many of each"
         )

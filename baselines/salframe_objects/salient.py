@@ -17,7 +17,7 @@ class SalientObjects(Localizer):
     """Objects weigh w = S^p, S their saliency and p `saliency_power`."""
 
     class Config(ComponentConfig):
-        detector: slot("detector", "annotations")  # type: ignore[valid-type]
+        detector: slot("detector", "auto")  # type: ignore[valid-type]
         saliency: slot("saliency", "volumetric")  # type: ignore[valid-type]
         saliency_power: float = Field(
             1 / 3, ge=0, description="p of an object's weight S^p: 1 share of volume, 1/3 of length, 0 all alike"

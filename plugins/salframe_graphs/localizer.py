@@ -27,7 +27,7 @@ class SaliencyGraphLocalizer(Localizer):
     version = "2"
 
     class Config(ComponentConfig):
-        detector: slot("detector", "annotations")  # type: ignore[valid-type]
+        detector: slot("detector", "auto")  # type: ignore[valid-type]
         saliency: slot("saliency", "volumetric")  # type: ignore[valid-type]
         graph: GraphConfig = GraphConfig.model_validate({})
         matcher: slot("matcher", "triplet", match_only=True)  # type: ignore[valid-type]

@@ -10,7 +10,19 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
-from salframe.cli import compare, data, detection, inspect, localize, map, matching, navigate, score, weights
+from salframe.cli import (
+    compare,
+    data,
+    detection,
+    inspect,
+    localize,
+    map,
+    matching,
+    navigate,
+    score,
+    show_objects,
+    weights,
+)
 from salframe.cli.output import json_alone
 from salframe.framework.entry_points import COMMANDS, discover
 from salframe.framework.errors import SalframeError, describe_error
@@ -99,6 +111,7 @@ app.command()(matching.matching)
 app.command()(detection.detection)
 app.command()(localize.build)
 app.command()(localize.localize)
+app.command()(show_objects.show_objects)
 app.command()(navigate.navigate)
 app.command()(score.score)
 app.command()(inspect.methods)

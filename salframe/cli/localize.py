@@ -22,13 +22,13 @@ def build(
     overrides: Set = None,
 ) -> None:
     """Build a map from a dataset's mapping frames."""
-    from salframe.cli.output import Bars
+    from salframe.cli.output import Bars, tell
     from salframe.cli.tables import format_bytes
     from salframe.framework.installation import folder_bytes
     from salframe.localization.saved_map import build_map
 
     with Bars() as bars:
-        build_map(data, output, method, data_dir=data_dir, overrides=overrides or (), progress=bars.update)
+        build_map(data, output, method, data_dir=data_dir, overrides=overrides or (), progress=bars.update, tell=tell)
     print(f"{output}: {format_bytes(folder_bytes(output))}")
 
 
@@ -51,10 +51,23 @@ def localize(
     with Bars() as bars:
         query_frame = open_frame(frame, data, data_dir, overrides or (), bars.update)
     answer = localizer.localize(query_frame)
+    tell_decided(map)
     if as_json:
         print_json(answer_json(answer))
     else:
         print_answer(answer)
+
+
+def tell_decided(map: Path) -> None:
+    """Tell what fills the slots of a map's localizer that are left to the data by default."""
+    from salframe.cli.output import tell
+    from salframe.framework.config import components_in
+    from salframe.framework.defaults import auto_order
+    from salframe.localization.saved_map import map_config
+
+    for slot, inner in components_in(map_config(map)):
+        if auto_order(inner.component.role):
+            tell(f"{slot} of the map: {inner.kind}")
 
 
 def answer_json(answer: Localization) -> dict[str, Any]:

@@ -40,13 +40,20 @@ def build(
     overrides: Set = None,
 ) -> None:
     """Build a topological map from a dataset's floor masks, and the map of a method from its mapping frames."""
-    from salframe.cli.output import Bars
+    from salframe.cli.output import Bars, tell
     from salframe.topology.place_map import build_topological_map
     from salframe.topology.topological_map import NodeKind
 
     with Bars() as bars:
         made = build_topological_map(
-            data, output, method, choose=choose, data_dir=data_dir, overrides=overrides or (), progress=bars.update
+            data,
+            output,
+            method,
+            choose=choose,
+            data_dir=data_dir,
+            overrides=overrides or (),
+            progress=bars.update,
+            tell=tell,
         )
     scenes = sum(node.kind is NodeKind.SCENE for node in made.nodes)
     print(f"{output}: {scenes} scene nodes, {len(made.nodes) - scenes} transition nodes, {len(made.edges)} edges")
@@ -110,7 +117,7 @@ def query(
     heading."""
     import numpy as np
 
-    from salframe.cli.localize import answer_json, print_answer
+    from salframe.cli.localize import answer_json, print_answer, tell_decided
     from salframe.cli.output import Bars
     from salframe.panoramas.opening import open_frame
     from salframe.topology.place_map import ask_map
@@ -118,6 +125,7 @@ def query(
     with Bars() as bars:
         query_frame = open_frame(frame, data, data_dir, overrides or (), bars.update)
     found = ask_map(map, query_frame, goal, planner)
+    tell_decided(map)
     if as_json:
         heading_deg = None if found.heading_rad is None else float(np.degrees(found.heading_rad))
         node = {"node": found.node, "distance_m": found.distance_m, "heading_deg": heading_deg}

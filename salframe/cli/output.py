@@ -57,6 +57,11 @@ def print_json(value: Any) -> None:
     print(json.dumps(value, indent=2), file=_json_out or sys.stdout)
 
 
+def tell(line: str) -> None:
+    """Print a line for the user's eyes alone: on stderr."""
+    print(line, file=sys.stderr, flush=True)
+
+
 class Bars:
     """The progress of each thing that `update` names, on stderr: a bar, or off a terminal a line now and then."""
 

@@ -130,6 +130,16 @@ def print_detection(result: Result[DetectionRow], classes: bool = False) -> None
         print_table((row.method, *headings), [[label, *_counts(counts)] for label, counts in row.classes.items()])
     _print_notes(result)
     print(f"right: an annotated object of the same label has its centroid within {NEAR_M} m")
+    joined = {label: name for row in measured for label, name in row.joined.items()}
+    if joined:
+        _console().print(
+            "one label in the shared vocabulary: "
+            + ", ".join(f"{label} = {name}" for label, name in sorted(joined.items())),
+            style="dim",
+            markup=False,
+            highlight=False,
+            soft_wrap=True,
+        )
     _print_where(result)
 
 

@@ -6,20 +6,22 @@ import itertools
 import json
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from pydantic import Field, model_validator
 
 from salframe.evaluation.localization import LocalizationRow, LocalizationTask
-from salframe.evaluation.request import Request, resolve
+from salframe.evaluation.request import Request, decide, resolve
 from salframe.evaluation.result import Result
 from salframe.evaluation.runner import run_task
+from salframe.framework.auto import Choice
 from salframe.framework.config import ComponentConfig, Settings, read_yaml, validate
 from salframe.framework.errors import ConfigError
-from salframe.framework.presets import Overrides, configure
+from salframe.framework.presets import Overrides
 from salframe.framework.registry import registry
-from salframe.panoramas.opening import Progress
+from salframe.panoramas.opening import Progress, provided
 
 
 class Ablation(Settings):
@@ -69,17 +71,21 @@ def ablate(file: Path, request: Request, *, progress: Progress | None = None) ->
     )
     resolved = resolve(asked)
     variants: dict[str, ComponentConfig] = {}
+    notes = list(resolved.notes)
     for label, config in resolved.methods.items():
         for values in itertools.product(*plan.vary.values()):
             choice = dict(zip(plan.vary, values, strict=True))
             name = _label(label, choice)
             if name in variants:
                 raise ConfigError(f"{file}: vary gives {name} twice, expected different values")
-            variants[name] = _vary(file, label, config, choice)
-    return run_task(LocalizationTask(), asked, replace(resolved, methods=variants), progress=progress)
+            auto = Choice(resolved.name, partial(provided, resolved.data))
+            variants[name] = _vary(file, label, config, choice, auto)
+            notes += [f"{name}: {note}" for note in auto.notes]
+    resolved = replace(resolved, methods=variants, notes=tuple(notes))
+    return run_task(LocalizationTask(), asked, resolved, progress=progress)
 
 
-def _vary(file: Path, label: str, config: ComponentConfig, choice: Mapping[str, Any]) -> ComponentConfig:
+def _vary(file: Path, label: str, config: ComponentConfig, choice: Mapping[str, Any], auto: Choice) -> ComponentConfig:
     """The configuration with these values of dotted keys."""
     content = config.model_dump(mode="json")
     pairs = [(tuple(key.split(".")), value) for key, value in choice.items()]
@@ -87,7 +93,7 @@ def _vary(file: Path, label: str, config: ComponentConfig, choice: Mapping[str, 
     if any(given.scopes.values()):
         expected = "settings of methods: a run has one dataset and one engine"
         raise ConfigError(f"{file}: vary holds {', '.join(choice)}, expected {expected}")
-    return configure("localizer", label, content, given.methods[label])
+    return decide("localizer", label, content, given.methods[label], auto)
 
 
 def _label(method: str, choice: Mapping[str, Any]) -> str:

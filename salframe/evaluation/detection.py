@@ -18,6 +18,7 @@ from salframe.framework.errors import FRAME_ERRORS, DataError, InputMissing, Inv
 from salframe.graphs.annotated import annotated_detections
 from salframe.graphs.detections import Detections
 from salframe.graphs.detector import Detector
+from salframe.graphs.vocabulary import common_label
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.frames import QueryFrame
 from salframe.panoramas.opening import Progress
@@ -48,11 +49,15 @@ class Counts:
 
 @dataclass(frozen=True, kw_only=True)
 class DetectionRow(MethodRow):
-    """A detector's line: overall and by class (classes annotated or found, by name), and median ms a panorama."""
+    """A detector's line: overall and by class (classes annotated or found, by common name), and median ms a panorama.
+
+    joined: the common name of each label, annotated or found, that is another word for it.
+    """
 
     panoramas: int
     overall: Counts | None = None
     classes: dict[str, Counts] = field(default_factory=dict)
+    joined: dict[str, str] = field(default_factory=dict)
     ms: float | None = None
 
     @property
@@ -63,7 +68,8 @@ class DetectionRow(MethodRow):
 def measure_detection(request: Request, *, progress: Progress | None = None) -> Result[DetectionRow]:
     """Run detectors, the request's methods, on the query panoramas of a data set, and count what is right.
 
-    The truth are the annotated objects (`count_right`). Raises SalframeError on names and settings that are wrong.
+    Labels are compared in the vocabulary that detectors share (`common_label`), for each has its own words. The truth
+    are the annotated objects (`count_right`). Raises SalframeError on names and settings that are wrong.
     """
     return run_task(DetectionTask(), request, resolve(request, "detector"), progress=progress)
 
@@ -73,6 +79,7 @@ class DetectionTask(Task[QueryFrame, Survey[QueryFrame]]):
     """What is there in each query panorama?"""
 
     name = "detection"
+    version = "2"
     role = "detector"
     prefix = "detection-"
     counts = "panoramas"
@@ -102,10 +109,11 @@ class DetectionTask(Task[QueryFrame, Survey[QueryFrame]]):
     def failed(self, piece: QueryFrame) -> Row:
         """What there was to find, where the panorama can be read at all."""
         try:
-            annotated = Counter(annotated_detections(piece.load()).labels)
+            truth = annotated_detections(piece.load())
         except FRAME_ERRORS:
             return {}
-        return {"annotated": annotated, "found": {}, "right": {}, "ms": None}
+        annotated = Counter(in_common_words(truth).labels)
+        return {"annotated": annotated, "found": {}, "right": {}, "joined": joined_labels(truth), "ms": None}
 
     def summarize(self, survey: Survey[QueryFrame], records: Sequence[Record], seed: int) -> tuple[DetectionRow, ...]:
         return tuple(_summarize(record, len(survey.pieces)) for record in records)
@@ -128,8 +136,21 @@ class _Detecting(Worker[QueryFrame]):
         if not isinstance(found, Detections):
             raise InvalidAnswer(f"detect gave {type(found).__name__}, expected Detections")
         truth = annotated_detections(panorama)
+        joined = joined_labels(truth) | joined_labels(found)
+        truth, found = in_common_words(truth), in_common_words(found)
         counted = {"annotated": Counter(truth.labels), "found": Counter(found.labels)}
-        return {**counted, "right": count_right(found, truth), "ms": ms, "status": PieceStatus.OK, "error": None}
+        counted["right"] = count_right(found, truth)
+        return {**counted, "joined": joined, "ms": ms, "status": PieceStatus.OK, "error": None}
+
+
+def in_common_words(detections: Detections) -> Detections:
+    """The detections with labels of the vocabulary that detectors share."""
+    return replace(detections, labels=tuple(map(common_label, detections.labels)))
+
+
+def joined_labels(detections: Detections) -> dict[str, str]:
+    """The common name of each label that is another word for it."""
+    return {label: name for label in detections.labels if (name := common_label(label)) != label}
 
 
 def count_right(found: Detections, truth: Detections) -> Counter[str]:
@@ -166,4 +187,5 @@ def _summarize(record: Record, panoramas: int) -> DetectionRow:
     )
     classes = {label: Counts.of(annotated[label], found[label], right[label]) for label in sorted({*annotated, *found})}
     overall = Counts.of(annotated.total(), found.total(), right.total())
-    return replace(line, overall=overall, classes=classes, ms=median([row["ms"] for row in good]))
+    joined = {label: name for row in counted for label, name in sorted(row["joined"].items())}
+    return replace(line, overall=overall, classes=classes, joined=joined, ms=median([row["ms"] for row in good]))

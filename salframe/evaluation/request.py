@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any
 
+from salframe.framework.auto import Choice
 from salframe.framework.config import ComponentConfig, parse_override
 from salframe.framework.defaults import default_of
-from salframe.framework.errors import ConfigError, RequirementMissing, WeightsMissing
+from salframe.framework.errors import ConfigError, InputMissing, RequirementMissing, WeightsMissing
 from salframe.framework.presets import Overrides, configure, configure_default, otherwise, settings, short_name
 from salframe.framework.registry import registry
-from salframe.panoramas.opening import configure_dataset
+from salframe.panoramas.opening import configure_dataset, provided
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,7 @@ class Resolved:
     """A request with every name replaced by a configuration.
 
     methods: by label, in order; name: the data set's; scopes: what was set of anything else, by its scope; notes: which
-    method runs instead of one that was asked for, and why, a line each.
+    method runs instead of one that was asked for, and why, and what `auto` became, a line each.
     """
 
     methods: Mapping[str, ComponentConfig]
@@ -73,21 +75,41 @@ def resolve(request: Request, role: str = "localizer", scopes: Sequence[str] = (
     contents = {name: settings(role, method) for name, method in asked.items()}
     pairs = map(parse_override, request.settings)
     given = Overrides(pairs, contents, role=role, scopes=("data", "engine", *scopes))
+    data_name, data = configure_dataset(request.data, request.data_dir, given.scopes["data"])
+    provides = cache(lambda: provided(data))
     methods: dict[str, ComponentConfig] = {}
     notes: list[str] = []
+    taken: dict[str, list[str]] = {}
     for name, method in asked.items():
-        config = configure(role, name, contents[name], given.methods[name])
-        runs, instead, note = stand_in(role, method, config, given.methods[name])
+        choice = Choice(data_name, provides)
+        config = decide(role, name, contents[name], given.methods[name], choice)
+        runs, instead, note = stand_in(role, method, config, given.methods[name], choice)
         notes += [note] if note else []
         if runs == name or runs not in asked:
             methods[runs] = instead
-    data_name, data = configure_dataset(request.data, request.data_dir, given.scopes["data"])
+            for line in choice.notes:
+                taken.setdefault(line, []).append(runs)
+    notes += [f"{', '.join(takers)}: {line}" for line, takers in taken.items()]
     engine = configure_default("engine", request.engine or default_of("engine"), given.scopes["engine"])
     return Resolved(methods, data_name, data, engine, given.scopes, tuple(notes))
 
 
+def decide(
+    role: str, name: str, content: Mapping[str, Any], given: Sequence[Mapping[str, Any]], choice: Choice
+) -> ComponentConfig:
+    """The configuration of a method with its slots decided by the data; with an undecided slot where nothing can run in
+    it, for then the method's own row will tell. Raises InputMissing where something is set of that slot."""
+    try:
+        return configure(role, name, content, given, choice)
+    except InputMissing as nothing:
+        try:
+            return configure(role, name, content, given)
+        except ConfigError:
+            raise nothing from None
+
+
 def stand_in(
-    role: str, method: str, config: ComponentConfig, given: Sequence[Mapping[str, Any]]
+    role: str, method: str, config: ComponentConfig, given: Sequence[Mapping[str, Any]], choice: Choice
 ) -> tuple[str, ComponentConfig, str | None]:
     """What runs for a method: its name and configuration, and why where it is another one.
 
@@ -101,13 +123,14 @@ def stand_in(
     if other is None:
         return name, config, None
     note = f"{other}, not {name}: {missing}"
-    plain = configure_default(role, other)
+    content = settings(role, other)
+    plain = decide(role, other, content, (), choice)
     if why_not(plain):
         return name, config, None
     as_it_is = f"{note}; it runs as it is, for it cannot take what was set"
     try:
-        instead = configure_default(role, other, given)
-    except ConfigError as error:
+        instead = decide(role, other, content, given, choice)
+    except (ConfigError, InputMissing) as error:
         return other, plain, f"{as_it_is}: {error}"
     if why_not(instead):
         return name, config, None

@@ -16,6 +16,7 @@ from urllib.parse import quote
 import yaml
 
 from salframe.evaluation.request import Resolved
+from salframe.framework.auto import Choice
 from salframe.framework.config import ComponentConfig, read_yaml, validate
 from salframe.framework.errors import ConfigError, DataError, InvalidAnswer, describe_error
 from salframe.framework.files import read_json, write_json, write_text
@@ -130,13 +131,19 @@ class Run:
         """The data set's configuration. Raises ConfigError, UnknownName where this installation does not know it."""
         return self._component("dataset", self.content["data"], "data")
 
-    def method(self, label: str, role: str) -> ComponentConfig:
-        """A method's configuration. Raises ConfigError, UnknownName where this installation does not know it."""
-        return self._component(role, self.content["methods"][label], label)
+    def method(self, label: str, role: str, choice: Choice | None = None) -> ComponentConfig:
+        """A method's configuration; `choice` decides slots that were left undecided, for nothing could run in them.
 
-    def _component(self, role: str, settings: Mapping[str, Any], where: str) -> ComponentConfig:
+        Raises ConfigError, UnknownName where this installation does not know it, InputMissing where nothing can run in
+        such a slot.
+        """
+        return self._component(role, self.content["methods"][label], label, choice)
+
+    def _component(
+        self, role: str, settings: Mapping[str, Any], where: str, choice: Choice | None = None
+    ) -> ComponentConfig:
         model = registry().get(role, settings.get("kind", "")).Config
-        return validate(model, settings, f"{self.directory / REQUEST}: {where}")
+        return validate(model, settings, f"{self.directory / REQUEST}: {where}", choice)
 
     def folder(self, label: str) -> Path:
         """The folder of a method. Labels are escaped, so that no two share one and none lies elsewhere."""

@@ -27,6 +27,7 @@ from salframe.evaluation.run import (
     identity_of,
 )
 from salframe.evaluation.task import MethodRow, Record, Survey, Task
+from salframe.framework.auto import Choice
 from salframe.framework.errors import (
     FRAME_ERRORS,
     InputMissing,
@@ -39,7 +40,7 @@ from salframe.framework.errors import (
 from salframe.framework.files import write_json
 from salframe.framework.identity import digest
 from salframe.framework.registry import registry
-from salframe.panoramas.opening import Progress, open_dataset
+from salframe.panoramas.opening import Progress, open_dataset, provided
 
 POLL_SECONDS = 0.5
 
@@ -97,10 +98,11 @@ def work_method(task: Task[Any, Any], directory: Path, label: str) -> None:
     folder = run.begin(label)
     given: tuple[str, ...] = ()
     try:
-        config = run.method(label, task.role)
+        data = run.data()
+        config = run.method(label, task.role, Choice(data.kind, partial(provided, data)))
         method = registry().build(task.role, config)
         given = tuple(sorted(method.needs))
-        survey = task.survey(open_dataset(run.data()))
+        survey = task.survey(open_dataset(data))
         done = {key for key, row in _by_key(task, run, label).items() if row["status"] != PieceStatus.CRASHED}
         todo = [piece for piece in survey.pieces if task.key(piece) not in done]
         with task.open(label, method, survey, todo, folder) as worker, RowWriter(folder / ROWS) as rows:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Generic, TypeVar
 
 from salframe.evaluation.run import ROWS, MethodStatus, Outcome, PieceStatus, Row, Run
+from salframe.framework.auto import needs_of, why_unfit
 from salframe.framework.component import Component
 from salframe.framework.config import components_in
 from salframe.framework.errors import InputMissing
@@ -193,23 +194,9 @@ def check_needs(method: Component, needs: frozenset[str], dataset: Dataset) -> N
     words = " and ".join(sorted(absent))
     for slot, inner in components_in(method.config):
         role = inner.component.role
-        if absent & _needs(inner.component):
-            able = [name for name in registry().names(role) if _could_do(registry().get(role, name), dataset)]
+        if absent & needs_of(inner):
+            able = [n for n in registry().names(role) if why_unfit(registry().get(role, n), dataset.provides) is None]
             hint = " or ".join(f"--set {slot}.kind={name}" for name in able)
             advice = f"what can do without: {hint}" if able else f"no {role} at hand can do without"
             raise InputMissing(f"its {role} {inner.kind!r} needs {words}, which {dataset.name} does not have; {advice}")
     raise InputMissing(f"needs {words}, which {dataset.name} does not have")
-
-
-def _needs(component: type[Component]) -> frozenset[str]:
-    """What panoramas must have for a component whose class says so; nothing of others."""
-    needs = getattr(component, "needs", None)
-    return needs if isinstance(needs, frozenset) else frozenset()
-
-
-def _could_do(component: type[Component], dataset: Dataset) -> bool:
-    try:
-        component.check(component.Config())
-        return _needs(component) <= dataset.provides
-    except Exception:  # whatever is wrong with that one, it is no hint
-        return False

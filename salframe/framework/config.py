@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from salframe.framework.errors import ConfigError, SalframeError
 
 if TYPE_CHECKING:
+    from salframe.framework.auto import Choice
     from salframe.framework.component import Component
 
 SAFE: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
@@ -48,20 +49,29 @@ def match_only(default: Any, **field: Any) -> Any:
 
 
 def components_in(config: Any) -> Iterator[tuple[str, ComponentConfig]]:
-    """The slots of a configuration and the configurations of the components in them, not those nested deeper."""
+    """The slots of a configuration and the configurations of the components in them, not those nested deeper; of a
+    field that holds several, `name[0]` and so on."""
     for name in type(config).model_fields if isinstance(config, BaseModel) else ():
         value = getattr(config, name)
         if isinstance(value, ComponentConfig):
             yield name, value
+        elif holds_components(value):
+            yield from ((f"{name}[{number}]", one) for number, one in enumerate(value))
 
 
-def validate(model: type[BaseModel], settings: Mapping[str, Any], where: str) -> Any:
+def holds_components(value: Any) -> bool:
+    """Whether the value of a setting is several components' configurations."""
+    return isinstance(value, tuple) and bool(value) and all(isinstance(one, ComponentConfig) for one in value)
+
+
+def validate(model: type[BaseModel], settings: Mapping[str, Any], where: str, choice: Choice | None = None) -> Any:
     """An instance of `model`, or a ConfigError that names the key, what was received and what was expected.
 
-    `where` the settings stand: the dotted key that holds them, or a file's name and a colon.
+    `where` the settings stand: the dotted key that holds them, or a file's name and a colon; `choice`: what decides
+    slots that say `auto`, which stay undecided without.
     """
     try:
-        return model.model_validate(settings)
+        return model.model_validate(settings, context=choice)
     except ValidationError as error:
         problems = list(dict.fromkeys(_problem(model, problem, where) for problem in error.errors()))
         more = f"; and {len(problems) - PROBLEMS} more such faults" if len(problems) > PROBLEMS else ""

@@ -10,6 +10,9 @@ import yaml
 
 from salframe.framework.errors import ConfigError
 
+AUTO = "auto"
+"""What a slot says that leaves its component to the data."""
+
 
 @cache
 def defaults() -> dict[str, Any]:
@@ -22,3 +25,10 @@ def default_of(key: str) -> Any:
     if key not in defaults():
         raise ConfigError(f"no name stands for {key!r} where none is given, only for {', '.join(defaults())}")
     return defaults()[key]
+
+
+def auto_order(role: str) -> dict[str, str]:
+    """The names of components that `auto` may become in a slot of this role, in the order in which they are tried, each
+    with what to say of it; none for a role that has no `auto`."""
+    order = [{entry: ""} if isinstance(entry, str) else entry for entry in default_of(AUTO).get(role, ())]
+    return {name: remark for entry in order for name, remark in entry.items()}

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from salframe.framework.auto import Choice
 from salframe.framework.config import ComponentConfig, merge, nest, read_yaml, validate
 from salframe.framework.errors import ConfigError, UnknownName, unknown
 from salframe.framework.registry import OTHERWISE, check_preset, registry
@@ -68,20 +69,27 @@ def _preset(role: str, name: str) -> dict[str, Any] | None:
 
 
 def configure(
-    role: str, name: str, content: Mapping[str, Any], overrides: Iterable[Mapping[str, Any]] = ()
+    role: str,
+    name: str,
+    content: Mapping[str, Any],
+    overrides: Iterable[Mapping[str, Any]] = (),
+    choice: Choice | None = None,
 ) -> ComponentConfig:
     """The validated configuration of `content`, the settings that `name` stands for, with overrides laid on top.
 
-    Raises ConfigError.
+    `choice` decides slots that say `auto`, which stay undecided without. Raises ConfigError, and InputMissing where
+    nothing that `auto` may become can run.
     """
     for override in overrides:
         content = merge(content, override)
-    return validate(registry().get(role, content.get("kind", name)).Config, content, short_name(name))
+    return validate(registry().get(role, content.get("kind", name)).Config, content, short_name(name), choice)
 
 
-def configure_default(role: str, name: str, overrides: Iterable[Mapping[str, Any]] = ()) -> ComponentConfig:
+def configure_default(
+    role: str, name: str, overrides: Iterable[Mapping[str, Any]] = (), choice: Choice | None = None
+) -> ComponentConfig:
     """`configure` with the settings that `name` itself stands for."""
-    return configure(role, name, settings(role, name), overrides)
+    return configure(role, name, settings(role, name), overrides, choice)
 
 
 def nest_for(given: Pairs, scopes: Sequence[str]) -> dict[str, list[dict[str, Any]]]:

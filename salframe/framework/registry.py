@@ -17,6 +17,7 @@ from pydantic_core import PydanticSerializationError
 
 from salframe.framework.component import Component, Role, is_role
 from salframe.framework.config import ComponentConfig, read_yaml
+from salframe.framework.defaults import AUTO, auto_order
 from salframe.framework.entry_points import COMMANDS, GROUP, discover
 from salframe.framework.errors import ConfigError, PluginFailed, SalframeError, UnknownName, describe_error, unknown
 from salframe.framework.weights import Weights
@@ -188,12 +189,17 @@ class Registry:
         return sorted(name for kind, name in self._components if kind == role)
 
     def get(self, role: str, name: str) -> type[Component]:
-        """The class of this role and name. Raises PluginFailed where a broken plugin may hold it, UnknownName
-        otherwise."""
+        """The class of this role and name. Raises PluginFailed where a broken plugin may hold it, ConfigError on `auto`
+        where the role has one, UnknownName otherwise."""
         if not isinstance(name, str):  # a `kind` of a YAML file may be anything
             raise UnknownName(f"received {name!r}, expected the name of a {role}: {', '.join(self.names(role))}")
         if (role, name) in self._components:
             return self._components[role, name][0]
+        if name == AUTO and (order := auto_order(role)):
+            raise ConfigError(
+                f"the {role} is {AUTO!r}, and no data is known that decides it: "
+                f"name a {role} ({', '.join(order)}, ...), or give the data"
+            )
         for failure in self.failures:
             if name in (failure.plugin, failure.package):
                 raise PluginFailed(
@@ -228,6 +234,8 @@ def check_declaration(component: Any, roles: dict[str, type[Role]]) -> None:
         raise SalframeError(
             f"{where}.name is {component.name!r}, expected words of small letters and digits joined by hyphens"
         )
+    if component.name == AUTO:
+        raise SalframeError(f"{where}.name is {AUTO!r}, which slots say that leave their component to the data")
     for attribute in ("version", "extra"):
         if not isinstance(getattr(component, attribute), str):
             raise SalframeError(f"{where}.{attribute} is {getattr(component, attribute)!r}, expected text")

@@ -11,7 +11,7 @@ from typing import Any
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from salframe.framework.config import ComponentConfig
+from salframe.framework.config import ComponentConfig, holds_components
 
 BOUNDS = {"ge": "at least", "gt": "over", "le": "at most", "lt": "under"}
 
@@ -21,7 +21,8 @@ class Setting:
     """One setting: its dotted key as `--set` takes it, its value, its default, its type, and its help.
 
     Of a slot, value and default are names of components and the type is their role; the settings of the component in it
-    come next.
+    come next. Where a field holds several components their settings follow too, under `key[0]` and so on, which are set
+    in the list.
     """
 
     key: str
@@ -41,6 +42,11 @@ def list_settings(config: BaseModel, prefix: str = "") -> Iterator[Setting]:
         key, value, help = prefix + name, getattr(config, name), field.description or ""
         if isinstance(value, ComponentConfig):
             yield Setting(key, value.kind, defaults[name]["kind"], value.component.role, help)
+        elif holds_components(value):
+            chosen = [one.kind for one in value]
+            yield Setting(key, chosen, [one["kind"] for one in defaults[name]], f"{value[0].component.role}, ...", help)
+            for number, one in enumerate(value):
+                yield from list_settings(one, f"{key}[{number}].")
         elif not isinstance(value, BaseModel):
             yield Setting(key, plain[name], defaults.get(name), _type(field), help)
         if isinstance(value, BaseModel):

@@ -113,14 +113,18 @@ def box_distances(detections: Detections) -> np.ndarray:
     """(N, N) float64 metres between the surfaces of the upright boxes, 0 where they touch or overlap."""
     import shapely
 
-    c, s = np.cos(detections.yaw_rad), np.sin(detections.yaw_rad)
-    along = np.stack([c, s], 1) * detections.size_m[:, :1] / 2
-    across = np.stack([-s, c], 1) * detections.size_m[:, 1:2] / 2
-    corners = detections.centroid_m[:, None, :2] + np.stack(
-        [along + across, along - across, -along - across, across - along], 1
-    )
+    corners = box_footprints(detections)
     footprint = shapely.polygons(corners) if len(corners) else np.empty(0, object)
     flat = shapely.distance(footprint[:, None], footprint[None])
     z, half = detections.centroid_m[:, 2], detections.size_m[:, 2] / 2
     gap = np.maximum(np.abs(z[:, None] - z[None]) - half[:, None] - half[None], 0)
     return np.hypot(flat, gap)
+
+
+def box_footprints(boxes: Detections | SaliencyGraph) -> np.ndarray:
+    """(N, 4, 2) float64 corners (x, y) of the upright boxes in metres, in order around each."""
+    c, s = np.cos(boxes.yaw_rad), np.sin(boxes.yaw_rad)
+    along = np.stack([c, s], 1) * boxes.size_m[:, :1] / 2
+    across = np.stack([-s, c], 1) * boxes.size_m[:, 1:2] / 2
+    corners = np.stack([along + across, along - across, -along - across, across - along], 1)
+    return boxes.centroid_m[:, None, :2] + corners

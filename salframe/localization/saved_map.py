@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
+from salframe.framework.auto import Choice
 from salframe.framework.cache import Cache
-from salframe.framework.config import parse_override, validate
+from salframe.framework.config import ComponentConfig, parse_override, validate
 from salframe.framework.defaults import default_of
 from salframe.framework.errors import ConfigError, DataError
 from salframe.framework.files import atomic_folder
@@ -15,7 +16,14 @@ from salframe.framework.presets import Overrides, configure, settings, short_nam
 from salframe.framework.registry import registry
 from salframe.localization.localizer import MAP, Localizer, read_map
 from salframe.panoramas.dataset import Dataset
-from salframe.panoramas.opening import Progress, configure_dataset, mapping_frames, open_dataset
+from salframe.panoramas.opening import Progress, configure_dataset, mapping_frames, open_dataset, provided
+
+Tell = Callable[[str], None]
+"""Called with a line that the user must read: what `auto` became."""
+
+
+def silent(line: str) -> None:
+    """Tell nobody."""
 
 
 def build_map(
@@ -26,14 +34,16 @@ def build_map(
     data_dir: Path | None = None,
     overrides: Sequence[str] = (),
     progress: Progress | None = None,
+    tell: Tell = silent,
 ) -> Localizer:
     """Describe a dataset's mapping frames with a method and save the map to the folder `output`, which appears whole.
 
     It replaces the map that the folder held and all that lies beside it, the topology of a topological map too. Raises
-    ConfigError where `output` holds something else than a map.
+    ConfigError where `output` holds something else than a map, InputMissing where nothing that `auto` may become can
+    run.
     """
     check_output(output, MAP)
-    name, dataset, localizer = prepare(data, method, data_dir, overrides, progress)
+    name, dataset, localizer = prepare(data, method, data_dir, overrides, progress, tell)
     localizer.build(mapping_frames(dataset), Cache(), dataset.content_key, progress and partial(progress, name))
     with atomic_folder(output) as folder:
         localizer.save(folder)
@@ -49,14 +59,23 @@ def check_output(output: Path, *names: str) -> None:
 
 
 def prepare(
-    data: str | None, method: str | None, data_dir: Path | None, overrides: Sequence[str], progress: Progress | None
+    data: str | None,
+    method: str | None,
+    data_dir: Path | None,
+    overrides: Sequence[str],
+    progress: Progress | None,
+    tell: Tell,
 ) -> tuple[str, Dataset, Localizer]:
     """A method's short name, the prepared dataset, and the method's localizer, with overrides for both."""
     asked = default_of("map_method") if method is None else method
     name, content = short_name(asked), settings("localizer", asked)
     given = Overrides(map(parse_override, overrides), {name: content}, role="localizer", scopes=("data",))
-    localizer: Localizer = registry().build("localizer", configure("localizer", name, content, given.methods[name]))
     data_name, config = configure_dataset(data, data_dir, given.scopes["data"])
+    choice = Choice(data_name, partial(provided, config))
+    chosen = configure("localizer", name, content, given.methods[name], choice)
+    localizer: Localizer = registry().build("localizer", chosen)
+    for note in choice.notes:
+        tell(f"{name}: {note}")
     return name, open_dataset(config, progress and partial(progress, data_name)), localizer
 
 
@@ -65,10 +84,15 @@ def open_map(directory: Path) -> Localizer:
 
     Raises DataError where `directory` is no map, UnknownName without its localizer.
     """
+    localizer: Localizer = registry().build("localizer", map_config(directory))
+    localizer.load(directory)
+    return localizer
+
+
+def map_config(directory: Path) -> ComponentConfig:
+    """The configuration of a saved map's localizer, as it was decided when the map was built. Raises as `open_map`."""
     saved = read_map(directory).localizer
     if not isinstance(kind := saved.get("kind"), str):
         raise DataError(f"{directory / MAP} names no localizer: build the map again")
-    model = registry().get("localizer", kind).Config
-    localizer: Localizer = registry().build("localizer", validate(model, saved, f"{directory}:"))
-    localizer.load(directory)
-    return localizer
+    config: ComponentConfig = validate(registry().get("localizer", kind).Config, saved, f"{directory}:")
+    return config

@@ -28,7 +28,7 @@ class Dataset(Role):
     @property
     @abstractmethod
     def provides(self) -> frozenset[str]:
-        """Which of "rgb", "range", "annotations" its panoramas have."""
+        """Which of "rgb", "range", "annotations" its panoramas have. Known before `prepare`."""
 
     @property
     @abstractmethod

@@ -47,6 +47,12 @@ def open_dataset(config: ComponentConfig, progress: Callable[[int, int], None] |
     return dataset
 
 
+def provided(config: ComponentConfig) -> frozenset[str]:
+    """Which of "rgb", "range", "annotations" the panoramas of a data set have; it is not prepared for that."""
+    dataset: Dataset = registry().build("dataset", config)
+    return dataset.provides
+
+
 def find_dataset(
     data: str | None = None,
     data_dir: Path | None = None,

@@ -7,8 +7,9 @@ from collections.abc import Callable
 from pkgutil import resolve_name
 from typing import Any
 
+from salframe.framework.auto import Choice
 from salframe.framework.component import Component, Role
-from salframe.framework.config import ComponentConfig
+from salframe.framework.config import ComponentConfig, validate
 from salframe.framework.registry import registry
 from salframe.testing.asking import ConformanceError
 from salframe.testing.datasets import check_dataset
@@ -17,6 +18,7 @@ from salframe.testing.detectors import check_detector
 from salframe.testing.engines import check_engine
 from salframe.testing.identities import check_files
 from salframe.testing.localizers import check_localizer
+from salframe.testing.rooms import PARTS
 from salframe.testing.scorers import check_scorer
 from salframe.testing.stages import check_matcher, check_planner, check_positioner, check_saliency
 
@@ -46,12 +48,18 @@ def check_component(component: type[Component], config: ComponentConfig | None =
     """
     check_declaration(component)
     try:
-        used = check_config(component, config)
+        used = on_rooms(check_config(component, config))
         check_files(used)
         component.check(used)
         _check_of(registry().roles[component.role])(lambda: component(used))
     except ConformanceError as error:
         raise ConformanceError(f"{component.role} {component.name}: {error}") from error.__cause__
+
+
+def on_rooms(config: ComponentConfig) -> ComponentConfig:
+    """The configuration with slots that say `auto` decided by the suite's own rooms, which have everything."""
+    choice = Choice("the suite's rooms", lambda: PARTS)
+    return validate(type(config), config.model_dump(mode="json"), config.kind, choice)
 
 
 def _check_of(role: type[Role]) -> Callable[[Callable[[], Any]], None]:

@@ -19,7 +19,9 @@ def check_dataset(make: Callable[[], Dataset]) -> None:
     """Folds of mapping frames with poses and queries without, a truth for each query, and panoramas that have what
     `provides` says."""
     dataset = make()
+    known = attempt("provides before prepare", lambda: dataset.provides)
     attempt("prepare", dataset.prepare, lambda done, total: None)
+    expect(dataset.provides == known, "provides after prepare", set(dataset.provides), f"{set(known)} as before")
     expect(
         dataset.provides and dataset.provides <= PARTS,
         "provides",

@@ -15,7 +15,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from salframe.framework.component import Component
-from salframe.framework.config import ComponentConfig
+from salframe.framework.config import ComponentConfig, holds_components
 from salframe.framework.identity import UserFile, digest, identity, matters_to_matching_only
 from salframe.testing.asking import attempt, expect, same
 
@@ -91,6 +91,12 @@ def _user_files(model: BaseModel) -> Iterator[_FileSetting]:
             for inner in _user_files(value):
                 yield _FileSetting(f"{name}.{inner.key}", only or inner.match_only, inside(name, inner.put))
             continue
+        if holds_components(value):
+            for number, one in enumerate(value):
+                for inner in _user_files(one):
+                    put = inside(name, partial(_put_at, value, number, inner.put))
+                    yield _FileSetting(f"{name}[{number}].{inner.key}", only or inner.match_only, put)
+            continue
         for kind in _alternatives(field.annotation):
             parts = typing.get_args(kind) if typing.get_origin(kind) in (tuple, list) else ()
             if kind is UserFile:
@@ -98,6 +104,14 @@ def _user_files(model: BaseModel) -> Iterator[_FileSetting]:
             elif any(UserFile in _alternatives(part) for part in parts):
                 count = 1 if typing.get_origin(kind) is list or Ellipsis in parts else len(parts)
                 yield _FileSetting(name, only, inside(name, partial(_repeat, count)))
+
+
+def _put_at(
+    among: tuple[ComponentConfig, ...], number: int, put: Callable[[UserFile], Any], file: UserFile
+) -> tuple[ComponentConfig, ...] | None:
+    """Several components' configurations with the file put into one of them."""
+    changed = put(file)
+    return None if changed is None else (*among[:number], changed, *among[number + 1 :])
 
 
 def _repeat(count: int, file: UserFile) -> tuple[UserFile, ...]:

@@ -12,7 +12,7 @@ from salframe.framework.errors import DataError, NoRoute
 from salframe.framework.files import atomic_folder
 from salframe.localization.answers import Localization
 from salframe.localization.localizer import MAP
-from salframe.localization.saved_map import check_output, open_map, prepare
+from salframe.localization.saved_map import Tell, check_output, open_map, prepare, silent
 from salframe.panoramas.frames import MapFrame, QueryFrame
 from salframe.panoramas.geometry import pose_yaw
 from salframe.panoramas.opening import Progress, mapping_frames
@@ -32,6 +32,7 @@ def build_topological_map(
     data_dir: Path | None = None,
     overrides: Sequence[str] = (),
     progress: Progress | None = None,
+    tell: Tell = silent,
 ) -> TopologicalMap:
     """Make the topological map of a dataset's floors and the map of a method, and save both to the folder `output`,
     which appears whole.
@@ -41,7 +42,7 @@ def build_topological_map(
     `output` holds something else than a map.
     """
     check_output(output, MAP, TOPOLOGY)
-    name, dataset, localizer = prepare(data, method, data_dir, overrides, progress)
+    name, dataset, localizer = prepare(data, method, data_dir, overrides, progress, tell)
     floors, frames = dataset.floors(), mapping_frames(dataset)
     if not floors:
         raise DataError(

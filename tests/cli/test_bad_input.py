@@ -105,7 +105,7 @@ SPOILT_FOLDERS = {
 @pytest.mark.parametrize(("spoil", "message"), SPOILT_FOLDERS.values(), ids=SPOILT_FOLDERS.keys())
 def test_a_map_is_not_built_from_a_spoilt_folder(data, spoil, message, capfd):
     spoil(data)
-    assert_one_line(run("build", data, "-o", "map"), message)
+    assert_one_line(run("build", data, "-o", "map", "--set", "detector.kind=annotations"), message)
     assert not Path("map").exists()
     assert capfd.readouterr().err == ""  # the libraries that decode images are silent too
 
@@ -289,7 +289,7 @@ def without_annotations(data: Path) -> None:
 
 def test_a_detector_that_lacks_something_is_named_and_others_that_could_look(data):
     without_annotations(data)
-    done = compare("./data", "--json")
+    done = compare("./data", "--json", "--set", "detector.kind=annotations")
     (row,) = done.json["rows"]
     assert (done.code, row["available"]) == (1, False)
     needs = "its detector 'annotations' needs annotations, which folder does not have"
@@ -307,6 +307,6 @@ def test_where_no_detector_can_look_that_is_said(data, monkeypatch):
     without_annotations(data)
     monkeypatch.setenv("SALFRAME_PLUGINS", "salframe_annotations,salframe_objects,salframe_engines")
     registry.cache_clear()
-    (row,) = compare("./data", "--json").json["rows"]
+    (row,) = compare("./data", "--json", "--set", "detector.kind=annotations").json["rows"]
     registry.cache_clear()
     assert row["reason"].endswith("which folder does not have; no detector at hand can do without")

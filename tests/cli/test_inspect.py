@@ -144,8 +144,10 @@ def test_show_lists_settings_with_values_types_and_help():
     written = flatten(yaml.safe_load(registry().find_preset("methods", "paper").read_text()))
     assert (found["role"], found["kind"]) == ("localizer", written.pop(""))
     assert {key: shown[key]["value"] for key in written} == written
-    assert shown["detector.seed"]["type"] == "int, at least 0"
-    assert shown["detector.seed"]["help"]
+    assert shown["matcher.keep"]["type"] == "float, at least 0, at most 1"
+    assert shown["matcher.keep"]["help"]
+    assert (shown["detector"]["value"], shown["detector"]["default"]) == ("auto", "auto")
+    assert "annotations, segments, panoseg" in shown["detector"]["help"]
     assert [shown[slot]["type"] for slot in ("detector", "matcher")] == ["detector", "matcher"]
     printed = run("show", "paper").out
     assert "a preset of saliency-graph" in printed

@@ -1,7 +1,9 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -122,3 +124,24 @@ def test_what_is_no_detections_costs_the_detector_its_row(tiny, monkeypatch, ans
     result = measure(tiny)
     assert result.rows[0].reason == f"detect gave {type(answer).__name__}, expected Detections"
     assert result.crashed
+
+
+def test_labels_of_detector_and_truth_are_compared_in_common_words(tiny, monkeypatch):
+    """A detector that calls a tv a television, and a sofa a couch, finds as much as one that speaks as the data do."""
+    plain = measure(tiny, "annotations.noise=none").rows[0]
+    synonyms = {"tv": "television set", "sofa": "couch", "table": "dining table"}
+    detect = AnnotationDetector.detect
+
+    def translate(self, panorama):
+        found = detect(self, panorama)
+        return replace(found, labels=tuple(synonyms.get(label, label) for label in found.labels))
+
+    monkeypatch.setattr(AnnotationDetector, "detect", translate)
+    result = measure(tiny, "annotations.noise=none", runs=tiny.parent / "translated")
+    (row,) = result.rows
+    assert row.overall == plain.overall
+    assert row.overall.precision == row.overall.recall == 1
+    assert {"couch": "sofa"}.items() <= row.joined.items()
+    assert "couch" not in row.classes
+    told = run("evaluate", result.run).out
+    assert re.search(r"one label in the shared vocabulary: .*couch = sofa", told), told

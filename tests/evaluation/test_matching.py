@@ -113,7 +113,8 @@ def test_pairs_of_nodes_that_are_not_there_or_used_twice_are_refused(pairs):
 
 @pytest.mark.parametrize("method", ["proposed", "usg", "sovs"])
 def test_methods_that_align_objects_do_so_without_a_map(method):
-    localizer = registry().build("localizer", configure("localizer", method, settings("localizer", method)))
+    config = configure("localizer", method, settings("localizer", method), [{"detector": "annotations"}])
+    localizer = registry().build("localizer", config)
     lounge = ROOMS[2]
     query, reference = look(lounge, "query", stand(lounge) @ STEP), look(lounge, "reference", stand(lounge))
     found = localizer.correspond(localizer.describe(query), localizer.describe(reference))

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from salframe.framework.config import parse_override, validate
-from salframe.framework.defaults import default_of, defaults
+from salframe.framework.defaults import auto_order, default_of, defaults
 from salframe.framework.errors import ConfigError, PluginFailed, UnknownName
 from salframe.framework.presets import (
     Overrides,
@@ -68,8 +68,11 @@ def test_every_default_is_a_name_that_there_is():
         "engine": "engine",
         "planner": "planner",
         "navigation_planner": "planner",
+        "detector": "detector",
+        "saliency": "saliency",
     }
-    assert set(defaults()) == set(known)
+    assert set(defaults()) == {*known, "auto"}
+    assert set(auto_order("detector")) <= {*names("detector"), "segments"}
     for key, role in known.items():
         listed = default_of(key)
         assert set([listed] if isinstance(listed, str) else listed) <= set(names(role)), key

@@ -48,9 +48,14 @@ def query(room, T_room_pano=None):
     return QueryFrame("query", lambda: seen(room, pose, "query"))
 
 
+def graph_localizer(**settings):
+    """On annotations, unless the settings say otherwise."""
+    return SaliencyGraphLocalizer(SaliencyGraphLocalizer.Config(**{"detector": "annotations", **settings}))
+
+
 @pytest.fixture(scope="module")
 def mapped():
-    localizer = SaliencyGraphLocalizer()
+    localizer = graph_localizer()
     localizer.build([map_frame(i, pose_2d(6.0 * i, 0, 0.3 * i)) for i in range(12)])
     return localizer
 
@@ -66,7 +71,7 @@ def test_place_and_pose(mapped):
 
 def test_saved_map_gives_the_same_answers(mapped, tmp_path):
     mapped.save(tmp_path)
-    again = SaliencyGraphLocalizer()
+    again = graph_localizer()
     again.load(tmp_path)
     asked = query(4, pose_2d(0.2, 0.3, 2.0))
     before, after = mapped.localize(asked), again.localize(asked)
@@ -97,7 +102,7 @@ def test_failing_is_a_status(mapped):
         ).status
         == "no-match"
     )
-    picky = SaliencyGraphLocalizer(SaliencyGraphLocalizer.Config(min_score=10.0))
+    picky = graph_localizer(min_score=10.0)
     picky.build([map_frame(1, np.eye(4))])
     answer = picky.localize(query(1))
     assert (answer.status, answer.places, answer.T_world_query) == ("low-score", (), None)
@@ -107,11 +112,11 @@ def test_bad_input_is_one_clear_line(mapped, tmp_path):
     with pytest.raises(InputMissing, match="saliency-graph needs annotations, which q does not have"):
         mapped.localize(QueryFrame("q", lambda: Panorama("q", range_m=np.ones((4, 8), np.float32))))
     with pytest.raises(DataError, match="at least one mapping frame"):
-        SaliencyGraphLocalizer().build([])
+        graph_localizer().build([])
     content = {"format": 2, "version": "0", "localizer": {"kind": "objects"}, "described_by": "", "frames": []}
     (tmp_path / "map.json").write_text(json.dumps(content))
     with pytest.raises(DataError, match="made by objects 0, expected saliency-graph"):
-        SaliencyGraphLocalizer().load(tmp_path)
+        graph_localizer().load(tmp_path)
 
 
 def test_a_doorway_match_answers_with_the_scene_at_the_pose():
@@ -152,12 +157,12 @@ def test_presets_are_configurations_of_the_same_stages(preset):
     ],
 )
 def test_what_matters_to_matching_only_is_no_part_of_a_description(change):
-    base, other = SaliencyGraphLocalizer.Config(), SaliencyGraphLocalizer.Config(**change)
-    assert identity(base) != identity(other)
-    assert SaliencyGraphLocalizer(base).describe_identity() == SaliencyGraphLocalizer(other).describe_identity()
+    base, other = graph_localizer(), graph_localizer(**change)
+    assert identity(base.config) != identity(other.config)
+    assert base.describe_identity() == other.describe_identity()
 
 
-@pytest.mark.parametrize("change", [{"detector": {"noise": "heavy"}}, {"graph": {"top_k": 3}}])
+@pytest.mark.parametrize("change", [{"detector": {"kind": "annotations", "noise": "heavy"}}, {"graph": {"top_k": 3}}])
 def test_what_makes_the_graph_is_part_of_a_description(change):
-    other = SaliencyGraphLocalizer(SaliencyGraphLocalizer.Config(**change))
-    assert SaliencyGraphLocalizer().describe_identity() != other.describe_identity()
+    other = graph_localizer(**change)
+    assert graph_localizer().describe_identity() != other.describe_identity()

@@ -49,7 +49,7 @@ def scores(localizer, query=QUERY):
 
 
 def exactly(kind, **given):
-    return kind(kind.Config(detector={"noise": "none"}, **given))
+    return kind(kind.Config(detector={"kind": "annotations", "noise": "none"}, **given))
 
 
 def test_sets_count_labels():
@@ -58,9 +58,8 @@ def test_sets_count_labels():
 
 
 def test_multisets_count_objects():
-    config = configure(
-        "localizer", "objects-multiset", settings("localizer", "objects-multiset"), [{"detector": {"noise": "none"}}]
-    )
+    given = {"detector": {"kind": "annotations", "noise": "none"}}
+    config = configure("localizer", "objects-multiset", settings("localizer", "objects-multiset"), [given])
     # bedroom: bed and one lamp of bed, two lamps, cat; office as before
     assert scores(ObjectSetLocalizer(config)) == ("no-pose", pytest.approx({"bedroom": 2 / 4, "office": 1 / 4}))
 

@@ -84,7 +84,8 @@ def test_the_best_matching_and_turn_are_found(seed):
 def test_objects_of_unknown_range_are_left_out():
     centroid_m = np.array([[1.0, 0, 0], [np.nan, np.nan, np.nan]])
     objects = Detections(["bed", "lamp"], np.ones(2), centroid_m, np.full((2, 3), 0.5), np.zeros(2))
-    localizer = SalientVolumesLocalizer(SalientVolumesLocalizer.Config(detector={"noise": "none"}))
+    config = SalientVolumesLocalizer.Config(detector={"kind": "annotations", "noise": "none"})
+    localizer = SalientVolumesLocalizer(config)
     described = localizer.describe(
         Panorama(
             "seen",

@@ -76,6 +76,19 @@ class Changing(FolderDataset):
         return str(id(self))
 
 
+class Late(FolderDataset):
+    """Broken."""
+
+    prepared = False
+
+    def prepare(self, progress):
+        self.prepared = True
+
+    @property
+    def provides(self):
+        return super().provides if self.prepared else frozenset({"rgb"})
+
+
 BROKEN_DATASETS = [
     (Leaky, "more than one frame bedroom-map"),
     (Questionless, "received 3 mapping frames and 0 queries, expected at least one of each"),
@@ -84,5 +97,6 @@ BROKEN_DATASETS = [
     (Agreeable, "truth of a query that is not there: received an answer, expected DataError"),
     (Promising, r"load of bedroom-map: received {.*}, expected what the dataset provides"),
     (Anonymous, "received a panorama of 'frame', expected one of 'bedroom-map'"),
+    (Late, r"provides after prepare: received {.*}, expected {'rgb'} as before"),
     (Changing, "fingerprint of another instance: received"),
 ]

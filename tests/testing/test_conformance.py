@@ -20,7 +20,7 @@ from salframe.framework.errors import DataError
 from salframe.framework.identity import UserFile
 from salframe.framework.presets import configure, settings
 from salframe.framework.registry import registry
-from salframe.framework.slots import slot
+from salframe.framework.slots import slot, slots
 from salframe.panoramas.geometry import rays_to_pixels
 from salframe.testing import ConformanceError, check_component
 from salframe.testing.identities import _user_files, another_config, check_files
@@ -54,8 +54,8 @@ OURS = [component for component, package in registry() if package == "salframe"]
 
 BROUGHT = ("feature-matcher", "detection-decoder", "image-network")
 """Roles that plugins of ours bring, checked in tests/keypoints, tests/detectors and tests/image."""
-STAGES = [c for c in OURS if c.role not in ("dataset", "localizer", *BROUGHT) and c.name != "onnx"]
-"""All but `onnx`, whose network is made in tests/detectors/test_onnx_detector.py."""
+STAGES = [c for c in OURS if c.role not in ("dataset", "localizer", *BROUGHT) and c.name not in ("onnx", "union")]
+"""All but `onnx` and `union`, whose networks are made in tests/detectors."""
 
 
 @pytest.mark.parametrize("component", STAGES, ids=lambda component: component.name)
@@ -191,6 +191,7 @@ class Filed(Described):
     class Config(AnnotationDetector.Config):
         tables: Listed = Listed()
         detector: slot("detector", "onnx")
+        others: slots("detector", ("annotations", "onnx"), "some more")
 
     def __init__(self, config=None):
         super().__init__(config)
@@ -204,6 +205,7 @@ def test_files_are_found_wherever_they_are():
         "tables.files": False,
         "tables.last": True,
         "detector.model": False,
+        "others[1].model": False,
     }
 
 

@@ -1,0 +1,134 @@
+"""What detections cover of the sphere, as lines around them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from salframe.graphs.detections import Detections
+
+FEWEST = 20
+"""Fewer points than this are corners, with the object between them, and no samples of its surface."""
+LARGEST = 800
+"""A mask has no more cells than this on a side."""
+LEAST_SPACING = 2e-4
+"""Points nearer to each other than this, in radians, are of one pixel or row."""
+LEAST_PART = 0.02
+"""Parts of an object that are smaller than this share of its largest are not drawn."""
+_BOX = np.array(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5])).reshape(3, 8).T
+
+
+def outline_objects(detections: Detections) -> list[list[np.ndarray]]:
+    """For each object the closed lines around its parts, each (K, 3) float64 unit vectors in the panorama frame.
+
+    Around the points behind its mask where these are known, else around its box, else a circle of its solid angle about
+    its bearing, else none.
+    """
+    return [_outline(detections, i) for i in range(len(detections))]
+
+
+def _outline(detections: Detections, i: int) -> list[np.ndarray]:
+    if detections.points_m is not None:
+        points = np.asarray(detections.points_m[i], np.float64)
+        length = np.linalg.norm(points, axis=1)
+        known = np.isfinite(length) & (length > 0)
+        if known.sum() >= FEWEST:
+            return _around_mask(points[known] / length[known, None])
+        if known.any():
+            return _around_corners(points[known] / length[known, None])
+    centroid, size = detections.centroid_m[i], detections.size_m[i]
+    if np.isfinite([*centroid, *size, detections.yaw_rad[i]]).all() and np.linalg.norm(centroid):
+        c, s = np.cos(detections.yaw_rad[i]), np.sin(detections.yaw_rad[i])
+        corners = centroid + (_BOX * size) @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+        return _around_corners(corners / np.linalg.norm(corners, axis=1, keepdims=True))
+    bearing, solid_angle_sr = detections.bearing[i], detections.solid_angle_sr[i]
+    if np.isfinite(bearing).all() and 0 < solid_angle_sr < 4 * np.pi:
+        return [_circle(bearing, np.arccos(1 - solid_angle_sr / (2 * np.pi)))]
+    return []
+
+
+class _Chart:
+    """Lambert's equal-area map of the sphere about the middle of some rays (N, 3): flat enough for any object, with no
+    seam and no poles."""
+
+    def __init__(self, rays: np.ndarray) -> None:
+        middle = rays.mean(0)
+        if np.linalg.norm(middle) < 1e-6:  # all around the camera
+            middle = rays[0]
+        self._ahead = middle / np.linalg.norm(middle)
+        self._left, self._up = _across(self._ahead)
+
+    def flatten(self, rays: np.ndarray) -> np.ndarray:
+        """(N, 2) in the plane, 1 a radian in the middle."""
+        stretch = np.sqrt(2 / np.maximum(1 + rays @ self._ahead, 1e-9))
+        return np.column_stack([rays @ self._left, rays @ self._up]) * stretch[:, None]
+
+    def raise_up(self, points: np.ndarray) -> np.ndarray:
+        """(N, 3) unit vectors of points in the plane."""
+        square = np.minimum((points**2).sum(1), 4)
+        flat = points @ np.stack([self._left, self._up])
+        return flat * np.sqrt(1 - square / 4)[:, None] + np.outer(1 - square / 2, self._ahead)
+
+
+def _across(ahead: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Two unit vectors at right angles to a third and to each other: to its left and up, where up is not the same."""
+    left = np.cross([0, 0, 1] if abs(ahead[2]) < 0.99 else [1, 0, 0], ahead)
+    left /= np.linalg.norm(left)
+    return left, np.cross(ahead, left)
+
+
+def _around_mask(rays: np.ndarray) -> list[np.ndarray]:
+    """The lines around what rays (N, 3) through the pixels of a mask cover."""
+    import cv2
+
+    chart = _Chart(rays)
+    points, spacing = chart.flatten(rays), _spacing(rays)
+    cell = max(spacing / 3, float(np.ptp(points, axis=0).max()) / LARGEST)
+    reach = max(1, round(0.75 * spacing / cell))
+    low = points.min(0) - (reach + 3) * cell
+    place = np.round((points - low) / cell).astype(int)
+    mask = np.zeros(place.max(0)[::-1] + reach + 4, np.uint8)
+    mask[place[:, 1], place[:, 0]] = 255
+    # Grown until the pixels meet, then cut back to half a pixel around the outermost.
+    mask = cv2.dilate(mask, _disk(reach))
+    mask = cv2.erode(mask, _disk(round(0.25 * spacing / cell)))
+    mask = (cv2.GaussianBlur(mask, (0, 0), 1.2) > 127).astype(np.uint8)
+    lines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    areas = [cv2.contourArea(line) for line in lines]
+    return [
+        chart.raise_up(cv2.approxPolyDP(line, 0.5, True)[:, 0] * cell + low)
+        for line, area in zip(lines, areas, strict=True)
+        if area >= LEAST_PART * max(areas) and len(line) > 2
+    ]
+
+
+def _spacing(rays: np.ndarray) -> float:
+    """How far apart, in radians, neighbouring pixels are that rays (N, 3) run through."""
+    from scipy.spatial import cKDTree
+
+    beside = np.median(cKDTree(rays).query(rays[:: max(1, len(rays) // 400)], 5)[0][:, 4])
+    # Near the poles a panorama's columns are dense, its rows are as far apart as anywhere.
+    rows = np.diff(np.sort(np.arcsin(np.clip(rays[:, 2], -1, 1))))
+    rows = rows[rows > LEAST_SPACING]
+    return float(max(beside, np.median(rows) if len(rows) else 0.0, LEAST_SPACING))
+
+
+def _disk(radius: int) -> np.ndarray:
+    y, x = np.mgrid[-radius : radius + 1, -radius : radius + 1]
+    return (x**2 + y**2 <= (radius + 0.25) ** 2).astype(np.uint8)
+
+
+def _around_corners(rays: np.ndarray) -> list[np.ndarray]:
+    """The line around corners (N, 3), along great circles, as straight edges in space are seen."""
+    import cv2
+
+    hull = rays[cv2.convexHull(_Chart(rays).flatten(rays).astype(np.float32), returnPoints=False)[:, 0]]
+    share = np.linspace(0, 1, 16, endpoint=False)[:, None]
+    line = np.concatenate([a + share * (b - a) for a, b in zip(hull, np.roll(hull, -1, 0), strict=True)])
+    return [line / np.linalg.norm(line, axis=1, keepdims=True)] if len(hull) > 2 else []
+
+
+def _circle(bearing: np.ndarray, radius_rad: float) -> np.ndarray:
+    """(72, 3) around a bearing."""
+    left, up = _across(bearing)
+    angle = np.linspace(0, 2 * np.pi, 72, endpoint=False)[:, None]
+    return np.cos(radius_rad) * bearing + np.sin(radius_rad) * (np.cos(angle) * left + np.sin(angle) * up)

@@ -1,0 +1,84 @@
+"""One image file as a panorama: equirectangular, with what a manifest says of it, or a plain photograph."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from salframe.framework.errors import DataError
+from salframe.panoramas import images
+from salframe.panoramas.dataset import MANIFEST
+from salframe.panoramas.folder_format import IMAGE_KEYS, Folder
+from salframe.panoramas.panorama import Panorama
+from salframe.panoramas.photograph import Pinhole
+
+LOWEST, HIGHEST = 256, 1024
+"""A photograph is laid on a panorama as fine as its middle, of no fewer and no more rows than these."""
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """An image as it was taken, rgb (H, W, 3) uint8, as the panorama that components look at, and the camera of a
+    photograph; None of a panorama."""
+
+    rgb: np.ndarray
+    panorama: Panorama
+    camera: Pinhole | None = None
+
+
+def open_panorama(image: Path, range_image: Path | None = None) -> Shot:
+    """A panorama with the range in a file of 16-bit millimetres; without that, with all that the frame has whose rgb a
+    manifest.json above it says the image is. Raises DataError."""
+    panorama = None if range_image is not None else _in_manifest(image.resolve())
+    if panorama is None:
+        rgb = images.read_color(image)
+        height, width = rgb.shape[:2]
+        if width != 2 * height:
+            raise DataError(
+                f"{image} is {width} x {height}, expected a panorama, twice as wide as high: of a photograph, "
+                "say the horizontal field of view (--fov DEG)"
+            )
+        range_m = None if range_image is None else images.read_range(range_image)
+        panorama = Panorama(image.name, rgb, range_m)
+    if panorama.rgb is None:
+        raise DataError(f"{image} has no colour")
+    return Shot(panorama.rgb, panorama)
+
+
+def open_photograph(image: Path, hfov_rad: float, pitch_rad: float = 0.0, depth_image: Path | None = None) -> Shot:
+    """A photograph of this horizontal field of view, taken looking up by pitch_rad, with the z-depth in a file of
+    16-bit millimetres. Raises DataError."""
+    import cv2
+
+    rgb = images.read_color(image)
+    depth_m = None if depth_image is None else images.read_range(depth_image)
+    height, width = rgb.shape[:2]
+    if depth_m is not None and depth_m.shape != (height, width):
+        raise DataError(f"{depth_image} is {depth_m.shape[1]} x {depth_m.shape[0]}, expected {width} x {height}")
+    camera = Pinhole.of_field_of_view(width, height, hfov_rad, pitch_rad)
+    rows = int(np.clip(round(np.pi * camera.focal_px), LOWEST, HIGHEST))
+    laid = camera
+    if (factor := int(np.pi * camera.focal_px / rows)) > 1:  # far finer than the panorama: average first, or it aliases
+        size = width // factor, height // factor
+        rgb_laid = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA)
+        depth_m = None if depth_m is None else cv2.resize(depth_m, size, interpolation=cv2.INTER_NEAREST)
+        laid = Pinhole.of_field_of_view(*size, hfov_rad, pitch_rad)
+    else:
+        rgb_laid = rgb
+    return Shot(rgb, laid.panorama(image.name, rgb_laid, depth_m, rows), camera)
+
+
+def _in_manifest(image: Path) -> Panorama | None:
+    """The panorama of the frame whose rgb an image is; None where no manifest.json above it names it."""
+    root = next((parent for parent in image.parents if (parent / MANIFEST).exists()), None)
+    if root is None:
+        return None
+    folder, name = Folder(root), image.relative_to(root).as_posix()
+    for frame in folder.manifest.frames:
+        if name == frame.rgb:
+            return folder.load(frame)
+        if other := next((key for key in IMAGE_KEYS if name == getattr(frame, key)), None):
+            raise DataError(f"{image} is no picture but the {other} image of {frame.id}, expected its rgb: {frame.rgb}")
+    return None

@@ -1,0 +1,140 @@
+"""show-objects: pictures and numbers of panoramas and photographs, and what can be wrong with them."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from ball_plugin import BALLS, angular_radius
+from command_line import run
+from PIL import Image
+from tiny_folder import write_tiny_folder
+
+from salframe.framework.registry import registry
+from salframe.panoramas import images
+
+DETECTOR = ("--detector", "balls")
+
+
+@pytest.fixture
+def pictures(fakes, tmp_path, monkeypatch):
+    """A working directory with a panorama, its range, a photograph and its depth, and the detector of balls."""
+    monkeypatch.setenv("SALFRAME_PLUGINS", "ball_plugin,salframe_graphs,salframe_annotations")
+    registry.cache_clear()
+    images.write_color(tmp_path / "hall.jpg", np.full((160, 320, 3), 128, np.uint8))
+    images.write_range(tmp_path / "hall.range.png", np.full((160, 320), 3.0))
+    images.write_color(tmp_path / "desk.png", np.full((480, 640, 3), 128, np.uint8))
+    images.write_range(tmp_path / "desk.depth.png", np.full((480, 640), 3.0))
+    return tmp_path
+
+
+def test_a_panorama_with_range(pictures):
+    shown = run("show-objects", "hall.jpg", *DETECTOR, "--range", "hall.range.png", "-o", "out", "--json")
+    assert (shown.code, shown.err) == (0, "")
+    (view,) = shown.json["images"]
+    assert view["detector"] == "balls"
+    assert (view["image"], view["picture"]) == ("hall.jpg", "out/hall.objects.png")
+    assert view["seconds"] > 0
+    for found, (label, centre_m, radius_m, score) in zip(view["objects"], BALLS, strict=True):
+        x, y, z = centre_m
+        distance_m = np.linalg.norm(centre_m)
+        assert (found["label"], found["score"]) == (label, score)
+        assert found["azimuth_deg"] % 360 == pytest.approx(np.degrees(np.arctan2(y, x)) % 360, abs=1)
+        assert found["elevation_deg"] == pytest.approx(np.degrees(np.arcsin(z / distance_m)), abs=1)
+        assert distance_m - radius_m < found["range_m"] < distance_m
+        # What is seen of a ball across: a circle of radius r cos(a), a its angular radius.
+        across_m = 2 * radius_m * np.cos(angular_radius(centre_m, radius_m))
+        assert across_m - 3 * distance_m * np.pi / 256 < found["size_m"][0] < across_m + 1e-3
+    assert sum(found["saliency"] for found in view["objects"]) == pytest.approx(1)
+    assert max(view["objects"], key=lambda found: found["saliency"])["label"] == "ottoman"
+    assert Image.open("out/hall.objects.png").size[0] == 1280
+
+
+def test_without_range_there_are_bearings_alone(pictures):
+    (view,) = run("show-objects", "hall.jpg", *DETECTOR, "--json").json["images"]
+    globe = view["objects"][0]
+    assert globe["azimuth_deg"] == pytest.approx(60)
+    assert globe["elevation_deg"] == pytest.approx(0, abs=1e-9)
+    assert globe["range_m"] is globe["size_m"] is globe["saliency"] is None
+
+
+def test_a_photograph_is_drawn_in_its_own_pixels(pictures):
+    arguments = ("desk.png", *DETECTOR, "--fov", "60", "--pitch", "40", "--range", "desk.depth.png")
+    assert run("show-objects", *arguments).out.startswith("desk.objects.png: 3 objects in ")
+    drawn = np.asarray(Image.open("desk.objects.png"))
+    assert drawn.shape[1] == 2 * 640
+    # The lamp, 45 deg up, is 5 deg above the middle; focal length 320 / tan 30 deg, all drawn twice as large.
+    focal, middle = 2 * 320 / np.tan(np.radians(30)), 2 * 240
+    row = middle - focal * np.tan(np.radians(5))
+    title = 2 * round(1280 / 80)
+    inside, outside = drawn[title + round(row) + 60, 640], drawn[title + round(row) + 400, 640]
+    assert (inside != 128).any()
+    assert (outside == 128).all()
+
+
+def test_settings_change_detector_and_graph(pictures):
+    arguments = ("hall.jpg", *DETECTOR, "--set", "detector.min_score=0.6", "--json")
+    (view,) = run("show-objects", *arguments).json["images"]
+    assert view["detector"] == "balls (min_score=0.6)"
+    assert [found["label"] for found in view["objects"]] == ["globe", "ottoman"]
+    assert "unknown key show-objects.grph" in run("show-objects", "hall.jpg", *DETECTOR, "--set", "grph.top_k=1").err
+    assert "unknown detector 'bals', did you mean 'balls'?" in run("show-objects", "hall.jpg", "--detector", "bals").err
+
+
+def test_images_of_a_folder_come_with_what_its_manifest_names(pictures):
+    folder = write_tiny_folder(pictures / "data")
+    names = [folder / f"frames/{room}-map.rgb.png" for room in ("bedroom", "kitchen")]
+    shown = run("show-objects", *names, "--detector", "annotations", "-o", "out", "--json").json
+    assert [len(view["objects"]) for view in shown["images"]] == [7, 6]
+    assert (pictures / "out/kitchen-map.rgb.objects.png").exists()
+
+
+def test_a_bad_image_costs_its_own_answer_alone(pictures):
+    (pictures / "torn.png").write_bytes((pictures / "desk.png").read_bytes()[:100])
+    done = run("show-objects", "torn.png", "hall.jpg", "desk.png", "gone.png", *DETECTOR)
+    assert done.code == 1
+    assert done.out.startswith("hall.objects.png: 3 objects in ")
+    assert done.out.count("\n") == 1
+    torn, desk, gone = done.err.splitlines()
+    assert torn.startswith("error: torn.png is no readable image")
+    assert desk.startswith("error: desk.png is 640 x 480, expected a panorama")
+    assert "--fov" in desk
+    assert gone == "error: cannot read gone.png: No such file or directory"
+    again = run("show-objects", "torn.png", "hall.jpg", *DETECTOR, "--json")
+    assert again.code == 1
+    assert [one["image"] for one in again.json["images"]] == ["hall.jpg"]
+    assert [one["image"] for one in again.json["failures"]] == ["torn.png"]
+
+
+def test_only_pictures_of_ours_are_overwritten(pictures):
+    assert run("show-objects", "hall.jpg", *DETECTOR).code == 0
+    assert run("show-objects", "hall.jpg", *DETECTOR).code == 0
+    for spoil in (lambda path: cv2.imwrite(str(path), np.zeros((9, 9, 3))), lambda path: path.write_text("dear")):
+        spoil(pictures / "hall.objects.png")
+        before = (pictures / "hall.objects.png").read_bytes()
+        done = run("show-objects", "hall.jpg", *DETECTOR)
+        assert (done.code, done.err.count("\n")) == (1, 1)
+        assert "hall.objects.png is there and no picture of show-objects" in done.err
+        assert (pictures / "hall.objects.png").read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "message"),
+    [
+        (("hall.jpg", "desk.png", "--range", "hall.range.png"), 2, "received 2 images and the range of one"),
+        (("hall.jpg", "--pitch", "10"), 2, "received --pitch without --fov"),
+        (("hall.jpg", "-o", "desk.png"), 2, "desk.png is a file, expected a folder"),
+        (("hall.jpg", "other/hall.png"), 2, "2 images would all be shown as hall.objects.png"),
+        (("hall.jpg", "--fov", "180"), 1, "a photograph has a field of view of 180 deg, expected 0 to 180"),
+        (("hall.jpg", "--range", "hall.jpg"), 1, "hall.jpg has 3 channel(s) of 8 bits, expected one of 16 bits"),
+        (("hall.jpg", "--range", "desk.depth.png"), 1, "the range image is 640 x 480"),
+        (("hall.jpg", "--detector", "range-balls"), 1, "range-balls needs range (--range FILE), which"),
+        (("hall.jpg", "--set", "detector.fail=true"), 1, "no ball today"),
+    ],
+)
+def test_what_is_wrong_is_one_line(pictures, arguments, code, message):
+    done = run("show-objects", *DETECTOR, *arguments)
+    assert (done.code, done.out, done.err.count("\n")) == (code, "", 1)
+    assert done.err.startswith("error: ")
+    assert message in done.err
+    assert not list(pictures.rglob("*.objects.png"))

@@ -1,0 +1,70 @@
+"""Image files as panoramas: equirectangular, of a folder with a manifest, photographs."""
+
+import json
+
+import numpy as np
+import pytest
+from tiny_folder import write_tiny_folder
+
+from salframe.framework.errors import DataError
+from salframe.panoramas import images
+from salframe.panoramas.geometry import equirectangular_rays
+from salframe.panoramas.shot import open_panorama, open_photograph
+
+
+def test_an_image_twice_as_wide_as_high_is_a_panorama(tmp_path):
+    rgb = np.random.default_rng(0).integers(0, 255, (64, 128, 3), np.uint8)
+    images.write_color(tmp_path / "a.png", rgb)
+    images.write_range(tmp_path / "far.png", np.full((64, 128), 2.5))
+    shot = open_panorama(tmp_path / "a.png", tmp_path / "far.png")
+    assert shot.camera is None
+    np.testing.assert_array_equal(shot.rgb, rgb)
+    assert shot.panorama.rgb is shot.rgb
+    assert (shot.panorama.range_m == 2.5).all()
+    assert open_panorama(tmp_path / "a.png").panorama.provides == {"rgb"}
+
+
+def test_an_image_that_a_manifest_names_comes_with_its_frame(tmp_path):
+    folder = write_tiny_folder(tmp_path / "data")
+    panorama = open_panorama(folder / "frames/kitchen-map.rgb.png").panorama
+    assert (panorama.id, panorama.provides) == ("kitchen-map", {"rgb", "range", "annotations"})
+    with pytest.raises(DataError, match=r"no picture but the range image of kitchen-map, expected .*map\.rgb\.png"):
+        open_panorama(folder / "frames/kitchen-map.range.png")
+    images.write_color(folder / "frames/other.png", panorama.rgb)
+    assert open_panorama(folder / "frames/other.png").panorama.provides == {"rgb"}
+    given = open_panorama(folder / "frames/kitchen-map.rgb.png", folder / "frames/kitchen-map.range.png").panorama
+    assert given.provides == {"rgb", "range"}
+    (folder / "manifest.json").write_text(json.dumps({"format": "other"}))
+    with pytest.raises(DataError, match=r"manifest\.json"):
+        open_panorama(folder / "frames/kitchen-map.rgb.png")
+
+
+def test_an_image_of_another_shape_needs_a_field_of_view(tmp_path):
+    images.write_color(tmp_path / "a.jpg", np.zeros((48, 64, 3), np.uint8))
+    with pytest.raises(DataError, match=r"a\.jpg is 64 x 48, expected a panorama.*--fov"):
+        open_panorama(tmp_path / "a.jpg")
+
+
+@pytest.mark.parametrize(("width", "height", "rows"), [(640, 480, 1024), (100, 80, 256), (6000, 4000, 1024)])
+def test_a_photograph_is_laid_on_a_panorama_as_fine_as_itself(tmp_path, width, height, rows):
+    """A wall 2 m ahead, its left half bright; 6000 pixels are far finer than the panorama and are averaged first."""
+    rgb = np.zeros((height, width, 3), np.uint8)
+    rgb[:, : width // 2] = 200
+    images.write_color(tmp_path / "a.png", rgb)
+    images.write_range(tmp_path / "depth.png", np.full((height, width), 2.0))
+    shot = open_photograph(tmp_path / "a.png", np.radians(70), depth_image=tmp_path / "depth.png")
+    assert shot.rgb.shape == (height, width, 3)
+    assert (shot.camera.width_px, shot.camera.height_px) == (width, height)
+    panorama, rays = shot.panorama, equirectangular_rays(rows)
+    assert panorama.range_m.shape == (rows, 2 * rows)
+    np.testing.assert_allclose(panorama.range_m[panorama.valid], (2 / rays[..., 0])[panorama.valid], rtol=0.02)
+    left = panorama.valid & (rays[..., 1] > 0.02)
+    assert (panorama.rgb[left] == 200).all()
+    assert (panorama.rgb[panorama.valid & (rays[..., 1] < -0.02)] == 0).all()
+
+
+def test_depth_of_another_size_is_refused(tmp_path):
+    images.write_color(tmp_path / "a.png", np.zeros((48, 64, 3), np.uint8))
+    images.write_range(tmp_path / "depth.png", np.ones((24, 32)))
+    with pytest.raises(DataError, match=r"depth\.png is 32 x 24, expected 64 x 48"):
+        open_photograph(tmp_path / "a.png", 1.0, depth_image=tmp_path / "depth.png")
