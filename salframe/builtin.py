@@ -12,6 +12,7 @@ from salframe.localization.localizer import Localizer
 from salframe.localization.positioner import Positioner
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.folder import FolderDataset
+from salframe.panoramas.range_model import RangeModel
 from salframe.topology.planner import Planner
 
 
@@ -19,6 +20,7 @@ from salframe.topology.planner import Planner
 def salframe_provides() -> list[type]:
     return [
         Dataset,
+        RangeModel,
         Detector,
         SaliencyModel,
         GraphMatcher,

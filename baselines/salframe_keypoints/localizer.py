@@ -14,7 +14,7 @@ from salframe.framework.errors import InputMissing
 from salframe.framework.registry import registry
 from salframe.framework.slots import slot
 from salframe.localization.answers import Localization, LocalizationStatus, PointMatches
-from salframe.localization.localizer import Description, Localizer, rank_places
+from salframe.localization.localizer import Description, Localizer, range_slot, rank_places
 from salframe.panoramas.frames import MapFrame
 from salframe.panoramas.geometry import sample_nearest
 from salframe.panoramas.panorama import Panorama
@@ -36,6 +36,7 @@ class Keypoints(Localizer):
 
     class Config(ComponentConfig):
         features: slot("feature-matcher", "xfeat")  # type: ignore[valid-type]
+        range: range_slot()  # type: ignore[valid-type]
         views: int = Field(6, ge=3, description="perspective views around the panorama")
         view_width_px: int = Field(480, ge=64, le=4096)
         view_height_px: int = Field(352, ge=64, le=4096)

@@ -11,7 +11,7 @@ from pydantic import Field
 from salframe.framework.config import ComponentConfig, match_only
 from salframe.framework.errors import InputMissing
 from salframe.localization.answers import Localization, LocalizationStatus
-from salframe.localization.localizer import Description, Localizer, rank_places
+from salframe.localization.localizer import Description, Localizer, range_slot, rank_places
 from salframe.panoramas.frames import MapFrame
 from salframe.panoramas.geometry import pose_2d
 from salframe.panoramas.panorama import Panorama
@@ -48,6 +48,7 @@ class Lines(Localizer):
     turn_tolerance_m: ClassVar[float] = 0.05  # the views cut the panorama at other pixels once it is turned
 
     class Config(ComponentConfig):
+        range: range_slot()  # type: ignore[valid-type]
         max_lines: int = Field(100, ge=1, description="segments kept along each of the three directions, the longest")
         sphere_points: int = match_only(
             162, ge=1, description="points of the sphere at which distance functions are compared"

@@ -10,7 +10,7 @@ import numpy as np
 from salframe.framework.config import ComponentConfig, match_only
 from salframe.framework.registry import registry
 from salframe.framework.slots import slot
-from salframe.localization.localizer import Description
+from salframe.localization.localizer import Description, range_slot
 from salframe.panoramas.panorama import Panorama
 from salframe_objects.labels import WeightedLabels
 from salframe_objects.salient import SalientObjects
@@ -23,6 +23,7 @@ class ObjectSetLocalizer(WeightedLabels):
     version = "1"
 
     class Config(ComponentConfig):
+        range: range_slot()  # type: ignore[valid-type]
         detector: slot("detector", "auto")  # type: ignore[valid-type]
         labels: Literal["set", "multiset"] = match_only(
             "set", description="which labels are there, or how many of each"

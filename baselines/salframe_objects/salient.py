@@ -9,7 +9,7 @@ from salframe.framework.config import ComponentConfig
 from salframe.framework.registry import registry
 from salframe.framework.slots import slot
 from salframe.graphs.detections import Detections
-from salframe.localization.localizer import Localizer
+from salframe.localization.localizer import Localizer, range_slot
 from salframe.panoramas.panorama import Panorama
 
 
@@ -17,6 +17,7 @@ class SalientObjects(Localizer):
     """Objects weigh w = S^p, S their saliency and p `saliency_power`."""
 
     class Config(ComponentConfig):
+        range: range_slot()  # type: ignore[valid-type]
         detector: slot("detector", "auto")  # type: ignore[valid-type]
         saliency: slot("saliency", "volumetric")  # type: ignore[valid-type]
         saliency_power: float = Field(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zlib
+from dataclasses import replace
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -10,7 +11,7 @@ from pydantic import Field
 
 from salframe.framework.config import ComponentConfig, Settings
 from salframe.framework.errors import InputMissing
-from salframe.graphs.annotated import Annotated, annotated_objects, as_detections
+from salframe.graphs.annotated import Annotated, as_detections, has_points, seen_objects
 from salframe.graphs.boxes import upright_box
 from salframe.graphs.detections import Detections
 from salframe.graphs.detector import Detector
@@ -37,7 +38,8 @@ LEVELS = {
 
 
 class AnnotationDetector(Detector):
-    """Objects from an instance image and range, or from a data set's object list, with a seeded noise model."""
+    """Objects from an instance image, with range or without, or from a data set's object list, with a seeded noise
+    model."""
 
     name = "annotations"
     version = "1"
@@ -56,7 +58,7 @@ class AnnotationDetector(Detector):
         annotations = panorama.annotations
         if annotations is None:
             raise InputMissing(f"{panorama.id} has no annotations, which the detector {self.name!r} reads")
-        objects = annotated_objects(panorama)
+        objects = seen_objects(panorama)
         named = annotations.labels.values() if annotations.objects is None else annotations.objects.labels
         vocabulary = sorted(set(named))
         noise = self.config.noise
@@ -64,7 +66,7 @@ class AnnotationDetector(Detector):
             auto = "realistic" if annotations.rendered else "none"
             noise = LEVELS[auto if noise == "auto" else noise]
         found = spoil(objects, vocabulary, noise, (self.config.seed, zlib.crc32(panorama.id.encode())))
-        return as_detections(found)
+        return as_detections(found, ranged=has_points(panorama))
 
 
 def spoil(objects: list[Annotated], vocabulary: list[str], noise: Noise, seed: tuple[int, int]) -> list[Annotated]:
@@ -88,9 +90,14 @@ def spoil(objects: list[Annotated], vocabulary: list[str], noise: Noise, seed: t
             else whole.label
         )
         # An object is at no less than a tenth of its range, however unlucky the draw.
-        spoilt = Annotated(whole.key, label, (whole.points_m * max(factor, 0.1)).astype(np.float32))
+        points_m = (whole.points_m * max(factor, 0.1)).astype(np.float32)
+        spoilt = replace(whole, label=label, points_m=points_m)
         if merged and (near := _nearest_alike(whole, objects)) is not None:
-            spoilt = Annotated(whole.key, label, np.concatenate([spoilt.points_m, near.points_m]))
+            spoilt = replace(
+                spoilt,
+                points_m=np.concatenate([points_m, near.points_m]),
+                solid_angle_sr=np.concatenate([whole.solid_angle_sr, near.solid_angle_sr]),
+            )
         found.extend(_halves(spoilt) if split else [spoilt])
     return found
 
@@ -108,4 +115,7 @@ def _halves(whole: Annotated) -> list[Annotated]:
     left = along < np.median(along)
     if left.all() or not left.any():
         return [whole]
-    return [Annotated(whole.key, whole.label, whole.points_m[part]) for part in (left, ~left)]
+    return [
+        replace(whole, points_m=whole.points_m[part], solid_angle_sr=whole.solid_angle_sr[part])
+        for part in (left, ~left)
+    ]

@@ -15,7 +15,7 @@ from salframe.framework.registry import registry
 from salframe.framework.slots import slot
 from salframe.framework.weights import Weights
 from salframe.graphs.boxes import LEAST_POINTS, detections_where_known
-from salframe.graphs.detections import Detections
+from salframe.graphs.detections import Detections, unit_vectors
 from salframe.graphs.detector import Detector
 from salframe.graphs.turning import from_near_side
 from salframe.panoramas.panorama import Panorama
@@ -33,8 +33,8 @@ class OnnxDetector(Detector):
     """Any perspective detector in ONNX, on overlapping views that cover the sphere; what several views show comes out
     once.
 
-    Works from colour alone; then nothing tells how far the objects are: labels and scores are known, every position is
-    NaN, which is enough for `objects` and too little for a graph.
+    Works from colour alone; then nothing tells how far the objects are: labels, scores and bearings are known, every
+    position is NaN, which is enough to be localized in a map with range and too little for a map.
     """
 
     name = "onnx"
@@ -117,18 +117,22 @@ class OnnxDetector(Detector):
         ]
         footprint = np.array(marked, bool).reshape(len(view), len(grid.rays))
         known = ~cut | (footprint.sum(1) >= LEAST_POINTS)  # fewer pixels at a view's border tell nothing
-        labels, scores, points = [], [], []
+        labels, scores, bearing, solid_angle_sr, points = [], [], [], [], []
         for kind in np.unique(label[known]):
             alike = np.flatnonzero(known & (label == kind))
             for members in group(footprint[alike], view[alike], cut[alike], grid.seen, grid.solid_angle_sr):
                 own = alike[members]
                 labels.append(self._labels[kind])
                 scores.append(score[own].max())
+                inside = np.flatnonzero(outline(footprint[own], view[own], grid.seen))
+                bearing.append(grid.solid_angle_sr[inside] @ grid.rays[inside])
+                solid_angle_sr.append(grid.solid_angle_sr[inside].sum())
                 if range_m is not None:
-                    inside = np.flatnonzero(outline(footprint[own], view[own], grid.seen))
                     inside = inside[foreground(range_m[inside], grid.solid_angle_sr[inside])]
                     points.append(grid.rays[inside] * range_m[inside, None])
-        return detections_where_known(labels, np.array(scores, float), None if range_m is None else points)
+        towards, covered_sr = unit_vectors(np.reshape(bearing, (-1, 3))), np.array(solid_angle_sr, float)
+        clouds = None if range_m is None else points
+        return detections_where_known(labels, np.array(scores, float), clouds, towards, covered_sr)
 
     def _look(self, views: np.ndarray) -> list[Found]:
         """What the network finds in each view (V, height, width, 3) uint8 RGB."""

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from salframe.framework.cache import Cache
 from salframe.framework.config import ComponentConfig, match_only
 from salframe.framework.errors import InputMissing
 from salframe.framework.registry import registry
@@ -14,8 +15,9 @@ from salframe.framework.slots import slot
 from salframe.graphs.graph import GraphConfig, SaliencyGraph, build_graph
 from salframe.graphs.packing import graph_from_arrays, graph_to_arrays, pack_graph, read_graphs, write_graphs
 from salframe.localization.answers import Localization, LocalizationStatus, NodeMatches
-from salframe.localization.localizer import Description, Localizer, rank_places
-from salframe.panoramas.frames import MapFrame
+from salframe.localization.localizer import Description, Localizer, range_slot, rank_places
+from salframe.panoramas.frames import MapFrame, QueryFrame
+from salframe.panoramas.geometry import pose_yaw, wrap_angle
 from salframe.panoramas.panorama import Panorama
 from salframe_graphs.agreement import agree
 
@@ -27,6 +29,7 @@ class SaliencyGraphLocalizer(Localizer):
     version = "2"
 
     class Config(ComponentConfig):
+        range: range_slot()  # type: ignore[valid-type]
         detector: slot("detector", "auto")  # type: ignore[valid-type]
         saliency: slot("saliency", "volumetric")  # type: ignore[valid-type]
         graph: GraphConfig = GraphConfig.model_validate({})
@@ -58,16 +61,21 @@ class SaliencyGraphLocalizer(Localizer):
         return self._detector.needs
 
     def graph(self, panorama: Panorama) -> SaliencyGraph:
-        """The panorama's 360-degree saliency graph. Raises InputMissing where it has no range and the detector finds
-        objects by colour alone."""
+        """The panorama's 360-degree saliency graph, of bearings only where it has no range."""
         detections = self._detector.detect(panorama)
-        if panorama.range_m is None and len(detections) and np.isnan(detections.centroid_m).any(1).all():
-            raise InputMissing(
-                f"{self.name} needs range, which {panorama.id} does not have: the detector "
-                f"{self.config.detector.kind!r} found {len(detections)} objects and the place of none; "
-                "their labels are enough for 'objects'"
-            )
         return build_graph(detections, self._saliency.score(detections), self.config.graph)
+
+    def describe_frame(
+        self, frame: MapFrame | QueryFrame, cache: Cache | None = None, dataset: str = ""
+    ) -> tuple[Description, float]:
+        """As of every localizer; a mapping frame without range raises InputMissing too."""
+        description, seconds = super().describe_frame(frame, cache, dataset)
+        if isinstance(frame, MapFrame) and graph_from_arrays(description).bearings_only:
+            raise InputMissing(
+                f"a map needs range, which {frame.id} does not have: map with range, ask without; "
+                "labels alone are enough for 'objects'"
+            )
+        return description, seconds
 
     def describe(self, panorama: Panorama) -> Description:
         return graph_to_arrays(self.graph(panorama))
@@ -92,12 +100,17 @@ class SaliencyGraphLocalizer(Localizer):
         scores[[match.scene for match in matches]] = [match.score for match in matches]
         best = matches[0]
         nodes, reference = best.pairs[:, 0], self._graphs[best.scene]
-        pose = self._positioner.solve(
-            query.centroid_m[nodes], reference.centroid_m[best.pairs[:, 1]], query.saliency[nodes]
-        )
+        there = reference.centroid_m[best.pairs[:, 1]]
+        if query.bearings_only:
+            pose = self._positioner.resect(query.bearing[nodes], there)
+        else:
+            pose = self._positioner.solve(best.scale * query.centroid_m[nodes], there, query.saliency[nodes])
+        T_world_scene = self._map_frames[best.scene].T_world_pano
         if pose.T_reference_query is None:
-            return Localization(rank_places(self._map_frames, scores), None, LocalizationStatus.NO_POSE)
-        T_world_query = self._map_frames[best.scene].T_world_pano @ pose.T_reference_query
+            places = rank_places(self._map_frames, scores)
+            heading = None if pose.yaw_rad is None else float(wrap_angle(pose_yaw(T_world_scene) + pose.yaw_rad))
+            return Localization(places, None, LocalizationStatus.NO_POSE, heading_rad=heading)
+        T_world_query = T_world_scene @ pose.T_reference_query
         places = rank_places(self._map_frames, scores, T_world_query if self.config.nearest_scene else None)
         return Localization(places, T_world_query, LocalizationStatus.OK, pose.covariance)
 
@@ -110,6 +123,8 @@ class SaliencyGraphLocalizer(Localizer):
 
     def scene_bytes(self, description: Description) -> int:
         graph = graph_from_arrays(description)
+        if graph.bearings_only:
+            return 0  # it can be no place of a map
         return len(pack_graph(graph, {label: i for i, label in enumerate(graph.labels)}))
 
     def write_descriptions(self, directory: Path, descriptions: Sequence[Description]) -> None:

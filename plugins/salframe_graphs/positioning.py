@@ -11,6 +11,7 @@ from pydantic import Field
 from salframe.framework.config import ComponentConfig
 from salframe.localization.positioner import PoseEstimate, PoseStatus, Positioner
 from salframe.panoramas.geometry import pose_2d, wrap_angle
+from salframe_graphs.resection import resect
 
 
 def fit_rigid(query: np.ndarray, reference: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -107,6 +108,10 @@ class RobustPositioner(Positioner):
         return PoseEstimate(
             _as_pose(turn, move), PoseStatus.OK, _covariance(reference[inliers], move, residual), inliers, runner_up
         )
+
+    def resect(self, bearing: np.ndarray, reference_m: np.ndarray) -> PoseEstimate:
+        """On the floor, whatever the group: at the height of the reference frame, looking level."""
+        return resect(bearing, reference_m, self.config.tolerance_m, self.config.ambiguity)
 
     def _support(self, query, reference, rotation, shift, weights):
         """Truncated quadratic support (H,) of each pose, and its inliers (H, M)."""

@@ -10,15 +10,20 @@ from salframe.graphs.saliency import SaliencyModel
 
 
 class VolumetricSaliency(SaliencyModel):
-    """Share of the volume of all objects: S_b = V_b / sum(V), V_b the convex hull's; 0 where it is not known, equal
-    shares where none is."""
+    """Share of the volume of all objects: S_b = V_b / sum(V), V_b the convex hull's; 0 where it is not known.
+
+    Where no volume is known, as without range, the share of solid angle; where that is not known either, equal shares.
+    """
 
     name = "volumetric"
     version = "1"
 
     def score(self, detections: Detections) -> np.ndarray:
-        volume = np.nan_to_num(object_volumes_m3(detections))
-        return volume / volume.sum() if volume.any() else np.full(len(volume), 1 / max(len(volume), 1))
+        for part in (object_volumes_m3(detections), detections.solid_angle_sr):
+            known = np.nan_to_num(part)
+            if known.any():
+                return known / known.sum()
+        return np.full(len(detections), 1 / max(len(detections), 1))
 
 
 def object_volumes_m3(detections: Detections) -> np.ndarray:

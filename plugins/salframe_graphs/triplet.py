@@ -14,8 +14,9 @@ from salframe.framework.config import ComponentConfig
 from salframe.framework.errors import RequirementMissing
 from salframe.graphs.graph import SaliencyGraph
 from salframe.graphs.matcher import GraphMatch, GraphMatcher
+from salframe_graphs.bearings import verify_bearings
 from salframe_graphs.features import node2vec, ring_hop_histograms
-from salframe_graphs.verification import Verified, verify
+from salframe_graphs.verification import ScaleBound, Verified, verify
 
 
 @dataclass(frozen=True)
@@ -89,6 +90,13 @@ class TripletMatcher(GraphMatcher):
         )
         tolerance_share: float = Field(
             0.05, ge=0, description="verification: added tolerance, a share of the nodes' ranges"
+        )
+        largest_scale_error: float = Field(
+            0.0,
+            ge=0,
+            lt=1,
+            description="verification: all of a query's ranges may be off by one factor, up to this share, which is "
+            "estimated with the pose; 0: they are right, as a sensor's are",
         )
         largest_shift_m: float = Field(
             6.0, gt=0, description="verification: a query this far from a map frame is not matched to it"
@@ -164,9 +172,12 @@ class TripletMatcher(GraphMatcher):
             triplets = [self._triplets(query, index.graphs[s], p) for s, p in zip(candidates, pairs, strict=True)]
             score += self.config.triplet_score * np.array(triplets)
         order = np.lexsort((-jaccard[candidates], -score))[:top_k]
-        return [
-            GraphMatch(int(candidates[k]), float(score[k]), self._align(alike[k], kernel[k]), poses[k]) for k in order
-        ]
+        matches = []
+        for k in order:
+            scene, aligned = int(candidates[k]), self._align(alike[k], kernel[k])
+            scale = self._scale(query, index.graphs[scene], aligned)
+            matches.append(GraphMatch(scene, float(score[k]), aligned, poses[k], scale))
+        return matches
 
     def _sureness(self, graph: SaliencyGraph) -> np.ndarray:
         """(N,) what each node counts before its label's rarity: its detector's score, or 1."""
@@ -190,8 +201,11 @@ class TripletMatcher(GraphMatcher):
     def _similarity(
         self, query: SaliencyGraph, known: np.ndarray, index: GraphIndex, candidates: np.ndarray
     ) -> np.ndarray:
-        """(K, n, m) node similarity in [0, 1] of height, size, saliency ratio and structure, 0 where labels differ."""
+        """(K, n, m) node similarity in [0, 1] of height, size, saliency ratio and structure, 0 where labels differ; of
+        a query without range labels are all that can be compared."""
         same = (known[None, :, None] == index.label[candidates][:, None]) & (known >= 0)[None, :, None]
+        if query.bearings_only:
+            return same.astype(np.float64)
         a, b = query.saliency[None, :, None], index.saliency[candidates][:, None]
         ratio = np.minimum(a, b) / np.maximum(np.maximum(a, b), 1e-12)
         if not self.config.structure_weight:
@@ -206,7 +220,10 @@ class TripletMatcher(GraphMatcher):
         whole = 1 + self.config.saliency_weight + self.config.structure_weight
         similarity = same * (1 + self.config.saliency_weight * ratio + self.config.structure_weight * structure) / whole
         if self.config.height_scale_m is not None:
-            height = query.centroid_m[None, :, None, 2] - index.centroid_m[candidates][:, None, :, 2]
+            own = query.centroid_m[None, :, None, 2]
+            height = own - index.centroid_m[candidates][:, None, :, 2]
+            if self.config.largest_scale_error:  # what a factor within the bound makes of it at best
+                height = np.maximum(np.abs(height) - self.config.largest_scale_error * np.abs(own), 0)
             similarity /= 1 + (height / self.config.height_scale_m) ** 2
         if self.config.size_scale is not None:
             for side, scale in zip((0, 2), self.config.size_scale, strict=True):
@@ -223,11 +240,36 @@ class TripletMatcher(GraphMatcher):
 
     def _verify(self, query, weight, index, candidates, similarity) -> Verified:
         reference = index.centroid_m[candidates]
+        if query.bearings_only:
+            tolerance = self.config.tolerance_m, self.config.tolerance_share
+            return verify_bearings(query.bearing, reference, similarity, weight, tolerance, self.config.largest_shift_m)
         ranges = np.hypot(query.range_m[None, :, None], np.linalg.norm(reference, axis=2)[:, None])
         tolerance = self.config.tolerance_m + self.config.tolerance_share * ranges
         return verify(
-            query.centroid_m[:, :2], reference[..., :2], similarity, tolerance, weight, self.config.largest_shift_m
+            query.centroid_m[:, :2],
+            reference[..., :2],
+            similarity,
+            tolerance,
+            weight,
+            self.config.largest_shift_m,
+            self._scale_bound(query, reference),
         )
+
+    def _scale_bound(self, query: SaliencyGraph, reference: np.ndarray) -> ScaleBound | None:
+        """What is taken to be known of the scale of the query's ranges, against map nodes (K, m, 3)."""
+        if not self.config.largest_scale_error or query.bearings_only:
+            return None
+        bound, height_scale_m = self.config.largest_scale_error, self.config.height_scale_m
+        return ScaleBound(bound, query.centroid_m[:, 2], reference[..., 2], height_scale_m)
+
+    def _scale(self, query: SaliencyGraph, reference: SaliencyGraph, pairs: np.ndarray) -> float:
+        """The factor that gives the query's aligned nodes the spread of the map's, within the bound."""
+        bound = self._scale_bound(query, reference.centroid_m[None])
+        if bound is None or len(pairs) < 2:
+            return 1.0
+        nodes = query.centroid_m[pairs[:, 0], :2], reference.centroid_m[pairs[:, 1], :2]
+        own, there = (float(np.linalg.norm(np.std(some, axis=0))) for some in nodes)
+        return float(bound.clip(there / max(own, 1e-9)))
 
     def _align(self, similarity: np.ndarray, kernel: np.ndarray) -> np.ndarray:
         """(M, 2) one-to-one node pairs: those that one pose explains (kernel) where there are two, else of greatest

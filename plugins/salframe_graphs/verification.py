@@ -15,13 +15,18 @@ from salframe.panoramas.geometry import pose_2d
 class Verified:
     """The best pose of each of K candidates and what it explains.
 
-    yaw_rad (K,), shift_m (K, 2): query to map frame, NaN where there is none;
-    kernel (K, n, m): 1 for node pairs that coincide under that pose, down to 0 at the tolerance.
+    yaw_rad (K,), shift_m (K, 2): query to map frame, NaN where there is none; kernel (K, n, m): 1 for node pairs that
+    coincide under that pose, down to 0 at the tolerance.
     """
 
     yaw_rad: np.ndarray
     shift_m: np.ndarray
     kernel: np.ndarray
+
+    @classmethod
+    def none(cls, shape: tuple[int, int, int]) -> Verified:
+        """No pose for any of K candidates, to be filled in; shape (K, n, m)."""
+        return cls(np.full(shape[0], np.nan), np.full((shape[0], 2), np.nan), np.zeros(shape))
 
     def poses(self) -> list[np.ndarray | None]:
         """The best pose of each candidate (4, 4), query frame to map frame; None where there is none."""
@@ -31,6 +36,31 @@ class Verified:
         ]
 
 
+@dataclass(frozen=True, eq=False)
+class ScaleBound:
+    """That a query's ranges are off by one factor, which is estimated.
+
+    largest_error b: the factor that puts them right is in [1 - b, 1 + b]; query_z (n,), map_z (K, m): heights over the
+    camera, which a factor changes; height_scale_m: the difference that halves similarity, or None.
+    """
+
+    largest_error: float
+    query_z: np.ndarray
+    map_z: np.ndarray
+    height_scale_m: float | None
+
+    def clip(self, scale):
+        """Factors brought within the bound."""
+        return np.clip(scale, 1 - self.largest_error, 1 + self.largest_error)
+
+    def heights_alike(self, scale: np.ndarray, k: np.ndarray) -> np.ndarray | float:
+        """(H, n, m) similarity of heights under factors (H,) for candidates k (H,)."""
+        if self.height_scale_m is None:
+            return 1.0
+        apart = (scale[:, None] * self.query_z)[:, :, None] - self.map_z[k][:, None]
+        return (1 / (1 + (apart / self.height_scale_m) ** 2)).astype(np.float32)
+
+
 def verify(
     query_xy: np.ndarray,
     map_xy: np.ndarray,
@@ -38,15 +68,17 @@ def verify(
     tolerance_m: np.ndarray,
     weights: np.ndarray,
     largest_shift_m: float,
+    scale_bound: ScaleBound | None = None,
     most_hypotheses: int = 120,
 ) -> Verified:
     """Two-point hypotheses from alike nodes, each scored by all alike nodes.
 
     query_xy (n, 2), map_xy (K, m, 2) metres; similarity (K, n, m), 0 where two nodes cannot be the same; tolerance_m
-    (K, n, m); weights (n,). A pose further than largest_shift_m from the map frame is none. Per candidate the
-    `most_hypotheses` with the most similar pairs are tried.
+    (K, n, m); weights (n,). A pose further than largest_shift_m from the map frame is none. With a scale_bound each
+    hypothesis has a scale, the ratio of its two lengths within the bound. Per candidate the `most_hypotheses` with the
+    most similar pairs are tried.
     """
-    candidates, n, m = similarity.shape
+    candidates = len(similarity)
     pair_k, pair_i, pair_j = np.nonzero(similarity)
     value = similarity[pair_k, pair_i, pair_j]
     first, second = _two_pairs(pair_k, candidates)
@@ -54,10 +86,13 @@ def verify(
     query_edge, map_edge = query_xy[i2] - query_xy[i1], map_xy[k, j2] - map_xy[k, j1]
     query_length, map_length = np.hypot(*query_edge.T), np.hypot(*map_edge.T)
     slack = tolerance_m[k, i1, j1] + tolerance_m[k, i2, j2]
+    scale = np.ones(len(k))
+    if scale_bound is not None:
+        scale = scale_bound.clip(map_length / np.maximum(query_length, 1e-9))
     possible = (
         (i1 != i2)
         & (j1 != j2)
-        & (np.abs(query_length - map_length) < slack)
+        & (np.abs(scale * query_length - map_length) < slack)
         & (np.minimum(query_length, map_length) > 0.3)
     )
     rank = np.where(possible, value[first] + value[second] + 0.1 * np.minimum(query_length, 4.0), -np.inf)
@@ -66,20 +101,23 @@ def verify(
     yaw = np.arctan2(map_edge[chosen, 1], map_edge[chosen, 0]) - np.arctan2(
         query_edge[chosen, 1], query_edge[chosen, 0]
     )
-    c, s = np.cos(yaw), np.sin(yaw)
+    scale = scale[chosen]
+    c, s = scale * np.cos(yaw), scale * np.sin(yaw)
     rotation_t = np.stack([np.stack([c, s], 1), np.stack([-s, c], 1)], 1)
     middle = (query_xy[i1] + query_xy[i2]) / 2
     shift = (map_xy[k, j1] + map_xy[k, j2]) / 2 - (middle[:, None] @ rotation_t)[:, 0]
     near = np.hypot(*shift.T) < largest_shift_m
-    k, rotation_t, shift, yaw = k[near], rotation_t[near], shift[near], yaw[near]
+    k, rotation_t, shift, yaw, scale = k[near], rotation_t[near], shift[near], yaw[near], scale[near]
     # Single precision and one axis at a time: most of a query's time is spent in these (hypotheses, n, m) arrays.
     moved, there = (query_xy @ rotation_t + shift[:, None]).astype(np.float32), map_xy.astype(np.float32)[k]
     x, y = (moved[:, :, None, axis] - there[:, None, :, axis] for axis in (0, 1))
     sharpness = (1 / tolerance_m**2).astype(np.float32)[k]
     kernel = np.maximum(1 - (x * x + y * y) * sharpness, 0) * similarity.astype(np.float32)[k]
+    if scale_bound is not None:
+        kernel *= scale_bound.heights_alike(scale, k)
     support = kernel.max(2) @ weights
     best = _best_per_candidate(support, k, 1)
-    result = Verified(np.full(candidates, np.nan), np.full((candidates, 2), np.nan), np.zeros((candidates, n, m)))
+    result = Verified.none(similarity.shape)
     result.yaw_rad[k[best]], result.shift_m[k[best]], result.kernel[k[best]] = yaw[best], shift[best], kernel[best]
     return result
 

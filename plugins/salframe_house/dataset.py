@@ -54,10 +54,18 @@ class House(RenderedDataset["HouseFrame"], NavigableDataset):
             None, description="those that `panoseg` was trained on, or the others; null: all"
         )
         rgb: bool = Field(True, description="render colour; without it range and instances alone, 9 times faster")
+        query_range: bool = Field(True, description="queries come with range; without it the map frames alone do")
+        query_scale_share: float = Field(
+            0.0, ge=0, description="standard deviation of the scale of a query's range, a share: one factor a panorama"
+        )
 
     @property
     def provides(self) -> frozenset[str]:
-        return frozenset({"range", "annotations"} | ({"rgb"} if self.config.rgb else set()))
+        held = {"annotations", *(["rgb"] if self.config.rgb else []), *(["range"] if self.config.query_range else [])}
+        return frozenset(held)
+
+    def kept(self, frame: HouseFrame) -> frozenset[str]:
+        return self.provides if frame.is_query else self.provides | {"range"}
 
     def list_frames(self) -> Sequence[HouseFrame]:
         from salframe_house.rendering import frames_of

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Sequence
 from functools import cache
 from typing import TYPE_CHECKING, Any
@@ -73,10 +74,19 @@ def _render(config: House.Config, T_world_pano: np.ndarray, changed: bool, light
     labels = {**before.labels, **after.labels}
     if config.rgb:
         rendering = renderer.render(T_world_pano)
-        annotations = Annotations(rendering.instance_id, labels, rendered=True)
-        return Panorama(id, rendering.rgb, rendering.range_m, annotations=annotations)
-    range_m, instance_id = renderer.geometry(T_world_pano)
-    return Panorama(id, None, range_m, annotations=Annotations(instance_id, labels, rendered=True))
+        rgb, range_m, instance_id = rendering.rgb, rendering.range_m, rendering.instance_id
+    else:
+        rgb, (range_m, instance_id) = None, renderer.geometry(T_world_pano)
+    annotations = Annotations(instance_id, labels, rendered=True)
+    return Panorama(id, rgb, _query_range(config, range_m, id) if changed else range_m, annotations=annotations)
+
+
+def _query_range(config: House.Config, range_m: np.ndarray, id: str) -> np.ndarray | None:
+    """The range that a query comes with: none, or off by its factor."""
+    if not config.query_range:
+        return None
+    factor = 1 + config.query_scale_share * np.random.default_rng((config.seed, zlib.crc32(id.encode()))).normal()
+    return range_m * np.float32(max(factor, 0.1))
 
 
 @cache

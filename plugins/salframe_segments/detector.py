@@ -55,9 +55,11 @@ ADE20K = Weights(
 
 @dataclass(frozen=True, eq=False)
 class PixelClasses:
-    """What each pixel of a panorama most likely shows: names, of objects as the graph calls them and of structure as
-    the network does; class_id (H, W) int32 into names; probability (H, W) float32 of that class; seen (H, W) bool, false
-    where no view looks or the panorama is not valid."""
+    """What each pixel of a panorama most likely shows.
+
+    names: of objects as the graph calls them, of structure as the network does; class_id (H, W) int32 into names;
+    probability (H, W) float32 of that class; seen (H, W) bool, false where no view looks or the panorama is not valid.
+    """
 
     names: tuple[str, ...]
     class_id: np.ndarray

@@ -36,12 +36,13 @@ def list_(as_json: Json = False) -> None:
 @app.command()
 def info(data: DataArgument, data_dir: DataDir = None, overrides: Set = None, as_json: Json = False) -> None:
     """Count a dataset's folds, mapping frames, queries and places; renders it where that was not done."""
-    from salframe.cli.output import Bars
+    from salframe.cli.output import Bars, tell_units
     from salframe.panoramas.opening import find_dataset, mapping_frames
 
     with Bars() as bars:
         dataset = find_dataset(data, data_dir, overrides or (), bars.update)
     folds, mapping = dataset.folds(), mapping_frames(dataset)
+    tell_units(mapping)
     queries = {query.id for fold in folds for query in fold.queries}
     facts = {
         "name": dataset.name,

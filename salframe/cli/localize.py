@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -43,13 +44,14 @@ def localize(
     as_json: Json = False,
 ) -> None:
     """Print where a panorama was taken: places, best first, and the pose."""
-    from salframe.cli.output import Bars
+    from salframe.cli.output import Bars, tell_units
     from salframe.localization.saved_map import open_map
     from salframe.panoramas.opening import open_frame
 
     localizer = open_map(map)
     with Bars() as bars:
         query_frame = open_frame(frame, data, data_dir, overrides or (), bars.update)
+    tell_units([query_frame])
     answer = localizer.localize(query_frame)
     tell_decided(map)
     if as_json:
@@ -71,19 +73,28 @@ def tell_decided(map: Path) -> None:
 
 
 def answer_json(answer: Localization) -> dict[str, Any]:
-    """A localizer's answer as JSON: status, places, pose in metres and degrees, T_world_query row by row."""
+    """A localizer's answer as JSON: status, places, pose in metres and degrees, T_world_query row by row, and the
+    heading, which may be known without a pose."""
     places = [{"place": place.place, "frame": place.frame, "score": place.score} for place in answer.places]
     matrix = None if answer.T_world_query is None else answer.T_world_query.tolist()
-    return {"status": answer.status, "places": places, "pose": _position(answer), "T_world_query": matrix}
+    return {
+        "status": answer.status,
+        "places": places,
+        "pose": _position(answer),
+        "T_world_query": matrix,
+        "heading_deg": None if answer.heading_rad is None else math.degrees(answer.heading_rad),
+    }
 
 
 def print_answer(answer: Localization) -> None:
-    """Print a localizer's answer: status, the best five places, the pose."""
+    """Print a localizer's answer: status, the best five places, the pose or at least the heading."""
     print(f"status: {answer.status}")
     for place in answer.places[:5]:
         print(f"{place.score:10.4g}  {place.place}  (frame {place.frame})")
     if position := _position(answer):
         print(f"pose: x {position['x_m']:.2f} m, y {position['y_m']:.2f} m, yaw {position['yaw_deg']:.1f} deg")
+    elif answer.heading_rad is not None:
+        print(f"heading: {math.degrees(answer.heading_rad):.1f} deg")
 
 
 def _position(answer: Localization) -> dict[str, float] | None:

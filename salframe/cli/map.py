@@ -118,12 +118,13 @@ def query(
     import numpy as np
 
     from salframe.cli.localize import answer_json, print_answer, tell_decided
-    from salframe.cli.output import Bars
+    from salframe.cli.output import Bars, tell_units
     from salframe.panoramas.opening import open_frame
     from salframe.topology.place_map import ask_map
 
     with Bars() as bars:
         query_frame = open_frame(frame, data, data_dir, overrides or (), bars.update)
+    tell_units([query_frame])
     found = ask_map(map, query_frame, goal, planner)
     tell_decided(map)
     if as_json:

@@ -6,7 +6,7 @@ import json
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
 from typing import TYPE_CHECKING, Any, TextIO
 
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from rich.progress import TaskID
 
     from salframe.evaluation.result import Result
+    from salframe.panoramas.frames import MapFrame, QueryFrame
     from salframe.panoramas.opening import Progress
 
 LINE_SECONDS = 30.0
@@ -60,6 +61,14 @@ def print_json(value: Any) -> None:
 def tell(line: str) -> None:
     """Print a line for the user's eyes alone: on stderr."""
     print(line, file=sys.stderr, flush=True)
+
+
+def tell_units(frames: Sequence[MapFrame | QueryFrame]) -> None:
+    """Tell where the ranges of frames seem to be in a wrong unit."""
+    from salframe.panoramas.camera_height import units_note
+
+    if units := units_note(frames):
+        tell(f"warning: {units}")
 
 
 class Bars:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from salframe.cli.options import Json
-from salframe.cli.output import print_json
+from salframe.cli.output import print_json, tell
 
 
 def show_objects(
@@ -19,7 +18,7 @@ def show_objects(
             metavar="IMAGE", help="Panoramas, twice as wide as high, or with --fov photographs; JPEG or PNG."
         ),
     ],
-    detector: Annotated[str | None, typer.Option(help="A detector of `salframe plugins`.")] = None,
+    detector: Annotated[str | None, typer.Option(help="A detector of `salframe plugins`; auto unless named.")] = None,
     overrides: Annotated[
         list[str] | None,
         typer.Option(
@@ -65,7 +64,9 @@ def show_objects(
     else:
         for view in shown.views:
             print(f"{view.picture}: {len(view.detections)} objects in {view.seconds:.2f} s")
+    for note in shown.notes:
+        tell(note)
     for error in shown.failures.values():
-        print(f"error: {error}", file=sys.stderr)
+        tell(f"error: {error}")
     if shown.failures:
         raise typer.Exit(1)

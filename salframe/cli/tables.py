@@ -178,7 +178,7 @@ def _print_notes(result: Result[Any], statuses: bool = False) -> None:
     console, notes = _console(), list(result.notes)
     for row in result.rows:
         failures = ", ".join(f"{count} {status}" for status, count in row.status.items() if status != "ok")
-        if remarks := "; ".join(part for part in (row.reason, failures if statuses else "") if part):
+        if remarks := "; ".join(part for part in (row.remark, failures if statuses else "") if part):
             notes.append(f"{row.method}: {remarks}")
     for note in notes:
         console.print(note, style="dim", markup=False, highlight=False, soft_wrap=True)
@@ -245,6 +245,8 @@ def _cells(row: LocalizationRow) -> list[str]:
     if row.median_translation_m is not None and row.median_rotation_deg is not None:
         turn_deg = row.median_rotation_deg
         pose = f"{row.median_translation_m:.2f} m {turn_deg:.{1 if turn_deg < 10 else 0}f}°"
+    elif row.median_heading_deg is not None:
+        pose = f"{row.median_heading_deg:.1f}°"
     recalls = (row.recall_025m_2deg, row.recall_05m_5deg, row.recall_1m_10deg)
     known = [f"{recall * 100:.0f}" for recall in recalls if recall is not None]
     return [

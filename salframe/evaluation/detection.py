@@ -103,7 +103,7 @@ class DetectionTask(Task[QueryFrame, Survey[QueryFrame]]):
     def open(
         self, label: str, method: Detector, survey: Survey[QueryFrame], todo: Sequence[QueryFrame], folder: Path
     ) -> Worker[QueryFrame]:
-        check_needs(method, method.needs, survey.dataset)
+        check_needs(method, survey.dataset)
         return _Detecting(method)
 
     def failed(self, piece: QueryFrame) -> Row:

@@ -37,9 +37,10 @@ TOP_PLACES = 10
 class LocalizationRow(MethodRow):
     """A method's line: shares of all queries, a failure among them; medians of pose errors over what was localized.
 
-    accuracy with its 95 % interval; recall_at_5; median_translation_m, median_rotation_deg; recall of poses at the
-    bounds of metrics.RECALLS; bytes_per_scene of the map; describe_ms a panorama, query_ms a query, medians;
-    peak_memory_mb; p_value of the exact McNemar test against the first measured method.
+    accuracy with its 95 % interval; recall_at_5; median_translation_m, median_rotation_deg; median_heading_deg, of what
+    has a heading and no pose too; recall of poses at the bounds of metrics.RECALLS; bytes_per_scene of the map;
+    describe_ms a panorama, query_ms a query, medians; peak_memory_mb; p_value of the exact McNemar test against the
+    first measured method.
     """
 
     queries: int
@@ -49,6 +50,7 @@ class LocalizationRow(MethodRow):
     recall_at_5: float | None = None
     median_translation_m: float | None = None
     median_rotation_deg: float | None = None
+    median_heading_deg: float | None = None
     recall_025m_2deg: float | None = None
     recall_05m_5deg: float | None = None
     recall_1m_10deg: float | None = None
@@ -120,7 +122,7 @@ class LocalizationTask(Task[Query, LocalizationSurvey]):
     def open(
         self, label: str, method: Localizer, survey: LocalizationSurvey, todo: Sequence[Query], folder: Path
     ) -> Worker[Query]:
-        check_needs(method, method.needs, survey.dataset)
+        check_needs(method, survey.dataset)
         return _Answering(method, survey.dataset, todo, folder)
 
     def failed(self, piece: Query) -> Row:
@@ -166,6 +168,7 @@ def _reached(found: Judged, seed: int) -> dict[str, Any]:
         "recall_at_5": float(found.in_top_5.mean()),
         "median_translation_m": median(found.translation_m[located]),
         "median_rotation_deg": median(found.rotation_deg[located]),
+        "median_heading_deg": median(found.heading_deg[found.correct & np.isfinite(found.heading_deg)]),
         **pose_recalls(found),
     }
 
@@ -287,13 +290,14 @@ class _Descriptions:
 
 
 def _row(answer: Localization | None, describe_ms: float | None = None, query_ms: float | None = None) -> Row:
-    """What is kept of an answer; `pose` is T_world_query, 16 numbers row by row."""
+    """What is kept of an answer; `pose` is T_world_query, 16 numbers row by row, `heading` its heading_rad."""
     places = answer.places[:TOP_PLACES] if answer else ()
     pose = answer.T_world_query if answer else None
     covariance = answer.covariance if answer else None
     return {
         "places": [[place.frame, place.place, float(place.score)] for place in places],
         "pose": None if pose is None else np.asarray(pose, float).ravel().tolist(),
+        "heading": answer.heading_rad if answer else None,
         "covariance": None if covariance is None else np.asarray(covariance, float).tolist(),
         "query_ms": query_ms,
         "describe_ms": describe_ms,

@@ -105,7 +105,7 @@ class MatchingTask(Task[FramePair, Survey[FramePair]]):
     def open(
         self, label: str, method: Localizer, survey: Survey[FramePair], todo: Sequence[FramePair], folder: Path
     ) -> Worker[FramePair]:
-        check_needs(method, method.needs, survey.dataset)
+        check_needs(method, survey.dataset)
         return _Matching(method, survey.dataset.content_key)
 
     def summarize(self, survey: Survey[FramePair], records: Sequence[Record], seed: int) -> tuple[MatchingRow, ...]:

@@ -10,7 +10,7 @@ import numpy as np
 from salframe.evaluation.run import PieceStatus, Row
 from salframe.localization.answers import LocalizationStatus
 from salframe.panoramas.frames import Truth
-from salframe.panoramas.geometry import pose_errors
+from salframe.panoramas.geometry import pose_errors, pose_yaw, wrap_angle
 
 PLACED = tuple(status for status in LocalizationStatus if status.names_a_place)
 RESAMPLES = 2000
@@ -23,14 +23,15 @@ class Judged:
     """A method's answers against the truth, one entry a query, in the order of the dataset.
 
     correct (Q,) bool: the first place is the true one; in_top_5 (Q,) bool; translation_m, rotation_deg (Q,) float64,
-    infinite where there is no pose or the method failed, NaN where the truth has no pose; statuses: Q words, "crashed"
-    where no answer was recorded.
+    infinite where there is no pose or the method failed, NaN where the truth has no pose; heading_deg (Q,) float64, the
+    same of the heading, which may be known without a pose; statuses: Q words, "crashed" where no answer was recorded.
     """
 
     correct: np.ndarray
     in_top_5: np.ndarray
     translation_m: np.ndarray
     rotation_deg: np.ndarray
+    heading_deg: np.ndarray
     statuses: tuple[str, ...]
 
 
@@ -38,7 +39,7 @@ def judge(answers: Sequence[Row | None], truths: Sequence[Truth]) -> Judged:
     """Compare each query's answer (a row of rows.jsonl, or None) with its truth. A failure's places and pose do
     not count."""
     correct, in_top_5 = np.zeros((2, len(truths)), bool)
-    errors = np.full((len(truths), 2), np.inf)
+    errors = np.full((len(truths), 3), np.inf)
     for i, (answer, truth) in enumerate(zip(answers, truths, strict=True)):
         if truth.T_world_pano is None:
             errors[i] = np.nan
@@ -48,9 +49,12 @@ def judge(answers: Sequence[Row | None], truths: Sequence[Truth]) -> Judged:
         correct[i] = places[:1] == [truth.place]
         in_top_5[i] = truth.place in places[:5]
         if answer["pose"] is not None and truth.T_world_pano is not None:
-            errors[i] = pose_errors(np.reshape(answer["pose"], (4, 4)), truth.T_world_pano)
+            errors[i, :2] = pose_errors(np.reshape(answer["pose"], (4, 4)), truth.T_world_pano)
+        if answer.get("heading") is not None and truth.T_world_pano is not None:
+            errors[i, 2] = np.abs(wrap_angle(answer["heading"] - pose_yaw(truth.T_world_pano)))
     statuses = tuple(str(PieceStatus.CRASHED) if answer is None else answer["status"] for answer in answers)
-    return Judged(correct, in_top_5, errors[:, 0], np.degrees(errors[:, 1]), statuses)
+    rotation_deg, heading_deg = np.degrees(errors[:, 1:]).T
+    return Judged(correct, in_top_5, errors[:, 0], rotation_deg, heading_deg, statuses)
 
 
 def accuracy_interval(correct: np.ndarray, seed: int) -> tuple[float, float]:

@@ -161,7 +161,7 @@ class NavigationTask(Task[Episode, NavigationSurvey]):
     def open(
         self, label: str, method: Localizer, survey: NavigationSurvey, todo: Sequence[Episode], folder: Path
     ) -> Worker[Episode]:
-        check_needs(method, method.needs, survey.dataset)
+        check_needs(method, survey.dataset)
         sight = Sight(method, survey.dataset.content_key, positioning=not self.mode(label))
         return _Walking(sight, survey.sites, self.config, self.seed)
 

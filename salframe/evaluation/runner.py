@@ -26,7 +26,7 @@ from salframe.evaluation.run import (
     Run,
     identity_of,
 )
-from salframe.evaluation.task import MethodRow, Record, Survey, Task
+from salframe.evaluation.task import MethodRow, Record, Survey, Task, parts_given
 from salframe.framework.auto import Choice
 from salframe.framework.errors import (
     FRAME_ERRORS,
@@ -40,7 +40,8 @@ from salframe.framework.errors import (
 from salframe.framework.files import write_json
 from salframe.framework.identity import digest
 from salframe.framework.registry import registry
-from salframe.panoramas.opening import Progress, open_dataset, provided
+from salframe.panoramas.camera_height import units_note
+from salframe.panoramas.opening import Progress, mapping_frames, open_dataset, provided
 
 POLL_SECONDS = 0.5
 
@@ -68,7 +69,8 @@ def run_task(
     for label, config in resolved.methods.items():
         key = {"task": known_as, "data": dataset.content_key, "mode": task.mode(label), "method": identity_of(config)}
         run.reuse(label, digest(key))
-    run.set_notes(resolved.notes)
+    units = units_note(mapping_frames(dataset))
+    run.set_notes([*resolved.notes, *([units] if units else [])])
     todo = [label for label in run.labels if not _finished(task, run, label, survey)]
     with _watch(task, run, task.total(survey), progress):
         answers = iter(engine.map(partial(work_method, task, run.directory), todo))
@@ -101,8 +103,8 @@ def work_method(task: Task[Any, Any], directory: Path, label: str) -> None:
         data = run.data()
         config = run.method(label, task.role, Choice(data.kind, partial(provided, data)))
         method = registry().build(task.role, config)
-        given = tuple(sorted(method.needs))
         survey = task.survey(open_dataset(data))
+        given = parts_given(method, survey.dataset)
         done = {key for key, row in _by_key(task, run, label).items() if row["status"] != PieceStatus.CRASHED}
         todo = [piece for piece in survey.pieces if task.key(piece) not in done]
         with task.open(label, method, survey, todo, folder) as worker, RowWriter(folder / ROWS) as rows:

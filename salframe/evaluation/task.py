@@ -15,10 +15,15 @@ from salframe.framework.component import Component
 from salframe.framework.config import components_in
 from salframe.framework.errors import InputMissing
 from salframe.framework.registry import registry
+from salframe.localization.localizer import Localizer
 from salframe.panoramas.dataset import Dataset
+from salframe.panoramas.range_model import RangeModel
 
 Piece = TypeVar("Piece")
 Surveyed = TypeVar("Surveyed", bound="Survey[Any]")
+
+ESTIMATED_RANGE = "estimated range"
+"""What a method is given whose range model estimates the range that a data set lacks."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,9 +39,9 @@ class Survey(Generic[Piece]):
 class MethodRow(ABC):
     """A method's line in the table of a task; numbers are None where there is nothing to measure.
 
-    given: which parts of panoramas it was given; available: whether it can run here; ended: how its work ended; reason:
-    why it was not measured, or a warning; status: how often each status occurred; errors: the first message of each
-    status that has one.
+    given: which parts of panoramas it was given, ESTIMATED_RANGE among them where it was; available: whether it can run
+    here; ended: how its work ended; reason: why it was not measured, or a warning; status: how often each status
+    occurred; errors: the first message of each status that has one.
     """
 
     method: str
@@ -51,6 +56,13 @@ class MethodRow(ABC):
     @abstractmethod
     def measured(self) -> bool:
         """Whether the method has numbers."""
+
+    @property
+    def remark(self) -> str | None:
+        """What must be said beside its numbers: what it was given that was not measured, and why it was not measured
+        itself, or a warning."""
+        marks = [f"given {', '.join(self.given).replace('rgb', 'colour')}"] if ESTIMATED_RANGE in self.given else []
+        return "; ".join([*marks, *([self.reason] if self.reason else [])]) or None
 
     @property
     def crashed(self) -> bool:
@@ -186,17 +198,31 @@ def count_statuses(statuses: Iterable[str]) -> dict[str, int]:
     return dict(sorted(counts.items(), key=lambda entry: (entry[0] != PieceStatus.OK, -entry[1], entry[0])))
 
 
-def check_needs(method: Component, needs: frozenset[str], dataset: Dataset) -> None:
+def parts_needed(method: Any, dataset: Dataset) -> frozenset[str]:
+    """What a method, a localizer or another component with `needs`, needs of the panoramas of a data set."""
+    return method.needs_of(dataset.provides) if isinstance(method, Localizer) else method.needs
+
+
+def parts_given(method: Any, dataset: Dataset) -> tuple[str, ...]:
+    """Which parts of a data set's panoramas a method is given: what it needs, and range where it is estimated."""
+    estimates = isinstance(method, Localizer) and method.estimates(dataset.provides)
+    return (*sorted(parts_needed(method, dataset)), *([ESTIMATED_RANGE] if estimates else []))
+
+
+def check_needs(method: Component, dataset: Dataset) -> None:
     """Raises InputMissing where a data set lacks what a method needs: whose need it is, and what would do without."""
-    absent = needs - dataset.provides
+    absent = parts_needed(method, dataset) - dataset.provides
     if not absent:
         return
     words = " and ".join(sorted(absent))
+    models = registry().names(RangeModel.role) if getattr(method.config, "range", method) is None else []
+    estimate = " or ".join(f"--set range.kind={name}" for name in models) if absent == {"range"} else ""
     for slot, inner in components_in(method.config):
         role = inner.component.role
         if absent & needs_of(inner):
             able = [n for n in registry().names(role) if why_unfit(registry().get(role, n), dataset.provides) is None]
             hint = " or ".join(f"--set {slot}.kind={name}" for name in able)
             advice = f"what can do without: {hint}" if able else f"no {role} at hand can do without"
+            advice += f"; what can estimate it: {estimate}" if estimate else ""
             raise InputMissing(f"its {role} {inner.kind!r} needs {words}, which {dataset.name} does not have; {advice}")
     raise InputMissing(f"needs {words}, which {dataset.name} does not have")

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import cache
+from typing import Any
 
 from salframe.framework.component import Component
 from salframe.framework.config import ComponentConfig, components_in
@@ -26,10 +27,12 @@ class Choice:
         """What `auto` became so far, a line for each role."""
         return list(self._taken.values())
 
-    def take(self, role: str) -> type[Component]:
-        """The first component in the role's order that can run here on the data. Raises InputMissing that says why each
-        cannot."""
-        component, remark = _first(role, self._provides())
+    def take(self, role: str, added: frozenset[str] = frozenset()) -> type[Component]:
+        """The first component in the role's order that can run here on the data, whose panoramas get the parts `added`.
+
+        Raises InputMissing that says why each cannot.
+        """
+        component, remark = _first(role, self._provides() | added)
         if component is None:
             raise InputMissing(f"no {role} of {AUTO!r} can run on {self._data}: {remark}")
         self._taken[role] = f"{AUTO} took the {role} {component.name}" + (f", which {remark}" if remark else "")
@@ -71,6 +74,13 @@ def needs_of(config: ComponentConfig) -> frozenset[str]:
     needs = getattr(config.component, "needs", None)
     own = needs if isinstance(needs, frozenset) else frozenset()
     return own.union(*(needs_of(inner) for _, inner in components_in(config)))
+
+
+def parts_added(values: Iterable[Any]) -> frozenset[str]:
+    """Which parts panoramas get from the components among the values of settings: those that their class names in
+    `gives`."""
+    components = (value.component for value in values if isinstance(value, ComponentConfig))
+    return frozenset().union(*(getattr(component, "gives", ()) for component in components))
 
 
 class Undecided(Component):

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 SAFE: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 """PyYAML's safe loader; that of libyaml, six times as fast on our presets, where it was built with it."""
+ROLE = "role"
+"""Key of a slot's `json_schema_extra`: the role of what it holds."""
 PROBLEMS = 3
 """So many faults of a file are told; the others are counted."""
 

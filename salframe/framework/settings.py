@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import types
 import typing
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from salframe.framework.config import ComponentConfig, holds_components
+from salframe.framework.config import ROLE, ComponentConfig, holds_components
 
 BOUNDS = {"ge": "at least", "gt": "over", "le": "at most", "lt": "under"}
 
@@ -20,9 +20,9 @@ BOUNDS = {"ge": "at least", "gt": "over", "le": "at most", "lt": "under"}
 class Setting:
     """One setting: its dotted key as `--set` takes it, its value, its default, its type, and its help.
 
-    Of a slot, value and default are names of components and the type is their role; the settings of the component in it
-    come next. Where a field holds several components their settings follow too, under `key[0]` and so on, which are set
-    in the list.
+    Of a slot, value and default are names of components and the type is their role ("ROLE | null" of an empty one); the
+    settings of the component in it come next. Where a field holds several components their settings follow too, under
+    `key[0]` and so on, which are set in the list.
     """
 
     key: str
@@ -41,7 +41,8 @@ def list_settings(config: BaseModel, prefix: str = "") -> Iterator[Setting]:
             continue
         key, value, help = prefix + name, getattr(config, name), field.description or ""
         if isinstance(value, ComponentConfig):
-            yield Setting(key, value.kind, defaults[name]["kind"], value.component.role, help)
+            default = defaults[name]
+            yield Setting(key, value.kind, default and default["kind"], value.component.role, help)
         elif holds_components(value):
             chosen = [one.kind for one in value]
             yield Setting(key, chosen, [one["kind"] for one in defaults[name]], f"{value[0].component.role}, ...", help)
@@ -54,6 +55,8 @@ def list_settings(config: BaseModel, prefix: str = "") -> Iterator[Setting]:
 
 
 def _type(field: FieldInfo) -> str:
+    if isinstance(field.json_schema_extra, Mapping) and (role := field.json_schema_extra.get(ROLE)):
+        return f"{role} | null"
     bounds = [
         f"{words} {getattr(rule, bound):g}"
         for rule in field.metadata

@@ -7,36 +7,48 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, SerializeAsAny, ValidationInfo
 
-from salframe.framework.auto import Choice, undecided
-from salframe.framework.config import ComponentConfig, validate
+from salframe.framework.auto import Choice, parts_added, undecided
+from salframe.framework.config import ROLE, ComponentConfig, validate
 from salframe.framework.defaults import AUTO, auto_order, default_of
 from salframe.framework.errors import ConfigError
 from salframe.framework.registry import registry
 
 
-def slot(role: str, default: str | None = None, *, match_only: bool = False) -> Any:
+def slot(
+    role: str,
+    default: str | None = None,
+    *,
+    match_only: bool = False,
+    optional: bool = False,
+    description: str | None = None,
+) -> Any:
     """The type of a config field that holds a component of `role`: `detector: slot("detector", "annotations")`.
 
     It accepts a name, a mapping (its `kind` may be left out: then it is `default`), or a component's Config, asks the
     registry and validates with that component's own Config. The name may be `auto` where configs/defaults.yaml has an
-    order for the role. Without a `default`, that of configs/defaults.yaml for the role; `match_only` as in the function
-    of that name.
+    order for the role; parts that components in slots declared before it add to panoramas count as there. Without a
+    `default`, that of configs/defaults.yaml for the role; `match_only` as in the function of that name. `optional`: it
+    may hold None too, and does unless it is set.
     """
 
     def kind() -> str:
         return default_of(role) if default is None else default
 
-    def resolve(value: Any, info: ValidationInfo) -> ComponentConfig:
-        return _fill(role, kind(), value, info.context)
+    def resolve(value: Any, info: ValidationInfo) -> ComponentConfig | None:
+        if optional and value is None:
+            return None
+        return _fill(role, kind(), value, info)
 
     order = auto_order(role)
+    by_data = f"{AUTO}: the first of {', '.join(order)} that can run here on the data" if order else None
     field = Field(
-        default_factory=lambda: {"kind": kind()},
+        default_factory=lambda: None if optional else {"kind": kind()},
         validate_default=True,
-        json_schema_extra={"match_only": True} if match_only else None,
-        description=f"{AUTO}: the first of {', '.join(order)} that can run here on the data" if order else None,
+        json_schema_extra={ROLE: role, **({"match_only": True} if match_only else {})},
+        description=description or by_data,
     )
-    return Annotated[SerializeAsAny[ComponentConfig], BeforeValidator(resolve), field]
+    held: Any = SerializeAsAny[ComponentConfig]
+    return Annotated[held | None if optional else held, BeforeValidator(resolve), field]
 
 
 def slots(role: str, default: tuple[str, ...], description: str) -> Any:
@@ -52,7 +64,7 @@ def slots(role: str, default: tuple[str, ...], description: str) -> Any:
         nameless = [one for one in value if isinstance(one, Mapping) and "kind" not in one]
         if nameless:
             raise ValueError(f"received {nameless[0]!r}, expected a `kind` that names a {role}, and its settings")
-        return tuple(_fill(role, "", one, info.context) for one in value)
+        return tuple(_fill(role, "", one, info) for one in value)
 
     field = Field(
         default_factory=lambda: tuple({"kind": name} for name in default),
@@ -62,9 +74,10 @@ def slots(role: str, default: tuple[str, ...], description: str) -> Any:
     return Annotated[tuple[SerializeAsAny[ComponentConfig], ...], BeforeValidator(resolve), field]
 
 
-def _fill(role: str, default: str, value: Any, choice: Choice | None) -> ComponentConfig:
+def _fill(role: str, default: str, value: Any, info: ValidationInfo) -> ComponentConfig:
     """The configuration of the component that a value of a slot stands for. Raises ConfigError, UnknownName, and
     InputMissing where nothing that `auto` may become can run."""
+    choice: Choice | None = info.context
     if isinstance(value, ComponentConfig):
         if value.kind != AUTO or choice is None:
             return value
@@ -84,7 +97,7 @@ def _fill(role: str, default: str, value: Any, choice: Choice | None) -> Compone
                 f"name one of {', '.join(auto_order(role))}, or give the data"
             )
         return undecided(role).Config()
-    component = choice.take(role)
+    component = choice.take(role, parts_added(info.data.values()))
     try:
         return validate(component.Config, {**value, "kind": component.name}, role, choice)
     except ConfigError as error:

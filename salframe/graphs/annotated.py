@@ -4,35 +4,53 @@ measured by."""
 from __future__ import annotations
 
 import zlib
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from salframe.framework.errors import InputMissing
 from salframe.graphs.boxes import detections_from_points
-from salframe.graphs.detections import Detections
-from salframe.panoramas.geometry import equirectangular_rays, pose_2d, transform_points
+from salframe.graphs.detections import Detections, unit_vectors
+from salframe.panoramas.geometry import equirectangular_rays, pixel_solid_angles, pose_2d, transform_points
 from salframe.panoramas.panorama import VISIBLE_PIXELS, Annotations, Panorama
 
 
 @dataclass(frozen=True)
 class Annotated:
-    """One annotated object: `key`, a number that stays with it; points_m (n, 3) float32 in the panorama frame."""
+    """One annotated object: `key`, a number that stays with it; points_m (n, 3) float32 in the panorama frame, or the
+    directions of its pixels, unit vectors, where the range is not known; solid_angle_sr (n,), what each pixel covers,
+    NaN where it is known by its box."""
 
     key: int
     label: str
     points_m: np.ndarray
+    solid_angle_sr: np.ndarray
 
 
 def annotated_objects(panorama: Panorama) -> list[Annotated]:
-    """The visible annotated objects of a panorama. Raises InputMissing where it has no annotations, or an instance
-    image and no range.
+    """The visible annotated objects of a panorama and where they are. Raises InputMissing where it has no annotations,
+    or an instance image and no range.
     """
+    if panorama.annotations is not None and not has_points(panorama):
+        raise InputMissing(f"{panorama.id} lacks range, expected it beside the instance image")
+    return seen_objects(panorama)
+
+
+def seen_objects(panorama: Panorama) -> list[Annotated]:
+    """The visible annotated objects of a panorama, by their directions where it has no range. Raises InputMissing where
+    it has no annotations."""
     if panorama.annotations is None:
         raise InputMissing(f"{panorama.id} has no annotations")
-    if panorama.annotations.objects is None:
-        return _objects_in_image(panorama)
+    if panorama.annotations.instance_id is not None:
+        return _objects_in_image(panorama.annotations.instance_id, panorama.annotations.labels, panorama.range_m)
     return _objects_in_list(panorama.annotations)
+
+
+def has_points(panorama: Panorama) -> bool:
+    """Whether its annotated objects have points, or directions alone."""
+    listed = panorama.annotations is not None and panorama.annotations.objects is not None
+    return listed or panorama.range_m is not None
 
 
 def annotated_detections(panorama: Panorama) -> Detections:
@@ -41,27 +59,38 @@ def annotated_detections(panorama: Panorama) -> Detections:
     return as_detections(objects)
 
 
-def as_detections(objects: list[Annotated]) -> Detections:
-    """Objects as detections of full score."""
-    labels = [one.label for one in objects]
-    return detections_from_points(labels, np.ones(len(objects)), [one.points_m for one in objects])
+def as_detections(objects: list[Annotated], *, ranged: bool = True) -> Detections:
+    """Objects as detections of full score; not `ranged`: their points are directions."""
+    labels, scores = [one.label for one in objects], np.ones(len(objects))
+    if not objects:
+        return Detections.empty()
+    solid_angle_sr = np.array([one.solid_angle_sr.sum() for one in objects])
+    if ranged:
+        found = detections_from_points(labels, scores, [one.points_m for one in objects])
+        return replace(found, solid_angle_sr=solid_angle_sr)
+    bearing = unit_vectors(np.array([one.solid_angle_sr @ one.points_m for one in objects]))
+    return Detections.without_range(labels, scores, bearing, solid_angle_sr)
 
 
-def _objects_in_image(panorama: Panorama) -> list[Annotated]:
+def _objects_in_image(
+    instance_id: np.ndarray, labels: Mapping[int, str], range_m: np.ndarray | None
+) -> list[Annotated]:
     """The objects of an instance image, by instance id."""
-    annotations = panorama.annotations
-    if annotations is None or annotations.instance_id is None or panorama.range_m is None:
-        raise InputMissing(f"{panorama.id} lacks an instance image or range, expected both")
-    seen = (annotations.instance_id > 0) & (panorama.range_m > 0)
-    ids = annotations.instance_id[seen]
+    seen = instance_id > 0
+    if range_m is not None:
+        seen &= range_m > 0
+    ids = instance_id[seen]
     order = np.argsort(ids.astype(np.uint16) if ids.max(initial=0) < 2**16 else ids, kind="stable")
-    points = (equirectangular_rays(len(seen))[seen] * panorama.range_m[seen][:, None])[order]
+    points = equirectangular_rays(len(seen))[seen]
+    if range_m is not None:
+        points = points * range_m[seen][:, None]
+    points, solid_angle_sr = points[order], pixel_solid_angles(len(seen))[np.nonzero(seen)[0]][order]
     instances, counts = np.unique(ids, return_counts=True)
-    ends = np.cumsum(counts)
+    parts = [slice(end - count, end) for count, end in zip(counts, np.cumsum(counts), strict=True)]
     return [
-        Annotated(int(instance), annotations.labels[int(instance)], points[end - count : end])
-        for instance, count, end in zip(instances, counts, ends, strict=True)
-        if count >= VISIBLE_PIXELS and int(instance) in annotations.labels
+        Annotated(int(instance), labels[int(instance)], points[part], solid_angle_sr[part])
+        for instance, count, part in zip(instances, counts, parts, strict=True)
+        if count >= VISIBLE_PIXELS and int(instance) in labels
     ]
 
 
@@ -77,5 +106,5 @@ def _objects_in_list(annotations: Annotations) -> list[Annotated]:
         pose = pose_2d(x_m, y_m, objects.yaw_rad[i], z_m)
         corners = transform_points(pose, signs * objects.size_m[i])
         key = zlib.crc32(objects.keys[i].encode())
-        found.append(Annotated(key, objects.labels[i], corners.astype(np.float32)))
+        found.append(Annotated(key, objects.labels[i], corners.astype(np.float32), np.full(8, np.nan)))
     return found

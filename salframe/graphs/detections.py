@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,7 +42,7 @@ class Detections:
         check_array(self, "size_m", np.float64, n, 3, error=InvalidAnswer)
         check_array(self, "yaw_rad", np.float64, n, error=InvalidAnswer)
         if self.bearing is None:
-            object.__setattr__(self, "bearing", _unit(self.centroid_m))
+            object.__setattr__(self, "bearing", unit_vectors(self.centroid_m))
         if self.solid_angle_sr is None:
             object.__setattr__(self, "solid_angle_sr", np.full(n, np.nan))
         check_array(self, "bearing", np.float64, n, 3, error=InvalidAnswer)
@@ -68,11 +69,19 @@ class Detections:
         )
 
     @classmethod
+    def without_range(
+        cls, labels: Sequence[str], scores: np.ndarray, bearing: np.ndarray, solid_angle_sr: np.ndarray
+    ) -> Detections:
+        """Objects of which nothing tells how far they are."""
+        unknown = np.full((len(labels), 3), np.nan)
+        return cls(tuple(labels), scores, unknown, unknown, unknown[:, 0], None, bearing, solid_angle_sr)
+
+    @classmethod
     def empty(cls) -> Detections:
         return cls((), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
 
 
-def _unit(vectors: np.ndarray) -> np.ndarray:
+def unit_vectors(vectors: np.ndarray) -> np.ndarray:
     """Vectors (N, 3) at length 1; NaN where they have none."""
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.divide(vectors, length, out=np.full(vectors.shape, np.nan), where=length > 0)

@@ -13,7 +13,7 @@ from pydantic import Field
 from salframe.framework.arrays import check_array
 from salframe.framework.config import Settings
 from salframe.framework.errors import DataError
-from salframe.graphs.detections import Detections
+from salframe.graphs.detections import Detections, unit_vectors
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,7 +21,10 @@ class SaliencyGraph:
     """A place as a 360-degree saliency graph (method.md 2): salient objects and the context between them.
 
     labels: N names; scores (N,) float64 in [0, 1], the detector's; saliency (N,) float64, shares of volume; centroid_m,
-    size_m (N, 3) and yaw_rad (N,) float64 in the panorama frame; edges (E, 2) int64 with edges[:, 0] < edges[:, 1].
+    size_m (N, 3) and yaw_rad (N,) float64 in the panorama frame; edges (E, 2) int64 with edges[:, 0] < edges[:, 1];
+    bearing (N, 3) float64, unit vectors towards the nodes, unless given those of the centroids. A graph of a panorama
+    without range has bearings only: centroid_m, size_m and yaw_rad are NaN, there is no edge, and saliency is a share
+    of solid angle. It can be asked of a map, not be part of one.
     """
 
     labels: tuple[str, ...]
@@ -31,6 +34,7 @@ class SaliencyGraph:
     size_m: np.ndarray
     yaw_rad: np.ndarray
     edges: np.ndarray
+    bearing: np.ndarray = None  # type: ignore[assignment]  # filled in below
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "labels", tuple(self.labels))
@@ -40,12 +44,20 @@ class SaliencyGraph:
         check_array(self, "centroid_m", np.float64, n, 3)
         check_array(self, "size_m", np.float64, n, 3)
         check_array(self, "yaw_rad", np.float64, n)
+        if self.bearing is None:
+            object.__setattr__(self, "bearing", unit_vectors(self.centroid_m))
+        check_array(self, "bearing", np.float64, n, 3)
         edges = check_array(self, "edges", np.int64, None, 2)
         if len(edges) and not (edges[:, 0].min() >= 0 and (edges[:, 0] < edges[:, 1]).all() and edges[:, 1].max() < n):
             raise DataError(f"SaliencyGraph.edges must be pairs a < b of nodes below {n}")
 
     def __len__(self) -> int:
         return len(self.labels)
+
+    @property
+    def bearings_only(self) -> bool:
+        """Whether it has nodes and the range of none is known."""
+        return bool(len(self)) and bool(np.isnan(self.centroid_m).any(1).all())
 
     @cached_property
     def azimuth_rad(self) -> np.ndarray:
@@ -87,14 +99,29 @@ class GraphConfig(Settings):
 
 
 def build_graph(detections: Detections, saliency: np.ndarray, config: GraphConfig) -> SaliencyGraph:
-    """The saliency graph of detections with known positions and their saliency (N,).
+    """The saliency graph of detections with known positions and their saliency (N,); where no position is known, that
+    of their bearings.
 
     Nodes run from the most to the least salient; E(a, b) = 1 iff min(l_a, l_b) > d_s(a, b) (paper Eq. 1).
     """
-    keep = np.flatnonzero((saliency >= config.min_share) & np.isfinite(detections.centroid_m).all(1))
+    placed = np.isfinite(detections.centroid_m).all(1)
     # Ties are broken by position, not by order of detection, which turning the panorama changes.
-    keep = keep[np.lexsort((detections.centroid_m[keep, 2], -saliency[keep]))][: config.top_k]
+    height = detections.centroid_m[:, 2] if placed.any() else detections.bearing[:, 2]
+    known = placed if placed.any() else np.isfinite(detections.bearing).all(1)
+    keep = np.flatnonzero((saliency >= config.min_share) & known)
+    keep = keep[np.lexsort((height[keep], -saliency[keep]))][: config.top_k]
     chosen, saliency = detections.take(keep), saliency[keep]
+    if not placed.any():
+        return SaliencyGraph(
+            chosen.labels,
+            chosen.scores,
+            saliency,
+            chosen.centroid_m,
+            chosen.size_m,
+            chosen.yaw_rad,
+            np.zeros((0, 2), np.int64),
+            chosen.bearing,
+        )
     extent = chosen.size_m.mean(1) if config.extent == "mean" else chosen.size_m.max(1, initial=0)
     distance = box_distances(chosen) if config.distance == "surface" else _centroid_distances(chosen.centroid_m)
     a, b = np.triu_indices(len(chosen), 1)

@@ -57,7 +57,7 @@ class Lettering:
         return np.array([font(self.points).getbbox(text)[2] + 0.7 * self.points, 1.45 * self.points], float)
 
     def draw(self, picture: np.ndarray) -> np.ndarray:
-        """A picture (height, width, 3) uint8 with the names on it."""
+        """A picture (height, width, 3) uint8, a copy, with the names on it."""
         from PIL import Image, ImageDraw
 
         picture = picture.copy()
@@ -72,7 +72,7 @@ class Lettering:
             draw.rounded_rectangle(name.box.round().tolist(), 0.3 * self.points, name.colour)
             text = INK if np.dot(name.colour, (0.299, 0.587, 0.114)) > 150 else PAPER
             draw.text(name.box.reshape(2, 2).mean(0).tolist(), name.text, text, font(self.points), "mm")
-        return np.asarray(image)
+        return np.array(image)
 
     def _spots(self, size: np.ndarray, around: np.ndarray, at: np.ndarray) -> Iterable[np.ndarray]:
         """Middles of boxes of this size, the best first."""

@@ -19,13 +19,14 @@ class GraphMatch:
     query and map nodes.
 
     Matchers that verify geometry give the pose that did: T_scene_query (4, 4), the query's frame in the map frame's, or
-    None.
+    None; and scale, the factor that puts the query's ranges right, where they do not take them to be.
     """
 
     scene: int
     score: float
     pairs: np.ndarray
     T_scene_query: np.ndarray | None = None
+    scale: float = 1.0
 
 
 class GraphMatcher(Role):
@@ -39,4 +40,5 @@ class GraphMatcher(Role):
 
     @abstractmethod
     def match(self, query: SaliencyGraph, index: Any, top_k: int) -> list[GraphMatch]:
-        """At most `top_k` matches, best first; none where the query shares nothing with any graph."""
+        """At most `top_k` matches, best first; none where the query shares nothing with any graph. A query may have
+        bearings only (SaliencyGraph); a map's graphs have range."""

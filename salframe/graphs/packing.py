@@ -72,6 +72,7 @@ def unpack_graph(data: bytes, labels: Sequence[str]) -> SaliencyGraph:
 def graph_to_arrays(graph: SaliencyGraph) -> dict[str, np.ndarray]:
     """The graph as named arrays, exact."""
     labels = np.array(graph.labels, dtype=np.str_)
+    bearing = {"bearing": graph.bearing} if graph.bearings_only else {}  # elsewhere that of the centroids
     return {
         "labels": labels,
         "scores": graph.scores,
@@ -80,12 +81,15 @@ def graph_to_arrays(graph: SaliencyGraph) -> dict[str, np.ndarray]:
         "size_m": graph.size_m,
         "yaw_rad": graph.yaw_rad,
         "edges": graph.edges,
+        **bearing,
     }
 
 
 def graph_from_arrays(arrays: Mapping[str, np.ndarray]) -> SaliencyGraph:
     """The graph that `graph_to_arrays` made."""
     fields = {name: arrays[name] for name in ("scores", "saliency", "centroid_m", "size_m", "yaw_rad", "edges")}
+    if "bearing" in arrays:
+        fields["bearing"] = arrays["bearing"]
     return SaliencyGraph(tuple(arrays["labels"].tolist()), **fields)
 
 

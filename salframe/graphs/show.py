@@ -6,13 +6,25 @@ import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from salframe.framework.auto import Choice
 from salframe.framework.config import Settings, merge, nest, parse_override, validate
-from salframe.framework.errors import ConfigError, DataError, InputMissing, InvalidAnswer, describe_error
+from salframe.framework.errors import (
+    ConfigError,
+    DataError,
+    InputMissing,
+    InvalidAnswer,
+    PluginFailed,
+    RequirementMissing,
+    UnknownName,
+    WeightsMissing,
+    describe_error,
+)
 from salframe.framework.files import atomic_path
 from salframe.framework.registry import registry
 from salframe.framework.settings import list_settings
@@ -30,6 +42,8 @@ if TYPE_CHECKING:
 
 SUFFIX, MARK = ".objects.png", ("Software", "salframe show-objects")
 """How a picture's name ends, and the text in the file by which it is known to be one."""
+SETUP_ERRORS = (ConfigError, UnknownName, PluginFailed, RequirementMissing, WeightsMissing)
+"""What is wrong with the settings or the machine, not with an image."""
 
 
 class ShowConfig(Settings):
@@ -76,10 +90,12 @@ class ObjectView:
 
 @dataclass(frozen=True, eq=False)
 class ObjectViews:
-    """The images that were shown, in the order in which they were named, and why others were not, in a line each."""
+    """The images that were shown, in the order in which they were named, why others were not, in a line each, and what
+    `auto` became."""
 
     views: tuple[ObjectView, ...]
     failures: Mapping[Path, str]
+    notes: tuple[str, ...]
 
     def to_json(self) -> dict[str, Any]:
         return {
@@ -108,8 +124,10 @@ def show_objects(
     that are wrong.
     """
     _check(images, output, range_image, fov_deg, pitch_deg)
-    stages = _Stages(_configure(detector, overrides))
+    content = _nest(detector, overrides)
+    stages: dict[frozenset[str], _Stages] = {}  # by what an image provides, on which `auto` depends
     views, failures = [], {}
+    notes: dict[str, None] = {}
     for done, image in enumerate(images):
         if progress:
             progress("show-objects", done, len(images))
@@ -117,12 +135,19 @@ def show_objects(
             picture = output / (image.stem + SUFFIX)
             _check_picture(picture)
             shot = _open(image, range_image, fov_deg, pitch_deg)
-            views.append(_show(image, picture, shot, stages))
+            provides = shot.panorama.provides
+            if provides not in stages:
+                choice = Choice(image.name, partial(frozenset, provides))
+                stages[provides] = _Stages(validate(ShowConfig, content, "show-objects", choice))
+                notes |= dict.fromkeys(choice.notes)
+            views.append(_show(image, picture, shot, stages[provides]))
+        except SETUP_ERRORS:
+            raise
         except Exception as error:
             failures[image] = describe_error(error)
     if progress:
         progress("show-objects", len(images), len(images))
-    return ObjectViews(tuple(views), failures)
+    return ObjectViews(tuple(views), failures, tuple(notes))
 
 
 def _check(
@@ -144,11 +169,12 @@ def _check(
         )
 
 
-def _configure(detector: str | None, overrides: Sequence[str]) -> ShowConfig:
-    content = {} if detector is None else {"detector": detector}
+def _nest(detector: str | None, overrides: Sequence[str]) -> dict[str, Any]:
+    """The settings of a ShowConfig as nested mappings."""
+    content: dict[str, Any] = {} if detector is None else {"detector": detector}
     for override in overrides:
         content = merge(content, nest(*parse_override(override)))
-    return validate(ShowConfig, content, "show-objects")
+    return content
 
 
 def _open(image: Path, range_image: Path | None, fov_deg: float | None, pitch_deg: float | None) -> Shot:

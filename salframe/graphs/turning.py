@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from salframe.graphs.detections import Detections
-from salframe.panoramas.geometry import pose_2d, transform_points
+from salframe.panoramas.geometry import peak_column, pose_2d, transform_points
 from salframe.panoramas.panorama import Panorama
 
 
@@ -38,15 +38,6 @@ def from_near_side(detect: Callable[[Any, Panorama], Detections]) -> Callable[[A
         return turned_detections(found, 2 * np.pi * columns / len(side))
 
     return steady
-
-
-def peak_column(side: np.ndarray) -> int:
-    """The column around which values (W,) are high: the phase of their first Fourier coefficient. Rolling them by c
-    adds c, modulo W."""
-    column = -np.angle(np.fft.rfft(side)[1]) * len(side) / (2 * np.pi)
-    return int(
-        np.floor(column + 0.5 + 1e-6)
-    )  # half columns, where mirrored rooms peak, go up in spite of rounding errors
 
 
 def turned_detections(found: Detections, angle_rad: float) -> Detections:

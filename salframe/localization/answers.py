@@ -9,7 +9,7 @@ import numpy as np
 
 from salframe.framework.arrays import check_array
 from salframe.framework.errors import InvalidAnswer
-from salframe.panoramas.geometry import is_rigid
+from salframe.panoramas.geometry import is_rigid, pose_yaw
 
 RIGID_TOLERANCE = 1e-3
 """By so much the numbers of a pose may be off a rigid motion."""
@@ -43,16 +43,19 @@ class LocalizationStatus(StrEnum):
 @dataclass(frozen=True)
 class Localization:
     """A localizer's answer: `places` best first, one entry a place; T_world_query (4, 4), a rigid motion, or None;
-    covariance as in PoseEstimate, in the map frame's axes.
+    covariance as in PoseEstimate, in the map frame's axes; heading_rad, the azimuth of the query's x axis in the world:
+    the pose's, or what is known of a query without one.
 
-    Raises InvalidAnswer on a status that is none of LocalizationStatus, on a pose that is no rigid motion, where a
-    status that names a place comes without one, and where OK comes without a pose or NO_POSE with one.
+    Raises InvalidAnswer on a status that is none of LocalizationStatus, on a pose that is no rigid motion, on a heading
+    that is not finite, where a status that names a place comes without one, and where OK comes without a pose or
+    NO_POSE with one.
     """
 
     places: tuple[RankedPlace, ...]
     T_world_query: np.ndarray | None
     status: LocalizationStatus
     covariance: np.ndarray | None = None
+    heading_rad: float | None = None
 
     def __post_init__(self) -> None:
         try:
@@ -70,6 +73,10 @@ class Localization:
             raise InvalidAnswer(
                 f"a localization has the status {self.status} and {there}, expected a pose with ok alone"
             )
+        if self.T_world_query is not None:
+            object.__setattr__(self, "heading_rad", pose_yaw(np.asarray(self.T_world_query)))
+        if self.heading_rad is not None and not np.isfinite(self.heading_rad):
+            raise InvalidAnswer(f"a localization has the heading {self.heading_rad}, expected radians or None")
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,13 +12,16 @@ import numpy as np
 
 from salframe.framework.cache import Cache
 from salframe.framework.component import Role
-from salframe.framework.config import Settings
+from salframe.framework.config import ComponentConfig, Settings
 from salframe.framework.errors import DataError, InputMissing
 from salframe.framework.files import read_arrays, read_json, read_model, write_arrays, write_json
 from salframe.framework.identity import digest, identity
+from salframe.framework.registry import registry
+from salframe.framework.slots import slot
 from salframe.localization.answers import Localization, NodeMatches, PointMatches, RankedPlace
 from salframe.panoramas.frames import FrameKind, MapFrame, QueryFrame
 from salframe.panoramas.panorama import Panorama
+from salframe.panoramas.range_model import RangeModel, estimate_range
 
 Description = Mapping[str, np.ndarray]
 """What a localizer remembers of one panorama: named arrays (no object dtype), so that it can be cached, saved and
@@ -48,11 +51,17 @@ class SavedMap(Settings):
     frames: tuple[SavedFrame, ...]
 
 
+def range_slot() -> Any:
+    """The type of a localizer's setting `range`: the range model for panoramas that have none."""
+    return slot(RangeModel.role, optional=True, description="estimates the range of panoramas without; null: nothing")
+
+
 class Localizer(Role):
     """Answers where a panorama was taken, from a map of described places.
 
     A localizer writes three hooks: `describe` a panorama, `index` the descriptions of the map, `match` a description
-    against it. Map building, answering, caching, timing, saving and loading are the same for all.
+    against it. Map building, answering, caching, timing, saving and loading are the same for all; so is estimating the
+    range of panoramas without, for a localizer whose Config has the field `range: range_slot()`.
     """
 
     role = "localizer"
@@ -62,11 +71,19 @@ class Localizer(Role):
     """Turning the panorama by a multiple of this many columns turns the pose and nothing else."""
     turn_tolerance_m: ClassVar[float] = 1e-4
     """How far the pose may then move (metres), and be off the turn (radians: metres at an object 1 m away)."""
+    range_model: RangeModel | None = None
+    """What is set as `range`."""
+
+    def __init__(self, config: ComponentConfig | None = None) -> None:
+        super().__init__(config)
+        chosen = getattr(self.config, "range", None)
+        if chosen is not None:
+            self.range_model = registry().build(RangeModel.role, chosen)
 
     @property
     @abstractmethod
     def needs(self) -> frozenset[str]:
-        """Which of "rgb", "range", "annotations" a panorama must have."""
+        """Which of "rgb", "range", "annotations" a panorama must have to be described."""
 
     @abstractmethod
     def describe(self, panorama: Panorama) -> Description:
@@ -85,6 +102,30 @@ class Localizer(Role):
         points nor objects."""
         return None
 
+    def estimates(self, provides: frozenset[str]) -> bool:
+        """Whether the range of panoramas that provide these parts is estimated: they have none, and a range model is
+        set."""
+        return self.range_model is not None and "range" not in provides
+
+    def needs_of(self, provides: frozenset[str]) -> frozenset[str]:
+        """What panoramas that provide these parts must have: `needs`, or what the range model needs instead of the
+        range that they lack."""
+        if self.range_model is None or not self.estimates(provides):
+            return self.needs
+        return (self.needs - {"range"}) | self.range_model.needs
+
+    def complete(
+        self, panorama: Panorama, cache: Cache | None = None, known_by: Mapping[str, str] | None = None
+    ) -> tuple[Panorama, float]:
+        """The panorama with what `needs` asks for, its range estimated where it has none and a range model is set, and
+        the seconds that this took when it was done; cache and known_by as in `estimate_range`. Raises InputMissing."""
+        absent = sorted(self.needs_of(panorama.provides) - panorama.provides)
+        if absent:
+            raise InputMissing(f"{self.name} needs {' and '.join(absent)}, which {panorama.id} does not have")
+        if self.range_model is None or not self.estimates(panorama.provides):
+            return panorama, 0.0
+        return estimate_range(self.range_model, panorama, cache, known_by)
+
     def describe_identity(self) -> dict[str, Any]:
         """What `describe` depends on besides the panorama: the settings that are not `match_only`, and the weights."""
         return identity(self.config, describing=True)
@@ -101,18 +142,16 @@ class Localizer(Role):
         With a cache, `dataset` (its content_key) and the frame's id stand for the panorama. Raises InputMissing,
         DataError.
         """
+        known_by = {"dataset": dataset, "frame": frame.id}
         if cache is not None:
-            key = {"dataset": dataset, "frame": frame.id, "describe": self.describe_identity()}
+            key = {**known_by, "describe": self.describe_identity()}
             known = cache.get(key)
             if known is not None:
                 return known
-        panorama = frame.load()
-        absent = sorted(self.needs - panorama.provides)
-        if absent:
-            raise InputMissing(f"{self.name} needs {' and '.join(absent)}, which {frame.id} does not have")
+        panorama, estimate_s = self.complete(frame.load(), cache, known_by)
         start = time.perf_counter()
         description = self.describe(panorama)
-        seconds = time.perf_counter() - start
+        seconds = estimate_s + time.perf_counter() - start
         if cache is not None:
             cache.put(key, description, seconds)
         return description, seconds

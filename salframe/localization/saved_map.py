@@ -15,11 +15,12 @@ from salframe.framework.files import atomic_folder
 from salframe.framework.presets import Overrides, configure, settings, short_name
 from salframe.framework.registry import registry
 from salframe.localization.localizer import MAP, Localizer, read_map
+from salframe.panoramas.camera_height import units_note
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.opening import Progress, configure_dataset, mapping_frames, open_dataset, provided
 
 Tell = Callable[[str], None]
-"""Called with a line that the user must read: what `auto` became."""
+"""Called with a line that the user must read: what `auto` became, or that ranges seem to be in a wrong unit."""
 
 
 def silent(line: str) -> None:
@@ -66,7 +67,8 @@ def prepare(
     progress: Progress | None,
     tell: Tell,
 ) -> tuple[str, Dataset, Localizer]:
-    """A method's short name, the prepared dataset, and the method's localizer, with overrides for both."""
+    """A method's short name, the prepared dataset, and the method's localizer, with overrides for both; `tell` what
+    `auto` became, and where ranges seem to be in a wrong unit."""
     asked = default_of("map_method") if method is None else method
     name, content = short_name(asked), settings("localizer", asked)
     given = Overrides(map(parse_override, overrides), {name: content}, role="localizer", scopes=("data",))
@@ -76,7 +78,10 @@ def prepare(
     localizer: Localizer = registry().build("localizer", chosen)
     for note in choice.notes:
         tell(f"{name}: {note}")
-    return name, open_dataset(config, progress and partial(progress, data_name)), localizer
+    dataset = open_dataset(config, progress and partial(progress, data_name))
+    if units := units_note(mapping_frames(dataset)):
+        tell(f"warning: {units}")
+    return name, dataset, localizer
 
 
 def open_map(directory: Path) -> Localizer:

@@ -45,7 +45,7 @@ class FolderDataset(Dataset):
 
     @property
     def provides(self) -> frozenset[str]:
-        """What every frame has. Instance images count as annotations only where every frame has range too."""
+        """What every frame has."""
         return self._folder.provides
 
     @property

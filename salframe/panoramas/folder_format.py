@@ -136,11 +136,10 @@ class Folder:
 
     @property
     def provides(self) -> frozenset[str]:
-        """Which of "rgb", "range", "annotations" every frame has; no annotations without range, as instance images
-        alone tell of no object where it is."""
+        """Which of "rgb", "range", "annotations" every frame has."""
         frames = self.manifest.frames
         whole = {name for name, (key, _) in _WRITTEN_AS.items() if all(getattr(frame, key) for frame in frames)}
-        return frozenset(whole - {"valid"} - ({"annotations"} if "range" not in whole else set()))
+        return frozenset(whole - {"valid"})
 
     @cached_property
     def labels(self) -> dict[int, str]:

@@ -26,6 +26,12 @@ def row_elevation(height: int) -> np.ndarray:
     return np.pi / 2 - np.pi * (np.arange(height) + 0.5) / height
 
 
+def pixel_solid_angles(height: int) -> np.ndarray:
+    """(H,) float64 solid angle_sr of a pixel in each row of an equirectangular image of this height."""
+    edges = np.sin(np.linspace(np.pi / 2, -np.pi / 2, height + 1))
+    return (edges[:-1] - edges[1:]) * np.pi / height
+
+
 @lru_cache(maxsize=4)
 def equirectangular_rays(height: int) -> np.ndarray:
     """(H, 2H, 3) float32 unit vectors in the panorama frame through the pixel centres; read-only, shared by calls."""
@@ -55,6 +61,15 @@ def sample_nearest(image: np.ndarray, bearings: np.ndarray) -> np.ndarray:
     height = image.shape[0]
     columns, rows = rays_to_pixels(bearings, height)
     return image[np.minimum(rows.astype(int), height - 1), columns.astype(int) % (2 * height)]
+
+
+def peak_column(side: np.ndarray) -> int:
+    """The column around which values (W,) are high: the phase of their first Fourier coefficient. Rolling them by c
+    adds c, modulo W."""
+    column = -np.angle(np.fft.rfft(side)[1]) * len(side) / (2 * np.pi)
+    return int(
+        np.floor(column + 0.5 + 1e-6)
+    )  # half columns, where mirrored rooms peak, go up in spite of rounding errors
 
 
 def pose_2d(x_m: float, y_m: float, yaw_rad: float, z_m: float = 0.0) -> np.ndarray:

@@ -69,8 +69,8 @@ class Panorama:
     """An equirectangular RGB-D panorama; any part may be missing, and `provides` says what is there.
 
     rgb (H, 2H, 3) uint8; range_m (H, 2H) float32, range along the ray, NaN where unknown; valid (H, 2H) bool, the part
-    of the sphere that was seen (None: all of it). `id` names the frame it was taken in. Raises DataError on images that
-    do not fit together.
+    of the sphere that was seen (None: all of it). `id` names the frame it was taken in; `range_by` the range model that
+    estimated the range, None where a sensor or a renderer gave it. Raises DataError on images that do not fit together.
     """
 
     id: str
@@ -78,8 +78,11 @@ class Panorama:
     range_m: np.ndarray | None = None
     valid: np.ndarray | None = None
     annotations: Annotations | None = None
+    range_by: str | None = None
 
     def __post_init__(self) -> None:
+        if self.range_by is not None and self.range_m is None:
+            raise DataError(f"{self.id} has a range by {self.range_by!r} and no range image, expected both or neither")
         height = None
         instance_id = None if self.annotations is None else self.annotations.instance_id
         for name, image in (

@@ -75,7 +75,11 @@ class RenderedDataset(FolderDataset, Generic[Frame]):
     @property
     @abstractmethod
     def provides(self) -> frozenset[str]:
-        """Which of "rgb", "range", "annotations" `render` gives: these are kept."""
+        """Which of "rgb", "range", "annotations" every panorama has."""
+
+    def kept(self, frame: Frame) -> frozenset[str]:
+        """Which parts of what `render` gives are kept of a frame: what the data set provides, unless overridden."""
+        return self.provides
 
     @abstractmethod
     def list_frames(self) -> Sequence[Frame]:
@@ -144,7 +148,7 @@ class RenderedDataset(FolderDataset, Generic[Frame]):
         from salframe.panoramas.folder_format import FrameEntry, image_names
 
         known: dict[str, Any] = {} if frame.is_query else {"place": frame.place, "pose": _numbers(frame)}
-        names = image_names(f"frames/{self.file_stem(number, frame)}", self.provides)
+        names = image_names(f"frames/{self.file_stem(number, frame)}", self.kept(frame))
         return FrameEntry(id=frame.id, role=frame.role, **names, **known)
 
     def _truth(self, frame: Frame, entry: FrameEntry) -> TruthEntry:

@@ -18,6 +18,7 @@ from salframe.testing.detectors import check_detector
 from salframe.testing.engines import check_engine
 from salframe.testing.identities import check_files
 from salframe.testing.localizers import check_localizer
+from salframe.testing.range_models import check_range_model
 from salframe.testing.rooms import PARTS
 from salframe.testing.scorers import check_scorer
 from salframe.testing.stages import check_matcher, check_planner, check_positioner, check_saliency
@@ -26,6 +27,7 @@ __all__ = ["ConformanceError", "check_component"]
 
 _CHECKS: dict[str, Callable[[Callable[[], Any]], None]] = {
     "dataset": check_dataset,
+    "range-model": check_range_model,
     "detector": check_detector,
     "saliency": check_saliency,
     "matcher": check_matcher,

@@ -63,6 +63,9 @@ def check_detector(make: Callable[[], Detector]) -> None:
     empty = look(room.emptied(), "empty", stand(room), parts)
     for what, given in (("an empty room", empty), ("half a panorama", halved(panorama))):
         _check_detections(f"detect in {what}", ask(f"detect in {what}", detector.detect, given))
+    if parts != detector.needs:
+        what = f"detect with {' and '.join(sorted(detector.needs))} alone"
+        _check_detections(what, ask(what, detector.detect, look(room, room.name, stand(room), detector.needs)))
     nothing = ask("detect where nothing is seen", detector.detect, blind(parts))
     _check_detections("detect where nothing is seen", nothing)
     expect(len(nothing) == 0, "detect where nothing is seen", f"{len(nothing)} objects", "none: Detections.empty()")
@@ -86,6 +89,9 @@ def _check_detections(checked: str, found: Detections) -> None:
         "metres, NaN where the range is not known",
     )
     expect((found.size_m[known] >= 0).all(), checked, f"sizes {found.size_m[known].tolist()}", "metres, at least 0")
+    length = np.linalg.norm(found.bearing, axis=1)
+    unit = np.isnan(length) | (np.abs(length - 1) < 1e-6)
+    expect(unit.all(), checked, f"bearings of length {length[~unit].tolist()}", "unit vectors, NaN where not known")
     for label, points in zip(found.labels, found.points_m or (), strict=False):
         fits = isinstance(points, np.ndarray) and points.ndim == 2 and points.shape[1] == 3 and points.dtype.kind == "f"
         expect(

@@ -16,7 +16,7 @@ from salframe.graphs.saliency import SaliencyModel
 from salframe.localization.positioner import PoseEstimate, PoseStatus, Positioner
 from salframe.panoramas.geometry import invert_pose, is_rigid, pose_2d, pose_errors, transform_points
 from salframe.testing.asking import ask, attempt, expect, same
-from salframe.testing.rooms import ROOMS, box_detections, room_graph
+from salframe.testing.rooms import ROOMS, box_detections, room_graph, without_range
 from salframe.topology.planner import Planner, Route
 from salframe.topology.topological_map import MapEdge, MapNode, NodeKind, TopologicalMap
 
@@ -51,7 +51,8 @@ def check_saliency(make: Callable[[], SaliencyModel]) -> None:
 
 
 def check_matcher(make: Callable[[], GraphMatcher]) -> None:
-    """A graph is found among others; pairs are one-to-one; nothing is answered to a query that shares nothing."""
+    """A graph is found among others; pairs are one-to-one; nothing is answered to a query that shares nothing; a query
+    may have bearings only."""
     matcher = make()
     sparse = replace(ROOMS[0], boxes=ROOMS[0].boxes[:-2])
     graphs = [*map(room_graph, (*ROOMS, sparse)), room_graph(sparse.emptied())]
@@ -74,6 +75,11 @@ def check_matcher(make: Callable[[], GraphMatcher]) -> None:
         "another answer",
         "the same",
     )
+
+    unranged = without_range(graphs[0])
+    checked = "match of a graph without range"
+    found = ask(checked, lambda query: matcher.match(query, index, len(graphs)), unranged)
+    _check_matches(checked, found, unranged, graphs, len(graphs))
 
     alone = attempt("index of one graph", matcher.index, graphs[:1])
     found = attempt("match against one graph", matcher.match, graphs[0], alone, 5)
@@ -126,7 +132,8 @@ def _check_matches(
 
 
 def check_positioner(make: Callable[[], Positioner]) -> None:
-    """Exact on points without noise; a status where there are too few points or all are one."""
+    """Exact on points without noise, and on directions where it takes them; a status where there are too few points or
+    all are one."""
     positioner = make()
     truth = pose_2d(1.2, -0.7, 2.1)
     reference_m = np.random.default_rng(0).uniform((-3, -3, -1), (3, 3, 1), (8, 3))
@@ -149,6 +156,15 @@ def check_positioner(make: Callable[[], Positioner]) -> None:
         "another answer",
         "the same",
     )
+
+    bearing = query_m / np.linalg.norm(query_m, axis=1, keepdims=True)
+    estimate = ask("resect 8 directions without noise", positioner.resect, bearing, reference_m)
+    _check_estimate("resect 8 directions without noise", estimate, 8)
+    if estimate.status is not PoseStatus.NO_RANGE:
+        expect(estimate.status is PoseStatus.OK, "resect 8 directions", f"the status '{estimate.status}'", "ok")
+        shift_m, turn_rad = pose_errors(estimate.T_reference_query, truth)
+        off = f"a pose {shift_m:.2g} m and {np.degrees(turn_rad):.2g} deg off"
+        expect(max(shift_m, turn_rad) < 1e-6, "resect 8 directions without noise", off, "the exact pose")
 
     one = np.tile(query_m[:1], (5, 1)), np.tile(reference_m[:1], (5, 1))
     failing = {

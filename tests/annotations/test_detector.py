@@ -1,6 +1,7 @@
 """The detector `annotations` on panoramas of boxes whose place is known."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -145,8 +146,42 @@ def test_object_lists_take_noise_when_asked():
 def test_missing_input_is_said():
     with pytest.raises(InputMissing, match="has no annotations"):
         detect(Panorama("x", range_m=np.ones((4, 8), np.float32)))
-    with pytest.raises(InputMissing, match="expected both"):
-        detect(Panorama("x", annotations=Annotations(np.ones((4, 8), int), {1: "a"})))
+
+
+def test_without_range_objects_have_bearings_and_solid_angles():
+    """A patch of 20 rows by w columns from the horizon down: its solid angle is that of the band, its bearing the
+    integral of the directions over it."""
+    pano = replace(panorama(), range_m=None)
+    found = detect(pano, noise="none")
+    assert found.labels == tuple(f"label-{k % 5}" for k in range(12))
+    assert np.isnan(found.centroid_m).all()
+    assert found.points_m is None
+    low, width = np.pi * 20 / HEIGHT, np.pi * 10 / HEIGHT  # 10 columns
+    np.testing.assert_allclose(found.solid_angle_sr, width * np.sin(low), rtol=1e-3)
+    azimuth = np.pi - np.pi * (21 * np.arange(12) + 5) / HEIGHT
+    elevation = np.arctan2(-(np.sin(low) ** 2) * width / 2, (low + np.sin(2 * low) / 2) / 2 * 2 * np.sin(width / 2))
+    expected = np.column_stack([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation)])
+    np.testing.assert_allclose(found.bearing[:, :2], expected, atol=1e-3)
+    np.testing.assert_allclose(found.bearing[:, 2], np.sin(elevation), atol=1e-3)
+
+
+def test_without_range_the_same_objects_are_missed_and_mislabelled():
+    for frame in range(20):
+        pano = panorama(f"frame-{frame}")
+        ranged, unranged = detect(pano, noise="heavy"), detect(replace(pano, range_m=None), noise="heavy")
+        assert unranged.labels == ranged.labels
+        np.testing.assert_allclose(unranged.bearing, ranged.bearing, atol=6e-3)
+        np.testing.assert_array_equal(unranged.solid_angle_sr, ranged.solid_angle_sr)
+
+
+def test_halves_share_the_solid_angle_and_pairs_add_theirs():
+    pano = replace(panorama(), range_m=None)
+    whole = detect(pano, noise="none")
+    halves = detect(pano, noise={"split": 1.0})
+    assert len(halves) == 24
+    np.testing.assert_allclose(halves.solid_angle_sr.reshape(12, 2).sum(1), whole.solid_angle_sr, rtol=1e-6)
+    merged = detect(pano, noise={"merged": 1.0})
+    np.testing.assert_allclose(merged.solid_angle_sr, 2 * whole.solid_angle_sr, rtol=1e-6)
 
 
 def test_auto_noise_is_for_rendered_panoramas():
@@ -163,8 +198,8 @@ def test_auto_noise_is_for_rendered_panoramas():
     assert detect(rendered, noise="realistic").labels != detect(rendered, noise="none").labels
 
 
-def test_without_range_the_detector_is_named(fakes, monkeypatch, tmp_path):
-    """A folder with instance images alone: the method cannot run, rather than fail at every query."""
+def test_without_range_labels_are_enough_for_objects(fakes, monkeypatch, tmp_path):
+    """A folder with instance images alone."""
     monkeypatch.setenv("SALFRAME_PLUGINS", "salframe_annotations,salframe_objects,salframe_engines,salframe.configs")
     manifest = write_tiny_folder(tmp_path / "tiny") / "manifest.json"
     content = json.loads(manifest.read_text())
@@ -174,5 +209,5 @@ def test_without_range_the_detector_is_named(fakes, monkeypatch, tmp_path):
     result = compare(
         Request(("objects",), str(manifest.parent), settings=("detector.kind=annotations",), engine="inline")
     )
-    assert result.rows[0].ended is MethodStatus.UNAVAILABLE
-    assert "its detector 'annotations' needs annotations, which folder does not have" in result.rows[0].reason
+    assert result.rows[0].ended is MethodStatus.DONE
+    assert result.rows[0].accuracy is not None

@@ -8,7 +8,9 @@ import cv2
 import numpy as np
 from command_line import run
 
+from salframe.cli.localize import print_answer
 from salframe.framework.registry import registry
+from salframe.localization.answers import Localization, RankedPlace
 
 
 def test_data_list_and_info(fakes):
@@ -34,6 +36,11 @@ def test_build_then_localize(fakes, tmp_path):
     assert "room-3" in printed
     assert "pose: x 12.00 m, y 0.00 m, yaw 0.0 deg" in printed
     assert "unknown frame 'query-2-9'" in run("localize", "map", "query-2-9", "--data", "rooms").err
+
+
+def test_a_heading_without_a_pose_is_printed(capsys):
+    print_answer(Localization((RankedPlace("map-1", "room-1", 1.0),), None, "no-pose", heading_rad=np.pi / 3))
+    assert capsys.readouterr().out.splitlines()[-1] == "heading: 60.0 deg"
 
 
 def test_an_image_of_a_folder_is_localized_by_its_path(fakes, tmp_path, monkeypatch):

@@ -89,6 +89,16 @@ def test_images_of_a_folder_come_with_what_its_manifest_names(pictures):
     assert (pictures / "out/kitchen-map.rgb.objects.png").exists()
 
 
+def test_auto_is_decided_by_what_an_image_provides(pictures):
+    folder = write_tiny_folder(pictures / "data")
+    done = run("show-objects", folder / "frames/kitchen-map.rgb.png", "hall.jpg", "--json")
+    assert done.code == 1
+    assert [view["detector"] for view in done.json["images"]] == ["annotations"]
+    assert done.err.startswith("auto took the detector annotations\nerror: no detector of 'auto'")
+    assert "no detector of 'auto' can run on hall.jpg: annotations: needs annotations" in done.err
+    assert "unknown key" in run("show-objects", folder / "frames/kitchen-map.rgb.png", "--set", "detector.nois=1").err
+
+
 def test_a_bad_image_costs_its_own_answer_alone(pictures):
     (pictures / "torn.png").write_bytes((pictures / "desk.png").read_bytes()[:100])
     done = run("show-objects", "torn.png", "hall.jpg", "desk.png", "gone.png", *DETECTOR)

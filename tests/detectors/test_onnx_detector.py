@@ -177,8 +177,9 @@ def localizer(name: str, network) -> Localizer:
     return registry().build("localizer", config)
 
 
-def test_without_range_labels_are_known_and_places_can_be_told(network, detector):
-    """`objects` works from colour alone; a graph says what it lacks."""
+def test_without_range_labels_and_bearings_are_known(network, detector):
+    """`objects` works from colour alone; a graph of bearings can be asked of a map, whose own frames say what they
+    lack."""
     kitchen, lounge = (
         replace(scene(*patches)[0], range_m=None)
         for patches in (
@@ -190,7 +191,11 @@ def test_without_range_labels_are_known_and_places_can_be_told(network, detector
     assert found.labels == ("red", "green")
     assert np.isnan(found.centroid_m).all()
     assert found.points_m is None
-    assert registry().get("saliency", "volumetric")().score(found).tolist() == [0.5, 0.5]
+    np.testing.assert_allclose(found.bearing, [(1, 0, 0), (0, 1, 0)], atol=0.02)
+    side = 2 * np.sin(np.radians(10)) * np.radians(20)  # of 20 by 20 degrees about the horizon
+    np.testing.assert_allclose(found.solid_angle_sr, side, rtol=0.25)  # the grid's pixels are 0.7 degrees
+    share = registry().get("saliency", "volumetric")().score(found)
+    np.testing.assert_allclose(share, found.solid_angle_sr / found.solid_angle_sr.sum())
     objects = localizer("objects", network)
     objects.build(
         [
@@ -199,10 +204,18 @@ def test_without_range_labels_are_known_and_places_can_be_told(network, detector
         ]
     )
     assert objects.localize(QueryFrame("query", lambda: turned(lounge, 100))).places[0].place == "lounge"
-    with pytest.raises(
-        InputMissing, match=r"needs range, which scene does not have: .* found 2 objects .* enough for 'objects'"
-    ):
-        localizer("saliency-graph", network).localize(QueryFrame("query", lambda: kitchen))
+    with pytest.raises(InputMissing, match=r"a map needs range, which kitchen does not have: .* enough for 'objects'"):
+        localizer("saliency-graph", network).build([MapFrame("kitchen", "kitchen", np.eye(4), load=lambda: kitchen)])
+
+
+def test_without_range_a_graph_is_localized_in_a_map_with_range(network):
+    patches = ("red", -60, 0, 20, 20, 2.0), ("green", 90, 0, 20, 20, 2.5), ("blue", 170, 0, 20, 20, 1.5)
+    graphs = localizer("saliency-graph", network)
+    graphs.build([MapFrame("kitchen", "kitchen", np.eye(4), load=lambda: scene(*patches)[0])])
+    seen = replace(turned(scene(*patches)[0], 100), range_m=None)
+    answer = graphs.localize(QueryFrame("query", lambda: seen))
+    assert answer.places[0].place == "kitchen"
+    assert answer.heading_rad == pytest.approx(np.pi * 100 / HEIGHT, abs=np.radians(5))
 
 
 def test_without_colour_it_says_so(detector):

@@ -55,6 +55,16 @@ def test_pose_errors_against_hand_computed_ones():
     assert judged.rotation_deg == pytest.approx([8.0])
 
 
+def test_a_heading_is_judged_without_a_pose_too():
+    """190 and -170 degrees are one heading."""
+    told = {**answer("kitchen", status="no-pose"), "heading": math.radians(190)}
+    judged = judge(
+        [told, answer("kitchen", status="no-pose")], [Truth("kitchen", pose_2d(1, 2, math.radians(-176)))] * 2
+    )
+    assert judged.heading_deg == pytest.approx([6.0, math.inf])
+    assert judged.rotation_deg.tolist() == [math.inf, math.inf]
+
+
 def test_a_truth_without_a_pose_is_not_judged():
     judged = judge([answer("kitchen", pose=pose_2d(0, 0, 0))], [Truth("kitchen")])
     assert np.isnan(judged.translation_m).all()
@@ -98,6 +108,7 @@ def test_summary_of_four_queries(tmp_path):
     assert (row.recall_025m_2deg, row.recall_05m_5deg, row.recall_1m_10deg) == (0.25, 0.5, 0.75)
     assert row.median_translation_m == pytest.approx(0.25)  # of 0.1 and 0.4: the wrong place does not count
     assert row.median_rotation_deg == pytest.approx(1.0)
+    assert row.median_heading_deg is None
     assert row.bytes_per_scene == 200.0
     assert (row.describe_ms, row.query_ms, row.peak_memory_mb) == (7.0, 2.0, 30.0)
 

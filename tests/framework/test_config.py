@@ -17,6 +17,7 @@ from salframe.framework.config import (
 )
 from salframe.framework.defaults import defaults
 from salframe.framework.errors import ConfigError, UnknownName
+from salframe.framework.identity import identity
 from salframe.framework.registry import registry
 from salframe.framework.slots import slot
 from salframe.graphs.saliency import SaliencyModel
@@ -55,6 +56,16 @@ class Outer(Inner):
         grid: Grid = Grid()
 
 
+class Optional(Inner):
+    """Has a slot that may be empty."""
+
+    name = "optional"
+
+    class Config(ComponentConfig):
+        model: slot("saliency", "inner")
+        second: slot("saliency", "inner", optional=True)
+
+
 @pytest.fixture
 def models(fakes, monkeypatch):
     monkeypatch.setitem(defaults(), "saliency", "other")
@@ -70,12 +81,28 @@ def test_a_slot_takes_a_name_a_mapping_or_a_configuration(models):
     assert Outer.Config(model=Other.Config(share=0.25)).model == Other.Config(share=0.25)
 
 
+def test_an_optional_slot_is_empty_unless_it_is_set(models):
+    empty, filled = Optional.Config(), Optional.Config(second={"share": 0.25})
+    assert empty.second is None
+    assert filled.second == Inner.Config(share=0.25)
+    assert Optional.Config(second="other").second == Other.Config()
+    assert [name for name, _ in components_in(empty)] == ["model"]
+    assert [name for name, _ in components_in(filled)] == ["model", "second"]
+    for config in (empty, filled):
+        assert Optional.Config.model_validate(config.model_dump(mode="json")) == config
+    assert identity(empty)["settings"]["second"] is None
+    assert identity(filled)["settings"]["second"]["name"] == "inner"
+    with pytest.raises(UnknownName, match="unknown saliency 'nobody'"):
+        Optional.Config(second="nobody")
+
+
 def test_a_slot_without_a_default_takes_that_of_the_defaults_file(models):
     assert Outer.Config().judge == Other.Config()
     assert [name for name, _ in components_in(Outer.Config())] == ["model", "judge"]
 
 
-def test_a_slot_whose_role_has_no_default_is_refused(fakes):
+def test_a_slot_whose_role_has_no_default_is_refused(fakes, monkeypatch):
+    monkeypatch.delitem(defaults(), "saliency")
     with pytest.raises(ConfigError, match="no name stands for 'saliency' where none is given, only for methods, "):
         registry().add(Outer, "test")
 

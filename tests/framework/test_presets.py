@@ -68,6 +68,7 @@ def test_every_default_is_a_name_that_there_is():
         "engine": "engine",
         "planner": "planner",
         "navigation_planner": "planner",
+        "range-model": "range-model",
         "detector": "detector",
         "saliency": "saliency",
     }
@@ -75,7 +76,7 @@ def test_every_default_is_a_name_that_there_is():
     assert set(auto_order("detector")) <= {*names("detector"), "segments"}
     for key, role in known.items():
         listed = default_of(key)
-        assert set([listed] if isinstance(listed, str) else listed) <= set(names(role)), key
+        assert set([listed] if isinstance(listed, str) else listed) <= {*names(role), "auto"}, key
 
 
 def test_a_preset_is_the_yaml_file_of_its_name(presets):

@@ -82,7 +82,7 @@ class Nameless(SaliencyModel):
             declared(Config=config(tool=(object, object()))),
             "Changed.Config has a default that cannot be written as JSON",
         ),
-        (Path, "is no component: it must subclass one of Dataset, Detector, SaliencyModel"),
+        (Path, "is no component: it must subclass one of Dataset, RangeModel, Detector, SaliencyModel"),
         (Declared(), "is no component"),
         (SaliencyModel.score, "is no component"),
     ],

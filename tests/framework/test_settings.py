@@ -37,6 +37,7 @@ class Outer(Inner):
 
     class Config(ComponentConfig):
         model: slot("saliency", "inner")
+        other: slot("saliency", "inner", optional=True, description="another, or none")
         grid: Grid = Grid()
         way: Literal["straight", "round"] = "straight"
         limit: int | None = None
@@ -54,8 +55,15 @@ def test_every_setting_is_a_row_with_its_dotted_key(models):
     assert list(list_settings(config)) == [
         Setting("model", "inner", "inner", "saliency", ""),
         Setting("model.share", 0.25, 0.5, "float, at least 0, at most 1", "what it keeps"),
+        Setting("other", None, None, "saliency | null", "another, or none"),
         Setting("grid.size_m", 2.0, 0.5, "float, over 0", "side of a cell"),
         Setting("way", "straight", "straight", "straight | round", ""),
         Setting("limit", 3, None, "int | null", ""),
         Setting("tables", [], [], "tuple[str, ...]", ""),
     ]
+
+
+def test_an_optional_slot_that_is_set_is_a_row_with_its_role(models):
+    rows = {row.key: row for row in list_settings(Outer.Config(other={"share": 0.25}))}
+    assert rows["other"] == Setting("other", "inner", None, "saliency", "another, or none")
+    assert rows["other.share"].value == 0.25

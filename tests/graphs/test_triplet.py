@@ -1,13 +1,14 @@
 """The matcher on rooms drawn at random, whose nodes and poses are known."""
 
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from salframe_graphs.agreement import agree
 from salframe_graphs.features import node2vec, ring_hop_histograms
 from salframe_graphs.triplet import TripletMatcher
-from salframe_graphs.verification import verify
+from salframe_graphs.verification import ScaleBound, verify
 
 from salframe.framework.errors import RequirementMissing
 from salframe.graphs.detections import Detections
@@ -222,6 +223,41 @@ def test_verification_ignores_outliers():
     np.testing.assert_allclose(found.kernel[0, range(3, 9), range(3, 9)], 1, atol=0.05)
     far = verify(query, reference, np.ones((1, 9, 9)), np.full((1, 9, 9), 0.3), np.full(9, 1 / 9), 0.1)
     assert far.poses() == [None]
+
+
+@pytest.mark.parametrize("factor", [0.8, 0.92, 1.0, 1.15])
+def test_a_bounded_scale_is_estimated_with_the_pose(factor):
+    """A room whose ranges are all off by a factor: the exact pose and the factor that puts them right."""
+    reference = np.random.default_rng(2).uniform(-3, 3, (9, 3)) * (1, 1, 0.4)
+    truth = pose_2d(1.0, -0.5, 2.0)
+    query = transform_points(invert_pose(truth), reference) * factor
+    bound = ScaleBound(0.3, query[:, 2], reference[None, :, 2], 0.2)
+    tolerance = np.full((1, 9, 9), 0.2)
+    found = verify(query[:, :2], reference[None, :, :2], np.ones((1, 9, 9)), tolerance, np.ones(9), 6.0, bound)
+    assert pose_errors(found.poses()[0], truth) == pytest.approx((0, 0), abs=1e-6)
+    np.testing.assert_allclose(np.diag(found.kernel[0]), 1, atol=1e-5)
+    rigid = verify(query[:, :2], reference[None, :, :2], np.ones((1, 9, 9)), tolerance, np.ones(9), 6.0)
+    assert (np.diag(rigid.kernel[0]).sum() > 8.99) == (factor == 1.0)
+
+
+def test_a_scale_beyond_the_bound_is_not_estimated():
+    reference = np.random.default_rng(2).uniform(-3, 3, (9, 3)) * (1, 1, 0.4)
+    bound = ScaleBound(0.1, reference[:, 2] * 0.6, reference[None, :, 2], None)
+    tolerance = np.full((1, 9, 9), 0.2)
+    found = verify(reference[:, :2] * 0.6, reference[None, :, :2], np.eye(9)[None], tolerance, np.ones(9), 6.0, bound)
+    assert found.kernel[0].max(1).sum() < 5
+
+
+def test_a_match_tells_the_scale_that_the_positioner_uses(rooms):
+    """Found with the settings of a map whose queries' range is estimated; without them the factor is 1."""
+    graphs = [graph_of(each) for each in rooms]
+    query = graphs[3]
+    stretched = replace(query, centroid_m=query.centroid_m * 1.2, size_m=query.size_m * 1.2)
+    index = matcher(largest_scale_error=0.3).index(graphs)
+    best = matcher(largest_scale_error=0.3).match(stretched, index, 3)[0]
+    assert best.scene == 3
+    assert best.scale == pytest.approx(1 / 1.2, abs=1e-6)
+    assert matcher().match(stretched, index, 3)[0].scale == 1.0
 
 
 def test_agreeing_matches_outvote_a_lone_one():

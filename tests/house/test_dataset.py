@@ -128,6 +128,30 @@ def test_furniture_is_known_by_its_content_not_by_its_folder(tmp_path: Path) -> 
     assert House().fingerprint not in (known("here", b"sofa"), known("there", b"chair"))
 
 
+def test_queries_without_range_and_with_range_off_by_a_factor(
+    house: House, cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The map is the same, and the queries but for their range."""
+    plain = house.folds()[0]
+    made = {}
+    for name, options in {"none": {"query_range": False}, "off": {"query_scale_share": 0.2}}.items():
+        data = House(House.Config(rooms=6, rgb=False, height=128, queries_per_room=1, **options))
+        data.prepare(lambda done, total: None)
+        (made[name],) = data.folds()
+        np.testing.assert_array_equal(made[name].mapping[0].load().range_m, plain.mapping[0].load().range_m)
+        assert data.provides == ({"annotations"} if name == "none" else {"range", "annotations"})
+    factors = []
+    for query, none, off in zip(plain.queries, made["none"].queries, made["off"].queries, strict=True):
+        panorama = query.load()
+        assert none.load().provides == {"annotations"}
+        np.testing.assert_array_equal(none.load().annotations.instance_id, panorama.annotations.instance_id)
+        ratio = off.load().range_m / panorama.range_m
+        factors.append(np.nanmedian(ratio))
+        np.testing.assert_allclose(ratio, factors[-1], atol=3e-3)  # both are kept to the millimetre
+    assert np.std(factors) == pytest.approx(0.2, rel=0.6)
+    assert len(set(factors)) == 6
+
+
 @pytest.mark.slow
 def test_colour_is_rendered_under_other_light(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path))

@@ -142,7 +142,7 @@ def test_the_parabola_meets_the_peak_between_two_angles():
 
 
 def test_a_panorama_without_colour_is_refused(localizer):
-    with pytest.raises(InputMissing, match="image needs rgb, which query does not have"):
+    with pytest.raises(InputMissing, match="image needs rgb, which dark does not have"):
         localizer.localize(query(Panorama("dark", range_m=np.ones((64, 128), np.float32))))
 
 

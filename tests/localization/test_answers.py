@@ -51,6 +51,15 @@ def test_a_rigid_motion_is_an_answer():
     np.testing.assert_array_equal(Localization(here, pose, "ok").T_world_query, pose)
 
 
+def test_a_heading_is_that_of_the_pose_or_stands_alone():
+    here = (RankedPlace("a", "room", 1.0),)
+    assert Localization(here, pose_2d(1.0, -2.0, 2.5), "ok").heading_rad == pytest.approx(2.5)
+    assert Localization(here, None, "no-pose", heading_rad=-0.3).heading_rad == -0.3
+    assert Localization(here, None, "no-pose").heading_rad is None
+    with pytest.raises(InvalidAnswer, match="the heading nan, expected radians"):
+        Localization(here, None, "no-pose", heading_rad=float("nan"))
+
+
 def test_matches_must_fit_together():
     points = np.eye(3)
     assert PointMatches(points, points).query.shape == (3, 3)

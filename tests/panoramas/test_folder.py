@@ -175,9 +175,9 @@ def test_optional_parts_are_optional(tmp_path: Path, images: dict[str, np.ndarra
         data.truth("x")
 
 
-def test_instance_images_without_range_are_no_annotations(folder: Path) -> None:
+def test_instance_images_are_annotations_without_range_too(folder: Path) -> None:
     edit(folder, lambda m: m["frames"][1].pop("range"))
-    assert dataset(folder).provides == {"rgb"}
+    assert dataset(folder).provides == {"rgb", "annotations"}
 
 
 def test_a_moved_folder_has_the_same_fold(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> None:

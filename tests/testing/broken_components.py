@@ -22,6 +22,7 @@ from salframe.framework.identity import UserFile, identity
 from salframe.graphs.detections import Detections
 from salframe.localization.positioner import PoseEstimate
 from salframe.panoramas.geometry import pose_2d
+from salframe.panoramas.range_model import RangeModel, from_bright_side
 from salframe.testing.rooms import HEIGHT_PX
 
 
@@ -285,6 +286,32 @@ class Centring(RobustPositioner):
         return super().solve(query_m, reference_m, weights)
 
 
+class Backward(RobustPositioner):
+    """Broken."""
+
+    def resect(self, bearing, reference_m):
+        return super().resect(-bearing, reference_m)
+
+
+class Rangeless(TripletMatcher):
+    """Broken."""
+
+    def match(self, query, index, top_k):
+        return [
+            replace(match, score=match.score + query.range_m.mean()) for match in super().match(query, index, top_k)
+        ]
+
+
+class Stretched(Described):
+    """Broken."""
+
+    def detect(self, panorama):
+        found = super().detect(panorama)
+        return (
+            found if len(found) and np.isfinite(found.centroid_m).all() else replace(found, bearing=2 * found.bearing)
+        )
+
+
 class Mixed(SaliencyGraphLocalizer):
     """Broken."""
 
@@ -418,6 +445,67 @@ class Backwards(Inline):
         return reversed(list(super().map(function, items)))
 
 
+class Ranging(RangeModel):
+    """A range model that is broken in one way."""
+
+    name, version = "ranging", "1"
+
+    @from_bright_side
+    def estimate(self, panorama):
+        return (1 + panorama.rgb.mean(-1) / 64).astype(np.float32)
+
+
+class Sensing(Ranging):
+    """Broken."""
+
+    needs = frozenset({"rgb", "range"})
+
+
+class Double(Ranging):
+    """Broken."""
+
+    def estimate(self, panorama):
+        return super().estimate(panorama).astype(float)
+
+
+class Narrow(Ranging):
+    """Broken."""
+
+    def estimate(self, panorama):
+        return super().estimate(panorama)[:, ::2]
+
+
+class Zeroing(Ranging):
+    """Broken."""
+
+    def estimate(self, panorama):
+        return np.where(panorama.rgb.mean(-1) < 60, np.float32(0), super().estimate(panorama))
+
+
+class Blinded(Ranging):
+    """Broken."""
+
+    def estimate(self, panorama):
+        if not panorama.rgb.any():
+            raise ValueError("nothing to see")
+        return super().estimate(panorama)
+
+
+class Wavering(Ranging):
+    """Broken."""
+
+    def estimate(self, panorama):
+        return super().estimate(panorama) * np.float32(np.random.default_rng().uniform(0.9, 1.1))
+
+
+class Slanted(Ranging):
+    """Broken."""
+
+    def estimate(self, panorama):
+        range_m = super().estimate(panorama)
+        return range_m * np.linspace(1, 1.1, range_m.shape[1], dtype=np.float32)
+
+
 BROKEN = [
     (Shouting, "Shouting.name is 'My Detector', expected words of small letters"),
     (Silent, "docstring of Silent: received none"),
@@ -450,6 +538,9 @@ BROKEN = [
     (Optimistic, "solve of no point: received a pose"),
     (Poseless, "received the status 'ok' without a pose"),
     (Centring, "received .*read-only"),
+    (Backward, "resect 8 directions.*: received"),
+    (Rangeless, r"match of a graph without range: received scores .*nan"),
+    (Stretched, r"detect with annotations alone: received bearings of length \[2.0"),
     (Mixed, "after save and load: received"),
     (North, "received a pose that moved .* rad off the turn"),
     (Scolding, "received ValueError: there is nothing here"),
@@ -464,5 +555,12 @@ BROKEN = [
     (Pathed, "setting table: received a plain Path, expected a UserFile"),
     (Fragile, "map: received ValueError: 3 is odd"),
     (Backwards, r"received \[4, 1\], expected \[1, 4\], in order"),
+    (Sensing, r"needs: received \{.*\}, expected some of annotations, rgb"),
+    (Double, r"estimate of the bedroom: received float64 \(192, 384\), expected float32 \(192, 384\)"),
+    (Narrow, r"estimate of the bedroom: received float32 \(192, 192\), expected float32 \(192, 384\)"),
+    (Zeroing, r"estimate of the bedroom: received a range of \[0.\] m, expected metres over 0, NaN where"),
+    (Blinded, "estimate of nothing at all: received ValueError: nothing to see"),
+    (Wavering, "estimate of the bedroom: received two answers to the same input"),
+    (Slanted, "estimate of the bedroom rolled by 192 columns: received .*% of the ranges changed, expected at most 5%"),
     (int, "<class 'int'> is no component: it must subclass one of Dataset"),
 ]

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 import pytest
-from broken_components import BROKEN, Described, columns
+from broken_components import BROKEN, Described, Ranging, columns
 from broken_datasets import BROKEN_DATASETS
 from broken_planners import Dijkstra, OneWay, Retracing, Swimming
 from salframe_annotations.detector import AnnotationDetector
@@ -54,8 +54,9 @@ OURS = [component for component, package in registry() if package == "salframe"]
 
 BROUGHT = ("feature-matcher", "detection-decoder", "image-network")
 """Roles that plugins of ours bring, checked in tests/keypoints, tests/detectors and tests/image."""
-STAGES = [c for c in OURS if c.role not in ("dataset", "localizer", *BROUGHT) and c.name not in ("onnx", "union")]
-"""All but `onnx` and `union`, whose networks are made in tests/detectors."""
+FILED = ("onnx", "union", "onnx-depth", "segments")
+"""Checked in tests/detectors, tests/depth and tests/segments, where their networks are made."""
+STAGES = [c for c in OURS if c.role not in ("dataset", "localizer", *BROUGHT) and c.name not in FILED]
 
 
 @pytest.mark.parametrize("component", STAGES, ids=lambda component: component.name)
@@ -150,6 +151,10 @@ def test_a_broken_dataset_is_told_in_one_line(component, message, tiny):
     with pytest.raises(ConformanceError, match=message) as caught:
         check_component(component, component.Config(root=tiny))
     assert "\n" not in str(caught.value)
+
+
+def test_a_range_model_that_breaks_no_rule_conforms():
+    check_component(Ranging)
 
 
 def test_a_planner_is_checked_against_the_shortest_route():

@@ -1,0 +1,11 @@
+"""Range from colour: monocular depth networks on panoramas."""
+
+import salframe
+
+
+@salframe.hookimpl
+def salframe_provides() -> list[type]:
+    """The range model `onnx-depth`."""
+    from salframe_depth.range_model import OnnxDepth
+
+    return [OnnxDepth]

@@ -1,0 +1,178 @@
+"""Where a camera stands and looks, from directions to points of known place: resection by bearings and elevations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from salframe.localization.positioner import PoseEstimate, PoseStatus
+from salframe.panoramas.geometry import pose_2d, wrap_angle
+
+LARGEST_SD_M, LARGEST_SD_RAD = 1.0, np.radians(10)
+"""A position or heading less certain than this is none."""
+LEAST_SD_M = 0.1
+"""Objects seen from two sides are no points: no residual is taken to be smaller than this."""
+SEPARATE_M, SEPARATE_RAD = 0.5, np.radians(30)
+"""Poses further apart than this are two."""
+_FEW, _ROUNDS = 20, 10
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """The conditions of M directions on a pose, linear in v = (cos yaw, sin yaw, t), t (2,) the position in the axes of
+    the query.
+
+    beside (M, 4): beside @ v is how far the point lies beside the vertical plane of the direction, metres; before
+    (M, 4): how far before the camera in that plane; out, up, z_m (M,): cosine and sine of the elevation, the point's
+    height over the camera's.
+    """
+
+    beside: np.ndarray
+    before: np.ndarray
+    out: np.ndarray
+    up: np.ndarray
+    z_m: np.ndarray
+
+    def distance_m(self, v: np.ndarray) -> np.ndarray:
+        """(..., M) metres between the points and the rays of poses v (..., 4); infinite behind the camera."""
+        before = v @ self.before.T
+        above = self.z_m * self.out - before * self.up
+        in_front = before * self.out + self.z_m * self.up > 0
+        return np.where(in_front, np.hypot(v @ self.beside.T, above), np.inf)
+
+
+def resect(bearing: np.ndarray, reference_m: np.ndarray, tolerance_m: float, ambiguity: float) -> PoseEstimate:
+    """The upright pose, at the height of the reference frame, under which directions meet points.
+
+    bearing (M, 3) unit vectors in the query frame; reference_m (M, 3) points in the reference frame. A position takes
+    three directions that agree to tolerance_m; two give a heading, where their elevations tell the distances. Poses
+    from every two directions and their elevations, and from every three azimuths, are scored by all directions; the
+    best few are fitted to what they explain by least squares. A runner-up of at least `ambiguity` of the support makes
+    the pose ambiguous.
+    """
+    count = len(bearing)
+    if count < 2:
+        return PoseEstimate(None, PoseStatus.TOO_FEW, None, np.zeros(count, bool))
+    rows = _conditions(bearing, reference_m)
+    hypotheses = np.concatenate([_from_pairs(rows), _from_triples(rows)])
+    squared = (rows.distance_m(hypotheses) / tolerance_m) ** 2
+    support = np.maximum(1 - squared, 0).sum(1)
+    few = np.argsort(-support, kind="stable")[:_FEW]
+    few = few[(squared[few] < 1).sum(1) >= 2]
+    if not len(few):
+        return PoseEstimate(None, PoseStatus.DEGENERATE, None, np.zeros(count, bool))
+    poses = np.array([_fit(rows, hypotheses[i], squared[i] < 1) for i in few])
+    support = np.maximum(1 - (rows.distance_m(poses) / tolerance_m) ** 2, 0).sum(1)
+    best = int(support.argmax())
+    v, inliers = poses[best], squared[few[best]] < 1
+    for _ in range(5):
+        closer = _inliers(rows, v, tolerance_m)
+        if closer.sum() < 2 or (closer == inliers).all():
+            break
+        inliers = closer
+        v = _fit(rows, v, inliers)
+    covariance = _covariance(rows, v, inliers)
+    x_m, y_m, yaw_rad = _pose(v)
+    sd = np.sqrt(np.diag(covariance))
+    heading = yaw_rad if sd[2] <= LARGEST_SD_RAD else None
+    others = np.array([_pose(other) for other in poses]).reshape(-1, 3)
+    apart = (np.hypot(*(others[:, :2] - (x_m, y_m)).T) > SEPARATE_M) | (
+        np.abs(wrap_angle(others[:, 2] - yaw_rad)) > SEPARATE_RAD
+    )
+    runner_up = float(min(support[apart].max(initial=0) / max(support[best], 1e-12), 1))
+    if runner_up >= ambiguity:
+        return PoseEstimate(None, PoseStatus.AMBIGUOUS, None, inliers, runner_up)
+    if inliers.sum() < 3:
+        return PoseEstimate(None, PoseStatus.TOO_FEW, None, inliers, runner_up, heading)
+    if heading is None or sd[:2].max() > LARGEST_SD_M:
+        return PoseEstimate(None, PoseStatus.DEGENERATE, None, inliers, runner_up, heading)
+    return PoseEstimate(pose_2d(x_m, y_m, yaw_rad), PoseStatus.OK, covariance, inliers, runner_up)
+
+
+def _conditions(bearing: np.ndarray, reference_m: np.ndarray) -> _Rows:
+    x, y, z = np.asarray(reference_m, float).T
+    out = np.hypot(bearing[:, 0], bearing[:, 1])
+    c, s = (np.divide(bearing[:, axis], out, out=np.ones(len(out)) * (axis == 0), where=out > 0) for axis in (0, 1))
+    return _Rows(
+        np.stack([c * y - s * x, -c * x - s * y, s, -c], 1),
+        np.stack([c * x + s * y, c * y - s * x, -c, -s], 1),
+        out,
+        bearing[:, 2],
+        z,
+    )
+
+
+def _from_pairs(rows: _Rows) -> np.ndarray:
+    """(H, 4) poses from every two directions whose elevations tell distances."""
+    pair = np.array(list(combinations(range(len(rows.z_m)), 2)))
+    matrix = np.concatenate([rows.beside[pair], rows.up[pair, None] * rows.before[pair]], 1)
+    heights = (rows.z_m * rows.out)[pair]
+    solvable = np.linalg.cond(matrix) < 1e4  # no pair of level directions
+    right = np.concatenate([np.zeros_like(heights), heights], 1)[solvable]
+    return _normal(np.linalg.solve(matrix[solvable], right[..., None])[..., 0])
+
+
+def _from_triples(rows: _Rows) -> np.ndarray:
+    """(H, 4) poses from every three azimuths, elevations aside: the null space of their conditions, turned so that the
+    points lie in front."""
+    triple = np.array(list(combinations(range(len(rows.z_m)), 3)), int).reshape(-1, 3)
+    _, size, right = np.linalg.svd(rows.beside[triple])
+    told = size[:, 2] > 1e-4 * size[:, 0]  # points on a circle with the camera look alike from all of that circle
+    v = right[told, 3]
+    before = np.einsum("hij,hj->hi", rows.before[triple[told]], v)
+    return _normal(v * np.where(before.sum(1) < 0, -1, 1)[:, None])
+
+
+def _normal(v: np.ndarray) -> np.ndarray:
+    """Poses (H, 4) whose cosine and sine are those of an angle, those without left out."""
+    size = np.hypot(v[:, 0], v[:, 1])
+    return v[size > 1e-6] / size[size > 1e-6, None]
+
+
+def _fit(rows: _Rows, v: np.ndarray, inliers: np.ndarray) -> np.ndarray:
+    """The pose (4,) of least squared distances to the inliers' rays, by Gauss-Newton from v."""
+    for _ in range(_ROUNDS):
+        residual, jacobian = _linearised(rows, v, inliers)
+        step = np.linalg.lstsq(jacobian, -residual, rcond=1e-9)[0]
+        yaw_rad = np.arctan2(v[1], v[0]) + step[0]
+        v = np.array([np.cos(yaw_rad), np.sin(yaw_rad), *(v[2:] + step[1:])])
+        if np.abs(step).max() < 1e-10:
+            break
+    return v
+
+
+def _linearised(rows: _Rows, v: np.ndarray, inliers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Residuals (2 M,) in metres, beside and above the rays, and their derivatives (2 M, 3) by yaw and t."""
+    matrix = np.concatenate([rows.beside, -rows.up[:, None] * rows.before])[np.tile(inliers, 2)]
+    constant = np.concatenate([np.zeros(len(rows.z_m)), rows.z_m * rows.out])[np.tile(inliers, 2)]
+    by_yaw = -matrix[:, 0] * v[1] + matrix[:, 1] * v[0]
+    return matrix @ v + constant, np.column_stack([by_yaw, matrix[:, 2:]])
+
+
+def _inliers(rows: _Rows, v: np.ndarray, tolerance_m: float) -> np.ndarray:
+    """(M,) bool: within the tolerance, or 2.5 standard deviations of the residuals by their median, whichever is
+    tighter."""
+    distance = rows.distance_m(v)
+    near = distance < tolerance_m
+    scale = 1.4826 * np.median(distance[near]) if near.any() else 0.0
+    return distance < np.clip(2.5 * scale, 0.1, tolerance_m)
+
+
+def _pose(v: np.ndarray) -> tuple[float, float, float]:
+    """x_m, y_m and yaw_rad of v."""
+    c, s, along, across = v
+    return float(c * along - s * across), float(s * along + c * across), float(np.arctan2(s, c))
+
+
+def _covariance(rows: _Rows, v: np.ndarray, inliers: np.ndarray) -> np.ndarray:
+    """Covariance (3, 3) of (x_m, y_m, yaw_rad), first order; what nothing determines is uncertain without bound."""
+    residual, jacobian = _linearised(rows, v, inliers)
+    freedom = max(len(residual) - 3, 1)
+    variance = max(float(residual @ residual) / freedom, LEAST_SD_M**2)
+    # A prior of a kilometre keeps the matrix regular.
+    own = variance * np.linalg.inv(jacobian.T @ jacobian + 1e-6 * variance * np.eye(3))
+    (c, s), (x_m, y_m, _) = v[:2], _pose(v)
+    change = np.array([[-y_m, c, -s], [x_m, s, c], [1, 0, 0]])
+    return change @ own @ change.T
