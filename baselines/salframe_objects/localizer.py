@@ -10,7 +10,7 @@ import numpy as np
 from salframe.framework.config import ComponentConfig, match_only
 from salframe.framework.registry import registry
 from salframe.framework.slots import slot
-from salframe.localization.localizer import Description, range_slot
+from salframe.localization.localizer import Description, posterior_slot, range_slot
 from salframe.panoramas.panorama import Panorama
 from salframe_objects.labels import WeightedLabels
 from salframe_objects.salient import SalientObjects
@@ -28,6 +28,7 @@ class ObjectSetLocalizer(WeightedLabels):
         labels: Literal["set", "multiset"] = match_only(
             "set", description="which labels are there, or how many of each"
         )
+        posterior: posterior_slot()  # type: ignore[valid-type]
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)
@@ -47,6 +48,9 @@ class ObjectSetLocalizer(WeightedLabels):
             if self.config.labels == "set"
             else np.asarray(description["counts"], float)
         )
+
+    def count_objects(self, description: Description) -> int:
+        return int(np.sum(description["counts"]))
 
     def scene_bytes(self, description: Description) -> int:
         """A 16-bit label index each, and a byte for the number where numbers are kept."""

@@ -9,7 +9,7 @@ from salframe.framework.config import ComponentConfig
 from salframe.framework.registry import registry
 from salframe.framework.slots import slot
 from salframe.graphs.detections import Detections
-from salframe.localization.localizer import Localizer, range_slot
+from salframe.localization.localizer import Localizer, posterior_slot, range_slot
 from salframe.panoramas.panorama import Panorama
 
 
@@ -23,6 +23,7 @@ class SalientObjects(Localizer):
         saliency_power: float = Field(
             1 / 3, ge=0, description="p of an object's weight S^p: 1 share of volume, 1/3 of length, 0 all alike"
         )
+        posterior: posterior_slot()  # type: ignore[valid-type]
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)

@@ -53,6 +53,9 @@ class SalientVolumesLocalizer(SalientObjects):
         """The one-to-one matching that the score is made of, without the pairs that add nothing to it."""
         return NodeMatches(query["centroid_m"], reference["centroid_m"], align_places(query, reference)[1])
 
+    def count_objects(self, description: Description) -> int:
+        return len(description["labels"])
+
     def scene_bytes(self, description: Description) -> int:
         """A 16-bit label index, a 16-bit weight and a position in mm, three times 16 bits, each."""
         return 10 * len(description["labels"])

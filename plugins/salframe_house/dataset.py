@@ -12,6 +12,7 @@ from salframe.framework.config import ComponentConfig
 from salframe.framework.identity import UserFile
 from salframe.navigation.world import NavigableDataset, World, floor_worlds
 from salframe.panoramas.floors import FloorMasks
+from salframe.panoramas.hidden_places import hide_query_place_setting
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.rendered import RenderedDataset
 
@@ -58,6 +59,7 @@ class House(RenderedDataset["HouseFrame"], NavigableDataset):
         query_scale_share: float = Field(
             0.0, ge=0, description="standard deviation of the scale of a query's range, a share: one factor a panorama"
         )
+        hide_query_place: bool = hide_query_place_setting()
 
     @property
     def provides(self) -> frozenset[str]:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import hashlib
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Literal
@@ -12,12 +13,13 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from salframe.framework.config import ComponentConfig
+from salframe.framework.config import ComponentConfig, match_only
 from salframe.framework.errors import DataError
 from salframe.framework.identity import digest
 from salframe.navigation.world import NavigableDataset, World
 from salframe.panoramas.frames import Fold, MapFrame, QueryFrame, Truth
 from salframe.panoramas.geometry import pose_2d, pose_yaw
+from salframe.panoramas.hidden_places import add_hidden_places, hide_query_place_setting
 from salframe.panoramas.panorama import Panorama
 from salframe_matterport.readers import (
     boxes_path,
@@ -27,7 +29,10 @@ from salframe_matterport.readers import (
     read_regions,
     regions_path,
 )
-from salframe_matterport.scenes import Scene, generator, read_scenes
+from salframe_matterport.scenes import Scene, generator, range_again, read_scenes
+
+APART_M = 1000.0
+"""In one map, buildings lie so far apart that none of their rooms meet."""
 
 
 class MatterportAnnotations(NavigableDataset):
@@ -35,7 +40,8 @@ class MatterportAnnotations(NavigableDataset):
 
     Every included viewpoint that sees an object is a scene; ranges come from the positions triangulated from all
     bearings of an object. A query is a viewpoint whose region has another scene; its own scene is not in its fold's map
-    and its frame is turned by a random yaw.
+    and its frame is turned by a random yaw. What else its map holds is set: `leave_out`, `query_triangulates`,
+    `one_map`, `hide_query_place`.
     """
 
     name = "matterport-annotations"
@@ -49,10 +55,26 @@ class MatterportAnnotations(NavigableDataset):
         )
         min_visible: int = Field(3, ge=1, description="visible objects a query must have")
         seed: int = Field(0, description="of range noise, ranges of objects seen once, and the yaw of queries")
+        leave_out: int = match_only(
+            1,
+            ge=1,
+            description="viewpoints of the query's region that its map lacks: its own, and those nearest to it; "
+            "queries are viewpoints of regions that have more",
+        )
+        query_triangulates: bool = match_only(
+            True,
+            description="bearings of the viewpoints that a map lacks help to triangulate its ranges; "
+            "false: those of the map's own viewpoints alone",
+        )
+        one_map: bool = match_only(
+            False, description="every map holds all buildings, 1 km apart along x, not the query's alone"
+        )
+        hide_query_place: bool = hide_query_place_setting()
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)
         self._buildings: dict[str, list[Scene]] = {}
+        self._again: dict[str, Scene] = {}
 
     @property
     def provides(self) -> frozenset[str]:
@@ -78,8 +100,10 @@ class MatterportAnnotations(NavigableDataset):
 
     @cached_property
     def fingerprint(self) -> str:
-        """Of the settings and of the bytes of every file read."""
-        content = hashlib.sha256(digest(self.config.model_dump(mode="json", exclude={"root"})).encode())
+        """Of the settings that panoramas depend on and of the bytes of every file read."""
+        about_maps = {"leave_out", "query_triangulates", "one_map", "hide_query_place"}
+        settings = self.config.model_dump(mode="json", exclude={"root", *about_maps})
+        content = hashlib.sha256(digest(settings).encode())
         files = [regions_path(self._root)]
         for scan in self._scans:
             path = connectivity_path(self._root, scan)
@@ -99,7 +123,8 @@ class MatterportAnnotations(NavigableDataset):
         progress(len(self._scans), len(self._scans))
 
     def folds(self) -> Sequence[Fold]:
-        return [fold for fold, _ in self._folds.values()]
+        folds = [fold for fold, _ in self._folds.values()]
+        return add_hidden_places(folds, self.truth) if self.config.hide_query_place else folds
 
     def truth(self, query_id: str) -> Truth:
         try:
@@ -123,8 +148,10 @@ class MatterportAnnotations(NavigableDataset):
         ]
 
     def scenes(self) -> dict[str, Scene]:
-        """Every scene by its id, with the ids of its objects: for evaluation, like `truth`, never for a localizer."""
-        return {scene.id: scene for scan in self._scans for scene in self._building(scan)}
+        """Every scene by the id of its mapping frames, with the ids of its objects: for evaluation, like `truth`, never
+        for a localizer."""
+        own = {scene.id: scene for scan in self._scans for scene in self._building(scan)}
+        return own if self.config.query_triangulates else {**own, **self._scenes_again}
 
     @cached_property
     def _regions(self) -> dict[str, dict[str, int]]:
@@ -138,40 +165,76 @@ class MatterportAnnotations(NavigableDataset):
 
     def _mapping(self, scan: str) -> list[MapFrame]:
         """The mapping frames of all scenes of a building."""
-        return [
-            MapFrame(
-                scene.id, scene.place, scene.T_world_pano, load=_load(scene, scene.id, pose_yaw(scene.T_world_pano))
-            )
-            for scene in self._building(scan)
-        ]
+        return [_map_frame(scene) for scene in self._building(scan)]
 
     @cached_property
     def _folds(self) -> dict[str, tuple[Fold, Truth]]:
         """Fold and truth of each query, by the query's id."""
+        apart_m = APART_M if self.config.one_map else 0.0
+        shift_m = {scan: number * apart_m for number, scan in enumerate(self._scans)}
+        mapping = {
+            scan: [_map_frame(scene, shift_m[scan]) for scene in self._building(scan)] for scan in self._scans
+        }
         folds = {}
         for scan in self._scans:
             scenes = self._building(scan)
-            mapping = self._mapping(scan)
+            others = [frame for other in self._scans if other != scan for frame in mapping[other]]
             scenes_of = Counter(scene.place for scene in scenes)
-            for i, scene in enumerate(scenes):
-                if len(scene.labels) < self.config.min_visible or scenes_of[scene.place] < 2:
+            for scene in scenes:
+                if len(scene.labels) < self.config.min_visible or scenes_of[scene.place] <= self.config.leave_out:
                     continue
                 query = f"{scene.id}/query"
+                left_out = nearest_of_place(scenes, scene, self.config.leave_out)
+                frames = [frame for frame in mapping[scan] if frame.id not in left_out]
+                if not self.config.query_triangulates:
+                    again = self._triangulated_without(scan, left_out)
+                    frames = [
+                        _map_frame(again[frame.id], shift_m[scan]) if frame.id in again else frame for frame in frames
+                    ]
                 x_m, y_m, z_m = scene.T_world_pano[:3, 3]
                 yaw_rad = generator(self.config.seed, "yaw", query).uniform(-np.pi, np.pi)
-                fold = Fold(
-                    scene.id, tuple(mapping[:i] + mapping[i + 1 :]), (QueryFrame(query, _load(scene, query, yaw_rad)),)
-                )
-                folds[query] = (
-                    fold,
-                    Truth(scene.place, pose_2d(x_m, y_m, yaw_rad, z_m), tuple(scene.object_id.tolist())),
-                )
+                asked = (QueryFrame(query, _load(scene, query, yaw_rad)),)
+                fold = Fold(scene.id, tuple([*frames, *(others if self.config.one_map else ())]), asked)
+                pose = pose_2d(x_m + shift_m[scan], y_m, yaw_rad, z_m)
+                folds[query] = (fold, Truth(scene.place, pose, tuple(scene.object_id.tolist())))
         if not folds:
+            more = "another" if self.config.leave_out == 1 else f"{self.config.leave_out} others"
             raise DataError(
                 f"{self._root} gives no query: expected a viewpoint with {self.config.min_visible} visible objects "
-                "and another in its region"
+                f"and {more} in its region"
             )
         return folds
+
+    def _triangulated_without(self, scan: str, left_out: Collection[str]) -> dict[str, Scene]:
+        """The scenes of a building that see the same objects as those left out, with the ranges that the other scenes
+        give, by the id of the scene that each takes the place of. Their own ids name what was left out."""
+        kept = [scene for scene in self._building(scan) if scene.id not in left_out]
+        objects = np.concatenate([scene.object_id for scene in self._building(scan) if scene.id in left_out])
+        again = range_again(kept, objects, self.config.range_noise, self.config.seed)
+        mark = digest(sorted(left_out))[:8]
+        found = {id: replace(scene, id=f"{id}-{mark}") for id, scene in again.items()}
+        self._again.update((scene.id, scene) for scene in found.values())
+        return found
+
+    @property
+    def _scenes_again(self) -> dict[str, Scene]:
+        """The scenes of `_triangulated_without` of all folds, by their own ids."""
+        _ = self._folds
+        return self._again
+
+
+def nearest_of_place(scenes: Sequence[Scene], query: Scene, count: int) -> set[str]:
+    """The ids of the `count` scenes of a query's place that are nearest to it, itself first."""
+    own = [scene for scene in scenes if scene.place == query.place and scene is not query]
+    own.sort(key=lambda scene: float(np.linalg.norm(scene.T_world_pano[:3, 3] - query.T_world_pano[:3, 3])))
+    return {query.id, *(scene.id for scene in own[: count - 1])}
+
+
+def _map_frame(scene: Scene, shift_m: float = 0.0) -> MapFrame:
+    """The mapping frame of a scene, in a world where its building is shifted along x."""
+    T_world_pano = scene.T_world_pano.copy()
+    T_world_pano[0, 3] += shift_m
+    return MapFrame(scene.id, scene.place, T_world_pano, load=_load(scene, scene.id, pose_yaw(scene.T_world_pano)))
 
 
 def _load(scene: Scene, id: str, yaw_rad: float) -> Callable[[], Panorama]:

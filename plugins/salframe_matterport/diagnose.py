@@ -42,6 +42,8 @@ def diagnose(run: Run, method: str) -> dict[str, list[str]]:
         if places and places[0][1] == truth.place:
             continue
         own = [scenes[frame.id] for frame in fold.mapping if frame.place == truth.place]
+        if not own:  # asked of a map without its place
+            continue
         winning = [scenes[frame.id] for frame in fold.mapping if places and frame.place == places[0][1]]
         wrong[cause_of(scenes[fold.id], own, winning)].append(query_id)
     return wrong

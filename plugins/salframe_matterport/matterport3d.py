@@ -22,6 +22,7 @@ from salframe.panoramas.folder_format import FrameEntry, image_names, is_written
 from salframe.panoramas.frames import Fold, MapFrame, QueryFrame, Truth
 from salframe.panoramas.geometry import pose_2d, pose_yaw
 from salframe.panoramas.house_file import HouseFile, read_house
+from salframe.panoramas.hidden_places import add_hidden_places, hide_query_place_setting
 from salframe.panoramas.panorama import Annotations, Panorama, visible_instances
 from salframe_matterport.objects import label_pixels, labels
 from salframe_matterport.release import Color, Viewpoint, cameras_path, find_buildings, house_path, read_viewpoints
@@ -51,6 +52,7 @@ class Matterport3D(Dataset):
         )
         height: int = Field(512, ge=64, description="pixels of a panorama, whose width is twice as much")
         seed: int = Field(0, description="of the yaw of queries")
+        hide_query_place: bool = hide_query_place_setting()
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)
@@ -126,7 +128,10 @@ class Matterport3D(Dataset):
         progress(len(self._viewpoints), len(self._viewpoints))
 
     def folds(self) -> Sequence[Fold]:
-        return [fold for fold, _ in self._folds.values()]
+        folds = [fold for fold, _ in self._folds.values()]
+        if not self.config.hide_query_place:
+            return folds
+        return add_hidden_places(folds, lambda query_id: self._folds[query_id][1])
 
     def truth(self, query_id: str) -> Truth:
         try:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -95,10 +95,7 @@ def read_scenes(root: Path, scan: str, regions: Mapping[str, int], range_noise: 
         range_m = np.full(len(rows), np.nan)
         for i, row in enumerate(rows):
             random = generator(seed, "range", scan, viewpoint, object_id[row])
-            if np.isfinite(true_range_m[row]):
-                range_m[i] = true_range_m[row] * np.exp(range_noise * random.standard_normal())
-            elif len(triangulated_m):
-                range_m[i] = random.choice(triangulated_m)
+            range_m[i] = _measured(true_range_m[row], triangulated_m, range_noise, random)
         labels = [boxes.label for boxes in objects.values()]
         azimuth_rad, elevation_rad, width_rad, height_rad = angles[rows].T
         scenes.append(
@@ -118,3 +115,32 @@ def read_scenes(root: Path, scan: str, regions: Mapping[str, int], range_noise: 
         )
         first += len(objects)
     return scenes
+
+
+def _measured(range_m: float, others_m: np.ndarray, range_noise: float, random: np.random.Generator) -> float:
+    """A range in metres with a factor drawn; one of the others where it is not known, NaN where there is none."""
+    if np.isfinite(range_m):
+        return float(range_m * np.exp(range_noise * random.standard_normal()))
+    return float(random.choice(others_m)) if len(others_m) else np.nan
+
+
+def range_again(scenes: Sequence[Scene], objects: np.ndarray, range_noise: float, seed: int) -> dict[str, Scene]:
+    """The scenes of a building that see some of these objects, by id, with the ranges of these triangulated from the
+    bearings of `scenes` alone. Factors are drawn as by `read_scenes`; what is not triangulated gets a range drawn from
+    the scenes' other ranges."""
+    seen = [np.isin(scene.object_id, objects) for scene in scenes]
+    rays = [(scene, i) for scene, shared in zip(scenes, seen, strict=True) for i in np.flatnonzero(shared)]
+    origin_m = np.array([scene.T_world_pano[:3, 3] for scene, _ in rays]).reshape(-1, 3)
+    azimuth_rad = np.array([scene.azimuth_rad[i] for scene, i in rays])
+    elevation_rad = np.array([scene.elevation_rad[i] for scene, i in rays])
+    distinct, target = np.unique([scene.object_id[i] for scene, i in rays], return_inverse=True)
+    position_m = triangulate(origin_m, direction(azimuth_rad, elevation_rad), target, len(distinct))
+    true_range_m = np.linalg.norm(position_m[target] - origin_m, axis=1)
+    other_m = np.concatenate([scene.range_m[~shared] for scene, shared in zip(scenes, seen, strict=True)])
+    other_m = other_m[np.isfinite(other_m)]
+    again: dict[str, np.ndarray] = {scene.id: scene.range_m.copy() for scene, _ in rays}
+    for (scene, i), range_m in zip(rays, true_range_m, strict=True):
+        scan, _, viewpoint = scene.id.partition("/")
+        random = generator(seed, "range", scan, viewpoint, scene.object_id[i])
+        again[scene.id][i] = _measured(range_m, other_m, range_noise, random)
+    return {scene.id: replace(scene, range_m=again[scene.id]) for scene in scenes if scene.id in again}

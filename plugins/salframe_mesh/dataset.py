@@ -15,6 +15,7 @@ from salframe.framework.config import ComponentConfig
 from salframe.framework.errors import DataError
 from salframe.framework.identity import digest
 from salframe.panoramas.floors import FloorMasks
+from salframe.panoramas.hidden_places import hide_query_place_setting
 from salframe.panoramas.house_file import read_house
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.rendered import FrameRole, FrameSpec, RenderedDataset
@@ -55,6 +56,7 @@ class MeshDataset(RenderedDataset[FrameSpec]):
         resolution_m: float = Field(0.05, gt=0, description="cell of the floor masks")
         queries_per_frame: int = Field(1, ge=0, description="queries beside each panorama of a .house file")
         seed: int = Field(0, ge=0, description="of the places and yaws of these queries")
+        hide_query_place: bool = hide_query_place_setting()
 
     @cached_property
     def _source(self) -> Path:
@@ -82,7 +84,7 @@ class MeshDataset(RenderedDataset[FrameSpec]):
         and time of change of every other file below it: materials may name any image."""
         files = sorted(path for path in self._source.rglob("*") if path.is_file())
         known = [[path.relative_to(self._source).as_posix(), *_content_or_stamp(path)] for path in files]
-        return digest([self.version, self.config.model_dump(mode="json", exclude={"root"}), known])
+        return digest([self.version, self.config.model_dump(mode="json", exclude={"root", "hide_query_place"}), known])
 
     @cached_property
     def _surface(self) -> Surface:

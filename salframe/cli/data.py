@@ -53,7 +53,7 @@ def info(data: DataArgument, data_dir: DataDir = None, overrides: Set = None, as
         "queries": len(queries),
         "mapped_places": len({frame.place for frame in mapping}),
         "queried_places": len({dataset.truth(query).place for query in queries}),
-        "fingerprint": dataset.fingerprint,
+        "fingerprint": dataset.question_key,
     }
     if as_json:
         print_json(facts)

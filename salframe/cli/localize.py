@@ -73,13 +73,17 @@ def tell_decided(map: Path) -> None:
 
 
 def answer_json(answer: Localization) -> dict[str, Any]:
-    """A localizer's answer as JSON: status, places, pose in metres and degrees, T_world_query row by row, and the
-    heading, which may be known without a pose."""
-    places = [{"place": place.place, "frame": place.frame, "score": place.score} for place in answer.places]
+    """A localizer's answer as JSON: status, places, the probability of being in none of them, pose in metres and
+    degrees, T_world_query row by row, and the heading, which may be known without a pose."""
+    places = [
+        {"place": place.place, "frame": place.frame, "score": place.score, "probability": place.probability}
+        for place in answer.places
+    ]
     matrix = None if answer.T_world_query is None else answer.T_world_query.tolist()
     return {
         "status": answer.status,
         "places": places,
+        "not_here": answer.not_here,
         "pose": _position(answer),
         "T_world_query": matrix,
         "heading_deg": None if answer.heading_rad is None else math.degrees(answer.heading_rad),
@@ -87,10 +91,14 @@ def answer_json(answer: Localization) -> dict[str, Any]:
 
 
 def print_answer(answer: Localization) -> None:
-    """Print a localizer's answer: status, the best five places, the pose or at least the heading."""
+    """Print a localizer's answer: status, the best five places, by probability where they have one, the pose or at
+    least the heading."""
     print(f"status: {answer.status}")
     for place in answer.places[:5]:
-        print(f"{place.score:10.4g}  {place.place}  (frame {place.frame})")
+        worth = f"{place.score:10.4g}" if place.probability is None else f"{place.probability:10.1%}"
+        print(f"{worth}  {place.place}  (frame {place.frame})")
+    if answer.not_here is not None:
+        print(f"{answer.not_here:10.1%}  in no place of the map")
     if position := _position(answer):
         print(f"pose: x {position['x_m']:.2f} m, y {position['y_m']:.2f} m, yaw {position['yaw_deg']:.1f} deg")
     elif answer.heading_rad is not None:

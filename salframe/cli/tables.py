@@ -72,11 +72,42 @@ def print_comparison(result: Result[LocalizationRow]) -> None:
     fits = console.measure(whole, options=console.options.update(width=1000)).maximum <= console.width
     for table in [whole] if fits else [_table(result.rows, REACHED), _table(result.rows, COSTS)]:
         console.print(table)
+    _print_worth(result.rows)
     _print_notes(result, statuses=True)
     for paper in result.reported:
         console.print(_reported(paper))
         console.print(f"{paper.source}. {paper.note}", style="dim", markup=False, highlight=False)
     _print_where(result)
+
+
+def _print_worth(rows: Sequence[LocalizationRow]) -> None:
+    """A table of what answers know of their own worth, where queries are asked of a map without their place or a method
+    has probabilities."""
+    told = [row for row in rows if row.absent_queries or row.calibration_error is not None]
+    if not told:
+        return
+    headings = (
+        "place in the map or not",
+        "in the map:\nright %",
+        "not in it:\ndenied %",
+        "ROC\narea",
+        "not in it: accepted %\nat 90 % of right kept",
+        "calibration\nerror",
+    )
+    print_table(
+        headings,
+        [
+            [
+                row.method,
+                _percent(row.present_accuracy),
+                _percent(row.denied_absent),
+                _fixed(row.roc_area, 3),
+                _percent(row.accepted_absent),
+                _fixed(row.calibration_error, 3),
+            ]
+            for row in told
+        ],
+    )
 
 
 def print_matching(result: Result[MatchingRow]) -> None:

@@ -14,7 +14,17 @@ from typing import Any
 
 import numpy as np
 
-from salframe.evaluation.metrics import Judged, accuracy_interval, judge, mcnemar_exact, median, pose_recalls
+from salframe.evaluation.metrics import (
+    Judged,
+    accepted_though_absent,
+    accuracy_interval,
+    judge,
+    mcnemar_exact,
+    median,
+    pose_recalls,
+    reliability,
+    roc_area,
+)
 from salframe.evaluation.reported import read_reported
 from salframe.evaluation.request import Request, resolve
 from salframe.evaluation.result import Result
@@ -41,9 +51,20 @@ class LocalizationRow(MethodRow):
     has a heading and no pose too; recall of poses at the bounds of metrics.RECALLS; bytes_per_scene of the map;
     describe_ms a panorama, query_ms a query, medians; peak_memory_mb; p_value of the exact McNemar test against the
     first measured method.
+
+    Where some queries are asked of a map without their place: absent_queries, how many; present_accuracy, of the others;
+    denied_absent, the share of them whose answer denies the map; roc_area of telling the two apart by the probability of
+    being in the map, or the best score; accepted_absent, the share of them that passes the bound on it which 90 % of
+    the right answers pass. calibration_error: the expected one, where the method has probabilities.
     """
 
     queries: int
+    absent_queries: int = 0
+    present_accuracy: float | None = None
+    denied_absent: float | None = None
+    roc_area: float | None = None
+    accepted_absent: float | None = None
+    calibration_error: float | None = None
     accuracy: float | None = None
     accuracy_low: float | None = None
     accuracy_high: float | None = None
@@ -81,6 +102,13 @@ class LocalizationSurvey(Survey[Query]):
         """What is true of each query, in order. Only who measures asks."""
         return tuple(self.dataset.truth(piece.frame.id) for piece in self.pieces)
 
+    def present(self) -> np.ndarray:
+        """(Q,) bool: whether the map that a query is asked of has its place."""
+        folds = {piece.fold.id: piece.fold for piece in self.pieces}
+        places = {id: {frame.place for frame in fold.mapping} for id, fold in folds.items()}
+        paired = zip(self.pieces, self.truths(), strict=True)
+        return np.array([truth.place in places[piece.fold.id] for piece, truth in paired], bool)
+
 
 def compare(request: Request, *, reported: bool = False, progress: Progress | None = None) -> Result[LocalizationRow]:
     """Run methods on the queries of a data set and measure them; a run that was begun is resumed.
@@ -109,7 +137,10 @@ class LocalizationTask(Task[Query, LocalizationSurvey]):
         queries = [Query(fold, frame) for fold in dataset.folds() for frame in fold.queries]
         if not queries:
             raise DataError(f"{dataset.name} has no query, expected at least one")
-        return LocalizationSurvey(dataset, queries)
+        found = LocalizationSurvey(dataset, queries)
+        absent = int((~found.present()).sum())
+        note = f"{absent} of {len(queries)} queries are asked of a map without their place, where not-here is right"
+        return replace(found, notes=(note,)) if absent else found
 
     def key(self, piece: Query) -> tuple[str, str]:
         return piece.fold.id, piece.frame.id
@@ -138,7 +169,7 @@ class LocalizationTask(Task[Query, LocalizationSurvey]):
         for record, found in zip(records, judged, strict=True):
             line = LocalizationRow(**record.common(), queries=len(survey.pieces))
             if record.done:
-                line = replace(line, **_reached(found, seed), **_costs(record, scenes))
+                line = replace(line, **_reached(found, seed), **_known_worth(found), **_costs(record, scenes))
                 line = replace(line, p_value=mcnemar_exact(first.correct, found.correct) if first else None)
                 first = first or found
             lines.append(line)
@@ -154,8 +185,8 @@ class LocalizationTask(Task[Query, LocalizationSurvey]):
 
 def judge_records(survey: LocalizationSurvey, records: Sequence[Record]) -> list[Judged]:
     """The answers of each method against the truth."""
-    truths = survey.truths()
-    return [judge(record.rows, truths) for record in records]
+    truths, present = survey.truths(), survey.present()
+    return [judge(record.rows, truths, present) for record in records]
 
 
 def _reached(found: Judged, seed: int) -> dict[str, Any]:
@@ -171,6 +202,23 @@ def _reached(found: Judged, seed: int) -> dict[str, Any]:
         "median_heading_deg": median(found.heading_deg[found.correct & np.isfinite(found.heading_deg)]),
         **pose_recalls(found),
     }
+
+
+def _known_worth(found: Judged) -> dict[str, Any]:
+    """What answers know of their own worth: whether the query is in the map at all, and how probable they are."""
+    calibration = reliability(found)
+    known: dict[str, Any] = {"calibration_error": None if calibration is None else calibration.expected_error}
+    absent = ~found.present
+    if absent.any():
+        right = found.present & found.best_place
+        known |= {
+            "absent_queries": int(absent.sum()),
+            "present_accuracy": float(found.correct[found.present].mean()) if found.present.any() else None,
+            "denied_absent": float(found.correct[absent].mean()),
+            "roc_area": roc_area(found.evidence[found.present], found.evidence[absent]),
+            "accepted_absent": accepted_though_absent(found.evidence[right], found.evidence[absent]),
+        }
+    return known
 
 
 def _costs(record: Record, scenes: set[str]) -> dict[str, Any]:
@@ -214,7 +262,7 @@ class _Answering(Worker[Query]):
             self._unusable.append(str(error))
             raise
         start = time.perf_counter()
-        answer = self._localizer.match(description)
+        answer = self._localizer.answer(description)
         query_ms = (time.perf_counter() - start) * 1e3
         if not isinstance(answer, Localization):
             raise InvalidAnswer(f"match gave {type(answer).__name__}, expected a Localization")
@@ -290,14 +338,18 @@ class _Descriptions:
 
 
 def _row(answer: Localization | None, describe_ms: float | None = None, query_ms: float | None = None) -> Row:
-    """What is kept of an answer; `pose` is T_world_query, 16 numbers row by row, `heading` its heading_rad."""
+    """What is kept of an answer; `pose` is T_world_query, 16 numbers row by row, `heading` its heading_rad,
+    `probabilities` those of `places`, in their order."""
     places = answer.places[:TOP_PLACES] if answer else ()
     pose = answer.T_world_query if answer else None
     covariance = answer.covariance if answer else None
+    probabilities = [float(place.probability) for place in places if place.probability is not None]
     return {
         "places": [[place.frame, place.place, float(place.score)] for place in places],
         "pose": None if pose is None else np.asarray(pose, float).ravel().tolist(),
         "heading": answer.heading_rad if answer else None,
+        "probabilities": probabilities or None,
+        "not_here": None if answer is None or answer.not_here is None else float(answer.not_here),
         "covariance": None if covariance is None else np.asarray(covariance, float).tolist(),
         "query_ms": query_ms,
         "describe_ms": describe_ms,

@@ -13,6 +13,11 @@ from salframe.panoramas.frames import Truth
 from salframe.panoramas.geometry import pose_errors, pose_yaw, wrap_angle
 
 PLACED = tuple(status for status in LocalizationStatus if status.names_a_place)
+DENIALS = tuple(status for status in LocalizationStatus if status.denies_the_map)
+KEPT = 0.9
+"""The share of right answers that a bound on scores keeps when it is asked how many wrong ones it lets pass."""
+BINS = 10
+"""Of equal width over [0, 1], to compare probabilities with frequencies."""
 RESAMPLES = 2000
 RECALLS = {"recall_025m_2deg": (0.25, 2.0), "recall_05m_5deg": (0.5, 5.0), "recall_1m_10deg": (1.0, 10.0)}
 """Pose recalls by their column: translation in metres, rotation in degrees."""
@@ -22,10 +27,20 @@ RECALLS = {"recall_025m_2deg": (0.25, 2.0), "recall_05m_5deg": (0.5, 5.0), "reca
 class Judged:
     """A method's answers against the truth, one entry a query, in the order of the dataset.
 
-    correct (Q,) bool: the first place is the true one; in_top_5 (Q,) bool; translation_m, rotation_deg (Q,) float64,
-    infinite where there is no pose or the method failed, NaN where the truth has no pose; heading_deg (Q,) float64, the
-    same of the heading, which may be known without a pose; statuses: Q words, "crashed" where no answer was recorded.
+    present (Q,) bool: the map has the query's place. correct (Q,) bool: the first place is the true one, or the place is
+    not in the map and the status denies it; in_top_5 (Q,) bool, likewise. best_place (Q,) bool: the first place is the
+    true one, whatever the status. translation_m, rotation_deg (Q,) float64, infinite where there is no pose or the
+    method failed, NaN where the truth has no pose or the map lacks the place; heading_deg (Q,) float64, the same of the
+    heading, which may be known without a pose. evidence (Q,) float64: how much speaks for the place being in the map:
+    the probability of that where the method has one, else the best score; -inf of an answer without places.
+    confidence (Q,) float64: the probability of what was answered, a place or that it is not in the map; NaN without.
+    statuses: Q words, "crashed" where no answer was recorded.
     """
+
+    present: np.ndarray
+    best_place: np.ndarray
+    evidence: np.ndarray
+    confidence: np.ndarray
 
     correct: np.ndarray
     in_top_5: np.ndarray
@@ -35,15 +50,20 @@ class Judged:
     statuses: tuple[str, ...]
 
 
-def judge(answers: Sequence[Row | None], truths: Sequence[Truth]) -> Judged:
-    """Compare each query's answer (a row of rows.jsonl, or None) with its truth. A failure's places and pose do
-    not count."""
+def judge(
+    answers: Sequence[Row | None], truths: Sequence[Truth], present: Sequence[bool] | np.ndarray | None = None
+) -> Judged:
+    """Compare each query's answer (a row of rows.jsonl, or None) with its truth; `present`: whether its map has the
+    query's place, None: every one has. A failure's places and pose do not count."""
+    present = np.ones(len(truths), bool) if present is None else np.asarray(present, bool)
     correct, in_top_5 = np.zeros((2, len(truths)), bool)
     errors = np.full((len(truths), 3), np.inf)
     for i, (answer, truth) in enumerate(zip(answers, truths, strict=True)):
-        if truth.T_world_pano is None:
+        if truth.T_world_pano is None or not present[i]:
             errors[i] = np.nan
-        if answer is None or answer["status"] not in PLACED:
+        if answer is not None and not present[i]:
+            correct[i] = in_top_5[i] = answer["status"] in DENIALS
+        if answer is None or answer["status"] not in PLACED or not present[i]:
             continue
         places = list(dict.fromkeys(place for _, place, _ in answer["places"]))
         correct[i] = places[:1] == [truth.place]
@@ -54,7 +74,86 @@ def judge(answers: Sequence[Row | None], truths: Sequence[Truth]) -> Judged:
             errors[i, 2] = np.abs(wrap_angle(answer["heading"] - pose_yaw(truth.T_world_pano)))
     statuses = tuple(str(PieceStatus.CRASHED) if answer is None else answer["status"] for answer in answers)
     rotation_deg, heading_deg = np.degrees(errors[:, 1:]).T
-    return Judged(correct, in_top_5, errors[:, 0], rotation_deg, heading_deg, statuses)
+    best_place = [bool(a and a["places"]) and a["places"][0][1] == t.place for a, t in zip(answers, truths, strict=True)]
+    return Judged(
+        present=present,
+        best_place=np.array(best_place, bool),
+        evidence=_evidence(answers),
+        confidence=np.array([_confidence(answer) for answer in answers], float),
+        correct=correct,
+        in_top_5=in_top_5,
+        translation_m=errors[:, 0],
+        rotation_deg=rotation_deg,
+        heading_deg=heading_deg,
+        statuses=statuses,
+    )
+
+
+def _evidence(answers: Sequence[Row | None]) -> np.ndarray:
+    """(Q,) as in Judged: of the probabilities of a method that gives any, otherwise of its scores."""
+    known = [answer if answer and answer["places"] else None for answer in answers]
+    if any(answer and answer.get("not_here") is not None for answer in known):
+        values = [1 - answer["not_here"] if answer and answer.get("not_here") is not None else -np.inf for answer in known]
+    else:
+        values = [answer["places"][0][2] if answer else -np.inf for answer in known]
+    return np.array(values, float)
+
+
+def _confidence(answer: Row | None) -> float:
+    """As in Judged."""
+    if answer is None or answer.get("not_here") is None:
+        return np.nan
+    if answer["status"] == LocalizationStatus.NOT_HERE:
+        return float(answer["not_here"])
+    return float(answer["probabilities"][0]) if answer["status"] in PLACED else np.nan
+
+
+def roc_area(present: np.ndarray, absent: np.ndarray) -> float | None:
+    """The chance that a value of (P,) is above one of (A,), equal ones counted half: the area below the curve of
+    receiver operating characteristic. None where either is empty."""
+    if not len(present) or not len(absent):
+        return None
+    from scipy.stats import rankdata
+
+    ranks = rankdata(np.concatenate([present, absent]))[: len(present)]
+    return float((ranks.mean() - (len(present) + 1) / 2) / len(absent))
+
+
+def accepted_though_absent(right: np.ndarray, absent: np.ndarray, kept: float = KEPT) -> float | None:
+    """The share of (A,) values of queries whose place is not in the map that pass the highest bound which this share of
+    the (R,) values of right answers passes. None where either is empty."""
+    if not len(right) or not len(absent):
+        return None
+    bound = np.sort(right)[::-1][int(np.ceil(kept * len(right) - 1e-9)) - 1]
+    return float((absent >= bound).mean())
+
+
+@dataclass(frozen=True, eq=False)
+class Reliability:
+    """Probabilities beside frequencies, in the BINS bins of equal width that hold any answer: confidence and frequency
+    (B,), their means, and count (B,)."""
+
+    confidence: np.ndarray
+    frequency: np.ndarray
+    count: np.ndarray
+
+    @property
+    def expected_error(self) -> float:
+        """The expected calibration error: the mean difference of the two, weighted by the bins' counts."""
+        return float(np.abs(self.confidence - self.frequency) @ self.count / self.count.sum())
+
+
+def reliability(judged: Judged) -> Reliability | None:
+    """How often answers are right beside how probable they said they were; None where no answer has a probability."""
+    known = np.isfinite(judged.confidence)
+    if not known.any():
+        return None
+    confidence, right = judged.confidence[known], judged.correct[known]
+    bin = np.minimum((confidence * BINS).astype(int), BINS - 1)
+    count = np.bincount(bin, minlength=BINS)
+    used = count > 0
+    sums = [np.bincount(bin, values, BINS)[used] for values in (confidence, right.astype(float))]
+    return Reliability(sums[0] / count[used], sums[1] / count[used], count[used])
 
 
 def accuracy_interval(correct: np.ndarray, seed: int) -> tuple[float, float]:

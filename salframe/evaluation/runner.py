@@ -64,10 +64,11 @@ def run_task(
     known_as = {"name": task.name, "version": task.version, "identity": digest(task.identity()), **task.asks()}
     run = Run.open(request.runs, request.name or task.prefix + resolved.name, known_as, resolved, request.seed)
     dataset = open_dataset(resolved.data, progress and partial(progress, resolved.name))
-    run.bind(dataset.fingerprint)
+    run.bind(dataset.question_key)
     survey = task.survey(dataset)
     for label, config in resolved.methods.items():
-        key = {"task": known_as, "data": dataset.content_key, "mode": task.mode(label), "method": identity_of(config)}
+        data = [dataset.content_key, dataset.question_key]
+        key = {"task": known_as, "data": data, "mode": task.mode(label), "method": identity_of(config)}
         run.reuse(label, digest(key))
     units = units_note(mapping_frames(dataset))
     run.set_notes([*resolved.notes, *([units] if units else [])])

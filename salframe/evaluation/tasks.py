@@ -32,5 +32,5 @@ def evaluate(directory: Path) -> Result[Any]:
         raise ConfigError(f"{directory} is a run of the task {name!r}, expected one of {', '.join(TASKS)}")
     task = TASKS[name].from_run(run)
     dataset = open_dataset(run.data())
-    run.bind(dataset.fingerprint)
+    run.bind(dataset.question_key)
     return conclude(task, run, task.survey(dataset))

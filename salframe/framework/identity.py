@@ -60,6 +60,14 @@ def matters_to_matching_only(field: FieldInfo) -> bool:
     return isinstance(extra, Mapping) and bool(extra.get("match_only"))
 
 
+def matching_settings(model: BaseModel) -> dict[str, Any]:
+    """The settings declared `match_only` whose values are not the defaults."""
+    fields = type(model).model_fields.items()
+    declared = {name: field for name, field in fields if matters_to_matching_only(field)}
+    values = {name: getattr(model, name) for name in declared}
+    return {name: _value(values[name], False) for name in declared if values[name] != declared[name].get_default()}
+
+
 def settings_identity(model: BaseModel, *, describing: bool = False) -> dict[str, Any]:
     """What a model of settings is known by, as in `identity`: its settings, files by their content, slots by the
     identity of the component in them. Raises ConfigError on a file that cannot be read."""

@@ -6,19 +6,21 @@ import time
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
+from pydantic import BeforeValidator
 
 from salframe.framework.cache import Cache
 from salframe.framework.component import Role
-from salframe.framework.config import ComponentConfig, Settings
+from salframe.framework.config import ComponentConfig, Settings, match_only
 from salframe.framework.errors import DataError, InputMissing
 from salframe.framework.files import read_arrays, read_json, read_model, write_arrays, write_json
 from salframe.framework.identity import digest, identity
 from salframe.framework.registry import registry
 from salframe.framework.slots import slot
 from salframe.localization.answers import Localization, NodeMatches, PointMatches, RankedPlace
+from salframe.localization.posterior import Posterior, read_posterior
 from salframe.panoramas.frames import FrameKind, MapFrame, QueryFrame
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.range_model import RangeModel, estimate_range
@@ -56,12 +58,19 @@ def range_slot() -> Any:
     return slot(RangeModel.role, optional=True, description="estimates the range of panoramas without; null: nothing")
 
 
+def posterior_slot() -> Any:
+    """The type of a localizer's setting `posterior`: what its scores are worth."""
+    help = "a file of `salframe fit`, or its parameters: scores become probabilities; null: none"
+    return Annotated[Posterior | None, BeforeValidator(read_posterior), match_only(None, description=help)]
+
+
 class Localizer(Role):
     """Answers where a panorama was taken, from a map of described places.
 
     A localizer writes three hooks: `describe` a panorama, `index` the descriptions of the map, `match` a description
     against it. Map building, answering, caching, timing, saving and loading are the same for all; so is estimating the
-    range of panoramas without, for a localizer whose Config has the field `range: range_slot()`.
+    range of panoramas without, for a localizer whose Config has the field `range: range_slot()`, and the probabilities of
+    its places, for one whose Config has `posterior: posterior_slot()`.
     """
 
     role = "localizer"
@@ -73,9 +82,12 @@ class Localizer(Role):
     """How far the pose may then move (metres), and be off the turn (radians: metres at an object 1 m away)."""
     range_model: RangeModel | None = None
     """What is set as `range`."""
+    posterior: Posterior | None = None
+    """What is set as `posterior`."""
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)
+        self.posterior = getattr(self.config, "posterior", None)
         chosen = getattr(self.config, "range", None)
         if chosen is not None:
             self.range_model = registry().build(RangeModel.role, chosen)
@@ -96,6 +108,17 @@ class Localizer(Role):
     @abstractmethod
     def match(self, description: Description) -> Localization:
         """Answer for one described query. Failing to localize is a status, never an exception."""
+
+    def count_objects(self, description: Description) -> int:
+        """How many objects a description holds, which a posterior may weigh; 0 from a method that knows of none."""
+        return 0
+
+    def answer(self, description: Description) -> Localization:
+        """`match`, with the probabilities of the posterior that is set; those that the method has itself stay."""
+        found = self.match(description)
+        if self.posterior is None or not isinstance(found, Localization) or found.not_here is not None:
+            return found
+        return self.posterior.apply(found, self.count_objects(description))
 
     def correspond(self, query: Description, reference: Description) -> PointMatches | NodeMatches | None:
         """What it takes for the same in two panoramas, whatever map it holds; None from a method that matches neither
@@ -182,7 +205,7 @@ class Localizer(Role):
 
     def localize(self, frame: MapFrame | QueryFrame) -> Localization:
         """Where the frame was taken. Raises InputMissing, DataError on a frame that cannot be described."""
-        return self.match(self.describe_frame(frame)[0])
+        return self.answer(self.describe_frame(frame)[0])
 
     def save(self, directory: Path) -> None:
         """Write the map: map.json (frames, poses, this localizer's settings) and its descriptions, each file

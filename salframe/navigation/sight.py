@@ -46,7 +46,7 @@ class Sight:
         pose."""
         self._take_map(world.mapping(T_world_pano))
         panorama = world.observe(T_world_pano)
-        answer = self._localizer.match(self._localizer.describe_frame(QueryFrame(panorama.id, lambda: panorama))[0])
+        answer = self._localizer.answer(self._localizer.describe_frame(QueryFrame(panorama.id, lambda: panorama))[0])
         if not isinstance(answer, Localization):
             raise InvalidAnswer(f"match gave {type(answer).__name__}, expected a Localization")
         if not answer.status.names_a_place or not answer.places:

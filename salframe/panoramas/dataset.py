@@ -10,7 +10,7 @@ import numpy as np
 
 from salframe.framework.component import Role
 from salframe.framework.errors import InputMissing
-from salframe.framework.identity import digest
+from salframe.framework.identity import digest, matching_settings
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.frames import Fold, Truth
 from salframe.panoramas.panorama import Panorama
@@ -40,6 +40,15 @@ class Dataset(Role):
     def content_key(self) -> str:
         """What caches know the content by: name, version and fingerprint, so that a new version changes every key."""
         return digest([self.name, self.version, self.fingerprint])
+
+    @final
+    @property
+    def question_key(self) -> str:
+        """What runs know their questions by: the fingerprint, and with it the settings declared `match_only` where they
+        are not the defaults. These choose what maps hold and what is asked of them, and no panorama depends on them, so
+        that descriptions are shared between such runs."""
+        chosen = matching_settings(self.config)
+        return digest([self.fingerprint, chosen]) if chosen else self.fingerprint
 
     def prepare(self, progress: Callable[[int, int], None]) -> None:
         """Do what takes long and can be resumed (render, index) before the first fold; `progress(done, total)`."""

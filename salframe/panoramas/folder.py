@@ -14,6 +14,7 @@ from salframe.framework.errors import DataError
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.frames import Fold, Truth
+from salframe.panoramas.hidden_places import add_hidden_places, hide_query_place_setting
 
 if TYPE_CHECKING:
     from salframe.panoramas.folder_format import Folder
@@ -27,6 +28,7 @@ class FolderDataset(Dataset):
 
     class Config(ComponentConfig):
         root: Path | None = Field(None, description="the folder with the manifest.json")
+        hide_query_place: bool = hide_query_place_setting()
 
     @property
     def root(self) -> Path:
@@ -56,7 +58,8 @@ class FolderDataset(Dataset):
         entries = self._folder.manifest.frames
         mapping = tuple(self._folder.map_frame(entry) for entry in entries if entry.role != "query")
         queries = tuple(self._folder.query_frame(entry) for entry in entries if entry.role == "query")
-        return [Fold("all", mapping, queries)]
+        folds = [Fold("all", mapping, queries)]
+        return add_hidden_places(folds, self.truth, self.floors()) if self.config.hide_query_place else folds
 
     def truth(self, query_id: str) -> Truth:
         return self._folder.truth(query_id)

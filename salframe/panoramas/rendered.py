@@ -103,8 +103,8 @@ class RenderedDataset(FolderDataset, Generic[Frame]):
 
     @cached_property
     def fingerprint(self) -> str:
-        """Of the settings and the version."""
-        return digest(identity(self.config))
+        """Of the settings that pixels depend on, and the version."""
+        return digest(identity(self.config, describing=True))
 
     @property
     def root(self) -> Path:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from salframe.framework.identity import digest
-from salframe.localization.answers import Localization, LocalizationStatus
+from salframe.localization.answers import SUM_TOLERANCE, Localization, LocalizationStatus
 from salframe.localization.localizer import Description, Localizer
 from salframe.panoramas.frames import MapFrame
 from salframe.panoramas.geometry import pose_2d, pose_errors
@@ -81,7 +81,7 @@ def _answer(localizer: Localizer, what: str, panorama: Panorama, frames: Sequenc
     )
     bytes_ = localizer.scene_bytes(description)
     expect(isinstance(bytes_, int) and bytes_ >= 0, f"scene_bytes {what}", repr(bytes_), "a number of bytes")
-    answer, checked = ask(f"match {what}", localizer.match, description), f"match {what}"
+    answer, checked = ask(f"match {what}", localizer.answer, description), f"match {what}"
     expect(isinstance(answer, Localization), checked, type(answer).__name__, "Localization")
     places, scores = [ranked.place for ranked in answer.places], [ranked.score for ranked in answer.places]
     expect(len(set(places)) == len(places), checked, f"the places {places}", "one entry a place")
@@ -94,6 +94,7 @@ def _answer(localizer: Localizer, what: str, panorama: Panorama, frames: Sequenc
         f"scores {scores}",
         "finite ones, best first",
     )
+    _check_probabilities(answer, checked)
     pose = answer.T_world_query
     expect(
         (pose is not None) == (answer.status is LocalizationStatus.OK),
@@ -104,10 +105,32 @@ def _answer(localizer: Localizer, what: str, panorama: Panorama, frames: Sequenc
     return answer
 
 
+def _check_probabilities(answer: Localization, checked: str) -> None:
+    """Where there are any: one for each place and one for none of them, in [0, 1], one together, and best first."""
+    found = [place.probability for place in answer.places]
+    known = [*(probability for probability in found if probability is not None)]
+    if answer.not_here is None and not known:
+        return
+    together = [*known, *([] if answer.not_here is None else [answer.not_here])]
+    expect(
+        len(together) == len(found) + 1,
+        checked,
+        f"the probabilities {found} and not_here {answer.not_here}",
+        "one for each place and not_here, or none at all",
+    )
+    expect(
+        all(0 <= probability <= 1 for probability in together) and abs(sum(together) - 1) <= SUM_TOLERANCE,
+        checked,
+        f"the probabilities {found} and not_here {answer.not_here}",
+        "numbers in [0, 1] that sum to 1",
+    )
+    expect(known == sorted(known, reverse=True), checked, f"the probabilities {found}", "the best place's first")
+
+
 def _check_turn(localizer: Localizer, panorama: Panorama, before: Localization, columns: int) -> None:
     """The same place, and a pose that differs by the turn alone."""
     checked, tolerance = f"match of the {panorama.id} rolled by {columns} columns", localizer.turn_tolerance_m
-    after = attempt(checked, lambda: localizer.match(_describe(localizer, turned(panorama, columns))))
+    after = attempt(checked, lambda: localizer.answer(_describe(localizer, turned(panorama, columns))))
     expect(after.status == before.status, checked, f"the status '{after.status}'", f"'{before.status}' as before")
     places = [[ranked.place for ranked in answer.places[:1]] for answer in (before, after)]
     expect(places[0] == places[1], checked, f"the place {places[1]}", f"{places[0]} as before")
@@ -139,7 +162,7 @@ def _check_saving(
         attempt("load", loaded.load, Path(directory) / "map")
         for query, answer in zip(queries, answers, strict=True):
             checked = f"match of the {query.id} after save and load"
-            again = attempt(checked, lambda query: loaded.match(_describe(loaded, query)), query)
-            for field in ("status", "places", "T_world_query", "covariance"):
+            again = attempt(checked, lambda query: loaded.answer(_describe(loaded, query)), query)
+            for field in ("status", "places", "T_world_query", "covariance", "not_here"):
                 before, after = getattr(answer, field), getattr(again, field)
                 expect(same(before, after), checked, f"{field} {after}", f"{before} as before")

@@ -12,7 +12,7 @@ import numpy as np
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
-from salframe.evaluation.metrics import Judged
+from salframe.evaluation.metrics import Judged, reliability
 from salframe.evaluation.report.page import COLOURS, floor_picture, render_page
 from salframe.evaluation.result import Result
 from salframe.evaluation.run import Row
@@ -57,7 +57,11 @@ def write_report(result: Result[Any], queries: Queries, records: Sequence[Record
         accuracy = render_page("accuracy.svg.jinja", rows=measured, colours=colours)
         write_text(path.with_name("accuracy.svg"), accuracy)
     floors = queries.floors if done else ()
-    figures = [*_error_curves(done, colours), *(_floor_plan(floor, queries, done) for floor in floors)]
+    figures = [
+        *_error_curves(done, colours),
+        *_reliability_diagram(done, colours),
+        *(_floor_plan(floor, queries, done) for floor in floors),
+    ]
     page = render_page(
         "report.html.jinja",
         title=result.run.name,
@@ -99,6 +103,26 @@ def _error_curves(methods: Sequence[_Method], colours: dict[str, str]) -> Iterat
                 "yaxis": {"title": {"text": "share of queries"}, "range": [0, 1.02], "tickformat": ".0%"},
             }
             yield {"title": f"Cumulative {title.partition(' (')[0]}", "data": traces, "layout": layout}
+
+
+def _reliability_diagram(methods: Sequence[_Method], colours: dict[str, str]) -> Iterator[Figure]:
+    """How often answers are right beside the probability that they gave, of methods that give any."""
+    traces: list[dict[str, Any]] = []
+    for method in methods:
+        found = reliability(method.judged)
+        if found is not None:
+            line = {"color": colours[method.label]}
+            counts = [f"{count} queries" for count in found.count]
+            x, y = found.confidence.tolist(), found.frequency.tolist()
+            traces.append({"x": x, "y": y, "text": counts, "name": method.label, "mode": "lines+markers", "line": line})
+    if traces:
+        even = {"color": "#999", "dash": "dot"}
+        traces.append({"x": [0, 1], "y": [0, 1], "name": "calibrated", "mode": "lines", "line": even})
+        layout = {
+            "xaxis": {"title": {"text": "probability of the answer"}, "range": [0, 1.02], "tickformat": ".0%"},
+            "yaxis": {"title": {"text": "share of right answers"}, "range": [0, 1.02], "tickformat": ".0%"},
+        }
+        yield {"title": "Reliability", "data": traces, "layout": layout}
 
 
 def _floor_plan(floor: FloorMasks, queries: Queries, methods: Sequence[_Method]) -> Figure:

@@ -1,0 +1,62 @@
+"""Queries that stand nowhere on their map: the same queries, asked of a map without their place."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from salframe.framework.config import match_only
+from salframe.panoramas.floors import FloorMasks
+from salframe.panoramas.frames import Fold, FrameKind, MapFrame, QueryFrame, Truth
+
+DOORWAY_M = 0.75
+"""A doorway's panorama shows the places whose floor comes as near to it as this."""
+
+
+def hide_query_place_setting() -> Any:
+    """The default of a dataset's setting `hide_query_place`, whose folds then come from `add_hidden_places`."""
+    help = "ask each query once more, of a map without its place and the doorways to it: the right answer is not-here"
+    return match_only(False, description=help)
+
+
+def add_hidden_places(
+    folds: Sequence[Fold], truth: Callable[[str], Truth], floors: Sequence[FloorMasks] = ()
+) -> list[Fold]:
+    """The folds, each followed by one a place of its queries, whose map has no frame of that place. Doorways to it are
+    taken out too where floor masks tell. A map of which nothing would be left is not asked."""
+    extended: list[Fold] = []
+    for fold in folds:
+        extended.append(fold)
+        queries: dict[str, list[QueryFrame]] = {}
+        for query in fold.queries:
+            queries.setdefault(truth(query.id).place, []).append(query)
+        for place, asked in queries.items():
+            mapping = _without(fold.mapping, place, floors)
+            if mapping:
+                extended.append(Fold(f"{fold.id} without {place}", mapping, tuple(asked)))
+    return extended
+
+
+def _without(mapping: Sequence[MapFrame], place: str, floors: Sequence[FloorMasks]) -> tuple[MapFrame, ...]:
+    """The mapping frames that are neither of a place nor of a doorway to it."""
+    floor_m = np.concatenate([np.zeros((0, 2)), *(_floor_of(place, floor) for floor in floors)])
+    kept = []
+    for frame in mapping:
+        at_m = frame.T_world_pano[:2, 3]
+        leads_there = frame.kind is FrameKind.TRANSITION and (
+            np.hypot(*(floor_m - at_m).T).min(initial=np.inf) <= DOORWAY_M
+        )
+        if frame.place != place and not leads_there:
+            kept.append(frame)
+    return tuple(kept)
+
+
+def _floor_of(place: str, floor: FloorMasks) -> np.ndarray:
+    """(N, 2) metres in the world: the middles of the cells of a place."""
+    labels = [label for label, name in floor.regions.items() if name == place]
+    row, column = np.nonzero(np.isin(floor.region, labels))
+    x_m = floor.origin_m[0] + (column + 0.5) * floor.resolution_m
+    y_m = floor.origin_m[1] - (row + 0.5) * floor.resolution_m
+    return np.stack([x_m, y_m], 1)
