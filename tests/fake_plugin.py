@@ -19,11 +19,12 @@ from salframe.framework.config import ComponentConfig
 from salframe.framework.errors import DataError, WeightsMissing
 from salframe.framework.identity import digest
 from salframe.localization.answers import Localization, LocalizationStatus
-from salframe.localization.localizer import Description, Localizer, rank_places
+from salframe.localization.localizer import Description, Localizer, posterior_slot, rank_places
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.frames import Fold, MapFrame, QueryFrame, Truth
 from salframe.panoramas.geometry import pose_2d
+from salframe.panoramas.hidden_places import add_hidden_places, hide_query_place_setting
 from salframe.panoramas.panorama import Panorama
 
 
@@ -41,10 +42,13 @@ class Rooms(Dataset):
         broken: tuple[str, ...] = Field((), description="ids of frames whose image is corrupt")
         leave_one_out: bool = False
         root: str = ""
+        hide_query_place: bool = hide_query_place_setting()
 
     @property
     def fingerprint(self) -> str:
-        return digest(self.config.model_dump(mode="json")) + os.environ.get("ROOMS_CONTENT", "")
+        return digest(self.config.model_dump(mode="json", exclude={"hide_query_place"})) + os.environ.get(
+            "ROOMS_CONTENT", ""
+        )
 
     def prepare(self, progress) -> None:
         progress(self.config.rooms, self.config.rooms)
@@ -70,8 +74,10 @@ class Rooms(Dataset):
             self._query_frame(room, query) for room in range(self.config.rooms) for query in range(self.config.queries)
         )
         if not self.config.leave_one_out:
-            return [Fold("all", mapping, queries)]
-        return [Fold(query.id, mapping, (query,)) for query in queries]
+            folds = [Fold("all", mapping, queries)]
+        else:
+            folds = [Fold(query.id, mapping, (query,)) for query in queries]
+        return add_hidden_places(folds, self.truth) if self.config.hide_query_place else folds
 
     def floors(self) -> Sequence[FloorMasks]:
         """A corridor of rooms 4 m x 3 m, 0.2 m thick walls, a table in each."""
@@ -104,6 +110,7 @@ class Reader(Localizer):
         fail_in: int = Field(-1, description="raise on queries of this room")
         refuse_in: int = Field(-1, description="answer low-score in this room")
         sleep_s: float = Field(0.0, description="seconds a query takes", ge=0)
+        posterior: posterior_slot()  # type: ignore[valid-type]
 
     def describe(self, panorama: Panorama) -> Description:
         return {"room": panorama.rgb[0, 0, :2].astype(np.int64)}

@@ -67,13 +67,14 @@ class MatterportAnnotations(NavigableDataset):
             "false: those of the map's own viewpoints alone",
         )
         one_map: bool = match_only(
-            False, description="every map holds all buildings, 1 km apart along x, not the query's alone"
+            False, description="a map holds all buildings, 1 km apart along x; a fold asks a query of each"
         )
         hide_query_place: bool = hide_query_place_setting()
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)
         self._buildings: dict[str, list[Scene]] = {}
+        self._mapped: dict[str, list[MapFrame]] = {}
         self._again: dict[str, Scene] = {}
 
     @property
@@ -123,12 +124,11 @@ class MatterportAnnotations(NavigableDataset):
         progress(len(self._scans), len(self._scans))
 
     def folds(self) -> Sequence[Fold]:
-        folds = [fold for fold, _ in self._folds.values()]
-        return add_hidden_places(folds, self.truth) if self.config.hide_query_place else folds
+        return add_hidden_places(self._folds, self.truth) if self.config.hide_query_place else self._folds
 
     def truth(self, query_id: str) -> Truth:
         try:
-            return self._folds[query_id][1]
+            return self._truths[query_id]
         except KeyError:
             raise DataError(f"{self.name} has no query {query_id!r}") from None
 
@@ -165,45 +165,80 @@ class MatterportAnnotations(NavigableDataset):
 
     def _mapping(self, scan: str) -> list[MapFrame]:
         """The mapping frames of all scenes of a building."""
-        return [_map_frame(scene) for scene in self._building(scan)]
+        if scan not in self._mapped:
+            self._mapped[scan] = [self._map_frame(scan, scene) for scene in self._building(scan)]
+        return self._mapped[scan]
+
+    def _map_frame(self, scan: str, scene: Scene) -> MapFrame:
+        yaw_rad = pose_yaw(scene.T_world_pano)
+        return MapFrame(scene.id, scene.place, self._stands(scan, scene), load=_load(scene, scene.id, yaw_rad))
+
+    def _stands(self, scan: str, scene: Scene) -> np.ndarray:
+        """T_world_pano (4, 4) of a scene, in one world where there is one map."""
+        T_world_pano = scene.T_world_pano.copy()
+        T_world_pano[0, 3] += APART_M * list(self._scans).index(scan) if self.config.one_map else 0.0
+        return T_world_pano
 
     @cached_property
-    def _folds(self) -> dict[str, tuple[Fold, Truth]]:
-        """Fold and truth of each query, by the query's id."""
-        apart_m = APART_M if self.config.one_map else 0.0
-        shift_m = {scan: number * apart_m for number, scan in enumerate(self._scans)}
-        mapping = {
-            scan: [_map_frame(scene, shift_m[scan]) for scene in self._building(scan)] for scan in self._scans
-        }
-        folds = {}
-        for scan in self._scans:
-            scenes = self._building(scan)
-            others = [frame for other in self._scans if other != scan for frame in mapping[other]]
-            scenes_of = Counter(scene.place for scene in scenes)
-            for scene in scenes:
-                if len(scene.labels) < self.config.min_visible or scenes_of[scene.place] <= self.config.leave_out:
-                    continue
-                query = f"{scene.id}/query"
-                left_out = nearest_of_place(scenes, scene, self.config.leave_out)
-                frames = [frame for frame in mapping[scan] if frame.id not in left_out]
-                if not self.config.query_triangulates:
-                    again = self._triangulated_without(scan, left_out)
-                    frames = [
-                        _map_frame(again[frame.id], shift_m[scan]) if frame.id in again else frame for frame in frames
-                    ]
-                x_m, y_m, z_m = scene.T_world_pano[:3, 3]
-                yaw_rad = generator(self.config.seed, "yaw", query).uniform(-np.pi, np.pi)
-                asked = (QueryFrame(query, _load(scene, query, yaw_rad)),)
-                fold = Fold(scene.id, tuple([*frames, *(others if self.config.one_map else ())]), asked)
-                pose = pose_2d(x_m + shift_m[scan], y_m, yaw_rad, z_m)
-                folds[query] = (fold, Truth(scene.place, pose, tuple(scene.object_id.tolist())))
-        if not folds:
+    def _folds(self) -> list[Fold]:
+        queries = {scan: self._queries(scan) for scan in self._scans}
+        if not any(queries.values()):
             more = "another" if self.config.leave_out == 1 else f"{self.config.leave_out} others"
             raise DataError(
                 f"{self._root} gives no query: expected a viewpoint with {self.config.min_visible} visible objects "
                 f"and {more} in its region"
             )
+        if not self.config.one_map:
+            every = (scene for scenes in queries.values() for scene in scenes)
+            return [Fold(scene.id, tuple(self._map_without(scene)), (self._query(scene),)) for scene in every]
+        folds = []
+        for number in range(max(map(len, queries.values()))):
+            asked = {scan: scenes[number] for scan, scenes in queries.items() if number < len(scenes)}
+            frames = [
+                frame
+                for scan in self._scans
+                for frame in (self._map_without(asked[scan]) if scan in asked else self._mapping(scan))
+            ]
+            folds.append(Fold(f"one-map-{number}", tuple(frames), tuple(map(self._query, asked.values()))))
         return folds
+
+    def _queries(self, scan: str) -> list[Scene]:
+        """The scenes of a building that are queries."""
+        scenes = self._building(scan)
+        scenes_of = Counter(scene.place for scene in scenes)
+        return [
+            scene
+            for scene in scenes
+            if len(scene.labels) >= self.config.min_visible and scenes_of[scene.place] > self.config.leave_out
+        ]
+
+    @cached_property
+    def _truths(self) -> dict[str, Truth]:
+        """By the query's id."""
+        truths = {}
+        for scan in self._scans:
+            for scene in self._queries(scan):
+                x_m, y_m, z_m = self._stands(scan, scene)[:3, 3]
+                pose = pose_2d(x_m, y_m, self._yaw_rad(scene), z_m)
+                truths[query_id(scene)] = Truth(scene.place, pose, tuple(scene.object_id.tolist()))
+        return truths
+
+    def _query(self, scene: Scene) -> QueryFrame:
+        return QueryFrame(query_id(scene), _load(scene, query_id(scene), self._yaw_rad(scene)))
+
+    def _yaw_rad(self, scene: Scene) -> float:
+        """How the query of a scene is turned in the world."""
+        return float(generator(self.config.seed, "yaw", query_id(scene)).uniform(-np.pi, np.pi))
+
+    def _map_without(self, query: Scene) -> list[MapFrame]:
+        """The mapping frames of a query's building, without what is left out for it."""
+        scan = query.id.partition("/")[0]
+        left_out = nearest_of_place(self._building(scan), query, self.config.leave_out)
+        frames = [frame for frame in self._mapping(scan) if frame.id not in left_out]
+        if self.config.query_triangulates:
+            return frames
+        again = self._triangulated_without(scan, left_out)
+        return [self._map_frame(scan, again[frame.id]) if frame.id in again else frame for frame in frames]
 
     def _triangulated_without(self, scan: str, left_out: Collection[str]) -> dict[str, Scene]:
         """The scenes of a building that see the same objects as those left out, with the ranges that the other scenes
@@ -230,11 +265,9 @@ def nearest_of_place(scenes: Sequence[Scene], query: Scene, count: int) -> set[s
     return {query.id, *(scene.id for scene in own[: count - 1])}
 
 
-def _map_frame(scene: Scene, shift_m: float = 0.0) -> MapFrame:
-    """The mapping frame of a scene, in a world where its building is shifted along x."""
-    T_world_pano = scene.T_world_pano.copy()
-    T_world_pano[0, 3] += shift_m
-    return MapFrame(scene.id, scene.place, T_world_pano, load=_load(scene, scene.id, pose_yaw(scene.T_world_pano)))
+def query_id(scene: Scene) -> str:
+    """The id of the query that a scene is."""
+    return f"{scene.id}/query"
 
 
 def _load(scene: Scene, id: str, yaw_rad: float) -> Callable[[], Panorama]:

@@ -34,18 +34,16 @@ def diagnose(run: Run, method: str) -> dict[str, list[str]]:
     scenes = dataset.scenes()
     wrong: dict[str, list[str]] = {cause: [] for cause in CAUSES}
     for fold in dataset.folds():
-        query_id = fold.queries[0].id
-        if (fold.id, query_id) not in answers:
-            raise DataError(f"{run.directory} has no answer of {method!r} to {query_id}: finish the run first")
-        places = answers[fold.id, query_id]
-        truth = dataset.truth(query_id)
-        if places and places[0][1] == truth.place:
-            continue
-        own = [scenes[frame.id] for frame in fold.mapping if frame.place == truth.place]
-        if not own:  # asked of a map without its place
-            continue
-        winning = [scenes[frame.id] for frame in fold.mapping if places and frame.place == places[0][1]]
-        wrong[cause_of(scenes[fold.id], own, winning)].append(query_id)
+        for query in fold.queries:
+            if (fold.id, query.id) not in answers:
+                raise DataError(f"{run.directory} has no answer of {method!r} to {query.id}: finish the run first")
+            places = answers[fold.id, query.id]
+            truth = dataset.truth(query.id)
+            own = [scenes[frame.id] for frame in fold.mapping if frame.place == truth.place]
+            if not own or (places and places[0][1] == truth.place):  # not in the map, or right
+                continue
+            winning = [scenes[frame.id] for frame in fold.mapping if places and frame.place == places[0][1]]
+            wrong[cause_of(scenes[query.id.removesuffix("/query")], own, winning)].append(query.id)
     return wrong
 
 

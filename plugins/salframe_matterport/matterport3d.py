@@ -21,8 +21,8 @@ from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.folder_format import FrameEntry, image_names, is_written, write_panorama
 from salframe.panoramas.frames import Fold, MapFrame, QueryFrame, Truth
 from salframe.panoramas.geometry import pose_2d, pose_yaw
-from salframe.panoramas.house_file import HouseFile, read_house
 from salframe.panoramas.hidden_places import add_hidden_places, hide_query_place_setting
+from salframe.panoramas.house_file import HouseFile, read_house
 from salframe.panoramas.panorama import Annotations, Panorama, visible_instances
 from salframe_matterport.objects import label_pixels, labels
 from salframe_matterport.release import Color, Viewpoint, cameras_path, find_buildings, house_path, read_viewpoints

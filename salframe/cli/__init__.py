@@ -14,6 +14,7 @@ from salframe.cli import (
     compare,
     data,
     detection,
+    fit,
     inspect,
     localize,
     map,
@@ -109,6 +110,7 @@ app.command()(compare.ablate)
 app.command()(compare.evaluate)
 app.command()(matching.matching)
 app.command()(detection.detection)
+app.command()(fit.fit)
 app.command()(localize.build)
 app.command()(localize.localize)
 app.command()(show_objects.show_objects)

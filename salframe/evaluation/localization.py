@@ -52,10 +52,10 @@ class LocalizationRow(MethodRow):
     describe_ms a panorama, query_ms a query, medians; peak_memory_mb; p_value of the exact McNemar test against the
     first measured method.
 
-    Where some queries are asked of a map without their place: absent_queries, how many; present_accuracy, of the others;
-    denied_absent, the share of them whose answer denies the map; roc_area of telling the two apart by the probability of
-    being in the map, or the best score; accepted_absent, the share of them that passes the bound on it which 90 % of
-    the right answers pass. calibration_error: the expected one, where the method has probabilities.
+    Where some queries are asked of a map without their place: absent_queries, how many; present_accuracy, of the
+    others; denied_absent, the share of them whose answer denies the map; roc_area of telling the two apart by the
+    probability of being in the map, or the best score; accepted_absent, the share of them that passes the bound on it
+    which 90 % of the right answers pass. calibration_error: the expected one, where the method has probabilities.
     """
 
     queries: int

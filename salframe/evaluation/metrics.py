@@ -27,14 +27,14 @@ RECALLS = {"recall_025m_2deg": (0.25, 2.0), "recall_05m_5deg": (0.5, 5.0), "reca
 class Judged:
     """A method's answers against the truth, one entry a query, in the order of the dataset.
 
-    present (Q,) bool: the map has the query's place. correct (Q,) bool: the first place is the true one, or the place is
-    not in the map and the status denies it; in_top_5 (Q,) bool, likewise. best_place (Q,) bool: the first place is the
-    true one, whatever the status. translation_m, rotation_deg (Q,) float64, infinite where there is no pose or the
+    present (Q,) bool: the map has the query's place. correct (Q,) bool: the first place is the true one, or the place
+    is not in the map and the status denies it; in_top_5 (Q,) bool, likewise. best_place (Q,) bool: the first place is
+    the true one, whatever the status. translation_m, rotation_deg (Q,) float64, infinite where there is no pose or the
     method failed, NaN where the truth has no pose or the map lacks the place; heading_deg (Q,) float64, the same of the
     heading, which may be known without a pose. evidence (Q,) float64: how much speaks for the place being in the map:
-    the probability of that where the method has one, else the best score; -inf of an answer without places.
-    confidence (Q,) float64: the probability of what was answered, a place or that it is not in the map; NaN without.
-    statuses: Q words, "crashed" where no answer was recorded.
+    the probability of that where the method has one, else the best score; -inf of an answer without places. confidence
+    (Q,) float64: the probability of what was answered, a place or that it is not in the map; NaN without. statuses: Q
+    words, "crashed" where no answer was recorded.
     """
 
     present: np.ndarray
@@ -74,7 +74,8 @@ def judge(
             errors[i, 2] = np.abs(wrap_angle(answer["heading"] - pose_yaw(truth.T_world_pano)))
     statuses = tuple(str(PieceStatus.CRASHED) if answer is None else answer["status"] for answer in answers)
     rotation_deg, heading_deg = np.degrees(errors[:, 1:]).T
-    best_place = [bool(a and a["places"]) and a["places"][0][1] == t.place for a, t in zip(answers, truths, strict=True)]
+    first = [answer["places"][0][1] if answer and answer["places"] else None for answer in answers]
+    best_place = [place == truth.place for place, truth in zip(first, truths, strict=True)]
     return Judged(
         present=present,
         best_place=np.array(best_place, bool),
@@ -91,12 +92,11 @@ def judge(
 
 def _evidence(answers: Sequence[Row | None]) -> np.ndarray:
     """(Q,) as in Judged: of the probabilities of a method that gives any, otherwise of its scores."""
-    known = [answer if answer and answer["places"] else None for answer in answers]
-    if any(answer and answer.get("not_here") is not None for answer in known):
-        values = [1 - answer["not_here"] if answer and answer.get("not_here") is not None else -np.inf for answer in known]
-    else:
-        values = [answer["places"][0][2] if answer else -np.inf for answer in known]
-    return np.array(values, float)
+    scores = [answer["places"][0][2] if answer and answer["places"] else None for answer in answers]
+    not_here = [answer.get("not_here") if answer else None for answer in answers]
+    if any(value is not None for value in not_here):
+        scores = [None if value is None else 1 - value for value in not_here]
+    return np.array([-np.inf if value is None else value for value in scores], float)
 
 
 def _confidence(answer: Row | None) -> float:

@@ -69,8 +69,8 @@ class Localizer(Role):
 
     A localizer writes three hooks: `describe` a panorama, `index` the descriptions of the map, `match` a description
     against it. Map building, answering, caching, timing, saving and loading are the same for all; so is estimating the
-    range of panoramas without, for a localizer whose Config has the field `range: range_slot()`, and the probabilities of
-    its places, for one whose Config has `posterior: posterior_slot()`.
+    range of panoramas without, for a localizer whose Config has the field `range: range_slot()`, and making scores
+    probabilities, for one whose Config has `posterior: posterior_slot()`.
     """
 
     role = "localizer"

@@ -104,9 +104,9 @@ class ScoredAnswer:
 
 @dataclass(frozen=True)
 class Fit:
-    """A fitted posterior, and what it gains: mean negative logarithms, in nats, of the share of the true place (`place`,
-    of `place_answers` answers that rank it) and of the probability that the query is here or not (`here`, of all
-    `answers`), before (temperature 1; the share of queries that are here) and after."""
+    """A fitted posterior, and what it gains: mean negative logarithms, in nats, of the share of the true place
+    (`place`, of `place_answers` answers that rank it) and of the probability that the query is here or not (`here`, of
+    all `answers`), before (temperature 1; the share of queries that are here) and after."""
 
     posterior: Posterior
     answers: int
@@ -131,9 +131,7 @@ def fit_posterior(answers: Sequence[ScoredAnswer]) -> Fit:
         )
     spread = float(np.std(np.concatenate([answer.scores for answer in answers])))
     if spread == 0 or all(np.ptp(answer.scores) == 0 for answer in ranked):
-        raise DataError(
-            "the places of each answer have one and the same score, expected scores that tell places apart"
-        )
+        raise DataError("the places of each answer have one and the same score, expected scores that tell places apart")
     temperature = _fit_temperature(ranked, spread)
     here = np.array([answer.here for answer in answers], float)
     features = np.stack([head_features(answer.scores, temperature, answer.objects) for answer in answers])

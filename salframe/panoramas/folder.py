@@ -59,7 +59,8 @@ class FolderDataset(Dataset):
         mapping = tuple(self._folder.map_frame(entry) for entry in entries if entry.role != "query")
         queries = tuple(self._folder.query_frame(entry) for entry in entries if entry.role == "query")
         folds = [Fold("all", mapping, queries)]
-        return add_hidden_places(folds, self.truth, self.floors()) if self.config.hide_query_place else folds
+        hidden = getattr(self.config, "hide_query_place", False)  # a data set that renders may do without the setting
+        return add_hidden_places(folds, self.truth, self.floors()) if hidden else folds
 
     def truth(self, query_id: str) -> Truth:
         return self._folder.truth(query_id)

@@ -6,6 +6,7 @@ import json
 
 import cv2
 import numpy as np
+import pytest
 from command_line import run
 
 from salframe.cli.localize import print_answer
@@ -30,12 +31,29 @@ def test_build_then_localize(fakes, tmp_path):
         "place": "room-3",
         "frame": "map-3",
         "score": 0.0,
+        "probability": None,
     }  # the map was built with a localizer that is one off
     assert found["pose"] == {"x_m": 12.0, "y_m": 0.0, "yaw_deg": 0.0}
     printed = run("localize", "map", "query-2-0", "--data", "rooms").out
     assert "room-3" in printed
     assert "pose: x 12.00 m, y 0.00 m, yaw 0.0 deg" in printed
     assert "unknown frame 'query-2-9'" in run("localize", "map", "query-2-9", "--data", "rooms").err
+
+
+def test_probabilities_are_told(fakes, tmp_path):
+    """The Reader's scores are minus the distance in rooms: at temperature 1 the shares of five rooms seen from the
+    middle one are softmax(0, -1, -1, -2, -2), and a head without weights gives the map half."""
+    head = "{bias: 0, top_score: 0, top_probability: 0, margin: 0, log_objects: 0}"
+    (tmp_path / "half.yaml").write_text(f"posterior: {{temperature: 1.0, head: {head}}}\n")
+    assert run("build", "rooms", "-o", "map", "--method", "reader", "--set", "posterior=half.yaml").code == 0
+    (tmp_path / "half.yaml").unlink()  # the map knows the numbers
+    found = run("localize", "map", "query-2-0", "--data", "rooms", "--json").json
+    weights = np.exp([0, -1, -1, -2, -2])
+    assert [place["probability"] for place in found["places"]] == pytest.approx(0.5 * weights / weights.sum())
+    assert found["not_here"] == pytest.approx(0.5)
+    printed = run("localize", "map", "query-2-0", "--data", "rooms").out
+    assert f"{50 / weights.sum():.1f}%  room-2" in printed
+    assert "50.0%  in no place of the map" in printed
 
 
 def test_a_heading_without_a_pose_is_printed(capsys):

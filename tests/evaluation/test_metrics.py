@@ -4,10 +4,19 @@ import math
 
 import numpy as np
 import pytest
-from scipy.stats import binom
+from scipy.stats import binom, mannwhitneyu
 
 from salframe.evaluation.localization import LocalizationSurvey, LocalizationTask, Query
-from salframe.evaluation.metrics import accuracy_interval, bootstrap_interval, judge, mcnemar_exact, pose_recalls
+from salframe.evaluation.metrics import (
+    accepted_though_absent,
+    accuracy_interval,
+    bootstrap_interval,
+    judge,
+    mcnemar_exact,
+    pose_recalls,
+    reliability,
+    roc_area,
+)
 from salframe.evaluation.run import DESCRIPTIONS, MethodStatus, Outcome, RowWriter
 from salframe.evaluation.task import Record, count_statuses
 from salframe.panoramas.frames import Fold, MapFrame, QueryFrame, Truth
@@ -151,3 +160,77 @@ def test_the_interval_of_a_mean_is_that_of_its_standard_error():
     low, high = bootstrap_interval(values, 0)
     assert (high - low) / 2 == pytest.approx(1.96 * values.std() / 20, rel=0.08)
     assert bootstrap_interval(values, 0) == (low, high)
+
+
+def test_denying_the_map_is_right_where_the_place_is_not_in_it():
+    statuses = ["not-here", "low-score", "no-match", "no-objects", "ok"]
+    asked = [answer("hall", status=status) for status in statuses] + [None]
+    absent = judge(asked, [TRUTH] * 6, [False] * 6)
+    assert absent.correct.tolist() == [True, True, True, False, False, False]
+    assert np.isnan(absent.translation_m).all()  # such a map has no pose of the query
+    assert not judge([answer("kitchen", status="not-here")], [TRUTH]).correct[0]
+
+
+def test_evidence_is_the_probability_of_the_map_where_there_is_one_else_the_score():
+    scored = [{**answer("hall"), "places": [["f", "hall", 7.0]]}, answer(status="no-objects"), None]
+    assert judge(scored, [TRUTH] * 3).evidence.tolist() == [7.0, -np.inf, -np.inf]
+    scored[0] |= {"probabilities": [0.2], "not_here": 0.75}
+    found = judge(scored, [TRUTH] * 3)
+    assert found.evidence.tolist() == [0.25, -np.inf, -np.inf]
+    assert found.confidence[0] == 0.2
+    assert np.isnan(found.confidence[1:]).all()
+    scored[0]["status"] = "not-here"
+    assert judge(scored, [TRUTH] * 3).confidence[0] == 0.75
+
+
+@pytest.mark.parametrize("digits", [1, 9])
+def test_roc_area_is_the_statistic_of_mann_and_whitney(digits):
+    rng = np.random.default_rng(2)
+    present, absent = rng.normal(1, 1, 70).round(digits), rng.normal(0, 1, 50).round(digits)
+    expected = mannwhitneyu(present, absent).statistic / (70 * 50)
+    assert roc_area(present, absent) == pytest.approx(expected)
+    assert roc_area(present, present) == pytest.approx(0.5)
+    assert roc_area(present, np.zeros(0)) is None
+
+
+def test_accepted_though_absent_at_the_bound_that_keeps_nine_of_ten():
+    right = np.arange(1.0, 11.0)  # the bound is 2, which nine of them reach
+    assert accepted_though_absent(right, np.array([1.9, 2.0, 5.0, -np.inf])) == 0.5
+    assert accepted_though_absent(right, np.array([0.9, 1.0]), kept=1.0) == 0.5
+    assert accepted_though_absent(np.zeros(0), right) is None
+
+
+def test_calibration_error_of_two_bins_by_hand():
+    """Four answers of 0.9 of which two are right, one of 0.25 that is wrong: (4 * 0.4 + 0.25) / 5."""
+    sure = {**answer("kitchen"), "probabilities": [0.9], "not_here": 0.1}
+    wrong = {**sure, "places": [["f", "hall", 1.0]]}
+    unsure = {**wrong, "probabilities": [0.25], "not_here": 0.75}
+    found = reliability(judge([sure, sure, wrong, wrong, unsure, answer("kitchen")], [TRUTH] * 6))
+    assert found.confidence == pytest.approx([0.25, 0.9])
+    assert found.frequency.tolist() == [0.0, 0.5]
+    assert found.count.tolist() == [1, 4]
+    assert found.expected_error == pytest.approx((4 * 0.4 + 0.25) / 5)
+    assert reliability(judge([answer("kitchen")], [TRUTH])) is None
+
+
+def test_calibrated_probabilities_have_no_calibration_error():
+    rng = np.random.default_rng(3)
+    probability = rng.uniform(0, 1, 40000)
+    right = rng.uniform(0, 1, 40000) < probability
+    rows = [
+        {
+            "status": "ok",
+            "places": [["f", "kitchen" if r else "hall", 1.0]],
+            "pose": None,
+            "probabilities": [p],
+            "not_here": 1 - p,
+        }
+        for p, r in zip(probability, right, strict=True)
+    ]
+    judged = judge(rows, [Truth("kitchen")] * len(rows))
+    assert reliability(judged).expected_error < 0.01
+    overconfident = [{**row, "probabilities": [row["probabilities"][0] ** 0.25]} for row in rows]
+    # E[p^(1/4) - p] of p uniform in [0, 1] is 4/5 - 1/2
+    assert reliability(judge(overconfident, [Truth("kitchen")] * len(rows))).expected_error == pytest.approx(
+        0.3, abs=0.01
+    )

@@ -32,6 +32,42 @@ def test_only_a_place_or_a_pose_is_an_answer():
     assert {status for status in LocalizationStatus if status.names_a_place} == {"ok", "no-pose"}
 
 
+def test_a_status_denies_the_map_where_the_query_was_compared_with_it():
+    assert {status for status in LocalizationStatus if status.denies_the_map} == {"not-here", "no-match", "low-score"}
+
+
+def probable(*probabilities):
+    return tuple(RankedPlace(f"f{i}", f"p{i}", -float(i), p) for i, p in enumerate(probabilities))
+
+
+def test_probabilities_of_places_and_none_of_them_are_one_together():
+    answer = Localization(probable(0.5, 0.25), None, "not-here", not_here=0.25)
+    assert [place.place for place in answer.places] == ["p0", "p1"]
+    assert not answer.status.names_a_place
+
+
+@pytest.mark.parametrize(
+    ("probabilities", "not_here", "message"),
+    [
+        ((0.5, 0.25), 0.2, "probabilities that sum to 0.95, expected 1"),
+        ((0.5, 0.5), 2e-6, "probabilities that sum to 1.000002, expected 1"),
+        ((1.5, -0.5), 0.0, r"the probability 1.5, expected one in \[0, 1\]"),
+        ((float("nan"), 0.5), 0.5, r"the probability nan, expected one in \[0, 1\]"),
+        ((0.5, None), 0.5, "2 of 3 probabilities, expected one for each place and one for `not_here`"),
+        ((0.5, 0.5), None, "2 of 3 probabilities"),
+        ((None, None), 1.0, "1 of 3 probabilities"),
+    ],
+)
+def test_other_probabilities_are_refused(probabilities, not_here, message):
+    with pytest.raises(InvalidAnswer, match=message):
+        Localization(probable(*probabilities), None, "no-pose", not_here=not_here)
+
+
+def test_what_is_not_here_has_no_pose():
+    with pytest.raises(InvalidAnswer, match="the status not-here and a pose, expected none"):
+        Localization(probable(None), np.eye(4), "not-here")
+
+
 def mirrored() -> np.ndarray:
     return np.diag([1.0, -1.0, 1.0, 1.0])
 

@@ -1,3 +1,4 @@
+import json
 import pickle
 
 import numpy as np
@@ -10,6 +11,8 @@ from salframe.framework.config import validate
 from salframe.framework.errors import ConfigError, DataError
 from salframe.panoramas.frames import QueryFrame
 from salframe.panoramas.geometry import pose_yaw, transform_points
+
+from .conftest import ball_boxes
 
 
 def opened(building, **settings):
@@ -178,3 +181,109 @@ def test_prepare_reports_progress(building):
     seen = []
     opened(building).prepare(lambda done, total: seen.append((done, total)))
     assert seen == [(0, 1), (1, 1)]
+
+
+def row_of(building, count):
+    """`count` viewpoints of region 0 in a row, farther and farther apart, all of which see objects 1 to 4."""
+    building.viewpoints = {f"v{i}": (0.3 * i * (i + 1) / 2, 0.1 * i, 1.5, 40 * i, 0) for i in range(count)}
+    building.viewpoints["c"] = (0.4, 3.0, 1.5, 10, 1)
+    building.sees = dict.fromkeys(building.viewpoints, (1, 2, 3, 4))
+    building.write()
+    return building
+
+
+def test_leave_out_takes_the_nearest_of_the_region_out_too(building):
+    row = row_of(building, 4)
+    frames = {fold.id: [frame.id for frame in fold.mapping] for fold in opened(row, leave_out=2).folds()}
+    assert frames == {
+        "fake/v0": ["fake/v2", "fake/v3", "fake/c"],
+        "fake/v1": ["fake/v2", "fake/v3", "fake/c"],
+        "fake/v2": ["fake/v0", "fake/v3", "fake/c"],
+        "fake/v3": ["fake/v0", "fake/v1", "fake/c"],
+    }
+    with pytest.raises(DataError, match="expected a viewpoint with 3 visible objects and 4 others in its region"):
+        opened(row, leave_out=4).folds()
+    with pytest.raises(ConfigError, match=r"data\.leave_out: received 0, expected"):
+        validate(MatterportAnnotations.Config, {"leave_out": 0}, "data")
+
+
+def test_one_map_holds_all_buildings_apart_and_not_the_query(building, tmp_path):
+    regions = json.loads((building.root / "vp2room_label.json").read_text())
+    building.scan = "other"
+    building.write()
+    regions["pano_info"]["other"] = regions["pano_info"]["fake"]
+    building.write_json("vp2room_label.json", regions)
+    every = {f"{scan}/{name}" for scan in ("fake", "other") for name in "abc"}
+    whole = opened(building, one_map=True)
+    assert [[query.id for query in fold.queries] for fold in whole.folds()] == [
+        ["fake/a/query", "other/a/query"],
+        ["fake/b/query", "other/b/query"],
+    ]
+    for fold in whole.folds():
+        assert {frame.id for frame in fold.mapping} == every - {query.id[:-6] for query in fold.queries}
+        at_m = {frame.id: frame.T_world_pano[0, 3] for frame in fold.mapping}
+        assert at_m["other/c"] - at_m["fake/c"] == pytest.approx(1000)
+        for query in fold.queries:
+            alone, shift_m = opened(building).truth(query.id), 1000.0 * query.id.startswith("other")
+            assert whole.truth(query.id).place == f"{query.id.split('/')[0]}/region-0"
+            assert whole.truth(query.id).T_world_pano[:3, 3] == pytest.approx(
+                alone.T_world_pano[:3, 3] + [shift_m, 0, 0]
+            )
+
+
+def test_ranges_of_a_map_without_the_bearings_of_its_query(building):
+    """A bearing of v1 to object 1 that is far off moves the ranges of the other viewpoints, unless v1 asks."""
+    row = row_of(building, 4)
+    right = {frame.id: objects_of(frame) for frame in opened(row, range_noise=0.0).folds()[0].mapping}
+    path = boxes_path(row.root, "fake", "v1")
+    content = json.loads(path.read_text())
+    views, boxes = ball_boxes(np.array([0.5, -1.4, -0.9]), 0.3)
+    content["v1"]["1"] |= {"visible_pos": views, "bbox2d": boxes}
+    path.write_text(json.dumps(content))
+    as_it_is, without = (
+        {fold.id: fold for fold in opened(row, range_noise=0.0, query_triangulates=flag).folds()}
+        for flag in (True, False)
+    )
+
+    def range_m(frame):
+        objects = objects_of(frame)
+        return np.linalg.norm(objects.centroid_m[objects.labels.index("arm chair")])
+
+    def off_m(fold):
+        """How far the range of object 1 at v2 and v3 is from that without the bad bearing."""
+        return max(
+            abs(range_m(frame) - np.linalg.norm(right[id].centroid_m[right[id].labels.index("arm chair")]))
+            for frame in fold.mapping
+            for id in ("fake/v2", "fake/v3")
+            if frame.id.startswith(id)
+        )
+
+    assert off_m(without["fake/v1"]) < 0.2 * off_m(as_it_is["fake/v1"])
+    assert off_m(without["fake/v1"]) < 0.03
+    # Ranges depend on the query here, so frames have names of their own; those that share no object keep theirs.
+    ids = {frame.id for frame in without["fake/v1"].mapping}
+    assert len(ids) == 4
+    assert ids.isdisjoint({"fake/v0", "fake/v2", "fake/v3", "fake/c"})
+    assert ids.isdisjoint(frame.id for frame in without["fake/v0"].mapping)
+    # The query sees what it always saw.
+    query = [objects_of(folds["fake/v1"].queries[0]).centroid_m for folds in (as_it_is, without)]
+    assert query[0] == pytest.approx(query[1])
+
+
+def test_hidden_places_and_other_maps_change_the_questions_and_no_panorama(building):
+    row = row_of(building, 4)
+    plain = opened(row)
+    assert plain.question_key == plain.fingerprint
+    hidden = opened(row, hide_query_place=True)
+    folds = hidden.folds()
+    assert len(folds) == 2 * len(plain.folds())
+    for fold in folds[1::2]:
+        places = {frame.place for frame in fold.mapping}
+        assert hidden.truth(fold.queries[0].id).place not in places
+        assert places == {"fake/region-1"}
+    keys = {plain.question_key}
+    for settings in ({"hide_query_place": True}, {"leave_out": 2}, {"one_map": True}, {"query_triangulates": False}):
+        other = opened(row, **settings)
+        assert other.content_key == plain.content_key
+        keys.add(other.question_key)
+    assert len(keys) == 5

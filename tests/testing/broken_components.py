@@ -15,6 +15,7 @@ from salframe_graphs.localizer import SaliencyGraphLocalizer
 from salframe_graphs.positioning import RobustPositioner
 from salframe_graphs.saliency import VolumetricSaliency
 from salframe_graphs.triplet import TripletMatcher
+from salframe_objects.localizer import ObjectSetLocalizer
 
 from salframe.framework.config import ComponentConfig, Settings, match_only
 from salframe.framework.errors import DataError
@@ -361,6 +362,27 @@ class Unordered(SaliencyGraphLocalizer):
         return replace(answer, places=answer.places + answer.places)
 
 
+def weighed(answer, probabilities):
+    """The answer with these probabilities of its first places, 0 of the others, and 0.1 of none of them."""
+    padded = [*probabilities, *[0.0] * len(answer.places)]
+    places = [replace(place, probability=padded[i]) for i, place in enumerate(answer.places)]
+    return replace(answer, places=tuple(places), not_here=0.1) if len(places) > 1 else answer
+
+
+class Lavish(ObjectSetLocalizer):
+    """Broken."""
+
+    def match(self, description):
+        return weighed(super().match(description), [0.7, 0.4])
+
+
+class Contrary(ObjectSetLocalizer):
+    """Broken."""
+
+    def match(self, description):
+        return weighed(super().match(description), [0.2, 0.7])
+
+
 class Swayed(SaliencyGraphLocalizer):
     """Broken."""
 
@@ -547,6 +569,8 @@ BROKEN = [
     (Modest, "describe of a panorama with rgb alone: received InputMissing"),
     (Boastful, "match where nothing is seen: received InvalidAnswer: a localization has the status ok and no place"),
     (Unordered, "expected one entry a place"),
+    (Lavish, "received InvalidAnswer: a localization has probabilities that sum to 1.2, expected 1"),
+    (Contrary, r"received the probabilities \[0.2, 0.7.*\], expected the best place's first"),
     (Swayed, "describe_identity with another lossy: received another description, expected the same: .* match_only"),
     (Scrupulous, "describe_identity with another top_k: received another one, expected the same: .* match_only"),
     (Inattentive, "describe_identity with another content of the file table: received the same one, expected another"),

@@ -1,0 +1,149 @@
+"""`salframe fit`, and what comes of its file in a comparison."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+import yaml
+from command_line import run
+
+from salframe.evaluation.localization import compare
+from salframe.evaluation.request import Request
+from salframe.framework.errors import ConfigError
+
+ROOMS = ("--data", "rooms", "--set", "data.rooms=8")
+
+
+@pytest.fixture
+def fitted(fakes, tmp_path):
+    """The Reader's score is 0 where its room is in the map and -1 where it is not: that tells the two apart."""
+    done = run("fit", "reader", *ROOMS, "-o", "fitted.yaml")
+    assert done.code == 0, done.err
+    assert "fitted.yaml" in done.out
+    return yaml.safe_load((tmp_path / "fitted.yaml").read_text())
+
+
+def test_the_file_holds_the_numbers_and_where_they_come_from(fitted):
+    told = fitted["provenance"]
+    assert told["method"]["localizer"] == "reader"
+    assert [(data["name"], data["queries"]) for data in told["data"]] == [("rooms", 32)]
+    assert told["set"] == ["data.rooms=8"]
+    gain = told["mean_negative_log_likelihood"]
+    assert gain["place"]["answers"] == 16
+    assert gain["here"]["answers"] == 32
+    assert gain["here"]["before"] == pytest.approx(0.6931, abs=1e-4)  # ln 2: half are here
+    assert gain["here"]["after"] < 0.1
+    assert fitted["posterior"]["head"]["top_score"] > 0
+
+
+def test_a_method_with_the_file_knows_what_it_does_not(fitted):
+    plain, known = (
+        compare(
+            Request(
+                ("reader",), "rooms", settings=("data.hide_query_place=true", *settings), engine="inline", name=name
+            )
+        )
+        for name, settings in (("plain", ()), ("known", ("posterior=fitted.yaml",)))
+    )
+    before, after = plain.row("reader"), known.row("reader")
+    assert (before.queries, before.absent_queries, before.accuracy) == (20, 10, 0.5)
+    assert (before.present_accuracy, before.denied_absent, before.calibration_error) == (1.0, 0.0, None)
+    assert before.roc_area == 1.0  # 0 where the room is there, -1 where it is not
+    assert before.accepted_absent == 0.0
+    assert (after.accuracy, after.present_accuracy, after.denied_absent) == (1.0, 1.0, 1.0)
+    assert after.roc_area == 1.0
+    assert after.calibration_error < 0.15
+    assert after.status == {"ok": 10, "not-here": 10}
+    assert "10 of 20 queries are asked of a map without their place" in known.notes[0]
+    page = known.report.read_text()
+    assert "Reliability" in page
+    assert "expected one, of the answer" in page
+    assert "Reliability" not in plain.report.read_text().replace("Reliability.js", "")
+    rows = [json.loads(line) for line in (known.run / "methods" / "reader" / "rows.jsonl").read_text().splitlines()]
+    for row in rows:
+        assert sum(row["probabilities"]) + row["not_here"] == pytest.approx(1, abs=1e-6)
+
+
+def test_the_table_tells_of_presence(fitted):
+    compare_rooms = ("compare", "--methods", "reader", "--data", "rooms", "--engine", "inline")
+    assert "ROC" in run(*compare_rooms, "--set", "data.hide_query_place=true").out
+    assert "ROC" not in run(*compare_rooms).out
+
+
+def test_runs_with_hidden_places_have_another_fingerprint_and_share_descriptions(fakes):
+    first, second = (
+        compare(Request(("reader",), "rooms", settings=settings, engine="inline", name=name))
+        for name, settings in (("a", ()), ("b", ("data.hide_query_place=true",)))
+    )
+    assert first.environment["dataset_fingerprint"] != second.environment["dataset_fingerprint"]
+    assert second.row("reader").queries == 2 * first.row("reader").queries
+    assert not any("reused" in note for note in second.notes)
+    described = [
+        [json.loads(line) for line in (one.run / "methods" / "reader" / "descriptions.jsonl").read_text().splitlines()]
+        for one in (first, second)
+    ]
+    # the times are those of the first computation, kept with the descriptions
+    assert {row["frame"]: row["ms"] for row in described[0]} == {row["frame"]: row["ms"] for row in described[1]}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("greedy", "--data", "rooms", "-o", "out.txt"), "the file out.txt, expected one that ends in .yaml or .yml"),
+        (("plain", "--data", "rooms", "-o", "out.yaml"), "unknown method 'plain'"),
+        (("reader", "--data", "rooms", "--set", "data.rooms=1", "-o", "out.yaml"), "and 0 whose map lacks it"),
+        (("ranger", "--data", "rooms", "-o", "out.yaml"), "needs range, which rooms does not have"),
+    ],
+)
+def test_what_cannot_be_fitted_is_one_line(fakes, tmp_path, arguments, message):
+    done = run("fit", *arguments)
+    assert done.code == 2
+    assert message in done.err
+    assert len(done.err.splitlines()) == 1
+    assert not (tmp_path / "out.yaml").exists()
+
+
+def test_a_method_without_the_setting_is_refused(fakes, monkeypatch, tmp_path):
+    (tmp_path / "mute_plugin.py").write_text(MUTE)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setenv("SALFRAME_PLUGINS", "fake_plugin,mute_plugin")
+    from salframe.framework.registry import registry
+
+    registry.cache_clear()
+    done = run("fit", "mute", "--data", "rooms", "-o", "out.yaml")
+    assert "mute is a 'mute', which has no setting `posterior`" in done.err
+    done = run("fit", "constant", "--data", "rooms", "-o", "out.yaml")
+    assert "constant cannot be fitted: the places of each answer have one and the same score" in done.err
+
+
+MUTE = '''
+from dataclasses import replace
+import salframe
+from salframe.framework.config import ComponentConfig
+from fake_plugin import Reader
+
+class Mute(Reader):
+    """Carries no probabilities."""
+    name = "mute"
+    class Config(ComponentConfig):
+        pass
+
+class Constant(Reader):
+    """Likes all places alike."""
+    name = "constant"
+    def match(self, description):
+        answer = super().match(description)
+        return replace(answer, places=tuple(replace(place, score=1.0) for place in answer.places))
+
+@salframe.hookimpl
+def salframe_provides():
+    return [Mute, Constant]
+'''
+
+
+def test_no_data_is_no_fit(fakes, tmp_path):
+    from salframe.evaluation.fitting import fit_method
+
+    with pytest.raises(ConfigError, match="received no tuning data"):
+        fit_method("reader", [], tmp_path / "out.yaml")
