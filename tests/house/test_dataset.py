@@ -42,6 +42,35 @@ def test_frames_have_what_they_should(house: House) -> None:
     assert set(floor.regions.values()) == rooms
 
 
+def test_a_hidden_place_is_gone_with_its_doorways_and_nothing_is_rendered_again(house: House) -> None:
+    hidden = House(house.config.model_copy(update={"hide_query_place": True}))
+    assert hidden.root == house.root
+    assert hidden.content_key == house.content_key
+    assert hidden.question_key != house.question_key
+    whole, *without = hidden.folds()
+    assert len(without) == 6
+    for fold in without:
+        (query,) = fold.queries
+        place = hidden.truth(query.id).place
+        gone = {frame.id: frame for frame in whole.mapping if frame.id not in {kept.id for kept in fold.mapping}}
+        rooms = [frame for frame in gone.values() if frame.place == place]
+        doors = [frame for frame in gone.values() if frame.place != place]
+        assert rooms
+        assert not any(frame.place == place for frame in fold.mapping)
+        # a room has a door at least, and a door is at its edge: its floor is on one side within a step
+        assert doors
+        assert all(door.place.startswith("transition") for door in doors)
+        (floor,) = house.floors()
+        label = next(number for number, name in floor.regions.items() if name == place)
+        for door in doors:
+            x_m, y_m = door.T_world_pano[:2, 3]
+            column = round((x_m - floor.origin_m[0]) / floor.resolution_m)
+            row = round((floor.origin_m[1] - y_m) / floor.resolution_m)
+            step = int(1.0 / floor.resolution_m)
+            assert (floor.region[row - step : row + step + 1, column - step : column + step + 1] == label).any()
+
+
+
 def test_range_and_truth_agree(house: House) -> None:
     """Straight down, the range is the camera's height; the visible instances are those of at least 50 pixels."""
     for query in house.folds()[0].queries:
