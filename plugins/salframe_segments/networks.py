@@ -15,8 +15,6 @@ from salframe.framework.errors import WeightsMissing
 from salframe_segments.card import Card, Layout
 
 TFLITE = ".tflite"
-BATCH = 1
-"""Views that a network with a free batch axis is given at a time: more take memory and save no time on a CPU."""
 
 
 class SegmentationNetwork(ABC):
@@ -26,23 +24,22 @@ class SegmentationNetwork(ABC):
         self.path, self.card = path, card
 
     @abstractmethod
-    def raw(self, batch: np.ndarray) -> np.ndarray:
-        """What the network gives for a batch in its own layout and dtype: float32, in the card's output layout."""
+    def raw(self, image: np.ndarray) -> np.ndarray:
+        """What the network gives for a batch of one in its own layout and dtype: float32, in the card's output layout."""
 
     def probabilities(self, views: np.ndarray) -> Iterator[np.ndarray]:
         """For each view of (V, height, width, 3) uint8 RGB, of the card's size, the probabilities (h, w, C) float32 of
         its classes at the network's own resolution. Raises WeightsMissing where the file gives something else than the
         card says."""
         given = self.card.output
-        for first in range(0, len(views), BATCH):
-            scores = _channels_last(self.raw(self._as_input(views[first : first + BATCH])), given.layout)
+        for view in views:  # one at a time: most networks take no more
+            scores = _channels_last(self.raw(self._as_input(view[None])), given.layout)
             if scores.ndim != 4 or scores.shape[-1] != len(self.card.labels):
                 raise WeightsMissing(
                     f"{self.path} gives {' x '.join(map(str, scores.shape))}, "
                     f"expected 4 axes, {len(self.card.labels)} classes as its card has labels ({given.layout})"
                 )
-            for one in scores:
-                yield _softmax(one) if given.values == "logits" else one
+            yield _softmax(scores[0]) if given.values == "logits" else scores[0]
 
     def _as_input(self, views: np.ndarray) -> np.ndarray:
         taken = self.card.input
@@ -67,8 +64,8 @@ class OnnxNetwork(SegmentationNetwork):
         outputs = () if card.output.name is None else (card.output.name,)
         self._model = open_model(path, [shape], outputs, taken.dtype)
 
-    def raw(self, batch: np.ndarray) -> np.ndarray:
-        scores = self._model.run(batch)[0]
+    def raw(self, image: np.ndarray) -> np.ndarray:
+        scores = self._model.run(image)[0]
         if scores.dtype.kind != "f":
             raise WeightsMissing(f"{self.path} gives {scores.dtype}, expected scores as floats: name them, output.name")
         return np.asarray(scores, np.float32)
@@ -109,10 +106,7 @@ class TfliteNetwork(SegmentationNetwork):
             )
         self._input = inputs[0]["index"]
 
-    def raw(self, batch: np.ndarray) -> np.ndarray:
-        return np.concatenate([self._one(batch[i : i + 1]) for i in range(len(batch))])
-
-    def _one(self, image: np.ndarray) -> np.ndarray:
+    def raw(self, image: np.ndarray) -> np.ndarray:
         self._interpreter.set_tensor(self._input, image)
         self._interpreter.invoke()
         scores = self._interpreter.get_tensor(self._output["index"])

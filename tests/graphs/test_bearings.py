@@ -102,7 +102,7 @@ def test_nodes_without_range_are_left_out_beside_nodes_with():
 
 def test_rooms_without_range_in_a_map_with_range():
     """Instance images alone, in rooms of boxes: the place, and the pose but for what boxes hide of themselves."""
-    localizer, truths = SaliencyGraphLocalizer(), query_truths()
+    localizer, truths = SaliencyGraphLocalizer(SaliencyGraphLocalizer.Config(detector="annotations")), query_truths()
     localizer.build(map_frames())
     for frame in query_frames({"annotations"}):
         answer = localizer.localize(frame)
@@ -123,7 +123,7 @@ def test_two_objects_give_place_and_heading():
         directions(pose_2d(0.2, 0.1, 1.3), graph_points(room, ("bed", "wardrobe"))),
         np.ones(2),
     )
-    localizer = SaliencyGraphLocalizer()
+    localizer = SaliencyGraphLocalizer(SaliencyGraphLocalizer.Config(detector="annotations"))
     localizer.build(map_frames())
     answer = localizer.match(graph_to_arrays(build_graph(pair, np.array([0.6, 0.4]), GraphConfig())))
     assert (answer.status, answer.places[0].place) == ("no-pose", room.name)
@@ -134,7 +134,7 @@ def test_two_objects_give_place_and_heading():
 def graph_points(room, labels):
     """Where the localizer's map has these objects."""
     frame = map_frames()[ROOMS.index(room)]
-    graph = SaliencyGraphLocalizer().graph(frame.load())
+    graph = SaliencyGraphLocalizer(SaliencyGraphLocalizer.Config(detector="annotations")).graph(frame.load())
     return np.array([graph.centroid_m[graph.labels.index(label)] for label in labels])
 
 
@@ -143,8 +143,8 @@ def test_a_map_needs_range():
         "flat", "bedroom", stand(ROOMS[0]), load=lambda: look(ROOMS[0], "flat", stand(ROOMS[0]), {"annotations"})
     )
     with pytest.raises(InputMissing, match="a map needs range, which flat does not have"):
-        SaliencyGraphLocalizer().build([frame])
-    localizer = SaliencyGraphLocalizer()
+        SaliencyGraphLocalizer(SaliencyGraphLocalizer.Config(detector="annotations")).build([frame])
+    localizer = SaliencyGraphLocalizer(SaliencyGraphLocalizer.Config(detector="annotations"))
     localizer.build(map_frames())
     assert localizer.localize(QueryFrame("flat", frame.load)).status == "ok"
 

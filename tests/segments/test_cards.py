@@ -51,7 +51,8 @@ def test_segformer_as_transformers_exports_it(tmp_path):
     network = transformers.SegformerForSemanticSegmentation(transformers.SegformerConfig(num_labels=150)).eval()
     path = tmp_path / "segformer.onnx"
     image = torch.zeros(1, 3, 512, 512)
-    torch.onnx.export(network, (image,), path, input_names=["pixel_values"], output_names=["logits"], dynamo=True)
+    names = {"input_names": ["pixel_values"], "output_names": ["logits"]}
+    torch.onnx.export(network, (image,), path, **names, dynamo=True, external_data=False)
     view = np.random.default_rng(0).integers(0, 256, (1, 512, 512, 3), np.uint8)
     (received,) = open_network(path, read_card(CARDS["segformer-b0-ade20k-onnx"])).probabilities(view)
     assert received.shape == (128, 128, 150)

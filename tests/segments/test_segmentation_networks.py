@@ -51,7 +51,7 @@ def test_probabilities_are_those_of_the_closed_form(tmp_path, form):
     np.testing.assert_array_equal(received.argmax(-1)[sure], expected.argmax(-1)[sure])
 
 
-def test_a_batch_and_one_at_a_time_are_the_same(tmp_path):
+def test_a_network_with_a_free_batch_axis_is_the_same(tmp_path):
     views = np.random.default_rng(0).integers(0, 256, (3, SIDE_PX, SIDE_PX, 3), np.uint8)
     one, any_number = (beside(write_network(tmp_path / f"{n}.onnx", n)) for n in (1, "n"))
     for single, batched in zip(one.probabilities(views), any_number.probabilities(views), strict=True):
