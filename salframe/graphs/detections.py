@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,14 +70,6 @@ class Detections:
             self.solid_angle_sr[index],
             None if self.rays is None else tuple(self.rays[i] for i in index),
         )
-
-    @classmethod
-    def without_range(
-        cls, labels: Sequence[str], scores: np.ndarray, bearing: np.ndarray, solid_angle_sr: np.ndarray
-    ) -> Detections:
-        """Objects of which nothing tells how far they are."""
-        unknown = np.full((len(labels), 3), np.nan)
-        return cls(tuple(labels), scores, unknown, unknown, unknown[:, 0], None, bearing, solid_angle_sr)
 
     @classmethod
     def empty(cls) -> Detections:
