@@ -70,7 +70,6 @@ def test_a_hidden_place_is_gone_with_its_doorways_and_nothing_is_rendered_again(
             assert (floor.region[row - step : row + step + 1, column - step : column + step + 1] == label).any()
 
 
-
 def test_range_and_truth_agree(house: House) -> None:
     """Straight down, the range is the camera's height; the visible instances are those of at least 50 pixels."""
     for query in house.folds()[0].queries:
