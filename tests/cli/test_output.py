@@ -90,6 +90,7 @@ def test_json_says_what_was_asked_of_what_and_what_went_wrong(fakes):
         "broken": ["query-3-1"],
         "leave_one_out": False,
         "root": "",
+        "hide_query_place": False,
     }
     assert content["request"]["methods"]["reader"]["fail_in"] == 2
     assert len(content["data_fingerprint"]) >= 64
