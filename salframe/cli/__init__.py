@@ -20,6 +20,7 @@ from salframe.cli import (
     matching,
     navigate,
     score,
+    sensor,
     show_objects,
     weights,
 )
@@ -109,6 +110,7 @@ app.command()(compare.ablate)
 app.command()(compare.evaluate)
 app.command()(matching.matching)
 app.command()(detection.detection)
+app.command()(sensor.sensor)
 app.command()(localize.build)
 app.command()(localize.localize)
 app.command()(show_objects.show_objects)
