@@ -138,7 +138,8 @@ def _look_at(detector: Detector, config: ComponentConfig, dataset: Dataset, prog
     """What each panorama shows and what the detector finds there; in a line why it cannot be used."""
     frames: dict[str, MapFrame | QueryFrame] = {}
     for fold in dataset.folds():
-        frames.update((frame.id, frame) for frame in (*fold.mapping, *fold.queries))
+        frames.update((frame.id, frame) for frame in fold.mapping)
+        frames.update((query.id, query) for query in fold.queries)
     cache, known_by = Cache(cache_home() / "sensor"), identity(config)
     for done, (name, frame) in enumerate(frames.items()):
         if progress:
@@ -176,8 +177,8 @@ def _pack(look: Look) -> dict[str, np.ndarray]:
 
 def _unpack(arrays: Mapping[str, np.ndarray]) -> Look:
     def side(name: str) -> Detections:
-        labels, *numbers, bearing, solid_angle_sr = (arrays[f"{name}.{part}"] for part in PARTS)
-        return Detections(tuple(map(str, labels)), *numbers, None, bearing, solid_angle_sr)
+        parts: dict[str, Any] = {part: arrays[f"{name}.{part}"] for part in PARTS}
+        return Detections(**{**parts, "labels": tuple(map(str, parts["labels"]))})
 
     truth = side("truth")
     shown = Sightings(truth.labels, truth.solid_angle_sr, arrays["range_m"], arrays["hidden_share"])

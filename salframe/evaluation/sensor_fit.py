@@ -129,7 +129,17 @@ def observe(looks: Iterable[Look]) -> Observations:
     together = Sightings(labels, *(np.concatenate([[], *(getattr(one, name) for one in shown)]) for name in columns))
     error, extras = np.concatenate(errors), np.concatenate(false)
     return Observations(
-        len(looks), together, tuple(said), error[:, :2], *error[:, 2:].T, tuple(false_labels), *extras.T
+        panoramas=len(looks),
+        shown=together,
+        said=tuple(said),
+        bearing_rad=error[:, :2],
+        range_log=error[:, 2],
+        size_log=error[:, 3],
+        height_m=error[:, 4],
+        false_labels=tuple(false_labels),
+        false_range_m=extras[:, 0],
+        false_elevation_rad=extras[:, 1],
+        false_size_m=extras[:, 2],
     )
 
 

@@ -165,9 +165,9 @@ def quantiles(values: np.ndarray) -> Quantiles:
     return tuple(round(float(value), 4) for value in np.quantile(values, np.linspace(0, 1, QUANTILES)))
 
 
-def value_at(distribution: Quantiles, shares: np.ndarray) -> np.ndarray:
+def value_at(distribution: Quantiles, shares: np.ndarray | float) -> np.ndarray:
     """The values below which these shares, from 0 to 1, of a distribution lie."""
-    return np.interp(shares, np.linspace(0, 1, len(distribution)), distribution)
+    return np.asarray(np.interp(shares, np.linspace(0, 1, len(distribution)), distribution))
 
 
 def _shares(counts: Mapping[str, float]) -> dict[str, float]:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from salframe.evaluation.sensor_fit import Look, fit_found, fit_sensor, match_objects, observe, robust_deviation
+from salframe.graphs.boxes import detections_where_known
 from salframe.graphs.detections import Detections
 from salframe.graphs.sightings import Sightings
 
@@ -156,7 +157,7 @@ def test_as_many_as_can_be_are_matched():
 def test_without_range_what_is_found_is_matched_by_its_bearing():
     truth = three("chair", "stool", "table")
     turned = np.array([[np.cos(a), np.sin(a), 0] for a in (0.05, 0.2, 0.05)])
-    found = Detections.without_range(("chair", "lamp", "table"), np.ones(3), turned, np.full(3, np.nan))
+    found = detections_where_known(("chair", "lamp", "table"), np.ones(3), None, turned, np.full(3, np.nan))
     assert match_objects(found, truth).tolist() == [0, -1, 2]
     seen = observe([Look(truth, Sightings(truth.labels, *np.full((3, 3), np.nan)), found)])
     np.testing.assert_allclose(np.sort(seen.bearing_rad[:, 0]), [0.05, 0.05])
