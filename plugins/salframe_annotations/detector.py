@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import zlib
 from dataclasses import replace
-from typing import ClassVar, Literal
+from pathlib import Path
+from typing import Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from salframe.framework.config import ComponentConfig, Settings
-from salframe.framework.errors import InputMissing
+from salframe.framework.errors import ConfigError, InputMissing
+from salframe.framework.identity import UserFile
 from salframe.graphs.annotated import Annotated, as_detections, has_points, seen_objects
 from salframe.graphs.boxes import upright_box
 from salframe.graphs.detections import Detections
 from salframe.graphs.detector import Detector
 from salframe.panoramas.panorama import Panorama
+from salframe_annotations.sensed import SENSORS, SensedNoise
 
 
 class Noise(Settings):
@@ -32,40 +35,65 @@ class Noise(Settings):
 
 LEVELS = {
     "none": Noise(),
-    "realistic": Noise(missed=0.10, mislabelled=0.05, range_share=0.05),
-    "heavy": Noise(missed=0.20, mislabelled=0.10, range_share=0.10),
+    "uniform": Noise(missed=0.10, mislabelled=0.05, range_share=0.05),
+    "uniform-heavy": Noise(missed=0.20, mislabelled=0.10, range_share=0.10),
 }
+"""Errors that every object is as likely to suffer."""
+MEASURED = ("panoseg",)
+"""Detectors whose sensor model comes with salframe."""
 
 
 class AnnotationDetector(Detector):
-    """Objects from an instance image, with range or without, or from a data set's object list, with a seeded noise
-    model."""
+    """Objects from an instance image, with range or without, or from a data set's object list, with a detector's
+    errors."""
 
     name = "annotations"
-    version = "1"
+    version = "2"  # of the sensor models that come with it too
     needs: ClassVar[frozenset[str]] = frozenset({"annotations"})
 
     class Config(ComponentConfig):
-        noise: Literal["auto", "none", "realistic", "heavy"] | Noise = Field(
+        noise: Literal["auto", "none", "uniform", "uniform-heavy", "panoseg"] | Noise | UserFile = Field(
             "auto",
-            description="errors added: a level or its own shares; auto: realistic on rendered panoramas, whose "
-            "annotations are perfect, and none on "
-            "those of real ones, which hold errors of their own",
+            union_mode="left_to_right",
+            description="errors added: as measured of a detector (panoseg, or a file of `salframe sensor`), "
+            "a level that every object suffers alike (uniform, uniform-heavy) or its own shares; auto: uniform on "
+            "rendered panoramas, whose annotations are perfect, and none on those of real ones, which hold errors of "
+            "their own",
         )
         seed: int = Field(0, ge=0, description="seed of the errors")
+
+        @field_validator("noise", mode="before")
+        @classmethod
+        def _known(cls, value: Any) -> Any:
+            """What is neither a level nor a file of the user's is told here: a union would tell all that it is not."""
+            words = ("auto", *LEVELS, *MEASURED)
+            if isinstance(value, str) and value not in words and not Path(value).is_file():
+                raise ConfigError(
+                    f"received the noise {value!r}, expected {', '.join(words)}, shares, or a file of `salframe sensor`"
+                )
+            return value
+
+    def __init__(self, config: ComponentConfig | None = None) -> None:
+        """Raises DataError where the noise is a file that is no sensor model."""
+        super().__init__(config)
+        noise = self.config.noise
+        path = SENSORS / f"{noise}.json" if noise in MEASURED else noise
+        self._sensed = SensedNoise.read(path) if isinstance(path, Path) else None
 
     def detect(self, panorama: Panorama) -> Detections:
         annotations = panorama.annotations
         if annotations is None:
             raise InputMissing(f"{panorama.id} has no annotations, which the detector {self.name!r} reads")
-        objects = seen_objects(panorama)
-        named = annotations.labels.values() if annotations.objects is None else annotations.objects.labels
-        vocabulary = sorted(set(named))
+        objects, seed = seen_objects(panorama), (self.config.seed, zlib.crc32(panorama.id.encode()))
         noise = self.config.noise
-        if isinstance(noise, str):
-            auto = "realistic" if annotations.rendered else "none"
-            noise = LEVELS[auto if noise == "auto" else noise]
-        found = spoil(objects, vocabulary, noise, (self.config.seed, zlib.crc32(panorama.id.encode())))
+        if self._sensed is not None:
+            found = self._sensed.spoil(panorama, objects, seed)
+        else:
+            named = annotations.labels.values() if annotations.objects is None else annotations.objects.labels
+            if isinstance(noise, str):
+                auto = "uniform" if annotations.rendered else "none"
+                noise = LEVELS[auto if noise == "auto" else noise]
+            found = spoil(objects, sorted(set(named)), noise, seed)
         return as_detections(found, ranged=has_points(panorama))
 
 

@@ -17,11 +17,13 @@ from salframe_house.furnish import draw_item, furnish
 from salframe_house.furniture import object_mesh
 from salframe_house.layout import WALL_M, Door, Layout, Room, Window, plan_layout
 from salframe_house.mesh import Mesh
+from salframe_house.mobility import appears, mobile_first
 from salframe_house.placement import PlacedObject, RoomPlan
 from salframe_house.scene import Light, Material, Scene
 from salframe_house.shell import shell_mesh, window_light
 
 Style = Literal["home", "office", "hotel"]
+Changes = Literal["uniform", "by-class"]
 LEAST_ROOMS = 4
 
 # What is part of the house is changed only after everything else.
@@ -164,13 +166,14 @@ def generate_building(style: Style, rooms: int, seed: int) -> Building:
     return Building(style, seed, layout.rooms, layout.doors, layout.windows, furnish(layout, seed))
 
 
-def change_building(building: Building, fraction: float, seed: int) -> Building:
+def change_building(building: Building, fraction: float, seed: int, changes: Changes = "uniform") -> Building:
     """The building after a while: `fraction` of its objects removed, moved within their room, or newly added, a third
     each.
 
-    Objects that carry others stay until these are gone; fittings (lavatories, counters, lamps, radiators) change last.
-    Moved objects keep their instance id, new ones get new ids. Nothing collides. Raises ConfigError where `fraction` is
-    not in [0, 1].
+    Objects that carry others stay until these are gone. `changes`: "uniform", any object as likely as another,
+    fittings (lavatories, counters, lamps, radiators) last; "by-class", as often as mobility.RATES has it of their
+    class, as many as can. Moved objects keep their instance id, new ones get new ids. Nothing collides. Raises
+    ConfigError where `fraction` is not in [0, 1].
     """
     if not 0 <= fraction <= 1:
         raise ConfigError(f"a fraction of {fraction} of changed objects, expected 0 to 1")
@@ -181,15 +184,21 @@ def change_building(building: Building, fraction: float, seed: int) -> Building:
         room.id: RoomPlan(room, building.layout, tuple(placed for placed in building.objects if placed.room == room.id))
         for room in building.rooms
     }
-    order = [building.objects[i] for i in rng.permutation(len(building.objects))]
-    waiting = sorted(order, key=lambda placed: placed.label in _FIXED)
+    if changes == "by-class":
+        waiting = mobile_first(building.objects, rng)
+    else:
+        order = [building.objects[i] for i in rng.permutation(len(building.objects))]
+        waiting = sorted(order, key=lambda placed: placed.label in _FIXED)
     _change(waiting, removed, plans, _remove)
     _change(waiting, moved, plans, partial(_move, rng=rng))
     next_id = max(placed.instance_id for placed in building.objects) + 1
     added = 0
     while added < total - removed - moved:
         plan = plans[building.rooms[rng.integers(len(building.rooms))].id]
-        if plan.place(*draw_item(plan.room.kind, rng), rng, next_id + added):
+        item = draw_item(plan.room.kind, rng)
+        if changes == "by-class" and not appears(item[0], rng):
+            continue
+        if plan.place(*item, rng, next_id + added):
             added += 1
     objects = sorted(
         (placed for plan in plans.values() for placed in plan.objects), key=lambda placed: placed.instance_id

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from salframe.framework.config import ComponentConfig
+from salframe.framework.config import ComponentConfig, added
 from salframe.framework.identity import UserFile
 from salframe.navigation.world import NavigableDataset, World, floor_worlds
 from salframe.panoramas.floors import FloorMasks
@@ -42,6 +42,11 @@ class House(RenderedDataset["HouseFrame"], NavigableDataset):
         )
         changed_fraction: float = Field(
             0.1, ge=0, le=1, description="share of the objects removed, moved or added before the queries"
+        )
+        changes: Literal["uniform", "by-class"] = added(
+            "uniform",
+            description="which objects change: any alike, fittings last; or what people move more often, chairs and "
+            "bins ten times as often as wardrobes, and what is built in never",
         )
         lighting: Literal["other", "day", "evening", "dim"] = Field(
             "other", description="of the queries: other than the map's day, which is evening or dim, or one for all"

@@ -12,7 +12,7 @@ import numpy as np
 from salframe.panoramas.geometry import pose_yaw
 from salframe.panoramas.panorama import Annotations, Panorama
 from salframe_house.assets import Catalogue
-from salframe_house.building import Building, Style, change_building, generate_building
+from salframe_house.building import Building, Changes, Style, change_building, generate_building
 from salframe_house.frames import HouseFrame, choose_frames
 from salframe_house.lighting import Lighting
 from salframe_house.render import Renderer
@@ -22,15 +22,17 @@ if TYPE_CHECKING:
 
 
 @cache
-def buildings(style: Style, rooms: int, seed: int, changed_fraction: float) -> tuple[Building, Building]:
+def buildings(
+    style: Style, rooms: int, seed: int, changed_fraction: float, changes: Changes = "uniform"
+) -> tuple[Building, Building]:
     """The building that is mapped, and what has become of it when the queries are taken."""
     building = generate_building(style, rooms, seed)
-    return building, change_building(building, changed_fraction, seed)
+    return building, change_building(building, changed_fraction, seed, changes)
 
 
 def buildings_of(config: House.Config) -> tuple[Building, Building]:
     """`buildings` of a data set."""
-    return buildings(config.style, config.rooms, config.seed, config.changed_fraction)
+    return buildings(config.style, config.rooms, config.seed, config.changed_fraction, config.changes)
 
 
 def frames_of(config: House.Config) -> tuple[HouseFrame, ...]:

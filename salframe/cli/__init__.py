@@ -21,6 +21,7 @@ from salframe.cli import (
     matching,
     navigate,
     score,
+    sensor,
     show_objects,
     weights,
 )
@@ -111,6 +112,7 @@ app.command()(compare.evaluate)
 app.command()(matching.matching)
 app.command()(detection.detection)
 app.command()(fit.fit)
+app.command()(sensor.sensor)
 app.command()(localize.build)
 app.command()(localize.localize)
 app.command()(show_objects.show_objects)

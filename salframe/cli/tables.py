@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from rich import box
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from salframe.evaluation.navigation import NavigationRow
     from salframe.evaluation.reported import Reported
     from salframe.evaluation.result import Result
+    from salframe.evaluation.sensor import SensorMeasurement
 
 
 UNITS = ("B", "kB", "MB", "GB")
@@ -172,6 +173,42 @@ def print_detection(result: Result[DetectionRow], classes: bool = False) -> None
             soft_wrap=True,
         )
     _print_where(result)
+
+
+def print_sensor(measured: SensorMeasurement) -> None:
+    """What a detector finds by size, range and what hides it, beside what the model says, and the rest in lines."""
+    headings = ("objects", "annotated", "found %", "model %", "found by its\nright name %")
+    rows = [
+        [line.by, str(line.objects), *map(_percent, (line.found, line.modelled, line.right))]
+        for line in measured.lines
+        if line.objects
+    ]
+    print_table(headings, rows)
+    sensor = measured.sensor
+    false, errors = sensor.false_objects, sensor.errors
+    renamed = {
+        f"{label} as {said}": count
+        for label, row in sensor.confusion.items()
+        for said, count in row.items()
+        if said != label
+    }
+    lines = [
+        f"called otherwise: {_commonest(renamed)}",
+        f"false objects: {false.per_panorama:.1f} a panorama: {_commonest(false.labels)}",
+        f"errors, robust standard deviation: bearing {math.degrees(errors.bearing_rad):.2f} deg, "
+        f"range {errors.range_share * 100:.1f} %, size {errors.size_log * 100:.0f} %, "
+        f"height {errors.height_m * 100:.1f} cm",
+        f"{sensor.provenance.panoramas} panoramas of {', '.join(sensor.provenance.data)}; model %: the mean of what "
+        "the fitted model says of the same objects",
+    ]
+    for line in lines:
+        _console().print(line, markup=False, highlight=False, soft_wrap=True)
+
+
+def _commonest(counts: Mapping[str, int]) -> str:
+    """The eight commonest of what was counted."""
+    order = sorted(counts.items(), key=lambda entry: (-entry[1], entry[0]))
+    return ", ".join(f"{name} {count}" for name, count in order[:8]) or "none"
 
 
 def print_navigation(result: Result[NavigationRow]) -> None:

@@ -50,6 +50,12 @@ def match_only(default: Any, **field: Any) -> Any:
     return Field(default, json_schema_extra={"match_only": True}, **field)
 
 
+def added(default: Any, **field: Any) -> Any:
+    """A pydantic Field for a setting that came later, whose default is how it was before: at its default it is no part
+    of the identity, so that what was computed before is still known."""
+    return Field(default, json_schema_extra={"added": True}, **field)
+
+
 def components_in(config: Any) -> Iterator[tuple[str, ComponentConfig]]:
     """The slots of a configuration and the configurations of the components in them, not those nested deeper; of a
     field that holds several, `name[0]` and so on."""

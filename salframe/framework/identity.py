@@ -68,13 +68,20 @@ def matching_settings(model: BaseModel) -> dict[str, Any]:
     return {name: _value(values[name], False) for name in declared if values[name] != declared[name].get_default()}
 
 
+def is_as_before(field: FieldInfo, value: Any) -> bool:
+    """Whether a setting is declared `added` and has its default."""
+    extra = field.json_schema_extra
+    return isinstance(extra, Mapping) and bool(extra.get("added")) and value == field.default
+
+
 def settings_identity(model: BaseModel, *, describing: bool = False) -> dict[str, Any]:
     """What a model of settings is known by, as in `identity`: its settings, files by their content, slots by the
     identity of the component in them. Raises ConfigError on a file that cannot be read."""
     chosen = {}
     for name, field in type(model).model_fields.items():
-        if name != "kind" and not (describing and matters_to_matching_only(field)):
-            chosen[name] = _value(getattr(model, name), describing)
+        value = getattr(model, name)
+        if name != "kind" and not (describing and matters_to_matching_only(field)) and not is_as_before(field, value):
+            chosen[name] = _value(value, describing)
     return chosen
 
 

@@ -64,7 +64,7 @@ def test_noise_has_the_stated_rates():
     clean = detect(panorama(), noise="none")
     missed, wrong, factors = 0, 0, []
     for frame in range(300):
-        found = detect(panorama(f"frame-{frame}", height=64), noise="heavy")
+        found = detect(panorama(f"frame-{frame}", height=64), noise="uniform-heavy")
         reference = detect(panorama(f"frame-{frame}", height=64), noise="none")
         missed += len(reference) - len(found)
         azimuth = np.arctan2(found.centroid_m[:, 1], found.centroid_m[:, 0])
@@ -79,20 +79,20 @@ def test_noise_has_the_stated_rates():
 
 
 def test_noise_is_keyed_by_seed_frame_and_object():
-    base = detect(panorama(), noise="heavy")
-    again = detect(panorama(), noise="heavy")
+    base = detect(panorama(), noise="uniform-heavy")
+    again = detect(panorama(), noise="uniform-heavy")
     np.testing.assert_array_equal(base.centroid_m, again.centroid_m)
     assert (
-        len(detect(panorama("other"), noise="heavy")) != len(base)
-        or detect(panorama("other"), noise="heavy").labels != base.labels
+        len(detect(panorama("other"), noise="uniform-heavy")) != len(base)
+        or detect(panorama("other"), noise="uniform-heavy").labels != base.labels
     )
-    assert detect(panorama(), noise="heavy", seed=1).labels != base.labels
+    assert detect(panorama(), noise="uniform-heavy", seed=1).labels != base.labels
 
 
 @pytest.mark.parametrize("columns", [1, 37, HEIGHT, 2 * HEIGHT - 3])
 def test_turning_the_panorama_turns_the_objects(columns):
     """Also across the seam: patch 0 starts at column 0 and is cut by it when turned."""
-    base, turned = detect(panorama(), noise="heavy"), detect(panorama(shift=columns), noise="heavy")
+    base, turned = detect(panorama(), noise="uniform-heavy"), detect(panorama(shift=columns), noise="uniform-heavy")
     angle = -2 * np.pi * columns / (2 * HEIGHT)
     c, s = np.cos(angle), np.sin(angle)
     assert turned.labels == base.labels
@@ -168,7 +168,10 @@ def test_without_range_objects_have_bearings_and_solid_angles():
 def test_without_range_the_same_objects_are_missed_and_mislabelled():
     for frame in range(20):
         pano = panorama(f"frame-{frame}")
-        ranged, unranged = detect(pano, noise="heavy"), detect(replace(pano, range_m=None), noise="heavy")
+        ranged, unranged = (
+            detect(pano, noise="uniform-heavy"),
+            detect(replace(pano, range_m=None), noise="uniform-heavy"),
+        )
         assert unranged.labels == ranged.labels
         np.testing.assert_allclose(unranged.bearing, ranged.bearing, atol=6e-3)
         np.testing.assert_array_equal(unranged.solid_angle_sr, ranged.solid_angle_sr)
@@ -193,9 +196,9 @@ def test_auto_noise_is_for_rendered_panoramas():
         range_m=real.range_m,
         annotations=Annotations(annotations.instance_id, annotations.labels, rendered=True),
     )
-    for pano, level in ((real, "none"), (rendered, "realistic")):
+    for pano, level in ((real, "none"), (rendered, "uniform")):
         np.testing.assert_array_equal(detect(pano).centroid_m, detect(pano, noise=level).centroid_m)
-    assert detect(rendered, noise="realistic").labels != detect(rendered, noise="none").labels
+    assert detect(rendered, noise="uniform").labels != detect(rendered, noise="none").labels
 
 
 def test_without_range_labels_are_enough_for_objects(fakes, monkeypatch, tmp_path):

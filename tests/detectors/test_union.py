@@ -269,8 +269,8 @@ def test_it_is_set_from_the_command_line_and_misses_in_its_own_name(members, tmp
 def test_it_conforms(tmp_path):
     network = settings(write_network(tmp_path / "colours.onnx"))
     for of in (
-        ["annotations", {"kind": "annotations", "noise": "heavy", "seed": 3}],
+        ["annotations", {"kind": "annotations", "noise": "uniform-heavy", "seed": 3}],
         ["annotations", "panoseg"],
-        [{"kind": "onnx", **network}, {"kind": "annotations", "noise": "heavy"}],
+        [{"kind": "onnx", **network}, {"kind": "annotations", "noise": "uniform-heavy"}],
     ):
         check_component(UnionDetector, configure("detector", "union", {"of": of}))

@@ -162,7 +162,9 @@ def test_what_matters_to_matching_only_is_no_part_of_a_description(change):
     assert base.describe_identity() == other.describe_identity()
 
 
-@pytest.mark.parametrize("change", [{"detector": {"kind": "annotations", "noise": "heavy"}}, {"graph": {"top_k": 3}}])
+@pytest.mark.parametrize(
+    "change", [{"detector": {"kind": "annotations", "noise": "uniform-heavy"}}, {"graph": {"top_k": 3}}]
+)
 def test_what_makes_the_graph_is_part_of_a_description(change):
     other = graph_localizer(**change)
     assert graph_localizer().describe_identity() != other.describe_identity()

@@ -1,4 +1,4 @@
-"""Closed loop in a rendered building, with the detector's realistic noise."""
+"""Closed loop in a rendered building, with the detector's uniform noise."""
 
 from __future__ import annotations
 

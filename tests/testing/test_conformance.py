@@ -90,7 +90,7 @@ def test_every_method_of_ours_conforms(method):
 
 
 def test_annotations_turn_exactly_under_heavy_noise():
-    check_component(AnnotationDetector, AnnotationDetector.Config(noise="heavy", seed=3))
+    check_component(AnnotationDetector, AnnotationDetector.Config(noise="uniform-heavy", seed=3))
 
 
 @pytest.mark.parametrize("structure", ["rings", slow("node2vec")])
