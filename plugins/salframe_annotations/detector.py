@@ -39,7 +39,7 @@ LEVELS = {
     "uniform-heavy": Noise(missed=0.20, mislabelled=0.10, range_share=0.10),
 }
 """Errors that every object is as likely to suffer."""
-MEASURED = ("panoseg",)
+MEASURED = ("panoseg", "segments")
 """Detectors whose sensor model comes with salframe."""
 
 
@@ -52,10 +52,10 @@ class AnnotationDetector(Detector):
     needs: ClassVar[frozenset[str]] = frozenset({"annotations"})
 
     class Config(ComponentConfig):
-        noise: Literal["auto", "none", "uniform", "uniform-heavy", "panoseg"] | Noise | UserFile = Field(
+        noise: Literal["auto", "none", "uniform", "uniform-heavy", "panoseg", "segments"] | Noise | UserFile = Field(
             "auto",
             union_mode="left_to_right",
-            description="errors added: as measured of a detector (panoseg, or a file of `salframe sensor`), "
+            description="errors added: as measured of a detector (panoseg, segments, or a file of `salframe sensor`), "
             "a level that every object suffers alike (uniform, uniform-heavy) or its own shares; auto: uniform on "
             "rendered panoramas, whose annotations are perfect, and none on those of real ones, which hold errors of "
             "their own",

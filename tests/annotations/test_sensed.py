@@ -19,7 +19,10 @@ from salframe.graphs.sightings import sightings
 from salframe.panoramas.panorama import Annotations, ObjectBoxes, Panorama
 
 HEIGHT, OBJECTS, FRAMES = 64, 8, 400
-SHIPPED = {"panoseg": "e5ac6052cb70d442dc39c74d43abe1c3fa9b4db6b1f33e95b259baf1762bb2c1"}
+SHIPPED = {
+    "panoseg": "e5ac6052cb70d442dc39c74d43abe1c3fa9b4db6b1f33e95b259baf1762bb2c1",
+    "segments": "6950c6845c1d2a216222636a6a0c38ea4babc8450c7a1a48a6381fefdcf35645",
+}
 """The sha256 of the sensor models that come with version 2 of the detector: others belong to another version."""
 
 SENSOR = SensorModel(
