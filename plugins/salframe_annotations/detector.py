@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import Field, field_validator
 
 from salframe.framework.config import ComponentConfig, Settings
-from salframe.framework.errors import ConfigError, InputMissing
+from salframe.framework.errors import InputMissing
 from salframe.framework.identity import UserFile
 from salframe.graphs.annotated import Annotated, as_detections, has_points, seen_objects
 from salframe.graphs.boxes import upright_box
@@ -68,9 +68,8 @@ class AnnotationDetector(Detector):
             """What is neither a level nor a file of the user's is told here: a union would tell all that it is not."""
             words = ("auto", *LEVELS, *MEASURED)
             if isinstance(value, str) and value not in words and not Path(value).is_file():
-                raise ConfigError(
-                    f"received the noise {value!r}, expected {', '.join(words)}, shares, or a file of `salframe sensor`"
-                )
+                known = ", ".join(map(repr, words))
+                raise ValueError(f"received {value!r}, expected {known}, shares, or a file of `salframe sensor`")
             return value
 
     def __init__(self, config: ComponentConfig | None = None) -> None:

@@ -10,6 +10,7 @@ import pytest
 from salframe_annotations.detector import MEASURED, AnnotationDetector, spoil
 from salframe_annotations.sensed import SENSORS, SensedNoise
 
+from salframe.framework.config import validate
 from salframe.framework.errors import ConfigError, DataError
 from salframe.framework.files import file_sha256
 from salframe.framework.identity import identity
@@ -249,9 +250,10 @@ def test_shares_of_ones_own_are_still_taken():
 
 def test_an_unknown_level_and_a_missing_or_foreign_file_are_told(tmp_path):
     with pytest.raises(
-        ConfigError, match=r"received the noise 'realistic', expected auto, none, uniform, uniform-heavy, panoseg,"
+        ConfigError,
+        match=r"^d.noise: received 'realistic', expected 'auto', 'none', 'uniform', 'uniform-heavy', 'panoseg',",
     ):
-        AnnotationDetector.Config(noise="realistic")
+        validate(AnnotationDetector.Config, {"noise": "realistic"}, "d")
     other = tmp_path / "other.json"
     other.write_text("{}")
     with pytest.raises(DataError, match=r"other\.json is no sensor file: its format is None"):
