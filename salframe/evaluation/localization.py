@@ -193,7 +193,7 @@ class _Answering(Worker[Query]):
         folds = {piece.fold.id: piece.fold for piece in todo}
         uses = Counter(frame.id for fold in folds.values() for frame in fold.mapping)
         uses.update(piece.frame.id for piece in todo)
-        self._localizer, self._fold = localizer, ""
+        self._localizer, self._floors, self._fold = localizer, dataset.floors(), ""
         self._places: dict[str, str] = {}
         self._descriptions = _Descriptions(localizer, dataset.content_key, uses, folder / DESCRIPTIONS)
         self._left_out: dict[str, str] = {}
@@ -237,7 +237,7 @@ class _Answering(Worker[Query]):
         if not frames:
             reasons = list(self._left_out.values())[:1]
             raise MethodFailed("; ".join([f"fold {fold.id} has no mapping frame that can be used", *reasons]))
-        self._localizer.take_map(known, frames)
+        self._localizer.take_map(known, frames, self._floors)
         self._places = {frame.id: frame.place for frame in frames}
 
     def close(self) -> None:

@@ -19,6 +19,7 @@ from salframe.framework.identity import digest, identity
 from salframe.framework.registry import registry
 from salframe.framework.slots import slot
 from salframe.localization.answers import Localization, NodeMatches, PointMatches, RankedPlace
+from salframe.panoramas.floors import FloorMasks, read_floors, write_floors
 from salframe.panoramas.frames import FrameKind, MapFrame, QueryFrame
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.range_model import RangeModel, estimate_range
@@ -41,14 +42,15 @@ class SavedFrame(Settings):
 
 
 class SavedMap(Settings):
-    """map.json: the localizer's version and settings, a digest of what its descriptions depend on, and the frames in
-    their order."""
+    """map.json: the localizer's version and settings, a digest of what its descriptions depend on, the frames in their
+    order, and what floors.npz does not say of the floors, where any are known."""
 
     format: int
     version: str
     localizer: dict[str, Any]
     described_by: str
     frames: tuple[SavedFrame, ...]
+    floors: tuple[dict[str, Any], ...] = ()
 
 
 def range_slot() -> Any:
@@ -73,6 +75,8 @@ class Localizer(Role):
     """How far the pose may then move (metres), and be off the turn (radians: metres at an object 1 m away)."""
     range_model: RangeModel | None = None
     """What is set as `range`."""
+    floors: tuple[FloorMasks, ...] = ()
+    """The floors of the map seen from above, none where they are not known; `index` may read them."""
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)
@@ -162,8 +166,10 @@ class Localizer(Role):
         cache: Cache | None = None,
         dataset: str = "",
         progress: Callable[[int, int], None] | None = None,
+        floors: Sequence[FloorMasks] = (),
     ) -> None:
-        """Describe the mapping frames and index them. Raises DataError where there is none."""
+        """Describe the mapping frames and index them, on floors where they are known. Raises DataError where there is
+        no frame."""
         if not frames:
             raise DataError("a map needs at least one mapping frame, received none")
         descriptions = []
@@ -171,13 +177,15 @@ class Localizer(Role):
             if progress:
                 progress(done, len(frames))
             descriptions.append(self.describe_frame(frame, cache, dataset)[0])
-        self.take_map(descriptions, frames)
+        self.take_map(descriptions, frames, floors)
         if progress:
             progress(len(frames), len(frames))
 
-    def take_map(self, descriptions: Sequence[Description], frames: Sequence[MapFrame]) -> None:
-        """Index described frames and remember them for `save`."""
-        self._descriptions, self._frames = list(descriptions), list(frames)
+    def take_map(
+        self, descriptions: Sequence[Description], frames: Sequence[MapFrame], floors: Sequence[FloorMasks] = ()
+    ) -> None:
+        """Index described frames, on floors where they are known, and remember them for `save`."""
+        self._descriptions, self._frames, self.floors = list(descriptions), list(frames), tuple(floors)
         self.index(self._descriptions, self._frames)
 
     def localize(self, frame: MapFrame | QueryFrame) -> Localization:
@@ -199,6 +207,7 @@ class Localizer(Role):
             "localizer": self.config.model_dump(mode="json"),
             "described_by": digest(self.describe_identity()),
             "frames": frames,
+            **({"floors": write_floors(directory, self.floors)} if self.floors else {}),
         }
         write_json(directory / MAP, content)
 
@@ -222,7 +231,11 @@ class Localizer(Role):
         descriptions = self.read_descriptions(directory, len(frames))
         if len(descriptions) != len(frames):
             raise _miscounted(directory, len(descriptions), len(frames))
-        self.take_map(descriptions, frames)
+        try:
+            floors = read_floors(directory, saved.floors) if saved.floors else ()
+        except (KeyError, TypeError, AttributeError, ValueError) as error:
+            raise DataError(f"{directory} tells no whole floor ({type(error).__name__}: {error}): build it again") from None
+        self.take_map(descriptions, frames, floors)
 
     def write_descriptions(self, directory: Path, descriptions: Sequence[Description]) -> None:
         """Write the map's descriptions: one compressed array archive, unless overridden."""

@@ -45,7 +45,7 @@ def build_map(
     """
     check_output(output, MAP)
     name, dataset, localizer = prepare(data, method, data_dir, overrides, progress, tell)
-    localizer.build(mapping_frames(dataset), Cache(), dataset.content_key, progress and partial(progress, name))
+    localizer.build(mapping_frames(dataset), Cache(), dataset.content_key, progress and partial(progress, name), dataset.floors())
     with atomic_folder(output) as folder:
         localizer.save(folder)
     return localizer

@@ -53,7 +53,7 @@ def build_topological_map(
     with atomic_folder(output) as folder:
         write_topology(folder, topology)
         if frames:
-            localizer.build(frames, Cache(), dataset.content_key, progress and partial(progress, name))
+            localizer.build(frames, Cache(), dataset.content_key, progress and partial(progress, name), floors)
             localizer.save(folder)
     return topology
 
