@@ -4,7 +4,7 @@ import salframe
 from salframe_graphs.localizer import SaliencyGraphLocalizer
 from salframe_graphs.places.localizer import SaliencyPlacesLocalizer
 from salframe_graphs.positioning import LeastSquaresPositioner, RobustPositioner
-from salframe_graphs.saliency import VolumetricSaliency
+from salframe_graphs.saliency import RandomSaliency, UniformSaliency, VolumetricSaliency
 from salframe_graphs.triplet import TripletMatcher
 
 
@@ -12,6 +12,8 @@ from salframe_graphs.triplet import TripletMatcher
 def salframe_provides():
     return [
         VolumetricSaliency,
+        UniformSaliency,
+        RandomSaliency,
         TripletMatcher,
         RobustPositioner,
         LeastSquaresPositioner,

@@ -248,6 +248,7 @@ class _Answering(Worker[Query]):
         problems = {
             "mapping frame(s) left out": list(self._left_out.values()),
             "query frame(s) that cannot be used": self._unusable,
+            "frame(s) described in part": list(self._descriptions.notes.values()),
         }
         parts = [f"{len(reasons)} {what}, the first: {reasons[0]}" for what, reasons in problems.items() if reasons]
         return "; ".join(parts) or None
@@ -261,6 +262,7 @@ class _Descriptions:
         self._recorded = {row["frame"] for row in read_rows(path)}
         self._costs = RowWriter(path)
         self._found: dict[str, tuple[Description, float] | Exception] = {}
+        self.notes: dict[str, str] = {}
 
     def take(self, frame: MapFrame | QueryFrame) -> tuple[Description, float]:
         """The description and the milliseconds it took when it was computed. Raises one of FRAME_ERRORS on a frame that
@@ -279,6 +281,8 @@ class _Descriptions:
 
     def _describe(self, frame: MapFrame | QueryFrame) -> tuple[Description, float]:
         description, seconds = self._localizer.describe_frame(frame, self._cache, self._dataset)
+        if note := self._localizer.note(description):
+            self.notes[frame.id] = f"{frame.id}: {note}"
         if frame.id not in self._recorded:
             self._recorded.add(frame.id)
             size = self._localizer.scene_bytes(description)

@@ -75,8 +75,10 @@ class Localizer(Role):
     """How far the pose may then move (metres), and be off the turn (radians: metres at an object 1 m away)."""
     range_model: RangeModel | None = None
     """What is set as `range`."""
+    uses_floors: ClassVar[bool] = False
+    """Whether `index` reads `floors`, which are then saved beside the map."""
     floors: tuple[FloorMasks, ...] = ()
-    """The floors of the map seen from above, none where they are not known; `index` may read them."""
+    """The map's floors seen from above; none where they are not known, or not used."""
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)
@@ -134,6 +136,10 @@ class Localizer(Role):
         """What `describe` depends on besides the panorama: the settings that are not `match_only`, and the weights."""
         return identity(self.config, describing=True)
 
+    def note(self, description: Description) -> str | None:
+        """What the user must know of a description: what of the panorama it lacks; None where there is nothing."""
+        return None
+
     def scene_bytes(self, description: Description) -> int:
         """Bytes that one place costs in the map."""
         return sum(array.nbytes for array in description.values())
@@ -167,9 +173,9 @@ class Localizer(Role):
         dataset: str = "",
         progress: Callable[[int, int], None] | None = None,
         floors: Sequence[FloorMasks] = (),
-    ) -> None:
-        """Describe the mapping frames and index them, on floors where they are known. Raises DataError where there is
-        no frame."""
+    ) -> list[str]:
+        """Describe the mapping frames and index them, on floors where they are known; what the user must know of the
+        descriptions. Raises DataError where there is no frame."""
         if not frames:
             raise DataError("a map needs at least one mapping frame, received none")
         descriptions = []
@@ -180,12 +186,15 @@ class Localizer(Role):
         self.take_map(descriptions, frames, floors)
         if progress:
             progress(len(frames), len(frames))
+        notes = ((frame, self.note(known)) for frame, known in zip(frames, descriptions, strict=True))
+        return [f"{frame.id}: {note}" for frame, note in notes if note]
 
     def take_map(
         self, descriptions: Sequence[Description], frames: Sequence[MapFrame], floors: Sequence[FloorMasks] = ()
     ) -> None:
         """Index described frames, on floors where they are known, and remember them for `save`."""
-        self._descriptions, self._frames, self.floors = list(descriptions), list(frames), tuple(floors)
+        self._descriptions, self._frames = list(descriptions), list(frames)
+        self.floors = tuple(floors) if self.uses_floors else ()
         self.index(self._descriptions, self._frames)
 
     def localize(self, frame: MapFrame | QueryFrame) -> Localization:

@@ -11,6 +11,8 @@ from salframe_graphs.places.rates import Likelihood, Rates
 
 NEAREST_M, REFERENCE_M = 0.5, 2.0
 """Distance below which no object is found any better, and that at which `found_logit` holds."""
+LEAST_SCORE = 1e-3
+"""An object that its detector is not sure of at all counts so much."""
 _MOST_LOGIT, _MOST_LOG = 6.0, 50.0
 STEPS = 2
 """So often a pose is fitted to what it explains, and what it explains looked for again."""
@@ -37,7 +39,7 @@ class PlaceLikelihood:
 
     The score of place r and pose T is the sum over query objects i of log(1 + sum_j o_j p(i | j, T) / (c p(i | clutter)))
     and over the place's objects j of log(1 - P_j), P_j the probability that j is found from T, o_j = P_j / (1 - P_j), c
-    the rate of clutter. An object of the place explains at most one of the query.
+    the rate of clutter. Query objects that claim the same object of the place share its odds.
     """
 
     def __init__(self, query: QueryObjects, index: PlaceIndex, rates: Rates, likelihood: Likelihood) -> None:
@@ -45,11 +47,13 @@ class PlaceLikelihood:
         self.alike = self._alike()
 
     def _alike(self) -> np.ndarray:
-        """(K, n, m) float32: log ratio of label, height and size, of an object that is there; -inf of padding."""
+        """(K, n, m) float32: log ratio of label, height and size, of an object that is there; -inf of padding. An object
+        that is one with probability s, else clutter, has 1 + s x the ratio of one that is."""
         query, index, rates, taken = self._query, self._index, self.rates, self.likelihood
         same = query.label[None, :, None] == index.label[:, None]
         frequency = index.frequency[query.label][None, :, None]
         ratio = np.log(np.where(same, rates.label_agreement / frequency, 1 - rates.label_agreement))
+        ratio += np.log(np.maximum(query.score, LEAST_SCORE))[:, None]
         height_m = rates.height_error_m**2 + (rates.range_error_share * query.z_m) ** 2
         ratio += log_normal(query.z_m[:, None] - index.z_m[:, None], 2 * height_m[:, None]) + np.log(taken.height_span_m)
         for axis, error in ((0, rates.length_error_log), (2, rates.box_height_error_log)):
@@ -119,7 +123,8 @@ class PlaceLikelihood:
         return np.linalg.inv(information + 1e-6 * np.eye(3)) + np.diag([least_m**2, least_m**2, 0.0])
 
     def _odds(self, log_odds: np.ndarray) -> np.ndarray:
-        """(C, n, m) odds against clutter that query objects are a place's, each of which is at most one of them."""
+        """(C, n, m) odds against clutter that query objects are a place's; where several claim one, they share its
+        odds."""
         odds = np.exp(np.minimum(log_odds - np.log(self.rates.clutter), _MOST_LOG))
         claimed = (odds / (1 + odds.sum(2, keepdims=True))).sum(1, keepdims=True)
         return odds / np.maximum(claimed, 1)

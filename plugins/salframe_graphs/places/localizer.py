@@ -40,6 +40,7 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
 
     name = "saliency-places"
     version = "1"
+    uses_floors = True
 
     class Config(SaliencyGraphLocalizer.Config):
         outline: bool = Field(

@@ -35,7 +35,7 @@ class PlaceIndex:
 @dataclass(frozen=True, eq=False)
 class QueryObjects:
     """A query's n objects in its own frame: label (n,), len(vocabulary) where the map lacks it; xy_m (n, 2); z_m, range
-    in the plane range_m (n,); ray (n, 2), unit vectors; log_size (n, 3)."""
+    in the plane range_m (n,); ray (n, 2), unit vectors; log_size (n, 3); score (n,), how sure the detector is."""
 
     label: np.ndarray
     xy_m: np.ndarray
@@ -43,6 +43,7 @@ class QueryObjects:
     range_m: np.ndarray
     ray: np.ndarray
     log_size: np.ndarray
+    score: np.ndarray
 
     def __len__(self) -> int:
         return len(self.label)
@@ -87,4 +88,5 @@ def lay_out_query(graph: SaliencyGraph, index: PlaceIndex) -> QueryObjects:
         range_m,
         xy / np.maximum(range_m, 1e-9)[:, None],
         np.log(graph.size_m),
+        graph.scores,
     )
