@@ -14,7 +14,7 @@ from scipy.stats import norm
 from salframe.graphs.graph import SaliencyGraph
 from salframe.panoramas.geometry import invert_pose, pose_2d, transform_points
 
-RATES, LIKELIHOOD = shipped_rates()["rendered"], Likelihood()
+RATES, LIKELIHOOD = shipped_rates(), Likelihood()
 LABELS = ("bed", "sofa", "chair", "table", "lamp", "plant", "tv", "desk")
 
 

@@ -9,7 +9,7 @@ from salframe.graphs.graph import SaliencyGraph
 from salframe.panoramas.frames import FrameKind, MapFrame
 from salframe.panoramas.geometry import invert_pose, pose_2d, transform_points
 
-RATES: Rates = shipped_rates()["rendered"].model_copy(update={"position_error_m": 0.1, "range_error_share": 0.1})
+RATES: Rates = shipped_rates().model_copy(update={"position_error_m": 0.1, "range_error_share": 0.1})
 
 
 def graph(labels, world_m, T_world_pano, saliency=None, size_m=1.0):

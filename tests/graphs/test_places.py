@@ -137,16 +137,16 @@ def test_an_outline_is_remembered_where_there_is_range():
     assert grown == 144
 
 
-def test_rates_come_from_a_set_a_file_or_the_settings(tmp_path):
-    content = shipped_rates()["rendered"].model_copy(update={"clutter": 0.5})
+def test_rates_come_from_a_file_or_the_settings(tmp_path):
+    content = shipped_rates().model_copy(update={"clutter": 0.5})
     path = tmp_path / "rates.json"
     path.write_text(content.model_dump_json())
     Config = SaliencyPlacesLocalizer.Config
     named, filed, given = (
-        Config(detector="annotations", rates=rates) for rates in ("rendered", str(path), content.model_dump())
+        Config(detector="annotations", rates=rates) for rates in (None, str(path), content.model_dump())
     )
     assert isinstance(filed.rates, UserFile)
-    assert read_rates(filed.rates) == read_rates(given.rates) == content != read_rates(named.rates)
+    assert named.rates is None and read_rates(filed.rates) == given.rates == content
     assert identity(named) != identity(filed) != identity(given)
     assert identity(named, describing=True) == identity(filed, describing=True)
     path.write_text("clutter: -1")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from pydantic import Field
@@ -25,7 +24,7 @@ from salframe_graphs.places.likelihood import PlaceLikelihood, Poses
 from salframe_graphs.places.merging import gather_places
 from salframe_graphs.places.outline import BINS, MapOutlines, free_outline, pack_outline
 from salframe_graphs.places.place_index import index_places, lay_out_query
-from salframe_graphs.places.rates import Likelihood, Rates, read_rates
+from salframe_graphs.places.rates import Likelihood, Rates, read_rates, shipped_rates
 from salframe_graphs.verification import best_per_candidate
 
 OUTLINE, OUTLINES = "outline_m", "outlines.npz"
@@ -46,10 +45,8 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
         outline: bool = Field(
             True, description="remember how far a panorama sees at the height of furniture, and match by it too"
         )
-        rates: Literal["rendered", "real"] | UserFile | Rates = match_only(
-            "rendered",
-            union_mode="left_to_right",
-            description="the detector's errors: a set that is shipped, a file, or the rates themselves",
+        rates: UserFile | Rates | None = match_only(
+            None, description="the detector's errors, or a YAML or JSON file of them; null: those that are shipped"
         )
         likelihood: Likelihood = match_only(Likelihood(), description="what holds whatever the detector")
         merged: bool = match_only(
@@ -59,7 +56,10 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)
-        self._rates = read_rates(self.config.rates)
+        rates = self.config.rates
+        self._rates = rates or shipped_rates()
+        if isinstance(rates, UserFile):
+            self._rates = read_rates(rates)
 
     def describe(self, panorama: Panorama) -> Description:
         description = super().describe(panorama)

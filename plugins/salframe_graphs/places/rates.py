@@ -8,7 +8,6 @@ from pathlib import Path
 from pydantic import Field
 
 from salframe.framework.config import Settings, read_yaml, validate
-from salframe.framework.identity import UserFile
 
 SHIPPED = Path(__file__).with_name("rates.yaml")
 
@@ -47,16 +46,12 @@ class Likelihood(Settings):
     )
 
 
-def read_rates(rates: str | UserFile | Rates) -> Rates:
-    """The rates that a setting names: a set that is shipped, a file, or themselves. Raises ConfigError."""
-    if isinstance(rates, Rates):
-        return rates
-    if isinstance(rates, UserFile):
-        return validate(Rates, read_yaml(Path(rates)), f"{rates}:")
-    return shipped_rates()[rates]
+def read_rates(path: Path) -> Rates:
+    """The rates in a YAML or JSON file. Raises ConfigError."""
+    return validate(Rates, read_yaml(path), f"{path}:")
 
 
 @cache
-def shipped_rates() -> dict[str, Rates]:
-    """The sets of rates that come with the method, by name."""
-    return {name: validate(Rates, content, f"{SHIPPED}: {name}") for name, content in read_yaml(SHIPPED).items()}
+def shipped_rates() -> Rates:
+    """The rates that come with the method."""
+    return read_rates(SHIPPED)
