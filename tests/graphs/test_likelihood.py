@@ -142,8 +142,9 @@ def test_the_covariance_is_that_of_the_fit():
     for _ in range(300):
         seen = room + np.column_stack([rng.normal(0, 0.1, (8, 2)), np.zeros(8)])
         _, _, scorer = scored(places, query(LABELS, seen), rates)
-        pose, _, share = scorer.refine(at(0, 0, 0))
+        refined, _, share = scorer.refine(at(0, 0, 0))
+        pose, _ = scorer.settle(refined, share, 0.0)
         found.append([*pose.shift_m[0], pose.yaw_rad[0]])
-    expected = scorer.covariance(pose, np.eye(8)[None], 0.0)
+    _, expected = scorer.settle(refined, np.eye(8)[None], 0.0)
     np.testing.assert_allclose(np.std(found, 0), np.sqrt(np.diag(expected)), rtol=0.2)
-    assert scorer.covariance(pose, share, 0.02)[0, 0] > expected[0, 0]
+    assert scorer.settle(refined, share, 0.02)[1][0, 0] > expected[0, 0]

@@ -108,19 +108,25 @@ class PlaceLikelihood:
             score, share = np.where(better, again, score), np.where(better[:, None, None], share_again, share)
         return best, score, share
 
-    def covariance(self, pose: Poses, share: np.ndarray, least_m: float) -> np.ndarray:
-        """(3, 3) first-order covariance of one pose (x, y, yaw), in the world's axes; least_m is added an axis."""
-        (k,) = pose.place
-        c, s = np.cos(pose.yaw_rad[0]), np.sin(pose.yaw_rad[0])
-        turn = np.array([[c, -s], [s, c]])
-        along, across = (variance[0].astype(np.float64) for variance in self._variances(np.array([k])))
-        ray = self._query.ray @ turn.T
-        moved = self._query.xy_m @ turn.T
-        information = np.zeros((3, 3))
-        for axis, variance in ((ray, along), (np.stack([-ray[:, 1], ray[:, 0]], 1), across)):
-            slope = np.column_stack([axis, axis[:, 1] * moved[:, 0] - axis[:, 0] * moved[:, 1]])
-            information += (slope * (share[0] / variance).sum(1)[:, None]).T @ slope
-        return np.linalg.inv(information + 1e-6 * np.eye(3)) + np.diag([least_m**2, least_m**2, 0.0])
+    def settle(self, pose: Poses, share: np.ndarray, least_m: float) -> tuple[Poses, np.ndarray]:
+        """One pose fitted to its shares (1, n, m) with ranges as uncertain as they are and directions as certain, and
+        its first-order covariance (3, 3) (x, y, yaw) in the world's axes; least_m is added an axis."""
+        along, across = (variance[0].astype(np.float64) for variance in self._variances(pose.place))
+        there = self._index.xy_m[pose.place[0]]
+        for _ in range(STEPS):
+            c, s = np.cos(pose.yaw_rad[0]), np.sin(pose.yaw_rad[0])
+            turn = np.array([[c, -s], [s, c]])
+            ray, moved = self._query.ray @ turn.T, self._query.xy_m @ turn.T
+            apart = there[None] - (moved + pose.shift_m)[:, None]
+            information, pull = 1e-6 * np.eye(3), np.zeros(3)
+            for axis, variance in ((ray, along), (np.stack([-ray[:, 1], ray[:, 0]], 1), across)):
+                slope = np.column_stack([axis, axis[:, 1] * moved[:, 0] - axis[:, 0] * moved[:, 1]])
+                weight = share[0] / variance
+                information += (slope * weight.sum(1)[:, None]).T @ slope
+                pull += slope.T @ (weight * (apart @ axis[:, :, None])[..., 0]).sum(1)
+            step = np.linalg.solve(information, pull)
+            pose = Poses(pose.place, pose.shift_m + step[:2], pose.yaw_rad + step[2])
+        return pose, np.linalg.inv(information) + np.diag([least_m**2, least_m**2, 0.0])
 
     def _odds(self, log_odds: np.ndarray) -> np.ndarray:
         """(C, n, m) odds against clutter that query objects are a place's; where several claim one, they share its

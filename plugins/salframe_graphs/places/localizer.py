@@ -121,11 +121,11 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
         row = posed.get(places[0].place, -1)
         if row < 0 or (share[row].sum(1) > 0.5).sum() < LEAST_EXPLAINED:
             return Localization(places, None, LocalizationStatus.NO_POSE)
+        pose, covariance = scorer.settle(poses.take(np.array([row])), share[[row]], LEAST_COVARIANCE_M)
         stood = self._frame_of(places[0].place, poses, row).T_world_pano
-        T_world_query = pose_2d(*poses.shift_m[row], poses.yaw_rad[row], stood[2, 3])
+        T_world_query = pose_2d(*pose.shift_m[0], pose.yaw_rad[0], stood[2, 3])
         turn = stood[:3, :3] * [[1, 1, 0], [1, 1, 0], [0, 0, 0]] + np.diag([0, 0, 1])
-        covariance = turn.T @ scorer.covariance(poses.take(np.array([row])), share[row], LEAST_COVARIANCE_M) @ turn
-        return Localization(places, T_world_query, LocalizationStatus.OK, covariance)
+        return Localization(places, T_world_query, LocalizationStatus.OK, turn.T @ covariance @ turn)
 
     def write_descriptions(self, directory: Path, descriptions: Sequence[Description]) -> None:
         super().write_descriptions(directory, descriptions)
