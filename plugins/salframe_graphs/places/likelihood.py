@@ -14,8 +14,9 @@ NEAREST_M, REFERENCE_M = 0.5, 2.0
 LEAST_SCORE = 1e-3
 """An object that its detector is not sure of at all counts so much."""
 _MOST_LOGIT, _MOST_LOG = 6.0, 50.0
-STEPS = 2
-"""So often a pose is fitted to what it explains, and what it explains looked for again."""
+STEPS, SETTLING_STEPS = 2, 6
+"""So often a pose is fitted to what it explains, and what it explains looked for again; and so often the pose that is
+answered is fitted with what it explains unchanged."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,20 +111,27 @@ class PlaceLikelihood:
 
     def settle(self, pose: Poses, share: np.ndarray, least_m: float) -> tuple[Poses, np.ndarray]:
         """One pose fitted to its shares (1, n, m) with ranges as uncertain as they are and directions as certain, and
-        its first-order covariance (3, 3) (x, y, yaw) in the world's axes; least_m is added an axis."""
-        along, across = (variance[0].astype(np.float64) for variance in self._variances(pose.place))
+        its first-order covariance (3, 3) (x, y, yaw) in the world's axes; least_m is added an axis.
+
+        Errors are taken to be Cauchy's, fitted by reweighting: what is visible of an object moves with the viewpoint,
+        of some by far more than of most.
+        """
+        variances = [variance[0].astype(np.float64) for variance in self._variances(pose.place)]
         there = self._index.xy_m[pose.place[0]]
-        for _ in range(STEPS):
+        for _ in range(SETTLING_STEPS):
             c, s = np.cos(pose.yaw_rad[0]), np.sin(pose.yaw_rad[0])
             turn = np.array([[c, -s], [s, c]])
             ray, moved = self._query.ray @ turn.T, self._query.xy_m @ turn.T
             apart = there[None] - (moved + pose.shift_m)[:, None]
+            axes = (ray, np.stack([-ray[:, 1], ray[:, 0]], 1))
+            off = [(apart @ axis[:, :, None])[..., 0] for axis in axes]
+            kept = share[0] / (1 + sum(o**2 / variance for o, variance in zip(off, variances, strict=True)))
             information, pull = 1e-6 * np.eye(3), np.zeros(3)
-            for axis, variance in ((ray, along), (np.stack([-ray[:, 1], ray[:, 0]], 1), across)):
+            for axis, o, variance in zip(axes, off, variances, strict=True):
                 slope = np.column_stack([axis, axis[:, 1] * moved[:, 0] - axis[:, 0] * moved[:, 1]])
-                weight = share[0] / variance
+                weight = kept / variance
                 information += (slope * weight.sum(1)[:, None]).T @ slope
-                pull += slope.T @ (weight * (apart @ axis[:, :, None])[..., 0]).sum(1)
+                pull += slope.T @ (weight * o).sum(1)
             step = np.linalg.solve(information, pull)
             pose = Poses(pose.place, pose.shift_m + step[:2], pose.yaw_rad + step[2])
         return pose, np.linalg.inv(information) + np.diag([least_m**2, least_m**2, 0.0])
