@@ -50,7 +50,9 @@ class RandomSaliency(SaliencyModel):
         seed: int = Field(0, ge=0, description="seed of the draw")
 
     def score(self, detections: Detections) -> np.ndarray:
-        height = np.where(np.isfinite(detections.centroid_m[:, 2]), detections.centroid_m[:, 2], detections.bearing[:, 2])
+        height = np.where(
+            np.isfinite(detections.centroid_m[:, 2]), detections.centroid_m[:, 2], detections.bearing[:, 2]
+        )
         labels = np.array(detections.labels, np.str_)
         rng = np.random.default_rng((self.config.seed, zlib.crc32("\n".join(sorted(detections.labels)).encode())))
         share = np.empty(len(detections))

@@ -243,7 +243,9 @@ class Localizer(Role):
         try:
             floors = read_floors(directory, saved.floors) if saved.floors else ()
         except (KeyError, TypeError, AttributeError, ValueError) as error:
-            raise DataError(f"{directory} tells no whole floor ({type(error).__name__}: {error}): build it again") from None
+            raise DataError(
+                f"{directory} tells no whole floor ({type(error).__name__}: {error}): build it again"
+            ) from None
         self.take_map(descriptions, frames, floors)
 
     def write_descriptions(self, directory: Path, descriptions: Sequence[Description]) -> None:

@@ -8,7 +8,14 @@ from salframe.framework.errors import DataError, InvalidAnswer
 from salframe.graphs.boxes import LEAST_SIDE_M, detections_from_points, upright_box
 from salframe.graphs.detections import Detections
 from salframe.graphs.graph import GraphConfig, box_distances, build_graph
-from salframe.graphs.packing import graph_from_arrays, graph_to_arrays, pack_graph, read_graphs, unpack_graph, write_graphs
+from salframe.graphs.packing import (
+    graph_from_arrays,
+    graph_to_arrays,
+    pack_graph,
+    read_graphs,
+    unpack_graph,
+    write_graphs,
+)
 
 
 def box_points(centre, size, yaw=0.0, count=4000, seed=0):

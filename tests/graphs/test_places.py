@@ -32,7 +32,9 @@ def panorama(name, rooms, T_world_pano):
     """Of all objects of some rooms."""
     labels = [label for room in rooms for label in ROOMS[room][0]]
     seen = transform_points(invert_pose(T_world_pano), np.concatenate([ROOMS[room][1] for room in rooms]))
-    objects = ObjectBoxes(labels, tuple(map(str, range(len(labels)))), seen, np.tile(SIZE_M, (len(labels), 1)), seen[:, 0] * 0)
+    objects = ObjectBoxes(
+        labels, tuple(map(str, range(len(labels)))), seen, np.tile(SIZE_M, (len(labels), 1)), seen[:, 0] * 0
+    )
     return Panorama(name, annotations=Annotations(objects=objects))
 
 

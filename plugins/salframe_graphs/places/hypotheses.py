@@ -35,9 +35,7 @@ def best_poses(query: QueryObjects, index: PlaceIndex, scorer: PlaceLikelihood, 
     base, base_there = query.xy_m[i2] - query.xy_m[i1], index.xy_m[place, j2] - index.xy_m[place, j1]
     length, length_there = np.hypot(*base.T), np.hypot(*base_there.T)
     noise = rates.position_error_m**2 + (rates.range_error_share * query.range_m) ** 2
-    slack = _SLACK_SIGMAS * np.sqrt(
-        noise[i1] + noise[i2] + index.variance_m2[place, j1] + index.variance_m2[place, j2]
-    )
+    slack = _SLACK_SIGMAS * np.sqrt(noise[i1] + noise[i2] + index.variance_m2[place, j1] + index.variance_m2[place, j2])
     fits = (np.abs(length - length_there) < slack) & (np.minimum(length, length_there) > LEAST_BASE_M)
     rank = np.where(fits, worth[first] + worth[second] + 0.3 * np.minimum(length, 4.0), -np.inf)
     chosen = np.sort(best_per_candidate(rank, place, MOST_HYPOTHESES))

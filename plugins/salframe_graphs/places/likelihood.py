@@ -56,7 +56,9 @@ class PlaceLikelihood:
         ratio = np.log(np.where(same, rates.label_agreement / frequency, 1 - rates.label_agreement))
         ratio += np.log(np.maximum(query.score, LEAST_SCORE))[:, None]
         height_m = rates.height_error_m**2 + (rates.range_error_share * query.z_m) ** 2
-        ratio += log_normal(query.z_m[:, None] - index.z_m[:, None], 2 * height_m[:, None]) + np.log(taken.height_span_m)
+        ratio += log_normal(query.z_m[:, None] - index.z_m[:, None], 2 * height_m[:, None]) + np.log(
+            taken.height_span_m
+        )
         for axis, error in ((0, rates.length_error_log), (2, rates.box_height_error_log)):
             apart = query.log_size[:, None, axis] - index.log_size[:, None, :, axis]
             ratio += log_normal(apart, 2 * error**2) + np.log(taken.size_span_log)

@@ -135,9 +135,7 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
     def read_descriptions(self, directory: Path, count: int) -> Sequence[Description]:
         known = read_arrays(directory / OUTLINES)
         graphs = super().read_descriptions(directory, count)
-        return [
-            {**graph, OUTLINE: known[str(i)]} if str(i) in known else graph for i, graph in enumerate(graphs)
-        ]
+        return [{**graph, OUTLINE: known[str(i)]} if str(i) in known else graph for i, graph in enumerate(graphs)]
 
     def _places_of(self, xy_m: np.ndarray, frame: MapFrame) -> list[str | None]:
         """The places that positions (N, 2) which a frame sees lie in."""

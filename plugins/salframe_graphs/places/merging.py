@@ -67,7 +67,9 @@ def gather_places(
     transition frames alone has their places. With `merged` false each scene frame is a place of its own, which the
     others of its name do not feed.
     """
-    sightings = [_sightings(number, graph, frame) for number, (graph, frame) in enumerate(zip(graphs, frames, strict=True))]
+    sightings = [
+        _sightings(number, graph, frame) for number, (graph, frame) in enumerate(zip(graphs, frames, strict=True))
+    ]
     shown: dict[tuple[str, int], list[int]] = {}
     kinds = {frame.kind for frame in frames}
     for number, frame in enumerate(frames):
@@ -150,4 +152,6 @@ def _taken(seen: Sightings, rows: np.ndarray) -> Sightings:
 
 
 def _joined(parts: Sequence[Sightings]) -> Sightings:
-    return Sightings(*(np.concatenate([getattr(part, name) for part in parts]) for name in Sightings.__dataclass_fields__))
+    return Sightings(
+        *(np.concatenate([getattr(part, name) for part in parts]) for name in Sightings.__dataclass_fields__)
+    )
