@@ -122,7 +122,8 @@ def test_failing_is_a_status():
     assert answer(ObjectBoxes.empty()).status == "no-objects"
     assert answer(alone("spaceship")).status == "no-match"
     one = answer(alone(ROOMS["a"][0][0]))
-    assert (one.status, one.T_world_query) == ("no-pose", None) and len(one.places) == 2
+    assert (one.status, one.T_world_query) == ("no-pose", None)
+    assert len(one.places) == 2
 
 
 def test_an_outline_is_remembered_where_there_is_range():
@@ -148,7 +149,8 @@ def test_rates_come_from_a_file_or_the_settings(tmp_path):
         Config(detector="annotations", rates=rates) for rates in (None, str(path), content.model_dump())
     )
     assert isinstance(filed.rates, UserFile)
-    assert named.rates is None and read_rates(filed.rates) == given.rates == content
+    assert named.rates is None
+    assert read_rates(filed.rates) == given.rates == content
     assert identity(named) != identity(filed) != identity(given)
     assert identity(named, describing=True) == identity(filed, describing=True)
     path.write_text("clutter: -1")

@@ -77,7 +77,7 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
         self._index = None  # of single panoramas, made for the first query without range
         self._regions = Regions(self.floors) if self.floors else None
         self._places = gather_places(
-            self._graphs, self._map_frames, self._rates, self._regions and self._places_of, self.config.merged
+            self._graphs, self._map_frames, self._rates, self._places_of if self._regions else None, self.config.merged
         )
         stood = np.array([frame.T_world_pano[:3, 3] for frame in frames])
         cameras = [stood[list(place.frames)] for place in self._places]
@@ -123,7 +123,7 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
             return Localization(places, None, LocalizationStatus.NO_POSE)
         pose, covariance = scorer.settle(poses.take(np.array([row])), share[[row]], LEAST_COVARIANCE_M)
         stood = self._frame_of(places[0].place, poses, row).T_world_pano
-        T_world_query = pose_2d(*pose.shift_m[0], pose.yaw_rad[0], stood[2, 3])
+        T_world_query = pose_2d(pose.shift_m[0, 0], pose.shift_m[0, 1], pose.yaw_rad[0], stood[2, 3])
         turn = stood[:3, :3] * [[1, 1, 0], [1, 1, 0], [0, 0, 0]] + np.diag([0, 0, 1])
         return Localization(places, T_world_query, LocalizationStatus.OK, turn.T @ covariance @ turn)
 
@@ -139,7 +139,11 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
 
     def _places_of(self, xy_m: np.ndarray, frame: MapFrame) -> list[str | None]:
         """The places that positions (N, 2) which a frame sees lie in."""
-        return self._regions.at(xy_m, np.full(len(xy_m), frame.T_world_pano[2, 3]))
+        return (
+            self._regions.at(xy_m, np.full(len(xy_m), frame.T_world_pano[2, 3]))
+            if self._regions
+            else [None] * len(xy_m)
+        )
 
     def _answers(self, poses: Poses) -> list[str]:
         """The place that each pose stands in: the region's where it is known and on the map, else the place matched."""

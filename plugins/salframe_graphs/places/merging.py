@@ -79,9 +79,9 @@ def gather_places(
     if merged and place_of is not None and FrameKind.SCENE in kinds:
         for number, frame in enumerate(frames):
             if frame.kind is FrameKind.TRANSITION:
-                places = np.array(place_of(sightings[number].centroid_m[:, :2], frame), object)
-                for name in {place for place in places if place is not None}:
-                    fed.setdefault(name, []).append((number, np.flatnonzero(places == name)))
+                owner = np.array(place_of(sightings[number].centroid_m[:, :2], frame), object)
+                for name in {place for place in owner if place is not None}:
+                    fed.setdefault(name, []).append((number, np.flatnonzero(owner == name)))
     places = []
     for (name, _), own in shown.items():
         parts = [(number, np.arange(len(sightings[number].labels))) for number in own] + fed.get(name, [])
@@ -99,12 +99,11 @@ def merge(name: str, frames: Sequence[int], seen: Sightings, rates: Rates) -> Pl
     weight, centre, label = np.zeros(count), np.zeros((count, 3)), np.empty(count, object)
     held: list[set[int]] = []
     for row in np.argsort(seen.range_m, kind="stable"):
-        there = np.arange(len(held))
-        open_ = [g for g in there if label[g] == seen.labels[row] and seen.frame[row] not in held[g]]
+        open_ = [g for g in range(len(held)) if label[g] == seen.labels[row] and seen.frame[row] not in held[g]]
         distance = np.hypot(*(centre[open_, :2] - seen.centroid_m[row, :2]).T)
         near = distance < MOST_SIGMAS * np.sqrt(1 / weight[open_] + variance[row])
         if near.any():
-            group = open_[int(np.argmin(np.where(near, distance, np.inf)))]
+            group = int(open_[int(np.argmin(np.where(near, distance, np.inf)))])
         else:
             group = len(held)
             held.append(set())
