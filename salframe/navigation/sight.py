@@ -60,8 +60,8 @@ class Sight:
         return Located(pose_2d(x, y, yaw_rad, z), best.score, best.frame)
 
     def _take_map(self, frames: Sequence[MapFrame], floors: Sequence[FloorMasks]) -> None:
-        """Hand the localizer these frames, described once each, and the floors they stand on; those that cannot be used are
-        left out."""
+        """Hand the localizer these frames, described once each, and the floors that they stand on; those that cannot be
+        used are left out."""
         usable = [frame for frame in frames if self._describe(frame) is not None]
         if [frame.id for frame in usable] == list(self._frames):
             return

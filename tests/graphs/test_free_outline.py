@@ -42,7 +42,8 @@ def test_what_has_no_range_has_no_outline():
     half = seen_from((0.0, 0.0), 0.0)
     half[:, :180] = np.nan  # the left half of the image: azimuth 0 to pi
     known = np.isfinite(free_outline(half))
-    assert known[BINS // 2 :].all() and not known[: BINS // 2].any()
+    assert known[BINS // 2 :].all()
+    assert not known[: BINS // 2].any()
 
 
 def test_packed_it_is_two_bytes_a_bin():
@@ -59,7 +60,8 @@ def test_the_true_pose_fits_best(turned):
     shifts = position + np.array([[0, 0], [0.6, 0], [0, 0.6], [-0.8, -0.8], [0, 0]])
     yaws = yaw + np.array([0, 0, 0, 0, np.pi / 2])
     ratio = outlines.ratio(query, np.zeros(5, int), shifts, yaws)
-    assert ratio[0] > 100 and (ratio[0] > ratio[1:] + 30).all()
+    assert ratio[0] > 100
+    assert (ratio[0] > ratio[1:] + 30).all()
 
 
 def test_a_place_without_an_outline_is_not_judged_by_one():

@@ -114,7 +114,8 @@ def test_the_true_pose_is_found_among_places_alike():
     asked = query(LABELS, transform_points(invert_pose(T), rooms[3]))
     objects, index, scorer = scored([place(LABELS, room, name=str(k)) for k, room in enumerate(rooms)], asked)
     started = best_poses(objects, index, scorer, 3)
-    assert (np.diff(started.place) >= 0).all() and np.bincount(started.place).max() <= 3
+    assert (np.diff(started.place) >= 0).all()
+    assert np.bincount(started.place).max() <= 3
     poses, score, share = scorer.refine(started)
     best = int(score.argmax())
     assert poses.place[best] == 3
@@ -129,7 +130,8 @@ def test_refinement_never_scores_less():
     _, _, scorer = scored([place(LABELS, room)], query(LABELS, seen))
     starts = Poses(np.zeros(30, int), rng.uniform(-1, 1, (30, 2)), rng.uniform(0, 6, 30))
     before, (_, after, _) = scorer.score(starts)[0], scorer.refine(starts)
-    assert (after >= before).all() and after.max() > before.max()
+    assert (after >= before).all()
+    assert after.max() > before.max()
 
 
 def test_the_pose_lies_within_its_covariance():
@@ -148,7 +150,8 @@ def test_the_pose_lies_within_its_covariance():
         found.append([*pose.shift_m[0], pose.yaw_rad[0]])
         expected.append(np.diag(covariance))
     ratio = np.std(found, 0) / np.sqrt(np.mean(expected, 0))
-    assert (ratio > 0.5).all() and (ratio < 1.05).all()
+    assert (ratio > 0.5).all()
+    assert (ratio < 1.05).all()
 
 
 def test_one_object_out_of_place_does_not_move_the_pose():

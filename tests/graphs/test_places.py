@@ -21,7 +21,7 @@ RNG = np.random.default_rng(7)
 ROOMS = {
     name: (
         [str(label) for label in RNG.choice(LABELS, 7)],
-        np.column_stack([RNG.uniform(-2.5, 2.5, (7, 2)), RNG.uniform(-1, 1, 7)]) + [*centre, 0],
+        [*np.column_stack([RNG.uniform(-2.5, 2.5, (7, 2)), RNG.uniform(-1, 1, 7)]), *centre, 0],
     )
     for name, centre in CENTRES.items()
 }
@@ -79,7 +79,8 @@ def test_place_and_pose(floors, merged):
         answer = made.localize(query)
         assert (answer.status, answer.places[0].place) == ("ok", room)
         assert max(pose_errors(answer.T_world_query, T)) < 0.01
-        assert answer.covariance.shape == (3, 3) and (np.linalg.eigvalsh(answer.covariance) > 0).all()
+        assert answer.covariance.shape == (3, 3)
+        assert (np.linalg.eigvalsh(answer.covariance) > 0).all()
 
 
 def test_the_answer_is_the_region_that_holds_the_pose():

@@ -38,8 +38,9 @@ class Poses:
 class PlaceLikelihood:
     """Scores a query's objects against the places of a map.
 
-    The score of place r and pose T is the sum over query objects i of log(1 + sum_j o_j p(i | j, T) / (c p(i | clutter)))
-    and over the place's objects j of log(1 - P_j), P_j the probability that j is found from T, o_j = P_j / (1 - P_j), c
+    The score of place r and pose T is the sum over query objects i of
+    log(1 + sum_j o_j p(i | j, T) / (c p(i | clutter))) and over the place's objects j of log(1 - P_j), P_j the
+    probability that j is found from T, o_j = P_j / (1 - P_j), c
     the rate of clutter. Query objects that claim the same object of the place share its odds.
     """
 
@@ -48,15 +49,15 @@ class PlaceLikelihood:
         self.alike = self._alike()
 
     def _alike(self) -> np.ndarray:
-        """(K, n, m) float32: log ratio of label, height and size, of an object that is there; -inf of padding. An object
-        that is one with probability s, else clutter, has 1 + s x the ratio of one that is."""
+        """(K, n, m) float32: log ratio of label, height and size, of an object that is there; -inf of padding. An
+        object that is one with probability s, else clutter, has 1 + s x the ratio of one that is."""
         query, index, rates, taken = self._query, self._index, self.rates, self.likelihood
         same = query.label[None, :, None] == index.label[:, None]
         frequency = index.frequency[query.label][None, :, None]
         ratio = np.log(np.where(same, rates.label_agreement / frequency, 1 - rates.label_agreement))
         ratio += np.log(np.maximum(query.score, LEAST_SCORE))[:, None]
-        height_m = rates.height_error_m**2 + (rates.range_error_share * query.z_m) ** 2
-        ratio += log_normal(query.z_m[:, None] - index.z_m[:, None], 2 * height_m[:, None]) + np.log(
+        height_m2 = rates.height_error_m**2 + (rates.range_error_share * query.z_m) ** 2
+        ratio += log_normal(query.z_m[:, None] - index.z_m[:, None], 2 * height_m2[:, None]) + np.log(
             taken.height_span_m
         )
         for axis, error in ((0, rates.length_error_log), (2, rates.box_height_error_log)):
