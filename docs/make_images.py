@@ -9,13 +9,13 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib import patheffects
 from matplotlib.axes import Axes
-from salframe.evaluation.compare import compare
-from salframe.evaluation.evaluate import measure
 from salframe_house.frames import choose_frames
 from salframe_house.render import Renderer
 from salframe_house.rendering import buildings
 
-from salframe.evaluation.report import RIGHT, WRONG
+from salframe.evaluation.localization import compare
+from salframe.evaluation.report.localization import RIGHT, WRONG
+from salframe.evaluation.request import Request
 from salframe.evaluation.run import Run
 from salframe.framework.presets import configure, settings
 from salframe.framework.registry import registry
@@ -163,18 +163,20 @@ def _draw_objects(axes: Axes, panorama: Panorama, found: Detections) -> None:
 def draw_floor(path: Path) -> None:
     """The floor plan of house-42 with its map frames, and its queries by what `proposed` made of them."""
     overrides = ["data.rgb=false", f"data.seed={SEED}"]
-    comparison = compare(["proposed"], "house-42", overrides=overrides)
+    run = Run.load(compare(Request(("proposed",), "house-42", settings=tuple(overrides))).run)
     dataset = find_dataset("house-42", overrides=overrides)
-    evaluation = measure(Run.load(comparison.run), dataset)
-    correct = evaluation.methods[0].judged.correct
-    query_m = np.array([truth.T_world_pano[:2, 3] for truth in evaluation.truths])
+    rows = list(run.rows("proposed"))
+    truths = [dataset.truth(row["query"]) for row in rows]
+    answers = [row["places"][0][1] if row["places"] else None for row in rows]
+    correct = np.array([answer == truth.place for answer, truth in zip(answers, truths, strict=True)])
+    query_m = np.array([truth.T_world_pano[:2, 3] for truth in truths])
     map_m = np.array([frame.T_world_pano[:2, 3] for frame in mapping_frames(dataset)])
     (floor,) = dataset.floors()
 
-    rows, columns = floor.region.shape
-    figure, axes = plt.subplots(figsize=(11, 11 * rows / columns + 0.9), layout="constrained")
+    height, width = floor.region.shape
+    figure, axes = plt.subplots(figsize=(11, 11 * height / width + 0.9), layout="constrained")
     left_m, top_m = floor.origin_m
-    extent = (left_m, left_m + columns * floor.resolution_m, top_m - rows * floor.resolution_m, top_m)
+    extent = (left_m, left_m + width * floor.resolution_m, top_m - height * floor.resolution_m, top_m)
     axes.imshow(_floor_picture(floor), extent=extent, interpolation="nearest")
     axes.plot(*map_m.T, "+", color="0.35", markersize=7, label=f"map frame ({len(map_m)})")
     axes.plot(*query_m[correct].T, "o", color=RIGHT, markersize=5, label=f"query, right room ({correct.sum()})")

@@ -117,7 +117,7 @@ class OnnxDetector(Detector):
         ]
         footprint = np.array(marked, bool).reshape(len(view), len(grid.rays))
         known = ~cut | (footprint.sum(1) >= LEAST_POINTS)  # fewer pixels at a view's border tell nothing
-        labels, scores, bearing, solid_angle_sr, points = [], [], [], [], []
+        labels, scores, bearing, solid_angle_sr, masks, points = [], [], [], [], [], []
         for kind in np.unique(label[known]):
             alike = np.flatnonzero(known & (label == kind))
             for members in group(footprint[alike], view[alike], cut[alike], grid.seen, grid.solid_angle_sr):
@@ -127,12 +127,13 @@ class OnnxDetector(Detector):
                 inside = np.flatnonzero(outline(footprint[own], view[own], grid.seen))
                 bearing.append(grid.solid_angle_sr[inside] @ grid.rays[inside])
                 solid_angle_sr.append(grid.solid_angle_sr[inside].sum())
+                masks.append(grid.rays[inside])
                 if range_m is not None:
                     inside = inside[foreground(range_m[inside], grid.solid_angle_sr[inside])]
                     points.append(grid.rays[inside] * range_m[inside, None])
         towards, covered_sr = unit_vectors(np.reshape(bearing, (-1, 3))), np.array(solid_angle_sr, float)
         clouds = None if range_m is None else points
-        return detections_where_known(labels, np.array(scores, float), clouds, towards, covered_sr)
+        return detections_where_known(labels, np.array(scores, float), clouds, towards, covered_sr, masks)
 
     def _look(self, views: np.ndarray) -> list[Found]:
         """What the network finds in each view (V, height, width, 3) uint8 RGB."""

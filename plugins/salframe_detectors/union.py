@@ -77,13 +77,17 @@ def _order(found: Detections) -> np.ndarray:
 
 
 def _join(found: Sequence[Detections]) -> Detections:
-    """Detections one after another. Where some have points, boxes without have those of their corners."""
+    """Detections one after another. Where some have points, boxes without have those of their corners; where some have
+    no masks, theirs are empty."""
     columns = ("scores", "centroid_m", "size_m", "yaw_rad", "bearing", "solid_angle_sr")
     arrays = {name: np.concatenate([getattr(one, name) for one in found]) for name in columns}
     points: list[np.ndarray] | None = None
     if any(one.points_m is not None for one in found):
         points = [cloud for one in found for cloud in (_corners(one) if one.points_m is None else one.points_m)]
-    return Detections(tuple(label for one in found for label in one.labels), points_m=points, **arrays)  # type: ignore[arg-type]
+    labels = tuple(label for one in found for label in one.labels)
+    empty = np.zeros((0, 3), np.float32)
+    masks = tuple(rays for one in found for rays in one.rays or [empty] * len(one))
+    return Detections(labels, points_m=points, rays=masks, **arrays)  # type: ignore[arg-type]
 
 
 def _corners(found: Detections) -> list[np.ndarray]:

@@ -150,7 +150,7 @@ class SegmentsDetector(Detector):
         # Class 0, no object, stands where nothing was seen too.
         class_id = np.where(pixels.seen, pixels.class_id, 0)
         found = find_instances(class_id, self._classes.is_object, self._classes.is_fixed, points_m, area_sr)
-        labels, scores, bearing, solid_angle_sr, clouds = [], [], [], [], []
+        labels, scores, bearing, solid_angle_sr, masks, clouds = [], [], [], [], [], []
         for own in found:
             weight = area_sr.flat[own]
             mean = float(np.average(pixels.probability.flat[own], weights=weight))
@@ -162,6 +162,7 @@ class SegmentsDetector(Detector):
             towards = weight @ rays.reshape(-1, 3)[own]
             bearing.append(towards / np.linalg.norm(towards))
             solid_angle_sr.append(weight.sum())
+            masks.append(rays.reshape(-1, 3)[own])
             if points_m is not None:
                 points = points_m.reshape(-1, 3)[own]
                 points = points[np.isfinite(points).all(1)]
@@ -172,6 +173,7 @@ class SegmentsDetector(Detector):
             None if points_m is None else clouds,
             np.array(bearing).reshape(-1, 3),
             np.array(solid_angle_sr),
+            masks,
         )
 
     def classify(self, panorama: Panorama) -> PixelClasses:

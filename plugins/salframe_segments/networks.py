@@ -25,7 +25,8 @@ class SegmentationNetwork(ABC):
 
     @abstractmethod
     def raw(self, image: np.ndarray) -> np.ndarray:
-        """What the network gives for a batch of one in its own layout and dtype: float32, in the card's output layout."""
+        """What the network gives, float32 in the card's output layout, for a batch of one in its own layout and
+        dtype."""
 
     def probabilities(self, views: np.ndarray) -> Iterator[np.ndarray]:
         """For each view of (V, height, width, 3) uint8 RGB, of the card's size, the probabilities (h, w, C) float32 of

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from salframe.framework.errors import InputMissing
-from salframe.graphs.boxes import detections_from_points
+from salframe.graphs.boxes import detections_from_points, detections_where_known
 from salframe.graphs.detections import Detections, unit_vectors
 from salframe.panoramas.geometry import equirectangular_rays, pixel_solid_angles, pose_2d, transform_points
 from salframe.panoramas.panorama import VISIBLE_PIXELS, Annotations, Panorama
@@ -69,7 +69,7 @@ def as_detections(objects: list[Annotated], *, ranged: bool = True) -> Detection
         found = detections_from_points(labels, scores, [one.points_m for one in objects])
         return replace(found, solid_angle_sr=solid_angle_sr)
     bearing = unit_vectors(np.array([one.solid_angle_sr @ one.points_m for one in objects]))
-    return Detections.without_range(labels, scores, bearing, solid_angle_sr)
+    return detections_where_known(labels, scores, None, bearing, solid_angle_sr)
 
 
 def _objects_in_image(

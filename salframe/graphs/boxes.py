@@ -61,9 +61,10 @@ def detections_where_known(
     points_m: Sequence[np.ndarray] | None,
     bearing: np.ndarray | None = None,
     solid_angle_sr: np.ndarray | None = None,
+    rays: Sequence[np.ndarray] | None = None,
 ) -> Detections:
     """Detections of objects given by the points (n_i, 3) behind their masks; where these are fewer than LEAST_POINTS,
-    or None for all, position and size are NaN. bearing (N, 3) and solid_angle_sr (N,) as in Detections."""
+    or None for all, position and size are NaN. bearing (N, 3), solid_angle_sr (N,) and rays as in Detections."""
     known = [i for i, points in enumerate(points_m or ()) if len(points) >= LEAST_POINTS]
     centroid, size = np.full((len(labels), 3), np.nan), np.full((len(labels), 3), np.nan)
     yaw = np.full(len(labels), np.nan)
@@ -73,4 +74,5 @@ def detections_where_known(
         centroid[known], size[known], yaw[known] = placed.centroid_m, placed.size_m, placed.yaw_rad
         unknown = np.full((1, 3), np.nan, np.float32)
         clouds = tuple(points if i in known else unknown for i, points in enumerate(points_m))
-    return Detections(tuple(labels), scores, centroid, size, yaw, clouds, bearing, solid_angle_sr)  # type: ignore[arg-type]
+    masks = None if rays is None else tuple(rays)
+    return Detections(tuple(labels), scores, centroid, size, yaw, clouds, bearing, solid_angle_sr, masks)  # type: ignore[arg-type]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +18,8 @@ class Detections:
     width, height of the upright box; yaw_rad (N,) float64, azimuth of the box's length, modulo pi; points_m: N arrays
     (n_i, 3) float32 behind the masks, or None where only boxes are known. A centroid whose range is not known is NaN.
     bearing (N, 3) float64, unit vectors towards the objects, known without range too; unless given, that of the
-    centroid. solid_angle_sr (N,) float64, how much of the sphere each covers; NaN where it is not known.
+    centroid. solid_angle_sr (N,) float64, how much of the sphere each covers; NaN where it is not known. rays: N arrays
+    (n_i, 3) float32, unit vectors through the pixels of the masks, or None where there are no masks.
     """
 
     labels: tuple[str, ...]
@@ -30,6 +30,7 @@ class Detections:
     points_m: tuple[np.ndarray, ...] | None = None
     bearing: np.ndarray = None  # type: ignore[assignment]  # filled in below
     solid_angle_sr: np.ndarray = None  # type: ignore[assignment]
+    rays: tuple[np.ndarray, ...] | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "labels", tuple(self.labels))
@@ -47,8 +48,9 @@ class Detections:
             object.__setattr__(self, "solid_angle_sr", np.full(n, np.nan))
         check_array(self, "bearing", np.float64, n, 3, error=InvalidAnswer)
         check_array(self, "solid_angle_sr", np.float64, n, error=InvalidAnswer)
-        if self.points_m is not None and len(self.points_m) != n:
-            raise InvalidAnswer(f"Detections.points_m holds {len(self.points_m)} point sets, expected {n}")
+        for name in ("points_m", "rays"):
+            if (sets := getattr(self, name)) is not None and len(sets) != n:
+                raise InvalidAnswer(f"Detections.{name} holds {len(sets)} point sets, expected {n}")
 
     def __len__(self) -> int:
         return len(self.labels)
@@ -66,15 +68,8 @@ class Detections:
             points,
             self.bearing[index],
             self.solid_angle_sr[index],
+            None if self.rays is None else tuple(self.rays[i] for i in index),
         )
-
-    @classmethod
-    def without_range(
-        cls, labels: Sequence[str], scores: np.ndarray, bearing: np.ndarray, solid_angle_sr: np.ndarray
-    ) -> Detections:
-        """Objects of which nothing tells how far they are."""
-        unknown = np.full((len(labels), 3), np.nan)
-        return cls(tuple(labels), scores, unknown, unknown, unknown[:, 0], None, bearing, solid_angle_sr)
 
     @classmethod
     def empty(cls) -> Detections:

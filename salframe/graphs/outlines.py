@@ -20,8 +20,8 @@ _BOX = np.array(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5])).reshape(3, 8
 def outline_objects(detections: Detections) -> list[list[np.ndarray]]:
     """For each object the closed lines around its parts, each (K, 3) float64 unit vectors in the panorama frame.
 
-    Around the points behind its mask where these are known, else around its box, else a circle of its solid angle about
-    its bearing, else none.
+    Around the points behind its mask where these are known, else around the mask, else around its box, else a circle of
+    its solid angle about its bearing, else none.
     """
     return [_outline(detections, i) for i in range(len(detections))]
 
@@ -35,6 +35,8 @@ def _outline(detections: Detections, i: int) -> list[np.ndarray]:
             return _around_mask(points[known] / length[known, None])
         if known.any():
             return _around_corners(points[known] / length[known, None])
+    if detections.rays is not None and len(detections.rays[i]) >= FEWEST:
+        return _around_mask(np.asarray(detections.rays[i], np.float64))
     centroid, size = detections.centroid_m[i], detections.size_m[i]
     if np.isfinite([*centroid, *size, detections.yaw_rad[i]]).all() and np.linalg.norm(centroid):
         c, s = np.cos(detections.yaw_rad[i]), np.sin(detections.yaw_rad[i])

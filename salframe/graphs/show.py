@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -34,6 +34,8 @@ from salframe.graphs.detector import Detector
 from salframe.graphs.graph import GraphConfig, SaliencyGraph, build_graph
 from salframe.graphs.picture import draw_objects
 from salframe.graphs.saliency import SaliencyModel
+from salframe.panoramas.camera_height import units_note
+from salframe.panoramas.frames import QueryFrame
 from salframe.panoramas.opening import Progress
 from salframe.panoramas.panorama import Panorama
 
@@ -90,8 +92,9 @@ class ObjectView:
 
 @dataclass(frozen=True, eq=False)
 class ObjectViews:
-    """The images that were shown, in the order in which they were named, why others were not, in a line each, and what
-    `auto` became."""
+    """The images that were shown, in the order in which they were named, why others were not, in a line each,
+    and notes:
+    what `auto` became, and which ranges seem to be in a wrong unit."""
 
     views: tuple[ObjectView, ...]
     failures: Mapping[Path, str]
@@ -140,6 +143,8 @@ def show_objects(
                 choice = Choice(image.name, partial(frozenset, provides))
                 stages[provides] = _Stages(validate(ShowConfig, content, "show-objects", choice))
                 notes |= dict.fromkeys(choice.notes)
+            if units := units_note([QueryFrame(image.name, partial(replace, shot.panorama))]):
+                notes[f"warning: {units}"] = None
             views.append(_show(image, picture, shot, stages[provides]))
         except SETUP_ERRORS:
             raise

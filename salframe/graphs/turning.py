@@ -43,17 +43,17 @@ def from_near_side(detect: Callable[[Any, Panorama], Detections]) -> Callable[[A
 def turned_detections(found: Detections, angle_rad: float) -> Detections:
     """The detections turned about the vertical by angle_rad, counter-clockwise seen from above."""
     turn = pose_2d(0, 0, angle_rad)
-    points = (
-        None
-        if found.points_m is None
-        else tuple(transform_points(turn, points).astype(np.float32) for points in found.points_m)
-    )
+
+    def turned(sets: tuple[np.ndarray, ...] | None) -> tuple[np.ndarray, ...] | None:
+        return None if sets is None else tuple(transform_points(turn, one).astype(np.float32) for one in sets)
+
     return replace(
         found,
         centroid_m=transform_points(turn, found.centroid_m),
         bearing=transform_points(turn, found.bearing),
         yaw_rad=(found.yaw_rad + angle_rad) % np.pi,
-        points_m=points,
+        points_m=turned(found.points_m),
+        rays=turned(found.rays),
     )
 
 

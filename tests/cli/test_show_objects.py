@@ -12,6 +12,7 @@ from tiny_folder import write_tiny_folder
 
 from salframe.framework.registry import registry
 from salframe.panoramas import images
+from salframe.panoramas.geometry import equirectangular_rays
 
 DETECTOR = ("--detector", "balls")
 
@@ -22,7 +23,7 @@ def pictures(fakes, tmp_path, monkeypatch):
     monkeypatch.setenv("SALFRAME_PLUGINS", "ball_plugin,salframe_graphs,salframe_annotations")
     registry.cache_clear()
     images.write_color(tmp_path / "hall.jpg", np.full((160, 320, 3), 128, np.uint8))
-    images.write_range(tmp_path / "hall.range.png", np.full((160, 320), 3.0))
+    images.write_range(tmp_path / "hall.range.png", np.full((160, 320), 2.5))
     images.write_color(tmp_path / "desk.png", np.full((480, 640, 3), 128, np.uint8))
     images.write_range(tmp_path / "desk.depth.png", np.full((480, 640), 3.0))
     return tmp_path
@@ -87,6 +88,18 @@ def test_images_of_a_folder_come_with_what_its_manifest_names(pictures):
     shown = run("show-objects", *names, "--detector", "annotations", "-o", "out", "--json").json
     assert [len(view["objects"]) for view in shown["images"]] == [7, 6]
     assert (pictures / "out/kitchen-map.rgb.objects.png").exists()
+
+
+def test_a_range_in_a_wrong_unit_is_told(pictures):
+    rays = equirectangular_rays(160)
+    with np.errstate(divide="ignore"):
+        floor_m = np.where(rays[..., 2] < -0.1, -1.5 / rays[..., 2], 3.0).astype(np.float32)
+    for factor, told in ((1, ""), (4, "warning: the floor lies 6 m below the camera")):
+        images.write_range(pictures / "room.png", floor_m * factor)
+        done = run("show-objects", "hall.jpg", "--range", "room.png", *DETECTOR)
+        assert done.code == 0
+        assert ("warning" in done.err) == bool(told)
+        assert told in done.err
 
 
 def test_auto_is_decided_by_what_an_image_provides(pictures):

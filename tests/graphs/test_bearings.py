@@ -7,6 +7,7 @@ from salframe_graphs.localizer import SaliencyGraphLocalizer
 from salframe_graphs.triplet import TripletMatcher
 
 from salframe.framework.errors import InputMissing
+from salframe.graphs.boxes import detections_where_known
 from salframe.graphs.detections import Detections
 from salframe.graphs.graph import GraphConfig, build_graph
 from salframe.graphs.packing import graph_from_arrays, graph_to_arrays
@@ -78,7 +79,7 @@ def test_one_direction_makes_no_pose():
 
 def test_a_graph_without_range_has_bearings_and_shares_of_solid_angle():
     bearing = directions(np.eye(4), rooms(1)[0])
-    found = Detections.without_range(list("abcdef"), np.ones(6), bearing, np.arange(1.0, 7))
+    found = detections_where_known("abcdef", np.ones(6), None, bearing, np.arange(1.0, 7))
     graph = build_graph(found, np.arange(1.0, 7) / 21, GraphConfig(top_k=5))
     assert graph.bearings_only
     assert graph.labels == tuple("fedcb")
@@ -115,9 +116,10 @@ def test_rooms_without_range_in_a_map_with_range():
 
 def test_two_objects_give_place_and_heading():
     room = ROOMS[0]
-    pair = Detections.without_range(
+    pair = detections_where_known(
         ["bed", "wardrobe"],
         np.ones(2),
+        None,
         directions(pose_2d(0.2, 0.1, 1.3), graph_points(room, ("bed", "wardrobe"))),
         np.ones(2),
     )
@@ -157,6 +159,6 @@ def test_labels_alone_match_where_geometry_is_off():
         )
         for k, labels in enumerate(("abcdef", "ghijkl", "abcxyz"))
     ]
-    query = Detections.without_range(list("abcdef"), np.ones(6), directions(np.eye(4), map_m[0]), np.ones(6))
+    query = detections_where_known("abcdef", np.ones(6), None, directions(np.eye(4), map_m[0]), np.ones(6))
     matches = matcher.match(build_graph(query, np.full(6, 1 / 6), GraphConfig()), matcher.index(graphs), 3)
     assert [match.scene for match in matches] == [0, 2]

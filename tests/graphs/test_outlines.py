@@ -69,6 +69,16 @@ def test_a_bearing_and_a_solid_angle_are_a_circle():
     np.testing.assert_allclose(angles(lines, bearing[0]), 0.2)
 
 
+def test_a_mask_without_range_is_outlined_as_it_is():
+    away_m = visible_points((2.0, 1.0, 0.5), 0.5)
+    rays = (away_m / np.linalg.norm(away_m, axis=1, keepdims=True)).astype(np.float32)
+    unknown = np.full((1, 3), np.nan)
+    numbers = unknown, unknown, np.full(1, np.nan), None, np.array([[0.0, 0, 1]]), np.array([0.01])
+    (lines,) = outline_objects(Detections(("ball",), np.ones(1), *numbers, rays=(rays,)))
+    off = angles(lines, (2.0, 1.0, 0.5)) - angular_radius((2.0, 1.0, 0.5), 0.5)
+    assert np.abs(off).max() < 1.5 * PIXEL
+
+
 def test_what_has_no_direction_has_no_outline():
     unknown = np.full((1, 3), np.nan)
     assert outline_objects(Detections(("lamp",), np.ones(1), unknown, unknown, np.full(1, np.nan))) == [[]]

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -31,7 +33,7 @@ def test_the_peak_moves_with_the_values(width, mirrored):
 def test_turned_detections_are_those_of_turned_points():
     rng = np.random.default_rng(1)
     clouds = [(rng.normal(size=(20, 3)) * (2, 1, 1) + rng.uniform(-4, 4, 3)).astype(np.float32) for _ in range(5)]
-    found = detections_from_points(list("abcde"), np.full(5, 0.5), clouds)
+    found = replace(detections_from_points(list("abcde"), np.full(5, 0.5), clouds), rays=tuple(clouds))
     turn = pose_2d(0, 0, 2.3)
     expected = detections_from_points(
         list("abcde"), np.full(5, 0.5), [transform_points(turn, cloud) for cloud in clouds]
@@ -42,6 +44,8 @@ def test_turned_detections_are_those_of_turned_points():
         np.testing.assert_allclose(getattr(turned, name), getattr(expected, name), atol=1e-5)
     for points, moved in zip(turned.points_m, expected.points_m, strict=True):
         np.testing.assert_allclose(points, moved, atol=1e-5)
+    for rays, moved in zip(turned.rays, expected.points_m, strict=True):
+        np.testing.assert_allclose(rays, moved, atol=1e-5)
 
 
 def room(peak: float) -> np.ndarray:
