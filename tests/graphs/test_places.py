@@ -4,11 +4,13 @@ from functools import partial
 
 import numpy as np
 import pytest
+from salframe_graphs.localizer import SaliencyGraphLocalizer
 from salframe_graphs.places.localizer import SaliencyPlacesLocalizer
 from salframe_graphs.places.rates import read_rates, shipped_rates
 
 from salframe.framework.errors import ConfigError
 from salframe.framework.identity import UserFile, identity
+from salframe.graphs.detections import unit_vectors
 from salframe.localization.localizer import read_map
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.frames import FrameKind, MapFrame, QueryFrame
@@ -21,7 +23,7 @@ RNG = np.random.default_rng(7)
 ROOMS = {
     name: (
         [str(label) for label in RNG.choice(LABELS, 7)],
-        [*np.column_stack([RNG.uniform(-2.5, 2.5, (7, 2)), RNG.uniform(-1, 1, 7)]), *centre, 0],
+        np.column_stack([RNG.uniform(-2.5, 2.5, (7, 2)), RNG.uniform(-1, 1, 7)]) + np.array([*centre, 0]),
     )
     for name, centre in CENTRES.items()
 }
@@ -157,3 +159,19 @@ def test_rates_come_from_a_file_or_the_settings(tmp_path):
     path.write_text("clutter: -1")
     with pytest.raises(ConfigError, match=r"rates\.json: .*label_agreement is missing"):
         read_rates(filed.rates)
+
+
+@pytest.mark.parametrize("scale", [0.0, 0.3])
+def test_without_sure_range_it_answers_as_single_panoramas_do(scale):
+    """Of bearings alone, and where ranges may be off by a factor."""
+    matcher = {"kind": "triplet", "largest_scale_error": scale}
+    single = SaliencyGraphLocalizer(SaliencyGraphLocalizer.Config(detector="annotations", matcher=matcher))
+    single.build(FRAMES)
+    description = dict(single.describe(panorama("q", ["b"], pose_2d(5.5, 0, 0.4))))
+    if not scale:
+        unknown = {name: np.full_like(description[name], np.nan) for name in ("centroid_m", "size_m", "yaw_rad")}
+        bearing = unit_vectors(description["centroid_m"])
+        description |= {**unknown, "edges": np.zeros((0, 2), np.int64), "bearing": bearing}
+    answer, expected = localizer(matcher=matcher).match(description), single.match(description)
+    assert answer.places == expected.places
+    assert answer.places[0].place == "b"

@@ -35,7 +35,11 @@ LEAST_EXPLAINED = 2
 
 
 class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
-    """Places as the merged objects of their panoramas: found and posed at once, by a likelihood ratio."""
+    """Places as the merged objects of their panoramas: found and posed at once, by a likelihood ratio.
+
+    Queries without range, and those whose ranges may be off by a factor (`matcher.largest_scale_error`), are matched
+    panorama by panorama as `saliency-graph` does; matcher, positioner and the settings of that localizer are theirs.
+    """
 
     name = "saliency-places"
     version = "1"
@@ -89,7 +93,7 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
 
     def match(self, description: Description) -> Localization:
         query = graph_from_arrays(description)
-        if query.bearings_only:
+        if query.bearings_only or getattr(self.config.matcher, "largest_scale_error", 0):  # no metric positions
             if self._index is None:
                 self._index = self._matcher.index(self._graphs)
             return super().match(description)
