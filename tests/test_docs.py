@@ -169,7 +169,7 @@ def cache(tmp_path_factory):
     ("page", "said"),
     [
         ("tutorials/first-comparison.md", r"proposed 1\.0 .*\nobjects 0\.\d+ None .*\nruns/house-6-\w+/report\.html"),
-        ("how-to/ablate.md", r"(single-panorama\[matcher\.geometry_score=.*\] [01]\.\d+ 0\.\d+\n){4}"),
+        ("how-to/ablate.md", r"(proposed\[matcher\.geometry_score=.*\] [01]\.\d+ 0\.\d+\n){4}"),
         ("how-to/matching.md", r"proposed nodes 0\.\d+ 0\.\d+\nusg nodes 0\.\d+ 0\.\d+"),
         ("how-to/navigate.md", r"proposed [01]\.\d+ 0\.\d+"),
         ("how-to/maps.md", r"turn right .*, walk "),

@@ -137,7 +137,7 @@ def test_the_best_frame_of_a_place_stands_for_it():
     assert [(p.frame, p.place) for p in rank_places(frames, np.array([0.1, -np.inf, 0.3]))] == [("3", "x")]
 
 
-@pytest.mark.parametrize("preset", ["single-panorama", "paper"])
+@pytest.mark.parametrize("preset", ["proposed", "paper"])
 def test_presets_are_configurations_of_the_same_stages(preset):
     config = configure("localizer", preset, settings("localizer", preset))
     assert config.kind == "saliency-graph"
