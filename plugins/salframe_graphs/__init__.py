@@ -2,11 +2,21 @@
 
 import salframe
 from salframe_graphs.localizer import SaliencyGraphLocalizer
+from salframe_graphs.places.localizer import SaliencyPlacesLocalizer
 from salframe_graphs.positioning import LeastSquaresPositioner, RobustPositioner
-from salframe_graphs.saliency import VolumetricSaliency
+from salframe_graphs.saliency import RandomSaliency, UniformSaliency, VolumetricSaliency
 from salframe_graphs.triplet import TripletMatcher
 
 
 @salframe.hookimpl
 def salframe_provides():
-    return [VolumetricSaliency, TripletMatcher, RobustPositioner, LeastSquaresPositioner, SaliencyGraphLocalizer]
+    return [
+        VolumetricSaliency,
+        UniformSaliency,
+        RandomSaliency,
+        TripletMatcher,
+        RobustPositioner,
+        LeastSquaresPositioner,
+        SaliencyGraphLocalizer,
+        SaliencyPlacesLocalizer,
+    ]

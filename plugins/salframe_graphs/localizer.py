@@ -12,10 +12,10 @@ from salframe.framework.config import ComponentConfig, match_only
 from salframe.framework.errors import InputMissing
 from salframe.framework.registry import registry
 from salframe.framework.slots import slot
-from salframe.graphs.graph import GraphConfig, SaliencyGraph, build_graph
+from salframe.graphs.graph import REACH_M, GraphConfig, SaliencyGraph, build_graph
 from salframe.graphs.packing import graph_from_arrays, graph_to_arrays, pack_graph, read_graphs, write_graphs
 from salframe.localization.answers import Localization, LocalizationStatus, NodeMatches
-from salframe.localization.localizer import Description, Localizer, range_slot, rank_places
+from salframe.localization.localizer import Description, Localizer, posterior_slot, range_slot, rank_places
 from salframe.panoramas.frames import MapFrame, QueryFrame
 from salframe.panoramas.geometry import pose_yaw, wrap_angle
 from salframe.panoramas.panorama import Panorama
@@ -48,6 +48,7 @@ class SaliencyGraphLocalizer(Localizer):
         nearest_scene: bool = match_only(
             True, description="a match with a transition frame answers with the scene frame nearest to the pose"
         )
+        posterior: posterior_slot()  # type: ignore[valid-type]
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)
@@ -76,6 +77,9 @@ class SaliencyGraphLocalizer(Localizer):
                 "labels alone are enough for 'objects'"
             )
         return description, seconds
+
+    def count_objects(self, description: Description) -> int:
+        return len(description["labels"])
 
     def describe(self, panorama: Panorama) -> Description:
         return graph_to_arrays(self.graph(panorama))
@@ -120,6 +124,10 @@ class SaliencyGraphLocalizer(Localizer):
         matches = self._matcher.match(asked, self._matcher.index([known]), 1)
         pairs = matches[0].pairs if matches else np.zeros((0, 2), int)
         return NodeMatches(asked.centroid_m, known.centroid_m, pairs)
+
+    def note(self, description: Description) -> str | None:
+        count = graph_from_arrays(description).out_of_reach
+        return f"{count} object(s) further than {REACH_M} m left out" if count else None
 
     def scene_bytes(self, description: Description) -> int:
         graph = graph_from_arrays(description)

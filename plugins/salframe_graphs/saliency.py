@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
+import zlib
 
+import numpy as np
+from pydantic import Field
+
+from salframe.framework.config import ComponentConfig
 from salframe.graphs.boxes import LEAST_SIDE_M
 from salframe.graphs.detections import Detections
 from salframe.graphs.saliency import SaliencyModel
@@ -24,6 +28,36 @@ class VolumetricSaliency(SaliencyModel):
             if known.any():
                 return known / known.sum()
         return np.full(len(detections), 1 / max(len(detections), 1))
+
+
+class UniformSaliency(SaliencyModel):
+    """Equal shares: the control in which no object stands out."""
+
+    name = "uniform"
+    version = "1"
+
+    def score(self, detections: Detections) -> np.ndarray:
+        return np.full(len(detections), 1 / max(len(detections), 1))
+
+
+class RandomSaliency(SaliencyModel):
+    """Shares drawn by lot: the control in which what stands out means nothing. One panorama gets the same twice."""
+
+    name = "random"
+    version = "1"
+
+    class Config(ComponentConfig):
+        seed: int = Field(0, ge=0, description="seed of the draw")
+
+    def score(self, detections: Detections) -> np.ndarray:
+        height = np.where(
+            np.isfinite(detections.centroid_m[:, 2]), detections.centroid_m[:, 2], detections.bearing[:, 2]
+        )
+        labels = np.array(detections.labels, np.str_)
+        rng = np.random.default_rng((self.config.seed, zlib.crc32("\n".join(sorted(detections.labels)).encode())))
+        share = np.empty(len(detections))
+        share[np.lexsort((height, labels))] = rng.exponential(size=len(detections))  # neither order nor turn matters
+        return share / share.sum() if len(share) else share
 
 
 def object_volumes_m3(detections: Detections) -> np.ndarray:

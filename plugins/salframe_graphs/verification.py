@@ -81,7 +81,7 @@ def verify(
     candidates = len(similarity)
     pair_k, pair_i, pair_j = np.nonzero(similarity)
     value = similarity[pair_k, pair_i, pair_j]
-    first, second = _two_pairs(pair_k, candidates)
+    first, second = two_pairs(pair_k, candidates)
     i1, i2, j1, j2, k = pair_i[first], pair_i[second], pair_j[first], pair_j[second], pair_k[first]
     query_edge, map_edge = query_xy[i2] - query_xy[i1], map_xy[k, j2] - map_xy[k, j1]
     query_length, map_length = np.hypot(*query_edge.T), np.hypot(*map_edge.T)
@@ -96,7 +96,7 @@ def verify(
         & (np.minimum(query_length, map_length) > 0.3)
     )
     rank = np.where(possible, value[first] + value[second] + 0.1 * np.minimum(query_length, 4.0), -np.inf)
-    chosen = _best_per_candidate(rank, k, most_hypotheses)
+    chosen = best_per_candidate(rank, k, most_hypotheses)
     k, i1, j1, i2, j2 = k[chosen], i1[chosen], j1[chosen], i2[chosen], j2[chosen]
     yaw = np.arctan2(map_edge[chosen, 1], map_edge[chosen, 0]) - np.arctan2(
         query_edge[chosen, 1], query_edge[chosen, 0]
@@ -116,13 +116,13 @@ def verify(
     if scale_bound is not None:
         kernel *= scale_bound.heights_alike(scale, k)
     support = kernel.max(2) @ weights
-    best = _best_per_candidate(support, k, 1)
+    best = best_per_candidate(support, k, 1)
     result = Verified.none(similarity.shape)
     result.yaw_rad[k[best]], result.shift_m[k[best]], result.kernel[k[best]] = yaw[best], shift[best], kernel[best]
     return result
 
 
-def _two_pairs(candidate: np.ndarray, candidates: int) -> tuple[np.ndarray, np.ndarray]:
+def two_pairs(candidate: np.ndarray, candidates: int) -> tuple[np.ndarray, np.ndarray]:
     """Positions of every two node pairs of the same candidate; `candidate` (P,) is sorted."""
     starts = np.searchsorted(candidate, np.arange(candidates + 1))
     blocks = [_pairs(high - low) for low, high in pairwise(starts)]
@@ -136,7 +136,7 @@ def _pairs(count: int) -> tuple[np.ndarray, np.ndarray]:
     return np.triu_indices(count, 1)
 
 
-def _best_per_candidate(value: np.ndarray, candidate: np.ndarray, most: int) -> np.ndarray:
+def best_per_candidate(value: np.ndarray, candidate: np.ndarray, most: int) -> np.ndarray:
     """Positions of the `most` largest finite values of each candidate, ties in order."""
     order = np.lexsort((-value, candidate))
     order = order[np.isfinite(value[order])]

@@ -241,7 +241,7 @@ class _Answering(Worker[Query]):
         folds = {piece.fold.id: piece.fold for piece in todo}
         uses = Counter(frame.id for fold in folds.values() for frame in fold.mapping)
         uses.update(piece.frame.id for piece in todo)
-        self._localizer, self._fold = localizer, ""
+        self._localizer, self._floors, self._fold = localizer, dataset.floors(), ""
         self._places: dict[str, str] = {}
         self._descriptions = _Descriptions(localizer, dataset.content_key, uses, folder / DESCRIPTIONS)
         self._left_out: dict[str, str] = {}
@@ -285,7 +285,7 @@ class _Answering(Worker[Query]):
         if not frames:
             reasons = list(self._left_out.values())[:1]
             raise MethodFailed("; ".join([f"fold {fold.id} has no mapping frame that can be used", *reasons]))
-        self._localizer.take_map(known, frames)
+        self._localizer.take_map(known, frames, self._floors)
         self._places = {frame.id: frame.place for frame in frames}
 
     def close(self) -> None:
@@ -296,6 +296,7 @@ class _Answering(Worker[Query]):
         problems = {
             "mapping frame(s) left out": list(self._left_out.values()),
             "query frame(s) that cannot be used": self._unusable,
+            "frame(s) described in part": list(self._descriptions.notes.values()),
         }
         parts = [f"{len(reasons)} {what}, the first: {reasons[0]}" for what, reasons in problems.items() if reasons]
         return "; ".join(parts) or None
@@ -309,6 +310,7 @@ class _Descriptions:
         self._recorded = {row["frame"] for row in read_rows(path)}
         self._costs = RowWriter(path)
         self._found: dict[str, tuple[Description, float] | Exception] = {}
+        self.notes: dict[str, str] = {}
 
     def take(self, frame: MapFrame | QueryFrame) -> tuple[Description, float]:
         """The description and the milliseconds it took when it was computed. Raises one of FRAME_ERRORS on a frame that
@@ -327,6 +329,8 @@ class _Descriptions:
 
     def _describe(self, frame: MapFrame | QueryFrame) -> tuple[Description, float]:
         description, seconds = self._localizer.describe_frame(frame, self._cache, self._dataset)
+        if note := self._localizer.note(description):
+            self.notes[frame.id] = f"{frame.id}: {note}"
         if frame.id not in self._recorded:
             self._recorded.add(frame.id)
             size = self._localizer.scene_bytes(description)

@@ -15,6 +15,10 @@ from salframe.framework.config import Settings
 from salframe.framework.errors import DataError
 from salframe.graphs.detections import Detections, unit_vectors
 
+REACH_M = 32.767
+"""Positions reach so far along each axis when they are packed: an object beyond is seen through a hole in the range
+rather than in the room."""
+
 
 @dataclass(frozen=True, eq=False)
 class SaliencyGraph:
@@ -24,7 +28,8 @@ class SaliencyGraph:
     size_m (N, 3) and yaw_rad (N,) float64 in the panorama frame; edges (E, 2) int64 with edges[:, 0] < edges[:, 1];
     bearing (N, 3) float64, unit vectors towards the nodes, unless given those of the centroids. A graph of a panorama
     without range has bearings only: centroid_m, size_m and yaw_rad are NaN, there is no edge, and saliency is a share
-    of solid angle. It can be asked of a map, not be part of one.
+    of solid angle. It can be asked of a map, not be part of one. out_of_reach: how many objects were left out because
+    they lie further than REACH_M along an axis.
     """
 
     labels: tuple[str, ...]
@@ -35,6 +40,7 @@ class SaliencyGraph:
     yaw_rad: np.ndarray
     edges: np.ndarray
     bearing: np.ndarray = None  # type: ignore[assignment]  # filled in below
+    out_of_reach: int = 0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "labels", tuple(self.labels))
@@ -99,8 +105,8 @@ class GraphConfig(Settings):
 
 
 def build_graph(detections: Detections, saliency: np.ndarray, config: GraphConfig) -> SaliencyGraph:
-    """The saliency graph of detections with known positions and their saliency (N,); where no position is known, that
-    of their bearings.
+    """The saliency graph of detections with known positions within reach and their saliency (N,); where no position is
+    known, that of their bearings.
 
     Nodes run from the most to the least salient; E(a, b) = 1 iff min(l_a, l_b) > d_s(a, b) (paper Eq. 1).
     """
@@ -108,7 +114,9 @@ def build_graph(detections: Detections, saliency: np.ndarray, config: GraphConfi
     # Ties are broken by position, not by order of detection, which turning the panorama changes.
     height = detections.centroid_m[:, 2] if placed.any() else detections.bearing[:, 2]
     known = placed if placed.any() else np.isfinite(detections.bearing).all(1)
-    keep = np.flatnonzero((saliency >= config.min_share) & known)
+    with np.errstate(invalid="ignore"):
+        far = placed & (np.abs(detections.centroid_m) > REACH_M).any(1)
+    keep = np.flatnonzero((saliency >= config.min_share) & known & ~far)
     keep = keep[np.lexsort((height[keep], -saliency[keep]))][: config.top_k]
     chosen, saliency = detections.take(keep), saliency[keep]
     if not placed.any():
@@ -128,7 +136,14 @@ def build_graph(detections: Detections, saliency: np.ndarray, config: GraphConfi
     linked = np.minimum(extent[a], extent[b]) > distance[a, b]
     edges = np.column_stack([a[linked], b[linked]])
     return SaliencyGraph(
-        chosen.labels, chosen.scores, saliency, chosen.centroid_m, chosen.size_m, chosen.yaw_rad, edges
+        chosen.labels,
+        chosen.scores,
+        saliency,
+        chosen.centroid_m,
+        chosen.size_m,
+        chosen.yaw_rad,
+        edges,
+        out_of_reach=int(far.sum()),
     )
 
 

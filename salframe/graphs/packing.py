@@ -10,7 +10,7 @@ import numpy as np
 
 from salframe.framework.errors import DataError
 from salframe.framework.files import atomic_path
-from salframe.graphs.graph import SaliencyGraph
+from salframe.graphs.graph import REACH_M, SaliencyGraph
 
 _NODE = np.dtype(
     [
@@ -33,8 +33,8 @@ def pack_graph(graph: SaliencyGraph, vocabulary: Mapping[str, int]) -> bytes:
     unknown = set(graph.labels) - set(vocabulary)
     if unknown:
         raise DataError(f"label {min(unknown)!r} is not in the vocabulary of {len(vocabulary)} labels")
-    if len(graph) and np.abs(graph.centroid_m).max() > 32.767:
-        raise DataError(f"an object lies {np.abs(graph.centroid_m).max():.1f} m away, expected at most 32.767 m")
+    if len(graph) and np.abs(graph.centroid_m).max() > REACH_M:
+        raise DataError(f"an object lies {np.abs(graph.centroid_m).max():.1f} m away, expected at most {REACH_M} m")
     nodes = np.zeros(len(graph), _NODE)
     nodes["label"] = [vocabulary[label] for label in graph.labels]
     nodes["score"] = np.round(graph.scores * 255)
@@ -73,6 +73,7 @@ def graph_to_arrays(graph: SaliencyGraph) -> dict[str, np.ndarray]:
     """The graph as named arrays, exact."""
     labels = np.array(graph.labels, dtype=np.str_)
     bearing = {"bearing": graph.bearing} if graph.bearings_only else {}  # elsewhere that of the centroids
+    out_of_reach = {"out_of_reach": np.array(graph.out_of_reach)} if graph.out_of_reach else {}
     return {
         "labels": labels,
         "scores": graph.scores,
@@ -82,6 +83,7 @@ def graph_to_arrays(graph: SaliencyGraph) -> dict[str, np.ndarray]:
         "yaw_rad": graph.yaw_rad,
         "edges": graph.edges,
         **bearing,
+        **out_of_reach,
     }
 
 
@@ -90,7 +92,8 @@ def graph_from_arrays(arrays: Mapping[str, np.ndarray]) -> SaliencyGraph:
     fields = {name: arrays[name] for name in ("scores", "saliency", "centroid_m", "size_m", "yaw_rad", "edges")}
     if "bearing" in arrays:
         fields["bearing"] = arrays["bearing"]
-    return SaliencyGraph(tuple(arrays["labels"].tolist()), **fields)
+    out_of_reach = int(arrays.get("out_of_reach", 0))
+    return SaliencyGraph(tuple(arrays["labels"].tolist()), **fields, out_of_reach=out_of_reach)
 
 
 def write_graphs(path: Path, graphs: Sequence[SaliencyGraph]) -> None:

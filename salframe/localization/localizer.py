@@ -21,6 +21,7 @@ from salframe.framework.registry import registry
 from salframe.framework.slots import slot
 from salframe.localization.answers import Localization, NodeMatches, PointMatches, RankedPlace
 from salframe.localization.posterior import Posterior, read_posterior
+from salframe.panoramas.floors import FloorMasks, read_floors, write_floors
 from salframe.panoramas.frames import FrameKind, MapFrame, QueryFrame
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.range_model import RangeModel, estimate_range
@@ -43,14 +44,15 @@ class SavedFrame(Settings):
 
 
 class SavedMap(Settings):
-    """map.json: the localizer's version and settings, a digest of what its descriptions depend on, and the frames in
-    their order."""
+    """map.json: the localizer's version and settings, a digest of what its descriptions depend on, the frames in their
+    order, and what floors.npz does not say of the floors, where any are known."""
 
     format: int
     version: str
     localizer: dict[str, Any]
     described_by: str
     frames: tuple[SavedFrame, ...]
+    floors: tuple[dict[str, Any], ...] = ()
 
 
 def range_slot() -> Any:
@@ -84,6 +86,10 @@ class Localizer(Role):
     """What is set as `range`."""
     posterior: Posterior | None = None
     """What is set as `posterior`."""
+    uses_floors: ClassVar[bool] = False
+    """Whether `index` reads `floors`, which are then saved beside the map."""
+    floors: tuple[FloorMasks, ...] = ()
+    """The map's floors seen from above; none where they are not known, or not used."""
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)
@@ -153,6 +159,10 @@ class Localizer(Role):
         """What `describe` depends on besides the panorama: the settings that are not `match_only`, and the weights."""
         return identity(self.config, describing=True)
 
+    def note(self, description: Description) -> str | None:
+        """What the user must know of a description: what of the panorama it lacks; None where there is nothing."""
+        return None
+
     def scene_bytes(self, description: Description) -> int:
         """Bytes that one place costs in the map."""
         return sum(array.nbytes for array in description.values())
@@ -185,8 +195,10 @@ class Localizer(Role):
         cache: Cache | None = None,
         dataset: str = "",
         progress: Callable[[int, int], None] | None = None,
-    ) -> None:
-        """Describe the mapping frames and index them. Raises DataError where there is none."""
+        floors: Sequence[FloorMasks] = (),
+    ) -> list[str]:
+        """Describe the mapping frames and index them, on floors where they are known; what the user must know of the
+        descriptions. Raises DataError where there is no frame."""
         if not frames:
             raise DataError("a map needs at least one mapping frame, received none")
         descriptions = []
@@ -194,13 +206,18 @@ class Localizer(Role):
             if progress:
                 progress(done, len(frames))
             descriptions.append(self.describe_frame(frame, cache, dataset)[0])
-        self.take_map(descriptions, frames)
+        self.take_map(descriptions, frames, floors)
         if progress:
             progress(len(frames), len(frames))
+        notes = ((frame, self.note(known)) for frame, known in zip(frames, descriptions, strict=True))
+        return [f"{frame.id}: {note}" for frame, note in notes if note]
 
-    def take_map(self, descriptions: Sequence[Description], frames: Sequence[MapFrame]) -> None:
-        """Index described frames and remember them for `save`."""
+    def take_map(
+        self, descriptions: Sequence[Description], frames: Sequence[MapFrame], floors: Sequence[FloorMasks] = ()
+    ) -> None:
+        """Index described frames, on floors where they are known, and remember them for `save`."""
         self._descriptions, self._frames = list(descriptions), list(frames)
+        self.floors = tuple(floors) if self.uses_floors else ()
         self.index(self._descriptions, self._frames)
 
     def localize(self, frame: MapFrame | QueryFrame) -> Localization:
@@ -222,6 +239,7 @@ class Localizer(Role):
             "localizer": self.config.model_dump(mode="json"),
             "described_by": digest(self.describe_identity()),
             "frames": frames,
+            **({"floors": write_floors(directory, self.floors)} if self.floors else {}),
         }
         write_json(directory / MAP, content)
 
@@ -245,7 +263,13 @@ class Localizer(Role):
         descriptions = self.read_descriptions(directory, len(frames))
         if len(descriptions) != len(frames):
             raise _miscounted(directory, len(descriptions), len(frames))
-        self.take_map(descriptions, frames)
+        try:
+            floors = read_floors(directory, saved.floors) if saved.floors else ()
+        except (KeyError, TypeError, AttributeError, ValueError) as error:
+            raise DataError(
+                f"{directory} tells no whole floor ({type(error).__name__}: {error}): build it again"
+            ) from None
+        self.take_map(descriptions, frames, floors)
 
     def write_descriptions(self, directory: Path, descriptions: Sequence[Description]) -> None:
         """Write the map's descriptions: one compressed array archive, unless overridden."""

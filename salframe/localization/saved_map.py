@@ -45,7 +45,9 @@ def build_map(
     """
     check_output(output, MAP)
     name, dataset, localizer = prepare(data, method, data_dir, overrides, progress, tell)
-    localizer.build(mapping_frames(dataset), Cache(), dataset.content_key, progress and partial(progress, name))
+    tracked = progress and partial(progress, name)
+    for note in localizer.build(mapping_frames(dataset), Cache(), dataset.content_key, tracked, dataset.floors()):
+        tell(note)
     with atomic_folder(output) as folder:
         localizer.save(folder)
     return localizer

@@ -12,6 +12,7 @@ from salframe.localization.answers import Localization, LocalizationStatus
 from salframe.localization.localizer import Description, Localizer
 from salframe.navigation.agent import Located
 from salframe.navigation.world import World
+from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.frames import MapFrame, QueryFrame
 from salframe.panoramas.geometry import pose_2d, pose_yaw, wrap_angle
 
@@ -44,7 +45,7 @@ class Sight:
     def look(self, world: World, T_world_pano: np.ndarray, yaw_rad: float) -> Located | None:
         """Where the localizer says that the agent is, None where it fails; `yaw_rad` is the heading where it gives no
         pose."""
-        self._take_map(world.mapping(T_world_pano))
+        self._take_map(world.mapping(T_world_pano), world.chart.map.floors)
         panorama = world.observe(T_world_pano)
         answer = self._localizer.answer(self._localizer.describe_frame(QueryFrame(panorama.id, lambda: panorama))[0])
         if not isinstance(answer, Localization):
@@ -58,8 +59,9 @@ class Sight:
         x, y, z = self._frames[best.frame].T_world_pano[:3, 3]
         return Located(pose_2d(x, y, yaw_rad, z), best.score, best.frame)
 
-    def _take_map(self, frames: Sequence[MapFrame]) -> None:
-        """Hand the localizer these frames, described once each; those that cannot be used are left out."""
+    def _take_map(self, frames: Sequence[MapFrame], floors: Sequence[FloorMasks]) -> None:
+        """Hand the localizer these frames, described once each, and the floors that they stand on; those that cannot be
+        used are left out."""
         usable = [frame for frame in frames if self._describe(frame) is not None]
         if [frame.id for frame in usable] == list(self._frames):
             return
@@ -67,7 +69,7 @@ class Sight:
             raise MethodFailed("; ".join(["no mapping frame can be used", *self._left_out[:1]]))
         self._frames = {frame.id: frame for frame in usable}
         known = [described for id in self._frames if (described := self._described[id]) is not None]
-        self._localizer.take_map(known, list(self._frames.values()))
+        self._localizer.take_map(known, list(self._frames.values()), floors)
 
     def _describe(self, frame: MapFrame) -> Description | None:
         if frame.id not in self._described:

@@ -10,12 +10,12 @@ import numpy as np
 from salframe.framework.errors import DataError, InputMissing, UnknownName, unknown
 from salframe.navigation.chart import Chart, FloorChart
 from salframe.panoramas.dataset import Dataset
-from salframe.panoramas.floors import FloorMasks
+from salframe.panoramas.floors import FloorMasks, find_floor
 from salframe.panoramas.frames import MapFrame
 from salframe.panoramas.geometry import pose_2d, pose_yaw
 from salframe.panoramas.opening import mapping_frames
 from salframe.panoramas.panorama import Panorama
-from salframe.topology.build import TopologySettings, build_topology, find_floor
+from salframe.topology.build import TopologySettings, build_topology
 from salframe.topology.grid import FloorGrid, cell
 from salframe.topology.topological_map import MapNode
 

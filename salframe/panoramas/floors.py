@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from salframe.framework.arrays import check_array
 from salframe.framework.errors import DataError
+from salframe.framework.files import read_arrays, write_arrays
+
+FLOORS = "floors.npz"
+_MASKS = ("free", "region", "obstacle")
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,3 +48,74 @@ class FloorMasks:
             raise DataError(
                 f"the masks of a floor have a resolution of {self.resolution_m} m a pixel, expected more than 0"
             )
+
+
+def find_floor(floors: Sequence[FloorMasks], xyz_m: Sequence[float] | np.ndarray) -> int | None:
+    """Which floor, of those sorted by height, a camera or an agent at this position is on: the highest below it whose
+    masks it is over."""
+    for number in reversed(range(len(floors))):
+        floor = floors[number]
+        column = (xyz_m[0] - floor.origin_m[0]) / floor.resolution_m
+        row = (floor.origin_m[1] - xyz_m[1]) / floor.resolution_m
+        over = 0 <= row < floor.free.shape[0] and 0 <= column < floor.free.shape[1]
+        if over and (floor.z_m <= xyz_m[2] or len(floors) == 1):
+            return number
+    return None
+
+
+class Regions:
+    """Which place each position of some floors belongs to: that of the nearest region, walls and sills among them."""
+
+    def __init__(self, floors: Sequence[FloorMasks]) -> None:
+        from scipy.ndimage import distance_transform_edt
+
+        self._floors = sorted(floors, key=lambda floor: floor.z_m)
+        self._labels = []
+        for floor in self._floors:
+            labelled = np.isin(floor.region, list(floor.regions))
+            nearest = distance_transform_edt(~labelled, return_distances=False, return_indices=True)
+            self._labels.append(np.where(labelled.any(), floor.region[tuple(nearest)], 0))
+
+    def at(self, xy_m: np.ndarray, camera_z_m: np.ndarray) -> list[str | None]:
+        """The places at positions (N, 2) in the world, on the floors that cameras at these heights (N,) stand on; None
+        off the masks."""
+        places: list[str | None] = []
+        for x, y, z in np.column_stack([xy_m, camera_z_m]).tolist():
+            number = find_floor(self._floors, (x, y, z))
+            if number is None:
+                places.append(None)
+                continue
+            floor, (left_m, top_m) = self._floors[number], self._floors[number].origin_m
+            pixel = int((top_m - y) / floor.resolution_m), int((x - left_m) / floor.resolution_m)
+            places.append(floor.regions.get(int(self._labels[number][pixel])))
+        return places
+
+
+def write_floors(directory: Path, floors: Sequence[FloorMasks]) -> list[dict[str, Any]]:
+    """Write the masks of floors to floors.npz in a folder, atomically; what else is to be known of them, for JSON."""
+    masks = {f"{number}/{name}": getattr(floor, name) for number, floor in enumerate(floors) for name in _MASKS}
+    write_arrays(directory / FLOORS, masks)
+    return [
+        {
+            "resolution_m": floor.resolution_m,
+            "origin_m": list(floor.origin_m),
+            "z_m": floor.z_m,
+            "regions": {str(label): name for label, name in floor.regions.items()},
+        }
+        for floor in floors
+    ]
+
+
+def read_floors(directory: Path, known: Sequence[Mapping[str, Any]]) -> tuple[FloorMasks, ...]:
+    """The floors that `write_floors` wrote, and gave as `known`. Raises DataError, and KeyError on what is missing."""
+    masks = read_arrays(directory / FLOORS)
+    return tuple(
+        FloorMasks(
+            **{name: masks[f"{number}/{name}"] for name in _MASKS},
+            resolution_m=floor["resolution_m"],
+            z_m=floor["z_m"],
+            origin_m=tuple(floor["origin_m"]),
+            regions={int(label): name for label, name in floor["regions"].items()},
+        )
+        for number, floor in enumerate(known)
+    )

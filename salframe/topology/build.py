@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from salframe.framework.errors import DataError
-from salframe.panoramas.floors import FloorMasks
+from salframe.panoramas.floors import FloorMasks, find_floor
 from salframe.panoramas.frames import FrameKind, MapFrame
 from salframe.topology.edges import components, joining_paths, make_edge, sight_pairs
 from salframe.topology.grid import FloorGrid, cell, nearest_pixel
@@ -72,19 +72,6 @@ def build_topology(
             f"the {len(floors)} floors at z = {heights} m are not connected: no edge leads from one to another"
         )
     return TopologicalMap(tuple(nodes), tuple(edges), tuple(floors), asdict(settings), tuple(notes))
-
-
-def find_floor(floors: Sequence[FloorMasks], xyz_m: np.ndarray) -> int | None:
-    """Which floor, of those sorted by height, a camera or an agent at this position is on: the highest below it whose
-    masks it is over."""
-    for number in reversed(range(len(floors))):
-        floor = floors[number]
-        column = (xyz_m[0] - floor.origin_m[0]) / floor.resolution_m
-        row = (floor.origin_m[1] - xyz_m[1]) / floor.resolution_m
-        over = 0 <= row < floor.free.shape[0] and 0 <= column < floor.free.shape[1]
-        if over and (floor.z_m <= xyz_m[2] or len(floors) == 1):
-            return number
-    return None
 
 
 def _share_out(frames: Sequence[MapFrame], floors: Sequence[FloorMasks], notes: list[str]) -> list[list[MapFrame]]:

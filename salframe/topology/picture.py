@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from salframe.framework.files import atomic_path
-from salframe.panoramas.floors import FloorMasks
-from salframe.topology.build import find_floor
+from salframe.panoramas.floors import FloorMasks, find_floor
 from salframe.topology.topological_map import MapEdge, MapNode, NodeKind, TopologicalMap
 
 if TYPE_CHECKING:

@@ -53,7 +53,9 @@ def build_topological_map(
     with atomic_folder(output) as folder:
         write_topology(folder, topology)
         if frames:
-            localizer.build(frames, Cache(), dataset.content_key, progress and partial(progress, name))
+            tracked = progress and partial(progress, name)
+            for note in localizer.build(frames, Cache(), dataset.content_key, tracked, floors):
+                tell(note)
             localizer.save(folder)
     return topology
 

@@ -12,8 +12,8 @@ import numpy as np
 from salframe.framework.defaults import default_of
 from salframe.framework.errors import DataError, NoRoute, UnknownName, unknown
 from salframe.framework.registry import registry
+from salframe.panoramas.floors import find_floor
 from salframe.panoramas.geometry import wrap_angle
-from salframe.topology.build import find_floor
 from salframe.topology.edges import joining_paths, make_edge
 from salframe.topology.grid import FloorGrid, cell, nearest_pixel, sees
 from salframe.topology.planner import Planner, Route

@@ -7,12 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from salframe.framework.errors import DataError
-from salframe.framework.files import atomic_path, read_arrays, read_json, write_arrays, write_json
-from salframe.panoramas.floors import FloorMasks
+from salframe.framework.files import atomic_path, read_json, write_json
+from salframe.panoramas.floors import read_floors, write_floors
 from salframe.topology.topological_map import MapEdge, MapNode, NodeKind, TopologicalMap
 
 TOPOLOGY, FORMAT = "topology.json", 1
-_MASKS = ("free", "region", "obstacle")
 
 
 def write_topology(directory: Path, topology: TopologicalMap) -> None:
@@ -21,24 +20,11 @@ def write_topology(directory: Path, topology: TopologicalMap) -> None:
     directory.mkdir(parents=True, exist_ok=True)
     _write_table(directory / "nodes.parquet", _node_rows(topology), _node_schema())
     _write_table(directory / "edges.parquet", [asdict(edge) for edge in topology.edges], _edge_schema())
-    masks = {
-        f"{number}/{name}": getattr(floor, name) for number, floor in enumerate(topology.floors) for name in _MASKS
-    }
-    write_arrays(directory / "floors.npz", masks)
-    floors = [
-        {
-            "resolution_m": floor.resolution_m,
-            "origin_m": list(floor.origin_m),
-            "z_m": floor.z_m,
-            "regions": {str(label): name for label, name in floor.regions.items()},
-        }
-        for floor in topology.floors
-    ]
     content = {
         "format": FORMAT,
         "parameters": dict(topology.parameters),
         "notes": list(topology.notes),
-        "floors": floors,
+        "floors": write_floors(directory, topology.floors),
     }
     write_json(directory / TOPOLOGY, content)
 
@@ -52,17 +38,7 @@ def read_topology(directory: Path) -> TopologicalMap:
     try:
         if content["format"] != FORMAT:
             raise DataError(f"{directory} has topology format {content['format']}, expected {FORMAT}: build it again")
-        masks = read_arrays(directory / "floors.npz")
-        floors = tuple(
-            FloorMasks(
-                **{name: masks[f"{number}/{name}"] for name in _MASKS},
-                resolution_m=floor["resolution_m"],
-                z_m=floor["z_m"],
-                origin_m=tuple(floor["origin_m"]),
-                regions={int(label): name for label, name in floor["regions"].items()},
-            )
-            for number, floor in enumerate(content["floors"])
-        )
+        floors = read_floors(directory, content["floors"])
         nodes = tuple(
             MapNode(
                 row["id"],

@@ -8,7 +8,14 @@ from salframe.framework.errors import DataError, InvalidAnswer
 from salframe.graphs.boxes import LEAST_SIDE_M, detections_from_points, upright_box
 from salframe.graphs.detections import Detections
 from salframe.graphs.graph import GraphConfig, box_distances, build_graph
-from salframe.graphs.packing import pack_graph, read_graphs, unpack_graph, write_graphs
+from salframe.graphs.packing import (
+    graph_from_arrays,
+    graph_to_arrays,
+    pack_graph,
+    read_graphs,
+    unpack_graph,
+    write_graphs,
+)
 
 
 def box_points(centre, size, yaw=0.0, count=4000, seed=0):
@@ -132,3 +139,13 @@ def test_graph_table_is_read_back_exactly(graph, tmp_path):
     (tmp_path / "bad.parquet").write_bytes(b"PAR1 no")
     with pytest.raises(DataError, match=r"bad\.parquet is not a table of graphs"):
         read_graphs(tmp_path / "bad.parquet", 1)
+
+
+def test_an_object_out_of_reach_is_left_out_and_counted():
+    """64 m away, through a hole in the range: it costs itself, not the panorama."""
+    far = np.array([[1.0, 0.0, 0.0], [64.0, 0.0, 0.0], [0.0, -32.0, 0.0]])
+    seen = Detections(("bed", "sofa", "lamp"), np.ones(3), far, np.ones((3, 3)), np.zeros(3))
+    graph = build_graph(seen, np.full(3, 1 / 3), GraphConfig())
+    assert (sorted(graph.labels), graph.out_of_reach) == (["bed", "lamp"], 1)
+    assert graph_from_arrays(graph_to_arrays(graph)).out_of_reach == 1
+    assert len(pack_graph(graph, {"bed": 0, "lamp": 1})) == 2 + 18 * 2 + 1

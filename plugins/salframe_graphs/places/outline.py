@@ -1,0 +1,83 @@
+"""The outline of free space: how far a panorama sees at the height of furniture, by azimuth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from salframe.panoramas.geometry import equirectangular_rays
+
+BINS = 72
+LOWEST_M, HIGHEST_M = 0.35, 0.8
+"""Heights over the camera whose points make the outline: over most furniture and under lintels."""
+_ERROR_LOG, _STRAY, _PEAK = 0.1, 0.15, 3.0
+"""Standard deviation of the logarithm of a range, the share of bins that do not fit, and the ratio of one that does."""
+_LARGEST_M = 65.535
+
+
+def free_outline(range_m: np.ndarray) -> np.ndarray:
+    """(BINS,) float32 metres: the median horizontal range of the points LOWEST_M to HIGHEST_M over the camera, by
+    azimuth from +x on, counter-clockwise; NaN where there is none. range_m (H, 2H)."""
+    points = (equirectangular_rays(len(range_m)) * range_m[..., None]).reshape(-1, 3)
+    points = points[(points[:, 2] > LOWEST_M) & (points[:, 2] < HIGHEST_M)]  # NaN is neither
+    bin_ = _bin(np.arctan2(points[:, 1], points[:, 0]))
+    order = np.argsort(bin_, kind="stable")
+    parts = np.split(np.hypot(points[order, 0], points[order, 1]), np.searchsorted(bin_[order], np.arange(1, BINS)))
+    return np.array([np.median(part) if len(part) else np.nan for part in parts], np.float32)
+
+
+def pack_outline(outline_m: np.ndarray) -> bytes:
+    """The outline in millimetres, two bytes a bin, 0 where it is not known."""
+    known = np.minimum(np.nan_to_num(outline_m), _LARGEST_M)
+    return np.round(known * 1000).astype("<u2").tobytes()
+
+
+@dataclass(frozen=True, eq=False)
+class MapOutlines:
+    """The outlines of K places' frames, padded to F a place: range_m (K, F, BINS), NaN where not known; corners_m
+    (K, F, BINS, 2), their points in the world; pose (K, F, 3), x, y and yaw of where each was seen. Single precision:
+    the outline is a few centimetres rough."""
+
+    range_m: np.ndarray
+    corners_m: np.ndarray
+    pose: np.ndarray
+
+    @classmethod
+    def of(cls, range_m: np.ndarray, pose: np.ndarray) -> MapOutlines:
+        """Of outlines and where they were seen."""
+        return cls(*(a.astype(np.float32) for a in (range_m, _corners(range_m, pose[..., :2], pose[..., 2]), pose)))
+
+    def ratio(self, query_m: np.ndarray, place: np.ndarray, shift_m: np.ndarray, yaw_rad: np.ndarray) -> np.ndarray:
+        """(C,) log likelihood ratio of a query's outline (BINS,) under C poses place (C,), shift_m (C, 2), yaw_rad
+        (C,): the place's outlines seen from the pose and the query's from theirs, bin by bin, the best frame's sum. 0
+        where no frame has an outline."""
+        query_m, shift_m, yaw_rad = (a.astype(np.float32) for a in (query_m, shift_m, yaw_rad))
+        range_m, corners, pose = self.range_m[place], self.corners_m[place], self.pose[place]
+        here = _corners(query_m, shift_m, yaw_rad)
+        forth = _fit(corners - shift_m[:, None, None], yaw_rad[:, None, None], np.broadcast_to(query_m, range_m.shape))
+        back = _fit(here[:, None] - pose[:, :, None, :2], pose[:, :, 2:], range_m)
+        total = np.where(np.isfinite(range_m).any(2), forth + back, -np.inf).max(1)
+        return np.where(np.isfinite(total), total, 0).astype(np.float64)
+
+
+def _fit(offset_m: np.ndarray, yaw_rad: np.ndarray, outline_m: np.ndarray) -> np.ndarray:
+    """(C, F) how well points (C, F, BINS, 2), relative to where an outline (C, F, BINS) was seen, lie on it."""
+    x, y = offset_m[..., 0], offset_m[..., 1]
+    expected = np.take_along_axis(outline_m, _bin(np.arctan2(y, x) - yaw_rad), -1)
+    with np.errstate(divide="ignore"):
+        off = (0.5 / _ERROR_LOG) * np.log((x * x + y * y) / (expected * expected))
+    ratio = np.log(_STRAY + (1 - _STRAY) * _PEAK * np.exp(-0.5 * np.minimum(off * off, 50)))
+    return np.where(np.isfinite(off), ratio, 0).sum(-1)
+
+
+def _corners(outline_m: np.ndarray, position_m: np.ndarray, yaw_rad: np.ndarray) -> np.ndarray:
+    """(..., BINS, 2) the outline's points in the world."""
+    azimuth = (np.arange(BINS, dtype=yaw_rad.dtype) + 0.5) * (2 * np.pi / BINS) + yaw_rad[..., None]
+    return position_m[..., None, :] + outline_m[..., None] * np.stack([np.cos(azimuth), np.sin(azimuth)], -1)
+
+
+def _bin(azimuth_rad: np.ndarray) -> np.ndarray:
+    """The bin of azimuths; of one that is not known, 0."""
+    turn = np.nan_to_num(azimuth_rad) % (2 * np.pi)
+    return np.minimum((turn * (BINS / (2 * np.pi))).astype(np.int64), BINS - 1)

@@ -1,0 +1,177 @@
+"""The localizer `saliency-places` end to end on object lists: regions, maps on disk, queries without range."""
+
+from functools import partial
+
+import numpy as np
+import pytest
+from salframe_graphs.localizer import SaliencyGraphLocalizer
+from salframe_graphs.places.localizer import SaliencyPlacesLocalizer
+from salframe_graphs.places.rates import read_rates, shipped_rates
+
+from salframe.framework.errors import ConfigError
+from salframe.framework.identity import UserFile, identity
+from salframe.graphs.detections import unit_vectors
+from salframe.localization.localizer import read_map
+from salframe.panoramas.floors import FloorMasks
+from salframe.panoramas.frames import FrameKind, MapFrame, QueryFrame
+from salframe.panoramas.geometry import invert_pose, pose_2d, pose_errors, transform_points
+from salframe.panoramas.panorama import Annotations, ObjectBoxes, Panorama
+
+LABELS = ("bed", "sofa", "chair", "table", "lamp", "plant", "tv", "desk")
+CENTRES = {"a": (0.0, 0.0), "b": (6.0, 0.0)}
+RNG = np.random.default_rng(7)
+ROOMS = {
+    name: (
+        [str(label) for label in RNG.choice(LABELS, 7)],
+        np.column_stack([RNG.uniform(-2.5, 2.5, (7, 2)), RNG.uniform(-1, 1, 7)]) + np.array([*centre, 0]),
+    )
+    for name, centre in CENTRES.items()
+}
+SIZE_M = np.array([1.0, 0.8, 0.6])
+
+
+def panorama(name, rooms, T_world_pano):
+    """Of all objects of some rooms."""
+    labels = [label for room in rooms for label in ROOMS[room][0]]
+    seen = transform_points(invert_pose(T_world_pano), np.concatenate([ROOMS[room][1] for room in rooms]))
+    objects = ObjectBoxes(
+        labels, tuple(map(str, range(len(labels)))), seen, np.tile(SIZE_M, (len(labels), 1)), seen[:, 0] * 0
+    )
+    return Panorama(name, annotations=Annotations(objects=objects))
+
+
+def frame(name, place, rooms, x_m, yaw_rad=0.0, kind=FrameKind.SCENE):
+    T = pose_2d(x_m, 0.2, yaw_rad)
+    return MapFrame(name, place, T, kind, partial(panorama, name, rooms, T))
+
+
+FRAMES = [
+    frame("a1", "a", ["a"], -1.0),
+    frame("a2", "a", ["a"], 1.0, 2.0),
+    frame("b1", "b", ["b"], 6.5, -1.0),
+    frame("door", "a-b", ["a", "b"], 3.0, 0.5, FrameKind.TRANSITION),
+]
+
+
+def floor():
+    """Two rooms beside each other, x from -3 to 3 and from 3 to 9 m."""
+    region = np.ones((60, 120), np.int32)
+    region[:, 60:] = 2
+    whole = np.ones(region.shape, bool)
+    return FloorMasks(whole, region, ~whole, 0.1, (-3.0, 3.0), {1: "a", 2: "b"})
+
+
+def localizer(floors=(), **settings):
+    made = SaliencyPlacesLocalizer(SaliencyPlacesLocalizer.Config(detector="annotations", **settings))
+    made.build(FRAMES, floors=floors)
+    return made
+
+
+def asked(rooms, x_m, y_m=0.0, yaw_rad=1.0):
+    T = pose_2d(x_m, y_m, yaw_rad)
+    return QueryFrame("query", partial(panorama, "query", rooms, T)), T
+
+
+@pytest.mark.parametrize("merged", [True, False])
+@pytest.mark.parametrize("floors", [(), (floor(),)], ids=["alone", "with-floors"])
+def test_place_and_pose(floors, merged):
+    made = localizer(floors, merged=merged)
+    for room, x_m in (("a", 0.4), ("b", 5.5)):
+        query, T = asked([room], x_m)
+        answer = made.localize(query)
+        assert (answer.status, answer.places[0].place) == ("ok", room)
+        assert max(pose_errors(answer.T_world_query, T)) < 0.01
+        assert answer.covariance.shape == (3, 3)
+        assert (np.linalg.eigvalsh(answer.covariance) > 0).all()
+
+
+def test_the_answer_is_the_region_that_holds_the_pose():
+    """From room b through the open door the objects of a are seen, and none of b."""
+    query, T = asked(["a"], 3.4)
+    answers = {known: localizer([floor()] if known else ()).localize(query) for known in (True, False)}
+    assert {known: answer.places[0].place for known, answer in answers.items()} == {True: "b", False: "a"}
+    assert all(max(pose_errors(answer.T_world_query, T)) < 0.01 for answer in answers.values())
+    assert {ranked.place for ranked in answers[True].places} == {"a", "b"}
+
+
+def test_the_answer_names_the_scene_frame_nearest_to_the_pose():
+    made = localizer()
+    for x_m, name in ((-0.6, "a1"), (0.7, "a2")):
+        assert made.localize(asked(["a"], x_m)[0]).places[0].frame == name
+
+
+def test_a_map_opened_again_answers_alike(tmp_path):
+    made = localizer([floor()])
+    made.save(tmp_path)
+    again = SaliencyPlacesLocalizer(SaliencyPlacesLocalizer.Config(detector="annotations"))
+    again.load(tmp_path)
+    assert len(read_map(tmp_path).floors) == 1
+    for rooms, x_m in ((["a"], 3.4), (["b"], 5.0)):
+        before, after = (one.localize(asked(rooms, x_m)[0]) for one in (made, again))
+        assert before.places == after.places
+        np.testing.assert_array_equal(before.T_world_query, after.T_world_query)
+        np.testing.assert_array_equal(before.covariance, after.covariance)
+
+
+def test_failing_is_a_status():
+    made = localizer()
+
+    def answer(objects):
+        return made.localize(QueryFrame("q", lambda: Panorama("q", annotations=Annotations(objects=objects))))
+
+    def alone(label):
+        return ObjectBoxes([label], ("1",), np.ones((1, 3)), np.ones((1, 3)), np.zeros(1))
+
+    assert answer(ObjectBoxes.empty()).status == "no-objects"
+    assert answer(alone("spaceship")).status == "no-match"
+    one = answer(alone(ROOMS["a"][0][0]))
+    assert (one.status, one.T_world_query) == ("no-pose", None)
+    assert len(one.places) == 2
+
+
+def test_an_outline_is_remembered_where_there_is_range():
+    seen = panorama("q", ["a"], np.eye(4))
+    ranged = Panorama("q", range_m=np.full((90, 180), 3.0, np.float32), annotations=seen.annotations)
+    with_outline, without = (
+        SaliencyPlacesLocalizer(SaliencyPlacesLocalizer.Config(detector="annotations", outline=outline))
+        for outline in (True, False)
+    )
+    plain = without.describe(ranged)
+    assert set(with_outline.describe(ranged)) - set(plain) == {"outline_m"}
+    assert set(with_outline.describe(seen)) == set(plain)
+    grown = with_outline.scene_bytes(with_outline.describe(ranged)) - without.scene_bytes(plain)
+    assert grown == 144
+
+
+def test_rates_come_from_a_file_or_the_settings(tmp_path):
+    content = shipped_rates().model_copy(update={"clutter": 0.5})
+    path = tmp_path / "rates.json"
+    path.write_text(content.model_dump_json())
+    Config = SaliencyPlacesLocalizer.Config
+    named, filed, given = (
+        Config(detector="annotations", rates=rates) for rates in (None, str(path), content.model_dump())
+    )
+    assert isinstance(filed.rates, UserFile)
+    assert named.rates is None
+    assert read_rates(filed.rates) == given.rates == content
+    assert identity(named) != identity(filed) != identity(given)
+    assert identity(named, describing=True) == identity(filed, describing=True)
+    path.write_text("clutter: -1")
+    with pytest.raises(ConfigError, match=r"rates\.json: .*label_agreement is missing"):
+        read_rates(filed.rates)
+
+
+@pytest.mark.parametrize("scale", [0.0, 0.3])
+def test_without_sure_range_it_answers_as_single_panoramas_do(scale):
+    """Of bearings alone, and where ranges may be off by a factor."""
+    matcher = {"kind": "triplet", "largest_scale_error": scale}
+    single = SaliencyGraphLocalizer(SaliencyGraphLocalizer.Config(detector="annotations", matcher=matcher))
+    single.build(FRAMES)
+    description = dict(single.describe(panorama("q", ["b"], pose_2d(5.5, 0, 0.4))))
+    if not scale:
+        unknown = {name: np.full_like(description[name], np.nan) for name in ("centroid_m", "size_m", "yaw_rad")}
+        bearing = unit_vectors(description["centroid_m"])
+        description |= {**unknown, "edges": np.zeros((0, 2), np.int64), "bearing": bearing}
+    answer, expected = localizer(matcher=matcher).match(description), single.match(description)
+    assert answer.places == expected.places
+    assert answer.places[0].place == "b"
