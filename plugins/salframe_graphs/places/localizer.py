@@ -93,7 +93,7 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
 
     def match(self, description: Description) -> Localization:
         query = graph_from_arrays(description)
-        if query.bearings_only or getattr(self.config.matcher, "largest_scale_error", 0):  # no metric positions
+        if query.bearings_only or getattr(self.config.matcher, "largest_scale_error", 0.0) > 0:  # no metric positions
             if self._index is None:
                 self._index = self._matcher.index(self._graphs)
             return super().match(description)
