@@ -159,7 +159,7 @@ def test_an_empty_dataset(data):
 
 def test_an_unknown_method_tells_the_closest(data):
     done = run("compare", "--methods", "objects,propsed", "--data", "./data")
-    assert_one_line(done, r"unknown method 'propsed', did you mean 'proposed'\? Known: .*objects, .*paper, proposed")
+    assert_one_line(done, r"unknown method 'propsed', did you mean 'proposed'\? Known: .*objects, .*paper, .*proposed")
     assert not Path("runs").exists()
 
 
