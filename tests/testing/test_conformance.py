@@ -207,9 +207,11 @@ class Filed(Described):
 def test_files_are_found_wherever_they_are():
     check_files(Filed.Config())
     assert {file.key: file.match_only for file in _user_files(Filed.Config())} == {
+        "noise": False,
         "tables.files": False,
         "tables.last": True,
         "detector.model": False,
+        "others[0].noise": False,
         "others[1].model": False,
     }
 
