@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 
 from salframe.framework.config import match_only
@@ -27,11 +26,15 @@ class ImageMatcher(TrainedMatcher):
         max_keypoints: int = match_only(512, ge=16, description="SIFT keypoints a view that the shortlist is made by")
 
     def __init__(self, config: Config | None = None) -> None:
+        import cv2
+
         super().__init__(config)
         self._sift = cv2.SIFT.create(nfeatures=self.config.max_keypoints)
 
     def extract(self, images: np.ndarray) -> list[View]:
         """See FeatureMatcher."""
+        import cv2
+
         rows, columns = (np.arange(0, size, self.stride_px, dtype=np.uint16) for size in images.shape[1:3])
         grid = np.stack(np.meshgrid(columns, rows), -1).reshape(-1, 2)
         quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
@@ -59,6 +62,8 @@ def require_multiples(name: str, view_size_px: tuple[int, int], multiple_px: int
 
 def decode(view: View) -> np.ndarray:
     """(h, w) uint8 grey image of a view. Raises DataError where it is damaged."""
+    import cv2
+
     image = cv2.imdecode(view.features, cv2.IMREAD_GRAYSCALE)
     if image is None:
         raise DataError(f"a view holds {len(view.features)} bytes that are no JPEG: build the map again")

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import ClassVar
 
-import cv2
 import numpy as np
 from pydantic import Field
 
@@ -71,6 +70,8 @@ class Keypoints(Localizer):
         points_px (K, 2); range_m (K,) float32, NaN where unknown; features, their rows of all views; point_count,
         feature_count (V,) int64.
         """
+        import cv2
+
         if panorama.rgb is None:
             raise InputMissing(f"{panorama.id} has no colour, which {self.name} describes")
         views = self._matcher.extract(self._rig.cut(panorama.rgb))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-import cv2
 import numpy as np
 from pydantic import Field
 
@@ -27,6 +26,8 @@ class Sift(DescriptorMatcher):
         max_keypoints: int = Field(512, ge=16, description="keypoints a view")
 
     def __init__(self, config: Config | None = None) -> None:
+        import cv2
+
         super().__init__(config)
         self._sift = cv2.SIFT.create(nfeatures=self.config.max_keypoints)
 
@@ -64,4 +65,6 @@ def root_sift(descriptors: np.ndarray) -> np.ndarray:
 
 def gray(images: Iterable[np.ndarray]) -> list[np.ndarray]:
     """(h, w) uint8 luminance of each (h, w, 3) uint8 RGB image."""
+    import cv2
+
     return [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in images]

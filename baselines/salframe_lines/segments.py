@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from functools import lru_cache
 
-import cv2
 import numpy as np
 
 from salframe.panoramas.geometry import rays_to_pixels
@@ -28,6 +27,8 @@ def find_segments(rgb: np.ndarray, valid: np.ndarray | None) -> np.ndarray:
     raising the contrast first (CLAHE) costs more, since texture turns into segments. valid (H, 2H) bool: where the
     panorama was seen, None for all of it.
     """
+    import cv2
+
     height = rgb.shape[0]
     gray = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
     detector = cv2.createLineSegmentDetector(cv2.LSD_REFINE_STD, LSD_SCALE)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
-import cv2
 import numpy as np
 from pydantic import Field
 
@@ -108,6 +107,8 @@ class OnnxDepth(RangeModel):
 
     @from_bright_side
     def estimate(self, panorama: Panorama) -> np.ndarray:
+        import cv2
+
         if panorama.rgb is None:
             raise InputMissing(f"{panorama.id} has no colour, which the range model {self.name!r} reads")
         image, height = panorama.rgb, len(panorama.rgb)
@@ -131,6 +132,8 @@ class OnnxDepth(RangeModel):
 
     def _whole(self, image: np.ndarray) -> np.ndarray:
         """(h, 2h) float32, 1 / range in the network's scale, by the whole panorama (H, 2H, 3)."""
+        import cv2
+
         shown = cv2.resize(image, self._size_px, interpolation=cv2.INTER_AREA)
         (depth,) = self._look_at(shown[None])
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -139,6 +142,8 @@ class OnnxDepth(RangeModel):
     def _merged(self, image: np.ndarray, valid: np.ndarray | None) -> np.ndarray:
         """(h, 2h) float32, 1 / range in the network's scale, by overlapping views of a panorama (H, 2H, 3) of which
         valid (H, 2H) was seen."""
+        import cv2
+
         rig = DepthRig.around(self.config.views, *self._size_px, np.radians(self.config.fov_deg))
         rays = equirectangular_rays(ALIGNED_ROWS)
         looks = [rig.look(view, rays) for view in range(rig.count)]

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-import cv2
 import numpy as np
 
 from salframe.panoramas.perspective import ViewRig
@@ -60,6 +59,8 @@ class Look:
     def sample(self, image: np.ndarray) -> np.ndarray:
         """(...) float32 values of a view's image (h, w) of any size at the rays (h, w), bilinear, NaN outside the
         view."""
+        import cv2
+
         height, width = image.shape
         columns, rows = (self.x + 1) * (width / 2) - 0.5, (self.y + 1) * (height / 2) - 0.5
         values = cv2.remap(

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import accumulate
 
-import cv2
 import numpy as np
 
 from salframe.panoramas.geometry import equirectangular_rays, rays_to_pixels
@@ -41,6 +40,8 @@ class Rig:
 
     def cut(self, image: np.ndarray) -> np.ndarray:
         """(V, height_px, width_px, 3) uint8 views of an equirectangular uint8 image (H, 2H, 3), bilinear."""
+        import cv2
+
         # Far finer than the views: average first, or they alias. Of a height divisible by four quarter turns stay whole
         # columns.
         rows = 4 * round(self.focal_px * np.pi / 4)

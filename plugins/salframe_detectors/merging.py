@@ -3,7 +3,6 @@ show of it."""
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 
 from salframe_detectors.detection_decoder import Found
@@ -21,6 +20,8 @@ LEAST_SHARED = 0.1
 
 def suppress(found: Found, overlap: float) -> Found:
     """Of boxes of one class whose intersection over union exceeds `overlap`, the one with the best score alone."""
+    import cv2
+
     if not len(found.score):
         return found
     corner, size = found.box_px[:, :2], found.box_px[:, 2:] - found.box_px[:, :2]

@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from salframe.panoramas.geometry import equirectangular_rays, invert_pose
@@ -52,6 +51,8 @@ def stitch_range(
     the camera that sees it nearest to the middle of its picture: readings are never averaged, which would put points
     between a chair and the wall behind it.
     """
+    import cv2
+
     range_m = np.full((height, 2 * height), np.nan, np.float32)
     best = np.zeros_like(range_m)
     for depth_m, camera in zip(z_depth_m, cameras, strict=True):
@@ -78,6 +79,8 @@ def stitch_color(
     pictures: (h, w, 3) uint8 a camera. Where pictures overlap they are blended, each by its distance from its own
     border.
     """
+    import cv2
+
     height = len(range_m)
     total, weights = np.zeros((*range_m.shape, 3), np.float32), np.zeros(range_m.shape, np.float32)
     for picture, camera in zip(pictures, cameras, strict=True):

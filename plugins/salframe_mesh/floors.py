@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from salframe.framework.errors import DataError
@@ -69,6 +68,8 @@ def _of_house(path: Path) -> list[Room]:
 def floor_masks(surface: Surface, renderer: Renderer, rooms: Sequence[Room], resolution_m: float) -> FloorMasks:
     """The masks of the rooms of one level. Free is floor that a ray from above finds; an obstacle is what that ray
     meets 0.1 to 1.5 m above the floor, or what level cuts of the mesh show in between."""
+    import cv2
+
     floor_m = float(np.median([room.floor_m for room in rooms]))
     corners = np.concatenate([outline for room in rooms for outline in room.outlines_m])
     left_m, top_m = corners[:, 0].min() - _MARGIN_M, corners[:, 1].max() + _MARGIN_M

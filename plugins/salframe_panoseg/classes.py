@@ -3,7 +3,6 @@ other."""
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 
 from salframe.panoramas.geometry import equirectangular_rays
@@ -22,6 +21,8 @@ def network_input(rgb: np.ndarray, range_m: np.ndarray) -> np.ndarray:
 
     rgb (H, 2H, 3) uint8; range_m (H, 2H) float32, NaN where unknown, which gives nearness and height 0.
     """
+    import cv2
+
     size = (2 * HEIGHT, HEIGHT)
     if rgb.shape[0] != HEIGHT:
         rgb = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA)
@@ -39,6 +40,8 @@ def network_input(rgb: np.ndarray, range_m: np.ndarray) -> np.ndarray:
 
 def smaller(image: np.ndarray) -> np.ndarray:
     """An image (H, 2H) of ranges or ids at the network's size, each pixel one of those that it covers."""
+    import cv2
+
     if image.shape[0] == HEIGHT:
         return image
     return cv2.resize(image, (2 * HEIGHT, HEIGHT), interpolation=cv2.INTER_NEAREST)

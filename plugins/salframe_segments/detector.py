@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
-import cv2
 import numpy as np
 from pydantic import Field, model_validator
 
@@ -256,6 +255,8 @@ def _thin(scores: np.ndarray) -> np.ndarray:
 
 def _smaller(image: np.ndarray) -> np.ndarray:
     """An image (H, 2H) of ranges or a mask with HEIGHT rows, each pixel one of those that it covers."""
+    import cv2
+
     return cv2.resize(image, (2 * HEIGHT, HEIGHT), interpolation=cv2.INTER_NEAREST)
 
 

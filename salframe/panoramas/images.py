@@ -4,28 +4,29 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from salframe.framework.errors import DataError
 from salframe.framework.files import atomic_path
 
-_ENCODING = {
-    ".png": [cv2.IMWRITE_PNG_COMPRESSION, 2],
-    ".jpg": [cv2.IMWRITE_JPEG_QUALITY, 93],
-    ".jpeg": [cv2.IMWRITE_JPEG_QUALITY, 93],
-}
+_PNG_COMPRESSION, _JPEG_QUALITY = 16, 1
+"""cv2.IMWRITE_PNG_COMPRESSION, cv2.IMWRITE_JPEG_QUALITY: OpenCV is imported where it is used."""
+_ENCODING = {".png": [_PNG_COMPRESSION, 2], ".jpg": [_JPEG_QUALITY, 93], ".jpeg": [_JPEG_QUALITY, 93]}
 _MILLIMETRES = 1000
 _MOST = np.iinfo(np.uint16).max
 
 
 def read_color(path: Path) -> np.ndarray:
     """(H, W, 3) uint8 RGB. Raises DataError."""
+    import cv2
+
     return cv2.cvtColor(_read(path, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
 
 
 def write_color(path: Path, rgb: np.ndarray) -> None:
     """Write (H, W, 3) uint8 RGB as JPEG or PNG, by the path's suffix."""
+    import cv2
+
     _write(path, cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))
 
 
@@ -43,6 +44,8 @@ def write_range(path: Path, range_m: np.ndarray) -> None:
 
 def read_ids(path: Path) -> np.ndarray:
     """(H, W) int32 of a 16-bit grey image. Raises DataError."""
+    import cv2
+
     image = _read(path, cv2.IMREAD_UNCHANGED)
     if image.dtype != np.uint16 or image.ndim != 2:
         channels = 1 if image.ndim == 2 else image.shape[2]
@@ -59,6 +62,8 @@ def write_ids(path: Path, ids: np.ndarray) -> None:
 
 def read_mask(path: Path) -> np.ndarray:
     """(H, W) bool, true where the image is not black. Raises DataError."""
+    import cv2
+
     return _read(path, cv2.IMREAD_GRAYSCALE) > 0
 
 
@@ -68,6 +73,8 @@ def write_mask(path: Path, mask: np.ndarray) -> None:
 
 
 def _read(path: Path, mode: int) -> np.ndarray:
+    import cv2
+
     try:
         content = path.read_bytes()
     except OSError as error:
@@ -81,6 +88,8 @@ def _read(path: Path, mode: int) -> np.ndarray:
 
 
 def _write(path: Path, image: np.ndarray) -> None:
+    import cv2
+
     if path.suffix.lower() not in _ENCODING:
         raise DataError(f"cannot write {path}, expected a name that ends in {', '.join(_ENCODING)}")
     with atomic_path(path) as temporary:

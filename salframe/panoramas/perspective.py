@@ -6,7 +6,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
-import cv2
 import numpy as np
 
 from salframe.panoramas.geometry import rays_to_pixels
@@ -57,6 +56,8 @@ class ViewRig:
 
     def cut(self, image: np.ndarray) -> np.ndarray:
         """(V, height, width, C) views of an equirectangular uint8 image (H, 2H, C), bilinear."""
+        import cv2
+
         if (
             image.shape[0] * self.hfov_rad / np.pi > 2 * self.width_px
         ):  # far finer than the views: average first, or they alias
