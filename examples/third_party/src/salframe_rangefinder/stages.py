@@ -41,7 +41,7 @@ class BoxSizes(GraphMatcher):
 
     def _match(self, query, graph, scene):
         apart_m = np.abs(query.size_m[:, None] - graph.size_m).max(-1, initial=0)
-        alike = np.exp(-apart_m / self.config.tolerance_m)
+        alike = np.nan_to_num(np.exp(-apart_m / self.config.tolerance_m))  # without range there is no size
         alike *= np.array(query.labels, str)[:, None] == np.array(graph.labels, str)
         rows, columns = linear_sum_assignment(alike, maximize=True)
         paired = alike[rows, columns] > 0
