@@ -19,7 +19,7 @@ from salframe.graphs.detections import Detections
 from salframe.graphs.detector import Detector
 from salframe.graphs.pixels import without_strays
 from salframe.graphs.turning import from_near_side
-from salframe.panoramas.geometry import equirectangular_rays
+from salframe.panoramas.geometry import equirectangular_rays, pixel_solid_angles
 from salframe.panoramas.panorama import Panorama
 from salframe_segments.card import Calibration, Card, card_beside, read_card, shipped_card
 from salframe_segments.instances import find_instances
@@ -142,7 +142,7 @@ class SegmentsDetector(Detector):
         """See Detector. Raises InputMissing where the panorama has no colour."""
         pixels = self.classify(panorama)
         rays = equirectangular_rays(HEIGHT)
-        area_sr = np.broadcast_to(_row_area_sr()[:, None], pixels.seen.shape)
+        area_sr = np.broadcast_to(pixel_solid_angles(HEIGHT)[:, None], pixels.seen.shape)
         points_m = None
         if panorama.range_m is not None:
             points_m = rays * _smaller(panorama.range_m)[..., None]
@@ -258,9 +258,3 @@ def _smaller(image: np.ndarray) -> np.ndarray:
     import cv2
 
     return cv2.resize(image, (2 * HEIGHT, HEIGHT), interpolation=cv2.INTER_NEAREST)
-
-
-def _row_area_sr() -> np.ndarray:
-    """(HEIGHT,) float64: how much of the sphere a pixel of each row covers."""
-    edge = np.cos(np.pi * np.arange(HEIGHT + 1) / HEIGHT)
-    return (edge[:-1] - edge[1:]) * np.pi / HEIGHT

@@ -119,22 +119,7 @@ def build_graph(detections: Detections, saliency: np.ndarray, config: GraphConfi
     keep = np.flatnonzero((saliency >= config.min_share) & known & ~far)
     keep = keep[np.lexsort((height[keep], -saliency[keep]))][: config.top_k]
     chosen, saliency = detections.take(keep), saliency[keep]
-    if not placed.any():
-        return SaliencyGraph(
-            chosen.labels,
-            chosen.scores,
-            saliency,
-            chosen.centroid_m,
-            chosen.size_m,
-            chosen.yaw_rad,
-            np.zeros((0, 2), np.int64),
-            chosen.bearing,
-        )
-    extent = chosen.size_m.mean(1) if config.extent == "mean" else chosen.size_m.max(1, initial=0)
-    distance = box_distances(chosen) if config.distance == "surface" else _centroid_distances(chosen.centroid_m)
-    a, b = np.triu_indices(len(chosen), 1)
-    linked = np.minimum(extent[a], extent[b]) > distance[a, b]
-    edges = np.column_stack([a[linked], b[linked]])
+    bearings_only = not placed.any()
     return SaliencyGraph(
         chosen.labels,
         chosen.scores,
@@ -142,9 +127,19 @@ def build_graph(detections: Detections, saliency: np.ndarray, config: GraphConfi
         chosen.centroid_m,
         chosen.size_m,
         chosen.yaw_rad,
-        edges,
+        np.zeros((0, 2), np.int64) if bearings_only else _edges(chosen, config),
+        chosen.bearing if bearings_only else None,
         out_of_reach=int(far.sum()),
     )
+
+
+def _edges(chosen: Detections, config: GraphConfig) -> np.ndarray:
+    """(E, 2) int64 pairs of nodes in context (paper Eq. 1)."""
+    extent = chosen.size_m.mean(1) if config.extent == "mean" else chosen.size_m.max(1, initial=0)
+    distance = box_distances(chosen) if config.distance == "surface" else _centroid_distances(chosen.centroid_m)
+    a, b = np.triu_indices(len(chosen), 1)
+    linked = np.minimum(extent[a], extent[b]) > distance[a, b]
+    return np.column_stack([a[linked], b[linked]])
 
 
 def _centroid_distances(centroid_m: np.ndarray) -> np.ndarray:
