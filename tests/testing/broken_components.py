@@ -23,7 +23,6 @@ from salframe.framework.identity import UserFile, identity
 from salframe.graphs.detections import Detections
 from salframe.localization.positioner import PoseEstimate
 from salframe.panoramas.geometry import pose_2d
-from salframe.panoramas.range_model import RangeModel, from_bright_side
 from salframe.testing.rooms import HEIGHT_PX
 
 
@@ -467,67 +466,6 @@ class Backwards(Inline):
         return reversed(list(super().map(function, items)))
 
 
-class Ranging(RangeModel):
-    """A range model that is broken in one way."""
-
-    name, version = "ranging", "1"
-
-    @from_bright_side
-    def estimate(self, panorama):
-        return (1 + panorama.rgb.mean(-1) / 64).astype(np.float32)
-
-
-class Sensing(Ranging):
-    """Broken."""
-
-    needs = frozenset({"rgb", "range"})
-
-
-class Double(Ranging):
-    """Broken."""
-
-    def estimate(self, panorama):
-        return super().estimate(panorama).astype(float)
-
-
-class Narrow(Ranging):
-    """Broken."""
-
-    def estimate(self, panorama):
-        return super().estimate(panorama)[:, ::2]
-
-
-class Zeroing(Ranging):
-    """Broken."""
-
-    def estimate(self, panorama):
-        return np.where(panorama.rgb.mean(-1) < 60, np.float32(0), super().estimate(panorama))
-
-
-class Blinded(Ranging):
-    """Broken."""
-
-    def estimate(self, panorama):
-        if not panorama.rgb.any():
-            raise ValueError("nothing to see")
-        return super().estimate(panorama)
-
-
-class Wavering(Ranging):
-    """Broken."""
-
-    def estimate(self, panorama):
-        return super().estimate(panorama) * np.float32(np.random.default_rng().uniform(0.9, 1.1))
-
-
-class Slanted(Ranging):
-    """Broken."""
-
-    def estimate(self, panorama):
-        range_m = super().estimate(panorama)
-        return range_m * np.linspace(1, 1.1, range_m.shape[1], dtype=np.float32)
-
-
 BROKEN = [
     (Shouting, "Shouting.name is 'My Detector', expected words of small letters"),
     (Silent, "docstring of Silent: received none"),
@@ -579,12 +517,5 @@ BROKEN = [
     (Pathed, "setting table: received a plain Path, expected a UserFile"),
     (Fragile, "map: received ValueError: 3 is odd"),
     (Backwards, r"received \[4, 1\], expected \[1, 4\], in order"),
-    (Sensing, r"needs: received \{.*\}, expected some of annotations, rgb"),
-    (Double, r"estimate of the bedroom: received float64 \(192, 384\), expected float32 \(192, 384\)"),
-    (Narrow, r"estimate of the bedroom: received float32 \(192, 192\), expected float32 \(192, 384\)"),
-    (Zeroing, r"estimate of the bedroom: received a range of \[0.\] m, expected metres over 0, NaN where"),
-    (Blinded, "estimate of nothing at all: received ValueError: nothing to see"),
-    (Wavering, "estimate of the bedroom: received two answers to the same input"),
-    (Slanted, "estimate of the bedroom rolled by 192 columns: received .*% of the ranges changed, expected at most 5%"),
     (int, "<class 'int'> is no component: it must subclass one of Dataset"),
 ]

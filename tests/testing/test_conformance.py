@@ -8,9 +8,10 @@ from typing import Literal
 
 import numpy as np
 import pytest
-from broken_components import BROKEN, Described, Ranging, columns
+from broken_components import BROKEN, Described, columns
 from broken_datasets import BROKEN_DATASETS
 from broken_planners import Dijkstra, OneWay, Retracing, Swimming
+from broken_range_models import BROKEN_RANGE_MODELS, Ranging
 from salframe_annotations.detector import AnnotationDetector
 from tiny_folder import write_tiny_folder
 
@@ -139,7 +140,9 @@ def test_between_its_steps_a_detector_may_be_off_a_little():
     check_component(Coarse)
 
 
-@pytest.mark.parametrize(("component", "message"), BROKEN, ids=lambda value: getattr(value, "__name__", ""))
+@pytest.mark.parametrize(
+    ("component", "message"), [*BROKEN, *BROKEN_RANGE_MODELS], ids=lambda value: getattr(value, "__name__", "")
+)
 def test_a_broken_component_is_told_in_one_line(component, message):
     with pytest.raises(ConformanceError, match=message) as caught:
         check_component(component)
