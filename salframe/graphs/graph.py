@@ -128,7 +128,7 @@ def build_graph(detections: Detections, saliency: np.ndarray, config: GraphConfi
         chosen.size_m,
         chosen.yaw_rad,
         np.zeros((0, 2), np.int64) if bearings_only else _edges(chosen, config),
-        chosen.bearing if bearings_only else None,
+        chosen.bearing if bearings_only else unit_vectors(chosen.centroid_m),
         out_of_reach=int(far.sum()),
     )
 
