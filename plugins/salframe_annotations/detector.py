@@ -48,7 +48,7 @@ class AnnotationDetector(Detector):
     errors."""
 
     name = "annotations"
-    version = "2"  # of the sensor models that come with it too
+    version = "3"  # of the sensor models that come with it too
     needs: ClassVar[frozenset[str]] = frozenset({"annotations"})
 
     class Config(ComponentConfig):
@@ -56,7 +56,7 @@ class AnnotationDetector(Detector):
             "auto",
             union_mode="left_to_right",
             description="errors added: as measured of a detector (panoseg, segments, or a file of `salframe sensor`), "
-            "a level that every object suffers alike (uniform, uniform-heavy) or its own shares; auto: uniform on "
+            "a level that every object suffers alike (uniform, uniform-heavy) or its own shares; auto: panoseg on "
             "rendered panoramas, whose annotations are perfect, and none on those of real ones, which hold errors of "
             "their own",
         )
@@ -75,7 +75,7 @@ class AnnotationDetector(Detector):
     def __init__(self, config: ComponentConfig | None = None) -> None:
         """Raises DataError where the noise is a file that is no sensor model."""
         super().__init__(config)
-        noise = self.config.noise
+        noise = MEASURED[0] if self.config.noise == "auto" else self.config.noise
         path = SENSORS / f"{noise}.json" if noise in MEASURED else noise
         self._sensed = SensedNoise.read(path) if isinstance(path, Path) else None
 
@@ -85,14 +85,13 @@ class AnnotationDetector(Detector):
             raise InputMissing(f"{panorama.id} has no annotations, which the detector {self.name!r} reads")
         objects, seed = seen_objects(panorama), (self.config.seed, zlib.crc32(panorama.id.encode()))
         noise = self.config.noise
-        if self._sensed is not None:
+        if noise == "auto" and not annotations.rendered:
+            found = objects
+        elif self._sensed is not None:
             found = self._sensed.spoil(panorama, objects, seed)
         else:
             named = annotations.labels.values() if annotations.objects is None else annotations.objects.labels
-            if isinstance(noise, str):
-                auto = "uniform" if annotations.rendered else "none"
-                noise = LEVELS[auto if noise == "auto" else noise]
-            found = spoil(objects, sorted(set(named)), noise, seed)
+            found = spoil(objects, sorted(set(named)), LEVELS[noise] if isinstance(noise, str) else noise, seed)
         return as_detections(found, ranged=has_points(panorama))
 
 

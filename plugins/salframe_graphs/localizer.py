@@ -13,6 +13,7 @@ from salframe.framework.errors import InputMissing
 from salframe.framework.registry import registry
 from salframe.framework.slots import slot
 from salframe.graphs.graph import REACH_M, GraphConfig, SaliencyGraph, build_graph
+from salframe.graphs.matcher import GraphMatch
 from salframe.graphs.packing import graph_from_arrays, graph_to_arrays, pack_graph, read_graphs, write_graphs
 from salframe.localization.answers import Localization, LocalizationStatus, NodeMatches
 from salframe.localization.localizer import Description, Localizer, posterior_slot, range_slot, rank_places
@@ -98,10 +99,7 @@ class SaliencyGraphLocalizer(Localizer):
             return Localization((), None, LocalizationStatus.NO_MATCH)
         if matches[0].score < self.config.min_score:
             return Localization((), None, LocalizationStatus.LOW_SCORE)
-        if self.config.agreement:
-            matches = agree(matches, self._map_frames, self.config.agreement, self.config.agreement_radius_m)
-        scores = np.full(len(self._map_frames), -np.inf)
-        scores[[match.scene for match in matches]] = [match.score for match in matches]
+        matches, scores = self._agreed(matches)
         best = matches[0]
         nodes, reference = best.pairs[:, 0], self._graphs[best.scene]
         there = reference.centroid_m[best.pairs[:, 1]]
@@ -117,6 +115,15 @@ class SaliencyGraphLocalizer(Localizer):
         T_world_query = T_world_scene @ pose.T_reference_query
         places = rank_places(self._map_frames, scores, T_world_query if self.config.nearest_scene else None)
         return Localization(places, T_world_query, LocalizationStatus.OK, pose.covariance)
+
+    def _agreed(self, matches: Sequence[GraphMatch]) -> tuple[Sequence[GraphMatch], np.ndarray]:
+        """Matches after their agreement, best first, and the scores of all frames of the map, -inf of those that do not
+        match."""
+        if self.config.agreement:
+            matches = agree(matches, self._map_frames, self.config.agreement, self.config.agreement_radius_m)
+        scores = np.full(len(self._map_frames), -np.inf)
+        scores[[match.scene for match in matches]] = [match.score for match in matches]
+        return matches, scores
 
     def correspond(self, query: Description, reference: Description) -> NodeMatches:
         """The node alignment of the two graphs, in a map of this one reference."""

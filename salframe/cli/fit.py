@@ -16,18 +16,34 @@ def fit(
     data: Annotated[
         list[str], typer.Option(help="Tuning data, never what is reported: as for `compare`; may be given again.")
     ],
+    tries: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--try",
+            metavar="KEY.PATH=VALUE,VALUE",
+            help="Values of a setting of matching, of which the one that fits best is kept; may be given again.",
+        ),
+    ] = None,
     data_dir: DataDir = None,
     overrides: Set = None,
 ) -> None:
-    """Fit the probabilities of a method's places, and of none of them, to tuning data: each query is asked of its map
-    and of the map without its place. `--set posterior=FILE.yaml` takes what is written."""
+    """Fit a method's numbers to tuning data: settings to try, the weights of its evidence where it has any, and the
+    probabilities of its places and of none of them, for which each query is asked of its map and of the map without its
+    place. `--set posterior=FILE.yaml` and `--set weights=FILE.yaml` take what is written."""
     from salframe.cli.output import Bars, tell
-    from salframe.evaluation.fitting import fit_method, summary
+    from salframe.evaluation.fitting import fit_method
 
     with Bars() as bars:
         found = fit_method(
-            method, data, output, data_dir=data_dir, overrides=overrides or (), progress=bars.update, tell=tell
+            method,
+            data,
+            output,
+            tries=tries or (),
+            data_dir=data_dir,
+            overrides=overrides or (),
+            progress=bars.update,
+            tell=tell,
         )
-    for line in summary(found):
+    for line in found:
         print(line)
     print(output)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
@@ -20,7 +21,8 @@ from salframe.framework.identity import digest, identity
 from salframe.framework.registry import registry
 from salframe.framework.slots import slot
 from salframe.localization.answers import Localization, NodeMatches, PointMatches, RankedPlace
-from salframe.localization.posterior import Posterior, read_posterior
+from salframe.localization.evidence import Evidence
+from salframe.localization.posterior import Posterior, read_fitted
 from salframe.panoramas.floors import FloorMasks, read_floors, write_floors
 from salframe.panoramas.frames import FrameKind, MapFrame, QueryFrame
 from salframe.panoramas.panorama import Panorama
@@ -63,7 +65,9 @@ def range_slot() -> Any:
 def posterior_slot() -> Any:
     """The type of a localizer's setting `posterior`: what its scores are worth."""
     help = "a file of `salframe fit`, or its parameters: scores become probabilities; null: none"
-    return Annotated[Posterior | None, BeforeValidator(read_posterior), match_only(None, description=help)]
+    return Annotated[
+        Posterior | None, BeforeValidator(partial(read_fitted, "posterior")), match_only(None, description=help)
+    ]
 
 
 class Localizer(Role):
@@ -129,6 +133,11 @@ class Localizer(Role):
     def correspond(self, query: Description, reference: Description) -> PointMatches | NodeMatches | None:
         """What it takes for the same in two panoramas, whatever map it holds; None from a method that matches neither
         points nor objects."""
+        return None
+
+    def evidence(self, description: Description) -> Evidence | None:
+        """What its scores are made of for one described query, in the order of its setting `weights`; None from a
+        method that weighs nothing, and of a query that it has nothing to weigh of."""
         return None
 
     def estimates(self, provides: frozenset[str]) -> bool:

@@ -63,19 +63,20 @@ class Posterior(Settings):
         return replace(localization, places=places, not_here=1 - here)
 
 
-def read_posterior(value: Any) -> Any:
-    """The parameters that the setting `posterior` stands for: of a file of `salframe fit`, with those laid on top that
-    were set one by one, or a mapping of them. Raises ConfigError on a file that cannot be read or holds none."""
+def read_fitted(part: str, value: Any) -> Any:
+    """What a setting stands for whose numbers `salframe fit` finds: of a file that it wrote, its mapping `part`, with
+    those laid on top that were set one by one, or a mapping of them. Raises ConfigError on a file that cannot be read,
+    ValueError on one that holds no such part."""
     if isinstance(value, str | Path):
         value = {"kind": str(value)}
     if not isinstance(value, Mapping) or "kind" not in value:
         return value
-    content = read_yaml(Path(value["kind"])).get("posterior")
+    content = read_yaml(Path(value["kind"])).get(part)
     if not isinstance(content, Mapping):
-        raise ValueError(f"{value['kind']} has no mapping `posterior`, expected a file that `salframe fit` wrote")
-    rest = {key: part for key, part in value.items() if key != "kind"}
-    # A preset's own parameters, which are complete, lie below the file; what was set of the file's is not.
-    return content if {"temperature", "head"} <= rest.keys() else merge(content, rest)
+        raise ValueError(f"{value['kind']} has no mapping `{part}`, expected a file that `salframe fit` wrote")
+    rest = {key: number for key, number in value.items() if key != "kind"}
+    # A preset's own numbers, which are complete, lie below the file; what was set of the file's is not.
+    return content if content.keys() <= rest.keys() else merge(content, rest)
 
 
 def shares(scores: np.ndarray, temperature: float) -> np.ndarray:

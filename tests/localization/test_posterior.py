@@ -8,7 +8,7 @@ import pytest
 from salframe.framework.config import validate
 from salframe.framework.errors import ConfigError, DataError
 from salframe.localization.answers import Localization, RankedPlace
-from salframe.localization.posterior import Head, Posterior, ScoredAnswer, fit_posterior, head_features, read_posterior
+from salframe.localization.posterior import Head, Posterior, ScoredAnswer, fit_posterior, head_features, read_fitted
 
 NEUTRAL = {"bias": 0.0, "top_score": 0.0, "top_probability": 0.0, "margin": 0.0, "log_objects": 0.0}
 
@@ -115,11 +115,11 @@ def test_what_cannot_be_fitted_is_told():
 def test_a_file_or_parameters_or_both(tmp_path):
     path = tmp_path / "fitted.yaml"
     path.write_text("posterior: {temperature: 3.0, head: {bias: 1.0}}\nprovenance: {}\n")
-    assert read_posterior(str(path)) == {"temperature": 3.0, "head": {"bias": 1.0}}
-    assert read_posterior(None) is None
+    assert read_fitted("posterior", str(path)) == {"temperature": 3.0, "head": {"bias": 1.0}}
+    assert read_fitted("posterior", None) is None
     # `posterior.temperature=4` laid on a preset that names the file, and the file laid on a preset's own parameters
-    assert read_posterior({"kind": str(path), "temperature": 4.0})["temperature"] == 4.0
-    assert read_posterior({"temperature": 9.0, "head": NEUTRAL, "kind": str(path)})["temperature"] == 3.0
+    assert read_fitted("posterior", {"kind": str(path), "temperature": 4.0})["temperature"] == 4.0
+    assert read_fitted("posterior", {"temperature": 9.0, "head": NEUTRAL, "kind": str(path)})["temperature"] == 3.0
 
 
 def test_bad_files_and_parameters_are_one_line(tmp_path):

@@ -81,7 +81,7 @@ def test_every_dataset_of_ours_conforms(name, tiny):
     check_component(component, component.Config(**small_datasets(tiny)[name]))
 
 
-METHODS = ("proposed", "places", "usg", "objects", "objects-multiset", "salient-objects", "sovs")
+METHODS = ("proposed", "usg", "objects", "objects-multiset", "salient-objects", "sovs")
 
 
 @pytest.mark.parametrize("method", [*METHODS, *map(slow, ("sift", "loftr-compact"))])

@@ -1,30 +1,36 @@
-"""The localizer `saliency-places`: a map of places, answered by the likelihood ratio of a place and a pose."""
+"""The localizer `saliency-places`: a map of places, answered by what speaks for each of them under a pose."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
 from salframe.framework.config import ComponentConfig, match_only
 from salframe.framework.files import read_arrays, write_arrays
-from salframe.framework.identity import UserFile
+from salframe.graphs.graph import SaliencyGraph
 from salframe.graphs.packing import graph_from_arrays
 from salframe.localization.answers import Localization, LocalizationStatus, RankedPlace
-from salframe.localization.localizer import Description
+from salframe.localization.evidence import Evidence
+from salframe.localization.localizer import Description, rank_places
+from salframe.localization.posterior import read_fitted
 from salframe.panoramas.floors import Regions
 from salframe.panoramas.frames import MapFrame
 from salframe.panoramas.geometry import pose_2d, pose_yaw
 from salframe.panoramas.panorama import Panorama
 from salframe_graphs.localizer import SaliencyGraphLocalizer
+from salframe_graphs.places.evidence import EVIDENCE, Weights, label_evidence, shipped_weights
 from salframe_graphs.places.hypotheses import best_poses
 from salframe_graphs.places.likelihood import PlaceLikelihood, Poses
 from salframe_graphs.places.merging import gather_places
 from salframe_graphs.places.outline import BINS, MapOutlines, free_outline, pack_outline
 from salframe_graphs.places.place_index import index_places, lay_out_query
-from salframe_graphs.places.rates import Likelihood, Rates, read_rates, shipped_rates
+from salframe_graphs.places.rates import Likelihood, Rates, shipped_rates
 from salframe_graphs.verification import best_per_candidate
 
 OUTLINE, OUTLINES = "outline_m", "outlines.npz"
@@ -34,25 +40,46 @@ LEAST_EXPLAINED = 2
 """A pose takes so many objects that are more likely the place's than clutter."""
 
 
+@dataclass(frozen=True, eq=False)
+class _Hypotheses:
+    """The evidence for each place, the first C rows of it under poses C with shares (C, n, m)."""
+
+    evidence: Evidence
+    poses: Poses
+    share: np.ndarray
+    scorer: PlaceLikelihood
+
+
 class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
-    """Places as the merged objects of their panoramas: found and posed at once, by a likelihood ratio.
+    """Places as the merged objects of their panoramas, found and posed at once: by a likelihood ratio of the objects,
+    the outline of free space, the panorama most like the query, and rare labels, weighed as fitted (`weights`).
 
     Queries without range, and those whose ranges may be off by a factor (`matcher.largest_scale_error`), are matched
     panorama by panorama as `saliency-graph` does; matcher, positioner and the settings of that localizer are theirs.
     """
 
     name = "saliency-places"
-    version = "1"
+    version = "2"
     uses_floors = True
 
     class Config(SaliencyGraphLocalizer.Config):
         outline: bool = Field(
             True, description="remember how far a panorama sees at the height of furniture, and match by it too"
         )
-        rates: UserFile | Rates | None = match_only(
-            None, description="the detector's errors, or a YAML or JSON file of them; null: those that are shipped"
+        rates: Annotated[Rates, BeforeValidator(partial(read_fitted, "rates"))] = Field(
+            default_factory=shipped_rates,
+            description="the detector's errors, or a file of `salframe fit`",
+            json_schema_extra={"match_only": True},
+        )
+        weights: Annotated[Weights, BeforeValidator(partial(read_fitted, "weights"))] = Field(
+            default_factory=shipped_weights,
+            description="what each part of the evidence counts, or a file of `salframe fit`",
+            json_schema_extra={"match_only": True},
         )
         likelihood: Likelihood = match_only(Likelihood(), description="what holds whatever the detector")
+        candidates: int = match_only(
+            30, ge=1, description="places that are matched object by object: those that share most rare labels"
+        )
         merged: bool = match_only(
             True, description="gather the panoramas of a place into one graph; false: each by itself"
         )
@@ -60,10 +87,8 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)
-        rates = self.config.rates
-        self._rates = rates or shipped_rates()
-        if isinstance(rates, UserFile):
-            self._rates = read_rates(rates)
+        self._rates: Rates = self.config.rates
+        self._weights = np.array([getattr(self.config.weights, name) for name in EVIDENCE])
 
     def describe(self, panorama: Panorama) -> Description:
         description = super().describe(panorama)
@@ -78,7 +103,7 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
     def index(self, descriptions: Sequence[Description], frames: Sequence[MapFrame]) -> None:
         self._map_frames = list(frames)
         self._graphs = [graph_from_arrays(description) for description in descriptions]
-        self._index = None  # of single panoramas, made for the first query without range
+        self._index = self._matcher.index(self._graphs)
         self._regions = Regions(self.floors) if self.floors else None
         self._places = gather_places(
             self._graphs, self._map_frames, self._rates, self._places_of if self._regions else None, self.config.merged
@@ -93,43 +118,87 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
 
     def match(self, description: Description) -> Localization:
         query = graph_from_arrays(description)
-        if query.bearings_only or getattr(self.config.matcher, "largest_scale_error", 0.0) > 0:  # no metric positions
-            if self._index is None:
-                self._index = self._matcher.index(self._graphs)
+        if self._is_scaleless(query):
             return super().match(description)
         if not len(query):
             return Localization((), None, LocalizationStatus.NO_OBJECTS)
-        if not any(label in self._place_index.vocabulary for label in query.labels):
+        found = self._hypotheses(query, description.get(OUTLINE))
+        if found is None:
             return Localization((), None, LocalizationStatus.NO_MATCH)
-        asked = lay_out_query(query, self._place_index)
-        scorer = PlaceLikelihood(asked, self._place_index, self._rates, self.config.likelihood)
-        poses, score, share = scorer.refine(best_poses(asked, self._place_index, scorer, self.config.poses))
-        best = best_per_candidate(score, poses.place, 1)
-        poses, score, share = poses.take(best), score[best].astype(np.float64), share[best]
-        if OUTLINE in description:
-            ratio = self._outlines.ratio(description[OUTLINE], poses.place, poses.shift_m, poses.yaw_rad)
-            score += self.config.likelihood.outline_weight * ratio
-        unplaced = scorer.unplaced()
-        values = {place.name: -np.inf for place in self._places}
-        for place, alone in zip(self._places, unplaced, strict=True):
-            values[place.name] = max(values[place.name], float(alone))
-        posed: dict[str, int] = {}
-        for row, name in enumerate(self._answers(poses)):
-            value = float(np.logaddexp(score[row], unplaced[poses.place[row]]))
-            if value > values[name]:
-                values[name], posed[name] = value, row
+        scores = found.evidence.scores(self._weights)
+        values = found.evidence.values @ self._weights
+        posed: dict[str, int] = {}  # the best of each place's hypotheses that have a pose
+        for row in sorted(range(len(found.poses)), key=lambda row: float(values[row])):
+            posed[found.evidence.places[row]] = row
         places = tuple(
-            RankedPlace(self._frame_of(name, poses, posed.get(name)).id, name, values[name])
-            for name in sorted(values, key=lambda name: -values[name])
+            RankedPlace(self._frame_of(name, found.poses, posed.get(name)).id, name, scores[name])
+            for name in sorted(scores, key=lambda name: -scores[name])
         )
         row = posed.get(places[0].place, -1)
-        if row < 0 or (share[row].sum(1) > 0.5).sum() < LEAST_EXPLAINED:
+        if row < 0 or (found.share[row].sum(1) > 0.5).sum() < LEAST_EXPLAINED:
             return Localization(places, None, LocalizationStatus.NO_POSE)
-        pose, covariance = scorer.settle(poses.take(np.array([row])), share[[row]], LEAST_COVARIANCE_M)
-        stood = self._frame_of(places[0].place, poses, row).T_world_pano
+        pose, covariance = found.scorer.settle(
+            found.poses.take(np.array([row])), found.share[[row]], LEAST_COVARIANCE_M
+        )
+        stood = self._frame_of(places[0].place, pose, 0).T_world_pano
         T_world_query = pose_2d(pose.shift_m[0, 0], pose.shift_m[0, 1], pose.yaw_rad[0], stood[2, 3])
         turn = stood[:3, :3] * [[1, 1, 0], [1, 1, 0], [0, 0, 0]] + np.diag([0, 0, 1])
         return Localization(places, T_world_query, LocalizationStatus.OK, turn.T @ covariance @ turn)
+
+    def evidence(self, description: Description) -> Evidence | None:
+        query = graph_from_arrays(description)
+        if self._is_scaleless(query) or not len(query):
+            return None
+        found = self._hypotheses(query, description.get(OUTLINE))
+        return None if found is None else found.evidence
+
+    def _is_scaleless(self, query: SaliencyGraph) -> bool:
+        """Whether positions in metres are not known of a query."""
+        return query.bearings_only or getattr(self.config.matcher, "largest_scale_error", 0.0) > 0
+
+    def _hypotheses(self, query: SaliencyGraph, outline_m: np.ndarray | None) -> _Hypotheses | None:
+        """What a query of objects may be, None where the map knows none of its labels: the places that share most rare
+        labels with it, each under its best pose, and the others by their labels."""
+        whole = self._place_index
+        if not any(label in whole.vocabulary for label in query.labels):
+            return None
+        asked = lay_out_query(query, whole)
+        labels = label_evidence(asked.label, whole)
+        kept = np.sort(np.argsort(-labels.sum(1), kind="stable")[: self.config.candidates])
+        index = whole.take(kept)
+        scorer = PlaceLikelihood(asked, index, self._rates, self.config.likelihood)
+        poses, score, share = scorer.refine(best_poses(asked, index, scorer, self.config.poses))
+        best = best_per_candidate(score, poses.place, 1)
+        poses, score, share = poses.take(best), score[best].astype(np.float64), share[best]
+        unplaced = scorer.unplaced()
+        here = kept[poses.place]
+        posed = np.column_stack([np.logaddexp(score, unplaced[poses.place]), np.zeros(len(poses))])
+        if outline_m is not None:
+            posed[:, 1] = self._outlines.ratio(outline_m, here, poses.shift_m, poses.yaw_rad)
+        names = self._answers(here, poses)
+        alone = np.array([k for k, place in enumerate(self._places) if place.name not in names], int)
+        likelihood = np.full(len(whole), unplaced.min())  # of a place that was no candidate, that of the worst
+        likelihood[kept] = unplaced
+        rows = np.concatenate([here, alone])
+        panorama = self._panorama_scores(query)
+        values = np.column_stack(
+            [
+                np.concatenate([posed, np.column_stack([likelihood[alone], np.zeros(len(alone))])]),
+                [panorama.get(self._places[k].name, 0.0) for k in rows],
+                labels[rows],
+            ]
+        )
+        return _Hypotheses(Evidence([*names, *(self._places[k].name for k in alone)], values), poses, share, scorer)
+
+    def _panorama_scores(self, query: SaliencyGraph) -> dict[str, float]:
+        """The score of each place's panorama that is most like a query, of places that have any."""
+        matches = self._matcher.match(query, self._index, self.config.top_k)
+        if not matches:
+            return {}
+        matches, scores = self._agreed(matches)
+        stood, seen = self._map_frames[matches[0].scene].T_world_pano, matches[0].T_scene_query
+        T_world_query = None if seen is None or not self.config.nearest_scene else stood @ seen
+        return {ranked.place: ranked.score for ranked in rank_places(self._map_frames, scores, T_world_query)}
 
     def write_descriptions(self, directory: Path, descriptions: Sequence[Description]) -> None:
         super().write_descriptions(directory, descriptions)
@@ -149,9 +218,10 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
             else [None] * len(xy_m)
         )
 
-    def _answers(self, poses: Poses) -> list[str]:
-        """The place that each pose stands in: the region's where it is known and on the map, else the place matched."""
-        matched = [self._places[k] for k in poses.place]
+    def _answers(self, places: np.ndarray, poses: Poses) -> list[str]:
+        """The place that each pose stands in: the region's where it is known and on the map, else the one matched,
+        places (C,)."""
+        matched = [self._places[k] for k in places]
         if self._regions is None:
             return [place.name for place in matched]
         height = np.array([self._map_frames[place.frames[0]].T_world_pano[2, 3] for place in matched])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,12 +17,15 @@ class PlaceIndex:
     """K places padded to the largest, m objects; padding bears label -1.
 
     label (K, m); xy_m (K, m, 2) in the world; z_m (K, m) over the camera; variance_m2, found_logit (K, m), the latter
-    of an object 2 m away; log_size (K, m, 3); frequency (L + 1,), the share of each label among the map's objects, the
-    last one of a label that it lacks; cameras_m (K, F, 2), where the scene frames stood, the first one repeated.
+    of an object 2 m away; log_size (K, m, 3); cameras_m (K, F, 2), where the scene frames stood, the first one
+    repeated. Of L labels and, last, of one that the map lacks: frequency (L + 1,), its share among the map's objects;
+    rarity (L + 1,), its smooth inverse document frequency over the places; counts (K, L + 1), how many each place has.
     """
 
     vocabulary: dict[str, int]
     frequency: np.ndarray
+    rarity: np.ndarray
+    counts: np.ndarray
     label: np.ndarray
     xy_m: np.ndarray
     z_m: np.ndarray
@@ -30,6 +33,14 @@ class PlaceIndex:
     log_size: np.ndarray
     found_logit: np.ndarray
     cameras_m: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.label)
+
+    def take(self, places: np.ndarray) -> PlaceIndex:
+        """Those of these places."""
+        of_places = ("counts", "label", "xy_m", "z_m", "variance_m2", "log_size", "found_logit", "cameras_m")
+        return replace(self, **{name: getattr(self, name)[places] for name in of_places})
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,9 +82,22 @@ def index_places(
             + likelihood.found_per_sighting * np.log(place.sightings)
         )
         cameras[k] = stood[np.minimum(np.arange(cameras.shape[1]), len(stood) - 1), :2]
-    counts = np.append(np.bincount(label[label >= 0], minlength=len(vocabulary)), 0) + 0.5
+    counts = np.zeros((len(places), len(vocabulary) + 1))
+    np.add.at(counts, (np.nonzero(label >= 0)[0], label[label >= 0]), 1)
+    rarity = np.log((1 + len(places)) / (1 + (counts > 0).sum(0))) + 1
+    number = counts.sum(0) + 0.5
     return PlaceIndex(
-        vocabulary, counts / counts.sum(), label, xyz[..., :2], xyz[..., 2], variance, log_size, logit, cameras
+        vocabulary,
+        number / number.sum(),
+        rarity,
+        counts,
+        label,
+        xyz[..., :2],
+        xyz[..., 2],
+        variance,
+        log_size,
+        logit,
+        cameras,
     )
 
 

@@ -9,7 +9,8 @@ from pydantic import Field
 
 from salframe.framework.config import Settings, read_yaml, validate
 
-SHIPPED = Path(__file__).with_name("rates.yaml")
+SHIPPED = Path(__file__).with_name("fitted.yaml")
+"""What `salframe fit` wrote, on tuning data (training/places)."""
 
 
 class Rates(Settings):
@@ -41,17 +42,9 @@ class Likelihood(Settings):
     unplaced_share: float = Field(
         0.33, gt=0, le=1, description="what an object without a pose counts of one that fits but for its position"
     )
-    outline_weight: float = Field(
-        0.1, ge=0, description="weight of a bin of the outline of free space; neighbouring bins are not independent"
-    )
-
-
-def read_rates(path: Path) -> Rates:
-    """The rates in a YAML or JSON file. Raises ConfigError."""
-    return validate(Rates, read_yaml(path), f"{path}:")
 
 
 @cache
 def shipped_rates() -> Rates:
     """The rates that come with the method."""
-    return read_rates(SHIPPED)
+    return validate(Rates, read_yaml(SHIPPED)["rates"], f"{SHIPPED}: rates:")
