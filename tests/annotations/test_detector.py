@@ -196,9 +196,9 @@ def test_auto_noise_is_for_rendered_panoramas():
         range_m=real.range_m,
         annotations=Annotations(annotations.instance_id, annotations.labels, rendered=True),
     )
-    for pano, level in ((real, "none"), (rendered, "uniform")):
+    for pano, level in ((real, "none"), (rendered, "panoseg")):
         np.testing.assert_array_equal(detect(pano).centroid_m, detect(pano, noise=level).centroid_m)
-    assert detect(rendered, noise="uniform").labels != detect(rendered, noise="none").labels
+    assert detect(rendered, noise="panoseg").labels != detect(rendered, noise="none").labels
 
 
 def test_without_range_labels_are_enough_for_objects(fakes, monkeypatch, tmp_path):

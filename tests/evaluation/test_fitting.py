@@ -117,6 +117,68 @@ def test_a_method_without_the_setting_is_refused(fakes, monkeypatch, tmp_path):
     assert "constant cannot be fitted: the places of each answer have one and the same score" in done.err
 
 
+def test_settings_are_tried_and_evidence_is_weighed(fakes, monkeypatch, tmp_path):
+    """A method that is wrong by a room as it is set, one of whose two parts of evidence tells nothing."""
+    (tmp_path / "weighing_plugin.py").write_text(WEIGHING)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setenv("SALFRAME_PLUGINS", "fake_plugin,weighing_plugin")
+    from salframe.framework.registry import registry
+
+    registry.cache_clear()
+    command = ("fit", "weighing", *ROOMS, "--set", "offset=1", "-o", "out.yaml")
+    done = run(*command, "--try", "offset=2,0,3")
+    assert done.code == 0, done.err
+    found = yaml.safe_load((tmp_path / "out.yaml").read_text())
+    assert found["offset"] == 0
+    assert found["weights"]["near"] > 1
+    assert found["weights"]["same"] == pytest.approx(0, abs=1e-6)
+    assert found["provenance"]["try"] == ["offset=2,0,3"]
+    gain = found["provenance"]["mean_negative_log_likelihood"]["evidence"]
+    assert gain["before"] == pytest.approx(2.0794, abs=1e-4)  # ln 8: as many rooms
+    assert gain["after"] < 0.3
+    assert "posterior" in found
+    refused = run("fit", "weighing", *ROOMS, "-o", "no.yaml", "--try", "colour=1")
+    assert (refused.code, len(refused.err.splitlines())) == (2, 1)
+    assert "received {'colour': 1} to try, expected settings that matter to matching only" in refused.err
+
+
+WEIGHING = """
+import numpy as np
+import salframe
+from salframe.framework.config import Settings, match_only
+from salframe.localization.answers import Localization, LocalizationStatus
+from salframe.localization.evidence import Evidence
+from salframe.localization.localizer import rank_places
+from fake_plugin import Reader
+
+class Weights(Settings):
+    near: float = 0.1
+    same: float = 0.0
+
+class Weighing(Reader):
+    "Weighs how near a room's number is."
+    name = "weighing"
+    class Config(Reader.Config):
+        weights: Weights = match_only(Weights())
+        colour: int = 0
+
+    def describe_identity(self):
+        return {"name": self.name, "colour": self.config.colour}
+
+    def evidence(self, description):
+        near = -np.abs(self.rooms - (description["room"][0] + self.config.offset)).astype(float)
+        return Evidence([frame.place for frame in self.frames], np.column_stack([near, np.ones(len(near))]))
+
+    def match(self, description):
+        weights = np.array([self.config.weights.near, self.config.weights.same])
+        places = rank_places(self.frames, self.evidence(description).values @ weights)
+        return Localization(places, None, LocalizationStatus.NO_POSE)
+
+@salframe.hookimpl
+def salframe_provides():
+    return [Weighing]
+"""
+
 MUTE = '''
 from dataclasses import replace
 import salframe

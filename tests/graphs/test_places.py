@@ -4,12 +4,16 @@ from functools import partial
 
 import numpy as np
 import pytest
+import yaml
+from pydantic import ValidationError
 from salframe_graphs.localizer import SaliencyGraphLocalizer
+from salframe_graphs.places.evidence import EVIDENCE, label_evidence, shipped_weights
 from salframe_graphs.places.localizer import SaliencyPlacesLocalizer
-from salframe_graphs.places.rates import read_rates, shipped_rates
+from salframe_graphs.places.merging import Place
+from salframe_graphs.places.place_index import index_places
+from salframe_graphs.places.rates import Likelihood, shipped_rates
 
-from salframe.framework.errors import ConfigError
-from salframe.framework.identity import UserFile, identity
+from salframe.framework.identity import identity
 from salframe.graphs.detections import unit_vectors
 from salframe.localization.localizer import read_map
 from salframe.panoramas.floors import FloorMasks
@@ -143,22 +147,77 @@ def test_an_outline_is_remembered_where_there_is_range():
     assert grown == 144
 
 
-def test_rates_come_from_a_file_or_the_settings(tmp_path):
-    content = shipped_rates().model_copy(update={"clutter": 0.5})
-    path = tmp_path / "rates.json"
-    path.write_text(content.model_dump_json())
+def test_what_is_fitted_comes_from_a_file_or_the_settings(tmp_path):
+    rates, weights = shipped_rates().model_copy(update={"clutter": 0.5}), shipped_weights()
+    path = tmp_path / "fitted.yaml"
+    path.write_text(yaml.safe_dump({"rates": rates.model_dump(), "weights": weights.model_dump()}))
     Config = SaliencyPlacesLocalizer.Config
-    named, filed, given = (
-        Config(detector="annotations", rates=rates) for rates in (None, str(path), content.model_dump())
+    shipped, filed, given = (
+        Config(detector="annotations", **settings)
+        for settings in ({}, {"rates": str(path), "weights": str(path)}, {"rates": rates.model_dump()})
     )
-    assert isinstance(filed.rates, UserFile)
-    assert named.rates is None
-    assert read_rates(filed.rates) == given.rates == content
-    assert identity(named) != identity(filed) != identity(given)
-    assert identity(named, describing=True) == identity(filed, describing=True)
-    path.write_text("clutter: -1")
-    with pytest.raises(ConfigError, match=r"rates\.json: .*label_agreement is missing"):
-        read_rates(filed.rates)
+    assert shipped.rates == shipped_rates()
+    assert filed.rates == given.rates == rates
+    assert filed.weights == given.weights == weights
+    assert identity(shipped) != identity(filed) == identity(given)
+    assert identity(shipped, describing=True) == identity(filed, describing=True)
+    path.write_text("rates: {clutter: 1}")
+    with pytest.raises(ValidationError, match="label_agreement"):
+        Config(detector="annotations", rates=str(path))
+    with pytest.raises(ValidationError, match="no mapping `weights`"):
+        Config(detector="annotations", weights=str(path))
+
+
+def test_evidence_of_labels_is_counted_by_rarity():
+    """Places a {bed, bed, lamp} and b {bed, tv} asked for {bed, bed, bed, tv, boat}: by hand."""
+    places = [
+        Place(
+            name,
+            (0,),
+            labels,
+            *(np.zeros((len(labels), 3)), np.ones(len(labels)), np.zeros((len(labels), 3))),
+            *([np.ones(len(labels))] * 2),
+        )
+        for name, labels in (("a", ("bed", "bed", "lamp")), ("b", ("bed", "tv")))
+    ]
+    index = index_places(places, [np.zeros((1, 3))] * 2, shipped_rates(), Likelihood())
+    assert list(index.vocabulary) == ["bed", "lamp", "tv"]
+    bed, once, never = np.log(3 / 3) + 1, np.log(3 / 2) + 1, np.log(3 / 1) + 1
+    np.testing.assert_allclose(index.rarity, [bed, once, once, never])
+    asked = 3 * bed + once + never
+    shared = np.array([2 * bed, bed + once])
+    own = np.array([2 * bed + once, bed + once])
+    found = label_evidence(np.array([0, 0, 0, 2, 3]), index)
+    np.testing.assert_allclose(found, np.column_stack([shared / asked, shared / (own + asked - shared)]))
+
+
+def test_each_part_of_the_evidence_is_what_it_says():
+    made = localizer()
+    query, _ = asked(["a"], 0.4)
+    seen = made.describe_frame(query)[0]
+    evidence = made.evidence(seen)
+    assert evidence.values.shape == (2, len(EVIDENCE))
+    assert set(evidence.places) == {"a", "b"}
+    parts = dict(zip(EVIDENCE, evidence.values[list(evidence.places).index("a")], strict=True))
+    single = SaliencyGraphLocalizer(SaliencyGraphLocalizer.Config(detector="annotations"))
+    single.build(FRAMES)
+    assert parts["panorama"] == single.match(seen).places[0].score
+    assert parts["labels_found"] == parts["labels_shared"] == 1  # nothing else is in the room
+    assert parts["outline"] == 0  # object lists have none
+    scores = {place.place: place.score for place in made.match(seen).places}
+    weights = np.array([getattr(made.config.weights, name) for name in EVIDENCE])
+    assert scores == pytest.approx(dict(zip(evidence.places, evidence.values @ weights, strict=True)))
+
+
+def test_places_that_share_fewer_labels_are_not_matched():
+    """Of two places one candidate is matched object by object; the other ranks by its labels, and has no pose."""
+    made = localizer(candidates=1)
+    for room, x_m in (("a", 0.4), ("b", 5.5)):
+        query, T = asked([room], x_m)
+        answer = made.localize(query)
+        assert (answer.status, answer.places[0].place) == ("ok", room)
+        assert len(answer.places) == 2
+        assert max(pose_errors(answer.T_world_query, T)) < 0.01
 
 
 @pytest.mark.parametrize("scale", [0.0, 0.3])
