@@ -1,43 +1,111 @@
+"""The distributions: what they hold, and that each works alone, without the checkout."""
+
 from __future__ import annotations
 
+import json
 import shutil
 import subprocess
 import sys
+import tarfile
 import tomllib
 import zipfile
 from pathlib import Path
 
 import pytest
+from fresh_environment import make_environment, output, pip_install, see_packages
 
 REPOSITORY = Path(__file__).parent.parent
+UNTRACKED = [".git", *(REPOSITORY / ".gitignore").read_text().replace("/", "").split()]
+PARTS_TESTED = ("tests/framework", "tests/graphs", "tests/panoramas", "tests/test_docs.py", "tests/test_packaging.py")
+"""The part of its own tests that the source distribution runs; its files are those of the checkout."""
+
+WHERE = "import salframe, salframe.configs; print(salframe.__file__, salframe.configs.__file__)"
+
+
+@pytest.fixture(scope="module")
+def source(tmp_path_factory) -> Path:
+    """A copy of the checkout, without what is made in it."""
+    folder = tmp_path_factory.mktemp("source") / "salframe"
+    shutil.copytree(REPOSITORY, folder, ignore=shutil.ignore_patterns(*UNTRACKED), symlinks=True)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def source_files(source) -> set[str]:
+    """The files of the checkout, listed before anything is built of it."""
+    return files_below(source)
+
+
+@pytest.fixture(scope="module")
+def sdist_and_wheel(source, source_files, tmp_path_factory) -> tuple[Path, Path]:
+    """The source distribution of the checkout, and the wheel that is built of it."""
+    folder = tmp_path_factory.mktemp("dist")
+    command = [sys.executable, "-m", "build", "--outdir", str(folder), str(source)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    (sdist,), (wheel,) = folder.glob("*.tar.gz"), folder.glob("*.whl")
+    return sdist, wheel
+
+
+def files_below(folder: Path) -> set[str]:
+    return {path.relative_to(folder).as_posix() for path in folder.rglob("*") if not path.is_dir()}
+
+
+def place_in_wheel(file: str) -> str | None:
+    """Where the wheel holds a file of the checkout, None where it does not."""
+    folder, _, below = file.partition("/")
+    if folder == "salframe":
+        return file
+    if folder in ("plugins", "baselines"):
+        return below
+    return f"salframe/configs/{below}" if folder == "configs" else None
+
+
+def test_nothing_in_the_checkout_is_a_link(source):
+    """A Windows checkout makes a small text file of each."""
+    assert [path for path in source.rglob("*") if path.is_symlink()] == []
 
 
 @pytest.mark.slow
-def test_the_wheel_holds_every_package_preset_template_and_network(tmp_path):
-    source = tmp_path / "source"
-    source.mkdir()
-    for name in ("salframe", "plugins", "baselines", "configs", "training", "pyproject.toml", "setup.py", "README.md"):
-        path = REPOSITORY / name
-        copy = shutil.copytree if path.is_dir() else shutil.copy
-        copy(path, source / name, **({"ignore": shutil.ignore_patterns("__pycache__")} if path.is_dir() else {}))
-    command = [sys.executable, "-c", "from setuptools.build_meta import build_wheel; build_wheel('.')"]
-    subprocess.run(command, cwd=source, check=True, capture_output=True)
-    (wheel,) = source.glob("*.whl")
-    packed = set(zipfile.ZipFile(wheel).namelist())
-    expected = {
-        f"salframe/configs/{path.relative_to(REPOSITORY / 'configs')}"
-        for path in (REPOSITORY / "configs").rglob("*.yaml")
-    }
-    expected |= {str(path.relative_to(REPOSITORY)) for path in (REPOSITORY / "salframe").rglob("*.jinja")}
-    weights = REPOSITORY / "baselines" / "salframe_keypoints" / "loftr_compact_weights"
-    expected |= {f"salframe_keypoints/{weights.name}/{path.name}" for path in weights.iterdir()}
-    cards = REPOSITORY / "plugins" / "salframe_segments"
-    expected |= {f"salframe_segments/{path.relative_to(cards)}" for path in cards.rglob("*.yaml")}
-    expected |= {f"salframe_panoseg/{name}" for name in ("panoseg.onnx", "panoseg.json")}
-    for container in (REPOSITORY, REPOSITORY / "plugins", REPOSITORY / "baselines"):
-        expected |= {str(path.relative_to(container)) for path in container.glob("salframe*/**/*.py")}
-    assert expected - packed == set()
-    assert {name.partition("/")[0] for name in packed if not name.startswith("salframe")} == set()
+def test_the_wheel_holds_every_file_of_every_package(sdist_and_wheel, source_files):
+    packed = set(zipfile.ZipFile(sdist_and_wheel[1]).namelist())
+    information = {name for name in packed if name.startswith("salframe-")}
+    assert packed - information == {place for file in source_files if (place := place_in_wheel(file))}
+    assert {Path(name).name for name in information} >= {"LICENSE", "entry_points.txt"}
+
+
+@pytest.mark.slow
+def test_the_source_distribution_holds_every_file_of_the_checkout(sdist_and_wheel, source_files):
+    with tarfile.open(sdist_and_wheel[0]) as archive:
+        packed = {member.name.partition("/")[2] for member in archive if member.isfile()}
+    made = {name for name in packed if name.startswith("salframe.egg-info/")} | {"PKG-INFO", "setup.cfg"}
+    assert packed - made == source_files
+
+
+@pytest.mark.slow
+def test_the_wheel_alone_runs_the_demo(sdist_and_wheel, tmp_path):
+    """Installed from the package index into an empty environment, far from the checkout."""
+    python = make_environment(tmp_path / "venv")
+    pip_install(python, "--constraint", REPOSITORY / "constraints.txt", sdist_and_wheel[1])
+    salframe = python.with_name("salframe")
+    assert output(tmp_path, python, "-c", WHERE).count(str(tmp_path / "venv")) == 2
+    assert ", 0 plugin(s) failed" in output(tmp_path, salframe, "doctor")
+    demo = (salframe, "compare", "--methods", "proposed,loftr,objects", "--data", "house-6", "--json")
+    accuracy = {row["method"]: row["accuracy"] for row in json.loads(output(tmp_path, *demo))["rows"]}
+    assert accuracy.keys() == {"proposed", "loftr-compact", "objects"}
+    assert min(accuracy["proposed"], accuracy["loftr-compact"]) >= 0.8
+    assert 0.3 < accuracy["objects"] <= accuracy["proposed"]
+
+
+@pytest.mark.slow
+def test_the_source_distribution_passes_its_tests(sdist_and_wheel, tmp_path):
+    shutil.unpack_archive(sdist_and_wheel[0], tmp_path, filter="data")
+    (unpacked,) = tmp_path.glob("salframe-*")
+    python = make_environment(tmp_path / "venv")
+    see_packages(python)
+    pip_install(python, "--no-deps", "--no-build-isolation", "--editable", unpacked)
+    assert output(tmp_path, python, "-c", WHERE).count(str(unpacked)) == 2
+    assert " passed" in output(unpacked, python, "-m", "pytest", "-q", "-p", "no:cacheprovider", *PARTS_TESTED)
 
 
 def test_the_import_contracts_are_about_every_package():

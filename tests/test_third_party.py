@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
-import site
-import subprocess
-import sys
-import venv
 from pathlib import Path
 
 import pytest
+from fresh_environment import make_environment, output, pip_install, see_packages
+
+pytestmark = pytest.mark.slow
 
 EXAMPLE = Path(__file__).parent.parent / "examples" / "third_party"
 PACKAGE = "salframe-rangefinder"
@@ -22,16 +20,10 @@ def python(tmp_path_factory) -> Path:
     """The interpreter of an environment that sees the packages of this one and has the example installed into it, built
     without a network."""
     home = tmp_path_factory.mktemp("fresh")
-    venv.create(home / "venv", with_pip=False)
-    python = home / "venv" / "bin" / "python"
-    (packages,) = (home / "venv" / "lib").glob("python*/site-packages")
-    # addsitedir follows the .pth files there too, so that an editable installation of salframe is seen.
-    (packages / "outside.pth").write_text(
-        "".join(f"import site; site.addsitedir({folder!r})\n" for folder in site.getsitepackages())
-    )
+    python = make_environment(home / "venv")
+    see_packages(python)
     shutil.copytree(EXAMPLE, home / "example", ignore=shutil.ignore_patterns("build", "*.egg-info", "__pycache__"))
-    pip = [sys.executable, "-m", "pip", "--python", python, "install", "--quiet", "--no-index", "--no-deps"]
-    subprocess.run([*pip, "--no-build-isolation", home / "example"], check=True, capture_output=True)
+    pip_install(python, "--no-index", "--no-deps", "--no-build-isolation", home / "example")
     return python
 
 
@@ -41,17 +33,9 @@ def folder(tmp_path_factory) -> Path:
     return tmp_path_factory.mktemp("work")
 
 
-def environment(folder: Path) -> dict[str, str]:
-    kept = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "SALFRAME_PLUGINS")}
-    return {**kept, "SALFRAME_CACHE": str(folder / "cache"), "COLUMNS": "200"}
-
-
 def salframe(python: Path, folder: Path, *arguments: str) -> str:
     """What `salframe ARGUMENTS` prints in the fresh environment."""
-    command = [str(python), "-c", "from salframe.cli import main; main()", *arguments]
-    done = subprocess.run(command, cwd=folder, env=environment(folder), capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+    return output(folder, python, "-c", "from salframe.cli import main; main()", *arguments)
 
 
 def test_what_it_brings_is_listed_with_its_package(python, folder):
@@ -85,7 +69,6 @@ def test_its_methods_are_compared_on_its_data(python, folder):
     assert all(float(words[1]) >= 50 for words in rows.values())
 
 
-@pytest.mark.slow
 def test_its_ablation_has_a_row_a_combination(python, folder):
     found = json.loads(salframe(python, folder, "ablate", "bands", "--engine", "inline", "--json"))
     assert {row["method"] for row in found["rows"]} == {
@@ -107,9 +90,6 @@ def test_its_command_is_one_of_salframes(python, folder):
         assert 0 < float(where.split()[0]) < 5.5
 
 
-@pytest.mark.slow
 def test_it_passes_its_own_tests(python, folder):
     tests = python.parents[2] / "example" / "tests"
-    command = [str(python), "-m", "pytest", "-q", "-p", "no:cacheprovider", str(tests)]
-    done = subprocess.run(command, cwd=folder, env=environment(folder), capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout
+    assert " passed" in output(folder, python, "-m", "pytest", "-q", "-p", "no:cacheprovider", tests)
