@@ -145,7 +145,7 @@ class MeshDataset(RenderedDataset[FrameSpec]):
 def _content_or_stamp(path: Path) -> list[str | int]:
     """The text of a table; of any other file, which may be large, its size and time of change."""
     if path.suffix in (".csv", ".json", ".house", ".mtl"):
-        return [path.read_text(errors="replace")]
+        return [path.read_text(encoding="utf-8", errors="replace")]
     state = path.stat()
     return [state.st_size, state.st_mtime_ns]
 
@@ -153,7 +153,7 @@ def _content_or_stamp(path: Path) -> list[str | int]:
 def read_frames(path: Path) -> list[FrameSpec]:
     """The rows of frames.csv: id, role (map, transition or query), place, x_m, y_m, z_m, yaw_rad. Raises DataError on a
     malformed row."""
-    with path.open(newline="") as file:
+    with path.open(encoding="utf-8", newline="") as file:
         reader = csv.DictReader(file)
         absent = set(_COLUMNS) - set(reader.fieldnames or ())
         if absent:

@@ -39,7 +39,7 @@ def json_alone(wanted: bool) -> Iterator[None]:
     alone = sys.stdout is sys.__stdout__
     if alone:
         sys.stdout.flush()
-        _json_out = os.fdopen(os.dup(sys.stdout.fileno()), "w")
+        _json_out = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding=sys.stdout.encoding)
         os.dup2(2, sys.stdout.fileno())
     else:
         _json_out = sys.stdout

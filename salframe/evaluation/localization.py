@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import multiprocessing
-import resource
 import sys
 import time
 from collections import Counter
@@ -362,12 +361,18 @@ def _row(answer: Localization | None, describe_ms: float | None = None, query_ms
 
 
 def peak_memory_mb() -> float | None:
-    """Most memory (1e6 bytes) that this process has held so far; None in a process shared with other work."""
+    """Most memory (1e6 bytes) that this process has held so far; None in a process shared with other work, and on
+    Windows."""
     if multiprocessing.parent_process() is None:
         return None
     status = Path("/proc/self/status")
     if status.exists():  # on Linux, ru_maxrss of a started process begins at its parent's peak
-        kib = next(line.split()[1] for line in status.read_text().splitlines() if line.startswith("VmHWM"))
+        lines = status.read_text(encoding="utf-8").splitlines()
+        kib = next(line.split()[1] for line in lines if line.startswith("VmHWM"))
         return int(kib) * 1024 / 1e6
+    try:
+        import resource
+    except ImportError:  # Windows has none
+        return None
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak * (1 if sys.platform == "darwin" else 1024) / 1e6

@@ -261,7 +261,7 @@ class RowWriter:
         path.parent.mkdir(parents=True, exist_ok=True)
         if path.exists():
             os.truncate(path, path.read_bytes().rfind(b"\n") + 1)
-        self._file = path.open("a")
+        self._file = path.open("a", encoding="utf-8", newline="\n")
 
     def append(self, row: Row) -> None:
         """Append one row. Raises InvalidAnswer on NaN, which JSON has not."""

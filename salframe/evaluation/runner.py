@@ -137,7 +137,7 @@ def _attempt(task: Task[Any, Any], work: Callable[[Any], Row], piece: Any, folde
 
 def log_crash(folder: Path, where: str) -> None:
     """Keep the traceback of the exception that is being handled in a method's folder."""
-    with (folder / "crash.log").open("a") as file:
+    with (folder / "crash.log").open("a", encoding="utf-8") as file:
         file.write(f"{where}\n{traceback.format_exc()}\n")
 
 

@@ -107,7 +107,7 @@ def read_yaml(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
     if path.resolve() in above:
         raise ConfigError(f"{path} is its own base")
     try:
-        content = yaml.load(path.read_text(), Loader=SAFE)
+        content = yaml.load(path.read_text(encoding="utf-8"), Loader=SAFE)
     except OSError as error:
         raise ConfigError(f"cannot read {path}: {error.strerror}") from None
     except (yaml.YAMLError, UnicodeDecodeError) as error:

@@ -17,7 +17,7 @@ AUTO = "auto"
 @cache
 def defaults() -> dict[str, Any]:
     """All of them, by key."""
-    return yaml.safe_load(files("salframe.configs").joinpath("defaults.yaml").read_text())
+    return yaml.safe_load(files("salframe.configs").joinpath("defaults.yaml").read_text(encoding="utf-8"))
 
 
 def default_of(key: str) -> Any:

@@ -63,7 +63,7 @@ def read_house(path: Path) -> HouseFile:
     """Read a .house file (data_organization.md of the Matterport3D release). Raises DataError where it is missing,
     malformed or empty."""
     try:
-        lines = [line.split() for line in path.read_text().splitlines()]
+        lines = [line.split() for line in path.read_text(encoding="utf-8").splitlines()]
     except OSError as error:
         raise DataError(
             f"cannot read {path}: {error.strerror} (house_segmentations of the Matterport3D release)"

@@ -150,7 +150,7 @@ def _check_file(
         received = []
         for name, content in (("file", "one"), ("file", "another"), ("copy", "another")):
             path = Path(folder, name)
-            path.write_text(content)
+            path.write_text(content, encoding="utf-8")
             config = setting.put(UserFile(path))
             if config is None:
                 return
