@@ -2,7 +2,9 @@
 PYTHON ?= python3
 INSTALL = .venv/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: demo test slow lint benchmark docs
+EXTRAS = test,keypoints,training,transformers,node2vec,clip,assets,tflite
+
+.PHONY: demo test slow lint benchmark docs wheel constraints
 
 demo: .venv/demo.installed
 	.venv/bin/salframe compare --methods proposed,loftr,objects
@@ -26,6 +28,18 @@ docs: .venv/demo.installed
 	.venv/bin/python docs/generate_reference.py
 	.venv/bin/mkdocs build --strict
 
+wheel: .venv/test.installed
+	.venv/bin/python -m build --outdir dist .
+
+# The newest versions of what demo, test and docs install, under the header that constraints.txt has.
+constraints:
+	rm -rf build/newest
+	$(PYTHON) -m venv build/newest
+	build/newest/bin/python -m pip install --quiet --editable ".[$(EXTRAS),docs]"
+	sed '/^[^#]/d' constraints.txt > build/constraints.txt
+	build/newest/bin/python -m pip freeze --all --exclude pip --exclude-editable | sed 's/+cpu$$//' >> build/constraints.txt
+	mv build/constraints.txt constraints.txt
+
 .venv/bin/python:
 	$(PYTHON) -m venv .venv
 
@@ -34,6 +48,6 @@ docs: .venv/demo.installed
 	touch $@
 
 .venv/test.installed: .venv/demo.installed
-	$(INSTALL) --editable ".[test,keypoints,training,transformers,node2vec,clip,assets,tflite]"
+	$(INSTALL) --editable ".[$(EXTRAS)]"
 	for name in xfeat xfeat-nn aliked-nn aliked-lightglue disk-lightglue efficientnet-lite0; do .venv/bin/salframe weights fetch $$name || exit 1; done
 	touch $@
