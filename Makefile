@@ -1,8 +1,11 @@
 # Both targets share one virtual environment, .venv, with the versions of constraints.txt.
 PYTHON ?= python3
-INSTALL = .venv/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
-
+# Python compiles what it imports; pip would compile all of torch and transformers.
+INSTALL = .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-compile --constraint constraints.txt
 EXTRAS = test,keypoints,training,transformers,node2vec,clip,assets,tflite
+WEIGHTS = xfeat xfeat-nn aliked-nn aliked-lightglue disk-lightglue efficientnet-lite0
+# A module's tests run in one process, a process a core, of one thread each: threads that wait for each other cost more.
+PYTEST = OMP_NUM_THREADS=1 .venv/bin/python -m pytest --numprocesses auto --dist loadfile --benchmark-disable
 
 .PHONY: demo test slow lint benchmark docs wheel constraints
 
@@ -10,10 +13,10 @@ demo: .venv/demo.installed
 	.venv/bin/salframe compare --methods proposed,loftr,objects
 
 test: .venv/test.installed
-	.venv/bin/python -m pytest
+	$(PYTEST)
 
 slow: .venv/test.installed
-	.venv/bin/python -m pytest -m "slow or not slow"
+	$(PYTEST) -m "slow or not slow"
 
 benchmark: .venv/test.installed
 	.venv/bin/python -m pytest tests/benchmarks -m "slow or not slow" --benchmark-only
@@ -49,5 +52,5 @@ constraints:
 
 .venv/test.installed: .venv/demo.installed
 	$(INSTALL) --editable ".[$(EXTRAS)]"
-	for name in xfeat xfeat-nn aliked-nn aliked-lightglue disk-lightglue efficientnet-lite0; do .venv/bin/salframe weights fetch $$name || exit 1; done
+	echo $(WEIGHTS) | xargs -n 1 -P 2 .venv/bin/salframe weights fetch
 	touch $@
