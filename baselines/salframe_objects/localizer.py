@@ -52,9 +52,8 @@ class ObjectSetLocalizer(WeightedLabels):
     def count_objects(self, description: Description) -> int:
         return int(np.sum(description["counts"]))
 
-    def scene_bytes(self, description: Description) -> int:
-        """A 16-bit label index each, and a byte for the number where numbers are kept."""
-        return len(description["labels"]) * (2 if self.config.labels == "set" else 3)
+    def pack(self, description: Description) -> Description:
+        return {**description, "counts": description["counts"].astype(np.uint16)}
 
 
 class SalientObjectsLocalizer(SalientObjects, WeightedLabels):
@@ -76,7 +75,3 @@ class SalientObjectsLocalizer(SalientObjects, WeightedLabels):
 
     def weigh(self, description: Description) -> np.ndarray:
         return description["weight"]
-
-    def scene_bytes(self, description: Description) -> int:
-        """A 16-bit label index and a 16-bit weight each."""
-        return 4 * len(description["labels"])

@@ -9,7 +9,7 @@ from salframe.framework.config import ComponentConfig
 from salframe.framework.registry import registry
 from salframe.framework.slots import slot
 from salframe.graphs.detections import Detections
-from salframe.localization.localizer import Localizer, posterior_slot, range_slot
+from salframe.localization.localizer import Description, Localizer, posterior_slot, range_slot
 from salframe.panoramas.panorama import Panorama
 
 
@@ -41,3 +41,15 @@ class SalientObjects(Localizer):
     def weigh_objects(self, detections: Detections) -> np.ndarray:
         """(N,) float64 weight of each object."""
         return self._saliency.score(detections) ** self.config.saliency_power
+
+    def pack(self, description: Description) -> Description:
+        """Numbers in single precision."""
+        return {
+            name: array.astype(np.float32) if array.dtype == np.float64 else array
+            for name, array in description.items()
+        }
+
+    def unpack(self, packed: Description) -> Description:
+        return {
+            name: array.astype(np.float64) if array.dtype == np.float32 else array for name, array in packed.items()
+        }

@@ -56,10 +56,6 @@ class SalientVolumesLocalizer(SalientObjects):
     def count_objects(self, description: Description) -> int:
         return len(description["labels"])
 
-    def scene_bytes(self, description: Description) -> int:
-        """A 16-bit label index, a 16-bit weight and a position in mm, three times 16 bits, each."""
-        return 10 * len(description["labels"])
-
 
 def compare_places(query: Description, place: Description) -> float:
     """The score of two described places, in [0, 1]."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from salframe.framework.registry import registry
 from salframe.framework.slots import slot
 from salframe.graphs.graph import REACH_M, GraphConfig, SaliencyGraph, build_graph
 from salframe.graphs.matcher import GraphMatch
-from salframe.graphs.packing import graph_from_arrays, graph_to_arrays, pack_graph, read_graphs, write_graphs
+from salframe.graphs.packing import graph_from_arrays, graph_to_arrays, pack_graph, unpack_graph
 from salframe.localization.answers import Localization, LocalizationStatus, NodeMatches
 from salframe.localization.localizer import Description, Localizer, posterior_slot, range_slot, rank_places
 from salframe.panoramas.frames import MapFrame, QueryFrame
@@ -136,14 +135,8 @@ class SaliencyGraphLocalizer(Localizer):
         count = graph_from_arrays(description).out_of_reach
         return f"{count} object(s) further than {REACH_M} m left out" if count else None
 
-    def scene_bytes(self, description: Description) -> int:
-        graph = graph_from_arrays(description)
-        if graph.bearings_only:
-            return 0  # it can be no place of a map
-        return len(pack_graph(graph, {label: i for i, label in enumerate(graph.labels)}))
+    def pack(self, description: Description) -> Description:
+        return pack_graph(description)
 
-    def write_descriptions(self, directory: Path, descriptions: Sequence[Description]) -> None:
-        write_graphs(directory / "graphs.parquet", [graph_from_arrays(description) for description in descriptions])
-
-    def read_descriptions(self, directory: Path, count: int) -> Sequence[Description]:
-        return [graph_to_arrays(graph) for graph in read_graphs(directory / "graphs.parquet", count)]
+    def unpack(self, packed: Description) -> Description:
+        return unpack_graph(packed)

@@ -70,10 +70,10 @@ def show(
 ) -> None:
     """Draw a map: floor, regions, nodes, edges with their lengths and azimuths."""
     from salframe.topology.picture import draw_topology
-    from salframe.topology.store import read_topology
+    from salframe.topology.store import open_topology
 
     output = output or map / "map.png"
-    draw_topology(read_topology(map), output)
+    draw_topology(open_topology(map), output)
     print(output)
 
 
@@ -90,9 +90,9 @@ def route(
     import numpy as np
 
     from salframe.topology.routes import find_route
-    from salframe.topology.store import read_topology
+    from salframe.topology.store import open_topology
 
-    found = find_route(read_topology(map), start, goal, planner)
+    found = find_route(open_topology(map), start, goal, planner)
     heading_rad = None if heading is None else float(np.radians(heading))
     if as_json:
         print_json(_route_json(found, heading_rad))
@@ -142,13 +142,13 @@ def query(
 
 @app.command()
 def export(
-    map: Map, file: Annotated[Path, typer.Argument(metavar="FILE", help="FILE.graphml or FILE.geojson.")]
+    map: Annotated[Path, typer.Argument(metavar="MAP", help="A folder that holds a map.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="FILE.graphml, FILE.geojson or FILE.parquet.")],
 ) -> None:
-    """Write a map for other programs: GraphML, or GeoJSON in local metres."""
-    from salframe.topology.export import export_topology
-    from salframe.topology.store import read_topology
+    """Write a map for other programs: its topology as GraphML or as GeoJSON in local metres, its scenes as Parquet."""
+    from salframe.topology.export import export_map
 
-    export_topology(read_topology(map), file)
+    export_map(map, file)
     print(file)
 
 

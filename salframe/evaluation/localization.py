@@ -27,13 +27,14 @@ from salframe.evaluation.metrics import (
 from salframe.evaluation.reported import read_reported
 from salframe.evaluation.request import Request, resolve
 from salframe.evaluation.result import Result
-from salframe.evaluation.run import DESCRIPTIONS, ROWS, Row, RowWriter, Run, read_rows
+from salframe.evaluation.run import DESCRIPTIONS, MAPS, ROWS, Row, RowWriter, Run, read_rows
 from salframe.evaluation.runner import run_task
 from salframe.evaluation.task import MethodRow, Record, Survey, Task, Worker, check_needs
 from salframe.framework.cache import Cache
 from salframe.framework.errors import FRAME_ERRORS, DataError, InvalidAnswer, MethodFailed, describe_error
 from salframe.localization.answers import Localization
 from salframe.localization.localizer import Description, Localizer
+from salframe.localization.saved_map import map_bytes
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.frames import Fold, MapFrame, QueryFrame, Truth
 from salframe.panoramas.opening import Progress
@@ -47,7 +48,8 @@ class LocalizationRow(MethodRow):
     """A method's line: shares of all queries, a failure among them; medians of pose errors over what was localized.
 
     accuracy with its 95 % interval; recall_at_5; median_translation_m, median_rotation_deg; median_heading_deg, of what
-    has a heading and no pose too; recall of poses at the bounds of metrics.RECALLS; bytes_per_scene of the map;
+    has a heading and no pose too; recall of poses at the bounds of metrics.RECALLS; bytes_per_scene, of the saved maps
+    by their frames;
     describe_ms a panorama, query_ms a query, medians; peak_memory_mb; p_value of the exact McNemar test against the
     first measured method.
 
@@ -162,13 +164,12 @@ class LocalizationTask(Task[Query, LocalizationSurvey]):
         self, survey: LocalizationSurvey, records: Sequence[Record], seed: int
     ) -> tuple[LocalizationRow, ...]:
         judged = judge_records(survey, records)
-        scenes = {frame.id for fold in survey.dataset.folds() for frame in fold.mapping}
         lines: list[LocalizationRow] = []
         first: Judged | None = None
         for record, found in zip(records, judged, strict=True):
             line = LocalizationRow(**record.common(), queries=len(survey.pieces))
             if record.done:
-                line = replace(line, **_reached(found, seed), **_known_worth(found), **_costs(record, scenes))
+                line = replace(line, **_reached(found, seed), **_known_worth(found), **_costs(record))
                 line = replace(line, p_value=mcnemar_exact(first.correct, found.correct) if first else None)
                 first = first or found
             lines.append(line)
@@ -220,13 +221,13 @@ def _known_worth(found: Judged) -> dict[str, Any]:
     return known
 
 
-def _costs(record: Record, scenes: set[str]) -> dict[str, Any]:
+def _costs(record: Record) -> dict[str, Any]:
     described = {row["frame"]: row for row in read_rows(record.folder / DESCRIPTIONS)}
+    maps = {row["fold"]: row for row in read_rows(record.folder / MAPS)}.values()
     rows = [row for row in record.rows if row is not None]
-    sizes = [described[frame]["bytes"] for frame in sorted(scenes) if frame in described]
     peaks = [row["peak_memory_mb"] for row in rows if row["peak_memory_mb"] is not None]
     return {
-        "bytes_per_scene": float(np.mean(sizes)) if sizes else None,
+        "bytes_per_scene": sum(row["bytes"] for row in maps) / sum(row["frames"] for row in maps) if maps else None,
         "describe_ms": median([row["ms"] for row in described.values()]),
         "query_ms": median([row["query_ms"] for row in rows if row["query_ms"] is not None]),
         "peak_memory_mb": max(peaks, default=None),
@@ -243,6 +244,8 @@ class _Answering(Worker[Query]):
         self._localizer, self._floors, self._fold = localizer, dataset.floors(), ""
         self._places: dict[str, str] = {}
         self._descriptions = _Descriptions(localizer, dataset.content_key, uses, folder / DESCRIPTIONS)
+        self._measured = {row["fold"] for row in read_rows(folder / MAPS)}
+        self._maps = RowWriter(folder / MAPS)
         self._left_out: dict[str, str] = {}
         self._unusable: list[str] = []
 
@@ -286,9 +289,13 @@ class _Answering(Worker[Query]):
             raise MethodFailed("; ".join([f"fold {fold.id} has no mapping frame that can be used", *reasons]))
         self._localizer.take_map(known, frames, self._floors)
         self._places = {frame.id: frame.place for frame in frames}
+        if fold.id not in self._measured:
+            self._measured.add(fold.id)
+            self._maps.append({"fold": fold.id, "frames": len(frames), "bytes": map_bytes(self._localizer)})
 
     def close(self) -> None:
         self._descriptions.close()
+        self._maps.close()
 
     @property
     def warning(self) -> str | None:
@@ -332,8 +339,7 @@ class _Descriptions:
             self.notes[frame.id] = f"{frame.id}: {note}"
         if frame.id not in self._recorded:
             self._recorded.add(frame.id)
-            size = self._localizer.scene_bytes(description)
-            self._costs.append({"frame": frame.id, "ms": seconds * 1e3, "bytes": size})
+            self._costs.append({"frame": frame.id, "ms": seconds * 1e3})
         return description, seconds * 1e3
 
     def close(self) -> None:

@@ -29,7 +29,8 @@ Row = dict[str, Any]
 
 REQUEST, NOTES, METHODS = "request.yaml", "notes.json", "methods"
 """In a run folder: what was asked, what must be said of it, and a folder for each method."""
-ROWS, DESCRIPTIONS, OUTCOME, IDENTITY = "rows.jsonl", "descriptions.jsonl", "outcome.json", "identity.json"
+ROWS, DESCRIPTIONS, MAPS = "rows.jsonl", "descriptions.jsonl", "maps.jsonl"
+OUTCOME, IDENTITY = "outcome.json", "identity.json"
 """In a method's folder."""
 LONGEST = 200
 """Characters of a folder's name: file systems take 255 bytes."""
@@ -219,7 +220,7 @@ class Run:
         best = max(alike, key=lambda other: (other / ROWS).stat().st_size, default=None)
         folder.mkdir(parents=True, exist_ok=True)
         # Rows first: a run in progress has described whatever its rows speak of.
-        for name in (ROWS, DESCRIPTIONS, OUTCOME):
+        for name in (ROWS, DESCRIPTIONS, MAPS, OUTCOME):
             if best is not None and (best / name).exists():
                 shutil.copyfile(best / name, folder / name)
         source = None if best is None else str(best.parent.parent)

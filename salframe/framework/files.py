@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import shutil
 import time
 import zipfile
 from collections.abc import Iterator, Mapping
@@ -34,27 +33,6 @@ def atomic_path(path: Path) -> Iterator[Path]:
         os.replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)
-
-
-@contextmanager
-def atomic_folder(path: Path) -> Iterator[Path]:
-    """A temporary folder beside `path`; it takes the place of `path` and of all that was in it when the block ends
-    well, else it is removed."""
-    path = path.resolve()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}-{os.getpid()}-{time.monotonic_ns()}")
-    replaced = temporary.with_name(f"{temporary.name}-replaced")
-    temporary.mkdir()
-    try:
-        yield temporary
-        if path.exists():
-            path.rename(replaced)
-        temporary.rename(path)
-    finally:
-        if replaced.exists() and not path.exists():  # interrupted between the two renames
-            replaced.rename(path)
-        for folder in (temporary, replaced):
-            shutil.rmtree(folder, ignore_errors=True)
 
 
 def remove_unfinished(folder: Path, pid: int) -> None:

@@ -13,17 +13,19 @@ import numpy as np
 from pydantic import BeforeValidator
 
 from salframe.framework.cache import Cache
+from salframe.framework.columns import read_columns, write_columns
 from salframe.framework.component import Role
 from salframe.framework.config import ComponentConfig, Settings, match_only
 from salframe.framework.errors import DataError, InputMissing
-from salframe.framework.files import read_arrays, read_json, read_model, write_arrays, write_json
+from salframe.framework.files import read_model, write_json
 from salframe.framework.identity import digest, identity
 from salframe.framework.registry import registry
 from salframe.framework.slots import slot
 from salframe.localization.answers import Localization, NodeMatches, PointMatches, RankedPlace
 from salframe.localization.evidence import Evidence
+from salframe.localization.map_folder import read_map, write_map
 from salframe.localization.posterior import Posterior, read_fitted
-from salframe.panoramas.floors import FloorMasks, read_floors, write_floors
+from salframe.panoramas.floors import FLOORS, FloorMasks, read_floors, write_floors
 from salframe.panoramas.frames import FrameKind, MapFrame, QueryFrame
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.range_model import RangeModel, estimate_range
@@ -32,29 +34,16 @@ Description = Mapping[str, np.ndarray]
 """What a localizer remembers of one panorama: named arrays (no object dtype), so that it can be cached, saved and
 weighed."""
 
-MAP, MAP_FORMAT = "map.json", 2
-_Row = tuple[float, float, float, float]
+METHOD, FRAMES, SCENES = "method.json", "frames", "scenes"
+"""Among the parts of a map: its method, its frames, and what the method remembers of each of them."""
 
 
-class SavedFrame(Settings):
-    """A mapping frame in map.json."""
+class SavedMethod(Settings):
+    """method.json: the localizer's version and settings, and a digest of what its descriptions depend on."""
 
-    id: str
-    place: str
-    kind: FrameKind
-    T_world_pano: tuple[_Row, _Row, _Row, _Row]
-
-
-class SavedMap(Settings):
-    """map.json: the localizer's version and settings, a digest of what its descriptions depend on, the frames in their
-    order, and what floors.npz does not say of the floors, where any are known."""
-
-    format: int
     version: str
     localizer: dict[str, Any]
     described_by: str
-    frames: tuple[SavedFrame, ...]
-    floors: tuple[dict[str, Any], ...] = ()
 
 
 def range_slot() -> Any:
@@ -172,9 +161,13 @@ class Localizer(Role):
         """What the user must know of a description: what of the panorama it lacks; None where there is nothing."""
         return None
 
-    def scene_bytes(self, description: Description) -> int:
-        """Bytes that one place costs in the map."""
-        return sum(array.nbytes for array in description.values())
+    def pack(self, description: Description) -> Description:
+        """What a map keeps of a description: all of it, unless overridden by arrays that take less."""
+        return description
+
+    def unpack(self, packed: Description) -> Description:
+        """The description that was packed, to the rounding of `pack`."""
+        return packed
 
     def describe_frame(
         self, frame: MapFrame | QueryFrame, cache: Cache | None = None, dataset: str = ""
@@ -224,95 +217,91 @@ class Localizer(Role):
     def take_map(
         self, descriptions: Sequence[Description], frames: Sequence[MapFrame], floors: Sequence[FloorMasks] = ()
     ) -> None:
-        """Index described frames, on floors where they are known, and remember them for `save`."""
-        self._descriptions, self._frames = list(descriptions), list(frames)
+        """Index described frames, on floors where they are known, as a map keeps them: packed and unpacked."""
+        self._take_packed([self.pack(description) for description in descriptions], frames, floors)
+
+    def _take_packed(
+        self, packed: Sequence[Description], frames: Sequence[MapFrame], floors: Sequence[FloorMasks]
+    ) -> None:
+        self._packed, self._frames = packed, list(frames)
         self.floors = tuple(floors) if self.uses_floors else ()
-        self.index(self._descriptions, self._frames)
+        self.index([self.unpack(description) for description in packed], self._frames)
 
     def localize(self, frame: MapFrame | QueryFrame) -> Localization:
         """Where the frame was taken. Raises InputMissing, DataError on a frame that cannot be described."""
         return self.answer(self.describe_frame(frame)[0])
 
     def save(self, directory: Path) -> None:
-        """Write the map: map.json (frames, poses, this localizer's settings) and its descriptions, each file
-        atomically."""
-        directory.mkdir(parents=True, exist_ok=True)
-        self.write_descriptions(directory, self._descriptions)
-        frames = [
-            {"id": f.id, "place": f.place, "kind": f.kind, "T_world_pano": f.T_world_pano.tolist()}
-            for f in self._frames
-        ]
-        content = {
-            "format": MAP_FORMAT,
-            "version": self.version,
-            "localizer": self.config.model_dump(mode="json"),
-            "described_by": digest(self.describe_identity()),
-            "frames": frames,
-            **({"floors": write_floors(directory, self.floors)} if self.floors else {}),
-        }
-        write_json(directory / MAP, content)
+        """Write the map to a folder, which changes whole. Raises ConfigError where it holds something else than a
+        map."""
+        with write_map(directory) as parts:
+            self.write_parts(parts)
 
     def load(self, directory: Path) -> None:
         """Read a map that `save` wrote.
 
         Raises DataError on another format, method or version, on a map whose descriptions this localizer would make
-        otherwise (settings, weights, files of the user's), and on one that is damaged.
+        otherwise (settings, weights, files of the user's), and on one that was edited or is not whole.
         """
-        saved = read_map(directory)
+        read_map(directory, self.read_parts)
+
+    def write_parts(self, parts: Path) -> None:
+        """Write this localizer's parts of a map to a folder: method.json, frames, scenes, and floors where it uses
+        them."""
+        method = {
+            "version": self.version,
+            "localizer": self.config.model_dump(mode="json"),
+            "described_by": digest(self.describe_identity()),
+        }
+        write_json(parts / METHOD, method)
+        write_columns(parts / FRAMES, [_frame_row(frame) for frame in self._frames])
+        write_columns(parts / SCENES, self._packed)
+        if self.floors:
+            write_floors(parts, self.floors)
+
+    def read_parts(self, parts: Path) -> None:
+        """Read what `write_parts` wrote. Raises DataError as `load`."""
+        saved = read_method(parts)
         kind = saved.localizer.get("kind")
         if (kind, saved.version) != (self.name, self.version):
             made = f"{kind} {saved.version}"
-            raise DataError(f"{directory} was made by {made}, expected {self.name} {self.version}: build it again")
+            raise DataError(f"{parts.parent} was made by {made}, expected {self.name} {self.version}: build it again")
         if saved.described_by != digest(self.describe_identity()):
             raise DataError(
-                f"{directory} was described with other settings, weights or files than {self.name} has now: "
+                f"{parts.parent} was described with other settings, weights or files than {self.name} has now: "
                 "build it again"
             )
-        frames = [MapFrame(f.id, f.place, np.array(f.T_world_pano), f.kind) for f in saved.frames]
-        descriptions = self.read_descriptions(directory, len(frames))
-        if len(descriptions) != len(frames):
-            raise _miscounted(directory, len(descriptions), len(frames))
-        try:
-            floors = read_floors(directory, saved.floors) if saved.floors else ()
-        except (KeyError, TypeError, AttributeError, ValueError) as error:
-            raise DataError(
-                f"{directory} tells no whole floor ({type(error).__name__}: {error}): build it again"
-            ) from None
-        self.take_map(descriptions, frames, floors)
-
-    def write_descriptions(self, directory: Path, descriptions: Sequence[Description]) -> None:
-        """Write the map's descriptions: one compressed array archive, unless overridden."""
-        arrays = {
-            f"{i}/{name}": array for i, description in enumerate(descriptions) for name, array in description.items()
-        }
-        write_arrays(directory / "descriptions.npz", {"count": np.array(len(descriptions)), **arrays})
-
-    def read_descriptions(self, directory: Path, count: int) -> Sequence[Description]:
-        """Read what `write_descriptions` wrote, `count` descriptions in order. Raises DataError where there are more or
-        fewer."""
-        arrays = read_arrays(directory / "descriptions.npz")
-        written = int(arrays.pop("count", np.array(-1)))
-        if written != count:
-            raise _miscounted(directory, written, count)
-        descriptions: list[dict[str, np.ndarray]] = [{} for _ in range(count)]
-        for key, array in arrays.items():
-            position, _, name = key.partition("/")
-            descriptions[int(position)][name] = array
-        return descriptions
+        floors = read_floors(parts) if self.uses_floors and (parts / FLOORS).exists() else ()
+        self._take_packed(read_columns(parts / SCENES), read_frames(parts), floors)
 
 
-def read_map(directory: Path) -> SavedMap:
-    """What map.json in a folder says. Raises DataError, in one line, on another format and on whatever is wrong."""
-    content = read_json(directory / MAP)
-    if isinstance(content, Mapping) and content.get("format", MAP_FORMAT) != MAP_FORMAT:
-        raise DataError(f"{directory} has map format {content['format']}, expected {MAP_FORMAT}: build it again")
-    return read_model(directory / MAP, SavedMap)
+def read_method(parts: Path) -> SavedMethod:
+    """The method among the parts of a map. Raises DataError where there is none."""
+    if not (parts / METHOD).exists():
+        raise DataError(f"{parts.parent} has no localizer: it was built from data without mapping frames")
+    return read_model(parts / METHOD, SavedMethod)
 
 
-def _miscounted(directory: Path, descriptions: int, frames: int) -> DataError:
-    return DataError(
-        f"{directory} has {descriptions} descriptions and {frames} frames, expected one each: build it again"
-    )
+def read_frames(parts: Path) -> list[MapFrame]:
+    """The frames among the parts of a map that has a method."""
+    return [
+        MapFrame(
+            str(row["id"]),
+            str(row["place"]),
+            np.vstack([row["T_world_pano"], [0, 0, 0, 1]]),
+            FrameKind(str(row["kind"])),
+        )
+        for row in read_columns(parts / FRAMES)
+    ]
+
+
+def _frame_row(frame: MapFrame) -> Description:
+    return {
+        "id": np.array(frame.id),
+        "place": np.array(frame.place),
+        "kind": np.array(str(frame.kind)),
+        "T_world_pano": frame.T_world_pano[:3],
+    }
 
 
 def rank_places(

@@ -5,16 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from salframe.framework.auto import Choice
 from salframe.framework.cache import Cache
 from salframe.framework.config import ComponentConfig, parse_override, validate
 from salframe.framework.defaults import default_of
-from salframe.framework.errors import ConfigError, DataError
-from salframe.framework.files import atomic_folder
+from salframe.framework.errors import DataError
+from salframe.framework.installation import folder_bytes
 from salframe.framework.presets import Overrides, configure, settings, short_name
 from salframe.framework.registry import registry
-from salframe.localization.localizer import MAP, Localizer, read_map
+from salframe.localization.localizer import METHOD, Localizer, read_method
+from salframe.localization.map_folder import check_output, read_map
 from salframe.panoramas.camera_height import units_note
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.opening import Progress, configure_dataset, mapping_frames, open_dataset, provided
@@ -37,28 +39,18 @@ def build_map(
     progress: Progress | None = None,
     tell: Tell = silent,
 ) -> Localizer:
-    """Describe a dataset's mapping frames with a method and save the map to the folder `output`, which appears whole.
+    """Describe a dataset's mapping frames with a method and save the map to the folder `output`, which changes whole.
 
-    It replaces the map that the folder held and all that lies beside it, the topology of a topological map too. Raises
-    ConfigError where `output` holds something else than a map, InputMissing where nothing that `auto` may become can
-    run.
+    It replaces the map that the folder held, the topology of a topological map too. Raises ConfigError where `output`
+    holds something else than a map, InputMissing where nothing that `auto` may become can run.
     """
-    check_output(output, MAP)
+    check_output(output)
     name, dataset, localizer = prepare(data, method, data_dir, overrides, progress, tell)
     tracked = progress and partial(progress, name)
     for note in localizer.build(mapping_frames(dataset), Cache(), dataset.content_key, tracked, dataset.floors()):
         tell(note)
-    with atomic_folder(output) as folder:
-        localizer.save(folder)
+    localizer.save(output)
     return localizer
-
-
-def check_output(output: Path, *names: str) -> None:
-    """Raises ConfigError where a folder to write a map to holds something else than a map, which has a file of one of
-    these names."""
-    is_map = any((output / name).exists() for name in names)
-    if output.exists() and not is_map and (not output.is_dir() or any(output.iterdir())):
-        raise ConfigError(f"{output} holds something else than a map: name a new folder, or remove it")
 
 
 def prepare(
@@ -89,17 +81,34 @@ def prepare(
 def open_map(directory: Path) -> Localizer:
     """The localizer of a saved map, ready to localize.
 
-    Raises DataError where `directory` is no map, UnknownName without its localizer.
+    Raises DataError where `directory` holds no map, or one that was edited or is not whole; UnknownName without its
+    localizer.
     """
-    localizer: Localizer = registry().build("localizer", map_config(directory))
-    localizer.load(directory)
-    return localizer
+    return read_map(directory, read_localizer)
+
+
+def map_bytes(localizer: Localizer) -> int:
+    """The bytes on disk of the map that a localizer has taken."""
+    with TemporaryDirectory() as folder:
+        localizer.save(Path(folder) / "map")
+        return folder_bytes(Path(folder))
 
 
 def map_config(directory: Path) -> ComponentConfig:
     """The configuration of a saved map's localizer, as it was decided when the map was built. Raises as `open_map`."""
-    saved = read_map(directory).localizer
+    return read_map(directory, _read_config)
+
+
+def read_localizer(parts: Path) -> Localizer:
+    """The localizer among the parts of a map. Raises as `open_map`."""
+    localizer: Localizer = registry().build("localizer", _read_config(parts))
+    localizer.read_parts(parts)
+    return localizer
+
+
+def _read_config(parts: Path) -> ComponentConfig:
+    saved = read_method(parts).localizer
     if not isinstance(kind := saved.get("kind"), str):
-        raise DataError(f"{directory / MAP} names no localizer: build the map again")
-    config: ComponentConfig = validate(registry().get("localizer", kind).Config, saved, f"{directory}:")
+        raise DataError(f"{parts / METHOD} names no localizer: build the map again")
+    config: ComponentConfig = validate(registry().get("localizer", kind).Config, saved, f"{parts.parent}:")
     return config

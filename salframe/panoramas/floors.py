@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -14,7 +13,6 @@ from salframe.framework.errors import DataError
 from salframe.framework.files import read_arrays, write_arrays
 
 FLOORS = "floors.npz"
-_MASKS = ("free", "region", "obstacle")
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,31 +89,46 @@ class Regions:
         return places
 
 
-def write_floors(directory: Path, floors: Sequence[FloorMasks]) -> list[dict[str, Any]]:
-    """Write the masks of floors to floors.npz in a folder, atomically; what else is to be known of them, for JSON."""
-    masks = {f"{number}/{name}": getattr(floor, name) for number, floor in enumerate(floors) for name in _MASKS}
-    write_arrays(directory / FLOORS, masks)
-    return [
-        {
-            "resolution_m": floor.resolution_m,
-            "origin_m": list(floor.origin_m),
-            "z_m": floor.z_m,
-            "regions": {str(label): name for label, name in floor.regions.items()},
-        }
-        for floor in floors
-    ]
+def write_floors(directory: Path, floors: Sequence[FloorMasks]) -> None:
+    """Write floors to floors.npz in a folder, atomically; masks of bool as bits, labels in the smallest type."""
+    parts = [_pack_floor(floor) for floor in floors]
+    arrays = {f"{number}/{name}": part for number, floor in enumerate(parts) for name, part in floor.items()}
+    write_arrays(directory / FLOORS, {"count": np.array(len(floors)), **arrays})
 
 
-def read_floors(directory: Path, known: Sequence[Mapping[str, Any]]) -> tuple[FloorMasks, ...]:
-    """The floors that `write_floors` wrote, and gave as `known`. Raises DataError, and KeyError on what is missing."""
-    masks = read_arrays(directory / FLOORS)
-    return tuple(
-        FloorMasks(
-            **{name: masks[f"{number}/{name}"] for name in _MASKS},
-            resolution_m=floor["resolution_m"],
-            z_m=floor["z_m"],
-            origin_m=tuple(floor["origin_m"]),
-            regions={int(label): name for label, name in floor["regions"].items()},
-        )
-        for number, floor in enumerate(known)
+def read_floors(directory: Path) -> tuple[FloorMasks, ...]:
+    """The floors that `write_floors` wrote. Raises DataError."""
+    arrays = read_arrays(directory / FLOORS)
+    floors = []
+    for number in range(int(arrays["count"])):
+        prefix = f"{number}/"
+        floors.append(_unpack_floor({n.removeprefix(prefix): a for n, a in arrays.items() if n.startswith(prefix)}))
+    return tuple(floors)
+
+
+def _pack_floor(floor: FloorMasks) -> dict[str, np.ndarray]:
+    smallest = np.result_type(np.min_scalar_type(floor.region.min()), np.min_scalar_type(floor.region.max()))
+    return {
+        "free": np.packbits(floor.free, axis=1),
+        "obstacle": np.packbits(floor.obstacle, axis=1),
+        "region": floor.region.astype(smallest),
+        "labels": np.array(list(floor.regions), np.int32),
+        "places": np.array(list(floor.regions.values()), np.str_),
+        "resolution_m": np.array(floor.resolution_m),
+        "origin_m": np.array(floor.origin_m),
+        "z_m": np.array(floor.z_m),
+    }
+
+
+def _unpack_floor(parts: Mapping[str, np.ndarray]) -> FloorMasks:
+    left_m, top_m = parts["origin_m"].tolist()
+    width = parts["region"].shape[1]
+    return FloorMasks(
+        np.unpackbits(parts["free"], axis=1, count=width).astype(bool),
+        parts["region"],
+        np.unpackbits(parts["obstacle"], axis=1, count=width).astype(bool),
+        resolution_m=float(parts["resolution_m"]),
+        origin_m=(left_m, top_m),
+        regions=dict(zip(parts["labels"].tolist(), parts["places"].tolist(), strict=True)),
+        z_m=float(parts["z_m"]),
     )

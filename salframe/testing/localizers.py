@@ -79,8 +79,6 @@ def _answer(localizer: Localizer, what: str, panorama: Panorama, frames: Sequenc
         {name: type(part).__name__ for name, part in description.items()},
         "arrays, none of dtype object",
     )
-    bytes_ = localizer.scene_bytes(description)
-    expect(isinstance(bytes_, int) and bytes_ >= 0, f"scene_bytes {what}", repr(bytes_), "a number of bytes")
     answer, checked = ask(f"match {what}", localizer.answer, description), f"match {what}"
     expect(isinstance(answer, Localization), checked, type(answer).__name__, "Localization")
     places, scores = [ranked.place for ranked in answer.places], [ranked.score for ranked in answer.places]

@@ -1,4 +1,4 @@
-"""A topological map for other programs: GraphML and GeoJSON."""
+"""A map for other programs: its topology as GraphML and GeoJSON, its scenes as Parquet."""
 
 from __future__ import annotations
 
@@ -10,14 +10,21 @@ import numpy as np
 
 from salframe.framework.errors import ConfigError
 from salframe.framework.files import atomic_path, write_text
+from salframe.localization.export import export_scenes
+from salframe.topology.store import open_topology
 from salframe.topology.topological_map import TopologicalMap
 
 
-def export_topology(topology: TopologicalMap, path: Path) -> None:
-    """Write the map as .graphml or .geojson, by the file's suffix. Raises ConfigError on another one."""
-    if path.suffix not in _WRITERS:
-        raise ConfigError(f"received the file {path.name}, expected one that ends in {' or '.join(_WRITERS)}")
-    _WRITERS[path.suffix](topology, path)
+def export_map(directory: Path, path: Path) -> None:
+    """Write the topology of a map as .graphml or .geojson, or its scenes as .parquet, by the file's suffix. Raises
+    ConfigError on another one, DataError where the map has no such part."""
+    if path.suffix == ".parquet":
+        export_scenes(directory, path)
+    elif path.suffix in _WRITERS:
+        _WRITERS[path.suffix](open_topology(directory), path)
+    else:
+        suffixes = f"{', '.join(_WRITERS)} or .parquet"
+        raise ConfigError(f"received the file {path.name}, expected one that ends in {suffixes}")
 
 
 def _write_graphml(topology: TopologicalMap, path: Path) -> None:

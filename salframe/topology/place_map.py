@@ -9,17 +9,17 @@ from pathlib import Path
 
 from salframe.framework.cache import Cache
 from salframe.framework.errors import DataError, NoRoute
-from salframe.framework.files import atomic_folder
 from salframe.localization.answers import Localization
-from salframe.localization.localizer import MAP
-from salframe.localization.saved_map import Tell, check_output, open_map, prepare, silent
+from salframe.localization.localizer import Localizer
+from salframe.localization.map_folder import check_output, read_map, write_map
+from salframe.localization.saved_map import Tell, prepare, read_localizer, silent
 from salframe.panoramas.frames import MapFrame, QueryFrame
 from salframe.panoramas.geometry import pose_yaw
 from salframe.panoramas.opening import Progress, mapping_frames
 from salframe.topology.build import TopologySettings, build_topology
 from salframe.topology.planner import Route
 from salframe.topology.routes import HERE, find_route, with_position
-from salframe.topology.store import TOPOLOGY, read_topology, write_topology
+from salframe.topology.store import read_topology, write_topology
 from salframe.topology.topological_map import TopologicalMap
 
 
@@ -35,13 +35,13 @@ def build_topological_map(
     tell: Tell = silent,
 ) -> TopologicalMap:
     """Make the topological map of a dataset's floors and the map of a method, and save both to the folder `output`,
-    which appears whole.
+    which changes whole.
 
     `choose`: one scene node where each region is widest, rather than where mapping frames stand. A dataset without
     mapping frames gives the topological map alone. Raises DataError on a dataset without floors, ConfigError where
     `output` holds something else than a map.
     """
-    check_output(output, MAP, TOPOLOGY)
+    check_output(output)
     name, dataset, localizer = prepare(data, method, data_dir, overrides, progress, tell)
     floors, frames = dataset.floors(), mapping_frames(dataset)
     if not floors:
@@ -50,13 +50,14 @@ def build_topological_map(
             "salframe build makes a map without a topology"
         )
     topology = build_topology(floors, frames, TopologySettings(choose=choose))
-    with atomic_folder(output) as folder:
-        write_topology(folder, topology)
+    if frames:
+        tracked = progress and partial(progress, name)
+        for note in localizer.build(frames, Cache(), dataset.content_key, tracked, floors):
+            tell(note)
+    with write_map(output) as parts:
         if frames:
-            tracked = progress and partial(progress, name)
-            for note in localizer.build(frames, Cache(), dataset.content_key, tracked, floors):
-                tell(note)
-            localizer.save(folder)
+            localizer.write_parts(parts)
+        write_topology(parts, topology)
     return topology
 
 
@@ -83,8 +84,8 @@ def ask_map(
     DataError, UnknownName on a goal that is not on the map, NoRoute where none leads there or the frame is not
     localized.
     """
-    topology = read_topology(directory)
-    answer = open_map(directory).localize(frame)
+    localizer, topology = read_map(directory, _read_both)
+    answer = localizer.localize(frame)
     if answer.T_world_query is not None:
         topology = with_position(topology, answer.T_world_query[:3, 3])
         near = min((edge for edge in topology.edges if edge.start == HERE), key=lambda edge: edge.length_m)
@@ -102,3 +103,8 @@ def ask_map(
             f"{frame.id} was not localized at a node of the map (status {answer.status})"
         )
     return replace(found, route=find_route(topology, start, goal, planner))
+
+
+def _read_both(parts: Path) -> tuple[Localizer, TopologicalMap]:
+    topology = read_topology(parts)
+    return read_localizer(parts), topology

@@ -1,130 +1,82 @@
-"""A topological map on disk: nodes and edges as Parquet, floors as an array archive, the rest as JSON."""
+"""A topological map among the parts of a map on disk."""
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from salframe.framework.columns import Row, read_columns, write_columns
+from salframe.framework.config import Settings
 from salframe.framework.errors import DataError
-from salframe.framework.files import atomic_path, read_json, write_json
+from salframe.framework.files import read_model, write_json
+from salframe.localization.map_folder import read_map
 from salframe.panoramas.floors import read_floors, write_floors
 from salframe.topology.topological_map import MapEdge, MapNode, NodeKind, TopologicalMap
 
-TOPOLOGY, FORMAT = "topology.json", 1
+TOPOLOGY, NODES, EDGES = "topology.json", "nodes", "edges"
 
 
-def write_topology(directory: Path, topology: TopologicalMap) -> None:
-    """Write a map to a folder: topology.json (format, parameters, notes, floors), nodes.parquet, edges.parquet,
-    floors.npz, each atomically."""
-    directory.mkdir(parents=True, exist_ok=True)
-    _write_table(directory / "nodes.parquet", _node_rows(topology), _node_schema())
-    _write_table(directory / "edges.parquet", [asdict(edge) for edge in topology.edges], _edge_schema())
-    content = {
-        "format": FORMAT,
-        "parameters": dict(topology.parameters),
-        "notes": list(topology.notes),
-        "floors": write_floors(directory, topology.floors),
-    }
-    write_json(directory / TOPOLOGY, content)
+class _Saved(Settings):
+    """topology.json."""
+
+    parameters: dict[str, Any]
+    notes: tuple[str, ...]
 
 
-def read_topology(directory: Path) -> TopologicalMap:
-    """The map that `write_topology` wrote, identical. Raises DataError where the folder holds none, or one of another
-    format."""
-    if not (directory / TOPOLOGY).exists():
+def open_topology(directory: Path) -> TopologicalMap:
+    """The topological map in a folder, identical to what was written. Raises DataError where the folder holds none, or
+    one that was edited or is not whole."""
+    return read_map(directory, read_topology)
+
+
+def write_topology(parts: Path, topology: TopologicalMap) -> None:
+    """Write a topological map to a folder with the parts of a map: topology.json (parameters, notes), nodes, edges,
+    floors.npz."""
+    write_json(parts / TOPOLOGY, {"parameters": dict(topology.parameters), "notes": list(topology.notes)})
+    write_columns(parts / NODES, [_node_row(node) for node in topology.nodes])
+    write_columns(parts / EDGES, [_edge_row(edge) for edge in topology.edges])
+    write_floors(parts, topology.floors)
+
+
+def read_topology(parts: Path) -> TopologicalMap:
+    """The topological map that `write_topology` wrote. Raises DataError where it wrote none."""
+    if not (parts / TOPOLOGY).exists():
+        directory = parts.parent
         raise DataError(f"{directory} holds no topological map: make one with salframe map build DATA -o {directory}")
-    content = read_json(directory / TOPOLOGY)
-    try:
-        if content["format"] != FORMAT:
-            raise DataError(f"{directory} has topology format {content['format']}, expected {FORMAT}: build it again")
-        floors = read_floors(directory, content["floors"])
-        nodes = tuple(
-            MapNode(
-                row["id"],
-                NodeKind(row["kind"]),
-                (row["x_m"], row["y_m"], row["z_m"]),
-                tuple(row["regions"]),
-                tuple(row["frames"]),
-            )
-            for row in _read_table(directory / "nodes.parquet")
-        )
-        edges = tuple(
-            MapEdge(
-                row["start"],
-                row["end"],
-                row["length_m"],
-                row["azimuth_rad"],
-                tuple(tuple(point) for point in row["path_m"]),
-            )
-            for row in _read_table(directory / "edges.parquet")
-        )
-        return TopologicalMap(nodes, edges, floors, content["parameters"], tuple(content["notes"]))
-    except (KeyError, TypeError, AttributeError) as error:
-        raise DataError(
-            f"{directory} is no whole topological map ({type(error).__name__}: {error}): build it again"
-        ) from None
+    saved = read_model(parts / TOPOLOGY, _Saved)
+    nodes = tuple(_node(row) for row in read_columns(parts / NODES))
+    edges = tuple(_edge(row) for row in read_columns(parts / EDGES))
+    return TopologicalMap(nodes, edges, read_floors(parts), saved.parameters, saved.notes)
 
 
-def _node_rows(topology: TopologicalMap) -> list[dict[str, Any]]:
-    names = ("x_m", "y_m", "z_m")
-    return [
-        {
-            "id": node.id,
-            "kind": node.kind,
-            **dict(zip(names, node.xyz_m, strict=True)),
-            "regions": node.regions,
-            "frames": node.frames,
-        }
-        for node in topology.nodes
-    ]
+def _node_row(node: MapNode) -> Row:
+    return {
+        "id": np.array(node.id),
+        "kind": np.array(str(node.kind)),
+        "xyz_m": np.array(node.xyz_m, np.float64),
+        "regions": np.array(node.regions, np.str_),
+        "frames": np.array(node.frames, np.str_),
+    }
 
 
-def _node_schema():
-    import pyarrow as pa
-
-    text, number = pa.string(), pa.float64()
-    return pa.schema(
-        [
-            ("id", text),
-            ("kind", text),
-            ("x_m", number),
-            ("y_m", number),
-            ("z_m", number),
-            ("regions", pa.list_(text)),
-            ("frames", pa.list_(text)),
-        ]
-    )
+def _node(row: Row) -> MapNode:
+    x, y, z = row["xyz_m"].tolist()
+    regions, frames = tuple(row["regions"].tolist()), tuple(row["frames"].tolist())
+    return MapNode(str(row["id"]), NodeKind(str(row["kind"])), (x, y, z), regions, frames)
 
 
-def _edge_schema():
-    import pyarrow as pa
-
-    number = pa.float64()
-    return pa.schema(
-        [
-            ("start", pa.string()),
-            ("end", pa.string()),
-            ("length_m", number),
-            ("azimuth_rad", number),
-            ("path_m", pa.list_(pa.list_(number))),
-        ]
-    )
+def _edge_row(edge: MapEdge) -> Row:
+    return {
+        "start": np.array(edge.start),
+        "end": np.array(edge.end),
+        "length_m": np.array(edge.length_m, np.float64),
+        "azimuth_rad": np.array(edge.azimuth_rad, np.float64),
+        "path_m": np.array(edge.path_m, np.float64).reshape(-1, 2),
+    }
 
 
-def _write_table(path: Path, rows: list[dict[str, Any]], schema) -> None:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    with atomic_path(path) as temporary:
-        pq.write_table(pa.Table.from_pylist(rows, schema), temporary)
-
-
-def _read_table(path: Path) -> list[dict[str, Any]]:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    try:
-        return pq.read_table(path).to_pylist()
-    except (OSError, pa.ArrowException) as error:
-        raise DataError(f"cannot read {path}: {' '.join(str(error).split())}") from None
+def _edge(row: Row) -> MapEdge:
+    path = tuple((x, y) for x, y in row["path_m"].tolist())
+    return MapEdge(str(row["start"]), str(row["end"]), float(row["length_m"]), float(row["azimuth_rad"]), path)

@@ -315,8 +315,9 @@ class Stretched(Described):
 class Mixed(SaliencyGraphLocalizer):
     """Broken."""
 
-    def read_descriptions(self, directory, count):
-        return super().read_descriptions(directory, count)[::-1]
+    def read_parts(self, parts):
+        super().read_parts(parts)
+        self.take_map([self.unpack(packed) for packed in self._packed[::-1]], self._frames)
 
 
 class North(SaliencyGraphLocalizer):

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 from pydantic import BeforeValidator, Field
 
 from salframe.framework.config import ComponentConfig, match_only
-from salframe.framework.files import read_arrays, write_arrays
 from salframe.graphs.graph import SaliencyGraph
 from salframe.graphs.packing import graph_from_arrays
 from salframe.localization.answers import Localization, LocalizationStatus, RankedPlace
@@ -28,12 +26,12 @@ from salframe_graphs.places.evidence import EVIDENCE, Weights, label_evidence, s
 from salframe_graphs.places.hypotheses import best_poses
 from salframe_graphs.places.likelihood import PlaceLikelihood, Poses
 from salframe_graphs.places.merging import gather_places
-from salframe_graphs.places.outline import BINS, MapOutlines, free_outline, pack_outline
+from salframe_graphs.places.outline import BINS, MapOutlines, free_outline, pack_outline, unpack_outline
 from salframe_graphs.places.place_index import index_places, lay_out_query
 from salframe_graphs.places.rates import Likelihood, Rates, shipped_rates
 from salframe_graphs.verification import best_per_candidate
 
-OUTLINE, OUTLINES = "outline_m", "outlines.npz"
+OUTLINE, PACKED = "outline_m", "outline_mm"
 LEAST_COVARIANCE_M = 0.02
 """Two objects may agree by luck: no pose is known better an axis."""
 LEAST_EXPLAINED = 2
@@ -96,9 +94,13 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
             return description
         return {**description, OUTLINE: free_outline(panorama.range_m)}
 
-    def scene_bytes(self, description: Description) -> int:
-        outline = len(pack_outline(description[OUTLINE])) if OUTLINE in description else 0
-        return super().scene_bytes(description) + outline
+    def pack(self, description: Description) -> Description:
+        packed = super().pack(description)
+        return {**packed, PACKED: pack_outline(description[OUTLINE])} if OUTLINE in description else packed
+
+    def unpack(self, packed: Description) -> Description:
+        description = super().unpack(packed)
+        return {**description, OUTLINE: unpack_outline(packed[PACKED])} if PACKED in packed else description
 
     def index(self, descriptions: Sequence[Description], frames: Sequence[MapFrame]) -> None:
         self._map_frames = list(frames)
@@ -199,16 +201,6 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
         stood, seen = self._map_frames[matches[0].scene].T_world_pano, matches[0].T_scene_query
         T_world_query = None if seen is None or not self.config.nearest_scene else stood @ seen
         return {ranked.place: ranked.score for ranked in rank_places(self._map_frames, scores, T_world_query)}
-
-    def write_descriptions(self, directory: Path, descriptions: Sequence[Description]) -> None:
-        super().write_descriptions(directory, descriptions)
-        known = {str(i): description[OUTLINE] for i, description in enumerate(descriptions) if OUTLINE in description}
-        write_arrays(directory / OUTLINES, known)
-
-    def read_descriptions(self, directory: Path, count: int) -> Sequence[Description]:
-        known = read_arrays(directory / OUTLINES)
-        graphs = super().read_descriptions(directory, count)
-        return [{**graph, OUTLINE: known[str(i)]} if str(i) in known else graph for i, graph in enumerate(graphs)]
 
     def _places_of(self, xy_m: np.ndarray, frame: MapFrame) -> list[str | None]:
         """The places that positions (N, 2) which a frame sees lie in."""

@@ -27,10 +27,15 @@ def free_outline(range_m: np.ndarray) -> np.ndarray:
     return np.array([np.median(part) if len(part) else np.nan for part in parts], np.float32)
 
 
-def pack_outline(outline_m: np.ndarray) -> bytes:
-    """The outline in millimetres, two bytes a bin, 0 where it is not known."""
+def pack_outline(outline_m: np.ndarray) -> np.ndarray:
+    """The outline (BINS,) uint16 in millimetres, 0 where it is not known."""
     known = np.minimum(np.nan_to_num(outline_m), _LARGEST_M)
-    return np.round(known * 1000).astype("<u2").tobytes()
+    return np.round(known * 1000).astype(np.uint16)
+
+
+def unpack_outline(outline_mm: np.ndarray) -> np.ndarray:
+    """The outline (BINS,) float32 metres that was packed, to the millimetre."""
+    return np.where(outline_mm > 0, outline_mm / np.float32(1000), np.float32(np.nan))
 
 
 @dataclass(frozen=True, eq=False)

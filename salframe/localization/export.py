@@ -1,0 +1,52 @@
+"""What a map remembers, as a table for other programs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from salframe.framework.columns import read_columns
+from salframe.framework.files import atomic_path
+from salframe.localization.localizer import SCENES, Description, read_frames
+from salframe.localization.map_folder import read_map
+from salframe.localization.saved_map import read_localizer
+from salframe.panoramas.frames import MapFrame
+
+
+def export_scenes(directory: Path, path: Path) -> None:
+    """Write the scenes of a map as a Parquet table, a row a mapping frame: frame, place, kind, T_world_pano (16 numbers
+    row by row), and what the method remembers of it, an array a column, as nested lists. Raises DataError as
+    `open_map`."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    frames, scenes = read_map(directory, _read_scenes)
+    columns: dict[str, Any] = {
+        "frame": [frame.id for frame in frames],
+        "place": [frame.place for frame in frames],
+        "kind": [str(frame.kind) for frame in frames],
+        "T_world_pano": [frame.T_world_pano.ravel() for frame in frames],
+    }
+    for name in dict.fromkeys(name for scene in scenes for name in scene):
+        columns[name] = _nested([scene.get(name) for scene in scenes])
+    with atomic_path(path) as temporary:
+        pq.write_table(pa.table(columns), temporary)
+
+
+def _read_scenes(parts: Path) -> tuple[list[MapFrame], list[Description]]:
+    localizer = read_localizer(parts)
+    return read_frames(parts), [localizer.unpack(packed) for packed in read_columns(parts / SCENES)]
+
+
+def _nested(arrays: Sequence[np.ndarray | None]):
+    """Arrays of one number of dimensions as a column of nested lists of their type."""
+    import pyarrow as pa
+
+    known = next(array for array in arrays if array is not None)
+    kind = pa.string() if known.dtype.kind == "U" else pa.from_numpy_dtype(known.dtype)
+    for _ in range(known.ndim):
+        kind = pa.list_(kind)
+    return pa.array([None if array is None else array.tolist() for array in arrays], kind)
