@@ -8,12 +8,13 @@ from pathlib import Path
 
 import networkx as nx
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from command_line import run
 from PIL import Image
 
 from salframe.framework.registry import registry
-from salframe.localization.localizer import MAP_FORMAT
+from salframe.topology.store import open_topology
 
 TOPOLOGY = Path(__file__).parent.parent / "topology"
 
@@ -38,18 +39,13 @@ def test_build_writes_both_maps_whole(built, tmp_path):
     assert (
         built.out.splitlines()[0] == "map: 5 scene nodes, 4 transition nodes, 14 edges"
     )  # frames and doors of a room, doors and doors
-    assert {path.name for path in (tmp_path / "map").iterdir()} == {
-        "topology.json",
-        "nodes.parquet",
-        "edges.parquet",
-        "floors.npz",
-        "map.json",
-        "descriptions.npz",
-    }
-    assert json.loads((tmp_path / "map" / "map.json").read_text())["format"] == MAP_FORMAT
+    (parts,) = (tmp_path / "map").glob("parts-*")
+    assert sorted(path.name for path in (tmp_path / "map").iterdir()) == ["map.json", parts.name]
+    names = {"topology.json", "nodes", "edges", "floors.npz", "method.json", "frames", "scenes"}
+    assert {path.name for path in parts.iterdir()} == names
     assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
     assert run("map", "build", "doored", "-o", "map", "--method", "reader", "--choose").code == 0
-    assert json.loads((tmp_path / "map" / "topology.json").read_text())["parameters"]["choose"] is True
+    assert open_topology(tmp_path / "map").parameters["choose"] is True
     assert run("localize", "map", "query-1-0", "--data", "doored").code == 0
 
 
@@ -110,15 +106,19 @@ def test_show_and_export(built, tmp_path):
     assert run("map", "export", "map", "map.graphml").code == run("map", "export", "map", "map.geojson").code == 0
     assert len(nx.read_graphml(tmp_path / "map.graphml")) == 9
     assert len(json.loads((tmp_path / "map.geojson").read_text())["features"]) == 9 + 14
+    assert run("map", "export", "map", "map.parquet").code == 0
+    rows = pq.read_table(tmp_path / "map.parquet").to_pylist()
+    assert [(row["frame"], row["place"], row["kind"]) for row in rows][1] == ("map-1", "room-1", "scene")
+    assert [row["room"] for row in rows] == [[number, 0] for number in range(5)]
+    assert [row["T_world_pano"][3::4] for row in rows] == [[4.0 * number, 0, 0, 1] for number in range(5)]
 
 
 def test_a_dataset_without_frames_has_one_scene_node_a_region_and_no_localizer(rooms, tmp_path):
     done = run("map", "build", "frameless", "-o", "map", "--method", "reader")
     assert done.out.splitlines()[0].startswith("map: 5 scene nodes, 4 transition nodes, ")
-    assert not (tmp_path / "map" / "map.json").exists()
     assert run("map", "route", "map", "room-0", "room-4", "--json").json["nodes"][0] == "room-0"
     done = run("map", "query", "map", "query-1-0", "--data", "doored")
-    assert (done.code, done.err) == (2, "error: cannot read map/map.json: No such file or directory\n")
+    assert (done.code, done.err) == (2, "error: map has no localizer: it was built from data without mapping frames\n")
 
 
 def test_rooms_without_doors_are_built_and_said_to_be_apart(rooms):
@@ -161,12 +161,12 @@ def test_floors_above_each_other_are_said_to_be_apart(rooms):
             ["route", "map", "room-0", "room-1", "--planner", "dijkstr"],
             "unknown planner 'dijkstr', did you mean 'dijkstra'?",
         ),
+        (["route", "absent", "room-0", "room-1"], "absent holds no map: make one with salframe build DATA -o absent"),
+        (["show", "absent"], "absent holds no map"),
         (
-            ["route", "absent", "room-0", "room-1"],
-            "absent holds no topological map: make one with salframe map build DATA -o absent",
+            ["export", "map", "map.dot"],
+            "received the file map.dot, expected one that ends in .graphml, .geojson or .parquet",
         ),
-        (["show", "absent"], "absent holds no topological map"),
-        (["export", "map", "map.dot"], "received the file map.dot, expected one that ends in .graphml or .geojson"),
         (["query", "map", "query-1-9", "--data", "doored"], "unknown frame 'query-1-9'"),
         (
             ["query", "map", "query-1-0", "--data", "doored", "--to", "rom-1"],
@@ -184,7 +184,10 @@ def test_what_a_user_gets_wrong_is_one_line(built, tmp_path, arguments, message)
 
 
 def test_a_failed_build_leaves_the_old_map(built, tmp_path):
-    before = {path.name: path.read_bytes() for path in (tmp_path / "map").iterdir()}
+    def files():
+        return {path: path.read_bytes() for path in (tmp_path / "map").rglob("*") if path.is_file()}
+
+    before = files()
     assert (
         run(
             "map",
@@ -201,5 +204,5 @@ def test_a_failed_build_leaves_the_old_map(built, tmp_path):
         ).code
         == 2
     )
-    assert {path.name: path.read_bytes() for path in (tmp_path / "map").iterdir()} == before
+    assert files() == before
     assert sorted(path.name for path in tmp_path.iterdir() if "map" in path.name) == ["map"]

@@ -15,7 +15,9 @@ from salframe.evaluation.request import Request
 from salframe.evaluation.run import Run
 from salframe.evaluation.tasks import evaluate
 from salframe.framework.errors import ConfigError, DataError
+from salframe.framework.installation import folder_bytes
 from salframe.localization.answers import Localization, LocalizationStatus
+from salframe.localization.saved_map import build_map
 
 
 def run(methods, *settings, engine="inline", **given):
@@ -42,7 +44,8 @@ def test_rows_have_the_promised_numbers(fakes):
     # queries stand 0.1 and 0.2 m from the map frame whose pose is answered
     assert row.median_translation_m == pytest.approx(0.15)
     assert row.recall_025m_2deg == 0.8  # room 3 is answered 4 m off
-    assert row.bytes_per_scene == 16  # two int64
+    build_map("rooms", Path("map"), "reader", overrides=("wrong_from=3",))
+    assert row.bytes_per_scene == folder_bytes(Path("map")) / 5
     assert row.available
     assert row.reason is None
     kept = (result.run / "methods" / "reader" / "metrics.json").read_text()

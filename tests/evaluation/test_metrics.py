@@ -17,7 +17,7 @@ from salframe.evaluation.metrics import (
     reliability,
     roc_area,
 )
-from salframe.evaluation.run import DESCRIPTIONS, MethodStatus, Outcome, RowWriter
+from salframe.evaluation.run import DESCRIPTIONS, MAPS, MethodStatus, Outcome, RowWriter
 from salframe.evaluation.task import Record, count_statuses
 from salframe.panoramas.frames import Fold, MapFrame, QueryFrame, Truth
 from salframe.panoramas.geometry import pose_2d
@@ -107,8 +107,11 @@ def test_summary_of_four_queries(tmp_path):
         answer(status="no-objects", query_ms=None, memory=None),
     )
     with RowWriter(tmp_path / DESCRIPTIONS) as costs:
-        for frame, ms, size in (("map-1", 5.0, 100), ("map-2", 7.0, 300), ("query-0", 100.0, 9000)):
-            costs.append({"frame": frame, "ms": ms, "bytes": size})
+        for frame, ms in (("map-1", 5.0), ("map-2", 7.0), ("query-0", 100.0)):
+            costs.append({"frame": frame, "ms": ms})
+    with RowWriter(tmp_path / MAPS) as maps:
+        maps.append({"fold": "kitchen", "frames": 2, "bytes": 500})
+        maps.append({"fold": "hall", "frames": 3, "bytes": 500})
     data = Kitchen()
     survey = LocalizationSurvey(data, [Query(data.fold, frame) for frame in data.fold.queries])
     record = Record("method", Outcome(MethodStatus.DONE), answers, tmp_path)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from salframe_graphs.places.outline import BINS, MapOutlines, free_outline, pack_outline
+from salframe_graphs.places.outline import BINS, MapOutlines, free_outline, pack_outline, unpack_outline
 
 from salframe.panoramas.geometry import equirectangular_rays, wrap_angle
 
@@ -48,7 +48,10 @@ def test_what_has_no_range_has_no_outline():
 
 def test_packed_it_is_two_bytes_a_bin():
     packed = pack_outline(np.array([1.2344, np.nan, 99.0], np.float32))
-    assert np.frombuffer(packed, "<u2").tolist() == [1234, 0, 65535]
+    assert (packed.dtype, packed.tolist()) == (np.uint16, [1234, 0, 65535])
+    back = unpack_outline(packed)
+    assert back.dtype == np.float32
+    np.testing.assert_allclose(back, [1.234, np.nan, 65.535], rtol=1e-6)
 
 
 @pytest.mark.parametrize("turned", [0.0, 2.0])

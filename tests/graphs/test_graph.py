@@ -1,4 +1,4 @@
-"""Boxes, saliency, graphs and their two forms on disk."""
+"""Boxes, saliency, graphs and their packed form."""
 
 import numpy as np
 import pytest
@@ -8,14 +8,7 @@ from salframe.framework.errors import DataError, InvalidAnswer
 from salframe.graphs.boxes import LEAST_SIDE_M, detections_from_points, upright_box
 from salframe.graphs.detections import Detections
 from salframe.graphs.graph import GraphConfig, box_distances, build_graph
-from salframe.graphs.packing import (
-    graph_from_arrays,
-    graph_to_arrays,
-    pack_graph,
-    read_graphs,
-    unpack_graph,
-    write_graphs,
-)
+from salframe.graphs.packing import graph_from_arrays, graph_to_arrays, pack_graph, unpack_graph
 
 
 def box_points(centre, size, yaw=0.0, count=4000, seed=0):
@@ -106,9 +99,9 @@ def graph():
 
 
 def test_packed_graph_is_small_and_read_back_to_the_millimetre(graph):
-    data = pack_graph(graph, {"a": 0, "b": 1, "c": 2})
-    assert len(data) == 2 + 18 * 9 + 5
-    back = unpack_graph(data, "abc")
+    packed = pack_graph(graph_to_arrays(graph))
+    assert packed["nodes"].nbytes + packed["edges"].nbytes == 16 * 9 + 5
+    back = graph_from_arrays(unpack_graph(packed))
     assert back.labels == graph.labels
     np.testing.assert_array_equal(back.edges, graph.edges)
     np.testing.assert_allclose(back.centroid_m, graph.centroid_m, atol=0.00051)
@@ -118,27 +111,26 @@ def test_packed_graph_is_small_and_read_back_to_the_millimetre(graph):
     assert np.abs(np.sin(back.yaw_rad - graph.yaw_rad)).max() <= np.sin(np.pi / 512)
 
 
+def test_packing_again_changes_nothing(graph):
+    once = pack_graph(graph_to_arrays(graph))
+    again = pack_graph(unpack_graph(once))
+    for name, array in once.items():
+        np.testing.assert_array_equal(again[name], array)
+
+
+def test_an_empty_graph_and_a_thin_box_are_packed():
+    nothing = graph_to_arrays(build_graph(Detections.empty(), np.zeros(0), GraphConfig()))
+    assert len(graph_from_arrays(unpack_graph(pack_graph(nothing)))) == 0
+    thin = graph_to_arrays(build_graph(detections([[1, 0, 0]], [[2.0, 1e-5, 99.0]]), np.ones(1), GraphConfig()))
+    assert unpack_graph(pack_graph(thin))["size_m"].tolist() == [[2.0, 0.001, 65.535]]  # its logarithm is taken
+
+
 def test_packing_says_what_does_not_fit(graph):
-    with pytest.raises(DataError, match="label 'b' is not in the vocabulary"):
-        pack_graph(graph, {"a": 0, "c": 1})
-    with pytest.raises(DataError, match="received 20"):
-        unpack_graph(pack_graph(graph, {"a": 0, "b": 1, "c": 2})[:20], "abc")
-
-
-def test_graph_table_is_read_back_exactly(graph, tmp_path):
-    empty = build_graph(Detections.empty(), np.zeros(0), GraphConfig())
-    write_graphs(tmp_path / "graphs.parquet", [graph, empty, graph])
-    back = read_graphs(tmp_path / "graphs.parquet", 3)
-    assert [len(g) for g in back] == [9, 0, 9]
-    np.testing.assert_array_equal(back[2].edges, graph.edges)
-    np.testing.assert_array_equal(back[2].centroid_m, graph.centroid_m)
-    np.testing.assert_array_equal(back[2].scores, graph.scores)
-    for count in (2, 4):
-        with pytest.raises(DataError, match=f"has 3 graphs, expected {count}"):
-            read_graphs(tmp_path / "graphs.parquet", count)
-    (tmp_path / "bad.parquet").write_bytes(b"PAR1 no")
-    with pytest.raises(DataError, match=r"bad\.parquet is not a table of graphs"):
-        read_graphs(tmp_path / "bad.parquet", 1)
+    arrays = graph_to_arrays(graph)
+    for reach_m in (33.0, np.nan):
+        far = {**arrays, "centroid_m": np.full((9, 3), reach_m)}
+        with pytest.raises(DataError, match=f"an object lies {reach_m:.1f} m away, expected at most 32.767 m"):
+            pack_graph(far)
 
 
 def test_an_object_out_of_reach_is_left_out_and_counted():
@@ -148,4 +140,4 @@ def test_an_object_out_of_reach_is_left_out_and_counted():
     graph = build_graph(seen, np.full(3, 1 / 3), GraphConfig())
     assert (sorted(graph.labels), graph.out_of_reach) == (["bed", "lamp"], 1)
     assert graph_from_arrays(graph_to_arrays(graph)).out_of_reach == 1
-    assert len(pack_graph(graph, {"bed": 0, "lamp": 1})) == 2 + 18 * 2 + 1
+    assert len(pack_graph(graph_to_arrays(graph))["nodes"]) == 2

@@ -9,9 +9,11 @@ from salframe_graphs.localizer import SaliencyGraphLocalizer
 from salframe.framework.config import validate
 from salframe.framework.errors import DataError, InputMissing
 from salframe.framework.identity import identity
+from salframe.framework.installation import folder_bytes
 from salframe.framework.presets import configure, settings
 from salframe.graphs.detections import Detections
 from salframe.localization.localizer import rank_places
+from salframe.localization.map_folder import write_map
 from salframe.panoramas.frames import FrameKind, MapFrame, QueryFrame
 from salframe.panoramas.geometry import invert_pose, pose_2d, pose_errors, transform_points
 from salframe.panoramas.panorama import Annotations, ObjectBoxes, Panorama
@@ -66,7 +68,8 @@ def test_place_and_pose(mapped):
         answer = mapped.localize(query(i, T))
         assert answer.status == "ok"
         assert answer.places[0].place == f"room-{i}"
-        assert pose_errors(answer.T_world_query, pose_2d(6.0 * i, 0, 0.3 * i) @ T) == pytest.approx((0, 0), abs=1e-4)
+        expected = pose_2d(6.0 * i, 0, 0.3 * i) @ T
+        assert pose_errors(answer.T_world_query, expected) == pytest.approx((0, 0), abs=5e-4)  # positions are in mm
 
 
 def test_saved_map_gives_the_same_answers(mapped, tmp_path):
@@ -79,9 +82,16 @@ def test_saved_map_gives_the_same_answers(mapped, tmp_path):
     np.testing.assert_array_equal(before.T_world_query, after.T_world_query)
 
 
-def test_a_scene_is_a_few_hundred_bytes(mapped):
-    description, _ = mapped.describe_frame(query(0))
-    assert mapped.scene_bytes(description) == 2 + 18 * 7 + 3
+def test_a_scene_is_a_few_hundred_bytes(mapped, tmp_path):
+    """7 nodes of 16 bytes, a byte each for their labels, 3 for 21 edges, and their number."""
+    frames = [map_frame(i, pose_2d(6.0 * i, 0, 0.0)) for i in range(100)]
+    sizes = []
+    for count in (50, 100):
+        localizer = graph_localizer()
+        localizer.build(frames[:count])
+        localizer.save(tmp_path / str(count))
+        sizes.append(folder_bytes(next((tmp_path / str(count)).glob("parts-*")) / "scenes"))
+    assert (sizes[1] - sizes[0]) / 50 == pytest.approx(7 * 16 + 7 + 3, abs=0.1)
 
 
 def test_failing_is_a_status(mapped):
@@ -113,8 +123,9 @@ def test_bad_input_is_one_clear_line(mapped, tmp_path):
         mapped.localize(QueryFrame("q", lambda: Panorama("q", range_m=np.ones((4, 8), np.float32))))
     with pytest.raises(DataError, match="at least one mapping frame"):
         graph_localizer().build([])
-    content = {"format": 2, "version": "0", "localizer": {"kind": "objects"}, "described_by": "", "frames": []}
-    (tmp_path / "map.json").write_text(json.dumps(content))
+    with write_map(tmp_path) as parts:
+        content = {"version": "0", "localizer": {"kind": "objects"}, "described_by": ""}
+        (parts / "method.json").write_text(json.dumps(content))
     with pytest.raises(DataError, match="made by objects 0, expected saliency-graph"):
         graph_localizer().load(tmp_path)
 

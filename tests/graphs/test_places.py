@@ -15,8 +15,8 @@ from salframe_graphs.places.rates import Likelihood, shipped_rates
 
 from salframe.framework.identity import identity
 from salframe.graphs.detections import unit_vectors
-from salframe.localization.localizer import read_map
-from salframe.panoramas.floors import FloorMasks
+from salframe.localization.map_folder import read_map
+from salframe.panoramas.floors import FloorMasks, read_floors
 from salframe.panoramas.frames import FrameKind, MapFrame, QueryFrame
 from salframe.panoramas.geometry import invert_pose, pose_2d, pose_errors, transform_points
 from salframe.panoramas.panorama import Annotations, ObjectBoxes, Panorama
@@ -109,7 +109,7 @@ def test_a_map_opened_again_answers_alike(tmp_path):
     made.save(tmp_path)
     again = SaliencyPlacesLocalizer(SaliencyPlacesLocalizer.Config(detector="annotations"))
     again.load(tmp_path)
-    assert len(read_map(tmp_path).floors) == 1
+    assert len(read_map(tmp_path, read_floors)) == 1
     for rooms, x_m in ((["a"], 3.4), (["b"], 5.0)):
         before, after = (one.localize(asked(rooms, x_m)[0]) for one in (made, again))
         assert before.places == after.places
@@ -143,8 +143,11 @@ def test_an_outline_is_remembered_where_there_is_range():
     plain = without.describe(ranged)
     assert set(with_outline.describe(ranged)) - set(plain) == {"outline_m"}
     assert set(with_outline.describe(seen)) == set(plain)
-    grown = with_outline.scene_bytes(with_outline.describe(ranged)) - without.scene_bytes(plain)
-    assert grown == 144
+    packed = with_outline.pack(with_outline.describe(ranged))
+    assert {name: packed[name].nbytes for name in set(packed) - set(without.pack(plain))} == {"outline_mm": 144}
+    np.testing.assert_allclose(
+        with_outline.unpack(packed)["outline_m"], with_outline.describe(ranged)["outline_m"], atol=6e-4
+    )
 
 
 def test_what_is_fitted_comes_from_a_file_or_the_settings(tmp_path):

@@ -125,7 +125,7 @@ def test_a_map_frame_in_which_nothing_is_seen(mapping, query):
 
 def test_a_line_takes_17_bytes_and_the_longest_are_kept(localizer, query):
     every, few = localizer.describe(query), Lines(Lines.Config(max_lines=5)).describe(query)
-    assert localizer.scene_bytes(every) == 17 * len(every["axis"]) + 8
+    assert sum(array.nbytes for array in every.values()) == 17 * len(every["axis"]) + 8
     for axis in range(3):
         of_all, of_few = (
             np.diff(description["along_rad"][description["axis"] == axis])[:, 0] for description in (every, few)

@@ -1,0 +1,77 @@
+"""Rows of named arrays as packed columns."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from salframe.framework.columns import read_columns, write_columns
+from salframe.framework.errors import DataError
+
+PAIR = np.dtype([("near", "u1"), ("at_mm", "<i2", 3)])
+
+
+def scene(count: int) -> dict[str, np.ndarray]:
+    """Arrays of all sorts, `count` rows long where they may be."""
+    rng = np.random.default_rng(count)
+    pairs = np.zeros(count, PAIR)
+    pairs["at_mm"] = rng.integers(-999, 999, (count, 3))
+    return {
+        "labels": rng.choice(["bed", "Schönbett", ""], count).astype(np.str_),
+        "name": np.array(f"scene {count}"),
+        "count": np.array(count),
+        "pairs": pairs,
+        "table": rng.normal(size=(count, 3)).astype(np.float32),
+        "square": rng.normal(size=(count, count)) > 0,
+        "a/b .": rng.normal(size=4),
+    }
+
+
+def test_rows_are_read_back_exactly(tmp_path):
+    rows = [scene(count) for count in (3, 0, 7, 1)]
+    write_columns(tmp_path / "rows", rows)
+    for row, back in zip(rows, read_columns(tmp_path / "rows"), strict=True):
+        assert list(back) == list(row)
+        for name, array in row.items():
+            np.testing.assert_array_equal(back[name], array, strict=name not in ("labels", "name"))
+            assert back[name].dtype.kind == array.dtype.kind
+
+
+def test_what_a_row_does_not_have_it_does_not_get(tmp_path):
+    rows = [{"a": np.arange(3)}, {"b": np.array("x")}, {}, {"a": np.arange(4), "b": np.array("y")}]
+    write_columns(tmp_path / "rows", rows)
+    back = read_columns(tmp_path / "rows")
+    assert [sorted(row) for row in back] == [["a"], ["b"], [], ["a", "b"]]
+    assert (back[3]["a"].tolist(), str(back[3]["b"])) == ([0, 1, 2, 3], "y")
+
+
+def test_no_row_and_rows_of_nothing(tmp_path):
+    for number, rows in enumerate(([], [{}, {}])):
+        write_columns(tmp_path / str(number), rows)
+        assert read_columns(tmp_path / str(number)) == rows
+
+
+def test_values_are_mapped_into_memory_and_cannot_be_written(tmp_path):
+    write_columns(tmp_path / "rows", [{"a": np.arange(6.0)}, {"a": np.arange(9.0)}])
+    first, second = (row["a"] for row in read_columns(tmp_path / "rows"))
+    assert first.base is second.base
+    holder = first
+    while isinstance(holder, np.ndarray) and not isinstance(holder, np.memmap):
+        holder = holder.base
+    assert isinstance(holder, np.memmap)
+    with pytest.raises(ValueError, match="read-only"):
+        first[0] = 1
+
+
+def test_columns_cost_their_values_and_a_header(tmp_path):
+    """1,000 rows of 5 words of 3: a byte a word, a header of 128 bytes, and the table."""
+    write_columns(tmp_path / "rows", [{"labels": np.array(["bed", "sofa", "lamp", "bed", "bed"])}] * 1000)
+    sizes = {path.name: path.stat().st_size for path in (tmp_path / "rows").iterdir()}
+    assert sizes["labels.npy"] == 128 + 5000
+    assert sorted(sizes) == ["columns.json", "labels.npy"]
+    assert sizes["columns.json"] < 150
+
+
+def test_arrays_of_other_dimensions_are_refused(tmp_path):
+    with pytest.raises(DataError, match=r"arrays of the name 'a' have \[1, 2\] dimensions, expected the same"):
+        write_columns(tmp_path / "rows", [{"a": np.zeros(3)}, {"a": np.zeros((3, 1))}])

@@ -1,0 +1,197 @@
+"""`salframe build` and `salframe map build`, killed: the folder holds the old map or the new one, and builds go on."""
+
+from __future__ import annotations
+
+import os
+import random
+import shutil
+import signal
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from salframe.framework.errors import DataError
+from salframe.framework.registry import registry
+from salframe.localization.saved_map import build_map, open_map
+from salframe.panoramas.frames import QueryFrame
+from salframe.panoramas.opening import find_dataset, find_frame
+from salframe.topology.place_map import ask_map, build_topological_map
+
+NO_MAP = "holds no map: make one with salframe"
+
+
+BUILD, MAP_BUILD = build_map, build_topological_map
+"""What `salframe build` and `salframe map build` call."""
+EITHER = pytest.mark.parametrize(
+    "way", [pytest.param(BUILD, id="build"), pytest.param(MAP_BUILD, id="map build", marks=pytest.mark.slow)]
+)
+
+
+@dataclass(frozen=True)
+class Site:
+    """A folder that maps of two buildings are written to by turns, and the question that they answer differently."""
+
+    way: Callable[..., object]
+    folder: Path
+    data: str
+    method: str
+    buildings: tuple[tuple[str, ...], tuple[str, ...]]
+    question: QueryFrame
+
+    def build(self, building: int) -> None:
+        self.way(self.data, self.folder, self.method, overrides=self.buildings[building])
+
+    def ask(self) -> str:
+        """What the map answers, in every digit; a topological map is asked for the nearest node too."""
+        try:
+            if self.way is MAP_BUILD:
+                return str(ask_map(self.folder, self.question))
+            return str(open_map(self.folder).localize(self.question))
+        except DataError as error:
+            if NO_MAP in str(error):
+                return NO_MAP
+            raise
+
+    def answers(self) -> list[str]:
+        """What the maps of the two buildings answer, the second of which is left there."""
+        found = []
+        for building in (0, 1):
+            self.build(building)
+            found.append(self.ask())
+        assert found[0] != found[1]
+        return found
+
+    def whole(self) -> bool:
+        """Whether there is one map, and nothing of another."""
+        return sorted(path.name.partition("-")[0] for path in self.folder.iterdir()) == ["map.json", "parts"]
+
+    def parts(self) -> set[Path]:
+        return set(self.folder.glob("parts-*"))
+
+
+def start(work: Callable[[], object]) -> int:
+    """The process id of a fork of this process that does some work."""
+    child = os.fork()
+    if child == 0:
+        try:
+            work()
+        finally:
+            os._exit(0)
+    return child
+
+
+def killed(child: int) -> bool:
+    """Wait for a process; whether it was killed."""
+    return os.WIFSIGNALED(os.waitpid(child, 0)[1])
+
+
+def kill_at(step: int, folder: Path) -> None:
+    """Have this process killed just before it changes what is in a folder for the `step`th time."""
+    changes: list[str] = []
+
+    def count(event: str, arguments: tuple) -> None:
+        removes = event in ("os.remove", "os.rmdir")  # of a name in a folder that is open
+        writes = event in ("os.mkdir", "os.rename") or (event == "open" and arguments[2] & (os.O_WRONLY | os.O_RDWR))
+        if removes or (writes and any(str(folder) in str(argument) for argument in arguments[:2])):
+            changes.append(event)
+            if len(changes) == step:
+                os.kill(os.getpid(), signal.SIGKILL)
+
+    sys.addaudithook(count)
+
+
+@pytest.fixture
+def rooms(fakes, monkeypatch, tmp_path) -> Callable[..., Site]:
+    """Rooms in a row, three of them or five."""
+    monkeypatch.setenv("SALFRAME_PLUGINS", "fake_plugin,doored_plugin")
+    registry.cache_clear()
+    question = find_frame(find_dataset("doored"), "query-1-0")
+    buildings = ("data.rooms=3",), ("data.rooms=5", "offset=1")
+    return lambda way: Site(way, tmp_path / "map", "doored", "reader", buildings, question)
+
+
+def steps(site: Site, building: int) -> Iterator[int]:
+    """Build once for each time that it changes what is in the folder, and be killed there."""
+    step = 1
+    while killed(start(partial(be_killed, step, site, building))):
+        yield step
+        step += 1
+
+
+def be_killed(step: int, site: Site, building: int) -> None:
+    kill_at(step, site.folder)
+    site.build(building)
+
+
+@EITHER
+def test_a_map_that_is_replaced_is_the_old_or_the_new_at_every_step(rooms, way):
+    site = rooms(way)
+    new, old = site.answers()
+    found = []
+    for _ in steps(site, 0):
+        found.append(site.ask())
+        site.build(1)
+        assert site.ask() == old
+        assert site.whole()
+    assert site.ask() == new
+    assert found == [old] * found.count(old) + [new] * found.count(new)  # it changes once
+    assert min(found.count(old), found.count(new)) >= 2
+
+
+@EITHER
+def test_a_first_build_that_is_killed_leaves_none_and_is_repeated(rooms, way):
+    site = rooms(way)
+    new, _ = site.answers()
+    shutil.rmtree(site.folder)
+    found = []
+    for _ in steps(site, 0):
+        found.append(site.ask())
+        site.build(0)
+        assert site.ask() == new
+        assert site.whole()
+        shutil.rmtree(site.folder)
+    assert site.ask() == new
+    assert set(found) == {NO_MAP}
+    assert len(found) >= 10
+
+
+@pytest.mark.slow
+@EITHER
+def test_fifty_kills_at_any_time(way, tmp_path):
+    """Homes of 6 rooms by `places`: half of the kills at any time of the build, half while the map is being written;
+    every fifth of a first build."""
+    buildings = tuple(("data.rgb=false", f"data.seed={seed}") for seed in (1, 2))
+    question = find_frame(find_dataset("house-6", overrides=buildings[0]), "query-0001")
+    site = Site(way, tmp_path / "map", "house-6", "places", buildings, question)
+    answers, rng, seen = site.answers(), random.Random(0), Counter[str]()
+    began = time.monotonic()
+    site.build(1)
+    whole_s = time.monotonic() - began
+    for kill in range(50):
+        old, new = answers[(kill + 1) % 2], answers[kill % 2]
+        if first := kill % 5 == 0:
+            shutil.rmtree(site.folder)
+        before = site.parts()
+        child = start(partial(site.build, kill % 2))
+        if kill % 2:
+            while site.parts() <= before:  # the folder of the new parts is the first that it makes
+                pass
+            time.sleep(rng.uniform(0, 0.03))
+        else:
+            time.sleep(rng.uniform(0, whole_s))
+        os.kill(child, signal.SIGKILL)
+        assert killed(child), "it ended before it was killed"
+        answer = site.ask()
+        assert answer in (new, NO_MAP if first else old)
+        kind = {new: "new", old: "old", NO_MAP: "no"}[answer]
+        seen[f"{kind} map, {len(site.parts() - before)} new parts"] += 1
+        site.build(kill % 2)
+        assert site.ask() == new
+        assert site.whole()
+    print(dict(seen))
