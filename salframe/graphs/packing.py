@@ -73,7 +73,7 @@ def unpack_graph(packed: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         "centroid_m": nodes["position_mm"] / 1000,
         "size_m": nodes["size_mm"] / 1000,
         "yaw_rad": nodes["yaw"] * (np.pi / 256),
-        "edges": pairs[np.unpackbits(packed["edges"], count=len(pairs)).astype(bool)],
+        "edges": pairs[np.unpackbits(packed["edges"], count=len(pairs)).view(bool)],
     }
 
 

@@ -284,15 +284,13 @@ def read_method(parts: Path) -> SavedMethod:
 
 def read_frames(parts: Path) -> list[MapFrame]:
     """The frames among the parts of a map that has a method."""
-    return [
-        MapFrame(
-            str(row["id"]),
-            str(row["place"]),
-            np.vstack([row["T_world_pano"], [0, 0, 0, 1]]),
-            FrameKind(str(row["kind"])),
-        )
-        for row in read_columns(parts / FRAMES)
-    ]
+    frames, rows = [], read_columns(parts / FRAMES)
+    poses = np.tile(np.eye(4), (len(rows), 1, 1))
+    for row, T_world_pano in zip(rows, poses, strict=True):
+        T_world_pano[:3] = row["T_world_pano"]
+        id, place, kind = (row[name].item() for name in ("id", "place", "kind"))
+        frames.append(MapFrame(id, place, T_world_pano, FrameKind(kind)))
+    return frames
 
 
 def _frame_row(frame: MapFrame) -> Description:
