@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from urllib.parse import quote
@@ -76,12 +75,11 @@ def read_columns(folder: Path) -> list[dict[str, np.ndarray]]:
         shapes = np.empty((table.rows, len(column.shape)), np.int64)
         for axis, length in enumerate(column.shape):
             shapes[:, axis] = next(lengths) if length is None else length
-        absent, start = set(column.absent), 0
-        for i, shape in enumerate(shapes.tolist()):
-            end = start + math.prod(shape)
-            if i not in absent:
-                rows[i][column.name] = values[start:end].reshape(shape)
-            start = end
+        ends = shapes.prod(1).cumsum().tolist()
+        for row, start, end, shape in zip(rows, [0, *ends], ends, shapes.tolist(), strict=False):
+            row[column.name] = values[start:end].reshape(shape)
+        for i in column.absent:
+            del rows[i][column.name]
     return rows
 
 
