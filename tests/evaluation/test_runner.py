@@ -208,7 +208,8 @@ def test_a_run_folder_says_what_was_asked_and_where(fakes):
     _, result = run(["reader", "weightless"])
     assert {path.name for path in result.run.iterdir()} >= {"request.yaml", "env.json", "methods"}
     names = {path.name for path in (result.run / "methods" / "reader").iterdir()}
-    assert names == {"rows.jsonl", "descriptions.jsonl", "outcome.json", "identity.json", "metrics.json"}
+    files = {"rows.jsonl", "descriptions.jsonl", "maps.jsonl", "outcome.json", "identity.json", "metrics.json"}
+    assert names == files
     environment = json.loads((result.run / "env.json").read_text())
     assert environment["dataset_fingerprint"] == result.to_json()["data_fingerprint"]
     outcome = json.loads((result.run / "methods" / "weightless" / "outcome.json").read_text())
