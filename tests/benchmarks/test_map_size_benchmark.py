@@ -1,5 +1,5 @@
-"""What a map of `proposed` takes on disk, and the processor time that reading it takes, at 42, 1,000 and 10,000 scenes:
-at most 1 s. `make benchmark`."""
+"""What a map of `saliency-graph` takes on disk, and the processor time that reading it takes, at 42, 1,000 and 10,000
+scenes: at most 1 s. `make benchmark`."""
 
 import time
 

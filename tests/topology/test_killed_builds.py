@@ -164,11 +164,11 @@ def test_a_first_build_that_is_killed_leaves_none_and_is_repeated(rooms, way):
 @pytest.mark.slow
 @EITHER
 def test_fifty_kills_at_any_time(way, tmp_path):
-    """Homes of 6 rooms by `places`: half of the kills at any time of the build, half while the map is being written;
+    """Homes of 6 rooms by `proposed`: half of the kills at any time of the build, half while the map is being written;
     every fifth of a first build."""
     buildings = tuple(("data.rgb=false", f"data.seed={seed}") for seed in (1, 2))
     question = find_frame(find_dataset("house-6", overrides=buildings[0]), "query-0020")
-    site = Site(way, tmp_path / "map", "house-6", "places", buildings, question)
+    site = Site(way, tmp_path / "map", "house-6", "proposed", buildings, question)
     answers, rng, seen = site.answers(), random.Random(0), Counter[str]()
     began = time.monotonic()
     site.build(1)
