@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 from salframe_graphs.localizer import SaliencyGraphLocalizer
+from salframe_graphs.places.localizer import SaliencyPlacesLocalizer
 
 from salframe.framework.config import validate
 from salframe.framework.errors import DataError, InputMissing
@@ -148,11 +149,13 @@ def test_the_best_frame_of_a_place_stands_for_it():
     assert [(p.frame, p.place) for p in rank_places(frames, np.array([0.1, -np.inf, 0.3]))] == [("3", "x")]
 
 
-@pytest.mark.parametrize("preset", ["proposed", "paper"])
-def test_presets_are_configurations_of_the_same_stages(preset):
+@pytest.mark.parametrize(
+    ("preset", "localizer"), [("proposed", SaliencyPlacesLocalizer), ("paper", SaliencyGraphLocalizer)]
+)
+def test_presets_are_configurations_of_the_same_stages(preset, localizer):
     config = configure("localizer", preset, settings("localizer", preset))
-    assert config.kind == "saliency-graph"
-    assert validate(SaliencyGraphLocalizer.Config, config.model_dump(), preset) == config
+    assert config.kind == localizer.name
+    assert validate(localizer.Config, config.model_dump(), preset) == config
 
 
 @pytest.mark.parametrize(
