@@ -99,7 +99,8 @@ def fit_method(
         weights, before, after = _fit(tunings, chosen)
         names = fields["weights"].annotation.model_fields  # type: ignore[union-attr]
         found = {name: float(f"{value:.4g}") for name, value in zip(names, weights, strict=True)}
-        content = merge(chosen, {"weights": found})
+        whole = tunings[0].localizer.config.model_dump(mode="json", include=chosen.keys())
+        content = {**merge(whole, chosen), "weights": found}
         gain["evidence"] = {"before": before, "after": after}
         lines.append(
             f"weights: mean -ln(the share of the query's place) {after:.3f}, {before:.3f} where all places are alike"

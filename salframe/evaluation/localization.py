@@ -18,8 +18,8 @@ from salframe.evaluation.metrics import (
     accepted_though_absent,
     accuracy_interval,
     judge,
-    mcnemar_exact,
     median,
+    paired_test,
     pose_recalls,
     reliability,
     roc_area,
@@ -164,13 +164,14 @@ class LocalizationTask(Task[Query, LocalizationSurvey]):
         self, survey: LocalizationSurvey, records: Sequence[Record], seed: int
     ) -> tuple[LocalizationRow, ...]:
         judged = judge_records(survey, records)
+        places = [truth.place for truth in survey.truths()]
         lines: list[LocalizationRow] = []
         first: Judged | None = None
         for record, found in zip(records, judged, strict=True):
             line = LocalizationRow(**record.common(), queries=len(survey.pieces))
             if record.done:
                 line = replace(line, **_reached(found, seed), **_known_worth(found), **_costs(record))
-                line = replace(line, p_value=mcnemar_exact(first.correct, found.correct) if first else None)
+                line = replace(line, p_value=paired_test(first.correct, found.correct, places) if first else None)
                 first = first or found
             lines.append(line)
         return tuple(lines)

@@ -167,15 +167,23 @@ def accuracy_interval(correct: np.ndarray, seed: int) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def mcnemar_exact(first: np.ndarray, second: np.ndarray) -> float:
-    """Two-sided exact McNemar test: the chance of so uneven a split of the queries that only one of two methods, (Q,)
-    bool each, got right."""
-    from scipy.stats import binomtest
+def paired_test(first: np.ndarray, second: np.ndarray, cluster: Sequence[str]) -> float:
+    """Two-sided exact test of two methods that were right on (Q,) bool queries each, clustered: the chance that they
+    differ by so many right answers or more, were the methods swapped in each cluster by the toss of a coin.
 
-    only_first, only_second = int((first & ~second).sum()), int((second & ~first).sum())
-    if only_first + only_second == 0:
-        return 1.0
-    return float(binomtest(only_first, only_first + only_second, 0.5).pvalue)
+    Queries of one place tell less than as many of different places. Where each is a cluster of its own this is
+    McNemar's exact test.
+    """
+    _, number = np.unique(np.asarray(cluster, np.str_), return_inverse=True)
+    difference = np.bincount(number, first.astype(float) - second).astype(int)
+    chance = np.ones(1)  # of each sum of the differences, from the least possible to the largest, in steps of one
+    for size in np.abs(difference[difference != 0]):
+        swapped = np.zeros(len(chance) + 2 * size)
+        swapped[: len(chance)] += chance / 2
+        swapped[2 * size :] += chance / 2
+        chance = swapped
+    sums = np.arange(len(chance)) - len(chance) // 2
+    return float(min(chance[np.abs(sums) >= abs(difference.sum())].sum(), 1.0))
 
 
 def bootstrap_interval(values: np.ndarray, seed: int) -> tuple[float, float]:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from salframe.evaluation.metrics import bootstrap_interval, mcnemar_exact
+from salframe.evaluation.metrics import bootstrap_interval, paired_test
 from salframe.evaluation.request import Request, Resolved, resolve
 from salframe.evaluation.result import Result
 from salframe.evaluation.run import Row, Run
@@ -50,7 +50,7 @@ ARMS = {Positioning.ON: ("",), Positioning.OFF: (WITHOUT,), Positioning.BOTH: ("
 @dataclass(frozen=True, kw_only=True)
 class NavigationRow(MethodRow):
     """A method's line: rates over all episodes with their 95 % intervals, a crashed episode a failure; means over those
-    that ended; p_value of the exact McNemar test of success against the first measured method.
+    that ended; p_value of the exact paired test of success, clustered by goal, against the first measured method.
     """
 
     episodes: int
@@ -177,7 +177,8 @@ class NavigationTask(Task[Episode, NavigationSurvey]):
             if record.done:
                 rows = sorted((row for row in record.rows if row is not None), key=lambda row: row["episode"])
                 success = np.array([row["success"] for row in rows], bool)
-                p_value = None if first is None else mcnemar_exact(first, success)
+                goals = [f"{row['world']}/{row['goal']}" for row in rows]
+                p_value = None if first is None else paired_test(first, success, goals)
                 line = replace(line, **_measure(rows, seed), p_value=p_value)
                 first = success if first is None else first
             lines.append(line)

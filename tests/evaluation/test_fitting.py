@@ -126,13 +126,14 @@ def test_settings_are_tried_and_evidence_is_weighed(fakes, monkeypatch, tmp_path
 
     registry.cache_clear()
     command = ("fit", "weighing", *ROOMS, "--set", "offset=1", "-o", "out.yaml")
-    done = run(*command, "--try", "offset=2,0,3")
+    done = run(*command, "--try", "scales.b=1", "--try", "offset=2,0,3")
     assert done.code == 0, done.err
     found = yaml.safe_load((tmp_path / "out.yaml").read_text())
     assert found["offset"] == 0
+    assert found["scales"] == {"a": 1.0, "b": 1.0}  # the whole setting, also where a part of it was tried
     assert found["weights"]["near"] > 1
     assert found["weights"]["same"] == pytest.approx(0, abs=1e-6)
-    assert found["provenance"]["try"] == ["offset=2,0,3"]
+    assert found["provenance"]["try"] == ["scales.b=1", "offset=2,0,3"]
     gain = found["provenance"]["mean_negative_log_likelihood"]["evidence"]
     assert gain["before"] == pytest.approx(2.0794, abs=1e-4)  # ln 8: as many rooms
     assert gain["after"] < 0.3
@@ -155,18 +156,23 @@ class Weights(Settings):
     near: float = 0.1
     same: float = 0.0
 
+class Scales(Settings):
+    a: float = 1.0
+    b: float = 0.0
+
 class Weighing(Reader):
     "Weighs how near a room's number is."
     name = "weighing"
     class Config(Reader.Config):
         weights: Weights = match_only(Weights())
+        scales: Scales = match_only(Scales())
         colour: int = 0
 
     def describe_identity(self):
         return {"name": self.name, "colour": self.config.colour}
 
     def evidence(self, description):
-        near = -np.abs(self.rooms - (description["room"][0] + self.config.offset)).astype(float)
+        near = -np.abs(self.rooms - (description["room"][0] + self.config.offset)) ** self.config.scales.b
         return Evidence([frame.place for frame in self.frames], np.column_stack([near, np.ones(len(near))]))
 
     def match(self, description):

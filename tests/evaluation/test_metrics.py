@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -12,7 +13,7 @@ from salframe.evaluation.metrics import (
     accuracy_interval,
     bootstrap_interval,
     judge,
-    mcnemar_exact,
+    paired_test,
     pose_recalls,
     reliability,
     roc_area,
@@ -141,13 +142,24 @@ def test_interval_agrees_with_resampling_query_by_query():
     assert accuracy_interval(correct, seed=0) == pytest.approx(np.quantile(means, (0.025, 0.975)), abs=0.026)
 
 
-def test_mcnemar_against_the_sum_of_binomial_coefficients():
+def test_paired_test_of_single_queries_is_mcnemars():
     first = np.array([True] * 9 + [False] * 2 + [True] * 20)
     second = np.array([False] * 9 + [True] * 2 + [True] * 20)
+    alone = list(map(str, range(31)))
     expected = 2 * sum(math.comb(11, k) for k in range(3)) / 2**11
-    assert mcnemar_exact(first, second) == pytest.approx(expected)
-    assert mcnemar_exact(second, first) == pytest.approx(expected)
-    assert mcnemar_exact(first, first) == 1.0
+    assert paired_test(first, second, alone) == pytest.approx(expected)
+    assert paired_test(second, first, alone) == pytest.approx(expected)
+    assert paired_test(first, first, alone) == 1.0
+
+
+def test_paired_test_against_every_toss():
+    """Rooms that differ by 3, 2, -1, 2, 0 and 1 queries: of the 32 tosses, those that sum to 7 or more either way."""
+    size = (3, 2, -1, 2, 0, 1)
+    tosses = [abs(sum(np.array(signs) * [3, 2, 1, 2, 1])) for signs in itertools.product((-1, 1), repeat=5)]
+    room = [str(k) for k in range(6) for _ in range(3)]
+    first = np.array([q < max(n, 0) for n in size for q in range(3)])
+    second = np.array([q < max(-n, 0) for n in size for q in range(3)])
+    assert paired_test(first, second, room) == pytest.approx(np.mean(np.array(tosses) >= 7))
 
 
 def test_statuses_are_counted_ok_first():
