@@ -1,18 +1,63 @@
-"""Worker processes that do not outlive the one that started them."""
+"""Worker processes that need nothing of the caller's main module, and do not outlive who started them."""
 
 from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
+import sys
 import threading
+import time
+from types import TracebackType
+
+from loky import ProcessPoolExecutor
 
 
-def die_with_parent() -> None:
-    """Pool initializer: a killed parent must not leave a worker that goes on writing files."""
+POLL_S = 0.5
+"""A worker sees at most so late that its parent is gone."""
 
-    def wait() -> None:
-        if (parent := multiprocessing.parent_process()) is not None:
-            parent.join()
-            os._exit(1)
 
-    threading.Thread(target=wait, daemon=True).start()
+class ProcessPool(ProcessPoolExecutor):
+    """So many processes that work; leaving its `with` block by an exception ends them at once.
+
+    They do not import the caller's main module, as those of multiprocessing do: a plain script, a notebook or a shell
+    may start them. Where one dies, the results that are still awaited raise BrokenProcessPool.
+    """
+
+    def __init__(self, workers: int) -> None:
+        super().__init__(workers, initializer=_begin_work, initargs=(os.getpid(),))
+
+    def stop(self) -> list[int]:
+        """End the processes, whatever they do, and give their ids."""
+        processes = dict(self._processes)  # Python 3.14 is the first whose pools have terminate_workers()
+        for process in processes.values():
+            process.terminate()
+        for process in processes.values():
+            process.join()
+        self.shutdown()
+        return list(processes)
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        if kind is None:
+            self.shutdown()
+        else:
+            self.stop()
+
+
+def _begin_work(parent: int) -> None:
+    """An interrupt from the terminal is for the parent, which ends its workers; and a killed parent must not leave a
+    worker that goes on writing files."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_die_with, args=(parent,), daemon=True).start()
+
+
+def _die_with(parent: int) -> None:
+    if sys.platform == "win32":  # where a process keeps the number of a dead parent
+        if (process := multiprocessing.parent_process()) is not None:
+            process.join()
+    else:
+        while os.getppid() == parent:
+            time.sleep(POLL_S)
+    os._exit(1)
