@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conformance import conforms
 
 from salframe.panoramas.camera_height import camera_height
 from salframe.panoramas.panorama import Panorama
-from salframe.testing import check_component
 
 PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "range-models.md"
 
@@ -21,7 +21,7 @@ def test_the_pages_range_model_conforms_and_its_floor_is_where_it_says(tmp_path,
     monkeypatch.syspath_prepend(tmp_path)
     from page_range_model import EmptyRoom
 
-    check_component(EmptyRoom)
+    assert conforms(EmptyRoom)
     range_m = EmptyRoom(EmptyRoom.Config(camera_height_m=1.3)).estimate(
         Panorama("a", rgb=np.zeros((64, 128, 3), np.uint8))
     )

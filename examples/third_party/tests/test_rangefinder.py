@@ -15,7 +15,7 @@ COMPONENTS = [item for item in salframe_provides() if isinstance(item, type) and
 
 @pytest.mark.parametrize("component", COMPONENTS, ids=lambda component: component.name)
 def test_every_component_keeps_the_rules_of_its_role(component):
-    check_component(component)
+    assert not check_component(component).failed
 
 
 def hall() -> Panorama:
