@@ -12,7 +12,6 @@ from types import TracebackType
 
 from loky import ProcessPoolExecutor
 
-
 POLL_S = 0.5
 """A worker sees at most so late that its parent is gone."""
 

@@ -28,8 +28,8 @@ def silent(line: str) -> None:
 
 
 def build_map(
-    data: str | None,
-    output: Path,
+    data: str | Path | None,
+    output: str | Path,
     method: str | None = None,
     *,
     data_dir: Path | None = None,
@@ -43,6 +43,7 @@ def build_map(
     ConfigError where `output` holds something else than a map, InputMissing where nothing that `auto` may become can
     run.
     """
+    output = Path(output)
     check_output(output, MAP)
     name, dataset, localizer = prepare(data, method, data_dir, overrides, progress, tell)
     tracked = progress and partial(progress, name)
@@ -62,7 +63,7 @@ def check_output(output: Path, *names: str) -> None:
 
 
 def prepare(
-    data: str | None,
+    data: str | Path | None,
     method: str | None,
     data_dir: Path | None,
     overrides: Sequence[str],
@@ -86,11 +87,12 @@ def prepare(
     return name, dataset, localizer
 
 
-def open_map(directory: Path) -> Localizer:
-    """The localizer of a saved map, ready to localize.
+def open_map(directory: str | Path) -> Localizer:
+    """The localizer of a saved map, ready to localize as many panoramas as there are.
 
     Raises DataError where `directory` is no map, UnknownName without its localizer.
     """
+    directory = Path(directory)
     localizer: Localizer = registry().build("localizer", map_config(directory))
     localizer.load(directory)
     return localizer

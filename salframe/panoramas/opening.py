@@ -21,12 +21,12 @@ Progress = Callable[[str, int, int], None]
 
 
 def configure_dataset(
-    data: str | None, data_dir: Path | None, overrides: Sequence[Mapping[str, Any]] = ()
+    data: str | Path | None, data_dir: Path | None, overrides: Sequence[Mapping[str, Any]] = ()
 ) -> tuple[str, ComponentConfig]:
     """The short name and the configuration of a data set: `data` is a preset, a data set, a YAML file, or a folder with
     a manifest.json, the default data set where it is None; `data_dir` sets its `root`.
     """
-    data = default_of("data") if data is None else data
+    data = default_of("data") if data is None else str(data)
     folder = Path(data)
     if (folder / MANIFEST).exists():
         name, content = folder.resolve().name, {"kind": FolderDataset.name, "root": str(folder.resolve())}
@@ -54,7 +54,7 @@ def provided(config: ComponentConfig) -> frozenset[str]:
 
 
 def find_dataset(
-    data: str | None = None,
+    data: str | Path | None = None,
     data_dir: Path | None = None,
     overrides: Sequence[str] = (),
     progress: Progress | None = None,
