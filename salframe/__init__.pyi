@@ -58,6 +58,11 @@ from .panoramas.frames import FrameKind as FrameKind
 from .panoramas.frames import MapFrame as MapFrame
 from .panoramas.frames import QueryFrame as QueryFrame
 from .panoramas.frames import Truth as Truth
+from .panoramas.geometry import equirectangular_rays as equirectangular_rays
+from .panoramas.geometry import invert_pose as invert_pose
+from .panoramas.geometry import pose_2d as pose_2d
+from .panoramas.geometry import rays_to_pixels as rays_to_pixels
+from .panoramas.geometry import transform_points as transform_points
 from .panoramas.opening import find_dataset as find_dataset
 from .panoramas.opening import find_frame as find_frame
 from .panoramas.opening import mapping_frames as mapping_frames
