@@ -9,6 +9,7 @@ from .evaluation.navigation import navigate as navigate
 from .evaluation.request import Request as Request
 from .evaluation.result import Result as Result
 from .evaluation.scorer import Scorer as Scorer
+from .evaluation.scorer import score as score
 from .evaluation.sensor import measure_sensor as measure_sensor
 from .evaluation.tasks import evaluate as evaluate
 from .framework.component import Component as Component
@@ -26,6 +27,7 @@ from .framework.errors import UnknownName as UnknownName
 from .framework.errors import WeightsMissing as WeightsMissing
 from .framework.hooks import hookimpl as hookimpl
 from .framework.identity import UserFile as UserFile
+from .framework.installation import fetch_weights as fetch_weights
 from .framework.registry import Presets as Presets
 from .framework.slots import slot as slot
 from .framework.slots import slots as slots
@@ -75,6 +77,7 @@ from .testing import Conformance as Conformance
 from .testing import RuleResult as RuleResult
 from .testing import RuleStatus as RuleStatus
 from .testing import check_component as check_component
+from .topology.export import export_topology as export_topology
 from .topology.picture import draw_topology as draw_topology
 from .topology.place_map import ask_map as ask_map
 from .topology.place_map import build_topological_map as build_topological_map

@@ -10,13 +10,13 @@ import shlex
 import subprocess
 import sys
 from pathlib import Path
-from textwrap import indent
 
 import pytest
 import typer
 import yaml
 from command_line import run
 
+import salframe
 from salframe.cli import app
 from salframe.framework.registry import registry
 from salframe.panoramas.opening import find_dataset
@@ -159,6 +159,29 @@ def test_what_pages_import_is_there(page):
                 exec(compile(ast.Module([node], []), str(page), "exec"), {})
 
 
+COMMANDS = [page for page in PAGES if re.search(r"^```\nsalframe ", page.read_text(), re.M) and page.stem != "cli"]
+"""Pages that show a command, but for the reference of all of them."""
+
+
+@pytest.mark.parametrize("page", COMMANDS, ids=lambda page: page.stem)
+def test_pages_that_show_a_command_show_the_python_beside_it(page):
+    """By names that are promised."""
+    code = [ast.parse(block) for block in blocks(page.relative_to(DOCS).as_posix(), "python")]
+    used = {
+        node.attr
+        for tree in code
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "salframe"
+    }
+    assert used
+    assert used <= set(salframe.__all__)
+
+
+def test_every_promised_name_is_in_the_reference_of_the_api():
+    named = re.findall(r"^::: salframe\.(\w+)$", (DOCS / "reference/api.md").read_text(), re.M)
+    assert sorted(named) == sorted(salframe.__all__)
+
+
 @pytest.fixture(scope="module")
 def cache(tmp_path_factory):
     return tmp_path_factory.mktemp("cache")
@@ -182,7 +205,7 @@ def test_what_pages_show_in_python_runs(page, said, cache, tmp_path, monkeypatch
     for content in blocks(page, "yaml")[:1]:
         (tmp_path / "FILE.yaml").write_text(content)
     (script,) = [block for block in blocks(page, "python") if "house-" in block or "FILE.yaml" in block]
-    (tmp_path / "script.py").write_text(f"if __name__ == '__main__':\n{indent(script, '    ')}")
+    (tmp_path / "script.py").write_text(script)
     done = subprocess.run([sys.executable, "script.py"], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert re.search(said, done.stdout), done.stdout

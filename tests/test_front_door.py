@@ -17,6 +17,7 @@ from salframe.testing.rooms import PARTS, query_frames, query_truths
 
 # fmt: off
 DOOR = [
+    "export_topology", "fetch_weights", "score",
     "equirectangular_rays", "invert_pose", "pose_2d", "rays_to_pixels", "transform_points",
     "Annotations", "Component", "ComponentConfig", "ConfigError", "Conformance", "DataError", "Dataset",
     "Detections", "Detector", "Engine", "FloorMasks", "Fold", "FrameKind", "GraphMatch", "GraphMatcher",

@@ -29,7 +29,7 @@ class Request:
 
     methods: Sequence[str] = ()
     data: str | None = None
-    data_dir: Path | None = None
+    data_dir: str | Path | None = None
     settings: tuple[str, ...] = ()
     name: str | None = None
     seed: int = 0

@@ -108,12 +108,12 @@ class ObjectViews:
 
 
 def show_objects(
-    images: Sequence[Path],
-    output: Path = Path(),
+    images: Sequence[str | Path],
+    output: str | Path = ".",
     *,
     detector: str | None = None,
     overrides: Sequence[str] = (),
-    range_image: Path | None = None,
+    range_image: str | Path | None = None,
     fov_deg: float | None = None,
     pitch_deg: float | None = None,
     progress: Progress | None = None,
@@ -126,6 +126,8 @@ def show_objects(
     millimetres. An image that cannot be shown costs its own answer alone. Raises SalframeError on names and settings
     that are wrong.
     """
+    images, output = [Path(image) for image in images], Path(output)
+    range_image = None if range_image is None else Path(range_image)
     _check(images, output, range_image, fov_deg, pitch_deg)
     content = _nest(detector, overrides)
     stages: dict[frozenset[str], _Stages] = {}  # by what an image provides, on which `auto` depends

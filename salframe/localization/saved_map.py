@@ -32,7 +32,7 @@ def build_map(
     output: str | Path,
     method: str | None = None,
     *,
-    data_dir: Path | None = None,
+    data_dir: str | Path | None = None,
     overrides: Sequence[str] = (),
     progress: Progress | None = None,
     tell: Tell = silent,
@@ -65,7 +65,7 @@ def check_output(output: Path, *names: str) -> None:
 def prepare(
     data: str | Path | None,
     method: str | None,
-    data_dir: Path | None,
+    data_dir: str | Path | None,
     overrides: Sequence[str],
     progress: Progress | None,
     tell: Tell,

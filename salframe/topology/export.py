@@ -13,8 +13,9 @@ from salframe.framework.files import atomic_path, write_text
 from salframe.topology.topological_map import TopologicalMap
 
 
-def export_topology(topology: TopologicalMap, path: Path) -> None:
+def export_topology(topology: TopologicalMap, path: str | Path) -> None:
     """Write the map as .graphml or .geojson, by the file's suffix. Raises ConfigError on another one."""
+    path = Path(path)
     if path.suffix not in _WRITERS:
         raise ConfigError(f"received the file {path.name}, expected one that ends in {' or '.join(_WRITERS)}")
     _WRITERS[path.suffix](topology, path)

@@ -29,9 +29,10 @@ def write_topology(directory: Path, topology: TopologicalMap) -> None:
     write_json(directory / TOPOLOGY, content)
 
 
-def read_topology(directory: Path) -> TopologicalMap:
+def read_topology(directory: str | Path) -> TopologicalMap:
     """The map that `write_topology` wrote, identical. Raises DataError where the folder holds none, or one of another
     format."""
+    directory = Path(directory)
     if not (directory / TOPOLOGY).exists():
         raise DataError(f"{directory} holds no topological map: make one with salframe map build DATA -o {directory}")
     content = read_json(directory / TOPOLOGY)

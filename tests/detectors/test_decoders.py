@@ -128,7 +128,7 @@ def test_of_overlapping_boxes_of_a_class_the_best_is_kept():
 
 
 def test_the_decoder_that_the_documentation_adds_works():
-    page = (Path(__file__).parents[2] / "docs" / "how-to" / "detectors.md").read_text()
+    page = (Path(__file__).parents[2] / "docs" / "how-to" / "roles" / "detection-decoder.md").read_text()
     written: dict = {}
     exec(re.search(r"```python\n(.*?)```", page, re.DOTALL)[1], written)
     raw = np.hstack([BOXES, SCORE[:, None], LABEL[:, None]])[None]
