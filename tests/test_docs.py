@@ -115,7 +115,7 @@ def test_the_tutorial_on_your_own_panoramas_works(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_the_walk_from_photographs_to_an_answer_works(cache, tmp_path, monkeypatch):
+def test_the_walk_from_photographs_to_an_answer_works(cache, tmp_path, monkeypatch, capsys):
     """Its scripts and its commands that need no download, on the stand-ins, against what the renderer knows."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("SALFRAME_CACHE", str(cache))
@@ -125,9 +125,10 @@ def test_the_walk_from_photographs_to_an_answer_works(cache, tmp_path, monkeypat
     ]
     render, show, _, look, build, localize, *_ = commands
     assert run(*render).code == 0
-    stand_ins, manifest = blocks(page, "python")
+    stand_ins, show_one, manifest, ask = blocks(page, "python")
     exec(stand_ins, {})
     assert "study-01-0.objects.png: " in run(*show).out
+    exec(show_one, {})
     exec(manifest, {})
     names = sorted(str(path) for path in Path("pictures").glob("*.jpg"))
     looked = run("show-objects", *names, *look[2:], "--json").json
@@ -141,6 +142,9 @@ def test_the_walk_from_photographs_to_an_answer_works(cache, tmp_path, monkeypat
     assert answer["places"][0]["place"] == truth.place == "study-01"
     assert [answer["pose"]["x_m"], answer["pose"]["y_m"]] == pytest.approx(truth.T_world_pano[:2, 3], abs=0.3)
     assert "study-01  (frame study-01-0)" in run(*localize).out
+    capsys.readouterr()
+    exec(ask, {})
+    assert "place='study-01'" in capsys.readouterr().out.partition("RankedPlace(")[2].partition(")")[0]
 
 
 def blocks(page: str, language: str) -> list[str]:
