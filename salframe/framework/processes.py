@@ -5,15 +5,12 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
-import sys
 import threading
-import time
+from contextlib import suppress
+from multiprocessing.connection import Connection
 from types import TracebackType
 
 from loky import ProcessPoolExecutor
-
-POLL_S = 0.5
-"""A worker sees at most so late that its parent is gone."""
 
 
 class ProcessPool(ProcessPoolExecutor):
@@ -24,7 +21,8 @@ class ProcessPool(ProcessPoolExecutor):
     """
 
     def __init__(self, workers: int) -> None:
-        super().__init__(workers, initializer=_begin_work, initargs=(os.getpid(),))
+        parent, self._lifeline = multiprocessing.Pipe(duplex=False)
+        super().__init__(workers, initializer=_begin_work, initargs=(parent,))
 
     def stop(self) -> list[int]:
         """End the processes, whatever they do, and give their ids."""
@@ -45,18 +43,14 @@ class ProcessPool(ProcessPoolExecutor):
             self.stop()
 
 
-def _begin_work(parent: int) -> None:
+def _begin_work(parent: Connection) -> None:
     """An interrupt from the terminal is for the parent, which ends its workers; and a killed parent must not leave a
     worker that goes on writing files."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_die_with, args=(parent,), daemon=True).start()
 
 
-def _die_with(parent: int) -> None:
-    if sys.platform == "win32":  # where a process keeps the number of a dead parent
-        if (process := multiprocessing.parent_process()) is not None:
-            process.join()
-    else:
-        while os.getppid() == parent:
-            time.sleep(POLL_S)
+def _die_with(parent: Connection) -> None:
+    with suppress(EOFError, OSError):
+        parent.recv()  # nothing is ever sent: this returns when the parent's end is closed
     os._exit(1)
