@@ -86,7 +86,7 @@ def test_a_map_stays_open_and_is_asked_with_arrays(saved):
 def test_a_map_that_needs_more_says_what_to_build_instead(saved):
     seen = query_frames(PARTS - {"annotations"})[0].load()
     said = (
-        "^saliency-graph needs annotations, which the panorama does not have: "
+        "^saliency-places needs annotations, which the panorama does not have: "
         r"build the map with detector\.kind=panoseg, or give annotations too$"
     )
     with pytest.raises(salframe.InputMissing, match=said):
