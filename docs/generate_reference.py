@@ -23,6 +23,30 @@ PACKAGE = "salframe"
 """What else is installed here is documented by whoever provides it."""
 
 
+PYTHON = {
+    "compare": "compare",
+    "ablate": "ablate",
+    "evaluate": "evaluate",
+    "matching": "measure_matching",
+    "detection": "measure_detection",
+    "fit": "fit_method",
+    "sensor": "measure_sensor",
+    "build": "build_map",
+    "localize": "open_map",
+    "show-objects": "show_objects",
+    "navigate": "navigate",
+    "score": "score",
+    "data render": "find_dataset",
+    "map build": "build_topological_map",
+    "map show": "draw_topology",
+    "map route": "find_route",
+    "map query": "ask_map",
+    "map export": "export_map",
+    "weights fetch": "fetch_weights",
+}
+"""What a command is in Python, by the words that call it."""
+
+
 def write_cli() -> str:
     """The page of the commands: what `--help` says of each."""
     pages = [
@@ -35,6 +59,8 @@ def write_cli() -> str:
         required = [_spelling(parameter)[-1] for parameter in command.params if parameter.required]
         usage = " ".join([path, *required, "COMMAND ..." if hasattr(command, "commands") else "[OPTIONS]"])
         pages += [f"## {path}", _plain(command.help), f"```\n{usage}\n```"]
+        if name := PYTHON.get(path.partition(" ")[2]):
+            pages.append(f"In Python: [`salframe.{name}`](api.md).")
         if command.params:
             pages.append(_table(("", "", "default"), [_option(parameter) for parameter in command.params]))
     return "\n\n".join(pages) + "\n"

@@ -1,8 +1,9 @@
-"""salframe: where am I, and which way do I turn? Localization from one RGB-D panorama by 360-degree saliency graphs."""
+"""salframe: where am I, and which way do I turn? Localization from one RGB-D panorama by 360-degree saliency graphs.
 
-from pluggy import HookimplMarker
+What this module exports is promised, nothing else is. A name is imported when it is first used: __init__.pyi says from
+where.
+"""
 
-__all__ = ["hookimpl"]
+import lazy_loader
 
-hookimpl = HookimplMarker("salframe")
-"""Marks a plugin's `salframe_provides` and `salframe_commands` functions."""
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -10,13 +10,13 @@ import shlex
 import subprocess
 import sys
 from pathlib import Path
-from textwrap import indent
 
 import pytest
 import typer
 import yaml
 from command_line import run
 
+import salframe
 from salframe.cli import app
 from salframe.framework.registry import registry
 from salframe.panoramas.opening import find_dataset
@@ -115,7 +115,7 @@ def test_the_tutorial_on_your_own_panoramas_works(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_the_walk_from_photographs_to_an_answer_works(cache, tmp_path, monkeypatch):
+def test_the_walk_from_photographs_to_an_answer_works(cache, tmp_path, monkeypatch, capsys):
     """Its scripts and its commands that need no download, on the stand-ins, against what the renderer knows."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("SALFRAME_CACHE", str(cache))
@@ -125,9 +125,10 @@ def test_the_walk_from_photographs_to_an_answer_works(cache, tmp_path, monkeypat
     ]
     render, show, _, look, build, localize, *_ = commands
     assert run(*render).code == 0
-    stand_ins, manifest = blocks(page, "python")
+    stand_ins, show_one, manifest, ask = blocks(page, "python")
     exec(stand_ins, {})
     assert "study-01-0.objects.png: " in run(*show).out
+    exec(show_one, {})
     exec(manifest, {})
     names = sorted(str(path) for path in Path("pictures").glob("*.jpg"))
     looked = run("show-objects", *names, *look[2:], "--json").json
@@ -141,6 +142,9 @@ def test_the_walk_from_photographs_to_an_answer_works(cache, tmp_path, monkeypat
     assert answer["places"][0]["place"] == truth.place == "study-01"
     assert [answer["pose"]["x_m"], answer["pose"]["y_m"]] == pytest.approx(truth.T_world_pano[:2, 3], abs=0.3)
     assert "study-01  (frame study-01-0)" in run(*localize).out
+    capsys.readouterr()
+    exec(ask, {})
+    assert "place='study-01'" in capsys.readouterr().out.partition("RankedPlace(")[2].partition(")")[0]
 
 
 def blocks(page: str, language: str) -> list[str]:
@@ -157,6 +161,29 @@ def test_what_pages_import_is_there(page):
         for node in ast.parse(block).body:
             if isinstance(node, ast.Import | ast.ImportFrom):
                 exec(compile(ast.Module([node], []), str(page), "exec"), {})
+
+
+COMMANDS = [page for page in PAGES if re.search(r"^```\nsalframe ", page.read_text(), re.M) and page.stem != "cli"]
+"""Pages that show a command, but for the reference of all of them."""
+
+
+@pytest.mark.parametrize("page", COMMANDS, ids=lambda page: page.stem)
+def test_pages_that_show_a_command_show_the_python_beside_it(page):
+    """By names that are promised."""
+    code = [ast.parse(block) for block in blocks(page.relative_to(DOCS).as_posix(), "python")]
+    used = {
+        node.attr
+        for tree in code
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "salframe"
+    }
+    assert used
+    assert used <= set(salframe.__all__)
+
+
+def test_every_promised_name_is_in_the_reference_of_the_api():
+    named = re.findall(r"^::: salframe\.(\w+)$", (DOCS / "reference/api.md").read_text(), re.M)
+    assert sorted(named) == sorted(salframe.__all__)
 
 
 @pytest.fixture(scope="module")
@@ -182,7 +209,7 @@ def test_what_pages_show_in_python_runs(page, said, cache, tmp_path, monkeypatch
     for content in blocks(page, "yaml")[:1]:
         (tmp_path / "FILE.yaml").write_text(content)
     (script,) = [block for block in blocks(page, "python") if "house-" in block or "FILE.yaml" in block]
-    (tmp_path / "script.py").write_text(f"if __name__ == '__main__':\n{indent(script, '    ')}")
+    (tmp_path / "script.py").write_text(script)
     done = subprocess.run([sys.executable, "script.py"], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert re.search(said, done.stdout), done.stdout

@@ -11,11 +11,11 @@ from pathlib import Path
 import pytest
 import yaml
 from command_line import run
+from conformance import conforms
 from tiny_folder import write_tiny_folder
 
 from salframe.framework.registry import registry
 from salframe.panoramas.frames import FrameKind, QueryFrame
-from salframe.testing import check_component
 from salframe.testing.rooms import map_frames, query_frames
 
 REPOSITORY = Path(__file__).parent.parent
@@ -80,10 +80,10 @@ def test_what_the_page_shows_of_the_example_is_what_it_holds():
 def test_the_components_of_the_page_conform(plugins, robot_log):
     assert registry().failures == []
     exec(CHECK, {"HeightBands": registry().get("detector", "height-bands")})
-    check_component(registry().get("localizer", "colour-histogram"))
-    check_component(registry().get("compass", "dark-side"))
+    assert conforms(registry().get("localizer", "colour-histogram"))
+    assert conforms(registry().get("compass", "dark-side"))
     dataset = registry().get("dataset", "robot-log")
-    check_component(dataset, dataset.Config(root=robot_log))
+    assert conforms(dataset, dataset.Config(root=robot_log))
 
 
 def test_the_dataset_tells_doorways_from_places_and_nothing_of_queries(plugins, robot_log):

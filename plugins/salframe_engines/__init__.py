@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from functools import partial
-from multiprocessing.connection import Connection
-from multiprocessing.context import SpawnProcess
 from typing import Any
 
 from pydantic import Field
@@ -17,8 +15,8 @@ import salframe
 from salframe.evaluation.engine import Engine
 from salframe.framework.component import Component
 from salframe.framework.config import ComponentConfig
-from salframe.framework.errors import SalframeError, describe_error
-from salframe.framework.processes import die_with_parent
+from salframe.framework.errors import SalframeError
+from salframe.framework.processes import ProcessPool
 
 
 class Inline(Engine):
@@ -68,64 +66,37 @@ class _Running:
 
     def __init__(self) -> None:
         self._lock, self._stopped = threading.Lock(), False
-        self._processes: set[SpawnProcess] = set()
+        self._pools: set[ProcessPool] = set()
 
     def answer(self, function: Callable[[Any], Any], item: Any) -> Any:
         """function(item) in a process of its own, or the exception that it raised there."""
-        spawn = multiprocessing.get_context("spawn")
-        receiver, sender = spawn.Pipe(duplex=False)
-        process = spawn.Process(target=_work, args=(sender, function, item))
-        with receiver:
-            try:
-                with sender:  # the process has an end of its own: once that is closed too, no answer comes
-                    self._start(process)
-            except Exception as error:  # an item that cannot be pickled
-                return error
-            answer = _receive(receiver)
-        process.join()
-        with self._lock:
-            self._processes.discard(process)
-        if isinstance(answer, KeyboardInterrupt):
-            raise answer
-        return answer
+        pool = ProcessPool(1)
+        try:
+            return self._submit(pool, function, item).result()
+        except BrokenProcessPool:
+            return SalframeError("its process died: killed, out of memory, or a fault in a library")
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # SystemExit too: it is the item's, not ours
+            return error
+        finally:
+            with self._lock:
+                self._pools.discard(pool)
+            pool.shutdown()
 
     def stop(self) -> None:
         """Start no further process, and end those that run."""
         with self._lock:
-            self._stopped = True
-            for process in self._processes:
-                process.terminate()
+            self._stopped, pools = True, list(self._pools)
+        for pool in pools:
+            pool.stop()
 
-    def _start(self, process: SpawnProcess) -> None:
+    def _submit(self, pool: ProcessPool, function: Callable[[Any], Any], item: Any) -> Future[Any]:
         with self._lock:  # so that `stop` finds every process started, or keeps it from starting
             if self._stopped:
                 raise SalframeError("the map was interrupted")
-            process.start()
-            self._processes.add(process)
-
-
-def _work(answers: Connection, function: Callable[[Any], Any], item: Any) -> None:
-    """What the process of an item does."""
-    die_with_parent()
-    answer: Any
-    try:
-        answer = function(item)
-    except BaseException as error:  # SystemExit too: it is the item's, not ours
-        answer = error
-    try:
-        answers.send(answer)
-    except Exception as error:  # an answer that cannot be pickled
-        answers.send(SalframeError(f"its answer cannot be sent: {describe_error(error)}"))
-
-
-def _receive(receiver: Connection) -> Any:
-    """What the process sent, or the exception that tells why nothing came."""
-    try:
-        return receiver.recv()
-    except (EOFError, OSError):
-        return SalframeError("its process died: killed, out of memory, or a fault in a library")
-    except Exception as error:  # an answer that cannot be unpickled
-        return error
+            self._pools.add(pool)
+            return pool.submit(function, item)
 
 
 @salframe.hookimpl

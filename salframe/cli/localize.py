@@ -13,6 +13,8 @@ from salframe.cli.output import print_json
 
 if TYPE_CHECKING:
     from salframe.localization.answers import Localization
+    from salframe.panoramas.frames import MapFrame, QueryFrame
+    from salframe.panoramas.panorama import Panorama
 
 
 def build(
@@ -36,23 +38,51 @@ def build(
 def localize(
     map: Annotated[Path, typer.Argument(help="A folder that `salframe build` wrote.")],
     frame: Annotated[
-        str, typer.Argument(help="An image of a folder with a manifest.json; or with --data, the id of a frame.")
-    ],
+        str | None, typer.Argument(help="An image of a folder with a manifest.json; or with --data, the id of a frame.")
+    ] = None,
     data: Annotated[str | None, typer.Option(help="The dataset that has the frame.")] = None,
+    rgb: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Instead of FRAME: the colours, twice as wide as high.")
+    ] = None,
+    range_image: Annotated[
+        Path | None, typer.Option("--range", metavar="FILE", help="Its range, a 16-bit PNG, along the ray.")
+    ] = None,
+    range_unit: Annotated[
+        float, typer.Option(metavar="METRES", min=1e-6, help="What one step of the range image is.")
+    ] = 0.001,
+    z_depth: Annotated[
+        bool, typer.Option("--z-depth", help="It was stitched from a cube's faces and holds depth along their axes.")
+    ] = False,
+    instances: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Ids of its objects, a 16-bit PNG, 0 where there is none.")
+    ] = None,
+    labels: Annotated[
+        Path | None, typer.Option(metavar="FILE", help='Labels of these ids, JSON such as {"1": "bed"}.')
+    ] = None,
     data_dir: DataDir = None,
     overrides: Set = None,
     as_json: Json = False,
 ) -> None:
-    """Print where a panorama was taken: places, best first, and the pose."""
+    """Print where a panorama was taken, a frame or loose images: places, best first, and the pose."""
     from salframe.cli.output import Bars, tell_units
+    from salframe.framework.errors import ConfigError
     from salframe.localization.saved_map import open_map
     from salframe.panoramas.opening import open_frame
+    from salframe.panoramas.shot import read_panorama
 
+    loose = any(file is not None for file in (rgb, range_image, instances, labels))
+    if loose == (frame is not None):
+        received = "both a frame and images" if loose else "neither a frame nor images"
+        raise ConfigError(f"received {received}, expected one of the two")
     localizer = open_map(map)
-    with Bars() as bars:
-        query_frame = open_frame(frame, data, data_dir, overrides or (), bars.update)
-    tell_units([query_frame])
-    answer = localizer.localize(query_frame)
+    asked: Panorama | MapFrame | QueryFrame
+    if frame is None:
+        asked = read_panorama(rgb, range_image, instances, labels, range_unit_m=range_unit, z_depth=z_depth)
+    else:
+        with Bars() as bars:
+            asked = open_frame(frame, data, data_dir, overrides or (), bars.update)
+    tell_units([asked])
+    answer = localizer.localize(asked)
     tell_decided(map)
     if as_json:
         print_json(answer_json(answer))

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from salframe.evaluation.result import Result
     from salframe.panoramas.frames import MapFrame, QueryFrame
     from salframe.panoramas.opening import Progress
+    from salframe.panoramas.panorama import Panorama
 
 LINE_SECONDS = 30.0
 """Off a terminal, progress is a line this often."""
@@ -63,7 +64,7 @@ def tell(line: str) -> None:
     print(line, file=sys.stderr, flush=True)
 
 
-def tell_units(frames: Sequence[MapFrame | QueryFrame]) -> None:
+def tell_units(frames: Sequence[MapFrame | QueryFrame | Panorama]) -> None:
     """Tell where the ranges of frames seem to be in a wrong unit."""
     from salframe.panoramas.camera_height import units_note
 

@@ -19,12 +19,9 @@ def score(
 ) -> None:
     """Score a file of answers to a published task by the task's own rules, one row a split."""
     from salframe.cli.tables import print_table
-    from salframe.framework.errors import InvalidAnswer
-    from salframe.framework.registry import registry
+    from salframe.evaluation.scorer import score as run
 
-    rows = list(registry().build("scorer", registry().get("scorer", task).Config()).score(file, data))
-    if not rows:
-        raise InvalidAnswer(f"the scorer {task} gave no row for {file}, expected one a split")
+    rows = run(task, file, data)
     if as_json:
         print_json(rows)
     else:

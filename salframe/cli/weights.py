@@ -41,13 +41,13 @@ def fetch(name: Name) -> None:
     """Download weights into salframe's cache, unless they are at hand, and verify them; their licence, and the terms of
     what they were trained on, are told on stderr."""
     from salframe.cli.output import Bars
+    from salframe.framework.installation import fetch_weights
     from salframe.framework.registry import registry
-    from salframe.framework.weights import fetch as get
     from salframe.framework.weights import find_weights
 
     typer.echo(f"{name}: {find_weights(name, registry()).terms}", err=True)
     with Bars() as bars:
-        paths = get(name, registry(), lambda done, total: bars.update(f"{name} (kB)", done // 1000, total // 1000))
+        paths = fetch_weights(name, lambda done, total: bars.update(f"{name} (kB)", done // 1000, total // 1000))
     for path in paths:
         print(path)
 

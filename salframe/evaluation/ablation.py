@@ -54,12 +54,13 @@ def read_ablation(file: Path) -> Ablation:
     return validate(Ablation, read_yaml(shipped or file), f"{file}:")
 
 
-def ablate(file: Path, request: Request, *, progress: Progress | None = None) -> Result[LocalizationRow]:
+def ablate(file: str | Path, request: Request, *, progress: Progress | None = None) -> Result[LocalizationRow]:
     """Compare every combination of the values under `vary:` in a file, each labelled `method[key=value,...]`.
 
-    The request names no method: the file does; its data and settings overrule the file's. Raises ConfigError on wrong
-    keys.
+    `file`: a YAML file, or the name of a shipped ablation. The request names no method, for the file does; its data and
+    settings overrule the file's. Raises ConfigError on wrong keys.
     """
+    file = Path(file)
     plan = read_ablation(file)
     fixed = [f"{key}={json.dumps(value)}" for key, value in plan.set.items()]
     asked = replace(

@@ -68,10 +68,10 @@ class Tuning:
 def fit_method(
     method: str,
     data: Sequence[str],
-    output: Path,
+    output: str | Path,
     *,
     tries: Sequence[str] = (),
-    data_dir: Path | None = None,
+    data_dir: str | Path | None = None,
     overrides: Sequence[str] = (),
     progress: Progress | None = None,
     tell: Tell = silent,
@@ -86,6 +86,7 @@ def fit_method(
     Raises ConfigError where the method takes neither weights nor a posterior, on settings to try that are no settings
     of matching, or where the file's name is none of YAML; and DataError where its scores tell nothing.
     """
+    output = Path(output)
     if output.suffix not in SUFFIXES:
         raise ConfigError(f"received the file {output}, expected one that ends in {' or '.join(SUFFIXES)}")
     if not data:
@@ -136,7 +137,7 @@ def fit_method(
 
 
 def _describe(
-    data: str, method: str, data_dir: Path | None, overrides: Sequence[str], progress: Progress | None, tell: Tell
+    data: str, method: str, data_dir: str | Path | None, overrides: Sequence[str], progress: Progress | None, tell: Tell
 ) -> Tuning:
     """A tuning data set with all its frames described."""
     root = data_dir if data_dir and _takes_root(data) else None

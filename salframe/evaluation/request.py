@@ -27,9 +27,9 @@ class Request:
     engine: what runs the methods, the default one where it is None; runs: the folder of run folders.
     """
 
-    methods: tuple[str, ...]
+    methods: Sequence[str] = ()
     data: str | None = None
-    data_dir: Path | None = None
+    data_dir: str | Path | None = None
     settings: tuple[str, ...] = ()
     name: str | None = None
     seed: int = 0

@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from salframe.framework.component import Role
+from salframe.framework.errors import InvalidAnswer
+from salframe.framework.registry import registry
 
 
 class Scorer(Role):
@@ -22,3 +24,12 @@ class Scorer(Role):
 
         Raises DataError, in one line, on a file that is no answer to the task.
         """
+
+
+def score(task: str, answers: str | Path, root: str | Path) -> list[Mapping[str, Any]]:
+    """The rows that the scorer of a task gives for a file of answers, at least one; `root`: the folder of the task's
+    data. Raises UnknownName, and DataError on a file that is no answer to the task."""
+    rows = list(registry().build("scorer", registry().get("scorer", task).Config()).score(Path(answers), Path(root)))
+    if not rows:
+        raise InvalidAnswer(f"the scorer {task} gave no row for {answers}, expected one a split")
+    return rows

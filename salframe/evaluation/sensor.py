@@ -62,9 +62,9 @@ class SensorMeasurement:
     lines: tuple[FoundLine, ...]
     notes: tuple[str, ...] = ()
 
-    def write(self, path: Path) -> None:
+    def write(self, path: str | Path) -> None:
         """Write the sensor model as JSON; of one measurement always the same."""
-        write_json(path, self.sensor.model_dump(mode="json"))
+        write_json(Path(path), self.sensor.model_dump(mode="json"))
 
     def to_json(self) -> dict[str, Any]:
         return {
@@ -77,7 +77,7 @@ class SensorMeasurement:
 def measure_sensor(
     detector: str,
     data: Sequence[str] = (),
-    data_dir: Path | None = None,
+    data_dir: str | Path | None = None,
     settings: Sequence[str] = (),
     seeds: Sequence[int] = (),
     *,
@@ -119,7 +119,7 @@ def measure_sensor(
 
 
 def _configure(
-    data: Sequence[str], data_dir: Path | None, given: Sequence[Mapping[str, Any]], seeds: Sequence[int]
+    data: Sequence[str], data_dir: str | Path | None, given: Sequence[Mapping[str, Any]], seeds: Sequence[int]
 ) -> dict[str, ComponentConfig]:
     """The data sets by what tables call them."""
     sets: dict[str, ComponentConfig] = {}

@@ -21,12 +21,12 @@ TASKS: dict[str, type[Task[Any, Any]]] = {
 }
 
 
-def evaluate(directory: Path) -> Result[Any]:
+def evaluate(directory: str | Path) -> Result[Any]:
     """Measure a run again from its rows and the data set's truth, and write its metrics and report. Runs no method.
 
     Raises ConfigError where `directory` is no run, DataError where the data set is not the one the run was made on.
     """
-    run = Run.load(directory)
+    run = Run.load(Path(directory))
     name = run.task.get("name")
     if name not in TASKS:
         raise ConfigError(f"{directory} is a run of the task {name!r}, expected one of {', '.join(TASKS)}")

@@ -68,6 +68,17 @@ def why_unfit(component: type[Component], provides: frozenset[str] | None) -> st
     return f"needs {' and '.join(sorted(absent))}, which the data does not have" if absent else None
 
 
+def instead_of(config: ComponentConfig, provides: frozenset[str]) -> str:
+    """What to do where a configured method needs more than panoramas of these parts have: build its map with another
+    component in each slot that needs too much, or give the parts."""
+    wanting = ((slot, inner.component.role) for slot, inner in components_in(config) if needs_of(inner) - provides)
+    taken = [(slot, component.name) for slot, role in wanting if (component := _first(role, provides)[0]) is not None]
+    absent = " and ".join(sorted(needs_of(config) - provides))
+    if not taken:
+        return f"give {absent} too, or build the map of another method"
+    return f"build the map with {' and '.join(f'{slot}.kind={name}' for slot, name in taken)}, or give {absent} too"
+
+
 def needs_of(config: ComponentConfig) -> frozenset[str]:
     """Which parts panoramas must have for a configured component: those that its class names in `needs`, and the needs
     of the components in its slots."""

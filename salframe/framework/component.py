@@ -70,8 +70,9 @@ class Role(Component):
     component.
 
     `role` is its name in configurations; `presets` the folder of a preset collection that holds presets for it, if any;
-    `word` what messages call a component of it, the role's name unless set; `conformance` names the function
-    ("module:function", called with a function that makes the component) that checks the role's promises.
+    `word` what messages call a component of it, the role's name unless set; `conformance` names what checks
+    the role's promises: "module:function", called with a function that makes the component, or a class of
+    salframe.testing.Rules, each of whose methods is a rule.
     """
 
     presets: ClassVar[str | None] = None

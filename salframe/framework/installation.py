@@ -16,7 +16,7 @@ from salframe.framework.component import Component
 from salframe.framework.errors import SalframeError, failure_of
 from salframe.framework.presets import configure, names, preset_names, settings
 from salframe.framework.registry import Failure, registry
-from salframe.framework.weights import list_weights
+from salframe.framework.weights import ByteProgress, fetch, list_weights
 
 
 def environment() -> dict[str, Any]:
@@ -34,6 +34,12 @@ def environment() -> dict[str, Any]:
         ],
         "machine": {"platform": platform.platform(), "processor": platform.machine(), "cpus": os.cpu_count()},
     }
+
+
+def fetch_weights(name: str, progress: ByteProgress = lambda done, total: None) -> tuple[Path, ...]:
+    """Download weights into salframe's cache, unless they are at hand, and verify them; their paths. progress(done,
+    total) counts bytes. Raises UnknownName, WeightsMissing where they cannot be had."""
+    return fetch(name, registry(), progress)
 
 
 def installed_version(package: str) -> str | None:

@@ -35,7 +35,6 @@ from salframe.graphs.graph import GraphConfig, SaliencyGraph, build_graph
 from salframe.graphs.picture import draw_objects
 from salframe.graphs.saliency import SaliencyModel
 from salframe.panoramas.camera_height import units_note
-from salframe.panoramas.frames import QueryFrame
 from salframe.panoramas.opening import Progress
 from salframe.panoramas.panorama import Panorama
 
@@ -108,12 +107,12 @@ class ObjectViews:
 
 
 def show_objects(
-    images: Sequence[Path],
-    output: Path = Path(),
+    images: Sequence[str | Path],
+    output: str | Path = ".",
     *,
     detector: str | None = None,
     overrides: Sequence[str] = (),
-    range_image: Path | None = None,
+    range_image: str | Path | None = None,
     fov_deg: float | None = None,
     pitch_deg: float | None = None,
     progress: Progress | None = None,
@@ -126,14 +125,16 @@ def show_objects(
     millimetres. An image that cannot be shown costs its own answer alone. Raises SalframeError on names and settings
     that are wrong.
     """
-    _check(images, output, range_image, fov_deg, pitch_deg)
+    paths, output = [Path(image) for image in images], Path(output)
+    range_image = None if range_image is None else Path(range_image)
+    _check(paths, output, range_image, fov_deg, pitch_deg)
     content = _nest(detector, overrides)
     stages: dict[frozenset[str], _Stages] = {}  # by what an image provides, on which `auto` depends
     views, failures = [], {}
     notes: dict[str, None] = {}
-    for done, image in enumerate(images):
+    for done, image in enumerate(paths):
         if progress:
-            progress("show-objects", done, len(images))
+            progress("show-objects", done, len(paths))
         try:
             picture = output / (image.stem + SUFFIX)
             _check_picture(picture)
@@ -143,7 +144,7 @@ def show_objects(
                 choice = Choice(image.name, partial(frozenset, provides))
                 stages[provides] = _Stages(validate(ShowConfig, content, "show-objects", choice))
                 notes |= dict.fromkeys(choice.notes)
-            if units := units_note([QueryFrame(image.name, partial(replace, shot.panorama))]):
+            if units := units_note([replace(shot.panorama, id=image.name)]):
                 notes[f"warning: {units}"] = None
             views.append(_show(image, picture, shot, stages[provides]))
         except SETUP_ERRORS:
@@ -151,7 +152,7 @@ def show_objects(
         except Exception as error:
             failures[image] = describe_error(error)
     if progress:
-        progress("show-objects", len(images), len(images))
+        progress("show-objects", len(paths), len(paths))
     return ObjectViews(tuple(views), failures, tuple(notes))
 
 

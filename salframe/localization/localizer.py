@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from abc import abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
@@ -12,6 +12,7 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from pydantic import BeforeValidator
 
+from salframe.framework.auto import instead_of
 from salframe.framework.cache import Cache
 from salframe.framework.columns import read_columns, write_columns
 from salframe.framework.component import Role
@@ -27,7 +28,7 @@ from salframe.localization.map_folder import read_map, write_map
 from salframe.localization.posterior import Posterior, read_fitted
 from salframe.panoramas.floors import FLOORS, FloorMasks, read_floors, write_floors
 from salframe.panoramas.frames import FrameKind, MapFrame, QueryFrame
-from salframe.panoramas.panorama import Panorama
+from salframe.panoramas.panorama import Annotations, Panorama
 from salframe.panoramas.range_model import RangeModel, estimate_range
 
 Description = Mapping[str, np.ndarray]
@@ -146,9 +147,8 @@ class Localizer(Role):
     ) -> tuple[Panorama, float]:
         """The panorama with what `needs` asks for, its range estimated where it has none and a range model is set, and
         the seconds that this took when it was done; cache and known_by as in `estimate_range`. Raises InputMissing."""
-        absent = sorted(self.needs_of(panorama.provides) - panorama.provides)
-        if absent:
-            raise InputMissing(f"{self.name} needs {' and '.join(absent)}, which {panorama.id} does not have")
+        if absent := self.needs_of(panorama.provides) - panorama.provides:
+            raise InputMissing(self._lacks(panorama, absent))
         if self.range_model is None or not self.estimates(panorama.provides):
             return panorama, 0.0
         return estimate_range(self.range_model, panorama, cache, known_by)
@@ -227,9 +227,32 @@ class Localizer(Role):
         self.floors = tuple(floors) if self.uses_floors else ()
         self.index([self.unpack(description) for description in packed], self._frames)
 
-    def localize(self, frame: MapFrame | QueryFrame) -> Localization:
-        """Where the frame was taken. Raises InputMissing, DataError on a frame that cannot be described."""
-        return self.answer(self.describe_frame(frame)[0])
+    def localize(
+        self,
+        asked: MapFrame | QueryFrame | Panorama | None = None,
+        *,
+        rgb: np.ndarray | None = None,
+        range_m: np.ndarray | None = None,
+        annotations: Annotations | None = None,
+    ) -> Localization:
+        """Where a frame or a panorama was taken, or what the images of a panorama show: rgb (H, 2H, 3) uint8, range_m
+        (H, 2H) float32, metres along the ray, NaN where unknown, or annotations.
+
+        Raises InputMissing where the method needs something else, and says with which detector the map would not;
+        DataError on images that do not fit.
+        """
+        if asked is None:
+            asked = Panorama("the panorama", rgb, range_m, annotations=annotations)
+        elif any(image is not None for image in (rgb, range_m, annotations)):
+            raise DataError(f"received both {asked.id} and images of another panorama, expected one of them")
+        if not isinstance(asked, Panorama):
+            return self.answer(self.describe_frame(asked)[0])
+        if absent := self.needs_of(asked.provides) - asked.provides:
+            raise InputMissing(f"{self._lacks(asked, absent)}: {instead_of(self.config, asked.provides)}")
+        return self.answer(self.describe_frame(QueryFrame(asked.id, lambda: asked))[0])
+
+    def _lacks(self, panorama: Panorama, absent: Iterable[str]) -> str:
+        return f"{self.name} needs {' and '.join(sorted(absent))}, which {panorama.id} does not have"
 
     def save(self, directory: Path) -> None:
         """Write the map to a folder, which changes whole. Raises ConfigError where it holds something else than a

@@ -30,11 +30,11 @@ def silent(line: str) -> None:
 
 
 def build_map(
-    data: str | None,
-    output: Path,
+    data: str | Path | None,
+    output: str | Path,
     method: str | None = None,
     *,
-    data_dir: Path | None = None,
+    data_dir: str | Path | None = None,
     overrides: Sequence[str] = (),
     progress: Progress | None = None,
     tell: Tell = silent,
@@ -44,6 +44,7 @@ def build_map(
     It replaces the map that the folder held, the topology of a topological map too. Raises ConfigError where `output`
     holds something else than a map, InputMissing where nothing that `auto` may become can run.
     """
+    output = Path(output)
     check_output(output)
     name, dataset, localizer = prepare(data, method, data_dir, overrides, progress, tell)
     tracked = progress and partial(progress, name)
@@ -54,9 +55,9 @@ def build_map(
 
 
 def prepare(
-    data: str | None,
+    data: str | Path | None,
     method: str | None,
-    data_dir: Path | None,
+    data_dir: str | Path | None,
     overrides: Sequence[str],
     progress: Progress | None,
     tell: Tell,
@@ -78,13 +79,13 @@ def prepare(
     return name, dataset, localizer
 
 
-def open_map(directory: Path) -> Localizer:
-    """The localizer of a saved map, ready to localize.
+def open_map(directory: str | Path) -> Localizer:
+    """The localizer of a saved map, ready to localize as many panoramas as there are.
 
     Raises DataError where `directory` holds no map, or one that was edited or is not whole; UnknownName without its
     localizer.
     """
-    return read_map(directory, read_localizer)
+    return read_map(Path(directory), read_localizer)
 
 
 def map_bytes(localizer: Localizer) -> int:

@@ -8,6 +8,9 @@ import numpy as np
 
 from salframe.panoramas.frames import MapFrame, QueryFrame
 from salframe.panoramas.geometry import equirectangular_rays
+from salframe.panoramas.panorama import Panorama
+
+_Seen = MapFrame | QueryFrame | Panorama
 
 ROWS = 96
 """The panorama is thinned to about this many rows: 2 deg a pixel."""
@@ -84,7 +87,7 @@ def _slope_cosine(points: np.ndarray) -> np.ndarray:
         return np.abs(normal[..., 2]) / np.linalg.norm(normal, axis=-1)
 
 
-def units_note(frames: Sequence[MapFrame | QueryFrame]) -> str | None:
+def units_note(frames: Sequence[_Seen]) -> str | None:
     """What must be said of the unit of ranges, in one line, None where there is nothing: a few of the frames are
     loaded, and their floors lie where no camera would stand over them.
 
@@ -106,16 +109,16 @@ def units_note(frames: Sequence[MapFrame | QueryFrame]) -> str | None:
     return f"the floor lies {height_m:.3g} m below the camera ({seen}), expected {least_m:g} to {most_m:g} m: {cause}"
 
 
-def _few(frames: Sequence[MapFrame | QueryFrame]) -> list[MapFrame | QueryFrame]:
+def _few(frames: Sequence[_Seen]) -> list[_Seen]:
     """The first frame, the last, and those between that make FRAMES."""
     if not frames:
         return []
     return [frames[i] for i in sorted({round(i) for i in np.linspace(0, len(frames) - 1, FRAMES)})]
 
 
-def _height_of(frame: MapFrame | QueryFrame) -> float | None:
+def _height_of(frame: _Seen) -> float | None:
     try:
-        panorama = frame.load()
+        panorama = frame if isinstance(frame, Panorama) else frame.load()
     except Exception:  # a plugin's own code; whoever needs the frame will say what is wrong with it
         return None
     return None if panorama.range_m is None else camera_height(panorama.range_m)

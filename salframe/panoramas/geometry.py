@@ -44,6 +44,12 @@ def equirectangular_rays(height: int) -> np.ndarray:
     return rays
 
 
+def range_of_cube_depth(depth_m: np.ndarray) -> np.ndarray:
+    """(H, 2H) float32 range along the ray of the z-depth (H, 2H) of an equirectangular image that was stitched from the
+    six faces of a cube, whose axes are the panorama's: depth along the axis of the face that a ray goes through."""
+    return depth_m / np.abs(equirectangular_rays(len(depth_m))).max(axis=2)
+
+
 def rays_to_pixels(rays: np.ndarray, height: int) -> tuple[np.ndarray, np.ndarray]:
     """Where directions (..., 3) in the panorama frame (any length) fall on an equirectangular image.
 

@@ -12,7 +12,8 @@ from salframe.framework.files import atomic_path
 _PNG_COMPRESSION, _JPEG_QUALITY = 16, 1
 """cv2.IMWRITE_PNG_COMPRESSION, cv2.IMWRITE_JPEG_QUALITY: OpenCV is imported where it is used."""
 _ENCODING = {".png": [_PNG_COMPRESSION, 2], ".jpg": [_JPEG_QUALITY, 93], ".jpeg": [_JPEG_QUALITY, 93]}
-_MILLIMETRES = 1000
+MILLIMETRE = 0.001
+"""One step of a range image in metres."""
 _MOST = np.iinfo(np.uint16).max
 
 
@@ -30,15 +31,16 @@ def write_color(path: Path, rgb: np.ndarray) -> None:
     _write(path, cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))
 
 
-def read_range(path: Path) -> np.ndarray:
-    """(H, W) float32 metres, NaN where the file has 0. Raises DataError where it is no 16-bit grey image."""
-    millimetres = read_ids(path)
-    return np.where(millimetres > 0, millimetres / np.float32(_MILLIMETRES), np.float32(np.nan)).astype(np.float32)
+def read_range(path: Path, unit_m: float = MILLIMETRE) -> np.ndarray:
+    """(H, W) float32 metres, `unit_m` a step of the file, NaN where that has 0. Raises DataError where it is no 16-bit
+    grey image."""
+    steps = read_ids(path)
+    return np.where(steps > 0, steps * unit_m, np.nan).astype(np.float32)
 
 
 def write_range(path: Path, range_m: np.ndarray) -> None:
     """Write (H, W) range in metres as 16-bit millimetres; NaN and what 16 bits cannot hold (65.5 m) become 0."""
-    millimetres = np.round(np.nan_to_num(range_m.astype(np.float64)) * _MILLIMETRES)
+    millimetres = np.round(np.nan_to_num(range_m.astype(np.float64)) / MILLIMETRE)
     _write(path, np.where(millimetres <= _MOST, millimetres, 0).astype(np.uint16))
 
 

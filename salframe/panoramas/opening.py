@@ -21,12 +21,12 @@ Progress = Callable[[str, int, int], None]
 
 
 def configure_dataset(
-    data: str | None, data_dir: Path | None, overrides: Sequence[Mapping[str, Any]] = ()
+    data: str | Path | None, data_dir: str | Path | None, overrides: Sequence[Mapping[str, Any]] = ()
 ) -> tuple[str, ComponentConfig]:
     """The short name and the configuration of a data set: `data` is a preset, a data set, a YAML file, or a folder with
     a manifest.json, the default data set where it is None; `data_dir` sets its `root`.
     """
-    data = default_of("data") if data is None else data
+    data = default_of("data") if data is None else str(data)
     folder = Path(data)
     if (folder / MANIFEST).exists():
         name, content = folder.resolve().name, {"kind": FolderDataset.name, "root": str(folder.resolve())}
@@ -36,7 +36,7 @@ def configure_dataset(
     else:
         name, content = short_name(data), settings("dataset", data)
     if data_dir is not None:
-        content = merge(content, {"root": str(data_dir.resolve())})
+        content = merge(content, {"root": str(Path(data_dir).resolve())})
     return name, configure("dataset", name, content, overrides)
 
 
@@ -54,12 +54,14 @@ def provided(config: ComponentConfig) -> frozenset[str]:
 
 
 def find_dataset(
-    data: str | None = None,
-    data_dir: Path | None = None,
+    data: str | Path | None = None,
+    data_dir: str | Path | None = None,
     overrides: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> Dataset:
-    """The prepared dataset of `configure_dataset`; overrides are "data.key=value"."""
+    """A data set, prepared: what it renders or indexes is done when this returns. `data`: a preset, a data set, a YAML
+    file, or a folder with a manifest.json, the default one where it is None; data_dir sets its `root`; overrides:
+    "data.key=value" each. Raises UnknownName, ConfigError, DataError."""
     given = nest_for(map(parse_override, overrides), ("data",))
     name, config = configure_dataset(data, data_dir, given["data"])
     return open_dataset(config, progress and partial(progress, name))
@@ -101,7 +103,7 @@ def find_image(path: Path) -> tuple[Path, str]:
 def open_frame(
     name: str,
     data: str | None = None,
-    data_dir: Path | None = None,
+    data_dir: str | Path | None = None,
     overrides: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> MapFrame | QueryFrame:

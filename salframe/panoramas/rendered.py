@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import multiprocessing
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, Literal, TypeVar, cast
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Literal, TypeVar
 
 import numpy as np
 
@@ -19,7 +18,7 @@ from salframe.framework.config import ComponentConfig
 from salframe.framework.errors import SalframeError
 from salframe.framework.files import remove_unfinished
 from salframe.framework.identity import digest, identity
-from salframe.framework.processes import die_with_parent
+from salframe.framework.processes import ProcessPool
 from salframe.panoramas.dataset import MANIFEST
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.folder import FolderDataset
@@ -165,26 +164,15 @@ class RenderedDataset(FolderDataset, Generic[Frame]):
                 _write(self.root, entry, self.render(frame))
                 yield
             return
-        spawn = multiprocessing.get_context("spawn")
-        pool = ProcessPoolExecutor(self.workers, mp_context=spawn, initializer=die_with_parent)
-        try:
-            jobs = [pool.submit(_render_in_worker, type(self), self.config, self.root, *pair) for pair in frames]
-            for job in as_completed(jobs):
-                yield job.result()
-        except BaseException:
-            self._stop(pool)
-            raise
-        finally:
-            pool.shutdown(cancel_futures=True)
-
-    def _stop(self, pool: ProcessPoolExecutor) -> None:
-        """End the processes of a pool, which would otherwise finish the frames that they have begun."""
-        processes = list((pool._processes or {}).values())  # Python 3.14 is the first to have terminate_workers()
-        for process in processes:
-            process.terminate()
-        for process in processes:
-            process.join()
-            remove_unfinished(self.root, cast(int, process.pid))
+        with ProcessPool(self.workers) as pool:
+            try:
+                jobs = [pool.submit(_render_in_worker, type(self), self.config, self.root, *pair) for pair in frames]
+                for job in as_completed(jobs):
+                    yield job.result()
+            except BaseException:  # its processes would otherwise finish the frames that they have begun
+                for process_id in pool.stop():
+                    remove_unfinished(self.root, process_id)
+                raise
 
 
 def _numbers(frame: FrameSpec) -> tuple[float, ...]:

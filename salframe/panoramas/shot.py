@@ -1,17 +1,19 @@
-"""One image file as a panorama: equirectangular, with what a manifest says of it, or a plain photograph."""
+"""Image files as a panorama: equirectangular, with what a manifest says of it, or a plain photograph."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from salframe.framework.errors import DataError
+from salframe.framework.files import read_json
 from salframe.panoramas import images
 from salframe.panoramas.dataset import MANIFEST
 from salframe.panoramas.folder_format import IMAGE_KEYS, Folder
-from salframe.panoramas.panorama import Panorama
+from salframe.panoramas.geometry import range_of_cube_depth
+from salframe.panoramas.panorama import Annotations, Panorama
 from salframe.panoramas.photograph import Pinhole
 
 LOWEST, HIGHEST = 256, 1024
@@ -26,6 +28,50 @@ class Shot:
     rgb: np.ndarray
     panorama: Panorama
     camera: Pinhole | None = None
+
+
+def read_panorama(
+    rgb: str | Path | None = None,
+    range_image: str | Path | None = None,
+    instances: str | Path | None = None,
+    labels: str | Path | None = None,
+    *,
+    range_unit_m: float = images.MILLIMETRE,
+    z_depth: bool = False,
+) -> Panorama:
+    """A panorama of loose image files, each twice as wide as high, all of one size; at least one.
+
+    rgb: JPEG or PNG; range_image: 16 bits, one step of which is `range_unit_m` metres along the ray, 0 where unknown,
+    or with z_depth along the axis of the cube's face that the ray goes through, as in panoramas stitched from cube
+    maps; instances: 16 bits, an object's id at each pixel, 0 where there is none, with labels, JSON such as
+    {"1": "bed"}. It is called as its first file. Raises DataError.
+    """
+    given = [Path(path) for path in (rgb, range_image, instances) if path is not None]
+    if not given:
+        raise DataError("received no image, expected an rgb, range or instance image")
+    if (instances is None) != (labels is None):
+        raise DataError("received one of an instance image and its labels, expected both or neither")
+    range_m = None if range_image is None else images.read_range(Path(range_image), range_unit_m)
+    panorama = Panorama(
+        given[0].name,
+        None if rgb is None else images.read_color(Path(rgb)),
+        range_m,
+        annotations=None
+        if instances is None or labels is None
+        else Annotations(images.read_ids(Path(instances)), _read_labels(Path(labels))),
+    )
+    if panorama.range_m is None or not z_depth:
+        return panorama
+    return replace(panorama, range_m=range_of_cube_depth(panorama.range_m))
+
+
+def _read_labels(path: Path) -> dict[int, str]:
+    content = read_json(path)
+    if not isinstance(content, dict) or not all(
+        id.isdecimal() and isinstance(label, str) for id, label in content.items()
+    ):
+        raise DataError(f'{path} holds something else than labels, expected JSON such as {{"1": "bed", "2": "lamp"}}')
+    return {int(id): label for id, label in content.items()}
 
 
 def open_panorama(image: Path, range_image: Path | None = None) -> Shot:

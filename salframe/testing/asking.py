@@ -14,6 +14,10 @@ class ConformanceError(AssertionError):
     """A component breaks a rule of its role. One line: what was checked, what was received, what was expected."""
 
 
+class DoesNotApply(Exception):
+    """A rule has nothing to check on a component; in one line, why."""
+
+
 def expect(holds: object, checked: str, received: object, expected: str) -> None:
     """Raise ConformanceError where `holds` is not truthy."""
     if not holds:

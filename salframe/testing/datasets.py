@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from functools import cached_property
 
 from salframe.framework.errors import SalframeError
 from salframe.panoramas.dataset import Dataset
@@ -11,48 +12,71 @@ from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.frames import Fold, MapFrame, QueryFrame, Truth
 from salframe.panoramas.geometry import is_rigid
 from salframe.panoramas.panorama import Panorama
-from salframe.testing.asking import attempt, expect, same
+from salframe.testing.asking import DoesNotApply, attempt, expect, same
 from salframe.testing.rooms import PARTS
+from salframe.testing.rules import Rules
 
 
-def check_dataset(make: Callable[[], Dataset]) -> None:
+class DatasetRules(Rules[Dataset]):
     """Folds of mapping frames with poses and queries without, a truth for each query, and panoramas that have what
     `provides` says."""
-    dataset = make()
-    known = attempt("provides before prepare", lambda: dataset.provides)
-    attempt("prepare", dataset.prepare, lambda done, total: None)
-    expect(dataset.provides == known, "provides after prepare", set(dataset.provides), f"{set(known)} as before")
-    expect(
-        dataset.provides and dataset.provides <= PARTS,
-        "provides",
-        set(dataset.provides),
-        f"some of {', '.join(sorted(PARTS))}",
-    )
-    fingerprint = attempt("fingerprint", lambda: dataset.fingerprint)
-    expect(isinstance(fingerprint, str) and fingerprint, "fingerprint", repr(fingerprint), "text")
-    other = attempt("fingerprint of another instance", lambda: make().fingerprint)
-    expect(other == fingerprint, "fingerprint of another instance", other, f"{fingerprint} as before")
-    folds: Sequence[Fold] = attempt("folds", dataset.folds)
-    expect(len(folds), "folds", "none", "at least one")
-    ids = [fold.id for fold in folds]
-    expect(len(set(ids)) == len(ids), "folds", f"ids {ids}", "different ones")
-    for fold in folds:
-        _check_fold(dataset, fold)
-    for fold in (folds[0], folds[-1]):
-        for frame in (fold.mapping[0], fold.queries[0]):
-            _check_panorama(dataset, frame)
-    try:
-        dataset.truth("no such query")
-    except SalframeError:
-        pass
-    except Exception as error:
-        expect(False, "truth of a query that is not there", repr(error), "DataError")
-    else:
-        expect(False, "truth of a query that is not there", "an answer", "DataError")
-    floors: Sequence[FloorMasks] = attempt("floors", dataset.floors)
-    for floor in floors:
-        shapes = [mask.shape for mask in (floor.free, floor.region, floor.obstacle)]
-        expect(len(set(shapes)) == 1, "floors", f"masks of shapes {shapes}", "one shape")
+
+    @cached_property
+    def _dataset(self) -> Dataset:
+        dataset = self.make()
+        attempt("prepare", dataset.prepare, lambda done, total: None)
+        return dataset
+
+    @cached_property
+    def _folds(self) -> Sequence[Fold]:
+        return attempt("folds", self._dataset.folds)
+
+    def there_are_folds(self) -> None:
+        expect(len(self._folds), "folds", "none", "at least one")
+        ids = [fold.id for fold in self._folds]
+        expect(len(set(ids)) == len(ids), "folds", f"ids {ids}", "different ones")
+
+    def provides_is_known_before_it_is_prepared(self) -> None:
+        dataset = self.make()
+        known = attempt("provides before prepare", lambda: dataset.provides)
+        expect(known and known <= PARTS, "provides", set(known), f"some of {', '.join(sorted(PARTS))}")
+        provided = self._dataset.provides
+        expect(provided == known, "provides after prepare", set(provided), f"{set(known)} as before")
+
+    def the_fingerprint_stays(self) -> None:
+        fingerprint = attempt("fingerprint", lambda: self._dataset.fingerprint)
+        expect(isinstance(fingerprint, str) and fingerprint, "fingerprint", repr(fingerprint), "text")
+        other = attempt("fingerprint of another instance", lambda: self.make().fingerprint)
+        expect(other == fingerprint, "fingerprint of another instance", other, f"{fingerprint} as before")
+
+    def frames_say_what_they_may(self) -> None:
+        for fold in self._folds:
+            _check_fold(self._dataset, fold)
+
+    def panoramas_have_what_is_provided(self) -> None:
+        for fold in (self._folds[0], self._folds[-1]):
+            for mapped in fold.mapping[:1]:
+                _check_panorama(self._dataset, mapped)
+            for query in fold.queries[:1]:
+                _check_panorama(self._dataset, query)
+
+    def an_unknown_query_has_no_truth(self) -> None:
+        checked = "truth of a query that is not there"
+        try:
+            self._dataset.truth("no such query")
+        except SalframeError:
+            return
+        except Exception as error:
+            expect(False, checked, repr(error), "DataError")
+        expect(False, checked, "an answer", "DataError")
+
+    def masks_of_a_floor_fit(self) -> None:
+        floors: Sequence[FloorMasks] = attempt("floors", self._dataset.floors)
+        if not floors:
+            raise DoesNotApply("it has no floors")
+        for floor in floors:
+            shapes = [mask.shape for mask in (floor.free, floor.region, floor.obstacle)]
+            expect(len(set(shapes)) == 1, "floors", f"masks of shapes {shapes}", "one shape")
 
 
 def _check_fold(dataset: Dataset, fold: Fold) -> None:

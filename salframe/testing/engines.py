@@ -2,27 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from functools import cached_property
+from typing import Any
 
 from salframe.evaluation.engine import Engine
 from salframe.testing.asking import attempt, expect
+from salframe.testing.rules import Rules
 
 
-def check_engine(make: Callable[[], Engine]) -> None:
+class EngineRules(Rules[Engine]):
     """Every item is answered, in order; one that raises costs only itself."""
-    engine = make()
-    received = attempt("map", lambda: list(engine.map(_halve, [2, 3, 8])))
-    expect(len(received) == 3, "map of 3 items", f"{len(received)} answers", "an answer for each item")
-    expect(
-        isinstance(received[1], ValueError),
-        "map over an item that raises ValueError",
-        repr(received[1]),
-        "that exception as its answer",
-    )
-    expect(
-        (received[0], received[2]) == (1, 4), "map over items beside one that raises", received[::2], "[1, 4], in order"
-    )
-    expect(attempt("map of no item", lambda: list(engine.map(_halve, []))) == [], "map of no item", "an answer", "none")
+
+    @cached_property
+    def _answers(self) -> list[Any]:
+        return attempt("map", lambda: list(self.make().map(_halve, [2, 3, 8])))
+
+    def every_item_is_answered(self) -> None:
+        expect(len(self._answers) == 3, "map of 3 items", f"{len(self._answers)} answers", "an answer for each item")
+
+    def an_item_that_raises_costs_only_itself(self) -> None:
+        raised = self._answers[1]
+        checked = "map over an item that raises ValueError"
+        expect(isinstance(raised, ValueError), checked, repr(raised), "that exception as its answer")
+
+    def answers_come_in_order(self) -> None:
+        received = self._answers[::2]
+        expect(received == [1, 4], "map over items beside one that raises", received, "[1, 4], in order")
+
+    def no_item_gives_no_answer(self) -> None:
+        received = attempt("map of no item", lambda: list(self.make().map(_halve, [])))
+        expect(received == [], "map of no item", "an answer", "none")
 
 
 def _halve(number: int) -> int:

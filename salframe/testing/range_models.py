@@ -2,46 +2,66 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from functools import cached_property
 
 import numpy as np
 
 from salframe.framework.identity import identity
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.range_model import RangeModel
-from salframe.testing.asking import ask, expect, same
-from salframe.testing.detectors import turns
+from salframe.testing.asking import ask, attempt, expect, same
+from salframe.testing.detectors import check_needs, turns
 from salframe.testing.identities import check_identities
 from salframe.testing.rooms import PARTS, ROOMS, blind, halved, look, stand, turned
+from salframe.testing.rules import Rules
 
 TURN_SHARE = 0.95
 """So much of a range image stays as it is, within the tolerance, when the panorama turns."""
 
 
-def check_range_model(make: Callable[[], RangeModel]) -> None:
+class RangeModelRules(Rules[RangeModel]):
     """Well-formed range images, also where there is nothing to see, which the panorama's seam does not change."""
-    model = make()
-    possible = PARTS - {"range"}
-    expect(model.needs and model.needs <= possible, "needs", set(model.needs), f"some of {', '.join(sorted(possible))}")
-    for room in ROOMS:
-        panorama = look(room, room.name, stand(room), model.needs)
-        range_m = ask(f"estimate of the {room.name}", model.estimate, panorama)
-        _check_range(f"estimate of the {room.name}", panorama, range_m)
-        for columns in turns(1):
-            _check_turn(model, panorama, range_m, columns)
-    expect(
-        same(range_m, make().estimate(panorama)),
-        f"estimate of the {room.name} by another instance",
-        "another answer",
-        "the same",
-    )
-    check_identities(
-        make, lambda one: identity(one.config, describing=True), lambda one: one.estimate(panorama), "identity"
-    )
-    empty = look(room.emptied(), "empty", stand(room), model.needs)
-    nothing = blind(model.needs)
-    for what, odd in (("an empty room", empty), ("half a panorama", halved(panorama)), ("nothing at all", nothing)):
-        _check_range(f"estimate of {what}", odd, ask(f"estimate of {what}", model.estimate, odd))
+
+    @cached_property
+    def _model(self) -> RangeModel:
+        return self.make()
+
+    @cached_property
+    def _rooms(self) -> list[tuple[Panorama, np.ndarray]]:
+        """The suite's rooms, and their estimated range."""
+        rooms = [look(room, room.name, stand(room), self._model.needs) for room in ROOMS]
+        return [(room, ask(f"estimate of the {room.id}", self._model.estimate, room)) for room in rooms]
+
+    def ranges_are_well_formed(self) -> None:
+        check_needs(self._model.needs, PARTS - {"range"})
+        for room, range_m in self._rooms:
+            _check_range(f"estimate of the {room.id}", room, range_m)
+
+    def they_turn_with_the_panorama(self) -> None:
+        for room, range_m in self._rooms:
+            for columns in turns(1):
+                _check_turn(self._model, room, range_m, columns)
+
+    def another_instance_answers_the_same(self) -> None:
+        room, range_m = self._rooms[-1]
+        checked = f"estimate of the {room.id} by another instance"
+        expect(same(range_m, attempt(checked, self.make().estimate, room)), checked, "another answer", "the same")
+
+    def settings_change_what_they_may(self) -> None:
+        room, _ = self._rooms[-1]
+        check_identities(
+            self.make, lambda one: identity(one.config, describing=True), lambda one: one.estimate(room), "identity"
+        )
+
+    def little_to_see_is_no_error(self) -> None:
+        needs, room = self._model.needs, ROOMS[-1]
+        odd = {
+            "an empty room": look(room.emptied(), "empty", stand(room), needs),
+            "half a panorama": halved(self._rooms[-1][0]),
+            "nothing at all": blind(needs),
+        }
+        for what, panorama in odd.items():
+            _check_range(f"estimate of {what}", panorama, ask(f"estimate of {what}", self._model.estimate, panorama))
 
 
 def _check_range(checked: str, panorama: Panorama, range_m: np.ndarray) -> None:

@@ -3,29 +3,34 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable
 from pathlib import Path
 
 from salframe.evaluation.scorer import Scorer
 from salframe.framework.errors import DataError
 from salframe.testing.asking import expect
+from salframe.testing.rules import Rules
 
 
-def check_scorer(make: Callable[[], Scorer]) -> None:
+class ScorerRules(Rules[Scorer]):
     """A file that is no answer to the task is told of in one line, whatever is wrong with it."""
-    scorer = make()
-    with tempfile.TemporaryDirectory() as folder:
-        root = Path(folder)
-        (root / "words.json").write_text("no answers")
-        (root / "nothing.json").write_text("[]")
-        for name, what in (
-            ("absent.json", "a file that is not there"),
-            ("words.json", "a text"),
-            ("nothing.json", "no answer at all"),
-        ):
-            checked = f"score of {what}, in a folder without data"
+
+    def a_file_that_is_not_there_is_told(self) -> None:
+        self._check("a file that is not there", None)
+
+    def a_text_is_told(self) -> None:
+        self._check("a text", "no answers")
+
+    def an_empty_list_is_told(self) -> None:
+        self._check("no answer at all", "[]")
+
+    def _check(self, what: str, content: str | None) -> None:
+        checked = f"score of {what}, in a folder without data"
+        with tempfile.TemporaryDirectory() as folder:
+            answers = Path(folder) / "answers.json"
+            if content is not None:
+                answers.write_text(content)
             try:
-                rows = scorer.score(root / name, root)
+                rows = self.make().score(answers, Path(folder))
             except DataError as error:
                 expect("\n" not in str(error), checked, "a DataError of several lines", "one line")
             except Exception as error:

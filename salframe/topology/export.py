@@ -15,9 +15,10 @@ from salframe.topology.store import open_topology
 from salframe.topology.topological_map import TopologicalMap
 
 
-def export_map(directory: Path, path: Path) -> None:
+def export_map(directory: str | Path, path: str | Path) -> None:
     """Write the topology of a map as .graphml or .geojson, or its scenes as .parquet, by the file's suffix. Raises
     ConfigError on another one, DataError where the map has no such part."""
+    directory, path = Path(directory), Path(path)
     if path.suffix == ".parquet":
         export_scenes(directory, path)
     elif path.suffix in _WRITERS:

@@ -34,7 +34,7 @@ _REGIONS = (
 )
 
 
-def draw_topology(topology: TopologicalMap, path: Path) -> None:
+def draw_topology(topology: TopologicalMap, path: str | Path) -> None:
     """Write a PNG of the map, its floors below each other from the top one down.
 
     An edge is labelled with its length and with its azimuth in the direction that the label reads; labels that would
@@ -48,7 +48,7 @@ def draw_topology(topology: TopologicalMap, path: Path) -> None:
     for panel in panels:
         whole.paste(panel, (0, top))
         top += panel.height
-    with atomic_path(path) as temporary:
+    with atomic_path(Path(path)) as temporary:
         whole.save(temporary, "PNG", optimize=True)
 
 

@@ -16,6 +16,7 @@ from salframe.localization.saved_map import Tell, prepare, read_localizer, silen
 from salframe.panoramas.frames import MapFrame, QueryFrame
 from salframe.panoramas.geometry import pose_yaw
 from salframe.panoramas.opening import Progress, mapping_frames
+from salframe.panoramas.panorama import Panorama
 from salframe.topology.build import TopologySettings, build_topology
 from salframe.topology.planner import Route
 from salframe.topology.routes import HERE, find_route, with_position
@@ -24,12 +25,12 @@ from salframe.topology.topological_map import TopologicalMap
 
 
 def build_topological_map(
-    data: str | None,
-    output: Path,
+    data: str | Path | None,
+    output: str | Path,
     method: str | None = None,
     *,
     choose: bool = False,
-    data_dir: Path | None = None,
+    data_dir: str | Path | None = None,
     overrides: Sequence[str] = (),
     progress: Progress | None = None,
     tell: Tell = silent,
@@ -41,6 +42,7 @@ def build_topological_map(
     mapping frames gives the topological map alone. Raises DataError on a dataset without floors, ConfigError where
     `output` holds something else than a map.
     """
+    output = Path(output)
     check_output(output)
     name, dataset, localizer = prepare(data, method, data_dir, overrides, progress, tell)
     floors, frames = dataset.floors(), mapping_frames(dataset)
@@ -75,7 +77,7 @@ class Whereabouts:
 
 
 def ask_map(
-    directory: Path, frame: MapFrame | QueryFrame, goal: str | None = None, planner: str | None = None
+    directory: str | Path, frame: MapFrame | QueryFrame | Panorama, goal: str | None = None, planner: str | None = None
 ) -> Whereabouts:
     """Localize a frame with a map that `build_topological_map` wrote, find the nearest node, and plan the route to a
     node or place.

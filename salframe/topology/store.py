@@ -25,10 +25,10 @@ class _Saved(Settings):
     notes: tuple[str, ...]
 
 
-def open_topology(directory: Path) -> TopologicalMap:
+def open_topology(directory: str | Path) -> TopologicalMap:
     """The topological map in a folder, identical to what was written. Raises DataError where the folder holds none, or
     one that was edited or is not whole."""
-    return read_map(directory, read_topology)
+    return read_map(Path(directory), read_topology)
 
 
 def write_topology(parts: Path, topology: TopologicalMap) -> None:

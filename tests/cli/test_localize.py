@@ -8,10 +8,13 @@ import cv2
 import numpy as np
 import pytest
 from command_line import run
+from tiny_folder import write_tiny_folder
 
 from salframe.cli.localize import print_answer
 from salframe.framework.registry import registry
 from salframe.localization.answers import Localization, RankedPlace
+from salframe.panoramas.images import write_color, write_ids
+from salframe.testing.rooms import query_frames, query_truths
 
 
 def test_data_list_and_info(fakes):
@@ -82,3 +85,35 @@ def test_build_does_not_write_into_another_folder(fakes, tmp_path):
     (tmp_path / "home").mkdir()
     (tmp_path / "home" / "letter.txt").write_text("dear")
     assert "holds something else than a map" in run("build", "rooms", "-o", "home", "--method", "reader").err
+
+
+@pytest.fixture
+def loose(tmp_path, monkeypatch):
+    """A map of the suite's rooms, and the files of a query that no manifest names; range in quarter millimetres."""
+    monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path / "cache"))
+    monkeypatch.chdir(tmp_path)
+    assert run("build", write_tiny_folder(tmp_path / "data"), "-o", "map").code == 0
+    seen = query_frames()[0].load()
+    write_color(tmp_path / "a.jpg", seen.rgb)
+    write_ids(tmp_path / "a.png", np.round(seen.range_m * 4000).astype(np.int32))
+    write_ids(tmp_path / "b.png", seen.annotations.instance_id)
+    (tmp_path / "b.json").write_text(json.dumps(seen.annotations.labels))
+    return ["--rgb", "a.jpg", "--range", "a.png", "--instances", "b.png", "--labels", "b.json"]
+
+
+def test_loose_images_are_localized(loose):
+    truth = query_truths()["bedroom-query"]
+    found = run("localize", "map", *loose, "--range-unit", "0.00025", "--json")
+    assert found.err == "detector of the map: annotations\n"
+    assert found.json["places"][0]["place"] == "bedroom"
+    np.testing.assert_allclose(found.json["T_world_query"], truth.T_world_pano, atol=0.05)
+    assert "likely quarter millimetres" in run("localize", "map", *loose).err
+
+
+def test_images_without_what_the_map_needs_are_one_line(loose):
+    assert run("localize", "map", *loose[:4]).err.endswith(
+        "error: saliency-places needs annotations, which a.jpg does not have: "
+        "build the map with detector.kind=panoseg, or give annotations too\n"
+    )
+    assert "received neither a frame nor images" in run("localize", "map").err
+    assert "received both a frame and images" in run("localize", "map", "query", *loose).err

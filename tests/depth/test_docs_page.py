@@ -1,4 +1,4 @@
-"""The code of docs/how-to/range-models.md, run as it stands there."""
+"""The code of docs/how-to/roles/range-model.md, run as it stands there."""
 
 from __future__ import annotations
 
@@ -7,21 +7,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conformance import conforms
 
 from salframe.panoramas.camera_height import camera_height
 from salframe.panoramas.panorama import Panorama
-from salframe.testing import check_component
 
-PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "range-models.md"
+PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "roles" / "range-model.md"
 
 
 def test_the_pages_range_model_conforms_and_its_floor_is_where_it_says(tmp_path, monkeypatch):
-    (code,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
+    code, _ = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
     (tmp_path / "page_range_model.py").write_text(code)
     monkeypatch.syspath_prepend(tmp_path)
     from page_range_model import EmptyRoom
 
-    check_component(EmptyRoom)
+    assert conforms(EmptyRoom)
     range_m = EmptyRoom(EmptyRoom.Config(camera_height_m=1.3)).estimate(
         Panorama("a", rgb=np.zeros((64, 128, 3), np.uint8))
     )

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import run
+from conformance import conforms
 from painted_plugin import without_range
 from painted_rooms import PLAIN, write_network
 
@@ -18,7 +19,6 @@ from salframe.framework.errors import InputMissing
 from salframe.framework.presets import configure, settings
 from salframe.framework.registry import registry
 from salframe.panoramas.geometry import pose_errors
-from salframe.testing import check_component
 from salframe.testing.rooms import EYE_M, map_frames, query_frames, query_truths
 
 
@@ -107,7 +107,7 @@ def test_auto_takes_a_detector_that_needs_the_range_which_the_model_gives(networ
 @pytest.mark.parametrize("method", ["saliency-graph", "objects"])
 def test_a_localizer_with_a_range_model_conforms(network, method):
     built = localizer(network, method)
-    check_component(type(built), built.config)
+    assert conforms(type(built), built.config)
 
 
 def test_table_and_report_say_that_the_range_was_estimated(rooms, options, tmp_path):

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conformance import conforms
 from painted_rooms import FOV_DEG, PLAIN, painted, write_network
 from salframe_depth import range_model
 from salframe_depth.range_model import OnnxDepth
@@ -16,7 +17,6 @@ from salframe.framework.identity import identity
 from salframe.framework.presets import configure
 from salframe.panoramas.geometry import equirectangular_rays
 from salframe.panoramas.panorama import Panorama
-from salframe.testing import check_component
 from salframe.testing.rooms import EYE_M, ROOMS, halved, turned
 
 STEP = 0.0054
@@ -154,7 +154,7 @@ def test_where_no_floor_is_seen_only_a_metric_network_knows_the_range(network):
 def test_it_conforms(network, gives):
     path = network(gives)
     config = configure("range-model", "onnx-depth", {"model": str(path), **PLAIN, "gives": gives, "metric": True})
-    check_component(OnnxDepth, config)
+    assert conforms(OnnxDepth, config)
 
 
 def test_another_content_of_the_file_is_another_model(network):

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conformance import conforms
 from salframe_detectors.detector import OnnxDetector
 from salframe_detectors.zoo import COCO_80, ZOO
 from tiny_network import COLOURS, settings, write_network
@@ -24,7 +25,6 @@ from salframe.panoramas.geometry import (
     wrap_angle,
 )
 from salframe.panoramas.panorama import Panorama
-from salframe.testing import check_component
 from salframe.testing.rooms import turned
 
 HEIGHT = 256
@@ -227,7 +227,7 @@ def test_it_conforms(tmp_path):
     """On the suite's rooms, whose patches of grey and colour it takes for a class each: whatever it finds turns with
     the panorama."""
     network = write_network(tmp_path / "lenient.onnx", side_px=64, near=125.0)
-    check_component(OnnxDetector, configure("detector", "onnx", settings(network)))
+    assert conforms(OnnxDetector, configure("detector", "onnx", settings(network)))
 
 
 def test_a_network_of_any_size_is_given_the_declared_one(tmp_path):

@@ -6,6 +6,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 from command_line import run as salframe
+from conformance import conforms
 from salframe_detectors.duplicates import SAME
 from salframe_detectors.union import UnionDetector, unite
 from tiny_folder import write_tiny_folder
@@ -21,7 +22,6 @@ from salframe.graphs.detections import Detections
 from salframe.graphs.detector import Detector
 from salframe.graphs.turning import turned_detections
 from salframe.panoramas.panorama import Panorama
-from salframe.testing import check_component
 
 COLUMNS = ("scores", "centroid_m", "size_m", "yaw_rad", "bearing", "solid_angle_sr")
 
@@ -273,4 +273,4 @@ def test_it_conforms(tmp_path):
         ["annotations", "panoseg"],
         [{"kind": "onnx", **network}, {"kind": "annotations", "noise": "uniform-heavy"}],
     ):
-        check_component(UnionDetector, configure("detector", "union", {"of": of}))
+        assert conforms(UnionDetector, configure("detector", "union", {"of": of}))

@@ -5,13 +5,13 @@ import json
 import numpy as np
 import pytest
 from compass import HEIGHT
+from conformance import conforms
 from salframe_image.clip import MEAN, STD, ClipRooms, room_type
 
 from salframe.framework.errors import InputMissing, WeightsMissing
 from salframe.framework.identity import identity
 from salframe.panoramas.frames import FrameKind, MapFrame, QueryFrame
 from salframe.panoramas.panorama import Panorama
-from salframe.testing import check_component
 
 pytest.importorskip("tokenizers")
 WORDS = {"a": 0, "red": 1, "green": 2, "blue": 3}
@@ -201,7 +201,7 @@ def test_another_image_encoder_is_one_line(folder, build, write_network):
 
 
 def test_it_keeps_the_promises_of_a_localizer(folder):
-    check_component(ClipRooms, ClipRooms.Config(checkpoint=folder, views=2, room_types=("red", "green", "blue")))
+    assert conforms(ClipRooms, ClipRooms.Config(checkpoint=folder, views=2, room_types=("red", "green", "blue")))
 
 
 def test_descriptions_are_known_by_the_checkpoints_content_and_not_by_prompts(folder):

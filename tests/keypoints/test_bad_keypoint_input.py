@@ -8,6 +8,7 @@ import json
 import cv2
 import numpy as np
 import pytest
+from conformance import conforms
 from salframe_keypoints.localizer import Keypoints
 from tiny_folder import write_tiny_folder
 
@@ -18,7 +19,6 @@ from salframe.framework.presets import configure, settings
 from salframe.panoramas.frames import QueryFrame
 from salframe.panoramas.geometry import pose_2d, pose_errors
 from salframe.panoramas.panorama import Panorama
-from salframe.testing import check_component
 
 SMALL = ("view_width_px=240", "view_height_px=176", "features.max_keypoints=200", "hypotheses=100")
 QUERY = pose_2d(0.5, -0.3, 1.2)
@@ -100,6 +100,6 @@ def test_views_without_texture_leave_the_pose_to_the_others(rooms, configure):
 def test_networks_of_kornia_keep_the_promises_of_a_localizer(method):
     config = configure("localizer", method, settings("localizer", method))
     try:
-        check_component(config.component, config)
+        assert conforms(config.component, config)
     except (RequirementMissing, WeightsMissing) as error:
         pytest.skip(str(error))

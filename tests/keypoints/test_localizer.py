@@ -6,6 +6,7 @@ import shutil
 
 import numpy as np
 import pytest
+from conformance import conforms
 from salframe_keypoints.localizer import Keypoints
 from salframe_keypoints.loftr_compact import FOLDER, STATE
 
@@ -17,7 +18,6 @@ from salframe.framework.registry import registry
 from salframe.panoramas.frames import QueryFrame
 from salframe.panoramas.geometry import pose_2d, pose_errors
 from salframe.panoramas.panorama import Panorama
-from salframe.testing import check_component
 
 TRAINED = [name for name in registry().names("feature-matcher") if registry().get("feature-matcher", name).weights]
 
@@ -286,7 +286,7 @@ def test_a_third_partys_matcher_is_found_and_used(monkeypatch, rooms):
     try:
         assert registry().failures == []
         localizer = Keypoints(Keypoints.Config(features={"kind": "corners", "count": 200}, min_inliers=15))
-        check_component(registry().get("feature-matcher", "corners"))
+        assert conforms(registry().get("feature-matcher", "corners"))
         localizer.build([room.map_frame(f"m{i}", np.eye(4), f"room {i}") for i, room in enumerate(rooms)])
         answer = localizer.localize(rooms[1].query(pose_2d(0.05, 0.02, 0.1)))
     finally:

@@ -9,6 +9,7 @@ import shutil
 import cv2
 import numpy as np
 import pytest
+from conformance import conforms
 from salframe_keypoints.efficient_loftr import in_one_order
 from salframe_keypoints.feature_matcher import View
 from salframe_keypoints.localizer import Keypoints
@@ -21,7 +22,6 @@ from salframe.panoramas.frames import QueryFrame
 from salframe.panoramas.geometry import pose_2d
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.perspective import ViewRig
-from salframe.testing import check_component
 
 NAMES = ("superpoint-nn", "superpoint-superglue", "efficient-loftr")
 SIZE_PX = 256, 160
@@ -233,4 +233,4 @@ def test_views_that_efficient_loftr_cannot_take_are_refused(checkpoints, configu
 @pytest.mark.parametrize("name", ["superpoint-nn", "superpoint-superglue"])
 def test_it_keeps_the_promises_of_the_role(name, checkpoints):
     component = registry().get("feature-matcher", name)
-    check_component(component, component.Config(checkpoint=checkpoints / name, max_keypoints=100))
+    assert conforms(component, component.Config(checkpoint=checkpoints / name, max_keypoints=100))

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conformance import conforms
 from plain_room import EYE_M
 from salframe_lines.localizer import Lines
 
@@ -13,7 +14,6 @@ from salframe.framework.identity import identity
 from salframe.panoramas.frames import MapFrame
 from salframe.panoramas.geometry import pose_2d, pose_errors
 from salframe.panoramas.panorama import Panorama
-from salframe.testing import check_component
 
 QUERY = pose_2d(3.1, 2.3, 2.2, EYE_M + 0.03)
 
@@ -144,4 +144,4 @@ def test_a_description_depends_on_the_number_of_lines_alone():
 
 @pytest.mark.slow
 def test_the_rules_of_its_role_are_kept():
-    check_component(Lines)
+    assert conforms(Lines)

@@ -8,6 +8,7 @@ import pickle
 import cv2
 import numpy as np
 import pytest
+from conformance import conforms
 from salframe_matterport.bearings import direction
 from salframe_matterport.matterport3d import Matterport3D
 from salframe_matterport.readers import connectivity_path, read_connectivity, read_regions, regions_path
@@ -16,7 +17,6 @@ from salframe_matterport.scenes import read_scenes
 
 from salframe.framework.errors import DataError
 from salframe.panoramas.geometry import column_azimuth, equirectangular_rays, pose_yaw, rays_to_pixels, row_elevation
-from salframe.testing import check_component
 
 from .official_layout import RISE_M, Room, camera_lines, rig, write_building, write_viewpoint
 
@@ -108,7 +108,7 @@ def test_the_truth_of_a_query_says_how_far_its_panorama_is_turned(prepared):
 
 
 def test_the_dataset_keeps_its_role(prepared):
-    check_component(Matterport3D, prepared.config)
+    assert conforms(Matterport3D, prepared.config)
 
 
 def test_pixels_show_the_object_whose_box_their_point_lies_in(prepared):

@@ -6,12 +6,12 @@ import networkx as nx
 import numpy as np
 import pytest
 from command_line import run
+from conformance import breaks, conforms
 from salframe_matterport.readers import connectivity_path
 from salframe_matterport.reverie import Reverie, read_episodes, walking_distances
 
 from salframe.framework.errors import DataError
 from salframe.framework.registry import registry
-from salframe.testing import ConformanceError, check_component
 
 # A corridor a - b - c of 3 m and 4 m, a stair b - d of (0, 3, 4), 5 m, and e that no way leads to. f is not included.
 #   a --3-- b --4-- c
@@ -194,15 +194,12 @@ class Careless(Reverie):
 
 def test_it_conforms():
     assert registry().get("scorer", "reverie") is Reverie
-    check_component(Reverie)
+    assert conforms(Reverie)
 
 
 @pytest.mark.parametrize(("scorer", "received"), [(Lenient, "0 rows"), (Careless, "FileNotFoundError: .*")])
 def test_a_scorer_that_hides_a_bad_file_is_told_in_one_line(scorer, received):
-    with pytest.raises(
-        ConformanceError, match=f"score of a file that is not there, .*: received {received}, expected DataError"
-    ):
-        check_component(scorer)
+    breaks(f"score of a file that is not there, .*: received {received}, expected DataError", scorer)
 
 
 def test_the_command_prints_a_table_or_json(root):

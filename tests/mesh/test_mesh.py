@@ -5,6 +5,7 @@ import sys
 
 import numpy as np
 import pytest
+from conformance import conforms
 
 pytest.importorskip("open3d", reason="the extra `mesh` is not installed: pip install 'salframe[mesh]'")
 
@@ -17,7 +18,6 @@ from salframe_mesh.renderer import Renderer
 
 from salframe.framework.errors import DataError, RequirementMissing
 from salframe.panoramas.geometry import pose_2d, rays_to_pixels
-from salframe.testing import check_component
 
 from .mesh_files import BLUE, GREEN, RED, write_glb, write_obj, write_ply
 
@@ -169,7 +169,7 @@ def test_frames_are_rendered_where_the_table_says(dataset):
     assert np.nanmax(np.abs(query.load().range_m - observed.range_m)) < 0.0006  # kept in whole millimetres
     (floor,) = dataset.floors()
     assert floor.free.any()
-    check_component(MeshDataset, dataset.config)
+    assert conforms(MeshDataset, dataset.config)
 
 
 def test_a_house_file_gives_frames_and_queries_beside_them(exported, building, tmp_path, monkeypatch):

@@ -9,7 +9,7 @@ from tiny_folder import write_tiny_folder
 from salframe.framework.errors import DataError
 from salframe.panoramas import images
 from salframe.panoramas.geometry import equirectangular_rays
-from salframe.panoramas.shot import open_panorama, open_photograph
+from salframe.panoramas.shot import open_panorama, open_photograph, read_panorama
 
 
 def test_an_image_twice_as_wide_as_high_is_a_panorama(tmp_path):
@@ -68,3 +68,54 @@ def test_depth_of_another_size_is_refused(tmp_path):
     images.write_range(tmp_path / "depth.png", np.ones((24, 32)))
     with pytest.raises(DataError, match=r"depth\.png is 32 x 24, expected 64 x 48"):
         open_photograph(tmp_path / "a.png", 1.0, depth_image=tmp_path / "depth.png")
+
+
+def loose(tmp_path, steps):
+    """The files of a panorama of one object, `steps` (H, 2H) its range image."""
+    height = len(steps)
+    images.write_color(tmp_path / "a.jpg", np.full((height, 2 * height, 3), 90, np.uint8))
+    images.write_ids(tmp_path / "a.png", steps)
+    images.write_ids(tmp_path / "b.png", np.full((height, 2 * height), 3))
+    (tmp_path / "b.json").write_text('{"3": "bed"}')
+    return [tmp_path / name for name in ("a.jpg", "a.png", "b.png", "b.json")]
+
+
+def test_loose_images_are_a_panorama(tmp_path):
+    steps = np.full((16, 32), 1500)
+    steps[0, 0] = 0
+    files = loose(tmp_path, steps)
+    panorama = read_panorama(*files)
+    assert panorama.id == "a.jpg"
+    assert panorama.provides == {"rgb", "range", "annotations"}
+    assert panorama.annotations.labels == {3: "bed"}
+    assert np.isnan(panorama.range_m[0, 0])
+    assert (panorama.range_m.ravel()[1:] == np.float32(1.5)).all()
+    quarter = read_panorama(*files[:2], range_unit_m=0.00025)
+    assert (quarter.range_m.ravel()[1:] == np.float32(0.375)).all()
+    assert read_panorama(range_image=files[1]).provides == {"range"}
+
+
+def test_depth_of_a_cubes_faces_becomes_range(tmp_path):
+    """Walls, floor and ceiling 2 m away, each square to its face: the room is a cube, and points lie on it."""
+    panorama = read_panorama(*loose(tmp_path, np.full((64, 128), 2000))[:2], z_depth=True)
+    points = equirectangular_rays(64) * panorama.range_m[..., None]
+    np.testing.assert_allclose(np.abs(points).max(axis=2), 2, atol=1e-5)
+    assert panorama.range_m.max() == pytest.approx(2 * 3**0.5, rel=0.03)  # the corners, to a pixel of 2.8 deg
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ((), "received no image"),
+        (("a.jpg", None, "b.png"), "received one of an instance image and its labels"),
+        (("a.jpg", None, "b.png", "words.json"), r"words\.json holds something else than labels"),
+        (("a.jpg", None, "b.png", "list.json"), r"list\.json holds something else than labels"),
+        (("a.jpg", "a.jpg"), r"a\.jpg has 3 channel\(s\) of 8 bits, expected one of 16 bits"),
+    ],
+)
+def test_loose_images_that_are_none_are_told(tmp_path, given, said):
+    loose(tmp_path, np.full((16, 32), 1500))
+    (tmp_path / "words.json").write_text('{"bed": 3}')
+    (tmp_path / "list.json").write_text('["bed"]')
+    with pytest.raises(DataError, match=said):
+        read_panorama(*(name and tmp_path / name for name in given))

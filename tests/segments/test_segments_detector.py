@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from colour_network import COLOURS, write_card, write_network
+from conformance import conforms
 from salframe_segments.detector import SegmentsDetector
 
 from salframe.framework.errors import ConfigError, InputMissing, WeightsMissing
@@ -13,7 +14,6 @@ from salframe.framework.identity import identity
 from salframe.framework.presets import configure
 from salframe.panoramas.geometry import column_azimuth, equirectangular_rays, row_elevation, wrap_angle
 from salframe.panoramas.panorama import Panorama
-from salframe.testing import check_component
 from salframe.testing.rooms import turned
 
 HEIGHT = 256
@@ -171,7 +171,7 @@ def test_a_score_is_the_mean_probability_brought_to_what_it_is_worth(network, tm
 
 
 def test_conformance(network):
-    check_component(SegmentsDetector, configure("detector", "segments", {"model": str(network), "min_score": 0.1}))
+    assert conforms(SegmentsDetector, configure("detector", "segments", {"model": str(network), "min_score": 0.1}))
 
 
 def test_colour_is_needed(detector):

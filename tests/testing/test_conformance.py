@@ -12,6 +12,7 @@ from broken_components import BROKEN, Described, columns
 from broken_datasets import BROKEN_DATASETS
 from broken_planners import Dijkstra, OneWay, Retracing, Swimming
 from broken_range_models import BROKEN_RANGE_MODELS, Ranging
+from conformance import breaks, conforms
 from salframe_annotations.detector import AnnotationDetector
 from tiny_folder import write_tiny_folder
 
@@ -23,7 +24,7 @@ from salframe.framework.presets import configure, settings
 from salframe.framework.registry import registry
 from salframe.framework.slots import slot, slots
 from salframe.panoramas.geometry import rays_to_pixels
-from salframe.testing import ConformanceError, check_component
+from salframe.testing import ConformanceError
 from salframe.testing.identities import _user_files, another_config, check_files
 from salframe.testing.rooms import HEIGHT_PX, ROOMS, look, stand
 
@@ -62,7 +63,7 @@ STAGES = [c for c in OURS if c.role not in ("dataset", "localizer", *BROUGHT) an
 
 @pytest.mark.parametrize("component", STAGES, ids=lambda component: component.name)
 def test_every_stage_of_ours_conforms(component):
-    check_component(component)
+    assert conforms(component)
 
 
 def slow(name: str):
@@ -78,7 +79,7 @@ def test_every_dataset_of_ours_conforms(name, tiny):
     if name in ("matterport-annotations", "habitat-maps") and not REAL.exists():
         pytest.skip(f"the real buildings are not at hand: no {REAL}")
     component = registry().get("dataset", name)
-    check_component(component, component.Config(**small_datasets(tiny)[name]))
+    assert conforms(component, component.Config(**small_datasets(tiny)[name]))
 
 
 METHODS = ("proposed", "usg", "objects", "objects-multiset", "salient-objects", "sovs")
@@ -87,11 +88,11 @@ METHODS = ("proposed", "usg", "objects", "objects-multiset", "salient-objects", 
 @pytest.mark.parametrize("method", [*METHODS, *map(slow, ("sift", "loftr-compact"))])
 def test_every_method_of_ours_conforms(method):
     config = configure("localizer", method, settings("localizer", method))
-    check_component(config.component, config)
+    assert conforms(config.component, config)
 
 
 def test_annotations_turn_exactly_under_heavy_noise():
-    check_component(AnnotationDetector, AnnotationDetector.Config(noise="uniform-heavy", seed=3))
+    assert conforms(AnnotationDetector, AnnotationDetector.Config(noise="uniform-heavy", seed=3))
 
 
 @pytest.mark.parametrize("structure", ["rings", slow("node2vec")])
@@ -100,10 +101,9 @@ def test_the_papers_angles_do_not_turn_with_the_panorama(structure):
     conforms."""
     paper = merge(settings("localizer", "paper"), {"matcher": {"structure": structure}})
     config = configure("localizer", "paper", paper)
-    with pytest.raises(ConformanceError, match=r"rolled by 1 columns: received a pose that moved .* rad off the turn"):
-        check_component(config.component, config)
+    breaks(r"rolled by 1 columns: received a pose that moved .* rad off the turn", config.component, config)
     repaired = configure("localizer", "paper", paper, [{"positioner": {"angle": "atan2", "mean": "circular"}}])
-    check_component(repaired.component, repaired)
+    assert conforms(repaired.component, repaired)
 
 
 def test_rooms_are_seen_where_they_are():
@@ -137,39 +137,30 @@ class Coarse(AnnotationDetector):
 
 
 def test_between_its_steps_a_detector_may_be_off_a_little():
-    check_component(Coarse)
+    assert conforms(Coarse)
 
 
 @pytest.mark.parametrize(
     ("component", "message"), [*BROKEN, *BROKEN_RANGE_MODELS], ids=lambda value: getattr(value, "__name__", "")
 )
 def test_a_broken_component_is_told_in_one_line(component, message):
-    with pytest.raises(ConformanceError, match=message) as caught:
-        check_component(component)
-    assert "\n" not in str(caught.value)
+    breaks(message, component)
 
 
 @pytest.mark.parametrize(("component", "message"), BROKEN_DATASETS, ids=lambda value: getattr(value, "__name__", ""))
 def test_a_broken_dataset_is_told_in_one_line(component, message, tiny):
-    with pytest.raises(ConformanceError, match=message) as caught:
-        check_component(component, component.Config(root=tiny))
-    assert "\n" not in str(caught.value)
+    breaks(message, component, component.Config(root=tiny))
 
 
 def test_a_range_model_that_breaks_no_rule_conforms():
-    check_component(Ranging)
+    assert conforms(Ranging)
 
 
 def test_a_planner_is_checked_against_the_shortest_route():
-    check_component(Dijkstra)
-    with pytest.raises(ConformanceError, match=r"route from hall to room: received .* expected the shortest, .*'door'"):
-        check_component(OneWay)
-    with pytest.raises(ConformanceError, match="received a route, expected NoRoute"):
-        check_component(Swimming)
-    with pytest.raises(
-        ConformanceError, match=r"route from room to hall: received the path .* in the walking direction"
-    ):
-        check_component(Retracing)
+    assert conforms(Dijkstra)
+    breaks(r"route from hall to room: received .* expected the shortest, .*'door'", OneWay)
+    breaks("received a route, expected NoRoute", Swimming)
+    breaks(r"route from room to hall: received the path .* in the walking direction", Retracing)
 
 
 class Listed(Settings):
@@ -220,7 +211,7 @@ def test_files_are_found_wherever_they_are():
 
 
 def test_settings_that_do_not_matter_are_varied():
-    check_component(Settled)
+    assert conforms(Settled)
     defaults = Settled.Config()
     other = {name: another_config(defaults, name) for name in Settled.Config.model_fields}
     varied = {name: getattr(config, name) for name, config in other.items() if config is not None}
@@ -268,11 +259,10 @@ def check_compass(make) -> None:
 
 def test_a_role_brings_its_own_rules(monkeypatch):
     monkeypatch.setitem(registry().roles, "compass", Compass)
-    check_component(Needle)
-    with pytest.raises(ConformanceError, match="compass spinning: north: received more than a turn"):
-        check_component(Spinning)
+    assert conforms(Needle)
+    breaks("north: received more than a turn", Spinning)
     monkeypatch.setattr(Compass, "conformance", "")
-    check_component(Spinning)
+    assert conforms(Spinning)
 
 
 def test_a_role_of_a_plugins_own_is_checked_by_the_function_that_it_names(monkeypatch):
@@ -280,9 +270,44 @@ def test_a_role_of_a_plugins_own_is_checked_by_the_function_that_it_names(monkey
     registry.cache_clear()
     try:
         assert registry().failures == []
-        check_component(registry().get("greeter", "polite"))
-        check_component(registry().get("mute", "silent"))  # nobody wrote down what it promises
-        with pytest.raises(ConformanceError, match="greeter rude: greet: received 'what', expected a greeting"):
-            check_component(registry().get("greeter", "rude"))
+        assert conforms(registry().get("greeter", "polite"))
+        assert conforms(registry().get("mute", "silent"))  # nobody wrote down what it promises
+        breaks("greet: received 'what', expected a greeting", registry().get("greeter", "rude"))
     finally:
         registry.cache_clear()
+
+
+class Shaken(Coarse):
+    """Says that each column is a step, which is not so."""
+
+    name = "shaken"
+    column_step = 1
+
+
+def test_every_rule_is_checked_and_a_broken_one_names_the_setting_that_mends_it():
+    found = breaks(r"moved 0\.\d+ m, expected at most turn_tolerance_m = 0\.0001 m beside the turn", Shaken)
+    assert found.component == "detector shaken"
+    assert [result.rule for result in found.failed] == ["they turn with the panorama"]
+    assert {result.rule: result.message for result in found.skipped} == {
+        "they turn between steps": "every column is a step of it"
+    }
+    assert len(found.rules) == len(found.passed) + 2 == 11
+    assert "detector shaken: passed: another instance answers the same\n" in str(found)
+
+
+class Deaf(AnnotationDetector):
+    """Sees no panorama."""
+
+    name = "deaf"
+
+    def detect(self, panorama):
+        raise ValueError("what panorama")
+
+
+def test_what_builds_on_a_broken_rule_is_skipped():
+    found = breaks("detect in the bedroom: received ValueError: what panorama, expected an answer", Deaf)
+    assert len(found.failed) == 1
+    assert {result.message for result in found.skipped} == {"builds on 'detections are well formed', which failed"}
+    undeclared = breaks("Deafer .*summary|docstring", type("Deafer", (Deaf,), {"__doc__": None}))
+    assert [result.rule for result in undeclared.failed] == ["declaration"]
+    assert {result.message for result in undeclared.skipped} == {"builds on 'declaration', which failed"}

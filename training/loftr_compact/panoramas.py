@@ -3,9 +3,8 @@ light."""
 
 from __future__ import annotations
 
-import multiprocessing
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,7 +13,7 @@ import numpy as np
 from salframe.framework.cache import cache_home
 from salframe.framework.files import read_arrays, write_arrays
 from salframe.framework.identity import digest
-from salframe.framework.processes import die_with_parent
+from salframe.framework.processes import ProcessPool
 from salframe.panoramas.geometry import pose_2d
 from training.loftr_compact.settings import Panoramas
 
@@ -49,9 +48,7 @@ def render(config: Panoramas, seeds: Sequence[int], progress: Callable[[int, int
     """Render the buildings' panoramas that are not there yet, two buildings at a time; progress(done, total) counts
     buildings."""
     progress(0, len(seeds))
-    with ProcessPoolExecutor(
-        WORKERS, mp_context=multiprocessing.get_context("spawn"), initializer=die_with_parent
-    ) as pool:
+    with ProcessPool(WORKERS) as pool:
         for done, future in enumerate(as_completed([pool.submit(_render_building, config, seed) for seed in seeds]), 1):
             future.result()
             progress(done, len(seeds))

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import multiprocessing
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,7 @@ from salframe_house.lighting import CONDITIONS
 from salframe_house.render import Renderer
 
 from salframe.framework.files import read_json, write_json
-from salframe.framework.processes import die_with_parent
+from salframe.framework.processes import ProcessPool
 from salframe.panoramas.geometry import pose_2d
 from salframe.panoramas.images import read_color, read_ids, read_range, write_color, write_ids, write_range
 
@@ -60,9 +59,7 @@ def render_panoramas(
     done = len(seeds) - len(todo)
     progress(done, len(seeds))
     root.mkdir(parents=True, exist_ok=True)
-    with ProcessPoolExecutor(
-        WORKERS, mp_context=multiprocessing.get_context("spawn"), initializer=die_with_parent
-    ) as pool:
+    with ProcessPool(WORKERS) as pool:
         for future in as_completed(
             [pool.submit(_render_building, root, seed, count, height, assets, part) for seed in todo]
         ):

@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import salframe
-from salframe.framework.registry import Presets
 from salframe_rangefinder.detector import HeightBands
 from salframe_rangefinder.localizer import RangeProfile
 from salframe_rangefinder.planner import NetworkxPlanner
@@ -13,5 +12,5 @@ from salframe_rangefinder.stages import ApparentSize, BoxSizes, PlanarFit
 
 @salframe.hookimpl
 def salframe_provides():
-    presets = Presets(Path(__file__).parent / "presets")
+    presets = salframe.Presets(Path(__file__).parent / "presets")
     return [BoxRooms, HeightBands, ApparentSize, BoxSizes, PlanarFit, NetworkxPlanner, RangeProfile, presets]

@@ -4,32 +4,30 @@ import numpy as np
 from pydantic import Field
 from scipy import ndimage
 
-from salframe.framework.config import ComponentConfig
-from salframe.framework.errors import ConfigError
-from salframe.framework.identity import UserFile
-from salframe.graphs.boxes import detections_from_points
-from salframe.graphs.detector import Detector
-from salframe.panoramas.geometry import equirectangular_rays, row_elevation
+import salframe
+from salframe.panoramas.geometry import row_elevation
 
 
-class HeightBands(Detector):
+class HeightBands(salframe.Detector):
     """Regions of the range image that stand out from floor, ceiling and walls: low, middle or tall objects."""
 
     name = "height-bands"
     version = "1"
     needs = frozenset({"range"})
 
-    class Config(ComponentConfig):
+    class Config(salframe.ComponentConfig):
         margin_m: float = Field(0.3, gt=0, description="distance from floor, ceiling and wall where an object begins")
         min_pixels: int = Field(100, ge=1, description="smaller regions are left out")
-        names: UserFile | None = Field(None, description="text file: what low, middle and tall objects are called")
+        names: salframe.UserFile | None = Field(
+            None, description="text file: what low, middle and tall objects are called"
+        )
 
     def detect(self, panorama):
         names = ["low object", "middle object", "tall object"]
         if self.config.names is not None:
             names = self.config.names.read_text().splitlines()
         if len(names) != 3:
-            raise ConfigError(f"{self.config.names} holds {len(names)} lines, expected low, middle and tall")
+            raise salframe.ConfigError(f"{self.config.names} holds {len(names)} lines, expected low, middle and tall")
         range_m, margin_m = np.nan_to_num(panorama.range_m), self.config.margin_m
         elevation_rad = row_elevation(len(range_m))[:, None]
         height_m, reach_m = range_m * np.sin(elevation_rad), range_m * np.cos(elevation_rad)
@@ -44,5 +42,5 @@ class HeightBands(Detector):
         large = np.flatnonzero(np.bincount(regions[regions > 0]) >= self.config.min_pixels)
         masks = [regions == region for region in large]
         labels = [names[np.digitize(height_m[mask].max() - floor_m, (0.8, 1.4))] for mask in masks]
-        points_m = [equirectangular_rays(len(range_m))[mask] * range_m[mask, None] for mask in masks]
-        return detections_from_points(labels, np.ones(len(masks)), points_m)
+        points_m = [salframe.equirectangular_rays(len(range_m))[mask] * range_m[mask, None] for mask in masks]
+        return salframe.detections_from_points(labels, np.ones(len(masks)), points_m)

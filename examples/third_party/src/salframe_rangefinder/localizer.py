@@ -3,21 +3,21 @@
 import numpy as np
 from pydantic import Field
 
-from salframe.framework.config import ComponentConfig, match_only
-from salframe.localization.answers import Localization, LocalizationStatus
-from salframe.localization.localizer import Localizer, rank_places
+import salframe
 
 
-class RangeProfile(Localizer):
+class RangeProfile(salframe.Localizer):
     """The ranges at the height of the camera by their spectrum, which no turn changes; gives a place and no pose."""
 
     name = "range-profile"
     version = "1"
     needs = frozenset({"range"})
 
-    class Config(ComponentConfig):
+    class Config(salframe.ComponentConfig):
         frequencies: int = Field(16, ge=1, description="lowest frequencies of the spectrum that are kept")
-        sharpness: float = match_only(1.0, gt=0, description="how fast the score falls with the distance, 1/metre")
+        sharpness: float = salframe.match_only(
+            1.0, gt=0, description="how fast the score falls with the distance, 1/metre"
+        )
 
     def describe(self, panorama):
         around_m = np.nan_to_num(panorama.range_m[len(panorama.range_m) // 2].astype(float))
@@ -29,7 +29,9 @@ class RangeProfile(Localizer):
 
     def match(self, description):
         if not description["spectrum_m"].any():
-            return Localization((), None, LocalizationStatus.NO_FEATURES)
+            return salframe.Localization((), None, salframe.LocalizationStatus.NO_FEATURES)
         distance_m = np.linalg.norm(self._spectra_m - description["spectrum_m"], axis=1)
         scores = np.exp(-self.config.sharpness * distance_m)
-        return Localization(rank_places(self._map_frames, scores), None, LocalizationStatus.NO_POSE)
+        return salframe.Localization(
+            salframe.rank_places(self._map_frames, scores), None, salframe.LocalizationStatus.NO_POSE
+        )

@@ -2,11 +2,10 @@
 
 from itertools import pairwise
 
-from salframe.framework.errors import NoRoute
-from salframe.topology.planner import Planner, Route
+import salframe
 
 
-class NetworkxPlanner(Planner):
+class NetworkxPlanner(salframe.Planner):
     """Shortest routes by networkx."""
 
     name = "networkx"
@@ -27,7 +26,7 @@ class NetworkxPlanner(Planner):
         try:
             nodes = networkx.shortest_path(self._graph, start, goal, weight="length_m")
         except networkx.NetworkXNoPath:
-            raise NoRoute(f"no route from {start} to {goal}") from None
+            raise salframe.NoRoute(f"no route from {start} to {goal}") from None
         edges = [self._graph.edges[pair]["edge"] for pair in pairwise(nodes)]
         legs = tuple(edge if edge.start == node else edge.reversed() for node, edge in zip(nodes, edges, strict=False))
-        return Route(tuple(nodes), legs, sum(edge.length_m for edge in edges))
+        return salframe.Route(tuple(nodes), legs, sum(edge.length_m for edge in edges))

@@ -5,25 +5,20 @@ from functools import lru_cache, partial
 import numpy as np
 from pydantic import Field
 
-from salframe.framework.config import ComponentConfig
-from salframe.framework.errors import DataError
+import salframe
 from salframe.framework.identity import digest, identity
-from salframe.panoramas.dataset import Dataset
-from salframe.panoramas.frames import Fold, MapFrame, QueryFrame, Truth
-from salframe.panoramas.geometry import equirectangular_rays, pose_2d
-from salframe.panoramas.panorama import Panorama
 
 EYE_M, PITCH_M = 1.5, 10.0
 
 
-class BoxRooms(Dataset):
+class BoxRooms(salframe.Dataset):
     """Rooms in a row with boxes along their walls: a mapping frame in the middle of each, a query beside it."""
 
     name = "box-rooms"
     version = "1"
     provides = frozenset({"range"})
 
-    class Config(ComponentConfig):
+    class Config(salframe.ComponentConfig):
         rooms: int = Field(4, ge=1, description="how many rooms")
         boxes: int = Field(6, ge=1, description="boxes in each")
         shift_m: float = Field(0.3, ge=0, le=1, description="how far from the mapping frame a query is, at most")
@@ -37,18 +32,22 @@ class BoxRooms(Dataset):
     def folds(self):
         mapping = []
         for number in range(self.config.rooms):
-            id, pose = f"room-{number}/map", pose_2d(PITCH_M * number, 0, 0, EYE_M)
-            mapping.append(MapFrame(id, f"room-{number}", pose, load=partial(self._look, id, pose)))
-        queries = [QueryFrame(id, partial(self._look, id, self.truth(id).T_world_pano)) for id in self._queries]
-        return [Fold("all", tuple(mapping), tuple(queries))]
+            id, pose = f"room-{number}/map", salframe.pose_2d(PITCH_M * number, 0, 0, EYE_M)
+            mapping.append(salframe.MapFrame(id, f"room-{number}", pose, load=partial(self._look, id, pose)))
+        queries = [
+            salframe.QueryFrame(id, partial(self._look, id, self.truth(id).T_world_pano)) for id in self._queries
+        ]
+        return [salframe.Fold("all", tuple(mapping), tuple(queries))]
 
     def truth(self, query_id):
         if query_id not in self._queries:
-            raise DataError(f"{self.name} has no query {query_id!r}")
+            raise salframe.DataError(f"{self.name} has no query {query_id!r}")
         number = self._queries.index(query_id)
         rng = np.random.default_rng((self.config.seed, number, 1))
         x_m, y_m = rng.uniform(-self.config.shift_m, self.config.shift_m, 2)
-        return Truth(f"room-{number}", pose_2d(PITCH_M * number + x_m, y_m, rng.uniform(-np.pi, np.pi), EYE_M))
+        return salframe.Truth(
+            f"room-{number}", salframe.pose_2d(PITCH_M * number + x_m, y_m, rng.uniform(-np.pi, np.pi), EYE_M)
+        )
 
     @property
     def _queries(self):
@@ -58,12 +57,12 @@ class BoxRooms(Dataset):
         number = round(pose[0, 3] / PITCH_M)
         low_m, high_m = draw_room(self.config.seed, number, self.config.boxes)
         eye_m = pose[:3, 3] - (PITCH_M * number, 0, 0)
-        rays = equirectangular_rays(self.config.height).astype(float) @ pose[:3, :3].T
+        rays = salframe.equirectangular_rays(self.config.height).astype(float) @ pose[:3, :3].T
         with np.errstate(divide="ignore"):
             sides_m = (np.stack([low_m, high_m]) - eye_m)[:, :, None, None] / rays
         enters_m, leaves_m = sides_m.min(0).max(-1), sides_m.max(0).min(-1)
         boxes_m = np.where((enters_m > 0) & (enters_m < leaves_m), enters_m, np.inf)[1:].min(0)
-        return Panorama(id, range_m=np.minimum(leaves_m[0], boxes_m).astype(np.float32))
+        return salframe.Panorama(id, range_m=np.minimum(leaves_m[0], boxes_m).astype(np.float32))
 
 
 @lru_cache

@@ -4,14 +4,10 @@ import numpy as np
 from pydantic import Field
 from scipy.optimize import linear_sum_assignment
 
-from salframe.framework.config import ComponentConfig, match_only
-from salframe.graphs.matcher import GraphMatch, GraphMatcher
-from salframe.graphs.saliency import SaliencyModel
-from salframe.localization.positioner import PoseEstimate, PoseStatus, Positioner
-from salframe.panoramas.geometry import pose_2d, transform_points
+import salframe
 
 
-class ApparentSize(SaliencyModel):
+class ApparentSize(salframe.SaliencyModel):
     """Share of the solid angle that objects fill: what is large and near stands out."""
 
     name = "apparent-size"
@@ -23,14 +19,14 @@ class ApparentSize(SaliencyModel):
         return angle / angle.sum() if angle.any() else np.full(len(angle), 1 / max(len(angle), 1))
 
 
-class BoxSizes(GraphMatcher):
+class BoxSizes(salframe.GraphMatcher):
     """Pairs objects of one label whose boxes are of one size; the score is the mean likeness of all objects."""
 
     name = "box-sizes"
     version = "1"
 
-    class Config(ComponentConfig):
-        tolerance_m: float = match_only(0.2, gt=0, description="difference in size at which likeness is 1/e")
+    class Config(salframe.ComponentConfig):
+        tolerance_m: float = salframe.match_only(0.2, gt=0, description="difference in size at which likeness is 1/e")
 
     def index(self, graphs):
         return list(graphs)
@@ -46,30 +42,30 @@ class BoxSizes(GraphMatcher):
         rows, columns = linear_sum_assignment(alike, maximize=True)
         paired = alike[rows, columns] > 0
         score = alike[rows, columns].sum() / max(len(query), len(graph), 1)
-        return GraphMatch(scene, float(score), np.column_stack([rows[paired], columns[paired]]))
+        return salframe.GraphMatch(scene, float(score), np.column_stack([rows[paired], columns[paired]]))
 
 
-class PlanarFit(Positioner):
+class PlanarFit(salframe.Positioner):
     """The upright rigid motion of least squares, in closed form; pairs that it leaves far apart are no inliers."""
 
     name = "planar-fit"
     version = "1"
 
-    class Config(ComponentConfig):
+    class Config(salframe.ComponentConfig):
         inlier_m: float = Field(0.5, gt=0, description="largest distance of an inlier pair")
 
     def solve(self, query_m, reference_m, weights=None):
         nothing = np.zeros(len(query_m), bool)
         if len(query_m) < 2:
-            return PoseEstimate(None, PoseStatus.TOO_FEW, None, nothing)
+            return salframe.PoseEstimate(None, salframe.PoseStatus.TOO_FEW, None, nothing)
         share = np.ones(len(query_m)) if weights is None or not weights.any() else weights
         share = share / share.sum()
         middle_m, goal_m = share @ query_m, share @ reference_m
         query, reference = (points[:, 0] + 1j * points[:, 1] for points in (query_m - middle_m, reference_m - goal_m))
         turn = share @ (query.conj() * reference)
         if abs(turn) < 1e-9:  # m^2: all points of a side are one
-            return PoseEstimate(None, PoseStatus.DEGENERATE, None, nothing)
-        pose = pose_2d(0, 0, float(np.angle(turn)))
-        pose[:3, 3] = goal_m - transform_points(pose, middle_m)
-        off_m = np.linalg.norm(transform_points(pose, query_m) - reference_m, axis=1)
-        return PoseEstimate(pose, PoseStatus.OK, None, off_m < self.config.inlier_m)
+            return salframe.PoseEstimate(None, salframe.PoseStatus.DEGENERATE, None, nothing)
+        pose = salframe.pose_2d(0, 0, float(np.angle(turn)))
+        pose[:3, 3] = goal_m - salframe.transform_points(pose, middle_m)
+        off_m = np.linalg.norm(salframe.transform_points(pose, query_m) - reference_m, axis=1)
+        return salframe.PoseEstimate(pose, salframe.PoseStatus.OK, None, off_m < self.config.inlier_m)

@@ -1,0 +1,83 @@
+"""The rules of the role `planner`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+
+from salframe.framework.errors import NoRoute
+from salframe.testing.asking import ask, expect
+from salframe.testing.rules import Rules
+from salframe.topology.planner import Planner, Route
+from salframe.topology.topological_map import MapEdge, MapNode, NodeKind, TopologicalMap
+
+PLACES = {
+    "hall": (0.0, 0.0, 0.0),
+    "door": (3.0, 0.0, 0.0),
+    "room": (3.0, 4.0, 0.0),
+    "yard": (-9.0, 0.0, 0.0),
+    "island": (50.0, 0.0, 0.0),
+}
+WALKS = (("hall", "door"), ("door", "room"), ("hall", "yard"), ("yard", "room"))
+BEND = ((3.0, 0.0), (3.0, 2.0), (3.0, 4.0))
+"""The way from the door to the room; the others are straight."""
+
+
+class PlannerRules(Rules[Planner]):
+    """The shortest of two routes, its legs as they are walked, none to the start itself, and NoRoute to an island."""
+
+    @cached_property
+    def _planner(self) -> Planner:
+        nodes = tuple(MapNode(name, NodeKind.SCENE, xyz_m, (name,)) for name, xyz_m in PLACES.items())
+        edges = tuple(
+            replace(_walk(*walk), path_m=BEND) if walk == ("door", "room") else _walk(*walk) for walk in WALKS
+        )
+        planner = self.make()
+        ask("prepare", planner.prepare, TopologicalMap(nodes, edges))
+        return planner
+
+    def the_shortest_route_is_found(self) -> None:
+        self._check_route("hall", "room", ("hall", "door", "room"))
+
+    def it_is_found_the_other_way(self) -> None:
+        self._check_route("room", "hall", ("room", "door", "hall"))
+
+    def the_start_is_reached_without_a_leg(self) -> None:
+        self._check_route("hall", "hall", ("hall",))
+
+    def where_none_leads_is_no_route(self) -> None:
+        try:
+            self._planner.route("hall", "island")
+        except NoRoute:
+            return
+        expect(False, "route to a node without edges", "a route", "NoRoute")
+
+    def _check_route(self, start: str, goal: str, through: tuple[str, ...]) -> None:
+        checked = f"route from {start} to {goal}"
+        route: Route = ask(checked, self._planner.route, start, goal)
+        expect(isinstance(route, Route), checked, type(route).__name__, "Route")
+        expect(route.nodes == through, checked, f"{route.nodes}", f"the shortest, {through}")
+        legs = [(leg.start, leg.end) for leg in route.legs]
+        expect(legs == list(pairwise(through)), checked, f"the legs {legs}", "one from each node to the next")
+        length_m = sum(_walk(*leg).length_m for leg in legs)
+        expect(abs(route.length_m - length_m) < 1e-9, checked, f"a length of {route.length_m} m", f"{length_m} m")
+        for leg in route.legs:
+            _check_leg(checked, leg)
+
+
+def _check_leg(checked: str, leg: MapEdge) -> None:
+    walk = leg.start, leg.end
+    off_rad = np.angle(np.exp(1j * (leg.azimuth_rad - _walk(*walk).azimuth_rad)))
+    received = f"azimuth {leg.azimuth_rad:.4f} from {leg.start} to {leg.end}"
+    expect(abs(off_rad) < 1e-9, checked, received, "that of the walking direction")
+    path_m = {("door", "room"): BEND, ("room", "door"): BEND[::-1]}.get(walk, ())
+    received = f"the path {leg.path_m} from {leg.start} to {leg.end}"
+    expect(leg.path_m == path_m, checked, received, f"{path_m}, in the walking direction")
+
+
+def _walk(start: str, end: str) -> MapEdge:
+    along = np.subtract(PLACES[end], PLACES[start])
+    return MapEdge(start, end, float(np.linalg.norm(along)), float(np.arctan2(along[1], along[0])))
