@@ -57,6 +57,9 @@ class TripletMatcher(GraphMatcher):
         keep: float = Field(
             0.25, ge=0, le=1, description="candidates: Jaccard index at least this share of the best (paper: 0.6)"
         )
+        most: int | None = Field(
+            100, ge=1, description="candidates at most, those of the greatest Jaccard index; null: all (as in the paper)"
+        )
         height_scale_m: float | None = Field(
             0.2, gt=0, description="difference in height that halves node similarity; null: height ignored"
         )
@@ -155,6 +158,9 @@ class TripletMatcher(GraphMatcher):
         )
         jaccard = self._jaccard(query.labels, known, rarity, index)
         candidates = np.flatnonzero((jaccard > 0) & (jaccard >= self.config.keep * jaccard.max()))
+        if self.config.most is not None and len(candidates) > self.config.most:
+            best = np.argsort(-jaccard[candidates], kind="stable")[: self.config.most]
+            candidates = candidates[np.sort(best)]
         weight = self._sureness(query) * rarity
         similarity = self._similarity(query, known, index, candidates)
         alike = np.where(similarity >= self.config.least_similarity, similarity, 0)

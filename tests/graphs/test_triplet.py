@@ -295,3 +295,13 @@ def test_an_unweighted_graph_counts_triplets():
         for weights, score in expected.items():
             one = matcher(edge_weights=weights, normalise=normalise, **given)
             assert one.match(query, one.index([reference]), 1)[0].score == pytest.approx(score)
+
+
+def test_no_more_candidates_than_asked_for_are_matched(rooms):
+    """Those of the greatest Jaccard index: the query's own room is one of three, among thirty."""
+    graphs = [graph_of(r) for r in rooms]
+    query = graph_of(rooms[7], pose_2d(0.3, -0.2, 1.0))
+    few, all_of_them = matcher(most=3, keep=0.0), matcher(most=None, keep=0.0)
+    found, others = (one.match(query, one.index(graphs), 30) for one in (few, all_of_them))
+    assert len(found) == 3 < len(others)
+    assert (found[0].scene, found[0].score) == (7, others[0].score)
