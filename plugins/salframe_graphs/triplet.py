@@ -58,7 +58,9 @@ class TripletMatcher(GraphMatcher):
             0.25, ge=0, le=1, description="candidates: Jaccard index at least this share of the best (paper: 0.6)"
         )
         most: int | None = Field(
-            100, ge=1, description="candidates at most, those of the greatest Jaccard index; null: all (as in the paper)"
+            100,
+            ge=1,
+            description="candidates at most, those of the greatest Jaccard index; null: all (as in the paper)",
         )
         height_scale_m: float | None = Field(
             0.2, gt=0, description="difference in height that halves node similarity; null: height ignored"

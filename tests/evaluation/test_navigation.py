@@ -175,7 +175,16 @@ def test_bad_episodes_are_told_and_the_others_walked():
 def episodes(successes, **given):
     ended = {"status": "arrived", "oracle": True, "success_3m": True, "travelled_m": 4.0, "panoramas": 3, **given}
     return tuple(
-        {"episode": i, **ended, "collisions": 1, "path": [], "success": success, "spl": 0.5 * success}
+        {
+            "episode": i,
+            "world": "w",
+            "goal": f"room-{i}",
+            **ended,
+            "collisions": 1,
+            "path": [],
+            "success": success,
+            "spl": 0.5 * success,
+        }
         for i, success in enumerate(successes)
     )
 
@@ -197,7 +206,8 @@ def test_means_and_intervals():
 
 
 def test_a_crashed_episode_is_a_failure_and_has_no_length():
-    crashed = {"status": "crashed", "success": False, "oracle": False, "spl": 0.0, "success_3m": False, "episode": 1}
+    where = {"episode": 1, "world": "w", "goal": "room-1"}
+    crashed = {"status": "crashed", "success": False, "oracle": False, "spl": 0.0, "success_3m": False, **where}
     (row,) = summarize((*episodes([True]), crashed))
     assert (row.success_rate, row.path_m) == (0.5, 4.0)
     (row,) = summarize((crashed,))
@@ -210,3 +220,11 @@ def test_significance_is_of_the_same_episodes():
     assert second.p_value == pytest.approx(2 / 2**8)
     _, alike = summarize(episodes([True, False]), episodes([True, False]))
     assert alike.p_value == 1.0
+
+
+def test_significance_is_clustered_by_goal():
+    """Eight episodes to two rooms tell no more than two tosses."""
+    first, second = (
+        [{**row, "goal": f"room-{row['episode'] % 2}"} for row in episodes([found] * 8)] for found in (True, False)
+    )
+    assert summarize(first, second)[1].p_value == pytest.approx(2 / 2**2)
