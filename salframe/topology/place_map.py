@@ -86,7 +86,7 @@ def ask_map(
     DataError, UnknownName on a goal that is not on the map, NoRoute where none leads there or the frame is not
     localized.
     """
-    localizer, topology = read_map(directory, _read_both)
+    localizer, topology = read_map(Path(directory), _read_both)
     answer = localizer.localize(frame)
     if answer.T_world_query is not None:
         topology = with_position(topology, answer.T_world_query[:3, 3])

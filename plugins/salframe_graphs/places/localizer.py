@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from typing import Annotated
 
 import numpy as np
 from pydantic import BeforeValidator, Field
 
-from salframe.framework.config import ComponentConfig, match_only
+from salframe.framework.config import ComponentConfig, match_only, read_yaml, validate
 from salframe.graphs.graph import SaliencyGraph
 from salframe.graphs.packing import graph_from_arrays
 from salframe.localization.answers import Localization, LocalizationStatus, RankedPlace
 from salframe.localization.evidence import Evidence
 from salframe.localization.localizer import Description, rank_places
-from salframe.localization.posterior import read_fitted
+from salframe.localization.posterior import Posterior, read_fitted
 from salframe.panoramas.floors import Regions
 from salframe.panoramas.frames import MapFrame
 from salframe.panoramas.geometry import pose_2d, pose_yaw
@@ -28,7 +28,7 @@ from salframe_graphs.places.likelihood import PlaceLikelihood, Poses
 from salframe_graphs.places.merging import gather_places
 from salframe_graphs.places.outline import BINS, MapOutlines, free_outline, pack_outline, unpack_outline
 from salframe_graphs.places.place_index import index_places, lay_out_query
-from salframe_graphs.places.rates import Likelihood, Rates, shipped_rates
+from salframe_graphs.places.rates import SHIPPED, Likelihood, Rates, shipped_rates
 from salframe_graphs.verification import best_per_candidate
 
 OUTLINE, PACKED = "outline_m", "outline_mm"
@@ -36,6 +36,13 @@ LEAST_COVARIANCE_M = 0.02
 """Two objects may agree by luck: no pose is known better an axis."""
 LEAST_EXPLAINED = 2
 """A pose takes so many objects that are more likely the place's than clutter."""
+
+
+@cache
+def shipped_posterior() -> Posterior:
+    """The posterior that comes with the method; it never says not-here, as most robots are on their map."""
+    fitted = validate(Posterior, read_yaml(SHIPPED)["posterior"], f"{SHIPPED}: posterior:")
+    return fitted.model_copy(update={"max_not_here": 1.0})  # type: ignore[no-any-return]
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +82,12 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
             json_schema_extra={"match_only": True},
         )
         likelihood: Likelihood = match_only(Likelihood(), description="what holds whatever the detector")
+        posterior: Annotated[Posterior | None, BeforeValidator(partial(read_fitted, "posterior"))] = Field(
+            default_factory=shipped_posterior,
+            description="a file of `salframe fit`, or its parameters: scores become probabilities; as shipped no answer "
+            "is not-here, which max_not_here=0.5 changes; null: none",
+            json_schema_extra={"match_only": True},
+        )
         candidates: int = match_only(
             30, ge=1, description="places that are matched object by object: those that share most rare labels"
         )
@@ -146,6 +159,13 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
         T_world_query = pose_2d(pose.shift_m[0, 0], pose.shift_m[0, 1], pose.yaw_rad[0], stood[2, 3])
         turn = stood[:3, :3] * [[1, 1, 0], [1, 1, 0], [0, 0, 0]] + np.diag([0, 0, 1])
         return Localization(places, T_world_query, LocalizationStatus.OK, turn.T @ covariance @ turn)
+
+    def answer(self, description: Description) -> Localization:
+        """As of every localizer; without probabilities of a query whose positions in metres are not known, whose scores
+        are others than those that the posterior was fitted to."""
+        if self._is_scaleless(graph_from_arrays(description)):
+            return self.match(description)
+        return super().answer(description)
 
     def evidence(self, description: Description) -> Evidence | None:
         query = graph_from_arrays(description)
