@@ -84,8 +84,8 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
         likelihood: Likelihood = match_only(Likelihood(), description="what holds whatever the detector")
         posterior: Annotated[Posterior | None, BeforeValidator(partial(read_fitted, "posterior"))] = Field(
             default_factory=shipped_posterior,
-            description="a file of `salframe fit`, or its parameters: scores become probabilities; as shipped no answer "
-            "is not-here, which max_not_here=0.5 changes; null: none",
+            description="a file of `salframe fit`, or its parameters: scores become probabilities; as shipped no "
+            "answer is not-here, which max_not_here=0.5 changes; null: none",
             json_schema_extra={"match_only": True},
         )
         candidates: int = match_only(
