@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from functools import partial
 from typing import Any
 
 from pydantic import Field
@@ -17,6 +16,9 @@ from salframe.framework.component import Component
 from salframe.framework.config import ComponentConfig
 from salframe.framework.errors import SalframeError
 from salframe.framework.processes import ProcessPool
+
+GLANCE_S = 0.5
+"""So often a wait is broken off to look for an interrupt: one that comes just before a wait is not seen within it."""
 
 
 class Inline(Engine):
@@ -45,7 +47,10 @@ class Processes(Engine):
         running = _Running()
         with ThreadPoolExecutor(self.config.workers) as threads:
             try:
-                yield from threads.map(partial(running.answer, function), items)
+                for answer in [threads.submit(running.answer, function, item) for item in items]:
+                    while not wait([answer], GLANCE_S).done:
+                        pass
+                    yield answer.result()
             except BaseException:  # interrupted: the threads would otherwise wait for their processes to finish
                 running.stop()
                 raise
