@@ -82,9 +82,8 @@ def print_comparison(result: Result[LocalizationRow]) -> None:
 
 
 def _print_worth(rows: Sequence[LocalizationRow]) -> None:
-    """A table of what answers know of their own worth, where queries are asked of a map without their place or a method
-    has probabilities."""
-    told = [row for row in rows if row.absent_queries or row.calibration_error is not None]
+    """A table of what answers know of their own worth, where queries are asked of a map without their place."""
+    told = [row for row in rows if row.absent_queries]
     if not told:
         return
     headings = (
