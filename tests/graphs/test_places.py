@@ -165,7 +165,12 @@ def test_what_is_fitted_comes_from_a_file_or_the_settings(tmp_path):
     assert identity(shipped) != identity(filed) == identity(given)
     assert identity(shipped, describing=True) == identity(filed, describing=True)
     path.write_text("rates: {clutter: 1}")
-    with pytest.raises(ValidationError, match="label_agreement"):
+    parts = Config(detector="annotations", rates=str(path), posterior={"max_not_here": 0.5})
+    assert parts.rates == shipped_rates().model_copy(update={"clutter": 1.0})  # the rest as shipped
+    assert parts.posterior == shipped.posterior.model_copy(update={"max_not_here": 0.5})
+    assert Config(detector="annotations", posterior=None).posterior is None
+    path.write_text("rates: {clutter: -1}")
+    with pytest.raises(ValidationError, match="clutter"):
         Config(detector="annotations", rates=str(path))
     with pytest.raises(ValidationError, match="no mapping `weights`"):
         Config(detector="annotations", weights=str(path))

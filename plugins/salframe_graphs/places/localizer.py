@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import BeforeValidator, Field
 
-from salframe.framework.config import ComponentConfig, match_only, read_yaml, validate
+from salframe.framework.config import ComponentConfig, Settings, match_only, merge, read_yaml, validate
 from salframe.graphs.graph import SaliencyGraph
 from salframe.graphs.packing import graph_from_arrays
 from salframe.localization.answers import Localization, LocalizationStatus, RankedPlace
@@ -45,6 +45,12 @@ def shipped_posterior() -> Posterior:
     return fitted.model_copy(update={"max_not_here": 1.0})  # type: ignore[no-any-return]
 
 
+def _over_shipped(part: str, shipped: Callable[[], Settings], value: Any) -> Any:
+    """What a setting stands for whose numbers come with the method: as `read_fitted`, what is not said as shipped."""
+    found = read_fitted(part, value)
+    return merge(shipped().model_dump(), found) if isinstance(found, Mapping) else found
+
+
 @dataclass(frozen=True, eq=False)
 class _Hypotheses:
     """The evidence for each place, the first C rows of it under poses C with shares (C, n, m)."""
@@ -71,18 +77,20 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
         outline: bool = Field(
             True, description="remember how far a panorama sees at the height of furniture, and match by it too"
         )
-        rates: Annotated[Rates, BeforeValidator(partial(read_fitted, "rates"))] = Field(
+        rates: Annotated[Rates, BeforeValidator(partial(_over_shipped, "rates", shipped_rates))] = Field(
             default_factory=shipped_rates,
             description="the detector's errors, or a file of `salframe fit`",
             json_schema_extra={"match_only": True},
         )
-        weights: Annotated[Weights, BeforeValidator(partial(read_fitted, "weights"))] = Field(
+        weights: Annotated[Weights, BeforeValidator(partial(_over_shipped, "weights", shipped_weights))] = Field(
             default_factory=shipped_weights,
             description="what each part of the evidence counts, or a file of `salframe fit`",
             json_schema_extra={"match_only": True},
         )
         likelihood: Likelihood = match_only(Likelihood(), description="what holds whatever the detector")
-        posterior: Annotated[Posterior | None, BeforeValidator(partial(read_fitted, "posterior"))] = Field(
+        posterior: Annotated[
+            Posterior | None, BeforeValidator(partial(_over_shipped, "posterior", shipped_posterior))
+        ] = Field(
             default_factory=shipped_posterior,
             description="a file of `salframe fit`, or its parameters: scores become probabilities; as shipped no "
             "answer is not-here, which max_not_here=0.5 changes; null: none",
