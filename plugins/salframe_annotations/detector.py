@@ -79,6 +79,18 @@ class AnnotationDetector(Detector):
         path = SENSORS / f"{noise}.json" if noise in MEASURED else noise
         self._sensed = SensedNoise.read(path) if isinstance(path, Path) else None
 
+    @classmethod
+    def noise_in(cls, config: Any, rendered: bool) -> str | None:
+        noise = config.noise
+        if noise == "auto":
+            noise = MEASURED[0] if rendered else "none"
+        if isinstance(noise, Path):
+            return noise.stem
+        if isinstance(noise, Noise):
+            shares = {name: value for name, value in noise.model_dump().items() if value}
+            return " ".join(f"{name} {value:g}" for name, value in shares.items()) or None
+        return None if noise == "none" else noise
+
     def detect(self, panorama: Panorama) -> Detections:
         annotations = panorama.annotations
         if annotations is None:

@@ -13,7 +13,7 @@ from salframe.evaluation.request import Request, resolve
 from salframe.evaluation.result import Result
 from salframe.evaluation.run import PieceStatus, Row, Run
 from salframe.evaluation.runner import run_task
-from salframe.evaluation.task import MethodRow, Record, Survey, Task, Worker, check_needs
+from salframe.evaluation.task import MethodRow, Part, Record, Survey, Task, Worker, by_method, check_needs, in_common
 from salframe.framework.errors import FRAME_ERRORS, DataError, InputMissing, InvalidAnswer
 from salframe.graphs.annotated import annotated_detections
 from salframe.graphs.detections import Detections
@@ -115,8 +115,9 @@ class DetectionTask(Task[QueryFrame, Survey[QueryFrame]]):
         annotated = Counter(in_common_words(truth).labels)
         return {"annotated": annotated, "found": {}, "right": {}, "joined": joined_labels(truth), "ms": None}
 
-    def summarize(self, survey: Survey[QueryFrame], records: Sequence[Record], seed: int) -> tuple[DetectionRow, ...]:
-        return tuple(_summarize(record, len(survey.pieces)) for record in records)
+    def summarize(self, parts: Sequence[Part[Survey[QueryFrame]]], seed: int) -> tuple[DetectionRow, ...]:
+        panoramas = sum(len(survey.pieces) for survey, _ in parts)
+        return tuple(_summarize(records, panoramas) for records in by_method(parts))
 
 
 class _Detecting(Worker[QueryFrame]):
@@ -169,11 +170,11 @@ def count_right(found: Detections, truth: Detections) -> Counter[str]:
     return right
 
 
-def _summarize(record: Record, panoramas: int) -> DetectionRow:
-    line = DetectionRow(**record.common(), panoramas=panoramas)
-    if not record.done:
+def _summarize(records: Sequence[Record], panoramas: int) -> DetectionRow:
+    line = DetectionRow(**in_common(records), panoramas=panoramas)
+    if not all(record.done for record in records):
         return line
-    rows = [row for row in record.rows if row is not None]
+    rows = [row for record in records for row in record.rows if row is not None]
     good = [row for row in rows if row["status"] == PieceStatus.OK]
     if len(good) < panoramas:
         first = next(iter(line.errors.values()), "no answer")

@@ -6,7 +6,7 @@ import multiprocessing
 import sys
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -16,11 +16,13 @@ import numpy as np
 from salframe.evaluation.metrics import (
     Judged,
     accepted_though_absent,
-    accuracy_interval,
+    holm,
     judge,
+    macro_averages,
     median,
     paired_test,
     pose_recalls,
+    proportion_interval,
     reliability,
     roc_area,
 )
@@ -29,14 +31,14 @@ from salframe.evaluation.request import Request, resolve
 from salframe.evaluation.result import Result
 from salframe.evaluation.run import DESCRIPTIONS, MAPS, ROWS, Row, RowWriter, Run, read_rows
 from salframe.evaluation.runner import run_task
-from salframe.evaluation.task import MethodRow, Record, Survey, Task, Worker, check_needs
+from salframe.evaluation.task import MethodRow, Part, Record, Survey, Task, Worker, by_method, check_needs, in_common
 from salframe.framework.cache import Cache
 from salframe.framework.errors import FRAME_ERRORS, DataError, InvalidAnswer, MethodFailed, describe_error
 from salframe.localization.answers import Localization
 from salframe.localization.localizer import Description, Localizer
 from salframe.localization.saved_map import map_bytes
 from salframe.panoramas.dataset import Dataset
-from salframe.panoramas.frames import Fold, MapFrame, QueryFrame, Truth
+from salframe.panoramas.frames import Fold, FrameKind, MapFrame, QueryFrame, Truth
 from salframe.panoramas.opening import Progress
 
 TOP_PLACES = 10
@@ -47,11 +49,12 @@ TOP_PLACES = 10
 class LocalizationRow(MethodRow):
     """A method's line: shares of all queries, a failure among them; medians of pose errors over what was localized.
 
-    accuracy with its 95 % interval; recall_at_5; median_translation_m, median_rotation_deg; median_heading_deg, of what
-    has a heading and no pose too; recall of poses at the bounds of metrics.RECALLS; bytes_per_scene, of the saved maps
-    by their frames;
-    describe_ms a panorama, query_ms a query, medians; peak_memory_mb; p_value of the exact McNemar test against the
-    first measured method.
+    accuracy with its 95 % interval, of queries clustered by place; scene_accuracy: had nobody answered with a doorway;
+    macro_precision, macro_recall: means over places; recall_at_2, recall_at_5; median_translation_m,
+    median_rotation_deg; median_heading_deg, of what has a heading and no pose too; recall of poses at the bounds of
+    metrics.RECALLS; bytes_per_scene, of the saved maps by their frames; describe_ms a panorama, query_ms a query,
+    medians; peak_memory_mb; p_value of the exact paired test against the first measured method, clustered by place;
+    p_adjusted, as by Holm over all that are tested so.
 
     Where some queries are asked of a map without their place: absent_queries, how many; present_accuracy, of the
     others; denied_absent, the share of them whose answer denies the map; roc_area of telling the two apart by the
@@ -69,6 +72,10 @@ class LocalizationRow(MethodRow):
     accuracy: float | None = None
     accuracy_low: float | None = None
     accuracy_high: float | None = None
+    scene_accuracy: float | None = None
+    macro_precision: float | None = None
+    macro_recall: float | None = None
+    recall_at_2: float | None = None
     recall_at_5: float | None = None
     median_translation_m: float | None = None
     median_rotation_deg: float | None = None
@@ -81,6 +88,7 @@ class LocalizationRow(MethodRow):
     query_ms: float | None = None
     peak_memory_mb: float | None = None
     p_value: float | None = None
+    p_adjusted: float | None = None
 
     @property
     def measured(self) -> bool:
@@ -102,6 +110,12 @@ class LocalizationSurvey(Survey[Query]):
     def truths(self) -> tuple[Truth, ...]:
         """What is true of each query, in order. Only who measures asks."""
         return tuple(self.dataset.truth(piece.frame.id) for piece in self.pieces)
+
+    def doorways(self) -> frozenset[str]:
+        """The places of the maps that are no scene."""
+        folds = {piece.fold.id: piece.fold for piece in self.pieces}.values()
+        frames = (frame for fold in folds for frame in fold.mapping)
+        return frozenset(frame.place for frame in frames if frame.kind is FrameKind.TRANSITION)
 
     def present(self) -> np.ndarray:
         """(Q,) bool: whether the map that a query is asked of has its place."""
@@ -160,21 +174,24 @@ class LocalizationTask(Task[Query, LocalizationSurvey]):
     def failed(self, piece: Query) -> Row:
         return _row(None)
 
-    def summarize(
-        self, survey: LocalizationSurvey, records: Sequence[Record], seed: int
-    ) -> tuple[LocalizationRow, ...]:
-        judged = judge_records(survey, records)
-        places = [truth.place for truth in survey.truths()]
+    def summarize(self, parts: Sequence[Part[LocalizationSurvey]], seed: int) -> tuple[LocalizationRow, ...]:
+        queries = sum(len(survey.pieces) for survey, _ in parts)
+        judged = zip(*(judge_records(*part) for part in parts), strict=True)
         lines: list[LocalizationRow] = []
         first: Judged | None = None
-        for record, found in zip(records, judged, strict=True):
-            line = LocalizationRow(**record.common(), queries=len(survey.pieces))
-            if record.done:
-                line = replace(line, **_reached(found, seed), **_known_worth(found), **_costs(record))
-                line = replace(line, p_value=paired_test(first.correct, found.correct, places) if first else None)
+        for records, found_in in zip(by_method(parts), judged, strict=True):
+            line = LocalizationRow(**in_common(records), queries=queries)
+            if all(record.done for record in records):
+                found = Judged.join(found_in)
+                line = replace(line, **_reached(found), **_known_worth(found), **_costs(records))
+                if len(parts) > 1:
+                    line = replace(line, by_part=tuple(float(part.correct.mean()) for part in found_in))
+                if first is not None:
+                    line = replace(line, p_value=paired_test(first.correct, found.correct, found.true_place))
                 first = first or found
             lines.append(line)
-        return tuple(lines)
+        adjusted = holm([line.p_value for line in lines])
+        return tuple(replace(line, p_adjusted=p) for line, p in zip(lines, adjusted, strict=True))
 
     def report(self, result: Result[LocalizationRow], survey: LocalizationSurvey, records: Sequence[Record]) -> Path:
         from salframe.evaluation.report.localization import Queries, write_report
@@ -186,17 +203,22 @@ class LocalizationTask(Task[Query, LocalizationSurvey]):
 
 def judge_records(survey: LocalizationSurvey, records: Sequence[Record]) -> list[Judged]:
     """The answers of each method against the truth."""
-    truths, present = survey.truths(), survey.present()
-    return [judge(record.rows, truths, present) for record in records]
+    truths, present, doorways = survey.truths(), survey.present(), survey.doorways()
+    return [judge(record.rows, truths, present, doorways) for record in records]
 
 
-def _reached(found: Judged, seed: int) -> dict[str, Any]:
-    low, high = accuracy_interval(found.correct, seed)
+def _reached(found: Judged) -> dict[str, Any]:
+    low, high = proportion_interval(found.correct, found.true_place)
+    precision, recall = macro_averages(found.first_place, found.true_place)
     located = found.correct & np.isfinite(found.translation_m)
     return {
         "accuracy": float(found.correct.mean()),
         "accuracy_low": low,
         "accuracy_high": high,
+        "scene_accuracy": float(found.correct_scene.mean()),
+        "macro_precision": precision,
+        "macro_recall": recall,
+        "recall_at_2": float(found.in_top_2.mean()),
         "recall_at_5": float(found.in_top_5.mean()),
         "median_translation_m": median(found.translation_m[located]),
         "median_rotation_deg": median(found.rotation_deg[located]),
@@ -222,17 +244,23 @@ def _known_worth(found: Judged) -> dict[str, Any]:
     return known
 
 
-def _costs(record: Record) -> dict[str, Any]:
-    described = {row["frame"]: row for row in read_rows(record.folder / DESCRIPTIONS)}
-    maps = {row["fold"]: row for row in read_rows(record.folder / MAPS)}.values()
-    rows = [row for row in record.rows if row is not None]
+def _costs(records: Sequence[Record]) -> dict[str, Any]:
+    """What a method cost on every data set."""
+    described = [row["ms"] for record in records for row in _last(record, DESCRIPTIONS, "frame")]
+    maps = [row for record in records for row in _last(record, MAPS, "fold")]
+    rows = [row for record in records for row in record.rows if row is not None]
     peaks = [row["peak_memory_mb"] for row in rows if row["peak_memory_mb"] is not None]
     return {
         "bytes_per_scene": sum(row["bytes"] for row in maps) / sum(row["frames"] for row in maps) if maps else None,
-        "describe_ms": median([row["ms"] for row in described.values()]),
+        "describe_ms": median(described),
         "query_ms": median([row["query_ms"] for row in rows if row["query_ms"] is not None]),
         "peak_memory_mb": max(peaks, default=None),
     }
+
+
+def _last(record: Record, file: str, key: str) -> Collection[Row]:
+    """The rows of a file in a method's folder, of those with one key the last."""
+    return {row[key]: row for row in read_rows(record.folder / file)}.values()
 
 
 class _Answering(Worker[Query]):

@@ -15,7 +15,7 @@ from salframe.evaluation.request import Request, resolve
 from salframe.evaluation.result import Result
 from salframe.evaluation.run import PieceStatus, Row, Run
 from salframe.evaluation.runner import run_task
-from salframe.evaluation.task import MethodRow, Record, Survey, Task, Worker, check_needs
+from salframe.evaluation.task import MethodRow, Part, Record, Survey, Task, Worker, by_method, check_needs, in_common
 from salframe.framework.cache import Cache
 from salframe.framework.errors import DataError, InputMissing, InvalidAnswer, MethodUnavailable
 from salframe.graphs.annotated import annotated_objects
@@ -108,8 +108,9 @@ class MatchingTask(Task[FramePair, Survey[FramePair]]):
         check_needs(method, survey.dataset)
         return _Matching(method, survey.dataset.content_key)
 
-    def summarize(self, survey: Survey[FramePair], records: Sequence[Record], seed: int) -> tuple[MatchingRow, ...]:
-        return tuple(_summarize(record, len(survey.pieces)) for record in records)
+    def summarize(self, parts: Sequence[Part[Survey[FramePair]]], seed: int) -> tuple[MatchingRow, ...]:
+        pairs = sum(len(survey.pieces) for survey, _ in parts)
+        return tuple(_summarize(records, pairs) for records in by_method(parts))
 
 
 class _Matching(Worker[FramePair]):
@@ -231,12 +232,12 @@ def own_objects(centroid_m: np.ndarray, panorama: Panorama) -> np.ndarray:
     return own
 
 
-def _summarize(record: Record, pairs: int) -> MatchingRow:
+def _summarize(records: Sequence[Record], pairs: int) -> MatchingRow:
     """A method's line. A pair that failed counts as one in which nothing was right."""
-    line = MatchingRow(**record.common(), pairs=pairs)
-    if not record.done:
+    line = MatchingRow(**in_common(records), pairs=pairs)
+    if not all(record.done for record in records):
         return line
-    known = [row for row in record.rows if row is not None]
+    known = [row for record in records for row in record.rows if row is not None]
     good, failed = ([row for row in known if (row["status"] == PieceStatus.OK) == ok] for ok in (True, False))
     if failed:
         line = replace(line, reason=f"{len(failed)} pair(s) failed, the first: {failed[0]['error']}")

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import itertools
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
@@ -19,6 +21,8 @@ KEPT = 0.9
 BINS = 10
 """Of equal width over [0, 1], to compare probabilities with frequencies."""
 RESAMPLES = 2000
+NORMAL_95 = 1.959963984540054
+"""Standard deviations on either side of the mean that hold 95 % of a normal distribution."""
 RECALLS = {"recall_025m_2deg": (0.25, 2.0), "recall_05m_5deg": (0.5, 5.0), "recall_1m_10deg": (1.0, 10.0)}
 """Pose recalls by their column: translation in metres, rotation in degrees."""
 
@@ -28,46 +32,72 @@ class Judged:
     """A method's answers against the truth, one entry a query, in the order of the dataset.
 
     present (Q,) bool: the map has the query's place. correct (Q,) bool: the first place is the true one, or the place
-    is not in the map and the status denies it; in_top_5 (Q,) bool, likewise. best_place (Q,) bool: the first place is
-    the true one, whatever the status. translation_m, rotation_deg (Q,) float64, infinite where there is no pose or the
+    is not in the map and the status denies it; in_top_2, in_top_5 (Q,) bool, likewise; correct_scene (Q,) bool: as
+    correct, had nobody answered with a doorway. best_place (Q,) bool: the first place is the true one, whatever the
+    status. translation_m, rotation_deg (Q,) float64, infinite where there is no pose or the
     method failed, NaN where the truth has no pose or the map lacks the place; heading_deg (Q,) float64, the same of the
     heading, which may be known without a pose. evidence (Q,) float64: how much speaks for the place being in the map:
     the probability of that where the method has one, else the best score; -inf of an answer without places. confidence
-    (Q,) float64: the probability of what was answered, a place or that it is not in the map; NaN without. statuses: Q
-    words, "crashed" where no answer was recorded.
+    (Q,) float64: the probability of what was answered, a place or that it is not in the map; NaN without. true_place,
+    first_place: Q names, the latter None where no place was answered. statuses: Q words, "crashed" where no answer was
+    recorded.
     """
 
     present: np.ndarray
     best_place: np.ndarray
     evidence: np.ndarray
     confidence: np.ndarray
-
     correct: np.ndarray
+    correct_scene: np.ndarray
+    in_top_2: np.ndarray
     in_top_5: np.ndarray
     translation_m: np.ndarray
     rotation_deg: np.ndarray
     heading_deg: np.ndarray
+    true_place: tuple[str, ...]
+    first_place: tuple[str | None, ...]
     statuses: tuple[str, ...]
+
+    @classmethod
+    def join(cls, parts: Sequence[Judged]) -> Judged:
+        """The queries of several data sets as one; where there are several, places are named by the number of their
+        data set too."""
+        if len(parts) == 1:
+            return parts[0]
+        joined: dict[str, Any] = {}
+        for field in fields(cls):
+            values = [getattr(part, field.name) for part in parts]
+            arrays = isinstance(values[0], np.ndarray)
+            joined[field.name] = np.concatenate(values) if arrays else tuple(itertools.chain(*values))
+        for name in ("true_place", "first_place"):
+            named = [(number, place) for number, part in enumerate(parts) for place in getattr(part, name)]
+            joined[name] = tuple(None if place is None else f"{number}: {place}" for number, place in named)
+        return cls(**joined)
 
 
 def judge(
-    answers: Sequence[Row | None], truths: Sequence[Truth], present: Sequence[bool] | np.ndarray | None = None
+    answers: Sequence[Row | None],
+    truths: Sequence[Truth],
+    present: Sequence[bool] | np.ndarray | None = None,
+    doorways: Collection[str] = (),
 ) -> Judged:
     """Compare each query's answer (a row of rows.jsonl, or None) with its truth; `present`: whether its map has the
-    query's place, None: every one has. A failure's places and pose do not count."""
+    query's place, None: every one has; `doorways`: the places of the map that are no scene. A failure's places and pose
+    do not count."""
     present = np.ones(len(truths), bool) if present is None else np.asarray(present, bool)
-    correct, in_top_5 = np.zeros((2, len(truths)), bool)
+    correct, correct_scene, in_top_2, in_top_5 = np.zeros((4, len(truths)), bool)
     errors = np.full((len(truths), 3), np.inf)
     for i, (answer, truth) in enumerate(zip(answers, truths, strict=True)):
         if truth.T_world_pano is None or not present[i]:
             errors[i] = np.nan
         if answer is not None and not present[i]:
-            correct[i] = in_top_5[i] = answer["status"] in DENIALS
+            correct[i] = correct_scene[i] = in_top_2[i] = in_top_5[i] = answer["status"] in DENIALS
         if answer is None or answer["status"] not in PLACED or not present[i]:
             continue
         places = list(dict.fromkeys(place for _, place, _ in answer["places"]))
         correct[i] = places[:1] == [truth.place]
-        in_top_5[i] = truth.place in places[:5]
+        correct_scene[i] = [place for place in places if place not in doorways][:1] == [truth.place]
+        in_top_2[i], in_top_5[i] = truth.place in places[:2], truth.place in places[:5]
         if answer["pose"] is not None and truth.T_world_pano is not None:
             errors[i, :2] = pose_errors(np.reshape(answer["pose"], (4, 4)), truth.T_world_pano)
         if answer.get("heading") is not None and truth.T_world_pano is not None:
@@ -82,10 +112,14 @@ def judge(
         evidence=_evidence(answers),
         confidence=np.array([_confidence(answer) for answer in answers], float),
         correct=correct,
+        correct_scene=correct_scene,
+        in_top_2=in_top_2,
         in_top_5=in_top_5,
         translation_m=errors[:, 0],
         rotation_deg=rotation_deg,
         heading_deg=heading_deg,
+        true_place=tuple(truth.place for truth in truths),
+        first_place=tuple(first),
         statuses=statuses,
     )
 
@@ -156,15 +190,47 @@ def reliability(judged: Judged) -> Reliability | None:
     return Reliability(sums[0] / count[used], sums[1] / count[used], count[used])
 
 
-def accuracy_interval(correct: np.ndarray, seed: int) -> tuple[float, float]:
-    """Bootstrap 95 % interval of the mean of (Q,) bool over queries.
+def proportion_interval(right: np.ndarray, cluster: Sequence[str]) -> tuple[float, float]:
+    """95 % interval of the mean of (Q,) bool: Wilson's, of as many queries as they are worth.
 
-    Q draws with replacement from right and wrong answers hold a binomial number of right ones, so that is drawn.
+    Queries of one cluster, a place, tell less than as many of different places: their number is divided by the design
+    effect, the variance of the mean over clusters by that of independent queries, where that is above 1 (Korn and
+    Graubard 1998). Where each is a cluster of its own, or all are right or all wrong, this is Wilson's interval.
     """
-    rng = np.random.default_rng(seed)
-    means = rng.binomial(len(correct), correct.mean(), RESAMPLES) / len(correct)
-    low, high = np.quantile(means, (0.025, 0.975))
-    return float(low), float(high)
+    count, share = float(len(right)), float(right.mean())
+    number = _cluster_numbers(cluster)
+    clusters = int(number.max()) + 1
+    if clusters > 1 and 0 < share < 1:
+        independent = share * (1 - share) / (count - 1)
+        sums = np.bincount(number, right - share)
+        clustered = clusters / (clusters - 1) * float(sums @ sums) / count**2
+        count = count / max(clustered / independent, 1.0)
+    z = NORMAL_95**2 / count
+    middle = (share + z / 2) / (1 + z)
+    half = float(np.sqrt(z * (share * (1 - share) + z / 4))) / (1 + z)
+    return max(middle - half, 0.0), min(middle + half, 1.0)
+
+
+def holm(p_values: Sequence[float | None]) -> list[float | None]:
+    """The p-values of several tests, adjusted as by Holm 1979: what each is worth when the least of all is looked at
+    first. None is no test, and stays."""
+    order = sorted((p, i) for i, p in enumerate(p_values) if p is not None)
+    adjusted: list[float | None] = [None] * len(p_values)
+    least = 0.0
+    for rank, (p, i) in enumerate(order):
+        least = max(least, min((len(order) - rank) * p, 1.0))
+        adjusted[i] = least
+    return adjusted
+
+
+def macro_averages(first_place: Sequence[str | None], true_place: Sequence[str]) -> tuple[float, float]:
+    """Precision and recall, each the mean over the places that were asked for, all of one weight. Of a place that was
+    never answered the precision is 0."""
+    places = sorted(set(true_place))
+    answered, true = np.array([place or "" for place in first_place], np.str_), np.array(true_place, np.str_)
+    hits = np.array([(answered == place) & (true == place) for place in places]).sum(1)
+    given, asked = (np.array([(side == place).sum() for place in places]) for side in (answered, true))
+    return float((hits / np.maximum(given, 1)).mean()), float((hits / asked).mean())
 
 
 def paired_test(first: np.ndarray, second: np.ndarray, cluster: Sequence[str]) -> float:
@@ -174,8 +240,7 @@ def paired_test(first: np.ndarray, second: np.ndarray, cluster: Sequence[str]) -
     Queries of one place tell less than as many of different places. Where each is a cluster of its own this is
     McNemar's exact test.
     """
-    _, number = np.unique(np.asarray(cluster, np.str_), return_inverse=True)
-    difference = np.bincount(number, first.astype(float) - second).astype(int)
+    difference = np.bincount(_cluster_numbers(cluster), first.astype(float) - second).astype(int)
     chance = np.ones(1)  # of each sum of the differences, from the least possible to the largest, in steps of one
     for size in np.abs(difference[difference != 0]):
         swapped = np.zeros(len(chance) + 2 * size)
@@ -186,12 +251,18 @@ def paired_test(first: np.ndarray, second: np.ndarray, cluster: Sequence[str]) -
     return float(min(chance[np.abs(sums) >= abs(difference.sum())].sum(), 1.0))
 
 
-def bootstrap_interval(values: np.ndarray, seed: int) -> tuple[float, float]:
-    """95 % interval of the mean of (N,) values over draws of N of them with replacement."""
-    rng = np.random.default_rng(seed)
-    means = values[rng.integers(len(values), size=(RESAMPLES, len(values)))].mean(1)
-    low, high = np.quantile(means, (0.025, 0.975))
+def bootstrap_interval(values: np.ndarray, cluster: Sequence[str], seed: int) -> tuple[float, float]:
+    """95 % interval of the mean of (N,) values over draws of as many clusters with replacement."""
+    number = _cluster_numbers(cluster)
+    sums, counts = np.bincount(number, values), np.bincount(number)
+    drawn = np.random.default_rng(seed).integers(len(counts), size=(RESAMPLES, len(counts)))
+    low, high = np.quantile(sums[drawn].sum(1) / counts[drawn].sum(1), (0.025, 0.975))
     return float(low), float(high)
+
+
+def _cluster_numbers(cluster: Sequence[str]) -> np.ndarray:
+    """(N,) int64: names as numbers from 0 without gaps."""
+    return np.unique(np.asarray(cluster, np.str_), return_inverse=True)[1]
 
 
 def pose_recalls(judged: Judged) -> dict[str, float | None]:

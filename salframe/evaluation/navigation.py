@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from salframe.evaluation.metrics import bootstrap_interval, paired_test
+from salframe.evaluation.metrics import bootstrap_interval, holm, paired_test, proportion_interval
 from salframe.evaluation.request import Request, Resolved, resolve
 from salframe.evaluation.result import Result
 from salframe.evaluation.run import Row, Run
 from salframe.evaluation.runner import run_task
-from salframe.evaluation.task import MethodRow, Record, Survey, Task, Worker, check_needs
+from salframe.evaluation.task import MethodRow, Part, Record, Survey, Task, Worker, by_method, check_needs, in_common
 from salframe.framework.config import merge, validate
 from salframe.framework.errors import ConfigError
 from salframe.framework.files import write_json
@@ -50,7 +50,8 @@ ARMS = {Positioning.ON: ("",), Positioning.OFF: (WITHOUT,), Positioning.BOTH: ("
 @dataclass(frozen=True, kw_only=True)
 class NavigationRow(MethodRow):
     """A method's line: rates over all episodes with their 95 % intervals, a crashed episode a failure; means over those
-    that ended; p_value of the exact paired test of success, clustered by goal, against the first measured method.
+    that ended; p_value of the exact paired test of success, clustered by goal, against the first measured method, and
+    p_adjusted, as by Holm over all that are tested so.
     """
 
     episodes: int
@@ -70,6 +71,7 @@ class NavigationRow(MethodRow):
     panoramas: float | None = None
     collisions: float | None = None
     p_value: float | None = None
+    p_adjusted: float | None = None
 
     @property
     def measured(self) -> bool:
@@ -169,20 +171,27 @@ class NavigationTask(Task[Episode, NavigationSurvey]):
         failure = {"success": False, "oracle": False, "spl": 0.0, "success_3m": False}
         return {"world": piece.world, "goal": piece.goal, **failure, "shortest_m": piece.shortest_m}
 
-    def summarize(self, survey: NavigationSurvey, records: Sequence[Record], seed: int) -> tuple[NavigationRow, ...]:
+    def summarize(self, parts: Sequence[Part[NavigationSurvey]], seed: int) -> tuple[NavigationRow, ...]:
+        episodes = sum(len(survey.pieces) for survey, _ in parts)
         lines: list[NavigationRow] = []
         first: np.ndarray | None = None
-        for record in records:
-            line = NavigationRow(**record.common(), episodes=len(survey.pieces))
-            if record.done:
-                rows = sorted((row for row in record.rows if row is not None), key=lambda row: row["episode"])
+        for records in by_method(parts):
+            line = NavigationRow(**in_common(records), episodes=episodes)
+            if all(record.done for record in records):
+                walked = [_in_order(record) for record in records]
+                rows = [row for part in walked for row in part]
+                goals = [f"{number}/{row['world']}/{row['goal']}" for number, part in enumerate(walked) for row in part]
                 success = np.array([row["success"] for row in rows], bool)
-                goals = [f"{row['world']}/{row['goal']}" for row in rows]
                 p_value = None if first is None else paired_test(first, success, goals)
-                line = replace(line, **_measure(rows, seed), p_value=p_value)
+                line = replace(line, **_measure(rows, goals, seed), p_value=p_value)
+                if len(walked) > 1:
+                    line = replace(
+                        line, by_part=tuple(float(np.mean([row["success"] for row in part])) for part in walked)
+                    )
                 first = success if first is None else first
             lines.append(line)
-        return tuple(lines)
+        adjusted = holm([line.p_value for line in lines])
+        return tuple(replace(line, p_adjusted=p) for line, p in zip(lines, adjusted, strict=True))
 
     def report(self, result: Result[NavigationRow], survey: NavigationSurvey, records: Sequence[Record]) -> Path:
         from salframe.evaluation.report.navigation import write_report
@@ -207,12 +216,19 @@ class _Walking(Worker[Episode]):
         return self._sight.warning
 
 
-def _measure(rows: Sequence[Row], seed: int) -> dict[str, Any]:
-    """The measured fields of a method's line, from all its episodes in order."""
+def _in_order(record: Record) -> list[Row]:
+    """A method's episodes as they are numbered."""
+    return sorted((row for row in record.rows if row is not None), key=lambda row: row["episode"])
+
+
+def _measure(rows: Sequence[Row], goals: Sequence[str], seed: int) -> dict[str, Any]:
+    """The measured fields of a method's line, from all its episodes, clustered by goal."""
     summary: dict[str, Any] = {}
     for key, field in RATES.items():
-        values = np.array([row[key] for row in rows], float)
-        low, high = bootstrap_interval(values, seed)
+        values = np.array([row[key] for row in rows])
+        low, high = (
+            proportion_interval(values, goals) if values.dtype == bool else bootstrap_interval(values, goals, seed)
+        )
         summary |= {field: float(values.mean()), f"{field}_low": low, f"{field}_high": high}
     ended = [row for row in rows if "path" in row]
     for key, field in MEANS.items():

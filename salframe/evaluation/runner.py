@@ -85,7 +85,7 @@ def run_task(
 def conclude(task: Task[Any, Any], run: Run, survey: Survey[Any], reported: tuple[Reported, ...] = ()) -> Result[Any]:
     """The result of a run from its rows; writes its metrics and report. Runs no method."""
     records = [_record(task, run, label, survey) for label in run.labels]
-    rows: Sequence[MethodRow] = task.summarize(survey, records, run.seed)
+    rows: Sequence[MethodRow] = task.summarize([(survey, records)], run.seed)
     told = (*run.notes(), *survey.notes)
     result: Result[Any] = Result(
         task.name, run.directory, run.content, run.environment(), tuple(rows), None, told, reported

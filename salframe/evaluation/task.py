@@ -15,6 +15,7 @@ from salframe.framework.component import Component
 from salframe.framework.config import components_in
 from salframe.framework.errors import InputMissing
 from salframe.framework.registry import registry
+from salframe.graphs.detector import Detector
 from salframe.localization.localizer import Localizer
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.range_model import RangeModel
@@ -39,9 +40,10 @@ class Survey(Generic[Piece]):
 class MethodRow(ABC):
     """A method's line in the table of a task; numbers are None where there is nothing to measure.
 
-    given: which parts of panoramas it was given, ESTIMATED_RANGE among them where it was; available: whether it can run
-    here; ended: how its work ended; reason: why it was not measured, or a warning; status: how often each status
-    occurred; errors: the first message of each status that has one.
+    given: which parts of panoramas it was given, with the errors put into them, ESTIMATED_RANGE among them where it
+    was; available: whether it can run here; ended: how its work ended; reason: why it was not measured, or a warning;
+    status: how often each status occurred; errors: the first message of each status that has one; by_part: its first
+    figure on each data set, where it was asked on several.
     """
 
     method: str
@@ -51,6 +53,7 @@ class MethodRow(ABC):
     reason: str | None = None
     status: Mapping[str, int] = field(default_factory=dict)
     errors: Mapping[str, str] = field(default_factory=dict)
+    by_part: tuple[float, ...] = ()
 
     @property
     @abstractmethod
@@ -84,25 +87,37 @@ class Record:
         """Whether all of its work is done."""
         return self.outcome.status is MethodStatus.DONE
 
-    def common(self) -> dict[str, Any]:
-        """The fields of MethodRow."""
-        known = [row for row in self.rows if row is not None]
-        errors: dict[str, str] = {}
-        for row in known:
-            if row.get("error"):
+
+Part = tuple[Surveyed, Sequence[Record]]
+"""A task on a data set, and what each method made of it, in the order of the table."""
+
+
+def by_method(parts: Sequence[Part[Any]]) -> list[list[Record]]:
+    """The records of each method on every data set, in the order of the table."""
+    return [list(records) for records in zip(*(records for _, records in parts), strict=True)]
+
+
+def in_common(records: Sequence[Record]) -> dict[str, Any]:
+    """The fields of MethodRow, of what a method made of one data set or several."""
+    worst = max((record.outcome for record in records), key=lambda outcome: list(MethodStatus).index(outcome.status))
+    errors: dict[str, str] = {}
+    statuses: list[str] = []
+    for record in records:
+        for row in record.rows:
+            if row is not None and row.get("error"):
                 errors.setdefault(row["status"], row["error"])
-        status: dict[str, int] = {}
-        if self.outcome.status in (MethodStatus.DONE, MethodStatus.CRASHED):
-            status = count_statuses(PieceStatus.CRASHED if row is None else row["status"] for row in self.rows)
-        return {
-            "method": self.label,
-            "given": self.outcome.given,
-            "available": self.outcome.status is not MethodStatus.UNAVAILABLE,
-            "ended": self.outcome.status,
-            "reason": self.outcome.reason,
-            "status": status,
-            "errors": errors,
-        }
+        if record.outcome.status in (MethodStatus.DONE, MethodStatus.CRASHED):
+            statuses += [PieceStatus.CRASHED if row is None else row["status"] for row in record.rows]
+    reasons = dict.fromkeys(record.outcome.reason for record in records if record.outcome.reason)
+    return {
+        "method": records[0].label,
+        "given": worst.given,
+        "available": worst.status is not MethodStatus.UNAVAILABLE,
+        "ended": worst.status,
+        "reason": "; ".join(reasons) or None,
+        "status": count_statuses(statuses),
+        "errors": errors,
+    }
 
 
 class Worker(ABC, Generic[Piece]):
@@ -184,8 +199,8 @@ class Task(ABC, Generic[Piece, Surveyed]):
         return {}
 
     @abstractmethod
-    def summarize(self, survey: Surveyed, records: Sequence[Record], seed: int) -> Sequence[MethodRow]:
-        """A line of the table for each method, in order."""
+    def summarize(self, parts: Sequence[Part[Surveyed]], seed: int) -> Sequence[MethodRow]:
+        """A line of the table for each method, in order: over one data set, or over several of one kind at once."""
 
     def report(self, result: Any, survey: Surveyed, records: Sequence[Record]) -> Path | None:
         """Write the page to look at into the folder of a Result's run; its path, None where the task draws none."""
@@ -203,10 +218,16 @@ def parts_needed(method: Any, dataset: Dataset) -> frozenset[str]:
     return method.needs_of(dataset.provides) if isinstance(method, Localizer) else method.needs
 
 
-def parts_given(method: Any, dataset: Dataset) -> tuple[str, ...]:
-    """Which parts of a data set's panoramas a method is given: what it needs, and range where it is estimated."""
+def parts_given(method: Component, dataset: Dataset) -> tuple[str, ...]:
+    """Which parts of a data set's panoramas a method is given: what it needs, with the errors that a detector puts into
+    it, and range where it is estimated."""
+    parts = sorted(parts_needed(method, dataset))
+    for _, inner in components_in(method.config):
+        if issubclass(inner.component, Detector):
+            noise = inner.component.noise_in(inner, dataset.rendered)
+            parts = [f"{part} + {noise} noise" if noise and part in inner.component.needs else part for part in parts]
     estimates = isinstance(method, Localizer) and method.estimates(dataset.provides)
-    return (*sorted(parts_needed(method, dataset)), *([ESTIMATED_RANGE] if estimates else []))
+    return (*parts, *([ESTIMATED_RANGE] if estimates else []))
 
 
 def check_needs(method: Component, dataset: Dataset) -> None:

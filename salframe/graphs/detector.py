@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from salframe.framework.component import Role
 from salframe.graphs.detections import Detections
@@ -20,6 +20,12 @@ class Detector(Role):
     them within 2 degrees."""
     turn_tolerance_m: ClassVar[float] = 1e-4
     """How far a centroid may move (metres) and a size change when the panorama turns by a multiple of `column_step`."""
+
+    @classmethod
+    def noise_in(cls, config: Any, rendered: bool) -> str | None:
+        """The name of the errors that it puts into annotations, those of a renderer or of real panoramas; None where it
+        puts in none."""
+        return None
 
     @abstractmethod
     def detect(self, panorama: Panorama) -> Detections:

@@ -53,6 +53,12 @@ class Dataset(Role):
     def prepare(self, progress: Callable[[int, int], None]) -> None:
         """Do what takes long and can be resumed (render, index) before the first fold; `progress(done, total)`."""
 
+    @property
+    def rendered(self) -> bool:
+        """Whether its annotations and ranges come from a renderer and hold no error of their own. Known after
+        `prepare`."""
+        return False
+
     @abstractmethod
     def folds(self) -> Sequence[Fold]:
         """Each fold: mapping frames with poses and query frames without. Most sets have one, leave-one-out has many."""

@@ -51,6 +51,10 @@ class FolderDataset(Dataset):
         return self._folder.provides
 
     @property
+    def rendered(self) -> bool:
+        return self._folder.manifest.rendered
+
+    @property
     def fingerprint(self) -> str:
         return self._folder.fingerprint
 

@@ -130,7 +130,12 @@ def _check_detections(checked: str, found: Detections) -> None:
     expect((found.size_m[known] >= 0).all(), checked, f"sizes {found.size_m[known].tolist()}", "metres, at least 0")
     length = np.linalg.norm(found.bearing, axis=1)
     unit = np.isnan(length) | (np.abs(length - 1) < 1e-6)
-    expect(unit.all(), checked, f"bearings of length {length[~unit].tolist()}", "unit vectors, NaN where not known")
+    expect(
+        unit.all(),
+        checked,
+        f"bearings of length {length[~unit].round(6).tolist()}",
+        "unit vectors, NaN where not known",
+    )
     for label, points in zip(found.labels, found.points_m or (), strict=False):
         fits = isinstance(points, np.ndarray) and points.ndim == 2 and points.shape[1] == 3 and points.dtype.kind == "f"
         expect(

@@ -5,16 +5,19 @@ import math
 
 import numpy as np
 import pytest
-from scipy.stats import binom, mannwhitneyu
+from scipy.stats import binomtest, mannwhitneyu
 
 from salframe.evaluation.localization import LocalizationSurvey, LocalizationTask, Query
 from salframe.evaluation.metrics import (
+    Judged,
     accepted_though_absent,
-    accuracy_interval,
     bootstrap_interval,
+    holm,
     judge,
+    macro_averages,
     paired_test,
     pose_recalls,
+    proportion_interval,
     reliability,
     roc_area,
 )
@@ -116,7 +119,7 @@ def test_summary_of_four_queries(tmp_path):
     data = Kitchen()
     survey = LocalizationSurvey(data, [Query(data.fold, frame) for frame in data.fold.queries])
     record = Record("method", Outcome(MethodStatus.DONE), answers, tmp_path)
-    (row,) = LocalizationTask().summarize(survey, [record], 0)
+    (row,) = LocalizationTask().summarize([(survey, [record])], 0)
     assert (row.queries, row.accuracy, row.status) == (4, 0.5, {"ok": 3, "no-objects": 1})
     assert (row.recall_025m_2deg, row.recall_05m_5deg, row.recall_1m_10deg) == (0.25, 0.5, 0.75)
     assert row.median_translation_m == pytest.approx(0.25)  # of 0.1 and 0.4: the wrong place does not count
@@ -126,20 +129,63 @@ def test_summary_of_four_queries(tmp_path):
     assert (row.describe_ms, row.query_ms, row.peak_memory_mb) == (7.0, 2.0, 30.0)
 
 
-@pytest.mark.parametrize(("right", "queries"), [(90, 100), (7, 10), (500, 1009)])
-def test_interval_agrees_with_the_binomial_quantiles(right, queries):
-    correct = np.arange(queries) < right
-    low, high = accuracy_interval(correct, seed=0)
-    assert low == pytest.approx(binom.ppf(0.025, queries, right / queries) / queries, abs=1.01 / queries)
-    assert high == pytest.approx(binom.ppf(0.975, queries, right / queries) / queries, abs=1.01 / queries)
-    assert accuracy_interval(correct, seed=0) == (low, high)
+@pytest.mark.parametrize(("right", "queries"), [(90, 100), (7, 10), (500, 1009), (36, 36), (0, 12)])
+def test_the_interval_of_queries_of_different_places_is_wilsons(right, queries):
+    expected = binomtest(right, queries).proportion_ci(method="wilson")
+    alone = list(map(str, range(queries)))
+    assert proportion_interval(np.arange(queries) < right, alone) == pytest.approx((expected.low, expected.high))
 
 
-def test_interval_agrees_with_resampling_query_by_query():
-    correct = np.arange(40) < 30
-    rng = np.random.default_rng(1)
-    means = correct[rng.integers(40, size=(20000, 40))].mean(axis=1)
-    assert accuracy_interval(correct, seed=0) == pytest.approx(np.quantile(means, (0.025, 0.975)), abs=0.026)
+def test_queries_that_are_right_or_wrong_together_count_once():
+    """Thirty places, two queries each, both right or both wrong: by unbiased variances worth 60 * 29 / 59 queries."""
+    correct, place = np.repeat(np.arange(30) < 18, 2), np.repeat(np.arange(30), 2).astype(str)
+    share, n, z = 0.6, 60 * 29 / 59, 1.959964
+    middle, half = share + z**2 / (2 * n), z * math.sqrt(share * (1 - share) / n + z**2 / (4 * n**2))
+    expected = (middle - half) / (1 + z**2 / n), (middle + half) / (1 + z**2 / n)
+    assert proportion_interval(correct, place) == pytest.approx(expected)
+    assert proportion_interval(np.ones(36, bool), ["a"] * 18 + ["b"] * 18) == pytest.approx((0.9036, 1.0), abs=1e-4)
+
+
+def test_the_clustered_interval_covers_the_truth_where_wilsons_does_not():
+    """Forty rooms of three queries whose chance is their room's: of 400 such tables about 95 % hold the mean chance."""
+    rng = np.random.default_rng(0)
+    room, covered = np.repeat(np.arange(40), 3).astype(str), np.zeros((400, 2))
+    for i in range(400):
+        correct = rng.random(120) < np.repeat(rng.beta(0.7, 0.3, 40), 3)
+        for j, cluster in enumerate((room, np.arange(120).astype(str))):
+            low, high = proportion_interval(correct, cluster)
+            covered[i, j] = low <= 0.7 <= high
+    clustered, alone = covered.mean(0)
+    assert 0.92 < clustered < 0.98
+    assert alone < 0.89
+
+
+def test_holms_adjustment_by_hand():
+    assert holm([0.01, None, 0.04, 0.03, 0.005]) == pytest.approx([0.03, None, 0.06, 0.06, 0.02])
+    assert holm([None, 0.7, 0.6]) == [None, 1.0, 1.0]
+
+
+def test_macro_averages_weigh_places_alike():
+    """Kitchen: 3 of 4 found, 3 of 4 answers right; bath: asked once, never answered."""
+    answered = ["kitchen", "kitchen", "kitchen", "hall", "kitchen"]
+    asked = ["kitchen"] * 4 + ["bath"]
+    assert macro_averages(answered, asked) == (0.375, 0.375)
+    assert macro_averages(["a", None], ["a", "b"]) == (0.5, 0.5)
+
+
+def test_a_doorway_is_no_answer_where_scenes_alone_count():
+    found = judge([answer("door", "kitchen"), answer("door", "hall", "kitchen")], [TRUTH] * 2, doorways={"door"})
+    assert found.correct.tolist() == [False, False]
+    assert found.correct_scene.tolist() == [True, False]
+    assert found.in_top_2.tolist() == [True, False]
+
+
+def test_the_places_of_two_buildings_are_not_the_same():
+    one = judge([answer("kitchen"), answer("hall")], [TRUTH] * 2)
+    both = Judged.join([one, one])
+    assert both.correct.tolist() == [True, False] * 2
+    assert both.true_place == ("0: kitchen", "0: kitchen", "1: kitchen", "1: kitchen")
+    assert both.first_place[1::2] == ("0: hall", "1: hall")
 
 
 def test_paired_test_of_single_queries_is_mcnemars():
@@ -172,9 +218,11 @@ def test_statuses_are_counted_ok_first():
 
 def test_the_interval_of_a_mean_is_that_of_its_standard_error():
     values = np.random.default_rng(1).normal(3.0, 2.0, 400)
-    low, high = bootstrap_interval(values, 0)
+    alone, pairs = np.arange(400).astype(str), np.repeat(np.arange(400), 2).astype(str)
+    low, high = bootstrap_interval(values, alone, 0)
     assert (high - low) / 2 == pytest.approx(1.96 * values.std() / 20, rel=0.08)
-    assert bootstrap_interval(values, 0) == (low, high)
+    assert bootstrap_interval(values, alone, 0) == (low, high)
+    assert bootstrap_interval(np.repeat(values, 2), pairs, 0) == pytest.approx((low, high))  # twice as many, no more
 
 
 def test_denying_the_map_is_right_where_the_place_is_not_in_it():

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import pytest
 from command_line import run as salframe
-from scipy.stats import binom
+from scipy.stats import binomtest
 
 from salframe.evaluation.navigation import NavigationRow, NavigationSurvey, NavigationTask, Positioning, navigate
 from salframe.evaluation.request import Request
@@ -193,16 +193,15 @@ def summarize(*methods):
     """The lines of the table for methods with these rows, the same episodes each."""
     records = [Record(f"m{i}", Outcome(MethodStatus.DONE), found, Path()) for i, found in enumerate(methods)]
     survey = NavigationSurvey(None, [SimpleNamespace(number=i) for i in range(len(methods[0]))], sites={})
-    return NavigationTask(NavigationConfig(), len(methods[0]), 0).summarize(survey, records, 0)
+    return NavigationTask(NavigationConfig(), len(methods[0]), 0).summarize([(survey, records)], 0)
 
 
 def test_means_and_intervals():
     (row,) = summarize(episodes([True] * 30 + [False] * 10))
     assert (row.success_rate, row.spl, row.oracle_success_rate) == (0.75, 0.375, 1.0)
     assert (row.path_m, row.panoramas, row.collisions) == (4.0, 3.0, 1.0)
-    low, high = binom.ppf((0.025, 0.975), 40, 0.75) / 40
-    assert row.success_rate_low == pytest.approx(low, abs=0.026)
-    assert row.success_rate_high == pytest.approx(high, abs=0.026)
+    expected = binomtest(30, 40).proportion_ci(method="wilson")
+    assert (row.success_rate_low, row.success_rate_high) == pytest.approx((expected.low, expected.high))
 
 
 def test_a_crashed_episode_is_a_failure_and_has_no_length():
