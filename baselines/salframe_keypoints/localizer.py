@@ -58,9 +58,11 @@ class Keypoints(Localizer):
         self._matcher: FeatureMatcher = registry().build("feature-matcher", self.config.features)
         self._matcher.prepare(width_px, height_px)
 
+    uses: ClassVar[frozenset[str]] = frozenset({"range"})
+    """A pose needs range, the place does not."""
+
     @property
     def needs(self) -> frozenset[str]:
-        """Colour; range too where a pose is wanted, but not for the place."""
         return frozenset({"rgb"})
 
     def describe(self, panorama: Panorama) -> Description:

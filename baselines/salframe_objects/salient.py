@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 from pydantic import Field
 
@@ -15,6 +17,8 @@ from salframe.panoramas.panorama import Panorama
 
 class SalientObjects(Localizer):
     """Objects weigh w = S^p, S their saliency and p `saliency_power`."""
+
+    uses: ClassVar[frozenset[str]] = frozenset({"range"})
 
     class Config(ComponentConfig):
         range: range_slot()  # type: ignore[valid-type]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import ClassVar
 
 import numpy as np
 
@@ -27,6 +28,7 @@ class SaliencyGraphLocalizer(Localizer):
 
     name = "saliency-graph"
     version = "2"
+    uses: ClassVar[frozenset[str]] = frozenset({"range"})
 
     class Config(ComponentConfig):
         range: range_slot()  # type: ignore[valid-type]

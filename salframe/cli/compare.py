@@ -21,6 +21,7 @@ from salframe.cli.options import (
     Runs,
     Seed,
     Set,
+    Style,
     make_request,
 )
 from salframe.cli.output import show
@@ -38,16 +39,16 @@ def compare(
     reported: Annotated[
         bool, typer.Option("--reported", help="Show what papers report, apart from what is measured.")
     ] = False,
+    style: Style = "table",
     as_json: Json = False,
 ) -> None:
     """Run methods on the same queries and print what they reach and cost. Run it again to resume."""
-    from salframe.cli.tables import print_comparison
     from salframe.evaluation.localization import compare as run
 
     request = make_request(
         methods, data=data, data_dir=data_dir, overrides=overrides, name=name, runs=runs, engine=engine, seed=seed
     )
-    show(lambda progress: run(request, reported=reported, progress=progress), print_comparison, as_json)
+    show(lambda progress: run(request, reported=reported, progress=progress), as_json, style)
 
 
 def ablate(
@@ -61,21 +62,22 @@ def ablate(
     runs: Runs = RUNS,
     engine: EngineName = ENGINE,
     seed: Seed = 0,
+    style: Style = "table",
     as_json: Json = False,
 ) -> None:
     """Run every combination of the values under `vary:` as a method of its own, in one table."""
-    from salframe.cli.tables import print_comparison
     from salframe.evaluation.ablation import ablate as run
 
     request = make_request(
         data=data, data_dir=data_dir, overrides=overrides, name=name, runs=runs, engine=engine, seed=seed
     )
-    show(lambda progress: run(file, request, progress=progress), print_comparison, as_json)
+    show(lambda progress: run(file, request, progress=progress), as_json, style)
 
 
-def evaluate(run: Annotated[Path, typer.Argument(help="A run folder.")], as_json: Json = False) -> None:
+def evaluate(
+    run: Annotated[Path, typer.Argument(help="A run folder.")], style: Style = "table", as_json: Json = False
+) -> None:
     """Measure a run again from its recorded answers; runs no method."""
-    from salframe.cli.tables import print_result
     from salframe.evaluation.tasks import evaluate as measure
 
-    show(lambda progress: measure(run), print_result, as_json)
+    show(lambda progress: measure(run), as_json, style)

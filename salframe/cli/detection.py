@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Annotated
 
 import typer
@@ -19,6 +18,7 @@ from salframe.cli.options import (
     Name,
     Runs,
     Set,
+    Style,
     make_request,
 )
 from salframe.cli.output import show
@@ -33,16 +33,15 @@ def detection(
     runs: Runs = RUNS,
     engine: EngineName = ENGINE,
     classes: Annotated[bool, typer.Option("--classes", help="Print a table of the classes too.")] = False,
+    style: Style = "table",
     as_json: Json = False,
 ) -> None:
     """Detect objects in the query panoramas, and print precision and recall against their annotations. Run it again to
     resume.
     """
-    from salframe.cli.tables import print_detection
     from salframe.evaluation.detection import measure_detection
 
     request = make_request(
         detectors, data=data, data_dir=data_dir, overrides=overrides, name=name, runs=runs, engine=engine
     )
-    table = partial(print_detection, classes=classes)
-    show(lambda progress: measure_detection(request, progress=progress), table, as_json)
+    show(lambda progress: measure_detection(request, progress=progress), as_json, style, classes=classes)

@@ -15,6 +15,7 @@ from salframe.cli.options import (
     Name,
     Runs,
     Set,
+    Style,
     make_request,
 )
 from salframe.cli.output import show
@@ -28,15 +29,15 @@ def matching(
     name: Name = None,
     runs: Runs = RUNS,
     engine: EngineName = ENGINE,
+    style: Style = "table",
     as_json: Json = False,
 ) -> None:
     """Match each query with the nearest map frame of its own place, and print how much of it is right. Run it again to
     resume.
     """
-    from salframe.cli.tables import print_matching
     from salframe.evaluation.matching import measure_matching
 
     request = make_request(
         methods, data=data, data_dir=data_dir, overrides=overrides, name=name, runs=runs, engine=engine
     )
-    show(lambda progress: measure_matching(request, progress=progress), print_matching, as_json)
+    show(lambda progress: measure_matching(request, progress=progress), as_json, style)

@@ -18,6 +18,7 @@ from salframe.cli.options import (
     Methods,
     Name,
     Runs,
+    Style,
     make_request,
 )
 from salframe.cli.output import show
@@ -49,10 +50,10 @@ def navigate(
     runs: Runs = RUNS,
     engine: EngineName = ENGINE,
     seed: Annotated[int, typer.Option(help="Seed of episodes, noise and confidence intervals.")] = 0,
+    style: Style = "table",
     as_json: Json = False,
 ) -> None:
     """Send an agent from room to room with each method as its localizer. Run it again to resume."""
-    from salframe.cli.tables import print_navigation
     from salframe.evaluation.navigation import Positioning
     from salframe.evaluation.navigation import navigate as run
 
@@ -66,6 +67,6 @@ def navigate(
     )
     show(
         lambda progress: run(request, episodes=source, positioning=Positioning(positioning), progress=progress),
-        print_navigation,
         as_json,
+        style,
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -36,6 +36,10 @@ Name = Annotated[str | None, typer.Option(help="Name of the run folder; the data
 Runs = Annotated[Path, typer.Option(help="Folder that holds the runs.")]
 EngineName = Annotated[str, typer.Option("--engine", help="How the methods are run: see `salframe plugins`.")]
 Seed = Annotated[int, typer.Option(help="Seed of the confidence intervals.")]
+Style = Annotated[
+    Literal["table", "md", "latex", "csv"],
+    typer.Option("--format", help="How tables are printed; csv has every number in full."),
+]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from salframe.panoramas.opening import Progress
     from salframe.panoramas.panorama import Panorama
 
+TABLE = "table"
+"""The style of a table in the terminal."""
 LINE_SECONDS = 30.0
 """Off a terminal, progress is a line this often."""
 
@@ -111,15 +113,19 @@ class Bars:
         self._progress.stop()
 
 
-def show(run: Callable[[Progress], Result[Any]], table: Callable[[Result[Any]], None], as_json: bool) -> None:
-    """Run a task with its progress on stderr, print the table or JSON on stdout; exit 1 where nothing was measured or
-    something crashed.
+def show(run: Callable[[Progress], Result[Any]], as_json: bool, style: str = TABLE, *, classes: bool = False) -> None:
+    """Run a task with its progress on stderr, print its tables in a style of `--format`, or JSON, on stdout; exit 1
+    where nothing was measured or something crashed. `classes`: as in `print_result`.
     """
+    from salframe.cli.tables import format_result, print_result
+
     with Bars() as bars:
         result = run(bars.update)
     if as_json:
         print_json(result.to_json())
+    elif style == TABLE:
+        print_result(result, classes)
     else:
-        table(result)
+        print(format_result(result, style), end="")
     if result.crashed or not result.measured:
         raise typer.Exit(1)

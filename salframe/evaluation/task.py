@@ -219,9 +219,10 @@ def parts_needed(method: Any, dataset: Dataset) -> frozenset[str]:
 
 
 def parts_given(method: Component, dataset: Dataset) -> tuple[str, ...]:
-    """Which parts of a data set's panoramas a method is given: what it needs, with the errors that a detector puts into
-    it, and range where it is estimated."""
-    parts = sorted(parts_needed(method, dataset))
+    """Which parts of a data set's panoramas a method is given: what it needs or uses, with the errors that a detector
+    puts into it, and range where it is estimated."""
+    used = method.uses & dataset.provides if isinstance(method, Localizer) else frozenset[str]()
+    parts = sorted(parts_needed(method, dataset) | used)
     for _, inner in components_in(method.config):
         if issubclass(inner.component, Detector):
             noise = inner.component.noise_in(inner, dataset.rendered)

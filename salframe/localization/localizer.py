@@ -82,6 +82,8 @@ class Localizer(Role):
     """What is set as `posterior`."""
     uses_floors: ClassVar[bool] = False
     """Whether `index` reads `floors`, which are then saved beside the map."""
+    uses: ClassVar[frozenset[str]] = frozenset()
+    """Which parts of a panorama it makes use of where they are there, besides those that it needs."""
     floors: tuple[FloorMasks, ...] = ()
     """The map's floors seen from above; none where they are not known, or not used."""
 
