@@ -1,5 +1,4 @@
 # What `import salframe` promises, each name from where it lives; __init__.py reads this file.
-from .evaluation.ablation import ablate as ablate
 from .evaluation.detection import measure_detection as measure_detection
 from .evaluation.engine import Engine as Engine
 from .evaluation.fitting import fit_method as fit_method
@@ -11,6 +10,7 @@ from .evaluation.result import Result as Result
 from .evaluation.scorer import Scorer as Scorer
 from .evaluation.scorer import score as score
 from .evaluation.sensor import measure_sensor as measure_sensor
+from .evaluation.study import ablate as ablate
 from .evaluation.tasks import evaluate as evaluate
 from .framework.component import Component as Component
 from .framework.component import Role as Role

@@ -41,6 +41,7 @@ class Rooms(Dataset):
         posed: bool = True
         broken: tuple[str, ...] = Field((), description="ids of frames whose image is corrupt")
         leave_one_out: bool = False
+        seed: int = Field(0, description="another seed is another data set of the same rooms")
         root: str = ""
         hide_query_place: bool = hide_query_place_setting()
 

@@ -66,7 +66,7 @@ def ablate(
     as_json: Json = False,
 ) -> None:
     """Run every combination of the values under `vary:` as a method of its own, in one table."""
-    from salframe.evaluation.ablation import ablate as run
+    from salframe.evaluation.study import ablate as run
 
     request = make_request(
         data=data, data_dir=data_dir, overrides=overrides, name=name, runs=runs, engine=engine, seed=seed

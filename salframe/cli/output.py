@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from rich.progress import TaskID
 
     from salframe.evaluation.result import Result
+    from salframe.evaluation.study import StudyResult
     from salframe.panoramas.frames import MapFrame, QueryFrame
     from salframe.panoramas.opening import Progress
     from salframe.panoramas.panorama import Panorama
@@ -113,7 +114,9 @@ class Bars:
         self._progress.stop()
 
 
-def show(run: Callable[[Progress], Result[Any]], as_json: bool, style: str = TABLE, *, classes: bool = False) -> None:
+def show(
+    run: Callable[[Progress], Result[Any] | StudyResult], as_json: bool, style: str = TABLE, *, classes: bool = False
+) -> None:
     """Run a task with its progress on stderr, print its tables in a style of `--format`, or JSON, on stdout; exit 1
     where nothing was measured or something crashed. `classes`: as in `print_result`.
     """

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from salframe.evaluation.reported import Reported
     from salframe.evaluation.result import Result
     from salframe.evaluation.sensor import SensorMeasurement
+    from salframe.evaluation.study import StudyResult
     from salframe.evaluation.tables import Table
 
 
@@ -40,13 +41,12 @@ def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     _console().print(table)
 
 
-def print_result(result: Result[Any], classes: bool = False) -> None:
+def print_result(result: Result[Any] | StudyResult, classes: bool = False) -> None:
     """The tables of whatever task a result is of, what their columns do not say in notes below, and where it lies;
     `classes`: with a table of the classes of each detector."""
     from salframe.evaluation.detection import DetectionRow
-    from salframe.evaluation.tables import tables_of
 
-    for table in tables_of(result.task, result.rows):
+    for table in result.tables():
         print_measured(table)
     detectors = [row for row in result.rows if isinstance(row, DetectionRow) and row.measured]
     for row in detectors if classes else ():
@@ -56,8 +56,7 @@ def print_result(result: Result[Any], classes: bool = False) -> None:
     if detectors:
         _print_what_is_right(detectors)
     print_reported(result.reported)
-    where = f"run: {result.run}" if result.report is None else f"report: {result.report}"
-    _say(where, dim=False)
+    _say(result.where, dim=False)
 
 
 def print_measured(table: Table) -> None:
@@ -117,14 +116,14 @@ def _rich(table: Table) -> rich_table.Table:
     return drawn
 
 
-def format_result(result: Result[Any], style: str) -> str:
+def format_result(result: Result[Any] | StudyResult, style: str) -> str:
     """The tables of a result as "md", "latex" or "csv"; in the last all numbers in full."""
-    from salframe.evaluation.tables import reported_tables, tables_of, to_csv, to_latex, to_markdown
+    from salframe.evaluation.tables import reported_tables, to_csv, to_latex, to_markdown
 
     if style == "csv":
-        return to_csv(result.rows)
+        return to_csv(result.rows, getattr(result, "settings", ()))
     draw = {"md": to_markdown, "latex": to_latex}[style]
-    return "\n".join(map(draw, [*tables_of(result.task, result.rows), *reported_tables(result.reported)]))
+    return "\n".join(map(draw, [*result.tables(), *reported_tables(result.reported)]))
 
 
 def _print_what_is_right(rows: Sequence[DetectionRow]) -> None:
@@ -175,7 +174,7 @@ def _commonest(counts: Mapping[str, int]) -> str:
     return ", ".join(f"{name} {count}" for name, count in order[:8]) or "none"
 
 
-def _print_notes(result: Result[Any]) -> None:
+def _print_notes(result: Result[Any] | StudyResult) -> None:
     """What tables do not say: notes, reasons, and how often each failure occurred."""
     from salframe.evaluation.tables import without_detector
 

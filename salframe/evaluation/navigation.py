@@ -104,6 +104,14 @@ def navigate(
     Raises SalframeError on names, settings and files that are wrong, InputMissing on a data set that cannot render,
     before anything runs.
     """
+    task, resolved = plan_navigation(request, episodes, positioning)
+    return run_task(task, request, resolved, progress=progress)
+
+
+def plan_navigation(
+    request: Request, episodes: int | Path, positioning: Positioning
+) -> tuple[NavigationTask, Resolved]:
+    """The task of a request, and its methods, one for each arm. Raises SalframeError as `navigate`."""
     if isinstance(episodes, int) and episodes < 1:
         raise ConfigError(f"received {episodes} episodes, expected at least 1")
     resolved: Resolved = resolve(request, scopes=("navigation",))
@@ -114,7 +122,7 @@ def navigate(
     methods = {label + arm: config for label, config in resolved.methods.items() for arm in arms}
     asked = episodes if isinstance(episodes, int) else read_asked(episodes)
     task = NavigationTask(validate(NavigationConfig, content, "navigation"), asked, request.seed)
-    return run_task(task, request, replace(resolved, methods=methods), progress=progress)
+    return task, replace(resolved, methods=methods)
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from salframe.framework.auto import Choice
-from salframe.framework.config import ComponentConfig, parse_override
+from salframe.framework.config import ComponentConfig, nest, parse_override
 from salframe.framework.defaults import default_of
 from salframe.framework.errors import ConfigError, InputMissing, RequirementMissing, WeightsMissing
 from salframe.framework.presets import Overrides, configure, configure_default, otherwise, settings, short_name
@@ -18,16 +18,31 @@ from salframe.panoramas.opening import configure_dataset, provided
 
 
 @dataclass(frozen=True)
+class Variant:
+    """A method with settings of its own, by dotted key. name: what settings call it, the preset's unless given; label:
+    what tables call it, its name unless given."""
+
+    method: str
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    name: str = ""
+    label: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "name", self.name or short_name(self.method))
+        object.__setattr__(self, "label", self.label or self.name)
+
+
+@dataclass(frozen=True)
 class Request:
     """What a user asks of a task, by name.
 
-    methods: presets, components or YAML files; data: a preset, a data set, a YAML file or a folder with a
-    manifest.json, the default one where it is None; data_dir sets its `root`; settings: "key.path=value" each; name:
-    of the run folder, the data set's unless given; seed: of confidence intervals, and of whatever the task draws;
+    methods: presets, components or YAML files, or variants of them; data: a preset, a data set, a YAML file or a folder
+    with a manifest.json, the default one where it is None; data_dir sets its `root`; settings: "key.path=value" each;
+    name: of the run folder, the data set's unless given; seed: of confidence intervals, and of whatever the task draws;
     engine: what runs the methods, the default one where it is None; runs: the folder of run folders.
     """
 
-    methods: Sequence[str] = ()
+    methods: Sequence[str | Variant] = ()
     data: str | None = None
     data_dir: str | Path | None = None
     settings: tuple[str, ...] = ()
@@ -67,12 +82,13 @@ def resolve(request: Request, role: str = "localizer", scopes: Sequence[str] = (
     """
     if not request.methods:
         raise ConfigError("received no method, expected at least one")
-    asked: dict[str, str] = {}
+    asked: dict[str, Variant] = {}
     for method in request.methods:
-        if asked.setdefault(short_name(method), method) != method:
-            both = f"{asked[short_name(method)]} and {method}"
-            raise ConfigError(f"received the methods {both}, which tables would both call {short_name(method)}")
-    contents = {name: settings(role, method) for name, method in asked.items()}
+        variant = method if isinstance(method, Variant) else Variant(method)
+        if asked.setdefault(variant.label, variant) != variant:
+            both = f"{asked[variant.label].method} and {variant.method}"
+            raise ConfigError(f"received the methods {both}, which tables would both call {variant.label}")
+    contents = {variant.name: settings(role, variant.method) for variant in asked.values()}
     pairs = map(parse_override, request.settings)
     given = Overrides(pairs, contents, role=role, scopes=("data", "engine", *scopes))
     data_name, data = configure_dataset(request.data, request.data_dir, given.scopes["data"])
@@ -80,12 +96,15 @@ def resolve(request: Request, role: str = "localizer", scopes: Sequence[str] = (
     methods: dict[str, ComponentConfig] = {}
     notes: list[str] = []
     taken: dict[str, list[str]] = {}
-    for name, method in asked.items():
+    for label, variant in asked.items():
         choice = Choice(data_name, provides)
-        config = decide(role, name, contents[name], given.methods[name], choice)
-        runs, instead, note = stand_in(role, method, config, given.methods[name], choice)
+        own = [nest(key.split("."), value) for key, value in variant.settings.items()]
+        over = [*own, *given.methods[variant.name]]
+        config = decide(role, variant.name, contents[variant.name], over, choice)
+        other, instead, note = stand_in(role, variant.method, config, over, choice)
         notes += [note] if note else []
-        if runs == name or runs not in asked:
+        runs = label if other is None else label.replace(variant.name, other, 1)
+        if runs == label or runs not in asked:
             methods[runs] = instead
             for line in choice.notes:
                 taken.setdefault(line, []).append(runs)
@@ -110,8 +129,8 @@ def decide(
 
 def stand_in(
     role: str, method: str, config: ComponentConfig, given: Sequence[Mapping[str, Any]], choice: Choice
-) -> tuple[str, ComponentConfig, str | None]:
-    """What runs for a method: its name and configuration, and why where it is another one.
+) -> tuple[str | None, ComponentConfig, str | None]:
+    """What runs for a method: the name of another one, its configuration, and why; None where the method itself runs.
 
     That is the preset which the method's own names under `otherwise`, where the method cannot run here and that one
     can. What was set of the method is set of it too, unless it cannot take that. Where neither can run, set so, the
@@ -121,19 +140,19 @@ def stand_in(
     missing = why_not(config)
     other = otherwise(role, method) if missing else None
     if other is None:
-        return name, config, None
+        return None, config, None
     note = f"{other}, not {name}: {missing}"
     content = settings(role, other)
     plain = decide(role, other, content, (), choice)
     if why_not(plain):
-        return name, config, None
+        return None, config, None
     as_it_is = f"{note}; it runs as it is, for it cannot take what was set"
     try:
         instead = decide(role, other, content, given, choice)
     except (ConfigError, InputMissing) as error:
         return other, plain, f"{as_it_is}: {error}"
     if why_not(instead):
-        return name, config, None
+        return None, config, None
     try:
         registry().build(role, instead)
     except ConfigError as error:

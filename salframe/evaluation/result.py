@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from salframe.evaluation.reported import Reported
+from salframe.evaluation.tables import Table, tables_of
 from salframe.evaluation.task import MethodRow
 
 FORMAT = 1
@@ -43,6 +44,15 @@ class Result(Generic[Line]):
     def crashed(self) -> bool:
         """Whether some method raised or died, on a piece or altogether."""
         return any(row.crashed for row in self.rows)
+
+    @property
+    def where(self) -> str:
+        """Where to look on."""
+        return f"run: {self.run}" if self.report is None else f"report: {self.report}"
+
+    def tables(self) -> list[Table]:
+        """The rows as tables."""
+        return tables_of(self.task, self.rows)
 
     def row(self, method: str) -> Line:
         """The row of a method by its label. Raises KeyError."""

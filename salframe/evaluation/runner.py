@@ -95,6 +95,15 @@ def conclude(task: Task[Any, Any], run: Run, survey: Survey[Any], reported: tupl
     return replace(result, report=task.report(result, survey, records))
 
 
+def pool(task: Task[Any, Any], directories: Sequence[Path]) -> Sequence[MethodRow]:
+    """The rows of several runs of a task as of one. Runs no method."""
+    parts = []
+    for run in map(Run.load, directories):
+        survey = task.survey(open_dataset(run.data()))
+        parts.append((survey, [_record(task, run, label, survey) for label in run.labels]))
+    return task.summarize(parts, run.seed)
+
+
 def work_method(task: Task[Any, Any], directory: Path, label: str) -> None:
     """Have one method of a run do what it has not done yet, and keep how it ended, whatever it raises."""
     run = Run.load(directory)

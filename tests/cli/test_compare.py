@@ -65,7 +65,7 @@ def test_ablate_runs_every_combination(fakes, tmp_path):
     )
     done = run("ablate", "offsets.yaml", "--engine", "inline", "--json")
     assert done.code == 0
-    assert "/offsets-" in done.json["run"]
+    assert "/offsets-" in done.json["runs"][0]
     accuracy = {row["method"]: row["accuracy"] for row in done.json["rows"]}
     assert accuracy == {
         "reader[offset=0,refuse_in=-1]": 1.0,
@@ -78,12 +78,11 @@ def test_ablate_runs_every_combination(fakes, tmp_path):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ({"method": "reader"}, "vary is missing"),
         ({"method": "reader", "vary": {"offset": [1]}, "varry": {}}, "unknown key"),
         ({"method": "reader", "methods": ["greedy"], "vary": {"offset": [1]}}, "expected either method or methods"),
         ({"method": "reader", "vary": {"offset": []}}, "vary.offset holds no value"),
         ({"method": "reader", "vary": {"offset": 1}}, "vary.offset"),
-        ({"method": "reader", "vary": {"data.rooms": [1, 2]}}, "a run has one dataset"),
+        ({"method": "reader", "vary": {"data.romms": [1, 2]}}, "unknown key rooms.romms"),
         ({"method": "reader", "vary": {"ofset": [1]}}, "unknown key 'ofset', did you mean 'offset'?"),
     ],
 )

@@ -9,12 +9,12 @@ import pytest
 import yaml
 from command_line import run as salframe
 
-from salframe.evaluation.ablation import ablate
 from salframe.evaluation.detection import measure_detection
 from salframe.evaluation.localization import compare
 from salframe.evaluation.matching import measure_matching
 from salframe.evaluation.navigation import Positioning, navigate
 from salframe.evaluation.request import Request, resolve
+from salframe.evaluation.study import ablate
 from salframe.framework.errors import ConfigError, UnknownName
 
 MISSING = "weightless.pth is not at hand: salframe weights fetch weightless"
