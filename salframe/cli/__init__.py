@@ -15,6 +15,7 @@ from salframe.cli import (
     compare,
     data,
     detection,
+    experiment,
     fit,
     inspect,
     localize,
@@ -121,6 +122,7 @@ def _options(
 app.command()(compare.compare)
 app.command()(compare.ablate)
 app.command()(compare.evaluate)
+app.command()(experiment.experiment)
 app.command()(matching.matching)
 app.command()(detection.detection)
 app.command()(fit.fit)

@@ -14,7 +14,8 @@ from rich.markup import escape
 
 if TYPE_CHECKING:
     from salframe.evaluation.detection import Counts, DetectionRow
-    from salframe.evaluation.reported import Reported
+    from salframe.evaluation.experiment import ExperimentResult
+    from salframe.evaluation.reported import Reported, ReportedTable
     from salframe.evaluation.result import Result
     from salframe.evaluation.sensor import SensorMeasurement
     from salframe.evaluation.study import StudyResult
@@ -57,6 +58,24 @@ def print_result(result: Result[Any] | StudyResult, classes: bool = False) -> No
         _print_what_is_right(detectors)
     print_reported(result.reported)
     _say(result.where, dim=False)
+
+
+def print_experiment(result: ExperimentResult) -> None:
+    """The tables of an experiment, those that papers report apart, and where they are kept."""
+    _say(f"{result.experiment.title}: {result.experiment.question}", dim=False)
+    for table in result.tables:
+        for shown in table.tables():
+            print_measured(replace(shown, title=table.study.title))
+        if table.kept is not None:
+            _say(f"{table.name}: measured on {table.kept.date}, {table.kept.machine}")
+        if table.skipped is not None:
+            _say(f"{table.name}: skipped: {table.skipped}")
+        for note in () if table.fresh is None else table.fresh.notes:
+            _say(note)
+    for source, part in result.reported:
+        _console().print(_reported([part]))
+        _say(f"{source}. {result.experiment.differs}")
+    _say(f"kept in {result.file}", dim=False)
 
 
 def print_measured(table: Table) -> None:
@@ -192,7 +211,7 @@ def _print_notes(result: Result[Any] | StudyResult) -> None:
 def print_reported(papers: Sequence[Reported]) -> None:
     """What papers report, apart from what is measured."""
     for paper in papers:
-        _console().print(_reported(paper))
+        _console().print(_reported(paper.tables))
         _console().print(f"{paper.source}. {paper.note}", style="dim", markup=False, highlight=False)
 
 
@@ -207,13 +226,13 @@ def _counts(counts: Counts) -> list[str]:
     return [percent(counts.precision), percent(counts.recall), *map(str, numbers)]
 
 
-def _reported(paper: Reported) -> rich_table.Table:
-    """The tables of a paper under each other, each with its figures named on its first line."""
+def _reported(parts: Sequence[ReportedTable]) -> rich_table.Table:
+    """Tables of a paper under each other, each with its figures named on its first line."""
     table = rich_table.Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
     table.add_column("reported, not measured", overflow="fold")
-    for _ in range(max(len(part.figures) for part in paper.tables)):
+    for _ in range(max(len(part.figures) for part in parts)):
         table.add_column("", justify="right", no_wrap=True)
-    for part in paper.tables:
+    for part in parts:
         table.add_row(escape(part.title), *map(escape, part.figures), style="bold")
         for method, numbers in part.rows.items():
             table.add_row(

@@ -1,0 +1,61 @@
+"""experiment: the tables that are reported, each by one command."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from salframe.cli.options import ENGINE, RUNS, DataDir, EngineName, Json, Runs, Seed
+from salframe.cli.output import Bars, print_json
+
+if TYPE_CHECKING:
+    from salframe.evaluation.experiment import ExperimentResult
+
+ALL = "all"
+
+
+def experiment(
+    name: Annotated[
+        str | None, typer.Argument(help="An experiment, a YAML file, or `all`; without a name they are listed.")
+    ] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="Fewer seeds, queries and methods.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Measure again what is there.")] = False,
+    data_dir: DataDir = None,
+    results: Annotated[
+        Path, typer.Option(metavar="DIR", help="Folder of the results that last, a JSON file an experiment.")
+    ] = Path("docs/results"),
+    runs: Runs = RUNS,
+    engine: EngineName = ENGINE,
+    seed: Seed = 0,
+    as_json: Json = False,
+) -> None:
+    """Measure the tables of an experiment and keep them. What is there under the same settings and versions is shown
+    again; what was cut off resumes. Tables on data that are not rendered need --data-dir.
+    """
+    from salframe.cli.tables import print_experiment, print_table
+    from salframe.evaluation.experiment import experiment_names, read_experiment, run_experiment
+    from salframe.evaluation.request import Request
+
+    if name is None:
+        print_table(
+            ("name", "tables", "what it is to show"),
+            [
+                [known, str(len(found.tables)), found.question]
+                for known, found in ((known, read_experiment(known)) for known in experiment_names())
+            ],
+        )
+        return
+    request = Request(data_dir=data_dir, runs=runs, engine=engine, seed=seed)
+    done: list[ExperimentResult] = []
+    for one in experiment_names() if name == ALL else [name]:
+        with Bars() as bars:
+            result = run_experiment(one, request, quick=quick, force=force, results=results, progress=bars.update)
+        done.append(result)
+        if not as_json:
+            print_experiment(result)
+    if as_json:
+        print_json([result.to_json() for result in done])
+    if any(result.crashed or not any(table.kept for table in result.tables) for result in done):
+        raise typer.Exit(1)
