@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import lru_cache, partial
+from functools import cache, lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ import numpy as np
 from salframe.framework.config import ComponentConfig, added
 from salframe.framework.errors import InputMissing
 from salframe.framework.identity import digest, settings_identity
-from salframe.panoramas.frames import Fold, QueryFrame
+from salframe.panoramas.frames import Fold, MapFrame, QueryFrame
 from salframe.panoramas.geometry import equirectangular_rays
 from salframe.panoramas.object_noise import AnnotationNoise, spoil_annotations
 from salframe.panoramas.panorama import Panorama
@@ -35,14 +35,14 @@ class QueryView(ComponentConfig):
         match_only=True,
         gt=0,
         le=360,
-        description="so much of the circle around their heading is seen of queries, at all elevations",
+        description="degrees around their heading that queries show, at all elevations",
     )
     query_focal: float | None = added(
         None,
         match_only=True,
         gt=0,
-        description="queries are one rectilinear 4:3 view along their heading of this focal length, in halves of its "
-        "width: 1, 2, 3 see 90, 53, 37 deg across and 74, 41, 28 deg up and down; null: panoramas",
+        description="focal length of the one rectilinear view along their heading that queries show, over half its "
+        "width: 1, 2, 3 are 90, 53, 37 deg across and, at 4:3, 74, 41, 28 deg from top to bottom; null: panoramas",
     )
     query_noise: AnnotationNoise = added(
         AnnotationNoise(), match_only=True, description="errors in the annotations of queries, not of map frames"
@@ -79,18 +79,15 @@ def view_queries(folds: Sequence[Fold], config: ComponentConfig, stored_key: str
     `content`, as they were taken."""
     view = view_settings(config)
 
+    @cache  # folds share their frames
+    def stored(frame: MapFrame) -> MapFrame:
+        return replace(frame, content=frame.content or stored_key)
+
     def seen(query: QueryFrame) -> QueryFrame:
         content = digest([query.content or stored_key, view])
         return QueryFrame(query.id, partial(_load_seen, query, config), content)
 
-    return [
-        Fold(
-            fold.id,
-            tuple(replace(frame, content=frame.content or stored_key) for frame in fold.mapping),
-            tuple(seen(query) for query in fold.queries),
-        )
-        for fold in folds
-    ]
+    return [Fold(fold.id, tuple(map(stored, fold.mapping)), tuple(map(seen, fold.queries))) for fold in folds]
 
 
 def _load_seen(query: QueryFrame, config: ComponentConfig) -> Panorama:
