@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zlib
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar, Literal
@@ -10,27 +11,23 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field, field_validator
 
-from salframe.framework.config import ComponentConfig, Settings
+from salframe.framework.config import ComponentConfig
 from salframe.framework.errors import InputMissing
 from salframe.framework.identity import UserFile
 from salframe.graphs.annotated import Annotated, as_detections, has_points, seen_objects
 from salframe.graphs.boxes import upright_box
 from salframe.graphs.detections import Detections
 from salframe.graphs.detector import Detector
+from salframe.panoramas.object_noise import LEAST_FACTOR, ObjectNoise, another_label
 from salframe.panoramas.panorama import Panorama
 from salframe_annotations.sensed import SENSORS, SensedNoise
 
 
-class Noise(Settings):
-    """How often a detector errs, and by how much. Every draw is keyed by seed, frame and object."""
+class Noise(ObjectNoise):
+    """How often a detector errs, and by how much."""
 
-    missed: float = Field(0.0, ge=0, le=1, description="share of the objects not found")
-    mislabelled: float = Field(0.0, ge=0, le=1, description="share of the objects given another label of the data set")
     split: float = Field(0.0, ge=0, le=1, description="share of the objects found as two halves")
     merged: float = Field(0.0, ge=0, le=1, description="share of the objects joined to the nearest of the same label")
-    range_share: float = Field(
-        0.0, ge=0, description="standard deviation of an object's range, a share of the range, one factor an object"
-    )
 
 
 LEVELS = {
@@ -102,12 +99,11 @@ class AnnotationDetector(Detector):
         elif self._sensed is not None:
             found = self._sensed.spoil(panorama, objects, seed)
         else:
-            named = annotations.labels.values() if annotations.objects is None else annotations.objects.labels
-            found = spoil(objects, sorted(set(named)), LEVELS[noise] if isinstance(noise, str) else noise, seed)
+            found = spoil(objects, annotations.vocabulary, LEVELS[noise] if isinstance(noise, str) else noise, seed)
         return as_detections(found, ranged=has_points(panorama))
 
 
-def spoil(objects: list[Annotated], vocabulary: list[str], noise: Noise, seed: tuple[int, int]) -> list[Annotated]:
+def spoil(objects: list[Annotated], vocabulary: Sequence[str], noise: Noise, seed: tuple[int, int]) -> list[Annotated]:
     """The objects with a detector's errors. The draws of an object depend on the seed and its key alone, not on the
     other objects."""
     found: list[Annotated] = []
@@ -119,16 +115,11 @@ def spoil(objects: list[Annotated], vocabulary: list[str], noise: Noise, seed: t
             noise.split,
             noise.merged,
         )
-        factor, other = 1 + noise.range_share * rng.standard_normal(), int(rng.integers(max(len(vocabulary) - 1, 1)))
+        factor = max(1 + noise.range_share * rng.standard_normal(), LEAST_FACTOR)
         if missed:
             continue
-        label = (
-            [name for name in vocabulary if name != whole.label][other]
-            if mislabelled and len(vocabulary) > 1
-            else whole.label
-        )
-        # An object is at no less than a tenth of its range, however unlucky the draw.
-        points_m = (whole.points_m * max(factor, 0.1)).astype(np.float32)
+        label = another_label(whole.label, vocabulary, rng) if mislabelled else whole.label
+        points_m = (whole.points_m * factor).astype(np.float32)
         spoilt = replace(whole, label=label, points_m=points_m)
         if merged and (near := _nearest_alike(whole, objects)) is not None:
             spoilt = replace(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Literal, get_args
@@ -24,6 +24,8 @@ from salframe_house.shell import shell_mesh, window_light
 
 Style = Literal["home", "office", "hotel"]
 Changes = Literal["uniform", "by-class"]
+ChangeKind = Literal["removed", "moved", "added"]
+CHANGE_KINDS: tuple[ChangeKind, ...] = get_args(ChangeKind)
 LEAST_ROOMS = 4
 
 # What is part of the house is changed only after everything else.
@@ -166,9 +168,15 @@ def generate_building(style: Style, rooms: int, seed: int) -> Building:
     return Building(style, seed, layout.rooms, layout.doors, layout.windows, furnish(layout, seed))
 
 
-def change_building(building: Building, fraction: float, seed: int, changes: Changes = "uniform") -> Building:
-    """The building after a while: `fraction` of its objects removed, moved within their room, or newly added, a third
-    each.
+def change_building(
+    building: Building,
+    fraction: float,
+    seed: int,
+    changes: Changes = "uniform",
+    kinds: Sequence[ChangeKind] = CHANGE_KINDS,
+) -> Building:
+    """The building after a while: `fraction` of its objects removed, moved within their room, or newly added, in equal
+    parts of `kinds`.
 
     Objects that carry others stay until these are gone. `changes`: "uniform", any object as likely as another,
     fittings (lavatories, counters, lamps, radiators) last; "by-class", as often as mobility.RATES has it of their
@@ -179,7 +187,8 @@ def change_building(building: Building, fraction: float, seed: int, changes: Cha
         raise ConfigError(f"a fraction of {fraction} of changed objects, expected 0 to 1")
     rng = np.random.default_rng((building.seed, seed, 5))
     total = round(fraction * len(building.objects))
-    removed, moved = total // 3, (total + 1) // 3
+    happening = [kind for kind in CHANGE_KINDS if kind in kinds]
+    parts = {kind: (total + number) // len(happening) for number, kind in enumerate(happening)}
     plans = {
         room.id: RoomPlan(room, building.layout, tuple(placed for placed in building.objects if placed.room == room.id))
         for room in building.rooms
@@ -189,11 +198,11 @@ def change_building(building: Building, fraction: float, seed: int, changes: Cha
     else:
         order = [building.objects[i] for i in rng.permutation(len(building.objects))]
         waiting = sorted(order, key=lambda placed: placed.label in _FIXED)
-    _change(waiting, removed, plans, _remove)
-    _change(waiting, moved, plans, partial(_move, rng=rng))
+    _change(waiting, parts.get("removed", 0), plans, _remove)
+    _change(waiting, parts.get("moved", 0), plans, partial(_move, rng=rng))
     next_id = max(placed.instance_id for placed in building.objects) + 1
     added = 0
-    while added < total - removed - moved:
+    while added < parts.get("added", 0):
         plan = plans[building.rooms[rng.integers(len(building.rooms))].id]
         item = draw_item(plan.room.kind, rng)
         if changes == "by-class" and not appears(item[0], rng):

@@ -3,22 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from pydantic import Field
 
-from salframe.framework.config import ComponentConfig, added
-from salframe.framework.identity import UserFile
+from salframe.framework.config import added
+from salframe.framework.identity import UserFile, digest, identity
 from salframe.navigation.world import NavigableDataset, World, floor_worlds
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.hidden_places import hide_query_place_setting
 from salframe.panoramas.panorama import Panorama
+from salframe.panoramas.query_view import QueryView, as_query
 from salframe.panoramas.rendered import RenderedDataset
 
 if TYPE_CHECKING:
     from salframe_house.frames import HouseFrame
 
+PLACING = "queries_per_room", "frames_per_room", "query_shift_m", "query_yaw", "lighting"
+"""Settings that say which frames there are and in which light; their pixels depend on no more than the frame."""
+CHANGING = "changed_fraction", "changes", "change_kinds", "query_range", "query_scale_share"
+"""Settings of what happens after the building was mapped."""
 MOST_ROOMS = 500
 """A building of so many is laid out, furnished and its frames are chosen in half a minute; more take far longer."""
 
@@ -31,14 +37,25 @@ class House(RenderedDataset["HouseFrame"], NavigableDataset):
     version = "1"
     workers = 2
 
-    class Config(ComponentConfig):
+    class Config(QueryView):
         style: Literal["home", "office", "hotel"] = Field("home", description="kind of building")
         rooms: int = Field(12, ge=4, le=MOST_ROOMS, description="how many rooms, corridors counted")
         seed: int = Field(0, ge=0, description="another seed is another building")
         queries_per_room: int = Field(3, ge=0, description="queries in each room")
-        query_yaw: Literal["uniform", "normal"] = Field(
+        frames_per_room: int | None = added(
+            None, ge=1, description="at most so many map frames a room, queries as without; null: as many as it needs"
+        )
+        query_shift_m: float = added(
+            0.7,
+            ge=0,
+            le=2,
+            description="mean distance of the queries from their room's nearest map frame, as near to it as rooms "
+            "allow; each is 0.43 to 1.57 times as far. 0: at a map frame",
+        )
+        query_yaw: Literal["uniform", "normal", "same"] = Field(
             "uniform",
-            description="yaw of the queries: over the circle, or the map frame's plus 16.6 deg mean absolute value",
+            description="yaw of the queries: over the circle; the map frame's plus a normal angle of 16.6 deg mean "
+            "absolute value; or the map frame's",
         )
         changed_fraction: float = Field(
             0.1, ge=0, le=1, description="share of the objects removed, moved or added before the queries"
@@ -47,6 +64,9 @@ class House(RenderedDataset["HouseFrame"], NavigableDataset):
             "uniform",
             description="which objects change: any alike, fittings last; or what people move more often, chairs and "
             "bins ten times as often as wardrobes, and what is built in never",
+        )
+        change_kinds: tuple[Literal["removed", "moved", "added"], ...] = added(
+            ("removed", "moved", "added"), min_length=1, description="how objects change, in equal parts"
         )
         lighting: Literal["other", "day", "evening", "dim"] = Field(
             "other", description="of the queries: other than the map's day, which is evening or dim, or one for all"
@@ -82,6 +102,22 @@ class House(RenderedDataset["HouseFrame"], NavigableDataset):
     def file_stem(self, number: int, frame: HouseFrame) -> str:
         return frame.id
 
+    def depends_on(self, frame: HouseFrame) -> str:
+        return self._pixels_of_queries if frame.is_query else self._pixels_of_map
+
+    @cached_property
+    def _pixels_of_queries(self) -> str:
+        return self._known_without(PLACING)
+
+    @cached_property
+    def _pixels_of_map(self) -> str:
+        return self._known_without((*PLACING, *CHANGING))
+
+    def _known_without(self, names: Sequence[str]) -> str:
+        """The fingerprint, were these settings the defaults."""
+        defaults = {name: field.get_default() for name, field in self.Config.model_fields.items() if name in names}
+        return digest(identity(self.config.model_copy(update=defaults), describing=True))
+
     def render(self, frame: HouseFrame) -> Panorama:
         from salframe_house.rendering import render_frame
 
@@ -102,7 +138,7 @@ class House(RenderedDataset["HouseFrame"], NavigableDataset):
         keyed by it stays with it."""
         from salframe_house.rendering import render_pose
 
-        return render_pose(self.config, T_world_pano)
+        return as_query(render_pose(self.config, T_world_pano), self.config)
 
     def worlds(self) -> Sequence[World]:
         """The building, mapped before it changed: objects that were moved or added stop an agent where its map knows of

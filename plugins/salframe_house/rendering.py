@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +13,15 @@ import numpy as np
 from salframe.panoramas.geometry import pose_yaw
 from salframe.panoramas.panorama import Annotations, Panorama
 from salframe_house.assets import Catalogue
-from salframe_house.building import Building, Changes, Style, change_building, generate_building
+from salframe_house.building import (
+    CHANGE_KINDS,
+    Building,
+    ChangeKind,
+    Changes,
+    Style,
+    change_building,
+    generate_building,
+)
 from salframe_house.frames import HouseFrame, choose_frames
 from salframe_house.lighting import Lighting
 from salframe_house.render import Renderer
@@ -23,21 +32,38 @@ if TYPE_CHECKING:
 
 @cache
 def buildings(
-    style: Style, rooms: int, seed: int, changed_fraction: float, changes: Changes = "uniform"
+    style: Style,
+    rooms: int,
+    seed: int,
+    changed_fraction: float,
+    changes: Changes = "uniform",
+    kinds: tuple[ChangeKind, ...] = CHANGE_KINDS,
 ) -> tuple[Building, Building]:
     """The building that is mapped, and what has become of it when the queries are taken."""
     building = generate_building(style, rooms, seed)
-    return building, change_building(building, changed_fraction, seed, changes)
+    return building, change_building(building, changed_fraction, seed, changes, kinds)
 
 
 def buildings_of(config: House.Config) -> tuple[Building, Building]:
     """`buildings` of a data set."""
-    return buildings(config.style, config.rooms, config.seed, config.changed_fraction, config.changes)
+    return buildings(
+        config.style, config.rooms, config.seed, config.changed_fraction, config.changes, config.change_kinds
+    )
 
 
 def frames_of(config: House.Config) -> tuple[HouseFrame, ...]:
-    """`choose_frames` of a data set."""
-    return choose_frames(*buildings_of(config), config.seed, config.queries_per_room, config.query_yaw)
+    """`choose_frames` of a data set, its queries in one light where there is one for all."""
+    frames = choose_frames(
+        *buildings_of(config),
+        config.seed,
+        config.queries_per_room,
+        config.query_yaw,
+        config.query_shift_m,
+        config.frames_per_room,
+    )
+    if config.lighting == "other":
+        return frames
+    return tuple(replace(frame, lighting=config.lighting) if frame.is_query else frame for frame in frames)
 
 
 def object_table(building: Building, changed: Building) -> dict[str, Sequence[Any]]:
@@ -57,9 +83,8 @@ def object_table(building: Building, changed: Building) -> dict[str, Sequence[An
 
 
 def render_frame(config: House.Config, frame: HouseFrame) -> Panorama:
-    """The panorama of a frame: queries see the changed building, in one light where there is one for all."""
-    lighting = config.lighting if frame.is_query and config.lighting != "other" else frame.lighting
-    return _render(config, frame.pose, frame.is_query, lighting, frame.id)
+    """The panorama of a frame: queries see the changed building."""
+    return _render(config, frame.pose, frame.is_query, frame.lighting, frame.id)
 
 
 def render_pose(config: House.Config, T_world_pano: np.ndarray) -> Panorama:

@@ -21,6 +21,7 @@ from salframe.panoramas.frames import Fold, MapFrame, QueryFrame, Truth
 from salframe.panoramas.geometry import pose_2d, pose_yaw
 from salframe.panoramas.hidden_places import add_hidden_places, hide_query_place_setting
 from salframe.panoramas.panorama import Panorama
+from salframe.panoramas.query_view import VIEW_SETTINGS, QueryView, as_query
 from salframe_matterport.readers import (
     boxes_path,
     connectivity_path,
@@ -47,7 +48,7 @@ class MatterportAnnotations(NavigableDataset):
     name = "matterport-annotations"
     version = "1"
 
-    class Config(ComponentConfig):
+    class Config(QueryView):
         root: Path | None = Field(None, description="folder of connectivity/, reverie/BBox/ and vp2room_label.json")
         scans: Literal["all"] | tuple[str, ...] = Field("all", description="buildings to use")
         range_noise: float = Field(
@@ -103,7 +104,7 @@ class MatterportAnnotations(NavigableDataset):
     def fingerprint(self) -> str:
         """Of the settings that panoramas depend on and of the bytes of every file read."""
         about_maps = {"leave_out", "query_triangulates", "one_map", "hide_query_place"}
-        settings = self.config.model_dump(mode="json", exclude={"root", *about_maps})
+        settings = self.config.model_dump(mode="json", exclude={"root", *about_maps, *VIEW_SETTINGS})
         content = hashlib.sha256(digest(settings).encode())
         files = [regions_path(self._root)]
         for scan in self._scans:
@@ -124,7 +125,8 @@ class MatterportAnnotations(NavigableDataset):
         progress(len(self._scans), len(self._scans))
 
     def folds(self) -> Sequence[Fold]:
-        return add_hidden_places(self._folds, self.truth) if self.config.hide_query_place else self._folds
+        folds = self.view(self._folds)
+        return add_hidden_places(folds, self.truth) if self.config.hide_query_place else folds
 
     def truth(self, query_id: str) -> Truth:
         try:
@@ -143,6 +145,7 @@ class MatterportAnnotations(NavigableDataset):
                 self._building(scan),
                 self._mapping(scan),
                 self._regions.get(scan, {}),
+                partial(as_query, config=self.config),
             )
             for scan in self._scans
         ]

@@ -24,6 +24,7 @@ from salframe.panoramas.geometry import pose_2d, pose_yaw
 from salframe.panoramas.hidden_places import add_hidden_places, hide_query_place_setting
 from salframe.panoramas.house_file import HouseFile, read_house
 from salframe.panoramas.panorama import Annotations, Panorama, visible_instances
+from salframe.panoramas.query_view import QueryView
 from salframe_matterport.objects import label_pixels, labels
 from salframe_matterport.release import Color, Viewpoint, cameras_path, find_buildings, house_path, read_viewpoints
 from salframe_matterport.scenes import generator
@@ -43,7 +44,7 @@ class Matterport3D(Dataset):
     version = "1"
     provides = frozenset({"rgb", "range", "annotations"})
 
-    class Config(ComponentConfig):
+    class Config(QueryView):
         root: Path | None = Field(None, description="folder of the release: v1/scans/<scan>/...")
         scans: Literal["all"] | tuple[str, ...] = Field("all", description="buildings to use")
         color: Color = Field(
@@ -128,7 +129,7 @@ class Matterport3D(Dataset):
         progress(len(self._viewpoints), len(self._viewpoints))
 
     def folds(self) -> Sequence[Fold]:
-        folds = [fold for fold, _ in self._folds.values()]
+        folds = self.view([fold for fold, _ in self._folds.values()])
         if not self.config.hide_query_place:
             return folds
         return add_hidden_places(folds, lambda query_id: self._folds[query_id][1])

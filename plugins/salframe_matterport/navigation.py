@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import combinations
 from pathlib import Path
 
@@ -18,6 +18,8 @@ from salframe.panoramas.panorama import Annotations, ObjectBoxes, Panorama
 from salframe.topology.topological_map import MapEdge, MapNode, NodeKind, TopologicalMap
 from salframe_matterport.readers import format_of, read_connectivity
 from salframe_matterport.scenes import Scene
+
+View = Callable[[Panorama], Panorama]
 
 TURN_OFF_RAD, LENGTH_OFF_M = np.radians(30.0), 1.0
 """A walk leads to the neighbour that it points at within this angle and reaches within this length; else nowhere."""
@@ -66,10 +68,12 @@ class ViewpointWorld(World):
         poses: Mapping[str, np.ndarray],
         scenes: Mapping[str, Scene],
         mapping: Sequence[MapFrame],
+        view: View,
     ) -> None:
         """`poses`: T_world_pano (4, 4) of the map's nodes by id, in their order; `scenes` by the id of their node, for
-        those that have one; `mapping`: the frames of all scenes."""
+        those that have one; `mapping`: the frames of all scenes; `view`: what queries show of a panorama."""
         self._poses, self._scenes, self._frames = list(poses.values()), scenes, tuple(mapping)
+        self._view = view
         self._viewpoints = ViewpointChart(map, np.array([pose[:3, 3] for pose in self._poses]))
         super().__init__(id, self._viewpoints)
 
@@ -97,9 +101,8 @@ class ViewpointWorld(World):
         node, yaw_rad = self._node(T_world_pano), pose_yaw(T_world_pano)
         scene = self._scenes.get(node.id)
         nothing = Annotations(objects=ObjectBoxes.empty())
-        return Panorama(
-            f"{node.id} {np.degrees(yaw_rad):.3f}", annotations=nothing if scene is None else scene.annotations(yaw_rad)
-        )
+        annotations = nothing if scene is None else scene.annotations(yaw_rad)
+        return self._view(Panorama(f"{node.id} {np.degrees(yaw_rad):.3f}", annotations=annotations))
 
     def move(self, T_world_pano: np.ndarray, turn_rad: float, length_m: float) -> tuple[np.ndarray, bool]:
         """See World: to the neighbour that agrees best with the walk, within TURN_OFF_RAD and LENGTH_OFF_M of its
@@ -125,10 +128,15 @@ class ViewpointWorld(World):
 
 
 def viewpoint_world(
-    path: Path, scan: str, scenes: Sequence[Scene], mapping: Sequence[MapFrame], regions: Mapping[str, int]
+    path: Path,
+    scan: str,
+    scenes: Sequence[Scene],
+    mapping: Sequence[MapFrame],
+    regions: Mapping[str, int],
+    view: View = lambda panorama: panorama,
 ) -> ViewpointWorld:
-    """The world of a building from its connectivity file, the scenes of its viewpoints with their frames, and viewpoint
-    -> region index.
+    """The world of a building from its connectivity file, the scenes of its viewpoints with their frames, viewpoint ->
+    region index, and what queries show of a panorama.
 
     Two included viewpoints are neighbours where the way between them is unobstructed; an edge is as long as the
     straight line in 3D. Nodes lie the camera's height below it. Raises DataError on a missing or malformed file.
@@ -161,4 +169,4 @@ def viewpoint_world(
             x, y, z = poses[b][:3, 3] - poses[a][:3, 3]
             edges.append(MapEdge(name[a], name[b], float(np.sqrt(x * x + y * y + z * z)), float(np.arctan2(y, x))))
     placed = {name[viewpoint]: pose for viewpoint, pose in poses.items()}
-    return ViewpointWorld(scan, TopologicalMap(tuple(nodes), tuple(edges)), placed, seen, mapping)
+    return ViewpointWorld(scan, TopologicalMap(tuple(nodes), tuple(edges)), placed, seen, mapping, view)

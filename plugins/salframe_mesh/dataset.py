@@ -11,13 +11,13 @@ from typing import Literal, cast, get_args
 import numpy as np
 from pydantic import Field
 
-from salframe.framework.config import ComponentConfig
 from salframe.framework.errors import DataError
 from salframe.framework.identity import digest
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.hidden_places import hide_query_place_setting
 from salframe.panoramas.house_file import read_house
 from salframe.panoramas.panorama import Panorama
+from salframe.panoramas.query_view import VIEW_SETTINGS, QueryView, as_query
 from salframe.panoramas.rendered import FrameRole, FrameSpec, RenderedDataset
 from salframe_mesh.floors import Room, floor_masks, read_rooms
 from salframe_mesh.mesh_file import SUFFIXES, Surface, read_mesh
@@ -43,7 +43,7 @@ class MeshDataset(RenderedDataset[FrameSpec]):
     extra = "salframe[mesh]"
     provides = frozenset({"rgb", "range"})
 
-    class Config(ComponentConfig):
+    class Config(QueryView):
         root: Path | None = Field(
             None,
             description="folder of a mesh, frames.csv or a .house file, and regions.json where that tells the rooms",
@@ -84,7 +84,8 @@ class MeshDataset(RenderedDataset[FrameSpec]):
         and time of change of every other file below it: materials may name any image."""
         files = sorted(path for path in self._source.rglob("*") if path.is_file())
         known = [[path.relative_to(self._source).as_posix(), *_content_or_stamp(path)] for path in files]
-        return digest([self.version, self.config.model_dump(mode="json", exclude={"root", "hide_query_place"}), known])
+        settings = self.config.model_dump(mode="json", exclude={"root", "hide_query_place", *VIEW_SETTINGS})
+        return digest([self.version, settings, known])
 
     @cached_property
     def _surface(self) -> Surface:
@@ -96,7 +97,7 @@ class MeshDataset(RenderedDataset[FrameSpec]):
 
     def observe(self, T_world_pano: np.ndarray) -> Panorama:
         """The panorama at this pose (4, 4)."""
-        return self._renderer.render(T_world_pano, self.config.height, "observation")
+        return as_query(self._renderer.render(T_world_pano, self.config.height, "observation"), self.config)
 
     def list_frames(self) -> Sequence[FrameSpec]:
         if (self._source / "frames.csv").exists():

@@ -50,10 +50,10 @@ def match_only(default: Any, **field: Any) -> Any:
     return Field(default, json_schema_extra={"match_only": True}, **field)
 
 
-def added(default: Any, **field: Any) -> Any:
+def added(default: Any, *, match_only: bool = False, **field: Any) -> Any:
     """A pydantic Field for a setting that came later, whose default is how it was before: at its default it is no part
-    of the identity, so that what was computed before is still known."""
-    return Field(default, json_schema_extra={"added": True}, **field)
+    of the identity, so that what was computed before is still known. `match_only` as in the function of that name."""
+    return Field(default, json_schema_extra={"added": True, **({"match_only": True} if match_only else {})}, **field)
 
 
 def components_in(config: Any) -> Iterator[tuple[str, ComponentConfig]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import shutil
 import time
 import zipfile
 from collections.abc import Iterator, Mapping
@@ -33,6 +34,19 @@ def atomic_path(path: Path) -> Iterator[Path]:
         os.replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def share_file(source: Path, target: Path) -> None:
+    """Let a file be found under another path too: a hard link, or a copy where there can be none. A file that is
+    already there stays."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        os.link(source, target)
+    except FileExistsError:
+        return
+    except OSError:  # another file system, or one that has no hard links
+        with atomic_path(target) as temporary:
+            shutil.copyfile(source, temporary)
 
 
 def remove_unfinished(folder: Path, pid: int) -> None:

@@ -121,5 +121,7 @@ def diagnose() -> Diagnosis:
 
 
 def folder_bytes(folder: Path) -> int:
-    """Bytes of all files in a folder and the folders in it; 0 where there is none."""
-    return sum(os.stat(os.path.join(root, name)).st_size for root, _, names in os.walk(folder) for name in names)
+    """Bytes of all files in a folder and the folders in it, each counted once that is found under several paths; 0
+    where there is none."""
+    found = (os.stat(os.path.join(root, name)) for root, _, names in os.walk(folder) for name in names)
+    return sum({(file.st_dev, file.st_ino): file.st_size for file in found}.values())

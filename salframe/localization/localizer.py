@@ -176,10 +176,10 @@ class Localizer(Role):
     ) -> tuple[Description, float]:
         """The description of a frame and the seconds it took when it was computed, loading the panorama not counted.
 
-        With a cache, `dataset` (its content_key) and the frame's id stand for the panorama. Raises InputMissing,
-        DataError.
+        With a cache, the frame's id and `content`, or where it has none `dataset` (its content_key), stand for the
+        panorama. Raises InputMissing, DataError.
         """
-        known_by = {"dataset": dataset, "frame": frame.id}
+        known_by = {"dataset": frame.content or dataset, "frame": frame.id}
         if cache is not None:
             key = {**known_by, "describe": self.describe_identity()}
             known = cache.get(key)

@@ -14,6 +14,7 @@ from salframe.framework.identity import digest, matching_settings
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.frames import Fold, Truth
 from salframe.panoramas.panorama import Panorama
+from salframe.panoramas.query_view import view_queries, view_settings
 
 MANIFEST = "manifest.json"
 """What makes a folder of panoramas a data set (panoramas/folder_format.py)."""
@@ -33,12 +34,19 @@ class Dataset(Role):
     @property
     @abstractmethod
     def fingerprint(self) -> str:
-        """Changes whenever any frame's content or any truth does; part of every cache key."""
+        """Changes whenever any frame's content or any truth does, before queries are seen as QueryView says; part of
+        every cache key."""
 
     @final
     @property
     def content_key(self) -> str:
-        """What caches know the content by: name, version and fingerprint, so that a new version changes every key."""
+        """What caches know the content by: name, version and fingerprint, so that a new version changes every key, and
+        how queries are seen."""
+        view = view_settings(self.config)
+        return digest([self._stored_key, view]) if view else self._stored_key
+
+    @property
+    def _stored_key(self) -> str:
         return digest([self.name, self.version, self.fingerprint])
 
     @final
@@ -63,6 +71,14 @@ class Dataset(Role):
     def folds(self) -> Sequence[Fold]:
         """Each fold: mapping frames with poses and query frames without. Most sets have one, leave-one-out has many."""
 
+    @final
+    def view(self, folds: Sequence[Fold]) -> list[Fold]:
+        """The folds with queries seen as the settings of QueryView say: what `folds` of a data set gives whose Config
+        has these. Caches know its map frames as if there were none."""
+        if not view_settings(self.config):
+            return list(folds)
+        return view_queries(folds, self.config, self._stored_key)
+
     @abstractmethod
     def truth(self, query_id: str) -> Truth:
         """The pose and place of a query. Only the evaluator calls it."""
@@ -72,7 +88,8 @@ class Dataset(Role):
         return ()
 
     def observe(self, T_world_pano: np.ndarray) -> Panorama:
-        """The panorama that a query would show at this pose (4, 4), for data sets that can render.
+        """The panorama that a query would show at this pose (4, 4), for data sets that can render; `as_query` where
+        the Config has the settings of QueryView.
 
         Raises InputMissing in those that cannot.
         """

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pydantic import Field
 
-from salframe.framework.config import ComponentConfig
 from salframe.framework.errors import DataError
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.frames import Fold, Truth
 from salframe.panoramas.hidden_places import add_hidden_places, hide_query_place_setting
+from salframe.panoramas.query_view import QueryView
 
 if TYPE_CHECKING:
     from salframe.panoramas.folder_format import Folder
@@ -26,7 +26,7 @@ class FolderDataset(Dataset):
     name = "folder"
     version = "1"
 
-    class Config(ComponentConfig):
+    class Config(QueryView):
         root: Path | None = Field(None, description="the folder with the manifest.json")
         hide_query_place: bool = hide_query_place_setting()
 
@@ -46,6 +46,11 @@ class FolderDataset(Dataset):
         return Folder(self.root)
 
     @property
+    def contents(self) -> Mapping[str, str]:
+        """The `content` of frames by their ids; not of those that are known by the folder's."""
+        return {}
+
+    @property
     def provides(self) -> frozenset[str]:
         """What every frame has."""
         return self._folder.provides
@@ -60,9 +65,10 @@ class FolderDataset(Dataset):
 
     def folds(self) -> Sequence[Fold]:
         entries = self._folder.manifest.frames
-        mapping = tuple(self._folder.map_frame(entry) for entry in entries if entry.role != "query")
-        queries = tuple(self._folder.query_frame(entry) for entry in entries if entry.role == "query")
-        folds = [Fold("all", mapping, queries)]
+        known = self.contents
+        mapping = tuple(self._folder.map_frame(one, known.get(one.id, "")) for one in entries if one.role != "query")
+        queries = tuple(self._folder.query_frame(one, known.get(one.id, "")) for one in entries if one.role == "query")
+        folds = self.view([Fold("all", mapping, queries)])
         hidden = getattr(self.config, "hide_query_place", False)  # a data set that renders may do without the setting
         return add_hidden_places(folds, self.truth, self.floors()) if hidden else folds
 

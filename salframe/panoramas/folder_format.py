@@ -160,17 +160,17 @@ class Folder:
             ) from None
         return Truth(entry.place, pose_matrix(entry.pose), entry.instances)
 
-    def map_frame(self, entry: FrameEntry) -> MapFrame:
-        """A mapping frame of the manifest; its images are read when it is loaded."""
+    def map_frame(self, entry: FrameEntry, content: str = "") -> MapFrame:
+        """A mapping frame of the manifest, of this `content`; its images are read when it is loaded."""
         kind = FrameKind.TRANSITION if entry.role == "transition" else FrameKind.SCENE
         pose, place = pose_matrix(entry.pose), entry.place
         if pose is None or place is None:
             raise DataError(f"{self.root / MANIFEST}: the {entry.role} frame {entry.id} has no pose or no place")
-        return MapFrame(entry.id, place, pose, kind, partial(self.load, entry))
+        return MapFrame(entry.id, place, pose, kind, partial(self.load, entry), content)
 
-    def query_frame(self, entry: FrameEntry) -> QueryFrame:
-        """A query of the manifest; its images are read when it is loaded."""
-        return QueryFrame(entry.id, partial(self.load, entry))
+    def query_frame(self, entry: FrameEntry, content: str = "") -> QueryFrame:
+        """A query of the manifest, of this `content`; its images are read when it is loaded."""
+        return QueryFrame(entry.id, partial(self.load, entry), content)
 
     def load(self, frame: FrameEntry) -> Panorama:
         """A frame's panorama."""

@@ -28,8 +28,9 @@ def _no_panorama() -> Panorama:
 class MapFrame:
     """A mapping frame: its id, its place, where it stands, T_world_pano (4, 4) float64, and what it shows.
 
-    `load` gives its panorama; frames of a saved map have none, and raise DataError. Raises DataError on a kind that is
-    none of FrameKind and on a pose of another shape.
+    `load` gives its panorama; frames of a saved map have none, and raise DataError. `content` is what caches know the
+    panorama by beside the id, "" the data set's content_key: data sets that show the same give the same. Raises
+    DataError on a kind that is none of FrameKind and on a pose of another shape.
     """
 
     id: str
@@ -37,6 +38,7 @@ class MapFrame:
     T_world_pano: np.ndarray
     kind: FrameKind = FrameKind.SCENE
     load: Callable[[], Panorama] = _no_panorama
+    content: str = ""
 
     def __post_init__(self) -> None:
         check_array(self, "T_world_pano", np.float64, 4, 4)
@@ -49,10 +51,12 @@ class MapFrame:
 
 @dataclass(frozen=True, eq=False)
 class QueryFrame:
-    """A panorama to localize: its id and `load`, which gives it. Where it was taken is the data set's truth."""
+    """A panorama to localize: its id and `load`, which gives it; `content` as in MapFrame. Where it was taken is the
+    data set's truth."""
 
     id: str
     load: Callable[[], Panorama]
+    content: str = ""
 
 
 @dataclass(frozen=True)

@@ -43,6 +43,12 @@ class ObjectBoxes:
     def empty(cls) -> ObjectBoxes:
         return cls((), (), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
 
+    def take(self, chosen: np.ndarray) -> ObjectBoxes:
+        """Some of the objects, (N,) bool."""
+        rows = np.flatnonzero(chosen)
+        labels, keys = (tuple(of_all[i] for i in rows) for of_all in (self.labels, self.keys))
+        return ObjectBoxes(labels, keys, self.centroid_m[rows], self.size_m[rows], self.yaw_rad[rows])
+
 
 @dataclass(frozen=True, eq=False)
 class Annotations:
@@ -62,6 +68,11 @@ class Annotations:
             raise DataError("Annotations take either an instance image or a list of objects, received both or neither")
         if self.instance_id is not None:
             check_array(self, "instance_id", np.int32, None, None)
+
+    @property
+    def vocabulary(self) -> tuple[str, ...]:
+        """The labels that are told of, each once, in alphabetical order."""
+        return tuple(sorted(set(self.labels.values() if self.objects is None else self.objects.labels)))
 
 
 @dataclass(frozen=True, eq=False)

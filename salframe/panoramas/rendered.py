@@ -6,17 +6,17 @@ from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cache, cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Literal, TypeVar, cast
 
 import numpy as np
 
 from salframe.framework.cache import cache_home
 from salframe.framework.config import ComponentConfig
 from salframe.framework.errors import SalframeError
-from salframe.framework.files import remove_unfinished
+from salframe.framework.files import read_json, remove_unfinished, share_file, write_json
 from salframe.framework.identity import digest, identity
 from salframe.framework.processes import ProcessPool
 from salframe.panoramas.dataset import MANIFEST
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 FrameRole = Literal["map", "transition", "query"]
 
-_OBJECTS = "objects.parquet"
+_OBJECTS, _CONTENTS, _SHARED = "objects.parquet", "contents.json", "frames"
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,8 @@ class RenderedDataset(FolderDataset, Generic[Frame]):
 
     A subclass says which frames there are, of FrameSpec or a subclass, and renders one at a time; it may name objects
     and floors. It states `provides`: the folder, which knows, comes later. Its configuration and version determine
-    every pixel, or it has a `fingerprint` of its own.
+    every pixel, or it has a `fingerprint` of its own. Data sets that differ in some frames share the images of the
+    others, and what caches know of these, where `depends_on` says what a frame's pixels depend on.
     """
 
     workers: ClassVar[int] = 1
@@ -83,6 +84,11 @@ class RenderedDataset(FolderDataset, Generic[Frame]):
     @abstractmethod
     def list_frames(self) -> Sequence[Frame]:
         """The panoramas of the data set, mapping frames and queries. A query's id must not tell where it was taken."""
+
+    def depends_on(self, frame: Frame) -> str:
+        """A digest of all that the pixels of a frame depend on, besides the frame itself and the version: that of the
+        settings, unless overridden by one of fewer of them."""
+        return self.fingerprint
 
     @abstractmethod
     def render(self, frame: Frame) -> Panorama:
@@ -115,15 +121,17 @@ class RenderedDataset(FolderDataset, Generic[Frame]):
 
         Raises SalframeError where a rendering process dies.
         """
-        if (self.root / MANIFEST).exists():
+        if (self.root / MANIFEST).exists() and (self.root / _CONTENTS).exists():
             return
-        from salframe.panoramas.folder_format import is_written, write_floor, write_manifest, write_objects
+        from salframe.panoramas.folder_format import write_floor, write_manifest, write_objects
 
         frames = self.list_frames()
         # What describes the frames comes first: what is wrong with it shows before hours of rendering.
         objects, floors = self.list_objects(), self.list_floors()
         entries = [self._entry(number, frame) for number, frame in enumerate(frames)]
-        absent = [pair for pair in zip(frames, entries, strict=True) if not is_written(self.root, pair[1])]
+        keys = [self._key(frame) for frame in frames]
+        jobs = [self._job(*one) for one in zip(frames, entries, keys, strict=True)]
+        absent = [job for job in jobs if not job.share()]
         done = len(frames) - len(absent)
         progress(done, len(frames))
         try:
@@ -140,8 +148,27 @@ class RenderedDataset(FolderDataset, Generic[Frame]):
             frame.id: self._truth(frame, entry) for frame, entry in zip(frames, entries, strict=True) if frame.is_query
         }
         masks = [write_floor(self.root, name, floor) for name, floor in floors.items()]
+        # A frame's own labels belong to its pixels; components may also draw from the words of the whole table.
+        words = sorted(set(objects["label"])) if objects else []
+        contents = {frame.id: digest([key, words]) for frame, key in zip(frames, keys, strict=True)}
+        write_json(self.root / _CONTENTS, contents)
         table = None if objects is None else _OBJECTS
         write_manifest(self.root, entries, truth, table, masks, rendered="annotations" in self.provides)
+
+    @cached_property
+    def contents(self) -> Mapping[str, str]:
+        contents: dict[str, str] = read_json(self.root / _CONTENTS)
+        return contents
+
+    def _key(self, frame: Frame) -> str:
+        """What the images of a frame are shared by."""
+        return digest([self.name, self.version, self.depends_on(frame), asdict(frame), sorted(self.kept(frame))])
+
+    def _job(self, frame: Frame, entry: FrameEntry, key: str) -> _Job:
+        from salframe.panoramas.folder_format import image_names
+
+        shared = entry.model_copy(update=image_names(f"{key[:2]}/{key[2:]}", self.kept(frame)))
+        return _Job(frame, self.root, entry, cache_home() / self.name / _SHARED, shared)
 
     def _entry(self, number: int, frame: Frame) -> FrameEntry:
         from salframe.panoramas.folder_format import FrameEntry, image_names
@@ -157,18 +184,18 @@ class RenderedDataset(FolderDataset, Generic[Frame]):
         instances = visible_instances(read_ids(self.root / entry.instances)) if entry.instances else ()
         return TruthEntry(place=frame.place, pose=_numbers(frame), instances=instances)
 
-    def _render_all(self, frames: Sequence[tuple[Frame, FrameEntry]]) -> Iterator[None]:
+    def _render_all(self, jobs: Sequence[_Job]) -> Iterator[None]:
         """Render frames and write them, yielding after each."""
-        if self.workers == 1 or not frames:
-            for frame, entry in frames:
-                _write(self.root, entry, self.render(frame))
+        if self.workers == 1 or not jobs:
+            for job in jobs:
+                job.write(self.render(cast(Frame, job.frame)))
                 yield
             return
         with ProcessPool(self.workers) as pool:
             try:
-                jobs = [pool.submit(_render_in_worker, type(self), self.config, self.root, *pair) for pair in frames]
-                for job in as_completed(jobs):
-                    yield job.result()
+                rendered = [pool.submit(_render_in_worker, type(self), self.config, job) for job in jobs]
+                for one in as_completed(rendered):
+                    yield one.result()
             except BaseException:  # its processes would otherwise finish the frames that they have begun
                 for process_id in pool.stop():
                     remove_unfinished(self.root, process_id)
@@ -180,17 +207,39 @@ def _numbers(frame: FrameSpec) -> tuple[float, ...]:
     return tuple(frame.pose.ravel().tolist())
 
 
-def _write(root: Path, entry: FrameEntry, panorama: Panorama) -> None:
-    from salframe.panoramas.folder_format import write_panorama
+@dataclass(frozen=True)
+class _Job:
+    """A frame to render, its files in the folder of its data set, and in the folder `pool` that data sets share."""
 
-    instance_id = None if panorama.annotations is None else panorama.annotations.instance_id
-    write_panorama(root, entry, panorama.rgb, panorama.range_m, instance_id)
+    frame: FrameSpec
+    root: Path
+    entry: FrameEntry
+    pool: Path
+    shared: FrameEntry
+
+    def share(self) -> bool:
+        """Bring its images, where one of the folders has them all, to the other; whether one had."""
+        from salframe.panoramas.folder_format import IMAGE_KEYS, is_written
+
+        own, common = (self.root, self.entry), (self.pool, self.shared)
+        for (here, entry), (there, other) in ((own, common), (common, own)):
+            if is_written(here, entry):
+                for name, other_name in ((getattr(entry, key), getattr(other, key)) for key in IMAGE_KEYS):
+                    if name:
+                        share_file(here / name, there / other_name)
+                return True
+        return False
+
+    def write(self, panorama: Panorama) -> None:
+        from salframe.panoramas.folder_format import write_panorama
+
+        instance_id = None if panorama.annotations is None else panorama.annotations.instance_id
+        write_panorama(self.root, self.entry, panorama.rgb, panorama.range_m, instance_id)
+        self.share()
 
 
-def _render_in_worker(
-    kind: type[RenderedDataset], config: ComponentConfig, root: Path, frame: FrameSpec, entry: FrameEntry
-) -> None:
-    _write(root, entry, _dataset_of(kind, config).render(frame))
+def _render_in_worker(kind: type[RenderedDataset], config: ComponentConfig, job: _Job) -> None:
+    job.write(_dataset_of(kind, config).render(job.frame))
 
 
 @cache

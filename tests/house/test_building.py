@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections import Counter
+from dataclasses import asdict
 from functools import lru_cache
 
 import networkx as nx
@@ -186,6 +189,36 @@ def test_a_third_each_of_the_changes_removes_moves_and_adds(fraction):
     assert collisions(changed) == []
     assert change_building(house, fraction, 7).objects == changed.objects
     assert change_building(house, fraction, 8).objects != changed.objects
+
+
+@pytest.mark.parametrize(
+    ("kinds", "shares"),
+    [
+        (("removed",), (1, 0, 0)),
+        (("moved",), (0, 1, 0)),
+        (("added",), (0, 0, 1)),
+        (("added", "removed"), (1 / 2, 0, 1 / 2)),
+    ],
+)
+def test_changes_may_be_of_some_kinds_alone(kinds, shares):
+    house = building("office", 12)
+    before = {placed.instance_id: placed for placed in house.objects}
+    after = {placed.instance_id: placed for placed in change_building(house, 0.3, 7, kinds=kinds).objects}
+    moved = [i for i in before.keys() & after.keys() if before[i] != after[i]]
+    counts = len(before.keys() - after.keys()), len(moved), len(after.keys() - before.keys())
+    total = round(0.3 * len(before))
+    assert sum(counts) == total
+    assert counts == pytest.approx([share * total for share in shares], abs=0.5)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "drawn"), [(("home", 12, 3), "8ad7276dcb301c0a"), (("office", 42, 200), "b5c04e4a6f9c8740")]
+)
+def test_the_draw_of_changes_stays_as_it_was(arguments, drawn):
+    """Digests of what version 0.1 drew: published figures rest on them."""
+    changed = change_building(generate_building(*arguments), 0.1, arguments[2])
+    content = json.dumps([asdict(placed) for placed in changed.objects], sort_keys=True, default=float)
+    assert hashlib.sha256(content.encode()).hexdigest()[:16] == drawn
 
 
 def test_nothing_is_left_in_the_air_by_changes():

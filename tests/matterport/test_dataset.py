@@ -287,3 +287,24 @@ def test_hidden_places_and_other_maps_change_the_questions_and_no_panorama(build
         assert other.content_key == plain.content_key
         keys.add(other.question_key)
     assert len(keys) == 5
+
+
+def test_a_field_of_view_shows_the_objects_before_a_query_and_all_of_the_map(building):
+    whole, half = opened(building), opened(building, query_fov_deg=180.0)
+    for before, after in zip(whole.folds(), half.folds(), strict=True):
+        (taken,), (seen,) = before.queries, after.queries
+        objects = objects_of(taken)
+        ahead = [label for label, (x_m, *_) in zip(objects.labels, objects.centroid_m, strict=True) if x_m >= 0]
+        assert objects_of(seen).labels == tuple(ahead) != objects.labels
+        assert [objects_of(frame).labels for frame in after.mapping] == [objects_of(f).labels for f in before.mapping]
+        assert {frame.content for frame in after.mapping} == {whole.content_key}
+        assert seen.content not in ("", whole.content_key)
+    assert half.fingerprint == whole.fingerprint
+    assert half.question_key != whole.question_key
+
+
+def test_missed_objects_of_queries_are_those_of_no_map_frame(building):
+    blind = opened(building, query_noise={"missed": 1.0})
+    for fold in blind.folds():
+        assert objects_of(fold.queries[0]).labels == ()
+        assert all(objects_of(frame).labels for frame in fold.mapping)

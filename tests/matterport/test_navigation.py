@@ -90,6 +90,16 @@ def test_a_panorama_shows_the_annotations_as_the_agent_is_turned(world, building
     assert np.arctan2(by_label[label][1], by_label[label][0]) == pytest.approx(azimuth, abs=np.radians(2))
 
 
+def test_an_agent_sees_as_queries_do(world, building):
+    """Of what stands around it, what is before it."""
+    whole = world.observe(at(world, "a")).annotations.objects
+    settings = MatterportAnnotations.Config(root=building.root, query_fov_deg=180.0)
+    (narrow,) = MatterportAnnotations(settings).worlds()
+    seen = narrow.observe(at(narrow, "a")).annotations.objects
+    ahead = [label for label, (x_m, *_) in zip(whole.labels, whole.centroid_m, strict=True) if x_m >= 0]
+    assert seen.labels == tuple(ahead) != whole.labels
+
+
 def test_reach_is_to_neighbours_and_itself(world):
     nodes = np.array([node.xyz_m for node in world.chart.map.nodes])
     near_b = np.array([1.0, 0.5, 1.6])

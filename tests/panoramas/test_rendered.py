@@ -4,21 +4,29 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import shutil
 import signal
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import pytest
 
+from salframe.framework.cache import Cache
 from salframe.framework.config import ComponentConfig
 from salframe.framework.errors import DataError, SalframeError
 from salframe.framework.files import atomic_path
+from salframe.framework.identity import digest
+from salframe.localization.answers import Localization, LocalizationStatus
+from salframe.localization.localizer import Localizer
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.frames import FrameKind
 from salframe.panoramas.panorama import Annotations, Panorama
+from salframe.panoramas.query_view import QueryView
 from salframe.panoramas.rendered import FrameSpec, RenderedDataset
 
 FRAMES = [
@@ -137,6 +145,7 @@ def test_what_was_rendered_is_read_from_the_folder(cache: Path) -> None:
     (floor,) = data.floors()
     assert (floor.regions, floor.z_m) == ({1: "hall"}, 0.2)
     assert sorted(files(data.root)) == [
+        "contents.json",
         *(f"frames/{number:05d}.{part}.png" for number in range(3) for part in ("instances", "range")),
         *(f"ground-{mask}.png" for mask in ("free", "obstacle", "region")),
         "manifest.json",
@@ -178,6 +187,7 @@ def test_processes_render_the_same_files() -> None:
     for kind in (Plain, Many):
         kind().prepare(lambda done, total: None)
     content = [{name: data for name, (data, _) in files(kind().root).items()} for kind in (Plain, Many)]
+    assert all(one.pop("contents.json") for one in content)  # which tells the data sets apart
     assert content[0] == content[1]
 
 
@@ -208,3 +218,136 @@ def test_an_interrupt_ends_the_processes_at_once(interruptible) -> None:
 def test_what_is_wrong_with_the_floors_shows_before_rendering() -> None:
     with pytest.raises(DataError, match="no floor"):
         Unplanned().prepare(lambda done, total: None)
+
+
+class Later(Plain):
+    """One whose map depends on the range alone, and whose query on the time too; counts what it renders."""
+
+    name = "later"
+    rendered: ClassVar[list[tuple[float, str]]] = []
+
+    class Config(ComponentConfig):
+        range_m: float = 2.0
+        hours: float = 0.0
+        word: str = "sofa"
+
+    def depends_on(self, frame: FrameSpec) -> str:
+        return digest([self.config.range_m, self.config.hours if frame.is_query else None])
+
+    def render(self, frame: FrameSpec) -> Panorama:
+        self.rendered.append((self.config.hours, frame.id))
+        return super().render(frame)
+
+    def list_objects(self) -> dict[str, list]:
+        return {"instance_id": [1, 2, 7], "label": ["bed", "lamp", self.config.word]}
+
+
+def later(**settings: float | str) -> Later:
+    Later.rendered.clear()
+    data = Later(Later.Config(**settings))
+    data.prepare(lambda done, total: None)
+    return data
+
+
+def known(data: Later) -> dict[str, str]:
+    (fold,) = data.folds()
+    return {frame.id: frame.content for frame in (*fold.mapping, *fold.queries)}
+
+
+def test_frames_that_do_not_depend_on_a_setting_are_shared() -> None:
+    first = later()
+    assert len(Later.rendered) == 3
+    second = later(hours=5.0)
+    assert Later.rendered == [(5.0, "q")]
+    assert first.root != second.root
+    assert {id for id, content in known(first).items() if content == known(second)[id]} == {"hall/1", "door"}
+    assert first.content_key != second.content_key
+    file = "frames/00000.range.png"
+    assert (first.root / file).samefile(second.root / file)
+    assert not (first.root / "frames/00002.range.png").samefile(second.root / "frames/00002.range.png")
+    later(hours=0.0)
+    assert Later.rendered == []
+
+
+def test_frames_that_depend_on_a_setting_are_not_shared() -> None:
+    first, second = known(later()), known(later(range_m=3.0))
+    assert len(Later.rendered) == 3
+    assert not set(first.values()) & set(second.values())
+
+
+def test_other_words_are_other_content_of_the_same_images() -> None:
+    """Components may draw from all words of the table, as the detector `annotations` does."""
+    first, second = known(later()), known(later(word="couch"))
+    assert Later.rendered == []
+    assert not set(first.values()) & set(second.values())
+
+
+def test_what_was_rendered_before_images_were_shared_is_not_rendered_again(cache: Path) -> None:
+    """Then there was no contents.json, and no folder of shared images."""
+    first = later()
+    (first.root / "contents.json").unlink()
+    shutil.rmtree(cache / "later" / "frames")
+    later(hours=1.0)
+    assert len(Later.rendered) == 3
+    shutil.rmtree(cache / "later" / "frames")
+    assert known(later()).keys() == {"hall/1", "door", "q"}
+    assert Later.rendered == []
+
+
+def test_a_frame_that_stands_elsewhere_is_another_though_its_id_is_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    first = known(later())
+    moved = [replace(FRAMES[0], x_m=9.0), *FRAMES[1:]]
+    monkeypatch.setattr(Later, "list_frames", lambda self: moved)
+    monkeypatch.setattr(Later, "render", lambda self, frame: Plain.render(self, FRAMES[moved.index(frame)]))
+    second = known(later(hours=2.0))
+    assert first["hall/1"] != second["hall/1"]
+    assert first["door"] == second["door"]
+
+
+class Narrow(Plain):
+    """One whose queries may show less."""
+
+    name = "narrow"
+
+    class Config(QueryView):
+        range_m: float = 2.0
+
+
+def test_how_queries_are_seen_renders_nothing_anew() -> None:
+    whole, half = Narrow(), Narrow(Narrow.Config(query_fov_deg=180.0))
+    whole.prepare(lambda done, total: None)
+    half.prepare(lambda done, total: pytest.fail("rendered what was there"))
+    assert whole.root == half.root
+    (before,), (after,) = (data.folds()[0].queries for data in (whole, half))
+    assert before.content != after.content
+    assert np.isnan(after.load().range_m).mean() == 0.5
+    assert not np.isnan(before.load().range_m).any()
+    for one, other in zip(whole.folds()[0].mapping, half.folds()[0].mapping, strict=True):
+        assert one.content == other.content
+        assert other.load().valid is None
+
+
+def test_descriptions_are_shared_as_images_are(tmp_path: Path) -> None:
+    """A localizer describes the map once for both data sets, and each one's query by itself."""
+    described: list[str] = []
+
+    class Counting(Localizer):
+        name, version, needs = "counting", "1", frozenset({"range"})
+
+        def index(self, descriptions: object, frames: object) -> None: ...
+
+        def match(self, description: object) -> Localization:
+            return Localization((), None, LocalizationStatus.NO_MATCH)
+
+        def describe(self, panorama: Panorama) -> dict[str, np.ndarray]:
+            described.append(panorama.id)
+            return {"range_m": np.nan_to_num(panorama.range_m[:1])}
+
+    localizer, store = Counting(), Cache(tmp_path / "descriptions")
+    for settings in ({}, {"query_fov_deg": 180.0}):
+        data = Narrow(Narrow.Config(**settings))
+        data.prepare(lambda done, total: None)
+        (fold,) = data.folds()
+        for frame in (*fold.mapping, *fold.queries):
+            localizer.describe_frame(frame, store, data.content_key)
+    assert described == ["hall/1", "door", "q", "q"]
