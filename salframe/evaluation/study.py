@@ -27,7 +27,7 @@ from salframe.framework.registry import registry
 from salframe.localization.localizer import Localizer
 from salframe.panoramas.opening import Progress
 
-DATA, SEED, LOCALIZER = "data", "data.seed", Localizer.role
+DATA, ARM, SEED, LOCALIZER = "data", "arm", "data.seed", Localizer.role
 
 
 class StudiedMethod(Settings):
@@ -50,6 +50,9 @@ class Study(Settings):
     set: dict[str, Any] = Field({}, description="settings that all have")
     vary: dict[str, tuple[Any, ...]] = Field(
         {}, description="values of each key; every combination is a row, of the methods that have the key"
+    )
+    arms: dict[str, dict[str, Any]] = Field(
+        {}, description="settings of the data that go together, by what they are called; a row each"
     )
     episodes: int = Field(100, ge=1, description="navigation: how many are drawn in each data set")
     positioning: Positioning = Field(Positioning.ON, description="navigation: with poses, without, or both")
@@ -150,7 +153,7 @@ def leading_columns(rows: Sequence[Any], settings: Sequence[Mapping[str, Any]]) 
     varied."""
     keys = list(dict.fromkeys(key for given in settings for key in given))
     told = {key: [spell(given[key]) if key in given else "" for given in settings] for key in keys}
-    of_data = {key: texts for key, texts in told.items() if key == DATA or key.startswith(f"{DATA}.")}
+    of_data = {key: texts for key, texts in told.items() if key in (DATA, ARM) or key.startswith(f"{DATA}.")}
     methods = {"method": [row.method.partition("[")[0] for row in rows]}
     return {**of_data, **methods, **{key: texts for key, texts in told.items() if key not in of_data}}
 
@@ -191,18 +194,19 @@ class Arm:
 def plan(study: Study, request: Request) -> list[Arm]:
     """The runs of a study. Raises ConfigError on keys that nobody has."""
     of_data = study.varied(of_data=True)
+    called = list(study.arms.items()) or [("", {})]
     names = study.data if isinstance(study.data, tuple) and not request.data else (request.data or study.data,)
     variants, _ = study.variants()
     arms = []
-    for name, *values in itertools.product(names, *(study.vary[key] for key in of_data)):
+    for name, (arm, together), *values in itertools.product(names, called, *(study.vary[key] for key in of_data)):
         chosen = dict(zip(of_data, values, strict=True))
         runs = []
         for seed in [{SEED: seed} for seed in study.seeds] or [{}]:
-            given = {**study.set, **chosen, **seed}
+            given = {**study.set, **together, **chosen, **seed}
             fixed = [f"{key}={json.dumps(value)}" for key, value in given.items()]
             asked = replace(request, methods=variants, data=name, settings=(*fixed, *request.settings))
             runs.append((*_resolve(study, asked), asked))
-        told = {**({DATA: name} if len(names) > 1 else {}), **chosen}
+        told = {**({DATA: name} if len(names) > 1 else {}), **({ARM: arm} if study.arms else {}), **chosen}
         arms.append(Arm([(task, asked, resolved) for task, resolved, asked in runs], told))
     return arms
 

@@ -110,3 +110,13 @@ def test_values_that_are_spelt_alike_are_told_apart_or_refused(fakes):
     file = write(method="reader", data="rooms", vary={"offset": [1, 1]})
     with pytest.raises(ConfigError, match=r"sweep\.yaml: vary gives reader\[offset=1\] twice"):
         ablate(file, Request((), engine="inline"))
+
+
+def test_settings_of_an_arm_go_together(fakes):
+    arms = {"small": {"data.rooms": 2, "data.queries": 1}, "large": {"data.rooms": 4, "data.queries": 3}}
+    result = ablate(write(method="reader", data="rooms", arms=arms), INLINE)
+    assert [(given["arm"], row.queries) for given, row in zip(result.settings, result.rows, strict=True)] == [
+        ("small", 2),
+        ("large", 12),
+    ]
+    assert result.tables()[0].headings[:2] == ("arm", "method")
