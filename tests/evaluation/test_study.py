@@ -18,7 +18,7 @@ INLINE = Request((), engine="inline")
 
 
 def write(**content: object) -> Path:
-    Path("sweep.yaml").write_text(yaml.safe_dump(content))
+    Path("sweep.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
     return Path("sweep.yaml")
 
 
