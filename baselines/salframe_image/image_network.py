@@ -24,3 +24,8 @@ class ImageNetwork(Role):
     def embed(self, views: np.ndarray) -> np.ndarray:
         """Feature maps (V, C, h, w), or features (V, C) that are pooled already, float32, of the images (V, size_px,
         size_px, 3) uint8 RGB. Raises WeightsMissing where the network gives something else."""
+
+    def pooled(self, views: np.ndarray, power: float) -> np.ndarray:
+        """(V, C) float32: the features of `embed`, maps pooled by their generalised mean of this power."""
+        features = self.embed(views)
+        return features if features.ndim == 2 else (np.maximum(features, 0) ** power).mean((2, 3)) ** (1 / power)

@@ -58,15 +58,9 @@ class ImageFeatures(Localizer):
         """features (V, C) float16: of unit length, zeros for a view that lies for the greater part in what was not
         seen."""
         views, seen = cut_views(panorama, self._rig)
-        pooled = self._pool(self._network.embed(views))
+        pooled = self._network.pooled(views, self.config.power)
         unit = pooled / np.maximum(np.linalg.norm(pooled, axis=1, keepdims=True), 1e-9)
         return {"features": (unit * seen[:, None]).astype(np.float16)}
-
-    def _pool(self, features: np.ndarray) -> np.ndarray:
-        if features.ndim == 2:
-            return features
-        power = self.config.power
-        return (np.maximum(features, 0) ** power).mean((2, 3)) ** (1 / power)
 
     def index(self, descriptions: Sequence[Description], frames: Sequence[MapFrame]) -> None:
         self._map_frames = list(frames)

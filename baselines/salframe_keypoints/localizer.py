@@ -20,7 +20,7 @@ from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.perspective import ViewRig, turned_similarity
 from salframe_keypoints.feature_matcher import FeatureMatcher, View
 from salframe_keypoints.poses import robust_pose
-from salframe_keypoints.shortlist import Vlad
+from salframe_keypoints.shortlist import GlobalDescriptors, LocalDescriptors, NetworkDescriptors, split_views
 
 EDGE_PX = 8
 """Points this close to the end of a partial panorama describe that end rather than the scene; its pixels."""
@@ -40,7 +40,14 @@ class Keypoints(Localizer):
         view_width_px: int = Field(480, ge=64, le=4096)
         view_height_px: int = Field(352, ge=64, le=4096)
         hfov_deg: float = Field(90.0, gt=0, lt=150, description="horizontal field of view of each view")
-        words: int = match_only(64, ge=1, description="size of the vocabulary behind the global descriptor")
+        shortlist_network: slot(  # type: ignore[valid-type]
+            "image-network",
+            "efficientnet-lite0",
+            optional=True,
+            description="image network whose features the shortlist is made by; null: the matcher's own local "
+            "descriptors, pooled over a vocabulary of the map",
+        )
+        words: int = match_only(64, ge=1, description="size of that vocabulary")
         shortlist: int | None = match_only(
             5, ge=1, description="map frames, best by the global descriptor, that are matched in full; null: all"
         )
@@ -57,6 +64,10 @@ class Keypoints(Localizer):
         self._rig = ViewRig(self.config.views, width_px, height_px, np.deg2rad(self.config.hfov_deg))
         self._matcher: FeatureMatcher = registry().build("feature-matcher", self.config.features)
         self._matcher.prepare(width_px, height_px)
+        self._global: GlobalDescriptors = LocalDescriptors(self._matcher, self.config.words)
+        if self.config.shortlist_network is not None:
+            network = registry().build("image-network", self.config.shortlist_network)
+            self._global = NetworkDescriptors(network, self.config.views, np.deg2rad(self.config.hfov_deg))
 
     uses: ClassVar[frozenset[str]] = frozenset({"range"})
     """A pose needs range, the place does not."""
@@ -70,7 +81,7 @@ class Keypoints(Localizer):
         point.
 
         points_px (K, 2); range_m (K,) float32, NaN where unknown; features, their rows of all views; point_count,
-        feature_count (V,) int64.
+        feature_count (V,) int64; global (V, C) where the shortlist is made by an image network.
         """
         import cv2
 
@@ -95,20 +106,20 @@ class Keypoints(Localizer):
             "range_m": range_m,
             "point_count": np.array([len(view.points_px) for view in views]),
             "feature_count": np.array([len(view.features) for view in views]),
+            **self._global.describe(panorama.rgb, panorama.valid),
         }
 
     def index(self, descriptions: Sequence[Description], frames: Sequence[MapFrame]) -> None:
         """Learn the vocabulary on the map's features, pool each view over it, and lift the points that have a range."""
         self._map_frames = list(frames)
-        self._map_views = [_views(description) for description in descriptions]
+        self._map_views = [split_views(description) for description in descriptions]
         self._map_points_m = [self._lift(description) for description in descriptions]
-        self._vlad, self._map_pooled = self._pool(self._map_views)
+        self._pool, self._map_pooled = self._global.learn(descriptions)
 
     def match(self, description: Description) -> Localization:
         """Match the shortlist in full; a frame scores its agreeing matches plus its global similarity, which is below
         1."""
-        views = _views(description)
-        pooled = np.stack([self._vlad.pool(self._matcher.describe(view)) for view in views])
+        views, pooled = split_views(description), self._pool(description)
         if not pooled.any():
             return Localization((), None, LocalizationStatus.NO_FEATURES)
         similarity = turned_similarity(pooled, self._map_pooled)
@@ -128,20 +139,14 @@ class Keypoints(Localizer):
     def correspond(self, query: Description, reference: Description) -> PointMatches:
         """The matches of a shortlisted frame, though the turn between the panoramas comes from a vocabulary of these
         two."""
-        views, others = _views(query), _views(reference)
-        _, (pooled, pooled_others) = self._pool([views, others])
+        views, others = split_views(query), split_views(reference)
+        _, (pooled, pooled_others) = self._global.learn([query, reference])
         turn = int(turned_similarity(pooled, pooled_others[None]).argmax())
         bearings, bearings_others = [], []
         for seen, j, matched in self._match_views(views, others, turn):
             bearings.append(seen)
             bearings_others.append(self._rig.bearings(j, others[j].points_px[matched]))
         return PointMatches(np.concatenate(bearings), np.concatenate(bearings_others))
-
-    def _pool(self, panoramas: Sequence[Sequence[View]]) -> tuple[Vlad, np.ndarray]:
-        """A vocabulary learnt on the views of F panoramas, and the views pooled over it, (F, V, G)."""
-        local = [[self._matcher.describe(view) for view in views] for views in panoramas]
-        vlad = Vlad([features for views in local for features in views], self.config.words)
-        return vlad, np.stack([[vlad.pool(features) for features in views] for views in local])
 
     def _match_views(
         self, views: Sequence[View], others: Sequence[View], turn: int
@@ -178,9 +183,3 @@ class Keypoints(Localizer):
             self._rig.bearings(i, px) * range_m[:, None]
             for i, (px, range_m) in enumerate(zip(pixels, ranges, strict=True))
         ]
-
-
-def _views(description: Description) -> list[View]:
-    points = np.split(description["points_px"], np.cumsum(description["point_count"])[:-1])
-    features = np.split(description["features"], np.cumsum(description["feature_count"])[:-1])
-    return [View(*parts) for parts in zip(points, features, strict=True)]

@@ -6,11 +6,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
+from salframe.framework.config import match_only
 from salframe.framework.onnx import open_model
 from salframe.framework.weights import Shipped, Weights, WeightsFile
+from salframe_keypoints.descriptors import unit_rows
 from salframe_keypoints.feature_matcher import View
 from salframe_keypoints.images import ImageMatcher, decode, require_multiples
 
@@ -127,7 +130,12 @@ class LoftrCompact(ImageMatcher):
     weights = (LOFTR_COMPACT,)
     stride_px = STRIDE_PX
 
-    def __init__(self, config: ImageMatcher.Config | None = None) -> None:
+    class Config(ImageMatcher.Config):
+        pooled: Literal["sift", "tokens"] = match_only(
+            "sift", description="local descriptors that the shortlist is made by: RootSIFT, or the network's own tokens"
+        )
+
+    def __init__(self, config: Config | None = None) -> None:
         super().__init__(config)
         self._network = Network(self.paths(self.config))
         self._see = lru_cache(maxsize=REMEMBERED)(lambda jpeg: self._network.features(decode(jpeg)))
@@ -136,6 +144,10 @@ class LoftrCompact(ImageMatcher):
         """See FeatureMatcher."""
         super().prepare(width_px, height_px)
         require_multiples(self.name, self.view_size_px, STRIDE_PX, LARGEST_PX)
+
+    def describe(self, view: View) -> np.ndarray:
+        """RootSIFT of the view's image, or the tokens of the network's coarse grid."""
+        return unit_rows(self._see(view).tokens[0]) if self.config.pooled == "tokens" else super().describe(view)
 
     def match(self, query: View, reference: View) -> tuple[np.ndarray, np.ndarray]:
         """See FeatureMatcher. The reference is LoFTR's first image, whose matches lie on the grid; those of the second

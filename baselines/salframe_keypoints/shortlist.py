@@ -1,13 +1,87 @@
-"""Global descriptors of views, pooled from local ones over a vocabulary of the map."""
+"""What the shortlist is made by: a global descriptor of each view, pooled from local ones or of an image network."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol
 
 import numpy as np
 
+from salframe.localization.localizer import Description
+from salframe.panoramas.perspective import ViewRig
+from salframe_keypoints.feature_matcher import FeatureMatcher, View
+
 SAMPLE = 20_000
 ITERATIONS = 15
+POWER = 3.0
+"""Of the generalised mean that pools an image network's features."""
+
+Pool = Callable[[Description], np.ndarray]
+"""(V, G) float32: the global descriptors of a description's views, of unit length, zeros of a view that has none."""
+
+
+class GlobalDescriptors(Protocol):
+    """Makes global descriptors of views."""
+
+    def describe(self, rgb: np.ndarray, valid: np.ndarray | None) -> dict[str, np.ndarray]:
+        """What a description must hold for them besides the matcher's features: of a panorama's colour (H, 2H, 3) and
+        what of it was seen (H, 2H), None where all was."""
+
+    def learn(self, descriptions: Sequence[Description]) -> tuple[Pool, np.ndarray]:
+        """How a description is pooled in a map of these F, and theirs pooled, (F, V, G)."""
+
+
+class LocalDescriptors:
+    """Pooled from the matcher's own local descriptors over a vocabulary of the map."""
+
+    def __init__(self, matcher: FeatureMatcher, words: int) -> None:
+        self._matcher, self._words = matcher, words
+
+    def describe(self, rgb: np.ndarray, valid: np.ndarray | None) -> dict[str, np.ndarray]:
+        return {}
+
+    def learn(self, descriptions: Sequence[Description]) -> tuple[Pool, np.ndarray]:
+        local = [self._local(description) for description in descriptions]
+        vlad = Vlad([features for views in local for features in views], self._words)
+
+        def pool(description: Description) -> np.ndarray:
+            return vlad.pool_all(self._local(description))
+
+        return pool, np.stack([vlad.pool_all(views) for views in local])
+
+    def _local(self, description: Description) -> list[np.ndarray]:
+        return [self._matcher.describe(view) for view in split_views(description)]
+
+
+class NetworkDescriptors:
+    """Features of an image network, pooled by their generalised mean (Radenovic et al. 2019)."""
+
+    def __init__(self, network: Any, views: int, hfov_rad: float) -> None:
+        """`network`: of the role `image-network`; it sees as many views as the matcher."""
+        self._network, self._rig = network, ViewRig(views, network.size_px, network.size_px, hfov_rad)
+
+    def describe(self, rgb: np.ndarray, valid: np.ndarray | None) -> dict[str, np.ndarray]:
+        """global (V, C) float16, of unit length; zeros of a view that lies for the greater part in what was not
+        seen."""
+        pooled = self._network.pooled(self._rig.cut(rgb), POWER)
+        unit = pooled / np.maximum(np.linalg.norm(pooled, axis=1, keepdims=True), 1e-9)
+        if valid is not None:
+            unit[self._rig.cut(valid.astype(np.uint8)).mean((1, 2)) < 0.5] = 0
+        return {"global": unit.astype(np.float16)}
+
+    def learn(self, descriptions: Sequence[Description]) -> tuple[Pool, np.ndarray]:
+        return _stored, np.stack([_stored(description) for description in descriptions])
+
+
+def _stored(description: Description) -> np.ndarray:
+    return description["global"].astype(np.float32)
+
+
+def split_views(description: Description) -> list[View]:
+    """The views of a description of `keypoints`."""
+    points = np.split(description["points_px"], np.cumsum(description["point_count"])[:-1])
+    features = np.split(description["features"], np.cumsum(description["feature_count"])[:-1])
+    return [View(*parts) for parts in zip(points, features, strict=True)]
 
 
 class Vlad:
@@ -33,3 +107,7 @@ class Vlad:
             np.add.at(pooled, word, features - self.words[word])
             pooled /= np.maximum(np.linalg.norm(pooled, axis=1, keepdims=True), 1e-9)
         return pooled.ravel() / max(np.linalg.norm(pooled), 1e-9)
+
+    def pool_all(self, views: Sequence[np.ndarray]) -> np.ndarray:
+        """(V, words * D) float32: `pool` of the local features of each view."""
+        return np.stack([self.pool(features) for features in views])

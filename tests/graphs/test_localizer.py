@@ -150,12 +150,29 @@ def test_the_best_frame_of_a_place_stands_for_it():
 
 
 @pytest.mark.parametrize(
-    ("preset", "localizer"), [("proposed", SaliencyPlacesLocalizer), ("paper", SaliencyGraphLocalizer)]
+    ("preset", "localizer"),
+    [
+        ("proposed", SaliencyPlacesLocalizer),
+        ("paper", SaliencyGraphLocalizer),
+        ("paper-signed", SaliencyGraphLocalizer),
+    ],
 )
 def test_presets_are_configurations_of_the_same_stages(preset, localizer):
     config = configure("localizer", preset, settings("localizer", preset))
     assert config.kind == localizer.name
     assert validate(localizer.Config, config.model_dump(), preset) == config
+
+
+def test_paper_signed_is_the_paper_but_for_signs_and_salient_objects():
+    paper, signed = (configure("localizer", name, settings("localizer", name)) for name in ("paper", "paper-signed"))
+    assert (signed.positioner.angle, signed.positioner.mean, signed.positioner.norms) == (
+        "atan2",
+        "circular",
+        "squared",
+    )
+    assert signed.graph.min_share > 0 == paper.graph.min_share
+    positioner = signed.positioner.model_copy(update={"angle": "arccos", "mean": "arithmetic"})
+    assert signed.model_copy(update={"positioner": positioner, "graph": paper.graph}) == paper
 
 
 @pytest.mark.parametrize(

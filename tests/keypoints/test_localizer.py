@@ -115,6 +115,26 @@ def test_frames_off_the_shortlist_are_ranked_but_not_matched(make, mapping, quer
     assert [place.score > 1 for place in answer.places] == [True, False, False]
 
 
+@pytest.mark.parametrize("kind", ["tokens", "network"])
+def test_the_shortlist_may_be_made_by_something_else_than_sift(make, write_network, mapping, query, kind):
+    """The matches and the pose are those of the matcher, whatever finds its candidates."""
+    from onnx import helper
+
+    settings = {"features": {"kind": "loftr-compact", "pooled": "tokens"}}
+    if kind == "network":
+        same = write_network("same.onnx", [helper.make_node("Identity", ["x"], ["y"])])
+        settings = {"features": "loftr-compact", "shortlist_network": {"kind": "onnx", "model": same, "size_px": 32}}
+    chosen = Keypoints.Config(view_width_px=320, view_height_px=240, shortlist=1, **settings)
+    localizer = Keypoints(chosen)
+    localizer.build(mapping)
+    described = localizer.describe(query.load())
+    assert ("global" in described) == (kind == "network")
+    answer = localizer.localize(query)
+    assert answer.status == "ok"
+    assert answer.places[0].place == "room 1"
+    assert pose_errors(answer.T_world_query, QUERY)[0] < 0.1
+
+
 def test_exhaustive_matching_agrees_with_the_shortlist(make, rooms, query):
     poses = [pose_2d(0.0, 0.1, 0.3), pose_2d(0.5, 0.1, -0.7)]
     mapping = [

@@ -89,6 +89,16 @@ def test_views_without_texture_have_no_match(make_matcher):
     assert matcher.describe(first).shape == (0, 128)
 
 
+def test_its_tokens_are_local_descriptors_of_unit_length_one_a_cell(make_matcher):
+    matcher = make_matcher("loftr-compact", SIZE_PX, pooled="tokens")
+    view, other = matcher.extract(np.random.default_rng(0).integers(0, 255, (2, 240, 320, 3), np.uint8))
+    tokens = matcher.describe(view)
+    assert tokens.shape == (len(view.points_px), 64)
+    assert tokens.dtype == np.float32
+    np.testing.assert_allclose(np.linalg.norm(tokens, axis=1), 1, atol=1e-5)
+    assert not np.allclose(tokens, matcher.describe(other), atol=0.1)
+
+
 def test_mutual_maxima_are_greatest_in_row_and_column():
     confidence = np.array([[0.9, 0.3, 0.0], [0.8, 0.1, 0.2], [0.0, 0.5, 0.4], [0.1, 0.0, 0.15]])
     rows, columns, values = mutual_maxima(confidence, 0.2)

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import numpy as np
-from salframe_keypoints.shortlist import Vlad
+from salframe_keypoints.shortlist import NetworkDescriptors, Vlad
 
 
 def unit(rng, *shape):
@@ -25,3 +25,29 @@ def test_the_vocabulary_is_the_same_each_time_and_empty_views_are_zero():
     np.testing.assert_array_equal(first.words, second.words)
     assert not first.pool(np.zeros((0, 16), np.float32)).any()
     assert np.isclose(np.linalg.norm(first.pool(features[0])), 1)
+
+
+class MeanColour:
+    """An image network of 8 x 8 pixels whose features are the mean colour."""
+
+    size_px = 8
+
+    def pooled(self, views, power):
+        return views.mean((1, 2), dtype=np.float32)
+
+
+def test_descriptors_of_a_network_are_of_unit_length_and_zero_where_nothing_was_seen():
+    """Six views 60 deg apart, the first ahead: where only what is ahead was seen, three are empty."""
+    rgb = np.zeros((64, 128, 3), np.uint8)
+    rgb[:] = 30, 40, 0
+    made = NetworkDescriptors(MeanColour(), 6, np.radians(60))
+    whole = made.describe(rgb, None)["global"]
+    assert whole.dtype == np.float16
+    np.testing.assert_allclose(whole, [[0.6, 0.8, 0]] * 6, atol=1e-3)
+    ahead = np.zeros((64, 128), bool)
+    ahead[:, 32:96] = True  # azimuths of -90 to 90 deg: the views at 0, 60 and 300
+    seen = made.describe(rgb, ahead)["global"]
+    assert (seen.any(1)).tolist() == [True, True, False, False, False, True]
+    pool, of_map = made.learn([{"global": whole}, {"global": seen}])
+    assert of_map.shape == (2, 6, 3)
+    np.testing.assert_array_equal(pool({"global": seen}), of_map[1])
