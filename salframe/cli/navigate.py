@@ -31,9 +31,10 @@ def navigate(
         str, typer.Option(metavar="N|FILE", help="How many episodes to draw, or a JSON file of them.")
     ] = "100",
     positioning: Annotated[
-        Literal["on", "off", "both"],
+        Literal["on", "off", "both", "all"],
         typer.Option(
-            help="off: place alone, heading by odometry; both: each method once with and once without its poses."
+            help="off: place alone, heading by odometry; both: each method once with and once without its poses; "
+            "all: and an agent that is told its true place."
         ),
     ] = "on",
     data_dir: DataDir = None,
