@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
@@ -28,7 +27,11 @@ def navigate(
     methods: Methods = METHODS,
     data: Annotated[str, typer.Option(help="A dataset that can render, or says itself where to walk.")] = DATA,
     episodes: Annotated[
-        str, typer.Option(metavar="N|FILE", help="How many episodes to draw, or a JSON file of them.")
+        str,
+        typer.Option(
+            metavar="N|FILE|TASK:SPLIT",
+            help="How many episodes to draw, a JSON file of them, or those of a published task, with the goals known.",
+        ),
     ] = "100",
     positioning: Annotated[
         Literal["on", "off", "both", "all"],
@@ -58,11 +61,11 @@ def navigate(
     from salframe.evaluation.navigation import Positioning
     from salframe.evaluation.navigation import navigate as run
 
-    source: int | Path
+    source: int | str
     try:
         source = int(episodes)
     except ValueError:
-        source = Path(episodes)
+        source = episodes
     request = make_request(
         methods, data=data, data_dir=data_dir, overrides=overrides, name=name, runs=runs, engine=engine, seed=seed
     )

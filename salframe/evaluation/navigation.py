@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from salframe.evaluation.metrics import bootstrap_interval, holm, paired_test, proportion_interval
+from salframe.evaluation.published import Published, find_published
 from salframe.evaluation.request import Request, Resolved, resolve
 from salframe.evaluation.result import Result
 from salframe.evaluation.run import Row, Run
@@ -111,13 +112,15 @@ class NavigationSurvey(Survey[Episode]):
 def navigate(
     request: Request,
     *,
-    episodes: int | Path = 100,
+    episodes: int | str | Path = 100,
     positioning: Positioning = Positioning.ON,
     progress: Progress | None = None,
 ) -> Result[NavigationRow]:
     """Send an agent through a data set's buildings with each method as its localizer; a run that was begun is resumed.
 
-    `episodes`: how many to draw, or a JSON file of them. Without `positioning` a method's poses are ignored: the agent
+    `episodes`: how many to draw, a JSON file of them, or "TASK:SPLIT", those of a published task whose scorer has them
+    and whose files are in the data set's `root`: the agent is told their goals, and the answers of each method are
+    written in the task's form. Without `positioning` a method's poses are ignored: the agent
     takes itself to stand at the node it is nearest to by the method's first place, and its heading from odometry alone;
     the arm TRUE_PLACE does the same with the node that it is really nearest to, and has no method.
     Settings "navigation.KEY" are for NavigationConfig; the request's seed is that of episodes, noise and intervals.
@@ -129,7 +132,7 @@ def navigate(
 
 
 def plan_navigation(
-    request: Request, episodes: int | Path, positioning: Positioning
+    request: Request, episodes: int | str | Path, positioning: Positioning
 ) -> tuple[NavigationTask, Resolved]:
     """The task of a request, and its methods, one for each arm. Raises SalframeError as `navigate`."""
     if isinstance(episodes, int) and episodes < 1:
@@ -142,18 +145,24 @@ def plan_navigation(
     methods = {label + arm: config for label, config in resolved.methods.items() for arm in ARMS[positioning]}
     if positioning is Positioning.ALL:  # a run folder knows labels with methods: the first stands for none
         methods[TRUE_PLACE] = next(iter(resolved.methods.values()))
-    asked = episodes if isinstance(episodes, int) else read_asked(episodes)
-    task = NavigationTask(validate(NavigationConfig, content, "navigation"), asked, request.seed)
+    published = find_published(episodes)
+    if published:
+        asked: int | tuple[Asked, ...] = published.episodes(resolved.data)
+    else:
+        asked = episodes if isinstance(episodes, int) else read_asked(Path(episodes))
+    task = NavigationTask(validate(NavigationConfig, content, "navigation"), asked, request.seed, published)
     return task, replace(resolved, methods=methods)
 
 
 @dataclass(frozen=True)
 class NavigationTask(Task[Episode, NavigationSurvey]):
-    """Does the agent get there? `asked`: how many episodes to draw, or which to walk."""
+    """Does the agent get there? `asked`: how many episodes to draw, or which to walk; `published`: the task that they
+    are of."""
 
     config: NavigationConfig
     asked: int | tuple[Asked, ...]
     seed: int
+    published: Published | None = None
 
     name = "navigation"
     version = "2"
@@ -163,7 +172,8 @@ class NavigationTask(Task[Episode, NavigationSurvey]):
 
     def asks(self) -> dict[str, Any]:
         asked = self.asked if isinstance(self.asked, int) else [one.model_dump(mode="json") for one in self.asked]
-        return {"episodes": asked, "seed": self.seed, "settings": self.config.model_dump(mode="json")}
+        known = {"episodes": asked, "seed": self.seed, "settings": self.config.model_dump(mode="json")}
+        return {**known, **({"published": str(self.published)} if self.published else {})}
 
     def identity(self) -> dict[str, Any]:
         return {**self.asks(), "settings": settings_identity(self.config)}
@@ -172,7 +182,7 @@ class NavigationTask(Task[Episode, NavigationSurvey]):
     def from_run(cls, run: Run) -> NavigationTask:
         asked, config = run.task["episodes"], validate(NavigationConfig, run.task["settings"], "navigation")
         given = asked if isinstance(asked, int) else tuple(Asked.model_validate(one) for one in asked)
-        return cls(config, given, run.task["seed"])
+        return cls(config, given, run.task["seed"], find_published(run.task.get("published", "")))
 
     def mode(self, label: str) -> str:
         return next((mode for mode in (TRUE_PLACE, WITHOUT) if label.endswith(mode)), "")
@@ -186,6 +196,8 @@ class NavigationTask(Task[Episode, NavigationSurvey]):
             episodes, left_out = draw_episodes(sites, self.asked, self.seed)
         else:
             episodes, left_out = place_episodes(self.asked, sites, self.seed)
+        if self.published:
+            left_out.append(self.published.note)
         # World by world: a localizer takes a world's map in once.
         order = {world: number for number, world in enumerate(dict.fromkeys(one.world for one in episodes))}
         pieces = sorted(episodes, key=lambda one: order[one.world])
@@ -234,6 +246,8 @@ class NavigationTask(Task[Episode, NavigationSurvey]):
 
         episodes = sorted(survey.pieces, key=lambda episode: episode.number)
         write_json(result.run / "episodes.json", [asdict(episode) for episode in episodes])
+        if self.published and not isinstance(self.asked, int):
+            self.published.write(survey.dataset.config, len(self.asked), records)
         return write_report(result, records, {id: site.world.chart.map for id, site in survey.sites.items()})
 
 
