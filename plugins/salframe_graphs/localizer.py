@@ -36,7 +36,13 @@ class SaliencyGraphLocalizer(Localizer):
         saliency: slot("saliency", "volumetric")  # type: ignore[valid-type]
         graph: GraphConfig = GraphConfig.model_validate({})
         matcher: slot("matcher", "triplet", match_only=True)  # type: ignore[valid-type]
-        positioner: slot("positioner", "robust", match_only=True)  # type: ignore[valid-type]
+        positioner: slot(  # type: ignore[valid-type]
+            "positioner",
+            "robust",
+            match_only=True,
+            optional=True,
+            description="pose from matched objects; null: place only, the pose of the map frame is the answer",
+        )
         top_k: int = match_only(20, ge=1, description="map graphs that the matcher ranks")
         min_score: float = match_only(0.0, ge=0, description="a best match below this score is no answer")
         agreement: float = match_only(
@@ -57,7 +63,8 @@ class SaliencyGraphLocalizer(Localizer):
         self._detector = registry().build("detector", self.config.detector)
         self._saliency = registry().build("saliency", self.config.saliency)
         self._matcher = registry().build("matcher", self.config.matcher)
-        self._positioner = registry().build("positioner", self.config.positioner)
+        chosen = self.config.positioner
+        self._positioner = None if chosen is None else registry().build("positioner", chosen)
 
     @property
     def needs(self) -> frozenset[str]:
@@ -102,13 +109,15 @@ class SaliencyGraphLocalizer(Localizer):
             return Localization((), None, LocalizationStatus.LOW_SCORE)
         matches, scores = self._agreed(matches)
         best = matches[0]
+        T_world_scene = self._map_frames[best.scene].T_world_pano
+        if self._positioner is None:
+            return Localization(rank_places(self._map_frames, scores), T_world_scene, LocalizationStatus.OK)
         nodes, reference = best.pairs[:, 0], self._graphs[best.scene]
         there = reference.centroid_m[best.pairs[:, 1]]
         if query.bearings_only:
             pose = self._positioner.resect(query.bearing[nodes], there)
         else:
             pose = self._positioner.solve(best.scale * query.centroid_m[nodes], there, query.saliency[nodes])
-        T_world_scene = self._map_frames[best.scene].T_world_pano
         if pose.T_reference_query is None:
             places = rank_places(self._map_frames, scores)
             heading = None if pose.yaw_rad is None else float(wrap_angle(pose_yaw(T_world_scene) + pose.yaw_rad))

@@ -7,6 +7,7 @@ are scored as its `eval_release.py` does; the object metrics, which that leaves 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,8 +16,9 @@ from typing import Any
 import numpy as np
 
 from salframe.evaluation.scorer import Scorer
-from salframe.framework.errors import DataError
+from salframe.framework.errors import DataError, UnknownName, unknown
 from salframe.framework.files import read_json
+from salframe.navigation.episodes import Asked
 from salframe_matterport.readers import boxes_path, connectivity_path, format_of, read_boxes, read_connectivity
 
 METRICS = ("SR", "OSR", "SPL", "RGS", "RGSPL")
@@ -73,14 +75,49 @@ class Reverie(Scorer):
             )
         return rows
 
+    def episodes(self, split: str, root: Path) -> Sequence[Asked]:
+        """See Scorer: one for all instructions to the same object along the same path, to the path's end."""
+        return [
+            Asked(
+                world=episode.scan,
+                start=f"{episode.scan}/{episode.path[0]}",
+                goal=f"{episode.scan}/{episode.path[-1]}",
+                yaw_deg=90.0 - math.degrees(episode.heading_rad),
+            )
+            for episode in by_task(split, root).values()
+        ]
+
+    def submission(self, split: str, root: Path, walked: Sequence[np.ndarray | None]) -> list[dict[str, Any]]:
+        """See Scorer: the same answer to all instructions of a task, and no object, which localization does not find.
+        Headings are clockwise from the world's y axis, as the simulator's; elevations are 0."""
+        tasks = by_task(split, root)
+        camera = {
+            scan: read_connectivity(connectivity_path(root, scan)) for scan in {task.scan for task in tasks.values()}
+        }
+        trajectory = {}
+        for (name, task), poses in zip(tasks.items(), walked, strict=True):
+            if poses is None:
+                trajectory[name] = [[task.path[0], task.heading_rad, 0.0]]
+                continue
+            viewpoints, stood_m = list(camera[task.scan]), np.array([T[:3, 3] for T in camera[task.scan].values()])
+            nearest = np.linalg.norm(poses[:, None, :3] - stood_m, axis=2).argmin(1)
+            heading = (math.pi / 2 - poses[:, 3]) % (2 * math.pi)
+            trajectory[name] = [[viewpoints[i], float(h), 0.0] for i, h in zip(nearest, heading, strict=True)]
+        return [
+            {"instr_id": name, "trajectory": trajectory[task_of(name)], "predObjId": None}
+            for name in read_split(split, root)
+        ]
+
 
 @dataclass(frozen=True)
 class Episode:
-    """What is asked: in building `scan`, from path[0], walk to where the object is seen; the reference walks `path`."""
+    """What is asked: in building `scan`, from path[0], looking along heading_rad (clockwise from the world's y axis),
+    walk to where the object is seen; the reference walks `path`."""
 
     scan: str
     object_id: int
     path: tuple[str, ...]
+    heading_rad: float
 
 
 @dataclass(frozen=True)
@@ -165,7 +202,9 @@ def read_episodes(root: Path) -> dict[str, dict[str, Episode]]:
     for path in sorted((root / "reverie").glob("REVERIE_*.json")):
         with format_of(path):
             episodes = {
-                f"{task['path_id']}_{task['objId']}_{i}": Episode(task["scan"], int(task["objId"]), tuple(task["path"]))
+                f"{task['path_id']}_{task['objId']}_{i}": Episode(
+                    task["scan"], int(task["objId"]), tuple(task["path"]), float(task["heading"])
+                )
                 for task in read_json(path)
                 if task.get("objId") is not None
                 for i in range(len(task["instructions"]))
@@ -178,6 +217,24 @@ def read_episodes(root: Path) -> dict[str, dict[str, Episode]]:
             "and connectivity/*.json in it"
         )
     return splits
+
+
+def read_split(split: str, root: Path) -> dict[str, Episode]:
+    """The episodes of one split by instr_id. Raises UnknownName, DataError."""
+    splits = read_episodes(root)
+    if split not in splits:
+        raise UnknownName(f"{root}: {unknown('split', split, list(splits))}")
+    return splits[split]
+
+
+def task_of(name: str) -> str:
+    """What the instructions to one object along one path share of their instr_id."""
+    return name.rpartition("_")[0]
+
+
+def by_task(split: str, root: Path) -> dict[str, Episode]:
+    """The episodes of a split by `task_of` their names: one of each, for they differ in words alone."""
+    return {task_of(name): episode for name, episode in read_split(split, root).items()}
 
 
 def read_answers(content: Any, path: Path) -> dict[str, Answer]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
@@ -28,12 +27,17 @@ def navigate(
     methods: Methods = METHODS,
     data: Annotated[str, typer.Option(help="A dataset that can render, or says itself where to walk.")] = DATA,
     episodes: Annotated[
-        str, typer.Option(metavar="N|FILE", help="How many episodes to draw, or a JSON file of them.")
+        str,
+        typer.Option(
+            metavar="N|FILE|TASK:SPLIT",
+            help="How many episodes to draw, a JSON file of them, or those of a published task, with the goals known.",
+        ),
     ] = "100",
     positioning: Annotated[
-        Literal["on", "off", "both"],
+        Literal["on", "off", "both", "all"],
         typer.Option(
-            help="off: place alone, heading by odometry; both: each method once with and once without its poses."
+            help="off: place alone, heading by odometry; both: each method once with and once without its poses; "
+            "all: and an agent that is told its true place."
         ),
     ] = "on",
     data_dir: DataDir = None,
@@ -57,11 +61,11 @@ def navigate(
     from salframe.evaluation.navigation import Positioning
     from salframe.evaluation.navigation import navigate as run
 
-    source: int | Path
+    source: int | str
     try:
         source = int(episodes)
     except ValueError:
-        source = Path(episodes)
+        source = episodes
     request = make_request(
         methods, data=data, data_dir=data_dir, overrides=overrides, name=name, runs=runs, engine=engine, seed=seed
     )

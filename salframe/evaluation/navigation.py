@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from salframe.evaluation.metrics import bootstrap_interval, holm, paired_test, proportion_interval
+from salframe.evaluation.published import Published, find_published
 from salframe.evaluation.request import Request, Resolved, resolve
 from salframe.evaluation.result import Result
 from salframe.evaluation.run import Row, Run
@@ -24,27 +25,37 @@ from salframe.framework.identity import settings_identity
 from salframe.localization.localizer import Localizer
 from salframe.navigation.episodes import Asked, Episode, Site, draw_episodes, place_episodes, read_asked
 from salframe.navigation.guide import Guide
-from salframe.navigation.sight import Sight
-from salframe.navigation.walk import NavigationConfig, walk
+from salframe.navigation.sight import Sight, see_place
+from salframe.navigation.walk import LOOSER_M, NavigationConfig, walk
 from salframe.navigation.world import open_worlds
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.opening import Progress
 
 WITHOUT = " without positioning"
 """What the label of a method ends with that is run without its poses."""
+TRUE_PLACE = "true place"
+"""The label of the arm that no method localizes."""
 MEANS = {"travelled_m": "path_m", "panoramas": "panoramas", "collisions": "collisions"}
 """Fields with a mean over the episodes that ended, by the key of an episode's row."""
 
 
 class Positioning(StrEnum):
-    """Which arms to run: each method with its poses, by place and odometry alone, or both."""
+    """Which arms to run: each method with its poses, by place and odometry alone, or both; ALL: and an agent that is
+    told its true place, and goes by that and odometry."""
 
     ON = "on"
     OFF = "off"
     BOTH = "both"
+    ALL = "all"
 
 
-ARMS = {Positioning.ON: ("",), Positioning.OFF: (WITHOUT,), Positioning.BOTH: ("", WITHOUT)}
+ARMS = {
+    Positioning.ON: ("",),
+    Positioning.OFF: (WITHOUT,),
+    Positioning.BOTH: ("", WITHOUT),
+    Positioning.ALL: ("", WITHOUT),
+}
+"""What the labels of methods end with."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,6 +75,9 @@ class NavigationRow(MethodRow):
     spl: float | None = None
     spl_low: float | None = None
     spl_high: float | None = None
+    success_rate_1m: float | None = None
+    success_rate_1m_low: float | None = None
+    success_rate_1m_high: float | None = None
     success_rate_3m: float | None = None
     success_rate_3m_low: float | None = None
     success_rate_3m_high: float | None = None
@@ -78,7 +92,13 @@ class NavigationRow(MethodRow):
         return self.success_rate is not None
 
 
-RATES = {"success": "success_rate", "oracle": "oracle_success_rate", "spl": "spl", "success_3m": "success_rate_3m"}
+RATES = {
+    "success": "success_rate",
+    "oracle": "oracle_success_rate",
+    "spl": "spl",
+    "success_1m": "success_rate_1m",
+    "success_3m": "success_rate_3m",
+}
 """Fields with a mean and a 95 % interval (`_low`, `_high`) by the key of an episode's row."""
 
 
@@ -92,14 +112,17 @@ class NavigationSurvey(Survey[Episode]):
 def navigate(
     request: Request,
     *,
-    episodes: int | Path = 100,
+    episodes: int | str | Path = 100,
     positioning: Positioning = Positioning.ON,
     progress: Progress | None = None,
 ) -> Result[NavigationRow]:
     """Send an agent through a data set's buildings with each method as its localizer; a run that was begun is resumed.
 
-    `episodes`: how many to draw, or a JSON file of them. Without `positioning` a method's poses are ignored: the agent
-    takes itself to stand at the node it is nearest to by the method's first place, and its heading from odometry alone.
+    `episodes`: how many to draw, a JSON file of them, or "TASK:SPLIT", those of a published task whose scorer has them
+    and whose files are in the data set's `root`: the agent is told their goals, and the answers of each method are
+    written in the task's form. Without `positioning` a method's poses are ignored: the agent
+    takes itself to stand at the node it is nearest to by the method's first place, and its heading from odometry alone;
+    the arm TRUE_PLACE does the same with the node that it is really nearest to, and has no method.
     Settings "navigation.KEY" are for NavigationConfig; the request's seed is that of episodes, noise and intervals.
     Raises SalframeError on names, settings and files that are wrong, InputMissing on a data set that cannot render,
     before anything runs.
@@ -109,7 +132,7 @@ def navigate(
 
 
 def plan_navigation(
-    request: Request, episodes: int | Path, positioning: Positioning
+    request: Request, episodes: int | str | Path, positioning: Positioning
 ) -> tuple[NavigationTask, Resolved]:
     """The task of a request, and its methods, one for each arm. Raises SalframeError as `navigate`."""
     if isinstance(episodes, int) and episodes < 1:
@@ -118,29 +141,39 @@ def plan_navigation(
     content: dict[str, Any] = {}
     for given in resolved.scopes["navigation"]:
         content = merge(content, given)
-    arms = ARMS[Positioning(positioning)]
-    methods = {label + arm: config for label, config in resolved.methods.items() for arm in arms}
-    asked = episodes if isinstance(episodes, int) else read_asked(episodes)
-    task = NavigationTask(validate(NavigationConfig, content, "navigation"), asked, request.seed)
+    positioning = Positioning(positioning)
+    methods = {label + arm: config for label, config in resolved.methods.items() for arm in ARMS[positioning]}
+    if positioning is Positioning.ALL:  # a run folder knows labels with methods: the first stands for none
+        methods[TRUE_PLACE] = next(iter(resolved.methods.values()))
+    published = find_published(episodes)
+    if published:
+        asked: int | tuple[Asked, ...] = published.episodes(resolved.data)
+    else:
+        asked = episodes if isinstance(episodes, int) else read_asked(Path(episodes))
+    task = NavigationTask(validate(NavigationConfig, content, "navigation"), asked, request.seed, published)
     return task, replace(resolved, methods=methods)
 
 
 @dataclass(frozen=True)
 class NavigationTask(Task[Episode, NavigationSurvey]):
-    """Does the agent get there? `asked`: how many episodes to draw, or which to walk."""
+    """Does the agent get there? `asked`: how many episodes to draw, or which to walk; `published`: the task that they
+    are of."""
 
     config: NavigationConfig
     asked: int | tuple[Asked, ...]
     seed: int
+    published: Published | None = None
 
     name = "navigation"
+    version = "2"
     prefix = "navigate-"
     counts = "episodes"
     key_fields = ("episode",)
 
     def asks(self) -> dict[str, Any]:
         asked = self.asked if isinstance(self.asked, int) else [one.model_dump(mode="json") for one in self.asked]
-        return {"episodes": asked, "seed": self.seed, "settings": self.config.model_dump(mode="json")}
+        known = {"episodes": asked, "seed": self.seed, "settings": self.config.model_dump(mode="json")}
+        return {**known, **({"published": str(self.published)} if self.published else {})}
 
     def identity(self) -> dict[str, Any]:
         return {**self.asks(), "settings": settings_identity(self.config)}
@@ -149,10 +182,13 @@ class NavigationTask(Task[Episode, NavigationSurvey]):
     def from_run(cls, run: Run) -> NavigationTask:
         asked, config = run.task["episodes"], validate(NavigationConfig, run.task["settings"], "navigation")
         given = asked if isinstance(asked, int) else tuple(Asked.model_validate(one) for one in asked)
-        return cls(config, given, run.task["seed"])
+        return cls(config, given, run.task["seed"], find_published(run.task.get("published", "")))
 
     def mode(self, label: str) -> str:
-        return WITHOUT if label.endswith(WITHOUT) else ""
+        return next((mode for mode in (TRUE_PLACE, WITHOUT) if label.endswith(mode)), "")
+
+    def given(self, label: str, method: Localizer, dataset: Dataset) -> tuple[str, ...]:
+        return (TRUE_PLACE,) if label == TRUE_PLACE else super().given(label, method, dataset)
 
     def survey(self, dataset: Dataset) -> NavigationSurvey:
         sites = {world.id: Site(world, Guide(world.chart, self.config.planner)) for world in open_worlds(dataset)}
@@ -160,6 +196,8 @@ class NavigationTask(Task[Episode, NavigationSurvey]):
             episodes, left_out = draw_episodes(sites, self.asked, self.seed)
         else:
             episodes, left_out = place_episodes(self.asked, sites, self.seed)
+        if self.published:
+            left_out.append(self.published.note)
         # World by world: a localizer takes a world's map in once.
         order = {world: number for number, world in enumerate(dict.fromkeys(one.world for one in episodes))}
         pieces = sorted(episodes, key=lambda one: order[one.world])
@@ -171,12 +209,14 @@ class NavigationTask(Task[Episode, NavigationSurvey]):
     def open(
         self, label: str, method: Localizer, survey: NavigationSurvey, todo: Sequence[Episode], folder: Path
     ) -> Worker[Episode]:
+        if label == TRUE_PLACE:
+            return _Walking(None, survey.sites, self.config, self.seed)
         check_needs(method, survey.dataset)
         sight = Sight(method, survey.dataset.content_key, positioning=not self.mode(label))
         return _Walking(sight, survey.sites, self.config, self.seed)
 
     def failed(self, piece: Episode) -> Row:
-        failure = {"success": False, "oracle": False, "spl": 0.0, "success_3m": False}
+        failure = {"success": False, "oracle": False, "spl": 0.0, **dict.fromkeys(LOOSER_M, False)}
         return {"world": piece.world, "goal": piece.goal, **failure, "shortest_m": piece.shortest_m}
 
     def summarize(self, parts: Sequence[Part[NavigationSurvey]], seed: int) -> tuple[NavigationRow, ...]:
@@ -206,22 +246,25 @@ class NavigationTask(Task[Episode, NavigationSurvey]):
 
         episodes = sorted(survey.pieces, key=lambda episode: episode.number)
         write_json(result.run / "episodes.json", [asdict(episode) for episode in episodes])
+        if self.published and not isinstance(self.asked, int):
+            self.published.write(survey.dataset.config, len(self.asked), records)
         return write_report(result, records, {id: site.world.chart.map for id, site in survey.sites.items()})
 
 
 class _Walking(Worker[Episode]):
-    """An agent that looks through a localizer."""
+    """An agent that looks through a localizer, or is told its true place."""
 
-    def __init__(self, sight: Sight, sites: Mapping[str, Site], config: NavigationConfig, seed: int) -> None:
+    def __init__(self, sight: Sight | None, sites: Mapping[str, Site], config: NavigationConfig, seed: int) -> None:
         self._sight, self._sites, self._config, self._seed = sight, sites, config, seed
 
     def work(self, piece: Episode) -> Row:
         site = self._sites[piece.world]
-        return walk(site, partial(self._sight.look, site.world), piece, self._config, self._seed)
+        look = see_place if self._sight is None else self._sight.look
+        return walk(site, partial(look, site.world), piece, self._config, self._seed)
 
     @property
     def warning(self) -> str | None:
-        return self._sight.warning
+        return None if self._sight is None else self._sight.warning
 
 
 def _in_order(record: Record) -> list[Row]:

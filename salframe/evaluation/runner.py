@@ -26,7 +26,7 @@ from salframe.evaluation.run import (
     Run,
     identity_of,
 )
-from salframe.evaluation.task import MethodRow, Record, Survey, Task, parts_given
+from salframe.evaluation.task import MethodRow, Record, Survey, Task
 from salframe.framework.auto import Choice
 from salframe.framework.errors import (
     FRAME_ERRORS,
@@ -114,7 +114,7 @@ def work_method(task: Task[Any, Any], directory: Path, label: str) -> None:
         config = run.method(label, task.role, Choice(data.kind, partial(provided, data)))
         method = registry().build(task.role, config)
         survey = task.survey(open_dataset(data))
-        given = parts_given(method, survey.dataset)
+        given = task.given(label, method, survey.dataset)
         done = {key for key, row in _by_key(task, run, label).items() if row["status"] != PieceStatus.CRASHED}
         todo = [piece for piece in survey.pieces if task.key(piece) not in done]
         with task.open(label, method, survey, todo, folder) as worker, RowWriter(folder / ROWS) as rows:

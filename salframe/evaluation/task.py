@@ -190,6 +190,10 @@ class Task(ABC, Generic[Piece, Surveyed]):
         """What in a method's label changes how it is asked: part of its identity; none of it unless overridden."""
         return ""
 
+    def given(self, label: str, method: Any, dataset: Dataset) -> tuple[str, ...]:
+        """Which parts of a data set's panoramas a built method is given: see `parts_given`."""
+        return parts_given(method, dataset)
+
     @abstractmethod
     def open(self, label: str, method: Any, survey: Surveyed, todo: Sequence[Piece], folder: Path) -> Worker[Piece]:
         """A built method at work on the pieces `todo`; `folder`: where it may keep more than rows."""

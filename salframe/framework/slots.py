@@ -28,7 +28,7 @@ def slot(
     registry and validates with that component's own Config. The name may be `auto` where configs/defaults.yaml has an
     order for the role; parts that components in slots declared before it add to panoramas count as there. Without a
     `default`, that of configs/defaults.yaml for the role; `match_only` as in the function of that name. `optional`: it
-    may hold None too, and does unless it is set.
+    may hold None too, and does unless it is set or has a `default`.
     """
 
     def kind() -> str:
@@ -42,7 +42,7 @@ def slot(
     order = auto_order(role)
     by_data = f"{AUTO}: the first of {', '.join(order)} that can run here on the data" if order else None
     field = Field(
-        default_factory=lambda: None if optional else {"kind": kind()},
+        default_factory=lambda: None if optional and default is None else {"kind": kind()},
         validate_default=True,
         json_schema_extra={ROLE: role, **({"match_only": True} if match_only else {})},
         description=description or by_data,

@@ -20,6 +20,19 @@ ASTRAY_RAD = np.radians(45.0)
 """Odometry does not go astray by more than this within an episode: a pose that contradicts it is wrong."""
 
 
+def see_place(world: World, T_world_pano: np.ndarray, yaw_rad: float) -> Located:
+    """What an agent makes of being told its true place, without any localizer: it takes itself to stand at the map's
+    node, doorways included, that is nearest of those it could walk straight to. `yaw_rad` is its heading."""
+    nodes = world.chart.map.nodes
+    point_m = np.array([node.xyz_m for node in nodes])
+    away_m = world.chart.reach(T_world_pano[:3, 3], point_m)
+    if not np.isfinite(away_m).any():
+        away_m = np.linalg.norm(point_m - T_world_pano[:3, 3], axis=1)
+    nearest = int(away_m.argmin())
+    x, y, _ = point_m[nearest]
+    return Located(pose_2d(x, y, yaw_rad, T_world_pano[2, 3]), 1.0, nodes[nearest].id)
+
+
 class Sight:
     """A localizer that looks around in worlds; `dataset` is the content_key under which mapping frames are cached.
 

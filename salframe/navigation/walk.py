@@ -21,8 +21,8 @@ from salframe.panoramas.geometry import pose_2d, pose_yaw
 
 SUCCESS_M = 0.5
 """An agent that says it has arrived and has no farther to go than this has succeeded."""
-NEAR_M = 3.0
-"""The looser rule of R2R and REVERIE."""
+LOOSER_M = {"success_1m": 1.0, "success_3m": 3.0}
+"""Looser rules by the key of an episode's row; that of R2R and REVERIE is 3 m."""
 
 Row = dict[str, Any]
 
@@ -100,7 +100,7 @@ def walk(site: Site, look: Look, episode: Episode, config: NavigationConfig, see
         "success": success,
         "oracle": min(left_m) <= SUCCESS_M,
         "spl": success * (episode.shortest_m / longer_m if longer_m else 1.0),
-        "success_3m": arrived and left_m[-1] <= NEAR_M,
+        **{key: arrived and left_m[-1] <= bound_m for key, bound_m in LOOSER_M.items()},
         "shortest_m": episode.shortest_m,
         "travelled_m": travelled_m,
         "left_m": left_m[-1] if np.isfinite(left_m[-1]) else None,

@@ -11,7 +11,14 @@ import pytest
 from command_line import run as salframe
 from scipy.stats import binomtest
 
-from salframe.evaluation.navigation import NavigationRow, NavigationSurvey, NavigationTask, Positioning, navigate
+from salframe.evaluation.navigation import (
+    TRUE_PLACE,
+    NavigationRow,
+    NavigationSurvey,
+    NavigationTask,
+    Positioning,
+    navigate,
+)
 from salframe.evaluation.request import Request
 from salframe.evaluation.run import MethodStatus, Outcome
 from salframe.evaluation.task import Record
@@ -71,6 +78,19 @@ def test_without_positioning_the_place_is_all_it_has():
     assert table["seer without positioning"].p_value is not None
     assert list(run(["seer"], positioning=Positioning.OFF)[0]) == ["seer without positioning"]
     assert run(["seer"], "posed=false")[0]["seer"].success_rate == table["seer without positioning"].success_rate
+
+
+def test_beside_it_an_agent_is_told_its_true_place():
+    """It stands at the node that it is nearest to, whatever the method answers, and no method is given anything."""
+    table, result = run(["seer"], "blind=true", positioning=Positioning.ALL)
+    assert list(table) == ["seer", "seer without positioning", TRUE_PLACE]
+    assert [row.given for row in table.values()] == [("range",), ("range",), (TRUE_PLACE,)]
+    assert [row.success_rate for row in table.values()][:2] == [0.0, 0.0]
+    assert table[TRUE_PLACE].success_rate_3m > 0
+    nodes_m = [(1.0, 2.0), (3.0, 3.5), (7.0, 2.0), (4.075, 2.025)]  # the last is the doorway of the masks
+    for walked in rows(result, TRUE_PLACE):
+        assert tuple(walked["believed"][0][:2]) in nodes_m
+        assert walked["believed"][0][3] == walked["path"][0][3]
 
 
 def test_an_episode_that_crashes_costs_only_itself():
@@ -173,7 +193,15 @@ def test_bad_episodes_are_told_and_the_others_walked():
 
 
 def episodes(successes, **given):
-    ended = {"status": "arrived", "oracle": True, "success_3m": True, "travelled_m": 4.0, "panoramas": 3, **given}
+    ended = {
+        "status": "arrived",
+        "oracle": True,
+        "success_1m": True,
+        "success_3m": True,
+        "travelled_m": 4.0,
+        "panoramas": 3,
+        **given,
+    }
     return tuple(
         {
             "episode": i,
@@ -206,7 +234,15 @@ def test_means_and_intervals():
 
 def test_a_crashed_episode_is_a_failure_and_has_no_length():
     where = {"episode": 1, "world": "w", "goal": "room-1"}
-    crashed = {"status": "crashed", "success": False, "oracle": False, "spl": 0.0, "success_3m": False, **where}
+    crashed = {
+        "status": "crashed",
+        "success": False,
+        "oracle": False,
+        "spl": 0.0,
+        "success_1m": False,
+        "success_3m": False,
+        **where,
+    }
     (row,) = summarize((*episodes([True]), crashed))
     assert (row.success_rate, row.path_m) == (0.5, 4.0)
     (row,) = summarize((crashed,))

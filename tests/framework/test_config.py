@@ -63,7 +63,8 @@ class Optional(Inner):
 
     class Config(ComponentConfig):
         model: slot("saliency", "inner")
-        second: slot("saliency", "inner", optional=True)
+        second: slot("saliency", optional=True)
+        third: slot("saliency", "inner", optional=True)
 
 
 @pytest.fixture
@@ -84,14 +85,15 @@ def test_a_slot_takes_a_name_a_mapping_or_a_configuration(models):
 def test_an_optional_slot_is_empty_unless_it_is_set(models):
     empty, filled = Optional.Config(), Optional.Config(second={"share": 0.25})
     assert empty.second is None
-    assert filled.second == Inner.Config(share=0.25)
-    assert Optional.Config(second="other").second == Other.Config()
-    assert [name for name, _ in components_in(empty)] == ["model"]
-    assert [name for name, _ in components_in(filled)] == ["model", "second"]
+    assert filled.second == Other.Config(share=0.25)
+    assert Optional.Config(second="inner").second == Inner.Config()
+    assert (empty.third, Optional.Config(third=None).third) == (Inner.Config(), None)
+    assert [name for name, _ in components_in(empty)] == ["model", "third"]
+    assert [name for name, _ in components_in(filled)] == ["model", "second", "third"]
     for config in (empty, filled):
         assert Optional.Config.model_validate(config.model_dump(mode="json")) == config
     assert identity(empty)["settings"]["second"] is None
-    assert identity(filled)["settings"]["second"]["name"] == "inner"
+    assert identity(filled)["settings"]["second"]["name"] == "other"
     with pytest.raises(UnknownName, match="unknown saliency 'nobody'"):
         Optional.Config(second="nobody")
 

@@ -242,3 +242,19 @@ def test_without_sure_range_it_answers_as_single_panoramas_do(scale):
     answer, expected = localizer(matcher=matcher).match(description), single.match(description)
     assert answer.places == expected.places
     assert answer.places[0].place == "b"
+
+
+@pytest.mark.parametrize("made", [SaliencyPlacesLocalizer, SaliencyGraphLocalizer])
+def test_place_only_answers_with_the_pose_of_the_map_frame(made):
+    made = made(made.Config(detector="annotations", positioner=None))
+    made.build(FRAMES)
+    pose = {frame.id: frame.T_world_pano for frame in FRAMES}
+    for room, x_m in (("a", 0.7), ("b", 5.5)):
+        answer = made.localize(asked([room], x_m)[0])
+        assert (answer.status, answer.places[0].place, answer.covariance) == ("ok", room, None)
+        np.testing.assert_array_equal(answer.T_world_query, pose[answer.places[0].frame])
+
+
+def test_place_only_ranks_the_places_alike():
+    query, _ = asked(["a"], 0.7)
+    assert localizer(positioner=None).localize(query).places == localizer().localize(query).places

@@ -12,6 +12,7 @@ from salframe_planners.planners import Dijkstra
 from salframe.framework.errors import DataError
 from salframe.navigation.episodes import Site, draw_episodes, place_episodes, read_asked
 from salframe.navigation.guide import Guide
+from salframe.navigation.sight import see_place
 from salframe.panoramas.geometry import pose_yaw
 
 EDGES = ("ab", "ac")
@@ -98,6 +99,12 @@ def test_an_agent_sees_as_queries_do(world, building):
     seen = narrow.observe(at(narrow, "a")).annotations.objects
     ahead = [label for label, (x_m, *_) in zip(whole.labels, whole.centroid_m, strict=True) if x_m >= 0]
     assert seen.labels == tuple(ahead) != whole.labels
+
+
+def test_told_its_place_an_agent_stands_at_its_viewpoint(world):
+    found = see_place(world, at(world, "b", 0.7), 0.4)
+    np.testing.assert_allclose(found.pose, at(world, "b", 0.4))
+    assert found.frame == "fake/b"
 
 
 def test_reach_is_to_neighbours_and_itself(world):

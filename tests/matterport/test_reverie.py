@@ -10,7 +10,7 @@ from conformance import breaks, conforms
 from salframe_matterport.readers import connectivity_path
 from salframe_matterport.reverie import Reverie, read_episodes, walking_distances
 
-from salframe.framework.errors import DataError
+from salframe.framework.errors import DataError, UnknownName
 from salframe.framework.registry import registry
 
 # A corridor a - b - c of 3 m and 4 m, a stair b - d of (0, 3, 4), 5 m, and e that no way leads to. f is not included.
@@ -21,9 +21,12 @@ PLACES = {"a": (0, 0, 1), "b": (3, 0, 1), "c": (7, 0, 1), "d": (3, 3, 5), "e": (
 WAYS = {("a", "b"), ("b", "c"), ("b", "d"), ("b", "f"), ("f", "d")}
 SEES = {"a": (), "b": (7,), "c": (7, 8), "d": (9,), "e": (8,), "f": ()}
 TASKS = [
-    {"path_id": 1, "objId": 8, "scan": "fake", "path": ["a", "b", "c"], "instructions": ["go there", "do go there"]},
-    {"path_id": 2, "objId": 9, "scan": "fake", "path": ["a", "b", "d"], "instructions": ["climb"]},
-]
+    {
+        "path_id": 1, "objId": 8, "scan": "fake", "heading": 0.5, "path": ["a", "b", "c"],
+        "instructions": ["go there", "do go there"],
+    },
+    {"path_id": 2, "objId": 9, "scan": "fake", "heading": 3.0, "path": ["a", "b", "d"], "instructions": ["climb"]},
+]  # fmt: skip
 # instr_id -> (path, predicted object): a detour to the goal; the goal passed and left; a jump from a to d, 8 m along
 # the ways.
 ANSWERS = {"1_8_0": ("abdbc", 8), "1_8_1": ("abcb", 7), "2_9_0": ("ad", 9)}
@@ -116,7 +119,8 @@ def test_an_agent_that_stays_is_scored(root):
 def test_splits_are_scored_apart_and_what_counts_in_none_is_counted(root):
     write(root / "reverie" / "REVERIE_val_unseen.json", [{**TASKS[1], "path_id": 3}])
     write(
-        root / "reverie" / "REVERIE_test.json", [{"path_id": 5, "scan": "fake", "path": ["a"], "instructions": ["?"]}]
+        root / "reverie" / "REVERIE_test.json",
+        [{"path_id": 5, "scan": "fake", "heading": 0.0, "path": ["a"], "instructions": ["?"]}],
     )
     both = {**ANSWERS, "3_9_0": ("abd", 9), "4_1_0": ("zz", 1)}
     seen, unseen = score(root, [*official(both), *official({"2_9_0": ("a", 1)})])
@@ -176,6 +180,63 @@ def test_missing_data_is_named(root):
     (root / "reverie" / "BBox" / "fake_c.json").unlink()
     with pytest.raises(DataError, match=r"cannot read .*fake_c.json"):
         score(root, official(ANSWERS))
+
+
+def test_episodes_are_those_of_the_paths(root):
+    """A heading of 0 is north, the world's y axis, and grows clockwise; instructions to one object are one episode."""
+    there, up = Reverie().episodes("val_seen", root)
+    assert (there.world, there.start, there.goal) == ("fake", "fake/a", "fake/c")
+    assert (up.start, up.goal) == ("fake/a", "fake/d")
+    assert (there.yaw_deg, up.yaw_deg) == pytest.approx((90 - np.degrees(0.5), 90 - np.degrees(3.0)))
+    with pytest.raises(UnknownName, match="unknown split 'val_sen'"):
+        Reverie().episodes("val_sen", root)
+
+
+def test_what_was_walked_becomes_answers_to_all_instructions(root):
+    """From a, looking east, to b, looking north, then to c; the second episode was not walked."""
+    walked = np.array([(*PLACES["a"], 0.0), (*PLACES["b"], np.pi / 2), (*PLACES["c"], -np.pi / 2)])
+    content = Reverie().submission("val_seen", root, [walked, None])
+    assert [item["instr_id"] for item in content] == ["1_8_0", "1_8_1", "2_9_0"]
+    assert content[0]["trajectory"] == content[1]["trajectory"]
+    assert [step[0] for step in content[0]["trajectory"]] == ["a", "b", "c"]
+    assert [step[1] for step in content[0]["trajectory"]] == pytest.approx([np.pi / 2, 0, np.pi])
+    assert content[2]["trajectory"] == [["a", 3.0, 0.0]]
+    assert {item["predObjId"] for item in content} == {None}
+    (row,) = score(root, content)
+    assert (row["SR"], row["OSR"], row["SPL"], row["RGS"]) == (66.67, 66.67, 66.67, 0)
+
+
+def test_an_agent_that_is_told_the_goal_writes_a_submission(building, tmp_path, monkeypatch):
+    """Told its place as well, it walks the reference path, b to a to c."""
+    connectivity = building.root / "connectivity" / "fake_connectivity.json"
+    listed = json.loads(connectivity.read_text())
+    names = [viewpoint["image_id"] for viewpoint in listed]
+    for viewpoint in listed:
+        viewpoint["unobstructed"] = [viewpoint["image_id"] + other in ("ab", "ba", "ac", "ca") for other in names]
+    write(connectivity, listed)
+    task = {**TASKS[0], "objId": 4, "path": ["b", "a", "c"]}
+    write(building.root / "reverie" / "REVERIE_val_seen.json", [task])
+    monkeypatch.chdir(tmp_path)
+    found = run(
+        *("navigate", "--data", "matterport-annotations", "--data-dir", building.root, "--methods", "objects"),
+        *("--episodes", "reverie:val_seen", "--positioning", "all", "--engine", "inline", "--json"),
+    ).json
+    assert [row["method"] for row in found["rows"]] == ["objects", "objects without positioning", "true place"]
+    assert any("the agent is told the goal of each episode, so this is an upper bound" in n for n in found["notes"])
+    for row in found["rows"]:
+        submission = tmp_path / found["run"] / "methods" / row["method"] / "submission.json"
+        (scored,) = Reverie().score(submission, building.root)
+        assert (scored["split"], scored["episodes"]) == ("val_seen", 2)
+    path = [step[0] for step in json.loads(submission.read_text())[0]["trajectory"]]
+    assert list(dict.fromkeys(path)) == ["b", "a", "c"]
+    assert (scored["SR"], scored["SPL"], row["success_rate"]) == (100, 100, 1)
+
+
+def test_data_without_a_folder_has_no_published_episodes():
+    data = "matterport-annotations"
+    result = run("navigate", "--data", data, "--methods", "objects", "--episodes", "reverie:val_seen")
+    line = f"error: the episodes reverie:val_seen are in the folder of {data}, which has none: --data-dir DIR\n"
+    assert (result.code, result.err) == (2, line)
 
 
 class Lenient(Reverie):

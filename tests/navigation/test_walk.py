@@ -60,14 +60,24 @@ def test_to_say_so_elsewhere_is_no_success(site):
         NavigationConfig(**STILL),
         0,
     )
-    assert (row["status"], row["success"], row["oracle"], row["success_3m"], row["spl"]) == (
-        "arrived",
-        False,
-        False,
-        True,
-        0.0,
-    )
+    reached = {key: row[key] for key in ("status", "success", "oracle", "success_1m", "success_3m", "spl")}
+    assert reached == {
+        "status": "arrived", "success": False, "oracle": False, "success_1m": False, "success_3m": True, "spl": 0.0
+    }  # fmt: skip
     assert row["left_m"] == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize(("x_m", "reached"), [(6.4, [False, True, True]), (5.9, [False, False, True])])
+def test_looser_rules_take_a_greater_distance(site, x_m, reached):
+    """From 0.6 m and from 1.1 m away it says that it is there."""
+    row = walk(
+        site,
+        lambda T, yaw_rad: Located(pose_2d(7.0, 2.0, yaw_rad, 1.5), 1.0),
+        episode(site, x_m, 2.0),
+        NavigationConfig(**STILL),
+        0,
+    )
+    assert [row[key] for key in ("success", "success_1m", "success_3m")] == reached
 
 
 def test_to_pass_the_goal_without_saying_so_is_the_oracles(site):

@@ -67,6 +67,7 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
 
     Queries without range, and those whose ranges may be off by a factor (`matcher.largest_scale_error`), are matched
     panorama by panorama as `saliency-graph` does; matcher, positioner and the settings of that localizer are theirs.
+    Without a positioner every query is answered by place only: the pose is that of the frame of the first place.
     """
 
     name = "saliency-places"
@@ -157,6 +158,9 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
             RankedPlace(self._frame_of(name, found.poses, posed.get(name)).id, name, scores[name])
             for name in sorted(scores, key=lambda name: -scores[name])
         )
+        if self._positioner is None:
+            stood = next(frame for frame in self._map_frames if frame.id == places[0].frame).T_world_pano
+            return Localization(places, stood, LocalizationStatus.OK)
         row = posed.get(places[0].place, -1)
         if row < 0 or (found.share[row].sum(1) > 0.5).sum() < LEAST_EXPLAINED:
             return Localization(places, None, LocalizationStatus.NO_POSE)
