@@ -26,6 +26,7 @@ PACKAGE = "salframe"
 PYTHON = {
     "compare": "compare",
     "ablate": "ablate",
+    "experiment": "run_experiment",
     "evaluate": "evaluate",
     "matching": "measure_matching",
     "detection": "measure_detection",

@@ -1,11 +1,13 @@
 # What `import salframe` promises, each name from where it lives; __init__.py reads this file.
 from .evaluation.detection import measure_detection as measure_detection
 from .evaluation.engine import Engine as Engine
+from .evaluation.experiment import run_experiment as run_experiment
 from .evaluation.fitting import fit_method as fit_method
 from .evaluation.localization import compare as compare
 from .evaluation.matching import measure_matching as measure_matching
 from .evaluation.navigation import navigate as navigate
 from .evaluation.request import Request as Request
+from .evaluation.request import Variant as Variant
 from .evaluation.result import Result as Result
 from .evaluation.scorer import Scorer as Scorer
 from .evaluation.scorer import score as score

@@ -73,7 +73,7 @@ def test_every_component_and_setting_is_in_the_reference():
 def test_every_preset_is_in_the_reference():
     text = (DOCS / "reference/components.md").read_text()
     shipped = [path for path, package in registry().preset_files() if package == "salframe"]
-    assert {path.parent.name for path in shipped} == {"methods", "data", "ablations", "reported"}
+    assert {path.parent.name for path in shipped} == {"methods", "data", "ablations", "experiments", "reported"}
     for preset in shipped:
         if preset.parent.name in ("methods", "data"):
             assert f"`{preset.stem}`" in text

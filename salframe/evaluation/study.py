@@ -54,8 +54,8 @@ class Study(Settings):
     arms: dict[str, dict[str, Any]] = Field(
         {}, description="settings of the data that go together, by what they are called; a row each"
     )
-    episodes: int = Field(100, ge=1, description="navigation: how many are drawn in each data set")
-    positioning: Positioning = Field(Positioning.ON, description="navigation: with poses, without, or both")
+    episodes: int | str = Field(100, description="navigation: how many are drawn in each data set, or TASK:SPLIT")
+    positioning: Positioning = Field(Positioning.ON, description="navigation: with poses, without, or both and more")
 
     @model_validator(mode="after")
     def _check(self) -> Study:

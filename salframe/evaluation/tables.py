@@ -179,6 +179,7 @@ COLUMNS: dict[str, dict[str, Column]] = {
         "seeds": SEEDS,
         "oracle": _share("oracle\nSR %", "oracle_success_rate"),
         "spl": _rate("SPL %\n(95 %)", "spl"),
+        "success_1m": _share("SR within\n1 m %", "success_rate_1m"),
         "success_3m": _share("SR within\n3 m %", "success_rate_3m"),
         "path": _number("path\nm", "path_m", 1),
         "panoramas": _number("panoramas", "panoramas", 1),

@@ -1,0 +1,69 @@
+"""Draw the tables of docs/results.md from docs/results/*.json, which `salframe experiment` writes. Run it after that.
+
+A line `<!-- experiment: NAME -->` is followed by what is drawn, up to the line `<!-- drawn -->`; all else is written by
+hand.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from salframe.evaluation.experiment import (
+    Experiment,
+    Kept,
+    TableStudy,
+    experiment_names,
+    in_quick,
+    kept_tables,
+    read_experiment,
+    read_results,
+    reported_in,
+)
+from salframe.evaluation.tables import reported_table, to_markdown
+
+PAGE = Path(__file__).with_name("results.md")
+RESULTS = Path(__file__).with_name("results")
+BLOCK = re.compile(r"(<!-- experiment: ([\w-]+) -->\n).*?(<!-- drawn -->\n)", re.DOTALL)
+
+
+def draw(name: str) -> str:
+    """The tables of an experiment: question, command, what was measured, what papers report."""
+    experiment, results = read_experiment(name), read_results(RESULTS / f"{name}.json")
+    parts = [experiment.question, f"```\nsalframe experiment {name}{_options(experiment)}\n```"]
+    for table, study in experiment.tables.items():
+        whole, quick = results.whole.get(table), results.quick.get(table)
+        short = in_quick(study, table) if whole is None else None
+        if whole is not None:
+            parts += _table(study, whole, "")
+        elif quick is not None and short is not None:
+            parts += _table(short, quick, ", with `--quick`: fewer seeds, queries and methods")
+        else:
+            parts.append(f"**{study.title}**: not measured yet.")
+    for source, part in reported_in(experiment):
+        parts.append(f"Reported, not measured: {part.title}. {source}. {experiment.differs}")
+        parts.append(to_markdown(reported_table(part)).rstrip())
+    return "\n\n".join(parts) + "\n"
+
+
+def _options(experiment: Experiment) -> str:
+    folders = any("matterport" in str(study.data) for study in experiment.tables.values())
+    return " --data-dir DIR    # of the real buildings" if folders else ""
+
+
+def _table(study: TableStudy, kept: Kept, how: str) -> list[str]:
+    tables = (to_markdown(table).rstrip() for table in kept_tables(study, kept))
+    return [f"**{study.title}** ({kept.date}, {kept.machine}{how})", *tables]
+
+
+def page(text: str) -> str:
+    """The page with its tables drawn anew."""
+    return BLOCK.sub(lambda found: f"{found[1]}\n{draw(found[2])}\n{found[3]}", text)
+
+
+if __name__ == "__main__":
+    text = PAGE.read_text(encoding="utf-8")
+    absent = set(experiment_names()) - set(re.findall(r"<!-- experiment: ([\w-]+) -->", text))
+    if absent:
+        raise SystemExit(f"{PAGE} has no place for {', '.join(sorted(absent))}")
+    PAGE.write_text(page(text), encoding="utf-8")
