@@ -83,7 +83,8 @@ def test_a_map_stays_open_and_is_asked_with_arrays(saved):
         np.testing.assert_array_equal(again.T_world_query, answer.T_world_query)
 
 
-def test_a_map_that_needs_more_says_what_to_build_instead(saved):
+def test_a_map_that_needs_more_says_what_to_build_instead(saved, monkeypatch, tmp_path):
+    monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path))  # no weights that somebody fetched
     seen = query_frames(PARTS - {"annotations"})[0].load()
     said = (
         "^saliency-places needs annotations, which the panorama does not have: "
