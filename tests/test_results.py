@@ -42,7 +42,7 @@ def test_the_page_is_drawn_from_the_results_that_are_kept():
     """python docs/generate_results.py"""
     drawn = runpy.run_path(str(REPOSITORY / "docs" / "generate_results.py"))
     assert drawn["page"](RESULTS) == RESULTS
-    assert {name for name in re.findall(r"<!-- experiment: ([\w-]+) -->", RESULTS)} == set(experiment_names())
+    assert set(re.findall(r"<!-- experiment: ([\w-]+) -->", RESULTS)) == set(experiment_names())
 
 
 def test_what_is_kept_is_of_experiments_that_there_are():
