@@ -242,9 +242,16 @@ def _short(value: Any) -> Any:
     return [_short(one) for one in value] if isinstance(value, list | tuple) else value
 
 
+class _KeptRow(SimpleNamespace):
+    """A row that was kept. Fields that came later are None."""
+
+    def __getattr__(self, name: str) -> None:
+        return None
+
+
 def kept_tables(study: TableStudy, kept: Kept) -> list[Table]:
     """The tables of what was kept."""
-    rows = [SimpleNamespace(**row) for row in kept.rows]
+    rows = [_KeptRow(**row) for row in kept.rows]
     return tables_of(study.task, rows, study.columns, leading_columns(rows, kept.settings))
 
 

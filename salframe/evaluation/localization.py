@@ -16,6 +16,7 @@ import numpy as np
 from salframe.evaluation.metrics import (
     Judged,
     accepted_though_absent,
+    average_precision,
     holm,
     judge,
     macro_averages,
@@ -57,7 +58,8 @@ class LocalizationRow(MethodRow):
     p_adjusted, as by Holm over all that are tested so.
 
     Where some queries are asked of a map without their place: absent_queries, how many; present_accuracy, of the
-    others; denied_absent, the share of them whose answer denies the map; roc_area of telling the two apart by the
+    others; denied_absent, the share of them whose answer denies the map; average_precision, the area below precision
+    against recall of right places among answers above a bound; roc_area of telling the two apart by the
     probability of being in the map, or the best score; accepted_absent, the share of them that passes the bound on it
     which 90 % of the right answers pass. calibration_error: the expected one, where the method has probabilities.
     """
@@ -66,6 +68,7 @@ class LocalizationRow(MethodRow):
     absent_queries: int = 0
     present_accuracy: float | None = None
     denied_absent: float | None = None
+    average_precision: float | None = None
     roc_area: float | None = None
     accepted_absent: float | None = None
     calibration_error: float | None = None
@@ -238,6 +241,7 @@ def _known_worth(found: Judged) -> dict[str, Any]:
             "absent_queries": int(absent.sum()),
             "present_accuracy": float(found.correct[found.present].mean()) if found.present.any() else None,
             "denied_absent": float(found.correct[absent].mean()),
+            "average_precision": average_precision(found.evidence, right, int(found.present.sum())),
             "roc_area": roc_area(found.evidence[found.present], found.evidence[absent]),
             "accepted_absent": accepted_though_absent(found.evidence[right], found.evidence[absent]),
         }

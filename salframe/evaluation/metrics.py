@@ -162,6 +162,17 @@ def accepted_though_absent(right: np.ndarray, absent: np.ndarray, kept: float = 
     return float((absent >= bound).mean())
 
 
+def average_precision(evidence: np.ndarray, right: np.ndarray, count: int) -> float | None:
+    """The area below precision against recall of (Q,) answers that are accepted above a bound on their evidence: the
+    share of accepted ones that are `right`, against the share of the `count` that can be. None where none can."""
+    if not count:
+        return None
+    bounds, number = np.unique(-evidence, return_inverse=True)
+    hits = np.bincount(number, right, len(bounds)).cumsum()
+    precision = hits / np.bincount(number, minlength=len(bounds)).cumsum()
+    return float(np.diff(hits, prepend=0) @ precision / count)
+
+
 @dataclass(frozen=True, eq=False)
 class Reliability:
     """Probabilities beside frequencies, in the BINS bins of equal width that hold any answer: confidence and frequency

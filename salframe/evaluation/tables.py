@@ -141,6 +141,9 @@ COLUMNS: dict[str, dict[str, Column]] = {
         "within": Column("pose within\n.25/.5/1 m %", _within),
         "present_accuracy": _share("in the map:\nright %", "present_accuracy"),
         "denied_absent": _share("not in it:\ndenied %", "denied_absent"),
+        "average_precision": Column(
+            "average\nprecision", lambda row: fixed(row.average_precision, 3), lambda row: row.average_precision
+        ),
         "roc_area": Column("ROC\narea", lambda row: fixed(row.roc_area, 3), lambda row: row.roc_area),
         "accepted_absent": _share("not in it: accepted %\nat 90 % of right kept", "accepted_absent", largest=False),
         "calibration_error": Column(
@@ -198,7 +201,7 @@ USUAL: dict[str, Sequence[str]] = {
     "navigation": tuple(COLUMNS["navigation"]),
 }
 """The columns that are shown unless others are asked for; matching has those of points and those of nodes."""
-WORTH = ["present_accuracy", "denied_absent", "roc_area", "accepted_absent", "calibration_error"]
+WORTH = ["present_accuracy", "denied_absent", "average_precision", "roc_area", "accepted_absent", "calibration_error"]
 """Those of a second table, where queries are asked of a map without their place."""
 
 

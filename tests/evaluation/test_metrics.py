@@ -11,6 +11,7 @@ from salframe.evaluation.localization import LocalizationSurvey, LocalizationTas
 from salframe.evaluation.metrics import (
     Judged,
     accepted_though_absent,
+    average_precision,
     bootstrap_interval,
     holm,
     judge,
@@ -254,6 +255,14 @@ def test_roc_area_is_the_statistic_of_mann_and_whitney(digits):
     assert roc_area(present, absent) == pytest.approx(expected)
     assert roc_area(present, present) == pytest.approx(0.5)
     assert roc_area(present, np.zeros(0)) is None
+
+
+def test_average_precision_by_hand():
+    """Accepted one by one, right, wrong, right, wrong, of three that can be right: (1 + 2/3) / 3."""
+    right = np.array([True, False, True, False])
+    assert average_precision(np.array([4.0, 3.0, 2.0, -np.inf]), right, 3) == pytest.approx((1 + 2 / 3) / 3)
+    assert average_precision(np.ones(4), right, 3) == pytest.approx(2 / 4 * 2 / 3)  # all at once
+    assert average_precision(np.ones(4), right, 0) is None
 
 
 def test_accepted_though_absent_at_the_bound_that_keeps_nine_of_ten():

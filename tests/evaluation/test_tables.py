@@ -64,7 +64,7 @@ def test_queries_without_their_place_have_a_table_of_their_own():
     known = row("told", 0.5, absent_queries=2, present_accuracy=0.75, roc_area=0.9)
     _, worth = tables_of("localization", [ROWS[0], known], leading={"arm": ["x", "y"]})
     assert worth.title == "place in the map or not"
-    assert list(worth.rows[0])[:2] == ["y", "75.0"]
+    assert list(worth.rows[0]) == ["y", "75.0", "-", "-", "0.900", "-", "-"]
     assert len(worth.rows) == 1
 
 
