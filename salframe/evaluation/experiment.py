@@ -191,6 +191,8 @@ def _with_data(study: Study, request: Request) -> Request:
     """The request with its folder of data where the study's data is in a folder, otherwise without. Raises InputMissing
     where there is none."""
     without = replace(request, data_dir=None)
+    if request.data_dir is not None and isinstance(study.episodes, str):
+        return request  # its episodes are in the folder too
     configs = [resolved.data for arm in plan(study, without) for _, _, resolved in arm.runs]
     if not any(getattr(config, "root", "") is None for config in configs):
         return without

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from enum import StrEnum
 from functools import partial
 from pathlib import Path
@@ -62,7 +62,8 @@ ARMS = {
 class NavigationRow(MethodRow):
     """A method's line: rates over all episodes with their 95 % intervals, a crashed episode a failure; means over those
     that ended; p_value of the exact paired test of success, clustered by goal, against the first measured method, and
-    p_adjusted, as by Holm over all that are tested so.
+    p_adjusted, as by Holm over all that are tested so. scores: of episodes of a published task, the metrics
+    of its own scorer by name, means over the data sets where there are several.
     """
 
     episodes: int
@@ -86,6 +87,7 @@ class NavigationRow(MethodRow):
     collisions: float | None = None
     p_value: float | None = None
     p_adjusted: float | None = None
+    scores: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def measured(self) -> bool:
@@ -231,7 +233,9 @@ class NavigationTask(Task[Episode, NavigationSurvey]):
                 goals = [f"{number}/{row['world']}/{row['goal']}" for number, part in enumerate(walked) for row in part]
                 success = np.array([row["success"] for row in rows], bool)
                 p_value = None if first is None else paired_test(first, success, goals)
-                line = replace(line, **_measure(rows, goals, seed), p_value=p_value)
+                line = replace(
+                    line, **_measure(rows, goals, seed), p_value=p_value, scores=self._scores(parts, records)
+                )
                 if len(walked) > 1:
                     line = replace(
                         line, by_part=tuple(float(np.mean([row["success"] for row in part])) for part in walked)
@@ -241,13 +245,23 @@ class NavigationTask(Task[Episode, NavigationSurvey]):
         adjusted = holm([line.p_value for line in lines])
         return tuple(replace(line, p_adjusted=p) for line, p in zip(lines, adjusted, strict=True))
 
+    def _scores(self, parts: Sequence[Part[NavigationSurvey]], records: Sequence[Record]) -> dict[str, float]:
+        """As in NavigationRow, of one method."""
+        if self.published is None or isinstance(self.asked, int):
+            return {}
+        paired = zip(parts, records, strict=True)
+        found = [self.published.score(part.dataset.config, len(self.asked), record) for (part, _), record in paired]
+        return {
+            name: float(np.mean([row[name] for row in found]))
+            for name, value in found[0].items()
+            if isinstance(value, float)
+        }
+
     def report(self, result: Result[NavigationRow], survey: NavigationSurvey, records: Sequence[Record]) -> Path:
         from salframe.evaluation.report.navigation import write_report
 
         episodes = sorted(survey.pieces, key=lambda episode: episode.number)
         write_json(result.run / "episodes.json", [asdict(episode) for episode in episodes])
-        if self.published and not isinstance(self.asked, int):
-            self.published.write(survey.dataset.config, len(self.asked), records)
         return write_report(result, records, {id: site.world.chart.map for id, site in survey.sites.items()})
 
 
@@ -275,13 +289,13 @@ def _in_order(record: Record) -> list[Row]:
 def _measure(rows: Sequence[Row], goals: Sequence[str], seed: int) -> dict[str, Any]:
     """The measured fields of a method's line, from all its episodes, clustered by goal."""
     summary: dict[str, Any] = {}
-    for key, field in RATES.items():
+    for key, name in RATES.items():
         values = np.array([row[key] for row in rows])
         low, high = (
             proportion_interval(values, goals) if values.dtype == bool else bootstrap_interval(values, goals, seed)
         )
-        summary |= {field: float(values.mean()), f"{field}_low": low, f"{field}_high": high}
+        summary |= {name: float(values.mean()), f"{name}_low": low, f"{name}_high": high}
     ended = [row for row in rows if "path" in row]
-    for key, field in MEANS.items():
-        summary[field] = float(np.mean([row[key] for row in ended])) if ended else None
+    for key, name in MEANS.items():
+        summary[name] = float(np.mean([row[key] for row in ended])) if ended else None
     return summary

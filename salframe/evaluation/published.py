@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -35,7 +36,7 @@ class Published:
         """What must be said of the figures."""
         return (
             f"{self}: the agent is told the goal of each episode, so this is an upper bound; "
-            f"`salframe score {self.task}` scores methods/METHOD/{SUBMISSION} in the folder of the run"
+            f"its answers: methods/METHOD/{SUBMISSION} in the folder of the run"
         )
 
     def episodes(self, data: ComponentConfig) -> tuple[Asked, ...]:
@@ -43,17 +44,16 @@ class Published:
         the task no episodes."""
         return tuple(find_scorer(self.task).episodes(self.split, self._root(data)))
 
-    def write(self, data: ComponentConfig, count: int, records: Sequence[Record]) -> None:
-        """Write what each method that is done answered to `count` episodes into its folder; what was not walked is
-        answered as by an agent that stays."""
-        for record in records:
-            if record.done:
-                walked: list[np.ndarray | None] = [None] * count
-                for row in record.rows:
-                    if row is not None and "path" in row:
-                        walked[row["episode"]] = np.array(row["path"])
-                content = find_scorer(self.task).submission(self.split, self._root(data), walked)
-                write_json(record.folder / SUBMISSION, content)
+    def score(self, data: ComponentConfig, count: int, record: Record) -> Mapping[str, Any]:
+        """What the task's scorer makes of a method's answers to `count` episodes, which are written into its folder.
+        What was not walked is answered as by an agent that stays."""
+        walked: list[np.ndarray | None] = [None] * count
+        for row in record.rows:
+            if row is not None and "path" in row:
+                walked[row["episode"]] = np.array(row["path"])
+        scorer, root, file = find_scorer(self.task), self._root(data), record.folder / SUBMISSION
+        write_json(file, scorer.submission(self.split, root, walked))
+        return next(row for row in scorer.score(file, root) if row["split"] == self.split)
 
     def _root(self, data: ComponentConfig) -> Path:
         root: Path | None = getattr(data, "root", None)

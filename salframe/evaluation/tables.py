@@ -222,7 +222,16 @@ def tables_of(
     if told:
         worth = _table(task, told, WORTH, _of(leading, rows, told))
         tables.append(replace(worth, title="place in the map or not"))
+    scored = [row for row in rows if task == "navigation" and row.scores]
+    if scored:
+        by_task = _drawn([_metric(name) for name in scored[0].scores], scored, _of(leading, rows, scored))
+        tables.append(replace(by_task, title="by the task's own scorer: an upper bound, goals are known"))
     return tables
+
+
+def _metric(name: str) -> Column:
+    """The column of a metric of a published task."""
+    return Column(name, lambda row: fixed(row.scores[name], 2), lambda row: row.scores[name])
 
 
 def _of(leading: Mapping[str, Sequence[str]], rows: Sequence[Any], chosen: Sequence[Any]) -> dict[str, list[str]]:
@@ -234,7 +243,10 @@ def _of(leading: Mapping[str, Sequence[str]], rows: Sequence[Any], chosen: Seque
 
 
 def _table(task: str, rows: Sequence[Any], names: Sequence[str], leading: Mapping[str, Sequence[str]]) -> Table:
-    columns = [COLUMNS[task][name] for name in names]
+    return _drawn([COLUMNS[task][name] for name in names], rows, leading)
+
+
+def _drawn(columns: Sequence[Column], rows: Sequence[Any], leading: Mapping[str, Sequence[str]]) -> Table:
     cells = [
         [*labels, *(column.cell(row) if row.measured or column is GIVEN else NONE for column in columns)]
         for row, *labels in zip(rows, *leading.values(), strict=True)

@@ -1,6 +1,7 @@
 """Scores against episodes worked out by hand on a small building, and against the reference paths of the real ones."""
 
 import json
+import re
 
 import networkx as nx
 import numpy as np
@@ -217,19 +218,23 @@ def test_an_agent_that_is_told_the_goal_writes_a_submission(building, tmp_path, 
     task = {**TASKS[0], "objId": 4, "path": ["b", "a", "c"]}
     write(building.root / "reverie" / "REVERIE_val_seen.json", [task])
     monkeypatch.chdir(tmp_path)
-    found = run(
+    command = (
         *("navigate", "--data", "matterport-annotations", "--data-dir", building.root, "--methods", "objects"),
-        *("--episodes", "reverie:val_seen", "--positioning", "all", "--engine", "inline", "--json"),
-    ).json
+        *("--episodes", "reverie:val_seen", "--positioning", "all", "--engine", "inline"),
+    )
+    found = run(*command, "--json").json
     assert [row["method"] for row in found["rows"]] == ["objects", "objects without positioning", "true place"]
     assert any("the agent is told the goal of each episode, so this is an upper bound" in n for n in found["notes"])
     for row in found["rows"]:
         submission = tmp_path / found["run"] / "methods" / row["method"] / "submission.json"
         (scored,) = Reverie().score(submission, building.root)
         assert (scored["split"], scored["episodes"]) == ("val_seen", 2)
+        assert row["scores"] == {name: scored[name] for name in BY_HAND}
     path = [step[0] for step in json.loads(submission.read_text())[0]["trajectory"]]
     assert list(dict.fromkeys(path)) == ["b", "a", "c"]
     assert (scored["SR"], scored["SPL"], row["success_rate"]) == (100, 100, 1)
+    printed = run(*command).out
+    assert re.search(r"an upper bound, goals are known.*OSR.*true place +100.00 +100.00", printed, re.DOTALL)
 
 
 def test_data_without_a_folder_has_no_published_episodes():
