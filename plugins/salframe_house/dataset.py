@@ -133,6 +133,11 @@ class House(RenderedDataset["HouseFrame"], NavigableDataset):
 
         return {"floor": buildings_of(self.config)[0].floor_masks()}
 
+    def room_types(self) -> Mapping[str, str]:
+        from salframe_house.rendering import buildings_of
+
+        return {room.id: room.kind for room in buildings_of(self.config)[0].rooms}
+
     def observe(self, T_world_pano: np.ndarray) -> Panorama:
         """The panorama at a pose in the changed building, that of the queries; its id names the pose, so that noise
         keyed by it stays with it."""

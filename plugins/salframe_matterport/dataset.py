@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import Counter
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -28,6 +28,7 @@ from salframe_matterport.readers import (
     find_scans,
     read_connectivity,
     read_regions,
+    read_room_types,
     regions_path,
 )
 from salframe_matterport.scenes import Scene, generator, range_again, read_scenes
@@ -133,6 +134,11 @@ class MatterportAnnotations(NavigableDataset):
             return self._truths[query_id]
         except KeyError:
             raise DataError(f"{self.name} has no query {query_id!r}") from None
+
+    def room_types(self) -> Mapping[str, str]:
+        """As the annotators of the regions called them."""
+        types = read_room_types(regions_path(self._root))
+        return {f"{scan}/region-{index}": kind for scan in self._scans for index, kind in types.get(scan, {}).items()}
 
     def worlds(self) -> Sequence[World]:
         """Each building's viewpoint graph (salframe_matterport.navigation)."""

@@ -24,6 +24,10 @@ class Boxes:
     box_px: np.ndarray
 
 
+NO_LABEL = "-"
+"""The label of a region that nobody has labelled."""
+
+
 @contextmanager
 def format_of(path: Path) -> Iterator[None]:
     """Say which file is malformed."""
@@ -86,6 +90,22 @@ def read_boxes(path: Path, viewpoint: str) -> dict[int, Boxes]:
             )
             for number, annotation in read_json(path)[viewpoint].items()
             if annotation["visible_pos"]
+        }
+
+
+def read_room_types(path: Path) -> dict[str, dict[int, str]]:
+    """Building -> index of a region -> what kind of room it is, in the file's words without their explanation; regions
+    without a label are left out."""
+    with format_of(path):
+        content = read_json(path)
+        words = content["label_info"].get("label_name", {})
+        return {
+            scan: {
+                int(entry["region_index"]): words.get(entry["label"], entry["label"]).partition(" (")[0]
+                for entry in viewpoints.values()
+                if entry["label"] != NO_LABEL
+            }
+            for scan, viewpoints in content["pano_info"].items()
         }
 
 

@@ -51,7 +51,8 @@ class LocalizationRow(MethodRow):
     """A method's line: shares of all queries, a failure among them; medians of pose errors over what was localized.
 
     accuracy with its 95 % interval, of queries clustered by place; scene_accuracy: had nobody answered with a doorway;
-    macro_precision, macro_recall: means over places; recall_at_2, recall_at_5; median_translation_m,
+    macro_precision, macro_recall: means over places; room_type_accuracy: of the queries whose room type the data set
+    tells, the share whose first place is of that type; recall_at_2, recall_at_5; median_translation_m,
     median_rotation_deg; median_heading_deg, of what has a heading and no pose too; recall of poses at the bounds of
     metrics.RECALLS; bytes_per_scene, of the saved maps by their frames; describe_ms a panorama, query_ms a query,
     medians; peak_memory_mb; p_value of the exact paired test against the first measured method, clustered by place;
@@ -78,6 +79,7 @@ class LocalizationRow(MethodRow):
     scene_accuracy: float | None = None
     macro_precision: float | None = None
     macro_recall: float | None = None
+    room_type_accuracy: float | None = None
     recall_at_2: float | None = None
     recall_at_5: float | None = None
     median_translation_m: float | None = None
@@ -206,13 +208,14 @@ class LocalizationTask(Task[Query, LocalizationSurvey]):
 
 def judge_records(survey: LocalizationSurvey, records: Sequence[Record]) -> list[Judged]:
     """The answers of each method against the truth."""
-    truths, present, doorways = survey.truths(), survey.present(), survey.doorways()
-    return [judge(record.rows, truths, present, doorways) for record in records]
+    known = survey.truths(), survey.present(), survey.doorways(), survey.dataset.room_types()
+    return [judge(record.rows, *known) for record in records]
 
 
 def _reached(found: Judged) -> dict[str, Any]:
     low, high = proportion_interval(found.correct, found.true_place)
     precision, recall = macro_averages(found.first_place, found.true_place)
+    typed = np.isfinite(found.right_type)
     located = found.correct & np.isfinite(found.translation_m)
     return {
         "accuracy": float(found.correct.mean()),
@@ -221,6 +224,7 @@ def _reached(found: Judged) -> dict[str, Any]:
         "scene_accuracy": float(found.correct_scene.mean()),
         "macro_precision": precision,
         "macro_recall": recall,
+        "room_type_accuracy": float(found.right_type[typed].mean()) if typed.any() else None,
         "recall_at_2": float(found.in_top_2.mean()),
         "recall_at_5": float(found.in_top_5.mean()),
         "median_translation_m": median(found.translation_m[located]),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -39,8 +39,9 @@ class Judged:
     heading, which may be known without a pose. evidence (Q,) float64: how much speaks for the place being in the map:
     the probability of that where the method has one, else the best score; -inf of an answer without places. confidence
     (Q,) float64: the probability of what was answered, a place or that it is not in the map; NaN without. true_place,
-    first_place: Q names, the latter None where no place was answered. statuses: Q words, "crashed" where no answer was
-    recorded.
+    first_place: Q names, the latter None where no place was answered. right_type (Q,) float64: 1 where the first place
+    is of the true one's room type, otherwise 0, NaN where that is not known. statuses: Q words, "crashed" where no
+    answer was recorded.
     """
 
     present: np.ndarray
@@ -56,6 +57,7 @@ class Judged:
     heading_deg: np.ndarray
     true_place: tuple[str, ...]
     first_place: tuple[str | None, ...]
+    right_type: np.ndarray
     statuses: tuple[str, ...]
 
     @classmethod
@@ -80,10 +82,11 @@ def judge(
     truths: Sequence[Truth],
     present: Sequence[bool] | np.ndarray | None = None,
     doorways: Collection[str] = (),
+    room_types: Mapping[str, str] | None = None,
 ) -> Judged:
     """Compare each query's answer (a row of rows.jsonl, or None) with its truth; `present`: whether its map has the
-    query's place, None: every one has; `doorways`: the places of the map that are no scene. A failure's places and pose
-    do not count."""
+    query's place, None: every one has; `doorways`: the places of the map that are no scene; `room_types`: of
+    places, where they are known. A failure's places and pose do not count."""
     present = np.ones(len(truths), bool) if present is None else np.asarray(present, bool)
     correct, correct_scene, in_top_2, in_top_5 = np.zeros((4, len(truths)), bool)
     errors = np.full((len(truths), 3), np.inf)
@@ -120,8 +123,19 @@ def judge(
         heading_deg=heading_deg,
         true_place=tuple(truth.place for truth in truths),
         first_place=tuple(first),
+        right_type=_right_type(answers, truths, room_types or {}),
         statuses=statuses,
     )
+
+
+def _right_type(answers: Sequence[Row | None], truths: Sequence[Truth], room_types: Mapping[str, str]) -> np.ndarray:
+    """(Q,) as in Judged."""
+    right = np.full(len(truths), np.nan)
+    for i, (answer, truth) in enumerate(zip(answers, truths, strict=True)):
+        if truth.place in room_types:
+            placed = answer is not None and answer["status"] in PLACED and bool(answer["places"])
+            right[i] = placed and room_types.get(answer["places"][0][1]) == room_types[truth.place]
+    return right
 
 
 def _evidence(answers: Sequence[Row | None]) -> np.ndarray:

@@ -134,6 +134,7 @@ COLUMNS: dict[str, dict[str, Column]] = {
         "scenes": _share("scenes\nonly %", "scene_accuracy"),
         "macro_precision": _share("macro\nprecision %", "macro_precision"),
         "macro_recall": _share("macro\nrecall %", "macro_recall"),
+        "room_type": _share("room\ntype %", "room_type_accuracy"),
         "recall_at_2": _share("R@2\n%", "recall_at_2"),
         "recall_at_5": _share("R@5\n%", "recall_at_5"),
         "pose": Column("median\npose error", _pose),

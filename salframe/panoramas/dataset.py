@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import final
 
 import numpy as np
@@ -86,6 +86,11 @@ class Dataset(Role):
     def floors(self) -> Sequence[FloorMasks]:
         """The floors seen from above; none where the set has no masks."""
         return ()
+
+    def room_types(self) -> Mapping[str, str]:
+        """What kind of room each place is, "kitchen", by the place; places that are missing have no kind that is known.
+        For evaluation, like `truth`."""
+        return {}
 
     def observe(self, T_world_pano: np.ndarray) -> Panorama:
         """The panorama that a query would show at this pose (4, 4), for data sets that can render; `as_query` where

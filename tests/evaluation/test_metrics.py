@@ -47,6 +47,14 @@ def test_the_first_place_counts():
     assert judged.statuses == ("ok", "ok", "ok", "crashed")
 
 
+def test_a_room_of_the_same_type_is_of_the_right_type():
+    types = {"kitchen": "kitchen", "other kitchen": "kitchen", "hall": "hall"}
+    given = [answer("kitchen"), answer("other kitchen"), answer("hall"), answer("doorway"), answer(), None]
+    given += [answer("kitchen", status="low-score")]
+    assert judge(given, [TRUTH] * 7, room_types=types).right_type.tolist() == [1, 1, 0, 0, 0, 0, 0]
+    assert np.isnan(judge(given[:1], [TRUTH], room_types={"hall": "hall"}).right_type).all()
+
+
 def test_recall_counts_distinct_places():
     judged = judge(
         [answer("a", "a", "b", "c", "d", "kitchen"), answer("a", "b", "c", "d", "e", "kitchen")], [TRUTH] * 2

@@ -131,6 +131,12 @@ def test_fingerprint_is_that_of_the_settings(house: House) -> None:
     assert house.fingerprint != House(house.config.model_copy(update={"seed": 1})).fingerprint
 
 
+def test_room_types_are_told_of_every_room(house: House) -> None:
+    types = house.room_types()
+    assert {house.truth(query.id).place for query in house.folds()[0].queries} <= set(types)
+    assert all(place.rpartition("-")[0] == kind for place, kind in types.items())
+
+
 @pytest.mark.parametrize(
     ("name", "rooms", "style"),
     [("house-6", 6, "home"), ("house-12", 12, "home"), ("house-42", 42, "office"), ("house-106", 106, "office")],

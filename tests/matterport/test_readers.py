@@ -1,5 +1,8 @@
+import json
+
 import numpy as np
 import pytest
+from salframe_matterport.dataset import MatterportAnnotations
 from salframe_matterport.readers import (
     boxes_path,
     connectivity_path,
@@ -7,6 +10,7 @@ from salframe_matterport.readers import (
     read_boxes,
     read_connectivity,
     read_regions,
+    read_room_types,
     regions_path,
 )
 
@@ -27,6 +31,18 @@ def test_labels_are_words_and_unseen_objects_are_skipped(building):
     boxes = read_boxes(boxes_path(building.root, "fake", "a"), "a")
     assert {number: box.label for number, box in boxes.items()} == {1: "arm chair", 2: "lamp", 3: "table"}
     assert all(box.box_px.shape == (len(box.view), 4) for box in boxes.values())
+
+
+def test_room_types_are_the_words_of_the_file(building):
+    path = regions_path(building.root)
+    assert read_room_types(path) == {"fake": {0: "b", 1: "b"}}
+    content = json.loads(path.read_text())
+    content["label_info"]["label_name"] = {"b": "bedroom (to sleep in)", "k": "kitchen"}
+    content["pano_info"]["fake"]["c"]["label"] = content["pano_info"]["fake"]["hidden"]["label"] = "-"
+    path.write_text(json.dumps(content))
+    assert read_room_types(path) == {"fake": {0: "bedroom"}}
+    dataset = MatterportAnnotations(MatterportAnnotations.Config(root=building.root))
+    assert dataset.room_types() == {"fake/region-0": "bedroom"}
 
 
 def test_regions(building):
