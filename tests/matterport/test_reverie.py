@@ -2,6 +2,7 @@
 
 import json
 import re
+from pathlib import Path
 
 import networkx as nx
 import numpy as np
@@ -11,6 +12,8 @@ from conformance import breaks, conforms
 from salframe_matterport.readers import connectivity_path
 from salframe_matterport.reverie import Reverie, read_episodes, walking_distances
 
+from salframe.evaluation.experiment import run_experiment
+from salframe.evaluation.request import Request
 from salframe.framework.errors import DataError, UnknownName
 from salframe.framework.registry import registry
 
@@ -207,8 +210,9 @@ def test_what_was_walked_becomes_answers_to_all_instructions(root):
     assert (row["SR"], row["OSR"], row["SPL"], row["RGS"]) == (66.67, 66.67, 66.67, 0)
 
 
-def test_an_agent_that_is_told_the_goal_writes_a_submission(building, tmp_path, monkeypatch):
-    """Told its place as well, it walks the reference path, b to a to c."""
+@pytest.fixture
+def walked(building, tmp_path, monkeypatch):
+    """The folder of a building whose viewpoint a joins b and c, with an episode from b to c; the working directory."""
     connectivity = building.root / "connectivity" / "fake_connectivity.json"
     listed = json.loads(connectivity.read_text())
     names = [viewpoint["image_id"] for viewpoint in listed]
@@ -218,16 +222,21 @@ def test_an_agent_that_is_told_the_goal_writes_a_submission(building, tmp_path, 
     task = {**TASKS[0], "objId": 4, "path": ["b", "a", "c"]}
     write(building.root / "reverie" / "REVERIE_val_seen.json", [task])
     monkeypatch.chdir(tmp_path)
+    return building.root
+
+
+def test_an_agent_that_is_told_the_goal_writes_a_submission(walked):
+    """Told its place as well, it walks the reference path, b to a to c."""
     command = (
-        *("navigate", "--data", "matterport-annotations", "--data-dir", building.root, "--methods", "objects"),
+        *("navigate", "--data", "matterport-annotations", "--data-dir", walked, "--methods", "objects"),
         *("--episodes", "reverie:val_seen", "--positioning", "all", "--engine", "inline"),
     )
     found = run(*command, "--json").json
     assert [row["method"] for row in found["rows"]] == ["objects", "objects without positioning", "true place"]
     assert any("the agent is told the goal of each episode, so this is an upper bound" in n for n in found["notes"])
     for row in found["rows"]:
-        submission = tmp_path / found["run"] / "methods" / row["method"] / "submission.json"
-        (scored,) = Reverie().score(submission, building.root)
+        submission = Path(found["run"]) / "methods" / row["method"] / "submission.json"
+        (scored,) = Reverie().score(submission, walked)
         assert (scored["split"], scored["episodes"]) == ("val_seen", 2)
         assert row["scores"] == {name: scored[name] for name in BY_HAND}
     path = [step[0] for step in json.loads(submission.read_text())[0]["trajectory"]]
@@ -235,6 +244,17 @@ def test_an_agent_that_is_told_the_goal_writes_a_submission(building, tmp_path, 
     assert (scored["SR"], scored["SPL"], row["success_rate"]) == (100, 100, 1)
     printed = run(*command).out
     assert re.search(r"an upper bound, goals are known.*OSR.*true place +100.00 +100.00", printed, re.DOTALL)
+
+
+def test_an_experiment_takes_published_episodes(walked):
+    table = {"title": "T", "task": "navigation", "data": "matterport-annotations", "methods": ["objects"]}
+    content = {"title": "E", "question": "?", "tables": {"bound": {**table, "episodes": "reverie:val_seen"}}}
+    write(Path("bound.yaml"), content)
+    (without,) = run_experiment("bound.yaml", Request(), results="kept").tables
+    assert without.skipped.endswith("--data-dir DIR")
+    (found,) = run_experiment("bound.yaml", Request(data_dir=walked, engine="inline"), results="kept").tables
+    assert set(found.kept.rows[0]["scores"]) == set(BY_HAND)
+    assert list(found.tables()[1].headings) == ["method", *BY_HAND]
 
 
 def test_data_without_a_folder_has_no_published_episodes():
