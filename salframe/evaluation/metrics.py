@@ -133,8 +133,8 @@ def _right_type(answers: Sequence[Row | None], truths: Sequence[Truth], room_typ
     right = np.full(len(truths), np.nan)
     for i, (answer, truth) in enumerate(zip(answers, truths, strict=True)):
         if truth.place in room_types:
-            placed = answer is not None and answer["status"] in PLACED and bool(answer["places"])
-            right[i] = placed and room_types.get(answer["places"][0][1]) == room_types[truth.place]
+            places = answer["places"] if answer and answer["status"] in PLACED else []
+            right[i] = bool(places) and room_types.get(places[0][1]) == room_types[truth.place]
     return right
 
 

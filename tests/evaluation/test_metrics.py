@@ -109,6 +109,9 @@ class Kitchen:
     def truth(self, query_id):
         return TRUTH
 
+    def room_types(self):
+        return {"kitchen": "kitchen", "hall": "kitchen"}  # a kitchen that is called a hall
+
 
 def test_summary_of_four_queries(tmp_path):
     answers = (
@@ -134,6 +137,7 @@ def test_summary_of_four_queries(tmp_path):
     assert row.median_translation_m == pytest.approx(0.25)  # of 0.1 and 0.4: the wrong place does not count
     assert row.median_rotation_deg == pytest.approx(1.0)
     assert row.median_heading_deg is None
+    assert row.room_type_accuracy == 0.75
     assert row.bytes_per_scene == 200.0
     assert (row.describe_ms, row.query_ms, row.peak_memory_mb) == (7.0, 2.0, 30.0)
 

@@ -101,7 +101,7 @@ def test_methods_by_name_have_settings_of_their_own(fakes):
 
 
 def test_a_shipped_ablation_is_read_by_its_name():
-    assert read_study(Path("positioners")).vary["positioner"] == ("robust", "least-squares")
+    assert read_study(Path("positioners")).vary["positioner"] == ("robust", "least-squares", None)
     with pytest.raises(ConfigError, match="cannot read position"):
         read_study(Path("position"))
 
