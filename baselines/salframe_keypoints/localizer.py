@@ -42,7 +42,6 @@ class Keypoints(Localizer):
         hfov_deg: float = Field(90.0, gt=0, lt=150, description="horizontal field of view of each view")
         shortlist_network: slot(  # type: ignore[valid-type]
             "image-network",
-            "efficientnet-lite0",
             optional=True,
             description="image network whose features the shortlist is made by; null: the matcher's own local "
             "descriptors, pooled over a vocabulary of the map",

@@ -42,11 +42,10 @@ def share_file(source: Path, target: Path) -> None:
     target.parent.mkdir(parents=True, exist_ok=True)
     try:
         os.link(source, target)
-    except FileExistsError:
-        return
-    except OSError:  # another file system, or one that has no hard links
-        with atomic_path(target) as temporary:
-            shutil.copyfile(source, temporary)
+    except OSError:  # it is there, or on another file system, or on one that has no hard links
+        if not target.exists():
+            with atomic_path(target) as temporary:
+                shutil.copyfile(source, temporary)
 
 
 def remove_unfinished(folder: Path, pid: int) -> None:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 
-from salframe.framework.files import remove_unfinished
+import pytest
+
+from salframe.framework.files import remove_unfinished, share_file
 
 
 def test_only_what_a_process_left_unfinished_is_removed(tmp_path):
@@ -14,3 +16,24 @@ def test_only_what_a_process_left_unfinished_is_removed(tmp_path):
     remove_unfinished(tmp_path, 41)
     assert sorted(os.listdir(tmp_path)) == [".manifest-42-9.json", "00041-41-1.png", "frames"]
     assert os.listdir(tmp_path / "frames") == []
+
+
+@pytest.mark.parametrize("linked", [True, False])
+def test_a_shared_file_is_found_under_both_paths(tmp_path, monkeypatch, linked):
+    """As a link, or where there can be none as a copy; neither replaces what is there."""
+    if not linked:
+
+        def refuse(source, target):
+            raise OSError(18, "Invalid cross-device link")
+
+        monkeypatch.setattr(os, "link", refuse)
+    source, target = tmp_path / "a.png", tmp_path / "shared" / "b.png"
+    source.write_bytes(b"frame")
+    share_file(source, target)
+    assert target.read_bytes() == b"frame"
+    assert target.samefile(source) == linked
+    assert os.listdir(tmp_path / "shared") == ["b.png"]
+    other = tmp_path / "c.png"
+    other.write_bytes(b"another")
+    share_file(source, other)
+    assert other.read_bytes() == b"another"

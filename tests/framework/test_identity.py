@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 from pydantic import Field, ValidationError
 
-from salframe.framework.config import ComponentConfig, Settings, match_only, validate
+from salframe.framework.config import ComponentConfig, Settings, added, match_only, validate
 from salframe.framework.errors import ConfigError
-from salframe.framework.identity import UserFile, content_sha256, digest, identity, settings_identity
+from salframe.framework.identity import UserFile, content_sha256, digest, identity, matching_settings, settings_identity
 from salframe.framework.registry import registry
 from salframe.framework.slots import slot
 from salframe.framework.weights import Download, Weights, WeightsFile
@@ -22,6 +22,20 @@ SMALL, LARGE = (
     Weights(name, "MIT", (WeightsFile(f"{name}.pt", sha256, 1),), Download(("file:///nowhere",)))
     for name, sha256 in (("small", "5" * 64), ("large", "1" * 64))
 )
+
+
+class Later(Settings):
+    """With settings that came later."""
+
+    since: int = added(1)
+    view: int = added(2, match_only=True)
+
+
+def test_settings_that_came_later_count_where_they_are_set():
+    assert settings_identity(Later()) == {}
+    assert settings_identity(Later(since=5, view=6)) == {"since": 5, "view": 6}
+    assert settings_identity(Later(since=5, view=6), describing=True) == {"since": 5}
+    assert matching_settings(Later(since=5, view=6)) == {"view": 6}
 
 
 class Part(Settings):

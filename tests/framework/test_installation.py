@@ -105,6 +105,13 @@ def test_a_folder_that_is_not_there_is_empty():
     assert folder_bytes(Path("/no/such/folder")) == 0
 
 
+def test_a_file_under_two_paths_takes_its_bytes_once(tmp_path):
+    (tmp_path / "one").write_bytes(b"12345")
+    (tmp_path / "other").hardlink_to(tmp_path / "one")
+    (tmp_path / "copy").write_bytes(b"12345")
+    assert folder_bytes(tmp_path) == 10
+
+
 class Leaving(Model):
     """Ends the process when it is checked."""
 

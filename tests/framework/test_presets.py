@@ -71,6 +71,7 @@ def test_every_default_is_a_name_that_there_is():
         "range-model": "range-model",
         "detector": "detector",
         "saliency": "saliency",
+        "image-network": "image-network",
     }
     assert set(defaults()) == {*known, "auto"}
     assert set(auto_order("detector")) <= {*names("detector"), "segments"}

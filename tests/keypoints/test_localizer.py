@@ -115,6 +115,11 @@ def test_frames_off_the_shortlist_are_ranked_but_not_matched(make, mapping, quer
     assert [place.score > 1 for place in answer.places] == [True, False, False]
 
 
+def test_the_shortlist_takes_no_network_unless_it_is_set():
+    assert Keypoints.Config().shortlist_network is None
+    assert Keypoints.Config(shortlist_network={}).shortlist_network.kind == "efficientnet-lite0"
+
+
 @pytest.mark.parametrize("kind", ["tokens", "network"])
 def test_the_shortlist_may_be_made_by_something_else_than_sift(make, write_network, mapping, query, kind):
     """The matches and the pose are those of the matcher, whatever finds its candidates."""

@@ -511,7 +511,7 @@ BROKEN = [
     (Lavish, "received InvalidAnswer: a localization has probabilities that sum to 1.2, expected 1"),
     (Contrary, r"received the probabilities \[0.2, 0.7.*\], expected the best place's first"),
     (Swayed, "describe_identity with another lossy: received another description, expected the same: .* match_only"),
-    (Scrupulous, "describe_identity with another top_k: received another one, expected the same: .* match_only"),
+    (Scrupulous, "describe_identity with another positioner: received another one, expected the same: .* match_only"),
     (Inattentive, "describe_identity with another content of the file table: received the same one, expected another"),
     (Refusing, "identity with another content of the file table: received the same one, expected another"),
     (Nested, "identity with another content of the file tables.files: received the same one, expected another"),
