@@ -9,12 +9,12 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib import patheffects
 from matplotlib.axes import Axes
+from salframe.evaluation.report.localization import RIGHT, WRONG
 from salframe_house.frames import choose_frames
 from salframe_house.render import Renderer
 from salframe_house.rendering import buildings
 
 from salframe.evaluation.localization import compare
-from salframe.evaluation.report.localization import RIGHT, WRONG
 from salframe.evaluation.request import Request
 from salframe.evaluation.run import Run
 from salframe.framework.presets import configure, settings

@@ -13,6 +13,7 @@ import numpy as np
 
 from salframe.evaluation.metrics import bootstrap_interval, holm, paired_test, proportion_interval
 from salframe.evaluation.published import Published, find_published
+from salframe.evaluation.report.view import NavigationView
 from salframe.evaluation.request import Request, Resolved, resolve
 from salframe.evaluation.result import Result
 from salframe.evaluation.run import Row, Run
@@ -241,14 +242,16 @@ class NavigationTask(Task[Episode, NavigationSurvey]):
         adjusted = holm([line.p_value for line in lines])
         return tuple(replace(line, p_adjusted=p) for line, p in zip(lines, adjusted, strict=True))
 
-    def report(self, result: Result[NavigationRow], survey: NavigationSurvey, records: Sequence[Record]) -> Path:
-        from salframe.evaluation.report.navigation import write_report
+    def view(
+        self, result: Result[NavigationRow], records: Sequence[Record], survey: NavigationSurvey
+    ) -> NavigationView:
+        return NavigationView(result, records, {id: site.world.chart.map for id, site in survey.sites.items()})
 
+    def write_files(self, run: Run, survey: NavigationSurvey, records: Sequence[Record]) -> None:
         episodes = sorted(survey.pieces, key=lambda episode: episode.number)
-        write_json(result.run / "episodes.json", [asdict(episode) for episode in episodes])
+        write_json(run.directory / "episodes.json", [asdict(episode) for episode in episodes])
         if self.published and not isinstance(self.asked, int):
             self.published.write(survey.dataset.config, len(self.asked), records)
-        return write_report(result, records, {id: site.world.chart.map for id, site in survey.sites.items()})
 
 
 class _Walking(Worker[Episode]):
