@@ -5,6 +5,7 @@ const opened = {i: null, kind: "answer"};
 
 function openQuery(i) {
   opened.i = i;
+  history.replaceState(null, "", `#q${looked.set}-${i}`);
   opened.kind = "answer";
   paintDetail();
   if (!dialog.open) dialog.showModal();
@@ -25,6 +26,7 @@ dialog.addEventListener("keydown", event => {
 });
 dialog.addEventListener("click", event => { if (event.target === dialog) dialog.close(); });
 dialog.addEventListener("close", () => {
+  history.replaceState(null, "", "#queries");
   const row = document.querySelector(`#queries tr[data-query="${opened.i}"]`);
   if (row) row.focus();
 });

@@ -2,6 +2,7 @@
 // below the horizon.
 
 const WIDE = 512, HIGH = 256, TOP = HIGH / 6, SEEN = HIGH * 2 / 3, GAP = 14, NAMED = 16;
+const LEAST_M = 4;  // a graph from above shows so much at least
 
 const pixel = ([x, y, z]) => [(Math.PI - Math.atan2(y, x)) / (2 * Math.PI) * WIDE, (0.5 - Math.atan2(z, Math.hypot(x, y)) / Math.PI) * HIGH];
 const angles = (azimuth, elevation) => [(Math.PI - azimuth) / (2 * Math.PI) * WIDE, (0.5 - elevation / Math.PI) * HIGH];
@@ -108,7 +109,8 @@ function planOf(query, reference, match, pose, truth, floor) {
   const cameras = [[reference.pose, "--c1", "the map's panorama"], [pose, "--c0", "the query, as estimated"], [truth, "--c2", "the query, in truth"]].filter(one => one[0]);
   const eye = cameras[0][0], near = placed.flatMap(one => one ? one.centres : []).filter(([x, y]) => Math.hypot(x - eye[0], y - eye[1]) < 9);
   const points = [...near, ...cameras.map(one => one[0])], xs = points.map(p => p[0]), ys = points.map(p => p[1]);
-  const left = Math.min(...xs) - 1, top = Math.max(...ys) + 1, width = Math.max(...xs) + 1 - left, height = top - Math.min(...ys) + 1;
+  const spread = values => Math.max(0, LEAST_M - Math.max(...values) + Math.min(...values)) / 2 + 1;
+  const left = Math.min(...xs) - spread(xs), top = Math.max(...ys) + spread(ys), width = Math.max(...xs) + spread(xs) - left, height = top - Math.min(...ys) + spread(ys);
   const scale = 520 / Math.max(width, 0.8 * height), at = ([x, y]) => [(x - left) * scale, (top - y) * scale];
   const svg = draw("svg", {viewBox: `0 0 ${(width * scale).toFixed(1)} ${(height * scale).toFixed(1)}`, role: "img", "aria-label": "Both graphs from above", style: "max-height: 66vh"});
   if (floor) {
