@@ -28,6 +28,7 @@ PYTHON = {
     "ablate": "ablate",
     "experiment": "run_experiment",
     "evaluate": "evaluate",
+    "report": "write_report",
     "matching": "measure_matching",
     "detection": "measure_detection",
     "fit": "fit_method",

@@ -3,18 +3,21 @@ rendering."""
 
 from __future__ import annotations
 
+import subprocess
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib import patheffects
 from matplotlib.axes import Axes
+from PIL import Image
 from salframe_house.frames import choose_frames
 from salframe_house.render import Renderer
 from salframe_house.rendering import buildings
 
 from salframe.evaluation.localization import compare
-from salframe.evaluation.report.localization import RIGHT, WRONG
+from salframe.evaluation.reporting import write_report
 from salframe.evaluation.request import Request
 from salframe.evaluation.run import Run
 from salframe.framework.presets import configure, settings
@@ -28,8 +31,10 @@ from salframe.panoramas.panorama import Annotations, Panorama
 from salframe.topology.build import build_topology
 from salframe.topology.picture import draw_topology
 
+RIGHT, WRONG = "#0072b2", "#d55e00"
 IMAGES = Path(__file__).with_name("images")
 SEED = 7
+QUERY = 0
 FRAME = "map-bedroom-01-0"
 HEIGHT = 768
 HALO = [patheffects.withStroke(linewidth=2.5, foreground="white")]
@@ -192,6 +197,17 @@ def draw_map(path: Path) -> None:
     draw_topology(build_topology(dataset.floors(), mapping_frames(dataset)), path)
 
 
+def draw_report(path: Path) -> None:
+    """A query of `house-6` as the report shows it, in headless Chromium."""
+    request = Request(("proposed", "objects", "sovs"), "house-6", settings=(f"data.seed={SEED}",))
+    with TemporaryDirectory() as folder:
+        page = write_report([compare(request).run], Path(folder) / "report.html").path
+        picture = page.with_suffix(".png")
+        flags = ["--headless=new", "--no-sandbox", "--window-size=1280,920", "--virtual-time-budget=3000"]
+        subprocess.run(["chromium", *flags, f"--screenshot={picture}", f"{page.as_uri()}#q0-{QUERY}"], check=True)
+        Image.open(picture).convert("RGB").save(path, quality=82)
+
+
 def _floor_picture(floor: FloorMasks) -> np.ndarray:
     """(rows, columns, 3) uint8: rooms in pale colours, obstacles darker, no floor white."""
     palette = np.array(plt.get_cmap("Pastel2").colors)
@@ -206,3 +222,4 @@ if __name__ == "__main__":
     draw_detections(IMAGES / "panoseg.jpg")
     draw_floor(IMAGES / "floor.png")
     draw_map(IMAGES / "topological-map.png")
+    draw_report(IMAGES / "report.jpg")

@@ -6,6 +6,8 @@ from .evaluation.fitting import fit_method as fit_method
 from .evaluation.localization import compare as compare
 from .evaluation.matching import measure_matching as measure_matching
 from .evaluation.navigation import navigate as navigate
+from .evaluation.reporting import Report as Report
+from .evaluation.reporting import write_report as write_report
 from .evaluation.request import Request as Request
 from .evaluation.request import Variant as Variant
 from .evaluation.result import Result as Result

@@ -22,6 +22,7 @@ from salframe.cli import (
     map,
     matching,
     navigate,
+    report,
     score,
     sensor,
     show_objects,
@@ -123,6 +124,7 @@ app.command()(compare.compare)
 app.command()(compare.ablate)
 app.command()(compare.evaluate)
 app.command()(experiment.experiment)
+app.command()(report.report)
 app.command()(matching.matching)
 app.command()(detection.detection)
 app.command()(fit.fit)

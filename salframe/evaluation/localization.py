@@ -27,6 +27,7 @@ from salframe.evaluation.metrics import (
     reliability,
     roc_area,
 )
+from salframe.evaluation.report.view import LocalizationView, Queries
 from salframe.evaluation.reported import read_reported
 from salframe.evaluation.request import Request, resolve
 from salframe.evaluation.result import Result
@@ -198,12 +199,12 @@ class LocalizationTask(Task[Query, LocalizationSurvey]):
         adjusted = holm([line.p_value for line in lines])
         return tuple(replace(line, p_adjusted=p) for line, p in zip(lines, adjusted, strict=True))
 
-    def report(self, result: Result[LocalizationRow], survey: LocalizationSurvey, records: Sequence[Record]) -> Path:
-        from salframe.evaluation.report.localization import Queries, write_report
-
+    def view(
+        self, result: Result[LocalizationRow], records: Sequence[Record], survey: LocalizationSurvey
+    ) -> LocalizationView:
         ids = [piece.frame.id for piece in survey.pieces]
         queries = Queries(ids, survey.truths(), survey.dataset.floors())
-        return write_report(result, queries, records, judge_records(survey, records))
+        return LocalizationView(result, records, queries, judge_records(survey, records))
 
 
 def judge_records(survey: LocalizationSurvey, records: Sequence[Record]) -> list[Judged]:

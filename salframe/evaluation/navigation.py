@@ -13,6 +13,7 @@ import numpy as np
 
 from salframe.evaluation.metrics import bootstrap_interval, holm, paired_test, proportion_interval
 from salframe.evaluation.published import Published, find_published
+from salframe.evaluation.report.view import NavigationView
 from salframe.evaluation.request import Request, Resolved, resolve
 from salframe.evaluation.result import Result
 from salframe.evaluation.run import Row, Run
@@ -257,12 +258,14 @@ class NavigationTask(Task[Episode, NavigationSurvey]):
             if isinstance(value, float)
         }
 
-    def report(self, result: Result[NavigationRow], survey: NavigationSurvey, records: Sequence[Record]) -> Path:
-        from salframe.evaluation.report.navigation import write_report
+    def view(
+        self, result: Result[NavigationRow], records: Sequence[Record], survey: NavigationSurvey
+    ) -> NavigationView:
+        return NavigationView(result, records, {id: site.world.chart.map for id, site in survey.sites.items()})
 
+    def write_files(self, run: Run, survey: NavigationSurvey, records: Sequence[Record]) -> None:
         episodes = sorted(survey.pieces, key=lambda episode: episode.number)
-        write_json(result.run / "episodes.json", [asdict(episode) for episode in episodes])
-        return write_report(result, records, {id: site.world.chart.map for id, site in survey.sites.items()})
+        write_json(run.directory / "episodes.json", [asdict(episode) for episode in episodes])
 
 
 class _Walking(Worker[Episode]):

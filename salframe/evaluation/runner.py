@@ -84,15 +84,26 @@ def run_task(
 
 def conclude(task: Task[Any, Any], run: Run, survey: Survey[Any], reported: tuple[Reported, ...] = ()) -> Result[Any]:
     """The result of a run from its rows; writes its metrics and report. Runs no method."""
+    result, records = measure(task, run, survey, reported)
+    for row, content in zip(result.rows, result.to_json()["rows"], strict=True):
+        write_json(run.folder(row.method) / "metrics.json", content)
+    task.write_files(run, survey, records)
+    view = task.view(result, records, survey)
+    if view is None:
+        return result
+    from salframe.evaluation.report.content import write_run_page
+
+    return replace(result, report=write_run_page(view))
+
+
+def measure(
+    task: Task[Any, Any], run: Run, survey: Survey[Any], reported: tuple[Reported, ...] = ()
+) -> tuple[Result[Any], list[Record]]:
+    """The result of a run from its rows, and these. Writes nothing."""
     records = [_record(task, run, label, survey) for label in run.labels]
     rows: Sequence[MethodRow] = task.summarize([(survey, records)], run.seed)
     told = (*run.notes(), *survey.notes)
-    result: Result[Any] = Result(
-        task.name, run.directory, run.content, run.environment(), tuple(rows), None, told, reported
-    )
-    for row, content in zip(rows, result.to_json()["rows"], strict=True):
-        write_json(run.folder(row.method) / "metrics.json", content)
-    return replace(result, report=task.report(result, survey, records))
+    return Result(task.name, run.directory, run.content, run.environment(), tuple(rows), None, told, reported), records
 
 
 def pool(task: Task[Any, Any], directories: Sequence[Path]) -> Sequence[MethodRow]:

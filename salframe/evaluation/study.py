@@ -24,6 +24,7 @@ from salframe.framework.config import Settings, read_yaml, validate
 from salframe.framework.errors import ConfigError, unknown
 from salframe.framework.presets import settings, short_name
 from salframe.framework.registry import registry
+from salframe.framework.settings import spell_value
 from salframe.localization.localizer import Localizer
 from salframe.panoramas.opening import Progress
 
@@ -80,7 +81,7 @@ class Study(Settings):
             known |= firsts
             for values in itertools.product(*(self.vary[key] for key in own)):
                 choice = dict(zip(own, values, strict=True))
-                told = f"[{','.join(f'{key}={spell(value)}' for key, value in choice.items())}]" if choice else ""
+                told = f"[{','.join(f'{key}={spell_value(value)}' for key, value in choice.items())}]" if choice else ""
                 over = {**one.set, **{key.removeprefix(f"{name}."): value for key, value in choice.items()}}
                 found.append(Variant(one.method, over, name, name + told))
                 varied.append(choice)
@@ -152,15 +153,10 @@ def leading_columns(rows: Sequence[Any], settings: Sequence[Mapping[str, Any]]) 
     """What names the rows of a study: the settings of the data, the method, its settings; a blank where one is not
     varied."""
     keys = list(dict.fromkeys(key for given in settings for key in given))
-    told = {key: [spell(given[key]) if key in given else "" for given in settings] for key in keys}
+    told = {key: [spell_value(given[key]) if key in given else "" for given in settings] for key in keys}
     of_data = {key: texts for key, texts in told.items() if key in (DATA, ARM) or key.startswith(f"{DATA}.")}
     methods = {"method": [row.method.partition("[")[0] for row in rows]}
     return {**of_data, **methods, **{key: texts for key, texts in told.items() if key not in of_data}}
-
-
-def spell(value: Any) -> str:
-    """A value of a setting in words: strings as they are, otherwise JSON."""
-    return value if isinstance(value, str) else json.dumps(value)
 
 
 def read_study(file: Path) -> Study:

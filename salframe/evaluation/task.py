@@ -206,8 +206,12 @@ class Task(ABC, Generic[Piece, Surveyed]):
     def summarize(self, parts: Sequence[Part[Surveyed]], seed: int) -> Sequence[MethodRow]:
         """A line of the table for each method, in order: over one data set, or over several of one kind at once."""
 
-    def report(self, result: Any, survey: Surveyed, records: Sequence[Record]) -> Path | None:
-        """Write the page to look at into the folder of a Result's run; its path, None where the task draws none."""
+    def view(self, result: Any, records: Sequence[Record], survey: Surveyed) -> Any:
+        """What a page shows of a Result, a RunView; None where the task has no page."""
+        return None
+
+    def write_files(self, run: Run, survey: Surveyed, records: Sequence[Record]) -> None:
+        """Write what a run folder of this task holds beside rows, metrics and page."""
         return None
 
 

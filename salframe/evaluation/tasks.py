@@ -26,11 +26,16 @@ def evaluate(directory: str | Path) -> Result[Any]:
 
     Raises ConfigError where `directory` is no run, DataError where the data set is not the one the run was made on.
     """
+    run, task = open_run(directory)
+    dataset = open_dataset(run.data())
+    run.bind(dataset.question_key)
+    return conclude(task, run, task.survey(dataset))
+
+
+def open_run(directory: str | Path) -> tuple[Run, Task[Any, Any]]:
+    """A run and the task that it is of. Raises ConfigError where `directory` is no run of a task that is known."""
     run = Run.load(Path(directory))
     name = run.task.get("name")
     if name not in TASKS:
         raise ConfigError(f"{directory} is a run of the task {name!r}, expected one of {', '.join(TASKS)}")
-    task = TASKS[name].from_run(run)
-    dataset = open_dataset(run.data())
-    run.bind(dataset.question_key)
-    return conclude(task, run, task.survey(dataset))
+    return run, TASKS[name].from_run(run)

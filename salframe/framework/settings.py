@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import types
 import typing
 from collections.abc import Iterator, Mapping
@@ -52,6 +53,11 @@ def list_settings(config: BaseModel, prefix: str = "") -> Iterator[Setting]:
             yield Setting(key, plain[name], defaults.get(name), _type(field), help)
         if isinstance(value, BaseModel):
             yield from list_settings(value, f"{key}.")
+
+
+def spell_value(value: Any) -> str:
+    """A value of a setting in words: strings as they are, otherwise JSON."""
+    return value if isinstance(value, str) else json.dumps(value)
 
 
 def _type(field: FieldInfo) -> str:

@@ -14,6 +14,9 @@ _NODE = np.dtype(
     [("score", "u1"), ("yaw", "u1"), ("saliency", "<u2"), ("position_mm", "<i2", 3), ("size_mm", "<u2", 3)]
 )
 
+GRAPH_ARRAYS = frozenset({"labels", "scores", "saliency", "centroid_m", "size_m", "yaw_rad", "edges"})
+"""What `graph_to_arrays` makes of every graph."""
+
 
 def graph_to_arrays(graph: SaliencyGraph) -> dict[str, np.ndarray]:
     """The graph as named arrays, exact."""

@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+import json
 import os
+import re
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -78,3 +80,16 @@ def furnished(plugins):
 def apartment(plugins):
     """The components of navigation/apartment_plugin, the engines and the planners."""
     plugins("apartment_plugin", "salframe_engines", "salframe_planners", folders=("navigation",))
+
+
+@pytest.fixture
+def read():
+    """The content of a page, and its islands as text."""
+
+    def of(path):
+        page = path.read_text(encoding="utf-8")
+        content = re.search(r'<script type="application/json" id="content">(.*?)</script>', page, re.DOTALL)[1]
+        islands = re.findall(r'<script type="text/plain" class="island" id="([^"]+)">(.*?)</script>', page, re.DOTALL)
+        return json.loads(content), dict(islands)
+
+    return of

@@ -142,16 +142,13 @@ def test_the_settings_are_part_of_the_run():
         run(["seer"], episodes=0)
 
 
-def test_the_command_prints_the_table_and_the_report():
+def test_the_command_prints_the_table_and_the_report(read):
     result = salframe("navigate", "--data", "apartment", "--methods", "seer", "--episodes", 3, "--engine", "inline")
     assert result.code == 0
     assert "100.0 (100-100)" in result.out
-    report = Path(result.out.split("report: ")[1].strip())
-    page = report.read_text()
-    assert "where it\nbelieved to be" in page
-    content = json.loads(page.split("const content = ")[1].split(";\n")[0])
-    assert len(content["episodes"]["seer"]) == 3
-    assert content["worlds"]["floor"]["picture"].startswith("data:image/png;base64,")
+    (walked,) = read(Path(result.out.split("report: ")[1].strip()))[0]["walks"]
+    assert len(walked["episodes"]["0"]) == 3
+    assert walked["worlds"]["floor"]["picture"].startswith("data:image/png;base64,")
     printed = salframe(
         "navigate", "--data", "apartment", "--methods", "seer", "--episodes", 3, "--engine", "inline", "--json"
     ).json

@@ -1,36 +1,95 @@
-"""What the reports share: templates, colours, the picture of a floor."""
+"""The page as a file: its template, its scripts, and what it shows as JSON that no text in it can end."""
 
 from __future__ import annotations
 
 import base64
+import json
+import math
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
 
+from salframe.framework.files import atomic_path
 from salframe.panoramas.floors import FloorMasks
 
-COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f7f7f", "#8c6d31")
-"""Okabe and Ito's palette, told apart by colour-blind readers; the first for the first method."""
+FOLDER = Path(__file__).parent
+SCRIPTS = ("page", "figures", "rooms", "queries", "drawing", "detail", "walks", "main")
+"""In assets/, in the order in which they run."""
+Json = dict[str, Any]
 
 
-def render_page(template: str, **content: Any) -> str:
+def render(template: str, **content: Any) -> str:
     """A template of templates/ filled in; text in it is escaped."""
-    loader = FileSystemLoader(Path(__file__).with_name("templates"))
-    environment = Environment(
-        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    return _environment().get_template(template).render(**content)
+
+
+def write_page(path: Path, content: Mapping[str, Any], islands: Iterable[tuple[str, str]] = ()) -> None:
+    """Write a page that needs nothing else. content: what it shows from the start; islands: an id, and JSON or a data
+    URL that is read when somebody looks, each written before the next is asked for."""
+    scripts = [(FOLDER / "assets" / f"{name}.js").read_text(encoding="utf-8") for name in SCRIPTS]
+    page = _environment().get_template("page.html.jinja")
+    parts = page.generate(
+        title=content["title"],
+        style=Markup((FOLDER / "assets/page.css").read_text(encoding="utf-8")),
+        plotly=Markup((FOLDER / "assets/plotly-basic.min.js").read_text(encoding="utf-8")),
+        script=Markup("\n".join(scripts)),
+        content=Markup(as_json(content)),
+        islands=((id, Markup(text)) for id, text in islands),
     )
-    return environment.get_template(template).render(**content)
+    with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as file:
+        file.writelines(parts)
 
 
-def floor_picture(floor: FloorMasks) -> str:
-    """The floor as a data URL: floor light, obstacles grey, walls dark, outside white."""
+def as_json(value: Any) -> str:
+    """JSON for a script element: without `<`, so that no text in it ends the element or begins a comment."""
+    return json.dumps(value, allow_nan=False, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
+
+
+def number(value: Any, digits: int = 3) -> float | None:
+    """A number for JSON, None where it is not finite or not there."""
+    return round(float(value), digits) if value is not None and math.isfinite(value) else None
+
+
+def numbers(values: np.ndarray, digits: int = 3) -> list[Any]:
+    """An array for JSON, None where it is not finite."""
+    rounded = np.round(np.asarray(values, float), digits)
+    found = rounded.astype(object)
+    found[~np.isfinite(rounded)] = None
+    return found.tolist()
+
+
+def picture(image: np.ndarray, *, quality: int | None = None) -> str:
+    """An image (h, w, 3) uint8 RGB as a data URL: PNG, or WebP of this quality."""
+    import cv2
+
+    suffix, options = (".png", []) if quality is None else (".webp", [cv2.IMWRITE_WEBP_QUALITY, quality])
+    code = cv2.imencode(suffix, image[..., ::-1], options)[1].tobytes()
+    return f"data:image/{suffix[1:]};base64,{base64.b64encode(code).decode()}"
+
+
+def floor_plan(floor: FloorMasks) -> Json:
+    """A floor for JSON: `box` left, top, width, height in metres, and a picture of it: rooms by a pale tint, obstacles
+    darker, walls dark, and nothing outside."""
+    import cv2
+
+    rows, columns = floor.region.shape
     walked = floor.free | (floor.region > 0)
     inside = cv2.morphologyEx(walked.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
-    image = np.full((*floor.region.shape, 3), 255, np.uint8)
-    image[cv2.dilate(inside, np.ones((5, 5), np.uint8)) > 0] = 90
-    image[walked] = (238, 243, 245)
-    image[floor.obstacle] = (205, 200, 196)
-    return "data:image/png;base64," + base64.b64encode(cv2.imencode(".png", image)[1].tobytes()).decode()
+    grey, alpha = np.full((rows, columns), 90, np.uint8), cv2.dilate(inside, np.ones((5, 5), np.uint8)) * 255
+    grey[walked] = 240
+    grey[floor.obstacle] = 205
+    code = cv2.imencode(".png", np.dstack([grey, grey, grey, alpha]))[1].tobytes()
+    return {
+        "picture": "data:image/png;base64," + base64.b64encode(code).decode(),
+        "box": [*map(float, floor.origin_m), columns * floor.resolution_m, rows * floor.resolution_m],
+        "places": sorted(set(floor.regions.values())),
+    }
+
+
+def _environment() -> Environment:
+    loader = FileSystemLoader(FOLDER / "templates")
+    return Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)

@@ -1,0 +1,24 @@
+"""report: the page of runs that are done."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def report(
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Run folders of one task.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="The HTML file to write.")] = Path("report.html"),
+    full: Annotated[bool, typer.Option("--full", help="Whole panoramas, not thumbnails.")] = False,
+) -> None:
+    """Write one HTML page of runs, side by side and with every query to look at. It needs no network."""
+    from salframe.cli.output import Bars, tell
+    from salframe.evaluation.reporting import write_report
+
+    with Bars() as bars:
+        written = write_report(runs, output, full=full, progress=bars.update)
+    for note in written.notes:
+        tell(note)
+    print(f"{written.path}: {written.path.stat().st_size / 1e6:.1f} MB")

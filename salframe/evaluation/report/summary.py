@@ -1,0 +1,77 @@
+"""What was asked, by which versions, and what must be said of it: the top of a page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from salframe.evaluation.report.arms import Arm, flatten
+from salframe.evaluation.report.view import RunView
+from salframe.framework.config import ComponentConfig, validate
+from salframe.framework.errors import SalframeError
+from salframe.framework.registry import registry
+from salframe.framework.settings import spell_value
+
+
+def describe_run(view: RunView, role: str = "localizer") -> dict[str, Any]:
+    """A run for JSON; `data`, `methods` by label, and `more` that was asked, in words; `versions`."""
+    request, environment = view.result.request, view.result.environment
+    asked = {key: value for key, value in request["task"].items() if key not in ("name", "version", "identity", "seed")}
+    versions = {
+        "python": environment["python"],
+        **environment["packages"],
+        "data fingerprint": environment["dataset_fingerprint"],
+        **{key: str(value) for key, value in environment.get("machine", {}).items()},
+    }
+    return {
+        "name": view.name,
+        "task": view.result.task,
+        "folder": str(view.result.run),
+        "data": describe_component("dataset", view.data),
+        "methods": [[label, describe_component(role, own)] for label, own in request["methods"].items()],
+        "more": [[key, spell_value(value)] for key, value in {**asked, "seed": request["seed"]}.items()],
+        "versions": list(versions.items()),
+    }
+
+
+def describe_component(role: str, settings: Mapping[str, Any]) -> str:
+    """A component's name, and those of its settings that are not as they come; all of them where it is not known."""
+    try:
+        changed = dict(_changed(validate(registry().get(role, settings["kind"]).Config, settings, role)))
+    except (SalframeError, KeyError):
+        changed = flatten({key: value for key, value in settings.items() if key != "kind"})
+    told = [f"{key}={shorten(value)}" for key, value in changed.items()]
+    return f"{settings.get('kind')}: {', '.join(told)}" if told else str(settings.get("kind"))
+
+
+def _changed(config: ComponentConfig, prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """The settings that are not as the components come that they are of, by dotted keys."""
+    own = config.model_dump(mode="json")
+    default = type(config).model_construct().model_dump(mode="json", warnings=False)
+    for name in type(config).model_fields:
+        value, key = getattr(config, name), prefix + name
+        if isinstance(value, ComponentConfig):
+            if value.kind != (default.get(name) or {}).get("kind"):
+                yield key, value.kind
+            yield from _changed(value, f"{key}.")
+        elif name != "kind":
+            plain = flatten({key: default.get(name)})
+            yield from ((inner, one) for inner, one in flatten({key: own[name]}).items() if plain.get(inner) != one)
+
+
+def shorten(value: Any, longest: int = 60) -> str:
+    """A setting's value in few characters: of a path its last part."""
+    text = Path(value).name if isinstance(value, str) and "/" in value else spell_value(value)
+    return text if len(text) <= longest else f"{text[: longest - 1]}…"
+
+
+def list_notes(views: Sequence[RunView], arms: Sequence[Arm]) -> list[str]:
+    """What must be said of some runs, a line each, each once: notes, why arms have no numbers, how often each failure
+    occurred."""
+    notes = [note for view in views for note in view.result.notes]
+    for arm in arms:
+        failures = ", ".join(f"{count} {status}" for status, count in arm.row.status.items() if status != "ok")
+        if remarks := "; ".join(part for part in (arm.row.remark, failures) if part):
+            notes.append(f"{arm.name}: {remarks}")
+    return list(dict.fromkeys(notes))

@@ -1,0 +1,152 @@
+"""The page in a browser: nothing fails, nothing in a name is run, filters and drill-down work."""
+
+from __future__ import annotations
+
+import pytest
+
+from evaluation.report.browser import CHROMIUM, Page
+from salframe.evaluation.localization import compare
+from salframe.evaluation.navigation import navigate
+from salframe.evaluation.reporting import write_report
+from salframe.evaluation.request import Request
+
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is at hand")
+
+ODD = ["<!--<script>", "</script><img src=x onerror=alert(1)>", """it's "quoted" & 100 %"""]
+ROWS = "[...document.querySelectorAll('#queries tbody tr')]"
+OPEN_SECONDS = 2.0
+
+
+@pytest.fixture
+def page(odd, tmp_path):
+    with Page(write_report(odd, tmp_path / "page.html").path, tmp_path / "profile") as page:
+        yield page
+        assert page.problems == []
+
+
+def texts(page, selector):
+    return page.run(f"[...document.querySelectorAll({selector!r})].map(one => one.textContent)")
+
+
+def choose(page, label, value):
+    """Choose in the menu of the queries that is called so."""
+    page.run(
+        f"""(() => {{
+          const labels = [...document.querySelectorAll("#queries label")];
+          const select = labels.find(one => one.firstChild.textContent === "{label}").lastChild;
+          select.selectedIndex = [...select.options].findIndex(one => one.text.startsWith({value!r}));
+          select.dispatchEvent(new Event("change"));
+        }})()"""
+    )
+
+
+def test_names_are_text_and_nothing_else(page):
+    assert texts(page, "#queries tbody td:nth-child(2)") == ODD
+    assert texts(page, "#queries tbody td:nth-child(1)") == [f"<b>query</b> {k}" for k in range(3)]
+    assert page.run("document.querySelectorAll('img, #queries b').length") == 0
+
+
+def test_figures_are_drawn(page):
+    page.run("document.getElementById('figures').scrollIntoView()")
+    page.wait_for("document.querySelectorAll('#figures .js-plotly-plot').length >= 4")
+    page.run("document.getElementById('floor').scrollIntoView()")
+    page.wait_for("document.querySelectorAll('#floor .js-plotly-plot .points path').length >= 6")
+
+
+def test_curves_are_chosen(page):
+    page.wait_for("document.querySelectorAll('#figures .js-plotly-plot .barlayer .point').length === 2")
+    page.run("document.querySelectorAll('#figures .menu input')[0].click()")
+    page.wait_for("document.querySelectorAll('#figures .js-plotly-plot .barlayer .point').length === 1")
+    assert texts(page, "#figures .legend span") == ["mistaken=9"]
+
+
+def test_queries_are_filtered_by_method_outcome_and_room(page):
+    assert page.run(f"{ROWS}.map(row => row.cells[3].textContent)") == ["right", "wrong place", "right"]
+    choose(page, "outcome", "wrong place (1)")
+    assert texts(page, "#queries tbody td:nth-child(3)") == [ODD[0]]
+    choose(page, "method", "mistaken=9")
+    assert page.run(f"{ROWS}.length") == 0
+    choose(page, "outcome", "all")
+    assert page.run(f"{ROWS}.map(row => row.cells[3].textContent)") == ["right"] * 3
+    choose(page, "room", ODD[1][:9])
+    assert texts(page, "#queries tbody td:nth-child(2)") == [ODD[1]]
+
+
+def test_the_confusion_of_rooms_leads_to_its_queries(page):
+    title = f"{ODD[1]}, answered {ODD[0]}: 1"
+    assert title in texts(page, "#rooms title")
+    page.run(
+        "[...document.querySelectorAll('#rooms .cell')]"
+        f".find(one => one.textContent === {title!r}).dispatchEvent(new Event('click'))"
+    )
+    assert texts(page, "#queries tbody td:nth-child(1)") == ["<b>query</b> 1"]
+
+
+def test_a_query_is_opened_and_left_by_keys(page):
+    page.run(f"{ROWS}[0].focus()")
+    page.press("ArrowDown")
+    page.press("Enter")
+    page.wait_for("document.getElementById('detail').open")
+    assert texts(page, "dialog h2") == [f"<b>query</b> 1, taken in {ODD[1]}"]
+    assert page.run("document.querySelectorAll('dialog .pair image').length") == 2
+    assert page.run("document.querySelectorAll('dialog .pair > line').length") == 2  # lamp with lamp, table with table
+    assert "2 of 2 objects matched" in page.run("document.querySelector('dialog .tools').textContent")
+    parts = page.run("[...document.querySelector('dialog .columns table').rows].map(row => row.innerText.split('\\t'))")
+    assert parts[1] == ["near", "2.00", "4.00", "8.00", "3.00", "6.00"]
+    assert parts[2] == ["far", "-1.00", "0.00", "0.00", "0.50", "-0.50"]
+    assert parts[3][::2] == ["sum", "", ""]
+    assert (parts[3][3], parts[3][5]) == ("8.00", "5.50")
+    page.press("ArrowRight")
+    assert texts(page, "dialog h2") == [f"<b>query</b> 2, taken in {ODD[2]}"]
+    page.press("Escape")
+    page.wait_for("!document.getElementById('detail').open")
+
+
+def test_both_graphs_from_above_meet_under_the_right_pose(page):
+    """Under the estimated pose, which is right, objects of the query lie on those of the map."""
+    page.run(f"{ROWS}[0].click()")
+    centres = page.run(
+        "[...document.querySelectorAll('dialog .plan circle')]"
+        ".map(one => [+one.getAttribute('cx'), +one.getAttribute('cy')])"
+    )
+    of_map, of_query = centres[:2], centres[2:]
+    for one, other in zip(of_map, of_query, strict=True):
+        assert one == pytest.approx(other, abs=0.5)
+
+
+def test_a_wrong_answer_is_compared_with_the_truth(page):
+    page.run(f"{ROWS}[1].click()")
+    told = "document.querySelector('dialog .tools span').textContent"
+    assert page.run(told).startswith("Matched with map <0>")
+    page.run("document.querySelectorAll('dialog .tools button')[1].click()")
+    assert page.run(told).startswith("Matched with map <1>")
+
+
+@pytest.mark.parametrize(("width", "dark"), [(1280, True), (390, False)])
+def test_it_fits_the_screen(odd, tmp_path, width, dark):
+    path = write_report(odd, tmp_path / "page.html").path
+    with Page(path, tmp_path / "profile", width=width, dark=dark) as page:
+        assert page.run("document.documentElement.scrollWidth") <= width
+        assert page.run("document.documentElement.classList.contains('dark')") is dark
+        assert page.problems == []
+
+
+def test_a_thousand_queries_open_quickly_and_are_listed_as_they_are_reached(fakes, tmp_path):
+    settings = ("data.rooms=250", "data.queries=4")
+    run = compare(Request(("reader",), "rooms", settings=settings, engine="inline")).run
+    with Page(write_report([run], tmp_path / "page.html").path, tmp_path / "profile") as page:
+        assert page.run(f"{ROWS}.length") < 200
+        assert page.seconds < OPEN_SECONDS
+        for _ in range(20):
+            page.run("document.documentElement.scrollTo({top: 1e9, behavior: 'instant'})")
+            page.run("new Promise(done => setTimeout(done, 60))")
+        assert page.run(f"{ROWS}.length") == 1000
+        assert page.problems == []
+
+
+def test_trajectories_are_drawn(apartment, tmp_path):
+    run = navigate(Request(("seer",), "apartment", engine="inline"), episodes=2).run
+    with Page(write_report([run], tmp_path / "page.html").path, tmp_path / "profile", dark=True) as page:
+        assert page.run("document.querySelectorAll('.trajectory polyline').length") >= 2
+        assert "m walked" in page.run("document.getElementById('trajectories').textContent")
+        assert page.problems == []
