@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import secrets
 import shutil
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -35,13 +36,40 @@ def write_map(directory: Path) -> Iterator[Path]:
     """A new folder for the parts of a map, which replace the map in `directory` when the block ends well.
 
     The parts lie in a sub-folder of their own, and map.json, which names it, is replaced in one step: whenever the
-    process is killed, `directory` holds the old map or the new one. What killed ones left is removed by the next. One
-    process may write to a `directory` at a time. Raises ConfigError where it holds something else than a map.
+    process is killed, `directory` holds the old map or the new one. What killed ones left is removed by the next.
+    Raises ConfigError where it holds something else than a map, or another process writes to it.
     """
     check_output(directory)
     was_there = directory.exists()
+    directory.mkdir(parents=True, exist_ok=True)
+    with _alone(directory):
+        yield from _replace_parts(directory, was_there)
+
+
+@contextmanager
+def _alone(directory: Path) -> Iterator[None]:
+    """Hold a folder's lock, which the system gives back when the process ends; Windows has none of folders."""
+    if sys.platform == "win32":
+        yield
+        return
+    import fcntl
+
+    folder = os.open(directory, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise ConfigError(
+                f"another process writes a map to {directory}: wait for it, or name a new folder"
+            ) from None
+        yield
+    finally:
+        os.close(folder)
+
+
+def _replace_parts(directory: Path, was_there: bool) -> Iterator[Path]:
     parts = directory / f"{_PARTS}{secrets.token_hex(8)}"
-    parts.mkdir(parents=True)
+    parts.mkdir()
     try:
         yield parts
         files = sorted(path for path in parts.rglob("*") if path.is_file())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import sys
 from pathlib import Path
 
 import pytest
@@ -150,3 +151,16 @@ def test_what_a_killed_first_build_left_may_become_a_map(tmp_path):
     write(tmp_path / "map", "one")
     assert read_map(tmp_path / "map", read) == ["one", "one"]
     assert parts_of(tmp_path / "map")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no lock of folders")
+def test_two_builds_into_one_folder_do_not_mix(tmp_path):
+    with write_map(tmp_path / "map") as parts:
+        (parts / "scenes.txt").write_text("one")
+        with pytest.raises(ConfigError, match=r"another process writes a map to .*map: wait for it"):
+            write(tmp_path / "map", "two")
+        (parts / "frames").mkdir()
+        (parts / "frames" / "ids.txt").write_text("one")
+    assert read_map(tmp_path / "map", read) == ["one", "one"]
+    write(tmp_path / "map", "two")
+    assert read_map(tmp_path / "map", read) == ["two", "two"]
