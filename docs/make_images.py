@@ -34,7 +34,7 @@ from salframe.topology.picture import draw_topology
 RIGHT, WRONG = "#0072b2", "#d55e00"
 IMAGES = Path(__file__).with_name("images")
 SEED = 7
-QUERY = 0
+QUERY = 5
 FRAME = "map-bedroom-01-0"
 HEIGHT = 768
 HALO = [patheffects.withStroke(linewidth=2.5, foreground="white")]
@@ -203,7 +203,13 @@ def draw_report(path: Path) -> None:
     with TemporaryDirectory() as folder:
         page = write_report([compare(request).run], Path(folder) / "report.html").path
         picture = page.with_suffix(".png")
-        flags = ["--headless=new", "--no-sandbox", "--window-size=1280,920", "--virtual-time-budget=3000"]
+        flags = [
+            "--headless=new",
+            "--no-sandbox",
+            "--hide-scrollbars",
+            "--window-size=1280,920",
+            "--virtual-time-budget=3000",
+        ]
         subprocess.run(["chromium", *flags, f"--screenshot={picture}", f"{page.as_uri()}#q0-{QUERY}"], check=True)
         Image.open(picture).convert("RGB").save(path, quality=82)
 

@@ -4,6 +4,7 @@ import re
 import xml.etree.ElementTree as ElementTree
 
 import pytest
+from command_line import run as salframe
 
 from salframe.evaluation.localization import compare
 from salframe.evaluation.matching import measure_matching
@@ -67,6 +68,13 @@ def test_runs_side_by_side_pool_seeds(fakes, read, tmp_path):
     assert len(content["sets"]) == 2  # two buildings, each with both arms
     assert all(asked["answers"].keys() == {"0", "1"} for asked in content["sets"])
     assert {id for id in islands if id.startswith("pq")} == {f"pq{s}-{i}" for s in range(2) for i in range(10)}
+
+
+def test_the_command_says_where_the_page_lies(comparison, tmp_path):
+    output = tmp_path / "new" / "page.html"
+    done = salframe("report", str(comparison.run), "-o", str(output))
+    assert done.code == 0
+    assert done.out == f"{output}: {output.stat().st_size / 1e6:.1f} MB\n"
 
 
 def test_what_cannot_be_shown_together_is_refused(comparison, tmp_path):

@@ -17,8 +17,9 @@ from salframe.framework.files import atomic_path
 from salframe.panoramas.floors import FloorMasks
 
 FOLDER = Path(__file__).parent
-SCRIPTS = ("page", "figures", "rooms", "queries", "drawing", "detail", "walks", "main")
-"""In assets/, in the order in which they run."""
+STYLES = ("page.css", "parts.css")
+SCRIPTS = ("page.js", "figures.js", "rooms.js", "queries.js", "drawing.js", "detail.js", "walks.js", "main.js")
+"""In assets/, in their order."""
 Json = dict[str, Any]
 
 
@@ -30,13 +31,12 @@ def render(template: str, **content: Any) -> str:
 def write_page(path: Path, content: Mapping[str, Any], islands: Iterable[tuple[str, str]] = ()) -> None:
     """Write a page that needs nothing else. content: what it shows from the start; islands: an id, and JSON or a data
     URL that is read when somebody looks, each written before the next is asked for."""
-    scripts = [(FOLDER / "assets" / f"{name}.js").read_text(encoding="utf-8") for name in SCRIPTS]
     page = _environment().get_template("page.html.jinja")
     parts = page.generate(
         title=content["title"],
-        style=Markup((FOLDER / "assets/page.css").read_text(encoding="utf-8")),
-        plotly=Markup((FOLDER / "assets/plotly-basic.min.js").read_text(encoding="utf-8")),
-        script=Markup("\n".join(scripts)),
+        style=_read(*STYLES),
+        plotly=_read("plotly-basic.min.js"),
+        script=_read(*SCRIPTS),
         content=Markup(as_json(content)),
         islands=((id, Markup(text)) for id, text in islands),
     )
@@ -88,6 +88,11 @@ def floor_plan(floor: FloorMasks) -> Json:
         "box": [*map(float, floor.origin_m), columns * floor.resolution_m, rows * floor.resolution_m],
         "places": sorted(set(floor.regions.values())),
     }
+
+
+def _read(*names: str) -> Markup:
+    """Files of assets/ one after the other."""
+    return Markup("\n".join((FOLDER / "assets" / name).read_text(encoding="utf-8") for name in names))
 
 
 def _environment() -> Environment:

@@ -3,67 +3,178 @@
 const MANY_METHODS = 6;
 
 function listOfPairs(pairs) {
-  return make("dl", {}, pairs.map(([name, value]) => [make("dt", {}, name), make("dd", {}, value)]));
+  return make(
+    "dl",
+    {},
+    pairs.map(([name, value]) => [make("dt", {}, name), make("dd", {}, value)]),
+  );
 }
 
 function showRequest() {
   const made = section("request", "Request");
   for (const run of content.runs) {
     const methods = listOfPairs(run.methods);
-    const inside = [listOfPairs([["data", run.data]]),
-      run.methods.length > MANY_METHODS ? make("details", {}, make("summary", {}, `${run.methods.length} methods`), methods) : methods,
-      listOfPairs(run.more), make("details", {}, make("summary", {}, "versions and machine"), listOfPairs(run.versions))];
+    const inside = [
+      listOfPairs([["data", run.data]]),
+      run.methods.length > MANY_METHODS
+        ? make("details", {}, make("summary", {}, `${run.methods.length} methods`), methods)
+        : methods,
+      listOfPairs(run.more),
+      make("details", {}, make("summary", {}, "versions and machine"), listOfPairs(run.versions)),
+    ];
     const title = `${run.name}: ${run.task}, salframe ${Object.fromEntries(run.versions).salframe || "?"}`;
-    made.append(content.runs.length > 1 ? make("details", {open: content.runs.length < 4}, make("summary", {}, title), inside)
-      : make("div", {}, make("p", {class: "note"}, title), inside));
+    made.append(
+      content.runs.length > 1
+        ? make("details", {open: content.runs.length < 4}, make("summary", {}, title), inside)
+        : make("div", {}, make("p", {class: "note"}, title), inside),
+    );
   }
-  if (content.notes.length) made.append(make("div", {class: "notice"}, content.notes.map(note => make("p", {}, note))));
+  if (content.notes.length)
+    made.append(
+      make(
+        "div",
+        {class: "notice"},
+        content.notes.map((note) => make("p", {}, note)),
+      ),
+    );
 }
 
 function showTables() {
   const made = section("results", "Results");
   for (const table of content.tables.usual) made.append(table.title ? make("h3", {}, table.title) : "", tableOf(table));
-  made.append(...content.tables.about.map(note => make("p", {class: "note"}, note)),
-    make("details", {}, make("summary", {}, "all columns"), content.tables.all.map(tableOf)));
+  made.append(
+    ...content.tables.about.map((note) => make("p", {class: "note"}, note)),
+    make("details", {}, make("summary", {}, "all columns"), content.tables.all.map(tableOf)),
+  );
   for (const paper of content.reported) showReported(made, paper);
 }
 
 // A table of measured rows, the best of each column bold.
 function tableOf(table) {
   const best = new Set(table.best.map(String));
-  const head = table.headings.map((text, j) => make("th", {class: j < table.leading || text === "given" ? "text" : null, scope: "col"}, text));
-  const rows = table.rows.map((row, i) => make("tr", {}, row.map((text, j) =>
-    make("td", {class: [j < table.leading || table.headings[j] === "given" ? "text" : "", best.has(`${i},${j}`) ? "lead" : "", table.headings[j] === "given" ? "given" : ""].join(" ").trim() || null}, text))));
-  return make("div", {class: "scroll", tabindex: 0}, make("table", {}, make("thead", {}, make("tr", {}, head)), make("tbody", {}, rows)));
+  const head = table.headings.map((text, j) =>
+    make("th", {class: j < table.leading || text === "given" ? "text" : null, scope: "col"}, text),
+  );
+  const rows = table.rows.map((row, i) =>
+    make(
+      "tr",
+      {},
+      row.map((text, j) =>
+        make(
+          "td",
+          {
+            class:
+              [
+                j < table.leading || table.headings[j] === "given" ? "text" : "",
+                best.has(`${i},${j}`) ? "lead" : "",
+                table.headings[j] === "given" ? "given" : "",
+              ]
+                .join(" ")
+                .trim() || null,
+          },
+          text,
+        ),
+      ),
+    ),
+  );
+  return make(
+    "div",
+    {class: "scroll", tabindex: 0},
+    make("table", {}, make("thead", {}, make("tr", {}, head)), make("tbody", {}, rows)),
+  );
 }
 
 function showReported(made, paper) {
   made.append(make("h3", {}, "Reported, not measured"), make("p", {class: "note"}, `${paper.source}. ${paper.note}`));
-  const tables = paper.tables.map(table => make("div", {class: "scroll"}, make("table", {},
-    make("thead", {}, make("tr", {}, make("th", {class: "text"}, table.title), table.figures.map(name => make("th", {}, name)))),
-    make("tbody", {}, Object.entries(table.rows).map(([name, values]) =>
-      make("tr", {}, make("td", {class: "text"}, name), values.map(value => make("td", {}, String(value)))))))));
+  const tables = paper.tables.map((table) =>
+    make(
+      "div",
+      {class: "scroll"},
+      make(
+        "table",
+        {},
+        make(
+          "thead",
+          {},
+          make(
+            "tr",
+            {},
+            make("th", {class: "text"}, table.title),
+            table.figures.map((name) => make("th", {}, name)),
+          ),
+        ),
+        make(
+          "tbody",
+          {},
+          Object.entries(table.rows).map(([name, values]) =>
+            make(
+              "tr",
+              {},
+              make("td", {class: "text"}, name),
+              values.map((value) => make("td", {}, String(value))),
+            ),
+          ),
+        ),
+      ),
+    ),
+  );
   made.append(make("div", {class: "figures"}, tables));
 }
 
 function showFigures() {
   if (!content.figures.length) return;
-  const chosen = new Set(content.chosen), painters = [];
+  const chosen = new Set(content.chosen),
+    painters = [];
   const legend = make("div", {class: "legend"});
-  const measured = [...new Set(content.figures.flatMap(figure => figure.data.map(trace => trace.arm)).filter(arm => arm !== undefined))].sort((a, b) => a - b);
-  const boxes = measured.map(arm => {
-    const box = make("input", {type: "checkbox", onchange: () => { box.checked ? chosen.add(arm) : chosen.delete(arm); update(); }});
+  const measured = [
+    ...new Set(
+      content.figures.flatMap((figure) => figure.data.map((trace) => trace.arm)).filter((arm) => arm !== undefined),
+    ),
+  ].sort((a, b) => a - b);
+  const boxes = measured.map((arm) => {
+    const box = make("input", {
+      type: "checkbox",
+      onchange: () => {
+        box.checked ? chosen.add(arm) : chosen.delete(arm);
+        update();
+      },
+    });
     box.checked = chosen.has(arm);
     return [arm, box];
   });
-  const all = on => () => { for (const [arm, box] of boxes) { box.checked = on; on ? chosen.add(arm) : chosen.delete(arm); } update(); };
-  const menu = make("details", {class: "menu"}, make("summary", {}, "Curves shown"), make("div", {},
-    make("button", {type: "button", onclick: all(true)}, "all"), " ", make("button", {type: "button", onclick: all(false)}, "none"),
-    boxes.map(([arm, box]) => make("label", {}, box, sample(arm), content.arms[arm].name))));
-  document.addEventListener("click", event => { if (!menu.contains(event.target)) menu.open = false; });
-  menu.addEventListener("keydown", event => { if (event.key === "Escape") { menu.open = false; menu.firstChild.focus(); } });
+  const all = (on) => () => {
+    for (const [arm, box] of boxes) {
+      box.checked = on;
+      on ? chosen.add(arm) : chosen.delete(arm);
+    }
+    update();
+  };
+  const menu = make(
+    "details",
+    {class: "menu"},
+    make("summary", {}, "Curves shown"),
+    make(
+      "div",
+      {},
+      make("button", {type: "button", onclick: all(true)}, "all"),
+      " ",
+      make("button", {type: "button", onclick: all(false)}, "none"),
+      boxes.map(([arm, box]) => make("label", {}, box, sample(arm), content.arms[arm].name)),
+    ),
+  );
+  document.addEventListener("click", (event) => {
+    if (!menu.contains(event.target)) menu.open = false;
+  });
+  menu.addEventListener("keydown", (event) => {
+    if (event.key === "Escape") {
+      menu.open = false;
+      menu.firstChild.focus();
+    }
+  });
   function update() {
-    legend.replaceChildren(...measured.filter(arm => chosen.has(arm)).map(arm => make("span", {}, sample(arm), content.arms[arm].name)));
+    legend.replaceChildren(
+      ...measured.filter((arm) => chosen.has(arm)).map((arm) => make("span", {}, sample(arm), content.arms[arm].name)),
+    );
     for (const paint of painters) paint();
   }
   const made = section("figures", "Figures", make("div", {class: "tools"}, measured.length > 1 ? menu : null, legend));
@@ -71,33 +182,54 @@ function showFigures() {
   made.append(grid);
   for (const figure of content.figures) {
     const place = make("div", {});
-    const paint = () => Plotly.react(place, tracesOf(figure, chosen), layoutOf({...figure.layout, ...sizeOf(figure, chosen)}), PLOT);
+    const paint = () =>
+      Plotly.react(place, tracesOf(figure, chosen), layoutOf({...figure.layout, ...sizeOf(figure, chosen)}), PLOT);
     const block = make("div", {class: "figure"}, make("h3", {}, figure.title), place);
     grid.append(block);
-    whenSeen(block, () => { if (!painters.includes(paint)) painters.push(paint); paint(); });
+    whenSeen(block, () => {
+      if (!painters.includes(paint)) painters.push(paint);
+      paint();
+    });
   }
   update();
 }
 
 function sizeOf(figure, chosen) {
-  const bars = figure.data.filter(trace => trace.type === "bar" && chosen.has(trace.arm)).length;
+  const bars = figure.data.filter((trace) => trace.type === "bar" && chosen.has(trace.arm)).length;
   return bars ? {height: Math.max(180, 70 + 26 * bars)} : {};
 }
 
 function tracesOf(figure, chosen) {
-  return figure.data.filter(trace => trace.arm === undefined || chosen.has(trace.arm)).map(trace => {
-    if (trace.arm === undefined) return trace;
-    const color = colourOf(trace.arm), name = plain(content.arms[trace.arm].name);
-    const line = {width: 2, dash: DASHES[styleOf(trace.arm)], ...trace.line, color};
-    const error = key => trace[key] && {[key]: {...trace[key], color: variable(trace.type === "bar" ? "--ink" : "--quiet")}};
-    const texts = trace.type === "bar" ? {y: [name]} : trace.mode.includes("text") || trace.text && trace.text.length === 1 ? {text: [name]} : {};
-    return {name, ...trace, ...texts, line: trace.type === "bar" ? undefined : line, marker: {...trace.marker, color},
-      fillcolor: trace.fill ? fade(color, 0.12) : undefined, ...error("error_x"), ...error("error_y")};
-  });
+  return figure.data
+    .filter((trace) => trace.arm === undefined || chosen.has(trace.arm))
+    .map((trace) => {
+      if (trace.arm === undefined) return trace;
+      const color = colourOf(trace.arm),
+        name = plain(content.arms[trace.arm].name);
+      const line = {width: 2, dash: DASHES[styleOf(trace.arm)], ...trace.line, color};
+      const error = (key) =>
+        trace[key] && {[key]: {...trace[key], color: variable(trace.type === "bar" ? "--ink" : "--quiet")}};
+      const texts =
+        trace.type === "bar"
+          ? {y: [name]}
+          : trace.mode.includes("text") || (trace.text && trace.text.length === 1)
+            ? {text: [name]}
+            : {};
+      return {
+        name,
+        ...trace,
+        ...texts,
+        line: trace.type === "bar" ? undefined : line,
+        marker: {...trace.marker, color},
+        fillcolor: trace.fill ? fade(color, 0.12) : undefined,
+        ...error("error_x"),
+        ...error("error_y"),
+      };
+    });
 }
 
 // A colour "#rrggbb" that lets so much shine through.
 function fade(color, opacity) {
-  const [r, g, b] = [1, 3, 5].map(at => parseInt(color.slice(at, at + 2), 16));
+  const [r, g, b] = [1, 3, 5].map((at) => parseInt(color.slice(at, at + 2), 16));
   return `rgba(${r},${g},${b},${opacity})`;
 }

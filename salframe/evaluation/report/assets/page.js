@@ -2,7 +2,9 @@
 
 const content = JSON.parse(document.getElementById("content").textContent);
 const SVG = "http://www.w3.org/2000/svg";
-const DASHES = ["solid", "dash", "dot"], STROKES = ["", "7 4", "2 3"], COLOURS = 8;
+const DASHES = ["solid", "dash", "dot"],
+  STROKES = ["", "7 4", "2 3"],
+  COLOURS = 8;
 const OUTCOME_CLASSES = ["right", "wrong", "denied", "none"];
 
 // An element with attributes and children; strings become text, never markup. `on...` are listeners.
@@ -17,14 +19,15 @@ function draw(name, attributes = {}, ...children) {
 function fill(element, attributes, children) {
   for (const [key, value] of Object.entries(attributes)) {
     if (key.startsWith("on")) element.addEventListener(key.slice(2), value);
-    else if (value !== null && value !== undefined && value !== false) element.setAttribute(key, value === true ? "" : value);
+    else if (value !== null && value !== undefined && value !== false)
+      element.setAttribute(key, value === true ? "" : value);
   }
-  element.append(...children.flat(Infinity).filter(child => child !== null && child !== undefined));
+  element.append(...children.flat(Infinity).filter((child) => child !== null && child !== undefined));
   return element;
 }
 
 // Text as Plotly takes it, which reads a few tags.
-const plain = text => text.replace(/[&<>]/g, mark => ({"&": "&amp;", "<": "&lt;", ">": "&gt;"})[mark]);
+const plain = (text) => text.replace(/[&<>]/g, (mark) => ({"&": "&amp;", "<": "&lt;", ">": "&gt;"})[mark]);
 
 // An island by its id, null where the page has none.
 function island(id) {
@@ -41,19 +44,34 @@ function section(id, title, ...children) {
 
 // A menu of names; `change` is called with the position of the one that is chosen.
 function choose(label, names, change, chosen = 0) {
-  const select = make("select", {onchange: () => change(select.selectedIndex)}, names.map(name => make("option", {}, name)));
+  const select = make(
+    "select",
+    {onchange: () => change(select.selectedIndex)},
+    names.map((name) => make("option", {}, name)),
+  );
   select.selectedIndex = chosen;
   return make("label", {hidden: names.length < 2}, label, select);
 }
 
-const variable = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-const colourOf = arm => variable(`--c${arm % COLOURS}`);
-const styleOf = arm => Math.floor(arm / COLOURS) % DASHES.length;
+const variable = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+const colourOf = (arm) => variable(`--c${arm % COLOURS}`);
+const styleOf = (arm) => Math.floor(arm / COLOURS) % DASHES.length;
 
 // The line that an arm is drawn with.
 function sample(arm) {
-  return draw("svg", {width: 26, height: 10, "aria-hidden": true},
-    draw("line", {x1: 1, x2: 25, y1: 5, y2: 5, stroke: `var(--c${arm % COLOURS})`, "stroke-width": 3, "stroke-dasharray": STROKES[styleOf(arm)]}));
+  return draw(
+    "svg",
+    {width: 26, height: 10, "aria-hidden": true},
+    draw("line", {
+      x1: 1,
+      x2: 25,
+      y1: 5,
+      y2: 5,
+      stroke: `var(--c${arm % COLOURS})`,
+      "stroke-width": 3,
+      "stroke-dasharray": STROKES[styleOf(arm)],
+    }),
+  );
 }
 
 // What is drawn anew when the theme changes.
@@ -66,20 +84,30 @@ function setTheme(isDark) {
 }
 setTheme(dark.matches);
 dark.addEventListener("change", () => setTheme(dark.matches));
-document.getElementById("theme").addEventListener("click", () => setTheme(!document.documentElement.classList.contains("dark")));
+document
+  .getElementById("theme")
+  .addEventListener("click", () => setTheme(!document.documentElement.classList.contains("dark")));
 
 // Draw once an element is near the screen.
 function whenSeen(element, paint) {
-  const watch = new IntersectionObserver(seen => {
-    if (!seen.some(one => one.isIntersecting)) return;
-    watch.disconnect();
-    paint();
-    themed.push(paint);
-  }, {rootMargin: "400px"});
+  const watch = new IntersectionObserver(
+    (seen) => {
+      if (!seen.some((one) => one.isIntersecting)) return;
+      watch.disconnect();
+      paint();
+      themed.push(paint);
+    },
+    {rootMargin: "400px"},
+  );
   watch.observe(element);
 }
 
-const PLOT = {responsive: true, displaylogo: false, displayModeBar: innerWidth < 600 ? false : "hover", modeBarButtons: [["toImage", "zoom2d", "pan2d", "resetScale2d"]]};
+const PLOT = {
+  responsive: true,
+  displaylogo: false,
+  displayModeBar: innerWidth < 600 ? false : "hover",
+  modeBarButtons: [["toImage", "zoom2d", "pan2d", "resetScale2d"]],
+};
 function axisStyle() {
   const line = variable("--line");
   return {gridcolor: line, linecolor: line, zerolinecolor: line, tickcolor: line};
@@ -89,8 +117,14 @@ function layoutOf(layout) {
   for (const axis of ["xaxis", "yaxis"]) own[axis] = {...axisStyle(), ...layout[axis]};
   return {
     modebar: {bgcolor: "rgba(0,0,0,0)", color: variable("--quiet"), activecolor: variable("--accent")},
-    margin: {l: 58, r: 16, t: 26, b: 46}, height: 320, showlegend: false, hovermode: "closest",
-    paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
+    margin: {l: 58, r: 16, t: 26, b: 46},
+    height: 320,
+    showlegend: false,
+    hovermode: "closest",
+    paper_bgcolor: "rgba(0,0,0,0)",
+    plot_bgcolor: "rgba(0,0,0,0)",
     font: {family: "system-ui, Segoe UI, Helvetica, Arial, sans-serif", size: 12, color: variable("--ink")},
-    hoverlabel: {bgcolor: variable("--paper"), bordercolor: variable("--line"), font: {color: variable("--ink")}}, ...own};
+    hoverlabel: {bgcolor: variable("--paper"), bordercolor: variable("--line"), font: {color: variable("--ink")}},
+    ...own,
+  };
 }
