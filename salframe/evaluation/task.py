@@ -23,6 +23,8 @@ from salframe.panoramas.range_model import RangeModel
 Piece = TypeVar("Piece")
 Surveyed = TypeVar("Surveyed", bound="Survey[Any]")
 
+ORDER = ("annotations", "rgb", "range")
+"""In which the parts of panoramas are named."""
 ESTIMATED_RANGE = "estimated range"
 """What a method is given whose range model estimates the range that a data set lacks."""
 
@@ -230,7 +232,7 @@ def parts_given(method: Component, dataset: Dataset) -> tuple[str, ...]:
     """Which parts of a data set's panoramas a method is given: what it needs or uses, with the errors that a detector
     puts into it, and range where it is estimated."""
     used = method.uses & dataset.provides if isinstance(method, Localizer) else frozenset[str]()
-    parts = sorted(parts_needed(method, dataset) | used)
+    parts = sorted(parts_needed(method, dataset) | used, key=ORDER.index)
     for _, inner in components_in(method.config):
         if issubclass(inner.component, Detector):
             noise = inner.component.noise_in(inner, dataset.rendered)

@@ -43,7 +43,7 @@ def list_settings(config: BaseModel, prefix: str = "") -> Iterator[Setting]:
         key, value, help = prefix + name, getattr(config, name), field.description or ""
         if isinstance(value, ComponentConfig):
             default = defaults[name]
-            yield Setting(key, value.kind, default and default["kind"], value.component.role, help)
+            yield Setting(key, value.kind, default and default["kind"], _slot_type(field, value.component.role), help)
         elif holds_components(value):
             chosen = [one.kind for one in value]
             yield Setting(key, chosen, [one["kind"] for one in defaults[name]], f"{value[0].component.role}, ...", help)
@@ -60,9 +60,13 @@ def spell_value(value: Any) -> str:
     return value if isinstance(value, str) else json.dumps(value)
 
 
+def _slot_type(field: FieldInfo, role: str) -> str:
+    return f"{role} | null" if type(None) in typing.get_args(field.annotation) else role
+
+
 def _type(field: FieldInfo) -> str:
     if isinstance(field.json_schema_extra, Mapping) and (role := field.json_schema_extra.get(ROLE)):
-        return f"{role} | null"
+        return _slot_type(field, role)
     bounds = [
         f"{words} {getattr(rule, bound):g}"
         for rule in field.metadata

@@ -51,11 +51,11 @@ def models(fakes):
 
 
 def test_every_setting_is_a_row_with_its_dotted_key(models):
-    config = Outer.Config(model={"share": 0.25}, grid={"size_m": 2}, limit=3)
+    config = Outer.Config(model={"share": 0.25}, other=None, grid={"size_m": 2}, limit=3)
     assert list(list_settings(config)) == [
         Setting("model", "inner", "inner", "saliency", ""),
         Setting("model.share", 0.25, 0.5, "float, at least 0, at most 1", "what it keeps"),
-        Setting("other", None, None, "saliency | null", "another, or none"),
+        Setting("other", None, "inner", "saliency | null", "another, or none"),
         Setting("grid.size_m", 2.0, 0.5, "float, over 0", "side of a cell"),
         Setting("way", "straight", "straight", "straight | round", ""),
         Setting("limit", 3, None, "int | null", ""),
@@ -65,5 +65,5 @@ def test_every_setting_is_a_row_with_its_dotted_key(models):
 
 def test_an_optional_slot_that_is_set_is_a_row_with_its_role(models):
     rows = {row.key: row for row in list_settings(Outer.Config(other={"share": 0.25}))}
-    assert rows["other"] == Setting("other", "inner", None, "saliency", "another, or none")
+    assert rows["other"] == Setting("other", "inner", "inner", "saliency | null", "another, or none")
     assert rows["other.share"].value == 0.25
