@@ -42,15 +42,14 @@ def list_settings(config: BaseModel, prefix: str = "") -> Iterator[Setting]:
             continue
         key, value, help = prefix + name, getattr(config, name), field.description or ""
         if isinstance(value, ComponentConfig):
-            default = defaults[name]
-            yield Setting(key, value.kind, default and default["kind"], _slot_type(field, value.component.role), help)
+            yield Setting(key, value.kind, _kind(defaults[name]), _slot_type(field, value.component.role), help)
         elif holds_components(value):
             chosen = [one.kind for one in value]
             yield Setting(key, chosen, [one["kind"] for one in defaults[name]], f"{value[0].component.role}, ...", help)
             for number, one in enumerate(value):
                 yield from list_settings(one, f"{key}[{number}].")
         elif not isinstance(value, BaseModel):
-            yield Setting(key, plain[name], defaults.get(name), _type(field), help)
+            yield Setting(key, plain[name], _kind(defaults.get(name)), _type(field), help)
         if isinstance(value, BaseModel):
             yield from list_settings(value, f"{key}.")
 
@@ -60,7 +59,12 @@ def spell_value(value: Any) -> str:
     return value if isinstance(value, str) else json.dumps(value)
 
 
-def _slot_type(field: FieldInfo, role: str) -> str:
+def _kind(default: Any) -> Any:
+    """A default, of a slot the name of its component."""
+    return default["kind"] if isinstance(default, Mapping) and "kind" in default else default
+
+
+def _slot_type(field: FieldInfo, role: Any) -> str:
     return f"{role} | null" if type(None) in typing.get_args(field.annotation) else role
 
 
