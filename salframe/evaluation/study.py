@@ -109,8 +109,8 @@ class Study(Settings):
 @dataclass(frozen=True, eq=False)
 class StudyResult:
     """The rows of a study, one for each method and combination of what varies; `settings`: what that is for each row,
-    by key, the data set under "data" where there are several. runs: the folders; columns: those to show, the usual ones
-    where there is none."""
+    by key, the data set under "data" where there are several, an arm under "arm". runs: the folders; report: the page
+    of a single one."""
 
     task: str
     runs: tuple[Path, ...]
@@ -118,7 +118,6 @@ class StudyResult:
     settings: tuple[Mapping[str, Any], ...]
     notes: tuple[str, ...] = ()
     reported: tuple[Reported, ...] = ()
-    columns: tuple[str, ...] = ()
     report: Path | None = None
 
     @property
@@ -140,7 +139,7 @@ class StudyResult:
 
     def tables(self) -> list[Table]:
         """The rows as tables, a column for each setting that varies."""
-        return tables_of(self.task, self.rows, self.columns, leading_columns(self.rows, self.settings))
+        return tables_of(self.task, self.rows, (), leading_columns(self.rows, self.settings))
 
     def to_json(self) -> dict[str, Any]:
         """All of it; "format" numbers the layout."""
