@@ -28,6 +28,9 @@ def experiment(
     ] = Path("docs/results"),
     runs: Runs = RUNS,
     engine: EngineName = ENGINE,
+    workers: Annotated[
+        int, typer.Option(min=1, help="How many methods at a time; more than 1 makes the measured times compete.")
+    ] = 1,
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
@@ -47,7 +50,8 @@ def experiment(
             ],
         )
         return
-    request = Request(data_dir=data_dir, runs=runs, engine=engine, seed=seed)
+    settings = (f"engine.workers={workers}",) if workers > 1 else ()
+    request = Request(data_dir=data_dir, runs=runs, engine=engine, settings=settings, seed=seed)
     done: list[ExperimentResult] = []
     for one in experiment_names() if name == ALL else [name]:
         with Bars() as bars:
