@@ -3,6 +3,7 @@ from .evaluation.detection import measure_detection as measure_detection
 from .evaluation.engine import Engine as Engine
 from .evaluation.experiment import run_experiment as run_experiment
 from .evaluation.fitting import fit_method as fit_method
+from .evaluation.guard import Limits as Limits
 from .evaluation.localization import compare as compare
 from .evaluation.matching import measure_matching as measure_matching
 from .evaluation.navigation import navigate as navigate

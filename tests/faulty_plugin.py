@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import re
+import signal
+import time
 from typing import Literal
 
 import numpy as np
@@ -130,6 +134,49 @@ class Odd(Reader):
         raise ValueError("the driver is odd")
 
 
+def _hold_a_gigabyte() -> None:
+    held = np.ones(125_000_000)
+    time.sleep(60)
+    del held
+
+
+DEADLY = {
+    "hang": lambda: time.sleep(600),
+    "spin": lambda: re.match(r"(a+)+$", "a" * 60 + "b"),  # in C, which no exception reaches
+    "exit": lambda: os._exit(3),
+    "fault": lambda: os.kill(os.getpid(), signal.SIGSEGV),
+    "hoard": _hold_a_gigabyte,
+}
+
+
+class Deadly(Reader):
+    """Ends its process, or needs to be ended, on queries of some rooms."""
+
+    name = "deadly"
+
+    class Config(Reader.Config):
+        how: Literal["hang", "spin", "exit", "fault", "hoard"] = Field("exit", description="what it does")
+        rooms: tuple[int, ...] = Field((1,), description="in which rooms")
+
+    def match(self, description):
+        if int(description["room"][0]) in self.config.rooms:
+            DEADLY[self.config.how]()
+        return super().match(description)
+
+
+class Slow(Reader):
+    """Takes its time to describe."""
+
+    name = "slow"
+
+    class Config(Reader.Config):
+        describe_s: float = Field(0.0, description="seconds a panorama takes")
+
+    def describe(self, panorama):
+        time.sleep(self.config.describe_s)
+        return super().describe(panorama)
+
+
 class Picky(Reader):
     """Lacks weights with an offset below 0, cannot be built with one of 100, and exits with a larger one."""
 
@@ -150,4 +197,4 @@ class Picky(Reader):
 
 @salframe.hookimpl
 def salframe_provides():
-    return [Faulty, Nonsense, Noted, Narrow, Odd, Picky]
+    return [Deadly, Faulty, Nonsense, Noted, Narrow, Odd, Picky, Slow]

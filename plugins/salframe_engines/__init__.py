@@ -14,7 +14,7 @@ import salframe
 from salframe.evaluation.engine import Engine
 from salframe.framework.component import Component
 from salframe.framework.config import ComponentConfig
-from salframe.framework.errors import SalframeError
+from salframe.framework.errors import SalframeError, WorkerDied
 from salframe.framework.processes import ProcessPool
 
 GLANCE_S = 0.5
@@ -37,6 +37,7 @@ class Processes(Engine):
 
     name = "processes"
     version = "1"
+    isolates = True
 
     class Config(ComponentConfig):
         workers: int = Field(
@@ -79,7 +80,7 @@ class _Running:
         try:
             return self._submit(pool, function, item).result()
         except BrokenProcessPool:
-            return SalframeError("its process died: killed, out of memory, or a fault in a library")
+            return WorkerDied("its process died: killed, out of memory, or a fault in a library")
         except KeyboardInterrupt:
             raise
         except BaseException as error:  # SystemExit too: it is the item's, not ours

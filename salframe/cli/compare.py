@@ -16,12 +16,14 @@ from salframe.cli.options import (
     DataDir,
     EngineName,
     Json,
+    Memory,
     Methods,
     Name,
     Runs,
     Seed,
     Set,
     Style,
+    Timeout,
     make_request,
 )
 from salframe.cli.output import show
@@ -39,6 +41,8 @@ def compare(
     reported: Annotated[
         bool, typer.Option("--reported", help="Show what papers report, apart from what is measured.")
     ] = False,
+    timeout: Timeout = None,
+    memory: Memory = None,
     style: Style = "table",
     as_json: Json = False,
 ) -> None:
@@ -46,7 +50,16 @@ def compare(
     from salframe.evaluation.localization import compare as run
 
     request = make_request(
-        methods, data=data, data_dir=data_dir, overrides=overrides, name=name, runs=runs, engine=engine, seed=seed
+        methods,
+        data=data,
+        data_dir=data_dir,
+        overrides=overrides,
+        name=name,
+        runs=runs,
+        engine=engine,
+        seed=seed,
+        timeout_s=timeout,
+        memory_mb=memory,
     )
     show(lambda progress: run(request, reported=reported, progress=progress), as_json, style)
 
@@ -62,6 +75,8 @@ def ablate(
     runs: Runs = RUNS,
     engine: EngineName = ENGINE,
     seed: Seed = 0,
+    timeout: Timeout = None,
+    memory: Memory = None,
     style: Style = "table",
     as_json: Json = False,
 ) -> None:
@@ -69,7 +84,15 @@ def ablate(
     from salframe.evaluation.study import ablate as run
 
     request = make_request(
-        data=data, data_dir=data_dir, overrides=overrides, name=name, runs=runs, engine=engine, seed=seed
+        data=data,
+        data_dir=data_dir,
+        overrides=overrides,
+        name=name,
+        runs=runs,
+        engine=engine,
+        seed=seed,
+        timeout_s=timeout,
+        memory_mb=memory,
     )
     show(lambda progress: run(file, request, progress=progress), as_json, style)
 

@@ -15,10 +15,12 @@ from salframe.cli.options import (
     DataDir,
     EngineName,
     Json,
+    Memory,
     Name,
     Runs,
     Set,
     Style,
+    Timeout,
     make_request,
 )
 from salframe.cli.output import show
@@ -33,6 +35,8 @@ def detection(
     runs: Runs = RUNS,
     engine: EngineName = ENGINE,
     classes: Annotated[bool, typer.Option("--classes", help="Print a table of the classes too.")] = False,
+    timeout: Timeout = None,
+    memory: Memory = None,
     style: Style = "table",
     as_json: Json = False,
 ) -> None:
@@ -42,6 +46,14 @@ def detection(
     from salframe.evaluation.detection import measure_detection
 
     request = make_request(
-        detectors, data=data, data_dir=data_dir, overrides=overrides, name=name, runs=runs, engine=engine
+        detectors,
+        data=data,
+        data_dir=data_dir,
+        overrides=overrides,
+        name=name,
+        runs=runs,
+        engine=engine,
+        timeout_s=timeout,
+        memory_mb=memory,
     )
     show(lambda progress: measure_detection(request, progress=progress), as_json, style, classes=classes)

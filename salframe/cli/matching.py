@@ -11,11 +11,13 @@ from salframe.cli.options import (
     DataDir,
     EngineName,
     Json,
+    Memory,
     Methods,
     Name,
     Runs,
     Set,
     Style,
+    Timeout,
     make_request,
 )
 from salframe.cli.output import show
@@ -29,6 +31,8 @@ def matching(
     name: Name = None,
     runs: Runs = RUNS,
     engine: EngineName = ENGINE,
+    timeout: Timeout = None,
+    memory: Memory = None,
     style: Style = "table",
     as_json: Json = False,
 ) -> None:
@@ -38,6 +42,14 @@ def matching(
     from salframe.evaluation.matching import measure_matching
 
     request = make_request(
-        methods, data=data, data_dir=data_dir, overrides=overrides, name=name, runs=runs, engine=engine
+        methods,
+        data=data,
+        data_dir=data_dir,
+        overrides=overrides,
+        name=name,
+        runs=runs,
+        engine=engine,
+        timeout_s=timeout,
+        memory_mb=memory,
     )
     show(lambda progress: measure_matching(request, progress=progress), as_json, style)

@@ -14,10 +14,12 @@ from salframe.cli.options import (
     DataDir,
     EngineName,
     Json,
+    Memory,
     Methods,
     Name,
     Runs,
     Style,
+    Timeout,
     make_request,
 )
 from salframe.cli.output import show
@@ -54,6 +56,8 @@ def navigate(
     runs: Runs = RUNS,
     engine: EngineName = ENGINE,
     seed: Annotated[int, typer.Option(help="Seed of episodes, noise and confidence intervals.")] = 0,
+    timeout: Timeout = None,
+    memory: Memory = None,
     style: Style = "table",
     as_json: Json = False,
 ) -> None:
@@ -67,7 +71,16 @@ def navigate(
     except ValueError:
         source = episodes
     request = make_request(
-        methods, data=data, data_dir=data_dir, overrides=overrides, name=name, runs=runs, engine=engine, seed=seed
+        methods,
+        data=data,
+        data_dir=data_dir,
+        overrides=overrides,
+        name=name,
+        runs=runs,
+        engine=engine,
+        seed=seed,
+        timeout_s=timeout,
+        memory_mb=memory,
     )
     show(
         lambda progress: run(request, episodes=source, positioning=Positioning(positioning), progress=progress),

@@ -40,6 +40,13 @@ Style = Annotated[
     Literal["table", "md", "latex", "csv"],
     typer.Option("--format", help="How tables are printed; csv has every number in full."),
 ]
+Timeout = Annotated[
+    float | None,
+    typer.Option("--timeout", metavar="SECONDS", help="End the work on a query, pair or episode that takes longer."),
+]
+Memory = Annotated[
+    float | None, typer.Option("--memory", metavar="MB", help="End the work of a method that holds more memory.")
+]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 
@@ -58,8 +65,11 @@ def make_request(
     runs: Path,
     engine: str,
     seed: int = 0,
+    timeout_s: float | None = None,
+    memory_mb: float | None = None,
 ) -> Request:
     """What the options that tasks share ask for; `methods` stand between commas."""
+    from salframe.evaluation.guard import Limits
     from salframe.evaluation.request import Request
 
     return Request(
@@ -71,4 +81,5 @@ def make_request(
         seed=seed,
         engine=engine,
         runs=runs,
+        limits=Limits(timeout_s, memory_mb),
     )

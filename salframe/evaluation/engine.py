@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 from salframe.framework.component import Role
 
@@ -13,6 +13,8 @@ class Engine(Role):
     """Runs independent pieces of work: in this process, in a pool, on many machines."""
 
     role = "engine"
+    isolates: ClassVar[bool] = False
+    """Whether each item has a process of its own, whose end is the item's alone."""
 
     @abstractmethod
     def map(self, function: Callable[[Any], Any], items: Sequence[Any]) -> Iterator[Any]:

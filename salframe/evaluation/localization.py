@@ -287,15 +287,18 @@ class _Answering(Worker[Query]):
         self._left_out: dict[str, str] = {}
         self._unusable: list[str] = []
 
+    def prepare(self, piece: Query) -> None:
+        if piece.fold.id == self._fold:
+            return
+        try:
+            self._take_map(piece.fold)
+        except MethodFailed:
+            raise
+        except Exception as error:  # without its map a method can answer nothing
+            raise MethodFailed(describe_error(error)) from error
+        self._fold = piece.fold.id
+
     def work(self, piece: Query) -> Row:
-        if piece.fold.id != self._fold:
-            try:
-                self._take_map(piece.fold)
-            except MethodFailed:
-                raise
-            except Exception as error:  # without its map a method can answer nothing
-                raise MethodFailed(describe_error(error)) from error
-            self._fold = piece.fold.id
         try:
             description, describe_ms = self._descriptions.take(piece.frame)
         except FRAME_ERRORS as error:

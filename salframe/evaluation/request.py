@@ -8,6 +8,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from salframe.evaluation.guard import NO_LIMITS, Limits
 from salframe.framework.auto import Choice
 from salframe.framework.config import ComponentConfig, nest, parse_override
 from salframe.framework.defaults import default_of
@@ -39,7 +40,8 @@ class Request:
     methods: presets, components or YAML files, or variants of them; data: a preset, a data set, a YAML file or a folder
     with a manifest.json, the default one where it is None; data_dir sets its `root`; settings: "key.path=value" each;
     name: of the run folder, the data set's unless given; seed: of confidence intervals, and of whatever the task draws;
-    engine: what runs the methods, the default one where it is None; runs: the folder of run folders.
+    engine: what runs the methods, the default one where it is None; runs: the folder of run folders; limits: of time
+    and memory of each piece of work, which cost the piece.
     """
 
     methods: Sequence[str | Variant] = ()
@@ -50,6 +52,7 @@ class Request:
     seed: int = 0
     engine: str | None = None
     runs: Path = Path("runs")
+    limits: Limits = NO_LIMITS
 
     def __post_init__(self) -> None:
         if isinstance(self.methods, str):

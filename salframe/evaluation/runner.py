@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import threading
 import traceback
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from salframe.evaluation.engine import Engine
+from salframe.evaluation.guard import Guard, Limits, what_ended
 from salframe.evaluation.reported import Reported
 from salframe.evaluation.request import Request, Resolved
 from salframe.evaluation.result import Result
@@ -30,11 +31,13 @@ from salframe.evaluation.task import MethodRow, Record, Survey, Task
 from salframe.framework.auto import Choice
 from salframe.framework.errors import (
     FRAME_ERRORS,
+    ConfigError,
     InputMissing,
     MethodFailed,
     MethodUnavailable,
     RequirementMissing,
     WeightsMissing,
+    WorkerDied,
     describe_error,
 )
 from salframe.framework.files import write_json
@@ -44,6 +47,8 @@ from salframe.panoramas.camera_height import units_note
 from salframe.panoramas.opening import Progress, mapping_frames, open_dataset, provided
 
 POLL_SECONDS = 0.5
+DEATHS = 3
+"""A method whose process dies so often in one run is given up."""
 
 
 def run_task(
@@ -72,13 +77,25 @@ def run_task(
         run.reuse(label, digest(key))
     units = units_note(mapping_frames(dataset))
     run.set_notes([*resolved.notes, *([units] if units else [])])
+    if request.limits and not engine.isolates:
+        raise ConfigError(f"the engine {engine.name!r} has no process a method, which a limit could end")
     todo = [label for label in run.labels if not _finished(task, run, label, survey)]
+    skipped: dict[str, list[tuple[Any, ...]]] = {label: [] for label in todo}
     with _watch(task, run, task.total(survey), progress):
-        answers = iter(engine.map(partial(work_method, task, run.directory), todo))
-        for label in todo:
-            ended = next(answers, MethodFailed(f"the engine {engine.name!r} gave no answer for it"))
-            if isinstance(ended, BaseException):
-                run.end(label, Outcome(MethodStatus.CRASHED, describe_error(ended)))
+        while todo:
+            work = partial(work_method, task, run.directory, request.limits, skipped)
+            answers = iter(engine.map(work, todo))
+            again = []
+            for label in todo:
+                ended = next(answers, MethodFailed(f"the engine {engine.name!r} gave no answer for it"))
+                died_of = _skip(task, run, label, survey, request.limits) if isinstance(ended, WorkerDied) else None
+                if died_of is not None:
+                    skipped[label].append(died_of)
+                if died_of is not None and len(skipped[label]) < DEATHS:
+                    again.append(label)
+                elif isinstance(ended, BaseException):
+                    run.end(label, Outcome(MethodStatus.CRASHED, describe_error(ended)))
+            todo = again
     return conclude(task, run, survey, reported)
 
 
@@ -115,8 +132,29 @@ def pool(task: Task[Any, Any], directories: Sequence[Path]) -> Sequence[MethodRo
     return task.summarize(parts, run.seed)
 
 
-def work_method(task: Task[Any, Any], directory: Path, label: str) -> None:
-    """Have one method of a run do what it has not done yet, and keep how it ended, whatever it raises."""
+def _skip(task: Task[Any, Any], run: Run, label: str, survey: Survey[Any], limits: Limits) -> tuple[Any, ...] | None:
+    """Give the piece that a method's process died of a row that says so; what it is known by, None where it died of
+    none."""
+    ended = what_ended(run.folder(label), limits)
+    if ended is None:
+        return None
+    known_by, reason = ended
+    key = tuple(known_by[name] for name in task.key_fields)
+    piece = next(one for one in survey.pieces if task.key(one) == key)
+    with closing(RowWriter(run.folder(label) / ROWS)) as rows:
+        rows.append({**known_by, **task.failed(piece), "status": PieceStatus.CRASHED, "error": reason})
+    return key
+
+
+def work_method(
+    task: Task[Any, Any],
+    directory: Path,
+    limits: Limits,
+    skipped: Mapping[str, Collection[tuple[Any, ...]]],
+    label: str,
+) -> None:
+    """Have one method of a run do what it has not done yet, and keep how it ended, whatever it raises. `skipped`: the
+    pieces by label that a process died of."""
     run = Run.load(directory)
     folder = run.begin(label)
     given: tuple[str, ...] = ()
@@ -127,11 +165,18 @@ def work_method(task: Task[Any, Any], directory: Path, label: str) -> None:
         survey = task.survey(open_dataset(data))
         given = task.given(label, method, survey.dataset)
         done = {key for key, row in _by_key(task, run, label).items() if row["status"] != PieceStatus.CRASHED}
-        todo = [piece for piece in survey.pieces if task.key(piece) not in done]
-        with task.open(label, method, survey, todo, folder) as worker, RowWriter(folder / ROWS) as rows:
+        todo = [piece for piece in survey.pieces if task.key(piece) not in {*done, *skipped[label]}]
+        with (
+            task.open(label, method, survey, todo, folder) as worker,
+            RowWriter(folder / ROWS) as rows,
+            closing(Guard(folder, limits)) as guard,
+        ):
             for piece in todo:
                 known_by = dict(zip(task.key_fields, task.key(piece), strict=True))
-                rows.append({**known_by, **_attempt(task, worker.work, piece, folder)})
+                worker.prepare(piece)
+                with guard.watch(known_by):
+                    row = _attempt(task, worker.work, piece, folder)
+                rows.append({**known_by, **row})
             outcome = Outcome(MethodStatus.DONE, worker.warning, given)
     except (RequirementMissing, WeightsMissing, InputMissing, MethodUnavailable) as error:
         outcome = Outcome(MethodStatus.UNAVAILABLE, str(error), given)

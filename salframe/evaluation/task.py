@@ -125,6 +125,11 @@ def in_common(records: Sequence[Record]) -> dict[str, Any]:
 class Worker(ABC, Generic[Piece]):
     """A method at work on the pieces of a task, in a process of its own."""
 
+    def prepare(self, piece: Piece) -> None:
+        """Do what a piece needs and others share, a map: it counts in no limit of the piece. Nothing unless overridden.
+        Whatever it raises costs the method its row."""
+        return None
+
     @abstractmethod
     def work(self, piece: Piece) -> Row:
         """What the method makes of a piece, without what it is known by. Whatever it raises costs the piece, and

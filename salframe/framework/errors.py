@@ -50,6 +50,10 @@ class InvalidAnswer(MethodFailed):
     """A component answered what no component of its role may answer."""
 
 
+class WorkerDied(SalframeError):
+    """A process that worked ended before it had answered."""
+
+
 class NoRoute(SalframeError):
     """Two nodes of a topological map are not connected."""
 
