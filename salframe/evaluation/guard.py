@@ -62,8 +62,9 @@ class Guard:
 
     def close(self) -> None:
         """Nothing is being worked on any more."""
-        (self._folder / AT_WORK).unlink(missing_ok=True)
         self._log.close()
+        for name in (AT_WORK, LOG):
+            (self._folder / name).unlink(missing_ok=True)
 
     def _watch_memory(self, most_mb: float) -> None:
         while True:

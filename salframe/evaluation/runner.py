@@ -100,17 +100,29 @@ def run_task(
 
 
 def conclude(task: Task[Any, Any], run: Run, survey: Survey[Any], reported: tuple[Reported, ...] = ()) -> Result[Any]:
-    """The result of a run from its rows; writes its metrics and report. Runs no method."""
+    """The result of a run from its rows; writes its metrics and report, or notes that they cannot be written. Runs no
+    method."""
     result, records = measure(task, run, survey, reported)
+    try:
+        return replace(result, report=_write(task, run, survey, result, records))
+    except OSError as error:  # a full disk: what was measured is told all the same
+        told = f"metrics and report could not be written: {error.strerror or error}"
+        return replace(result, notes=(*result.notes, told))
+
+
+def _write(
+    task: Task[Any, Any], run: Run, survey: Survey[Any], result: Result[Any], records: Sequence[Record]
+) -> Path | None:
+    """Write the metrics of a run and its page; the path of the page."""
     for row, content in zip(result.rows, result.to_json()["rows"], strict=True):
         write_json(run.folder(row.method) / "metrics.json", content)
     task.write_files(run, survey, records)
     view = task.view(result, records, survey)
     if view is None:
-        return result
+        return None
     from salframe.evaluation.report.content import write_run_page
 
-    return replace(result, report=write_run_page(view))
+    return write_run_page(view)
 
 
 def measure(

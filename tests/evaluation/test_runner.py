@@ -3,6 +3,7 @@ once is not asked again."""
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import re
@@ -226,3 +227,24 @@ def test_the_folders_of_odd_labels_stay_inside_the_run(faults):
     assert len(found) == 3
     assert all(folder.parent == result.run.resolve() / "methods" for folder in found)
     assert sorted(os.listdir()) == ["...yaml", "..yaml", "a b.yaml", "cache", "runs"]
+
+
+def test_a_full_disk_costs_the_report_and_not_the_table(fakes, monkeypatch):
+    from salframe.evaluation import runner
+
+    def full(path, content):
+        raise OSError(errno.ENOSPC, "No space left on device", str(path))
+
+    monkeypatch.setattr(runner, "write_json", full)
+    done = salframe("compare", "--methods", "reader", "--data", "rooms", "--engine", "inline")
+    assert done.code == 0
+    assert "100.0 (72-100)" in done.out
+    assert "metrics and report could not be written: No space left on device" in done.out
+
+
+def test_a_folder_that_cannot_be_written_to_is_one_line(fakes, tmp_path):
+    (tmp_path / "file").write_text("years")
+    done = salframe("compare", "--methods", "reader", "--data", "rooms", "--engine", "inline", "--runs", "file/runs")
+    assert (done.code, done.err.count("\n")) == (2, 1)
+    assert done.err.startswith("error: cannot use")
+    assert done.err.endswith("Not a directory\n")
