@@ -38,7 +38,7 @@ class OnnxDetector(Detector):
     """
 
     name = "onnx"
-    version = "2"
+    version = "3"
     needs: ClassVar[frozenset[str]] = frozenset({"rgb"})
     weights = tuple(ZOO.values())
 

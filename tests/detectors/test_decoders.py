@@ -180,3 +180,14 @@ class Surprised(Yolov5):
 )
 def test_a_broken_decoder_is_told_in_one_line(component, message):
     breaks(message, component)
+
+
+def test_of_too_many_boxes_the_best_are_kept():
+    """200,000 boxes, all but 300 on top of each other: the hundred best of those that stand apart."""
+    rng = np.random.default_rng(0)
+    corner = np.full((200_000, 2), 5.0)
+    corner[:300] = np.stack([np.arange(300) * 20.0, np.full(300, 100.0)], 1)
+    score = rng.uniform(0.3, 0.5, 200_000)
+    score[:300] = np.linspace(0.99, 0.6, 300)
+    found = suppress(Found(np.hstack([corner, corner + 10]), score, np.zeros(200_000, int)), 0.45)
+    np.testing.assert_array_equal(found.box_px[:, 0], np.arange(100) * 20.0)
