@@ -69,9 +69,11 @@ class Lines(Localizer):
             0.1, ge=0, le=1, description="a pose that explains a smaller share of the query's lines is none"
         )
 
+    uses: ClassVar[frozenset[str]] = frozenset({"range"})
+    """Where a map frame is to give a pose."""
+
     @property
     def needs(self) -> frozenset[str]:
-        """Colour; range too where a map frame is to give a pose."""
         return frozenset({"rgb"})
 
     def describe(self, panorama: Panorama) -> Description:

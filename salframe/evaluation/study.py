@@ -18,7 +18,7 @@ from salframe.evaluation.reported import Reported
 from salframe.evaluation.request import Request, Resolved, Variant, resolve
 from salframe.evaluation.result import FORMAT, Result
 from salframe.evaluation.runner import pool, run_task
-from salframe.evaluation.tables import Table, tables_of
+from salframe.evaluation.tables import METHOD, Table, tables_of
 from salframe.evaluation.task import MethodRow, Task
 from salframe.framework.config import Settings, read_yaml, validate
 from salframe.framework.errors import ConfigError, unknown
@@ -154,7 +154,7 @@ def leading_columns(rows: Sequence[Any], settings: Sequence[Mapping[str, Any]]) 
     keys = list(dict.fromkeys(key for given in settings for key in given))
     told = {key: [spell_value(given[key]) if key in given else "" for given in settings] for key in keys}
     of_data = {key: texts for key, texts in told.items() if key in (DATA, ARM) or key.startswith(f"{DATA}.")}
-    methods = {"method": [row.method.partition("[")[0] for row in rows]}
+    methods = {METHOD: [row.method.partition("[")[0] for row in rows]}
     return {**of_data, **methods, **{key: texts for key, texts in told.items() if key not in of_data}}
 
 

@@ -12,6 +12,8 @@ from typing import Any
 from salframe.evaluation.reported import Reported, ReportedTable
 from salframe.evaluation.task import MethodRow
 
+METHOD = "method"
+"""The heading of the column that names methods; what stands before it names the data."""
 NONE = "-"
 """In the place of a number that there is not."""
 UNITS = ("B", "kB", "MB", "GB")
@@ -211,7 +213,7 @@ def tables_of(
 ) -> list[Table]:
     """The tables of a task's rows. `columns`: names of COLUMNS, those that are usual unless given; `leading`: what
     names the rows, text for each by heading, their method unless given. Raises KeyError on a name that is none."""
-    leading = {"method": [row.method for row in rows]} if leading is None else leading
+    leading = {METHOD: [row.method for row in rows]} if leading is None else leading
     if columns:
         return [_table(task, rows, columns, leading)]
     if task == "matching":
@@ -252,16 +254,36 @@ def _drawn(columns: Sequence[Column], rows: Sequence[Any], leading: Mapping[str,
         [*labels, *(column.cell(row) if row.measured or column is GIVEN else NONE for column in columns)]
         for row, *labels in zip(rows, *leading.values(), strict=True)
     ]
-    best = set()
-    for place, column in enumerate(columns, len(leading)):
-        values = [column.value(row) if column.value and row.measured else None for row in rows]
-        known = [value for value in values if value is not None]
-        if len(known) > 1:
-            top = max(known) if column.largest else min(known)
-            best |= {(i, place) for i, value in enumerate(values) if value == top}
+    best = {
+        (i, place)
+        for place, column in enumerate(columns, len(leading))
+        for alike in _alike(leading, len(rows))
+        for i in _best(column, rows, alike)
+    }
     costs = frozenset(place for place, column in enumerate(columns, len(leading)) if column.cost)
     headings = (*leading, *(column.heading for column in columns))
     return Table(headings, cells, frozenset(best), costs, len(leading))
+
+
+def _alike(leading: Mapping[str, Sequence[str]], count: int) -> list[list[int]]:
+    """The rows that compare: those alike in all that stands before the method."""
+    names = list(leading)
+    before = [leading[name] for name in names[: names.index(METHOD)]] if METHOD in names else []
+    groups: dict[tuple[str, ...], list[int]] = {}
+    for i in range(count):
+        groups.setdefault(tuple(texts[i] for texts in before), []).append(i)
+    return list(groups.values())
+
+
+def _best(column: Column, rows: Sequence[Any], alike: Sequence[int]) -> list[int]:
+    """The best of these rows, none where fewer than two have a number."""
+    known = {
+        i: value for i in alike if column.value and rows[i].measured and (value := column.value(rows[i])) is not None
+    }
+    if len(known) < 2:
+        return []
+    top = max(known.values()) if column.largest else min(known.values())
+    return [i for i, value in known.items() if value == top]
 
 
 def reported_tables(papers: Sequence[Reported]) -> list[Table]:

@@ -55,6 +55,12 @@ def test_the_best_is_the_largest_or_the_least(largest, best):
     assert table.best == {(best, 1)}
 
 
+def test_rows_of_other_data_do_not_compete():
+    rows = [row("a", 0.9), row("b", 0.8), row("a", 0.3), row("b", 0.4)]
+    leading = {"data": ["x", "x", "y", "y"], "method": list("abab"), "key": ["", "", "", ""]}
+    assert tables_of("localization", rows, ("accuracy",), leading)[0].best == {(0, 3), (3, 3)}
+
+
 def test_what_is_usual_has_the_spread_of_seeds_only_where_there_are_some():
     assert "of each\nseed %" in tables_of("localization", ROWS)[0].headings
     assert "of each\nseed %" not in tables_of("localization", [row("a", 1.0)])[0].headings
