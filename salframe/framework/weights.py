@@ -9,6 +9,7 @@ import tempfile
 import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
@@ -23,6 +24,9 @@ ByteProgress = Callable[[int, int], None]
 """Called with the bytes that have arrived and the bytes expected."""
 
 CHUNK_BYTES = 1 << 20
+TIMEOUT_S = 60
+SLACK = 2
+"""A download has at most so many times the bytes that are expected, which are told in round numbers."""
 
 
 @dataclass(frozen=True)
@@ -119,21 +123,13 @@ class Download:
 
     def fetch(self, files: tuple[WeightsFile, ...], directory: Path, progress: ByteProgress) -> None:
         """Download each file from the first URL that answers."""
-        import urllib.request
-
         total, before = sum(file.size_bytes for file in files), 0
         for file in files:
             failures = []
             for address in (self.address(url, file) for url in self.urls):
                 try:
-                    with (
-                        urllib.request.urlopen(address, timeout=60) as answer,
-                        atomic_path(directory / file.name) as temporary,
-                    ):
-                        with temporary.open("wb") as sink:
-                            while chunk := answer.read(CHUNK_BYTES):
-                                sink.write(chunk)
-                                progress(before + sink.tell(), total)
+                    with atomic_path(directory / file.name) as temporary:
+                        receive(address, temporary, SLACK * file.size_bytes, partial(_tell, progress, before, total))
                         _verify(temporary, file, address)
                     break
                 except OSError as error:
@@ -141,6 +137,42 @@ class Download:
             else:
                 raise WeightsMissing(f"download failed: {'; '.join(failures)}")
             before += file.size_bytes
+
+
+def _tell(progress: ByteProgress, before: int, total: int, received: int) -> None:
+    progress(before + received, total)
+
+
+def check_redirect(address: str, target: str) -> None:
+    """Raises OSError where an address that is encrypted leads to one that is not."""
+    if address.startswith("https:") and not target.startswith("https:"):
+        raise OSError(f"it leads to {target}, which is not encrypted")
+
+
+def receive(address: str, path: Path, most_bytes: int, progress: Callable[[int], None]) -> None:
+    """Write what a URL gives to a file. Raises OSError where nothing answers, where it breaks off, where it gives more
+    bytes than `most_bytes`, and where https leads to an address without it."""
+    import http.client
+    import urllib.request
+
+    class Guarded(urllib.request.HTTPRedirectHandler):
+        def redirect_request(self, req, fp, code, msg, headers, newurl):  # type: ignore[no-untyped-def]
+            check_redirect(req.full_url, newurl)
+            return super().redirect_request(req, fp, code, msg, headers, newurl)
+
+    opened = urllib.request.build_opener(Guarded)
+    try:
+        with opened.open(address, timeout=TIMEOUT_S) as answer, path.open("wb") as sink:
+            while chunk := answer.read(CHUNK_BYTES):
+                sink.write(chunk)
+                if sink.tell() > most_bytes:
+                    raise OSError(f"it gives more than {most_bytes} bytes")
+                progress(sink.tell())
+            told = answer.headers.get("Content-Length")
+            if told is not None and sink.tell() < int(told):
+                raise OSError(f"it broke off after {sink.tell()} of {told} bytes")
+    except http.client.HTTPException as error:
+        raise OSError(f"{type(error).__name__}: {error}") from error
 
 
 @dataclass(frozen=True)

