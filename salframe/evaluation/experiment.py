@@ -168,22 +168,24 @@ def run_experiment(
 def _table(
     name: str, study: TableStudy, request: Request, file: Path, *, quick: bool, force: bool, progress: Progress | None
 ) -> TableResult:
-    """A table, measured unless it is kept already. What is wrong with it costs no other table."""
-    part = "quick" if quick else "whole"
-    kept = getattr(read_results(file), part).get(name)
+    """A table, measured unless it is kept already, as a quick one or not. What is wrong with it costs no other."""
+    results, part = read_results(file), "quick" if quick else "whole"
+    kept, fresh = getattr(results, part).get(name), None
     try:
         request = _with_data(study, request)
         known_by = _known_by(plan(study, request))
-        if kept is not None and kept.known_by == known_by and not force:
-            return TableResult(name, study, kept)
-        fresh = run_study(study, request, progress=progress)
+        there = [one for one in (results.whole.get(name), results.quick.get(name)) if one and one.known_by == known_by]
+        if there and not force:
+            kept = there[0]
+        else:
+            fresh = run_study(study, request, progress=progress)
+            kept = keep(fresh, known_by)
     except SalframeError as error:
         return TableResult(name, study, kept, skipped=str(error))
-    kept = keep(fresh, known_by)
-    # Another table may have been measured meanwhile.
-    results = read_results(file)
+    results = read_results(file)  # another table may have been measured meanwhile
     tables = {**getattr(results, part), name: kept}
-    write_json(file, results.model_copy(update={part: tables}).model_dump(mode="json"))
+    if tables != getattr(results, part):
+        write_json(file, results.model_copy(update={part: tables}).model_dump(mode="json"))
     return TableResult(name, study, kept, fresh=fresh)
 
 

@@ -76,6 +76,14 @@ def test_the_quick_measurement_stands_beside_the_whole(rooms):
     assert set(kept["whole"]) == {"first", "second"}
 
 
+def test_a_table_that_quick_does_not_change_is_measured_once(rooms):
+    file = write(first={**ROOMS, "quick": {}})
+    assert run_experiment(file, REQUEST, results="kept", quick=True).tables[0].fresh is not None
+    assert run_experiment(file, REQUEST, results="kept").tables[0].fresh is None
+    kept = json.loads(Path("kept/rooms.json").read_text())
+    assert kept["whole"] == kept["quick"]
+
+
 def test_what_is_kept_names_nothing_of_the_data(rooms):
     broken = {**ROOMS, "methods": ["reader"], "set": {"data.rooms": 4, "data.broken": ["map-1", "query-2-0"]}}
     run_experiment(write(first=broken), REQUEST, results="kept")
