@@ -16,6 +16,8 @@ from typing import Any
 import numpy as np
 import yaml
 
+from salframe.framework.errors import shorten
+
 LARGEST_BYTES = 1 << 28
 """Of a JSON, YAML or text file, a table or an image."""
 DEEPEST = 64
@@ -85,18 +87,14 @@ def _check_depth(depth: int) -> None:
 def _finite(text: str) -> float:
     value = float(text)
     if not math.isfinite(value):
-        raise ValueError(f"the number {_shortened(text)}, expected a finite one")
+        raise ValueError(f"the number {shorten(text, 40)}, expected a finite one")
     return value
 
 
 def _integer(text: str) -> int:
     if len(text) > 20 or not _LEAST_INTEGER <= (value := int(text)) < _END_INTEGER:
-        raise ValueError(f"the integer {_shortened(text)}, expected one of 64 bits")
+        raise ValueError(f"the integer {shorten(text, 40)}, expected one of 64 bits")
     return value
-
-
-def _shortened(text: str) -> str:
-    return text if len(text) <= 40 else f"{text[:20]}... of {len(text)} characters"
 
 
 def _check_events(content: bytes | str) -> None:
@@ -108,7 +106,7 @@ def _check_events(content: bytes | str) -> None:
     for event in yaml.parse(content, Loader=_SAFE):
         anchor = getattr(event, "anchor", None)
         if tag := getattr(event, "tag", None):
-            raise ValueError(f"the tag {_shortened(tag)}, expected none")
+            raise ValueError(f"the tag {shorten(tag, 40)}, expected none")
         if isinstance(event, yaml.AliasEvent):
             repeated = counts.get(anchor, 0)
             if repeated is None:

@@ -68,6 +68,11 @@ def describe_error(error: BaseException) -> str:
     return " ".join(text.split())
 
 
+def shorten(text: str, most: int = 200) -> str:
+    """A text whose middle is left out where it has more than `most` characters."""
+    return text if len(text) <= most else f"{text[: most // 2]}... ({len(text)} characters)"
+
+
 def failure_of(call: Callable[[], object]) -> str | None:
     """Call what may be a plugin's own code: whatever it raised, in one line, None where it raised nothing. Only an
     interrupt of the user passes."""

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from salframe.framework.errors import DataError
+from salframe.framework.files import read_text
 
 _NAME_LENGTH = 32
 """Panoramas are named by 32 hexadecimal digits; a P line whose name is shorter is a portal."""
@@ -62,14 +63,7 @@ class HouseFile:
 def read_house(path: Path) -> HouseFile:
     """Read a .house file (data_organization.md of the Matterport3D release). Raises DataError where it is missing,
     malformed or empty."""
-    try:
-        lines = [line.split() for line in path.read_text(encoding="utf-8").splitlines()]
-    except OSError as error:
-        raise DataError(
-            f"cannot read {path}: {error.strerror} (house_segmentations of the Matterport3D release)"
-        ) from None
-    except UnicodeDecodeError:
-        raise DataError(f"{path} is no .house file: it is not text") from None
+    lines = [line.split() for line in read_text(path, "a .house file of the Matterport3D release").splitlines()]
     try:
         regions, objects = tuple(_regions(lines)), tuple(_objects(lines))
         panoramas = {
