@@ -137,6 +137,8 @@ def read_viewpoints(folder: Path) -> dict[str, Viewpoint]:
                 fx, _, cx, _, fy, cy = map(float, words[1:7])
             elif words[:1] == ["scan"]:
                 pose = np.array(words[3:], float).reshape(4, 4) @ np.diag([1.0, -1.0, -1.0, 1.0])
+                if not np.isfinite([fx, fy, cx, cy, *pose.ravel()]).all():
+                    raise ValueError(f"the camera of {words[1]} holds a number that is not finite")
                 camera = Camera(fx, fy, cx, HEIGHT_PX - 1 - cy, pose)
                 shots.setdefault(words[2].split("_")[0], []).append(Shot(words[1], words[2], camera))
     except (IndexError, UnboundLocalError, ValueError) as error:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from salframe.framework.errors import WeightsMissing
+from salframe.framework.files import read_network
 from salframe_segments.card import Card, Layout
 
 TFLITE = ".tflite"

@@ -6,7 +6,7 @@ import io
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from typing import Any, BinaryIO, Literal, NamedTuple
 
 import numpy as np
 
@@ -65,6 +65,13 @@ def parse_arrays(content: bytes) -> dict[str, np.ndarray]:
     return arrays
 
 
+def pack_arrays(arrays: Mapping[str, np.ndarray]) -> bytes:
+    """The content of a compressed .npz of named arrays."""
+    file = io.BytesIO()
+    np.savez_compressed(file, **arrays)  # type: ignore[arg-type]  # numpy's stub takes no mapping here
+    return file.getvalue()
+
+
 def map_array(path: Path) -> np.ndarray:
     """The array of a .npy file, mapped into memory, read-only. Raises OSError, ValueError."""
     size = check_regular(path, 1 << 40)
@@ -82,7 +89,7 @@ def _parse(content: bytes) -> np.ndarray:
     return np.ndarray(shape, dtype, bytearray(content), file.tell(), order=order)
 
 
-def _header(file: BinaryIO, size: int) -> tuple[np.dtype, tuple[int, ...], str]:
+def _header(file: BinaryIO, size: int) -> tuple[np.dtype[Any], tuple[int, ...], Literal["C", "F"]]:
     """The dtype, shape and order of a .npy file of this size, opened at its beginning; leaves it at the values. Raises
     ValueError where these are not as many as the header says, or Python objects."""
     try:
@@ -96,6 +103,10 @@ def _header(file: BinaryIO, size: int) -> tuple[np.dtype, tuple[int, ...], str]:
     count, held = 1, size - file.tell()
     for length in shape:
         count *= length
-    if min(shape, default=0) < 0 or count * dtype.itemsize != held or (not held and max(shape, default=0) > LONGEST_AXIS):
+    if (
+        min(shape, default=0) < 0
+        or count * dtype.itemsize != held
+        or (not held and max(shape, default=0) > LONGEST_AXIS)
+    ):
         raise ValueError(f"{held} bytes of values, expected {count * dtype.itemsize} of {dtype} {shape}")
     return dtype, shape, "F" if by_columns else "C"

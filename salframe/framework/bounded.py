@@ -1,7 +1,7 @@
 """Reading within bounds: regular files of a limited size, JSON and YAML of limited nesting, size and kind.
 
-A FIFO would hang, a device fill the memory, deep nesting exhaust the stack, and YAML's aliases multiply: each is refused
-before it costs anything, by a ValueError that says what was received and what was expected.
+A FIFO would hang, a device fill the memory, deep nesting exhaust the stack, and YAML's aliases multiply: each is
+refused before it costs anything, by a ValueError that says what was received and what was expected.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ def _integer(text: str) -> int:
 def _check_events(content: bytes | str) -> None:
     """Raises ValueError on a document that has tags, is too deep, holds itself, or whose aliases make too much of it.
     Looks at no more than the parser's events: what composes them recurses."""
-    counts: dict[str, int | None] = {}
+    counts: dict[str | None, int | None] = {}
     open_: list[tuple[str | None, int]] = []
     nodes = 0
     for event in yaml.parse(content, Loader=_SAFE):

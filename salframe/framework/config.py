@@ -82,22 +82,29 @@ def validate(model: type[BaseModel], settings: Mapping[str, Any], where: str, ch
     try:
         return model.model_validate(settings, context=choice)
     except ValidationError as error:
-        problems = list(dict.fromkeys(_problem(model, problem, where) for problem in error.errors()))
-        more = f"; and {len(problems) - PROBLEMS} more such faults" if len(problems) > PROBLEMS else ""
-        raise ConfigError("; ".join(problems[:PROBLEMS]) + more) from None
+        raise ConfigError(describe_faults(error, where, model)) from None
 
 
-def _problem(model: type[BaseModel], problem: Any, where: str) -> str:
+def describe_faults(error: ValidationError, where: str, model: type[BaseModel] | None = None) -> str:
+    """What pydantic found wrong with what stands `where`, in one line: the first PROBLEMS faults, others counted."""
+    problems = list(dict.fromkeys(_problem(model, problem, where) for problem in error.errors()))
+    more = f"; and {len(problems) - PROBLEMS} more such faults" if len(problems) > PROBLEMS else ""
+    return "; ".join(problems[:PROBLEMS]) + more
+
+
+def _problem(model: type[BaseModel] | None, problem: Any, where: str) -> str:
     prefix = f"{where} " if where.endswith(":") else f"{where}."
     key = prefix + ".".join(map(str, problem["loc"])) if problem["loc"] else where.rstrip(":")
     if problem["type"] == "extra_forbidden":
-        known = ", ".join(name for name in model.model_fields if name != "kind")
-        return f"unknown key {key}" + (f" (known: {known})" if len(problem["loc"]) == 1 else "")
+        known = ", ".join(name for name in model.model_fields if name != "kind") if model else ""
+        return f"unknown key {key}" + (f" (known: {known})" if known and len(problem["loc"]) == 1 else "")
     if problem["type"] == "missing":
         return f"{key} is missing"
     if isinstance(cause := problem.get("ctx", {}).get("error"), Exception):
         return str(cause) if isinstance(cause, SalframeError) else f"{key}: {cause}"
-    return f"{key}: received {shorten(repr(problem['input']))}, expected {problem['msg'].removeprefix('Input should be ')}"
+    return (
+        f"{key}: received {shorten(repr(problem['input']))}, expected {problem['msg'].removeprefix('Input should be ')}"
+    )
 
 
 def read_yaml(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:

@@ -21,9 +21,9 @@ from typing import Any, TypeVar
 import numpy as np
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
-from salframe.framework.array_files import MOST_BYTES, parse_arrays
+from salframe.framework.array_files import MOST_BYTES, pack_arrays, parse_arrays
 from salframe.framework.bounded import check_regular, parse_json, read_bytes, why
-from salframe.framework.config import validate
+from salframe.framework.config import describe_faults, validate
 from salframe.framework.errors import ConfigError, DataError, WeightsMissing
 
 _Model = TypeVar("_Model", bound=BaseModel)
@@ -83,7 +83,7 @@ def reading(path: Path, expected: str) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise DataError(f"cannot read {path}: {error.strerror or error}") from None
+        raise DataError(f"cannot read {path}: {error.strerror or error}, expected {expected}") from None
     except ValueError as error:
         raise DataError(f"{path} is not {expected}: {' '.join(str(error).split())}") from None
 
@@ -108,15 +108,12 @@ def read_as(path: Path, kind: Any) -> Any:
 def check_as(content: Any, kind: Any, where: object) -> Any:
     """A value as a type that pydantic knows. Raises DataError, in one line, on whatever does not fit."""
     try:
-        return TypeAdapter(kind).validate_python(content)
+        return _adapter(kind).validate_python(content)
     except ValidationError as error:
-        first, *others = error.errors()
-        key = ".".join(map(str, first["loc"]))
-        more = f"; and {len(others)} more such faults" if others else ""
-        received = repr(first["input"])
-        received = received if len(received) <= 80 else f"{received[:80]}..."
-        message = first["msg"].removeprefix("Input should be ").removeprefix("Value error, ")
-        raise DataError(f"{where}: {f'{key}: ' if key else ''}received {received}, expected {message}{more}") from None
+        raise DataError(describe_faults(error, f"{where}:")) from None
+
+
+_adapter = lru_cache(maxsize=64)(TypeAdapter)
 
 
 def read_model(path: Path, model: type[_Model]) -> _Model:
@@ -142,10 +139,21 @@ def read_lines(path: Path) -> Iterator[Any]:
             raise DataError(f"{path}, line {number}, is not JSON: remove the line to have it asked again") from None
 
 
+def whole_lines_bytes(path: Path) -> int:
+    """How many bytes of a .jsonl file are whole lines. Raises DataError."""
+    with reading(path, "a file of JSON lines"):
+        return read_bytes(path, _LARGEST_LOG).rfind(b"\n") + 1
+
+
+def write_bytes(path: Path, content: bytes) -> None:
+    """Write a file atomically."""
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(content)
+
+
 def write_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
     """Write named arrays to a compressed .npz, atomically."""
-    with atomic_path(path) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(file, **arrays)  # type: ignore[arg-type]  # numpy's stub takes no mapping here
+    write_bytes(path, pack_arrays(arrays))
 
 
 def read_arrays(path: Path) -> dict[str, np.ndarray]:
@@ -172,12 +180,13 @@ def read_table(path: Path, row: type[_Model]) -> list[_Model]:
             rows = table.read(columns=list(row.model_fields), use_threads=False).to_pylist()
     except (pa.ArrowException, MemoryError, KeyError) as error:
         raise DataError(f"{path} is no Parquet table: {' '.join(str(error).split())[:100]}") from None
-    return check_as(rows, list[row], path)
+    checked: list[_Model] = check_as(rows, list[row], path)  # type: ignore[valid-type]
+    return checked
 
 
 def read_image(path: Path, mode: int) -> np.ndarray:
-    """The pixels of a JPEG or PNG in one of OpenCV's reading modes (cv2.IMREAD_COLOR gives blue first). Raises DataError
-    on a missing file, and on one that is damaged, cut off or too large."""
+    """The pixels of a JPEG or PNG in one of OpenCV's reading modes (cv2.IMREAD_COLOR gives blue first). Raises
+    DataError on a missing file, and on one that is damaged, cut off or too large."""
     import cv2
     from PIL import Image
 
@@ -196,6 +205,17 @@ def read_image(path: Path, mode: int) -> np.ndarray:
     if image is None:
         raise DataError(f"{path} is no readable image ({len(content)} bytes), expected a JPEG or PNG that is whole")
     return image
+
+
+def image_notes(path: Path) -> dict[str, Any]:
+    """What is written into a PNG beside its pixels; nothing of a file that is none."""
+    from PIL import Image
+
+    try:
+        with Image.open(io.BytesIO(read_bytes(path)), formats=("PNG",)) as picture:
+            return {str(key): value for key, value in picture.info.items()}
+    except Exception:  # Pillow raises whatever it stumbles over
+        return {}
 
 
 def read_network(path: Path) -> bytes:

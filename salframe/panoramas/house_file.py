@@ -63,7 +63,8 @@ class HouseFile:
 def read_house(path: Path) -> HouseFile:
     """Read a .house file (data_organization.md of the Matterport3D release). Raises DataError where it is missing,
     malformed or empty."""
-    lines = [line.split() for line in read_text(path, "a .house file of the Matterport3D release").splitlines()]
+    expected = "a .house file (house_segmentations of the Matterport3D release)"
+    lines = [line.split() for line in read_text(path, expected).splitlines()]
     try:
         regions, objects = tuple(_regions(lines)), tuple(_objects(lines))
         panoramas = {
@@ -73,6 +74,11 @@ def read_house(path: Path) -> HouseFile:
         }
     except (IndexError, ValueError) as error:
         raise DataError(f"{path} is no .house file: {error}") from None
+    numbers = [*(r.low_m for r in regions), *(r.high_m for r in regions), *(o for r in regions for o in r.outlines_m)]
+    numbers += [part for o in objects for part in (o.centre_m, o.axes, o.half_m)]
+    numbers += [point.position_m for point in panoramas.values()]
+    if not all(np.isfinite(part).all() for part in numbers):
+        raise DataError(f"{path} holds a number that is not finite")
     if not regions:
         raise DataError(f"{path} has no region, expected lines that begin with R")
     return HouseFile(regions, objects, panoramas)
