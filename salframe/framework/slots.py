@@ -87,8 +87,6 @@ def _fill(role: str, default: str, value: Any, info: ValidationInfo) -> Componen
     if not isinstance(value, Mapping):
         raise ValueError(f"received {value!r}, expected the name of a {role} or a mapping with its settings")
     value = {"kind": default, **value}
-    if not isinstance(value["kind"], str):
-        raise ValueError(f"received the kind {value['kind']!r}, expected the name of a {role}")
     if value["kind"] != AUTO or not auto_order(role):
         return validate(registry().get(role, value["kind"]).Config, value, role, choice)
     if choice is None:
