@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from salframe.framework.errors import shorten
+from salframe.framework.errors import one_line, shorten
 
 LARGEST_BYTES = 1 << 28
 """Of a JSON, YAML or text file, a table or an image."""
@@ -33,7 +33,7 @@ _LEAST_INTEGER, _END_INTEGER = -(1 << 63), 1 << 64
 
 def why(error: OSError | ValueError) -> str:
     """Why a file could not be read, in a few words."""
-    return (error.strerror if isinstance(error, OSError) else None) or str(error)
+    return (error.strerror if isinstance(error, OSError) else None) or one_line(error)
 
 
 def check_regular(path: Path, most_bytes: int = LARGEST_BYTES) -> int:
@@ -74,7 +74,7 @@ def parse_yaml(content: bytes | str) -> Any:
         _check_events(content)
         value = yaml.load(content, Loader=_SAFE)
     except yaml.YAMLError as error:
-        raise ValueError(" ".join(str(error).split())) from None
+        raise ValueError(one_line(error)) from None
     _check_plain(value)
     return value
 

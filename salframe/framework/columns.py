@@ -140,7 +140,7 @@ def _check_values(path: Path, values: np.ndarray, kind: ArrayKind) -> None:
 def _spell(path: Path, numbers: np.ndarray, words: tuple[str, ...]) -> np.ndarray:
     """The words that numbers stand for."""
     if numbers.dtype.kind != "u" or numbers.max(initial=0) >= max(len(words), 1):
-        raise DataError(f"{path} holds {numbers.dtype} up to {numbers.max(initial=0)}, expected numbers of words")
+        raise DataError(f"{path} holds {numbers.dtype}, expected the numbers of {len(words)} words")
     return np.array(words, np.str_)[numbers] if len(numbers) else np.array([], np.str_)
 
 

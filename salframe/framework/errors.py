@@ -64,8 +64,12 @@ FRAME_ERRORS = (DataError, InputMissing)
 
 def describe_error(error: BaseException) -> str:
     """An exception in one line."""
-    text = str(error) if isinstance(error, SalframeError) else f"{type(error).__name__}: {error}"
-    return " ".join(text.split())
+    return one_line(error) if isinstance(error, SalframeError) else f"{type(error).__name__}: {one_line(error)}"
+
+
+def one_line(error: BaseException) -> str:
+    """What an exception says, in one line."""
+    return " ".join(str(error).split())
 
 
 def shorten(text: str, most: int = 200) -> str:

@@ -24,7 +24,7 @@ from pydantic import BaseModel, TypeAdapter, ValidationError
 from salframe.framework.array_files import MOST_BYTES, pack_arrays, parse_arrays
 from salframe.framework.bounded import check_regular, parse_json, read_bytes, why
 from salframe.framework.config import describe_faults, validate
-from salframe.framework.errors import ConfigError, DataError, WeightsMissing
+from salframe.framework.errors import ConfigError, DataError, WeightsMissing, one_line
 
 _Model = TypeVar("_Model", bound=BaseModel)
 
@@ -83,9 +83,9 @@ def reading(path: Path, expected: str) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise DataError(f"cannot read {path}: {error.strerror or error}, expected {expected}") from None
+        raise DataError(f"cannot read {path}: {error.strerror or one_line(error)}, expected {expected}") from None
     except ValueError as error:
-        raise DataError(f"{path} is not {expected}: {' '.join(str(error).split())}") from None
+        raise DataError(f"{path} is not {expected}: {one_line(error)}") from None
 
 
 def read_text(path: Path, expected: str = "a text file") -> str:
@@ -179,7 +179,7 @@ def read_table(path: Path, row: type[_Model]) -> list[_Model]:
                 raise ValueError(f"{table.metadata.num_rows} rows, expected at most {_MOST_ROWS}")
             rows = table.read(columns=list(row.model_fields), use_threads=False).to_pylist()
     except (pa.ArrowException, MemoryError, KeyError) as error:
-        raise DataError(f"{path} is no Parquet table: {' '.join(str(error).split())[:100]}") from None
+        raise DataError(f"{path} is not a Parquet table: {one_line(error)}") from None
     checked: list[_Model] = check_as(rows, list[row], path)  # type: ignore[valid-type]
     return checked
 

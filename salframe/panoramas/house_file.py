@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from salframe.framework.errors import DataError
+from salframe.framework.errors import DataError, one_line
 from salframe.framework.files import read_text
 
 _NAME_LENGTH = 32
@@ -73,7 +73,7 @@ def read_house(path: Path) -> HouseFile:
             if words[:1] == ["P"] and len(words[1]) == _NAME_LENGTH
         }
     except (IndexError, ValueError) as error:
-        raise DataError(f"{path} is no .house file: {error}") from None
+        raise DataError(f"{path} is no .house file: {one_line(error)}") from None
     numbers = [*(r.low_m for r in regions), *(r.high_m for r in regions), *(o for r in regions for o in r.outlines_m)]
     numbers += [part for o in objects for part in (o.centre_m, o.axes, o.half_m)]
     numbers += [point.position_m for point in panoramas.values()]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import io
 import json
 import os
@@ -17,6 +18,9 @@ STRANGE = (
     float("nan"), float("inf"), "\ud800", [1, [2, [3, ["four"]]]], {"a": 1}, {"kind": None}, "2020-01-01", " ",
 )  # fmt: skip
 """What stands where something else is expected."""
+LAUGHS = b"a0: &a0 [1, 1, 1]\n" + b"".join(
+    b"a%d: &a%d [%s]\n" % (i, i, b", ".join([b"*a%d" % (i - 1)] * 9)) for i in range(1, 12)
+)
 RAW = (
     b"[" * 5000 + b"]" * 5000,
     b"{\"a\":" * 5000 + b"1" + b"}" * 5000,
@@ -30,7 +34,7 @@ RAW = (
     b"base: [x.yaml]\n",
     b"a: !!binary aGVsbG8=\n",
     b"a: !!set {b, c}\n",
-    b"a0: &a0 [1, 1, 1]\n" + b"".join(b"a%d: &a%d [%s]\n" % (i, i, b", ".join([b"*a%d" % (i - 1)] * 9)) for i in range(1, 12)),
+    LAUGHS,
     b'{"a": 1e999}',
     b'{"a": ' + b"9" * 5000 + b"}",
     b"<map/>",
@@ -83,7 +87,8 @@ def flip(path: Path, rng: np.random.Generator) -> None:
 def splice(path: Path, rng: np.random.Generator) -> None:
     """A piece of the file, or noise, in another place of it."""
     content = path.read_bytes()
-    start, end, at = sorted(rng.integers(len(content), size=2).tolist()) + [int(rng.integers(len(content)))]
+    start, end = sorted(rng.integers(len(content), size=2).tolist())
+    at = int(rng.integers(len(content)))
     piece = content[start:end] if rng.random() < 0.5 else rng.bytes(min(end - start, 100))
     path.write_bytes(content[:at] + piece + content[at + (len(piece) if rng.random() < 0.5 else 0) :])
 
@@ -111,7 +116,7 @@ def values(path: Path, rng: np.random.Generator) -> None:
 
 def _changed(value, rng: np.random.Generator):
     if not isinstance(value, dict | list) or not value or rng.random() < 0.15:
-        return STRANGE[rng.integers(len(STRANGE))]
+        return copy.deepcopy(STRANGE[rng.integers(len(STRANGE))])
     keys = list(value) if isinstance(value, dict) else range(len(value))
     key = keys[rng.integers(len(keys))]
     way = rng.random()
