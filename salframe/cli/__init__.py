@@ -154,10 +154,10 @@ def main() -> None:
     except (KeyboardInterrupt, _Interrupted):
         print("interrupted: run the same command again to resume", file=sys.stderr)
         sys.exit(130)
-    except SalframeError as error:
+    except (SalframeError, OSError) as error:
         if _debug:
             raise
-        print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
+        print(f"error: {describe_error(error)}", file=sys.stderr)
         sys.exit(2)
     except OSError as error:  # a full disk, a folder that may not be written to
         if _debug:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from salframe.framework.bounded import parse_yaml, read_bytes, why
-from salframe.framework.errors import ConfigError, SalframeError, shorten
+from salframe.framework.errors import ConfigError, SalframeError, describe_error, shorten
 
 if TYPE_CHECKING:
     from salframe.framework.auto import Choice
@@ -83,6 +83,8 @@ def validate(model: type[BaseModel], settings: Mapping[str, Any], where: str, ch
         return model.model_validate(settings, context=choice)
     except ValidationError as error:
         raise ConfigError(describe_faults(error, where, model)) from None
+    except OSError as error:  # of a path among the settings that no file system takes
+        raise ConfigError(f"{where.rstrip(':')}: {describe_error(error)}") from None
 
 
 def describe_faults(error: ValidationError, where: str, model: type[BaseModel] | None = None) -> str:

@@ -15,6 +15,7 @@ from salframe_matterport.release import read_viewpoints as read_cameras
 from salframe_matterport.reverie import Reverie
 from salframe_mesh.dataset import read_frames
 from salframe_mesh.floors import read_rooms
+from small_map import write_small_map
 from tiny_folder import write_tiny_folder
 
 from salframe.evaluation.request import Request
@@ -25,16 +26,14 @@ from salframe.framework.cache import Cache
 from salframe.framework.files import file_sha256
 from salframe.framework.onnx import open_model
 from salframe.framework.presets import configure_default
-from salframe.localization.map_folder import MAP, write_map
+from salframe.localization.map_folder import MAP
 from salframe.localization.saved_map import build_map, open_map
 from salframe.navigation.episodes import read_asked
 from salframe.panoramas import images
-from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.folder_format import Folder
 from salframe.panoramas.house_file import read_house
 from salframe.panoramas.shot import read_panorama
-from salframe.topology.store import open_topology, write_topology
-from salframe.topology.topological_map import MapEdge, MapNode, NodeKind, TopologicalMap
+from salframe.topology.store import open_topology
 
 
 @dataclass(frozen=True)
@@ -138,7 +137,7 @@ def write_sound(root: Path) -> None:
     cv2.imwrite(str(root / "photograph" / "a.jpg"), noise)
     images.write_ids(root / "labels" / "ids.png", noise[..., 0] % 3)
     write_json(root / "labels" / "labels.json", {"1": "bed", "2": "lamp"})
-    _write_topology(root / "topology")
+    write_small_map(root / "topology")
     _write_run(root / "run", root / "folder")
     (root / "study" / "study.yaml").write_text(
         "method: objects\nset: {data.seed: 3}\nvary: {labels: [set, multiset], data.rooms: [4, 5]}\nseeds: [1, 2]\n"
@@ -185,18 +184,6 @@ def write_network(path: Path) -> None:
     given, made = (helper.make_tensor_value_info(name, TensorProto.FLOAT, ("n", 3, 8, 8)) for name in "xy")
     graph = helper.make_graph([helper.make_node("Relu", ["x"], ["y"])], "net", [given], [made])
     onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8), path)
-
-
-def _write_topology(directory: Path) -> None:
-    nodes = tuple(
-        MapNode(name, NodeKind.SCENE, (x, 0.0, 0.0), ("hall",) * (1 + number), (f"{name}-map",))
-        for number, (name, x) in enumerate((("a", 0.0), ("b", 2.0), ("c", 5.0)))
-    )
-    edges = (MapEdge("a", "b", 2.0, 0.0), MapEdge("b", "c", 4.0, 0.0, ((2.0, 0.0), (3.0, 1.0), (5.0, 0.0))))
-    free = np.ones((20, 30), bool)
-    floor = FloorMasks(free, np.where(free, 1, 0).astype(np.int32), ~free, 0.25, (-1.0, 2.5), {1: "hall"})
-    with write_map(directory) as parts:
-        write_topology(parts, TopologicalMap(nodes, edges, (floor,), {"cell_m": 0.25}, ("a note",)))
 
 
 def _write_run(root: Path, data: Path) -> None:
