@@ -154,7 +154,7 @@ def main() -> None:
     except (KeyboardInterrupt, _Interrupted):
         print("interrupted: run the same command again to resume", file=sys.stderr)
         sys.exit(130)
-    except (SalframeError, OSError) as error:
+    except SalframeError as error:
         if _debug:
             raise
         print(f"error: {describe_error(error)}", file=sys.stderr)

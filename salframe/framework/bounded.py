@@ -10,10 +10,10 @@ import json
 import math
 import re
 import stat
+from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import yaml
 
 from salframe.framework.errors import one_line, shorten
@@ -27,7 +27,7 @@ MOST_NODES = 1_000_000
 _SAFE: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # that of libyaml is six times as fast on our presets
 _STRING = re.compile(rb'"[^"\\]*+(?:\\.[^"\\]*+)*+"?', re.DOTALL)
 _NO_BRACKET = bytes(sorted({*range(256)} - {*b"[]{}"}))
-_STEPS = bytes.maketrans(b"[{]}", b"\x01\x01\xff\xff")
+_OPENING = b"[{"
 _LEAST_INTEGER, _END_INTEGER = -(1 << 63), 1 << 64
 
 
@@ -59,9 +59,8 @@ def read_bytes(path: Path, most_bytes: int = LARGEST_BYTES) -> bytes:
 
 def parse_json(content: bytes) -> Any:
     """The value of a JSON text in UTF-8, its numbers finite and its integers of 64 bits. Raises ValueError."""
-    steps = np.frombuffer(_STRING.sub(b"", content).translate(_STEPS, _NO_BRACKET), np.int8)
-    depth = np.cumsum(steps, dtype=np.int64)
-    _check_depth(int(depth.max(initial=0)))
+    brackets = _STRING.sub(b"", content).translate(None, _NO_BRACKET)
+    _check_depth(max(accumulate(1 if bracket in _OPENING else -1 for bracket in brackets), default=0))
     value = json.loads(content.decode(), parse_int=_integer, parse_float=_finite, parse_constant=_finite)
     if b"\\ud" in content or b"\\uD" in content:
         json.dumps(value, ensure_ascii=False).encode()  # half a character, which no file or terminal takes

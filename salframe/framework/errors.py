@@ -64,7 +64,8 @@ FRAME_ERRORS = (DataError, InputMissing)
 
 def describe_error(error: BaseException) -> str:
     """An exception in one line."""
-    return one_line(error) if isinstance(error, SalframeError) else f"{type(error).__name__}: {one_line(error)}"
+    said = one_line(error)
+    return said if isinstance(error, SalframeError) else f"{type(error).__name__}: {said}".rstrip()
 
 
 def one_line(error: BaseException) -> str:
