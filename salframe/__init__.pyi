@@ -17,6 +17,7 @@ from .evaluation.scorer import score as score
 from .evaluation.sensor import measure_sensor as measure_sensor
 from .evaluation.study import ablate as ablate
 from .evaluation.tasks import evaluate as evaluate
+from .framework.cache import Cache as Cache
 from .framework.component import Component as Component
 from .framework.component import Role as Role
 from .framework.config import ComponentConfig as ComponentConfig

@@ -19,7 +19,7 @@ from salframe.testing.rooms import PARTS, query_frames, query_truths
 DOOR = [
     "export_map", "fetch_weights", "score",
     "equirectangular_rays", "invert_pose", "pose_2d", "rays_to_pixels", "transform_points",
-    "Annotations", "Component", "ComponentConfig", "ConfigError", "Conformance", "DataError", "Dataset",
+    "Annotations", "Cache", "Component", "ComponentConfig", "ConfigError", "Conformance", "DataError", "Dataset",
     "Detections", "Detector", "Engine", "FloorMasks", "Fold", "FrameKind", "GraphMatch", "GraphMatcher",
     "InputMissing", "InvalidAnswer", "Localization", "LocalizationStatus", "Localizer", "MapEdge", "MapFrame",
     "MapNode", "NoRoute", "NodeKind", "NodeMatches", "ObjectBoxes", "Panorama", "Planner", "PointMatches",

@@ -7,11 +7,15 @@ from typing import Any
 
 from pydantic import Field
 
+from salframe.framework.bounded import check_regular
 from salframe.framework.config import ComponentConfig
 from salframe.framework.errors import WeightsMissing
 from salframe.framework.identity import UserFile
 from salframe.framework.weights import Weights
 from salframe_keypoints.feature_matcher import FeatureMatcher
+
+LARGEST_BYTES = 1 << 32
+"""Of a checkpoint."""
 
 
 class TrainedMatcher(FeatureMatcher):
@@ -47,6 +51,7 @@ def read_checkpoint(path: Path) -> Any:
     import torch
 
     try:
+        check_regular(path, LARGEST_BYTES)
         return torch.load(path, map_location="cpu", weights_only=True)
     except Exception as error:  # torch raises whatever its unpickler stumbles over
         raise WeightsMissing(f"{path} is no torch checkpoint: {type(error).__name__} {_one_line(error)}") from None

@@ -14,6 +14,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from salframe.framework.bounded import check_regular
 from salframe.framework.errors import DataError, RequirementMissing
 from salframe_house.looks import GLASS
 from salframe_house.mesh import Mesh
@@ -25,6 +26,7 @@ Part = Literal["training", "held-out"]
 
 LISTING = "PluginFurnitureCatalog.properties"
 LARGEST_MODEL_BYTES = 1_000_000
+_LARGEST_LIBRARY_BYTES = 1 << 32
 """Of an OBJ file, some 15,000 triangles: nine in ten models are smaller."""
 
 SHARE = 0.5
@@ -168,10 +170,11 @@ def read_library(path: Path) -> list[Asset]:
     """The models of a library that stand for one of our classes and are small enough. Raises DataError where it is no
     .sh3f file."""
     try:
+        check_regular(path, _LARGEST_LIBRARY_BYTES)
         with zipfile.ZipFile(path) as archive:
             sizes = {item.filename: item.file_size for item in archive.infolist()}
             text = archive.read(LISTING).decode("latin-1")
-    except (zipfile.BadZipFile, KeyError, OSError) as error:
+    except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, KeyError, OSError, ValueError) as error:
         raise DataError(f"{path} is no furniture library of Sweet Home 3D: {error}") from None
     values = dict(line.split("=", 1) for line in text.splitlines() if "=" in line and not line.startswith("#"))
     assets = []

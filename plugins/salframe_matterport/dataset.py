@@ -15,6 +15,7 @@ from pydantic import Field
 
 from salframe.framework.config import ComponentConfig, match_only
 from salframe.framework.errors import DataError
+from salframe.framework.files import file_sha256
 from salframe.framework.identity import digest
 from salframe.navigation.world import NavigableDataset, World
 from salframe.panoramas.frames import Fold, MapFrame, QueryFrame, Truth
@@ -112,10 +113,7 @@ class MatterportAnnotations(NavigableDataset):
             path = connectivity_path(self._root, scan)
             files += [path, *(boxes_path(self._root, scan, viewpoint) for viewpoint in read_connectivity(path))]
         for path in files:
-            try:
-                content.update(hashlib.sha256(path.read_bytes()).digest())
-            except OSError as error:
-                raise DataError(f"cannot read {path}: {error.strerror}") from None
+            content.update(bytes.fromhex(file_sha256(path)))
         return content.hexdigest()
 
     def prepare(self, progress: Callable[[int, int], None]) -> None:

@@ -9,14 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from salframe.framework.errors import DataError
-from salframe.framework.files import read_json
 from salframe.navigation.chart import Chart
 from salframe.navigation.world import World
 from salframe.panoramas.frames import MapFrame
 from salframe.panoramas.geometry import pose_2d, pose_yaw, wrap_angle
 from salframe.panoramas.panorama import Annotations, ObjectBoxes, Panorama
 from salframe.topology.topological_map import MapEdge, MapNode, NodeKind, TopologicalMap
-from salframe_matterport.readers import format_of, read_connectivity
+from salframe_matterport.readers import read_connectivity, read_viewpoints, read_ways
 from salframe_matterport.scenes import Scene
 
 View = Callable[[Panorama], Panorama]
@@ -142,15 +141,10 @@ def viewpoint_world(
     straight line in 3D. Nodes lie the camera's height below it. Raises DataError on a missing or malformed file.
     """
     poses = read_connectivity(path)
-    with format_of(path):
-        listed = read_json(path)
-        free = {
-            (a["image_id"], b["image_id"])
-            for a in listed
-            for b, clear in zip(listed, a["unobstructed"], strict=True)
-            if clear
-        }
-        height_m = {viewpoint["image_id"]: float(viewpoint["height"]) for viewpoint in listed}
+    free = read_ways(path)
+    height_m = {one.image_id: one.height for one in read_viewpoints(path) if one.height is not None}
+    if not poses.keys() <= height_m.keys():
+        raise DataError(f"{path} has no key 'height', expected it of every viewpoint")
     name = {viewpoint: f"{scan}/{viewpoint}" for viewpoint in poses}
     seen = {scene.id: scene for scene in scenes}
     nodes = [

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+from pydantic import BaseModel, Field, StrictBool, model_validator
 
 from salframe.framework.errors import DataError
-from salframe.framework.files import read_json
+from salframe.framework.files import read_as
 from salframe.panoramas.geometry import pose_2d
 
 
@@ -28,15 +28,48 @@ NO_LABEL = "-"
 """The label of a region that nobody has labelled."""
 
 
-@contextmanager
-def format_of(path: Path) -> Iterator[None]:
-    """Say which file is malformed."""
-    try:
-        yield
-    except KeyError as error:
-        raise DataError(f"{path} has no key {error}") from None
-    except (AttributeError, IndexError, TypeError, ValueError) as error:
-        raise DataError(f"{path} is not in the official format: {error}") from None
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+
+
+class Viewpoint(BaseModel):
+    """A viewpoint of a connectivity file; unobstructed: whether the way to each viewpoint of the file is free; height:
+    of the camera above the floor, in metres."""
+
+    image_id: str
+    pose: tuple[Number, ...] = Field(min_length=16, max_length=16)
+    included: StrictBool
+    unobstructed: tuple[StrictBool, ...] | None = None
+    height: Number | None = None
+
+
+class _Annotation(BaseModel):
+    """An object in a file of boxes: the views that see it, and its box in each."""
+
+    name: str
+    visible_pos: tuple[Annotated[int, Field(strict=True, ge=0)], ...]
+    bbox2d: tuple[tuple[Number, Number, Number, Number], ...]
+
+    @model_validator(mode="after")
+    def _a_box_a_view(self) -> _Annotation:
+        if len(self.bbox2d) != len(self.visible_pos):
+            raise ValueError(f"{self.name} has {len(self.bbox2d)} boxes in {len(self.visible_pos)} views")
+        return self
+
+
+class _Region(BaseModel):
+    region_index: int
+    label: str | None = None
+
+
+class _Labels(BaseModel):
+    label_name: dict[str, str] = {}
+
+
+class _Regions(BaseModel):
+    """vp2room_label.json."""
+
+    pano_info: dict[str, dict[str, _Region]]
+    label_info: _Labels = _Labels()
 
 
 def connectivity_path(root: Path, scan: str) -> Path:
@@ -63,56 +96,83 @@ def find_scans(root: Path) -> list[str]:
     return scans
 
 
+def read_viewpoints(path: Path) -> tuple[Viewpoint, ...]:
+    """The viewpoints of a connectivity file, in its order. Raises DataError on a malformed one."""
+    listed: tuple[Viewpoint, ...] = tuple(read_as(path, list[Viewpoint]))
+    names = {viewpoint.image_id for viewpoint in listed}
+    if len(names) < len(listed):
+        raise DataError(f"{path} lists {len(listed)} viewpoints of {len(names)} different names")
+    return listed
+
+
+def read_ways(path: Path) -> set[tuple[str, str]]:
+    """The pairs of viewpoints of a connectivity file between which the way is unobstructed. Raises DataError."""
+    listed = read_viewpoints(path)
+    ways = set()
+    for viewpoint in listed:
+        if viewpoint.unobstructed is None:
+            raise DataError(f"{path} has no key 'unobstructed', expected it of every viewpoint")
+        if len(viewpoint.unobstructed) != len(listed):
+            raise DataError(
+                f"{path}: {viewpoint.image_id} tells of the ways to {len(viewpoint.unobstructed)} viewpoints, "
+                f"expected {len(listed)}"
+            )
+        free = zip(listed, viewpoint.unobstructed, strict=True)
+        ways |= {(viewpoint.image_id, other.image_id) for other, clear in free if clear}
+    return ways
+
+
 def read_connectivity(path: Path) -> dict[str, np.ndarray]:
     """T_world_pano (4, 4) of the included viewpoints of a building, by viewpoint id, in the order of the file.
 
     The file's pose has camera axes x right, y down, z forward; the panorama frame stands upright at the camera and
     looks where it looks.
     """
-    with format_of(path):
-        poses = {}
-        for viewpoint in read_json(path):
-            if viewpoint["included"]:
-                camera = np.array(viewpoint["pose"], float).reshape(4, 4)
-                x, y, z = camera[:3, 3]
-                poses[viewpoint["image_id"]] = pose_2d(x, y, np.arctan2(camera[1, 2], camera[0, 2]), z)
-        return poses
+    poses = {}
+    for viewpoint in read_viewpoints(path):
+        if viewpoint.included:
+            camera = np.array(viewpoint.pose).reshape(4, 4)
+            x, y, z = camera[:3, 3]
+            poses[viewpoint.image_id] = pose_2d(x, y, np.arctan2(camera[1, 2], camera[0, 2]), z)
+    return poses
 
 
 def read_boxes(path: Path, viewpoint: str) -> dict[int, Boxes]:
     """The objects that some view of a viewpoint sees, by their id, which is unique in the building."""
-    with format_of(path):
-        return {
-            int(number): Boxes(
-                annotation["name"].replace("#", " ").strip().lower(),
-                np.array(annotation["visible_pos"], np.int64),
-                np.array(annotation["bbox2d"], float).reshape(len(annotation["visible_pos"]), 4),
-            )
-            for number, annotation in read_json(path)[viewpoint].items()
-            if annotation["visible_pos"]
-        }
+    content: dict[str, dict[int, _Annotation]] = read_as(path, dict[str, dict[int, _Annotation]])
+    if viewpoint not in content:
+        raise DataError(f"{path} has no key {viewpoint!r}, expected the viewpoint that it is called by")
+    return {
+        number: Boxes(
+            annotation.name.replace("#", " ").strip().lower(),
+            np.array(annotation.visible_pos, np.int64),
+            np.array(annotation.bbox2d, float),
+        )
+        for number, annotation in content[viewpoint].items()
+        if annotation.visible_pos
+    }
 
 
 def read_room_types(path: Path) -> dict[str, dict[int, str]]:
     """Building -> index of a region -> what kind of room it is, in the file's words without their explanation; regions
     without a label are left out."""
-    with format_of(path):
-        content = read_json(path)
-        words = content["label_info"].get("label_name", {})
-        return {
-            scan: {
-                int(entry["region_index"]): words.get(entry["label"], entry["label"]).partition(" (")[0]
-                for entry in viewpoints.values()
-                if entry["label"] != NO_LABEL
-            }
-            for scan, viewpoints in content["pano_info"].items()
-        }
+    content: _Regions = read_as(path, _Regions)
+    types: dict[str, dict[int, str]] = {}
+    for scan, viewpoints in content.pano_info.items():
+        types[scan] = {}
+        for region in viewpoints.values():
+            if region.label is None:
+                raise DataError(f"{path} tells no label of region {region.region_index} of {scan}")
+            if region.label != NO_LABEL:
+                word = content.label_info.label_name.get(region.label, region.label)
+                types[scan][region.region_index] = word.partition(" (")[0]
+    return types
 
 
 def read_regions(path: Path) -> dict[str, dict[str, int]]:
     """Building -> viewpoint -> index of its region."""
-    with format_of(path):
-        return {
-            scan: {viewpoint: int(entry["region_index"]) for viewpoint, entry in viewpoints.items()}
-            for scan, viewpoints in read_json(path)["pano_info"].items()
-        }
+    content: _Regions = read_as(path, _Regions)
+    return {
+        scan: {viewpoint: region.region_index for viewpoint, region in viewpoints.items()}
+        for scan, viewpoints in content.pano_info.items()
+    }

@@ -14,6 +14,7 @@ from typing import Literal
 import numpy as np
 
 from salframe.framework.errors import DataError
+from salframe.framework.files import read_text
 from salframe.panoramas import images
 from salframe.panoramas.geometry import pose_2d
 from salframe.panoramas.panorama import Panorama
@@ -127,12 +128,8 @@ def read_viewpoints(folder: Path) -> dict[str, Viewpoint]:
     The file's cameras have y up and look along -z, and its principal points are counted from the lower left pixel.
     """
     path = cameras_path(folder)
-    try:
-        lines = [line.split() for line in path.read_text().splitlines()]
-    except OSError as error:
-        raise DataError(
-            f"cannot read {path}: {error.strerror} (undistorted_camera_parameters of the Matterport3D release)"
-        ) from None
+    expected = "a camera file of the Matterport3D release (undistorted_camera_parameters)"
+    lines = [line.split() for line in read_text(path, expected).splitlines()]
     shots: dict[str, list[Shot]] = {}
     try:
         for words in lines:
@@ -140,6 +137,8 @@ def read_viewpoints(folder: Path) -> dict[str, Viewpoint]:
                 fx, _, cx, _, fy, cy = map(float, words[1:7])
             elif words[:1] == ["scan"]:
                 pose = np.array(words[3:], float).reshape(4, 4) @ np.diag([1.0, -1.0, -1.0, 1.0])
+                if not np.isfinite([fx, fy, cx, cy, *pose.ravel()]).all():
+                    raise ValueError(f"the camera of {words[1]} holds a number that is not finite")
                 camera = Camera(fx, fy, cx, HEIGHT_PX - 1 - cy, pose)
                 shots.setdefault(words[2].split("_")[0], []).append(Shot(words[1], words[2], camera))
     except (IndexError, UnboundLocalError, ValueError) as error:

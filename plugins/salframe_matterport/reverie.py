@@ -11,15 +11,16 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import BaseModel, Field
 
 from salframe.evaluation.scorer import Scorer
 from salframe.framework.errors import DataError, UnknownName, unknown
-from salframe.framework.files import read_json
+from salframe.framework.files import read_as, read_json
 from salframe.navigation.episodes import Asked
-from salframe_matterport.readers import boxes_path, connectivity_path, format_of, read_boxes, read_connectivity
+from salframe_matterport.readers import Number, boxes_path, connectivity_path, read_boxes, read_connectivity, read_ways
 
 METRICS = ("SR", "OSR", "SPL", "RGS", "RGSPL")
 LEAST_LENGTH_M = 0.01
@@ -109,6 +110,17 @@ class Reverie(Scorer):
         ]
 
 
+class _Task(BaseModel):
+    """What REVERIE_<split>.json says of an object to find; objId is not published of every split."""
+
+    path_id: int | str
+    scan: str
+    objId: int | Annotated[str, Field(pattern="^[0-9]{1,9}$")] | None = None  # noqa: N815
+    path: tuple[str, ...] = Field(min_length=1)
+    heading: Number
+    instructions: tuple[str, ...]
+
+
 @dataclass(frozen=True)
 class Episode:
     """What is asked: in building `scan`, from path[0], looking along heading_rad (clockwise from the world's y axis),
@@ -161,15 +173,9 @@ def walking_distances(path: Path) -> tuple[dict[str, int], np.ndarray]:
     position_m = {viewpoint: pose[:3, 3] for viewpoint, pose in read_connectivity(path).items()}
     number = {viewpoint: row for row, viewpoint in enumerate(position_m)}
     straight_m = np.zeros((len(number), len(number)))
-    with format_of(path):
-        listed = read_json(path)
-        for a in listed:
-            for b, free in zip(listed, a["unobstructed"], strict=True):
-                if free and a["included"] and b["included"]:
-                    ends = a["image_id"], b["image_id"]
-                    straight_m[number[ends[0]], number[ends[1]]] = np.linalg.norm(
-                        position_m[ends[0]] - position_m[ends[1]]
-                    )
+    for a, b in read_ways(path):
+        if a in number and b in number:
+            straight_m[number[a], number[b]] = np.linalg.norm(position_m[a] - position_m[b])
     return number, dijkstra(straight_m, directed=False)
 
 
@@ -200,15 +206,13 @@ def read_episodes(root: Path) -> dict[str, dict[str, Episode]]:
     out. Raises DataError."""
     splits = {}
     for path in sorted((root / "reverie").glob("REVERIE_*.json")):
-        with format_of(path):
-            episodes = {
-                f"{task['path_id']}_{task['objId']}_{i}": Episode(
-                    task["scan"], int(task["objId"]), tuple(task["path"]), float(task["heading"])
-                )
-                for task in read_json(path)
-                if task.get("objId") is not None
-                for i in range(len(task["instructions"]))
-            }
+        tasks: list[_Task] = read_as(path, list[_Task])
+        episodes = {
+            f"{task.path_id}_{task.objId}_{i}": Episode(task.scan, int(task.objId), task.path, task.heading)
+            for task in tasks
+            if task.objId is not None
+            for i in range(len(task.instructions))
+        }
         if episodes:
             splits[path.stem.removeprefix("REVERIE_")] = episodes
     if not splits:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -11,7 +12,9 @@ from typing import Literal, cast, get_args
 import numpy as np
 from pydantic import Field
 
+from salframe.framework.bounded import read_bytes
 from salframe.framework.errors import DataError
+from salframe.framework.files import read_text, reading
 from salframe.framework.identity import digest
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.hidden_places import hide_query_place_setting
@@ -146,7 +149,8 @@ class MeshDataset(RenderedDataset[FrameSpec]):
 def _content_or_stamp(path: Path) -> list[str | int]:
     """The text of a table; of any other file, which may be large, its size and time of change."""
     if path.suffix in (".csv", ".json", ".house", ".mtl"):
-        return [path.read_text(encoding="utf-8", errors="replace")]
+        with reading(path, "a table"):
+            return [read_bytes(path).decode("utf-8", "replace")]
     state = path.stat()
     return [state.st_size, state.st_mtime_ns]
 
@@ -154,34 +158,36 @@ def _content_or_stamp(path: Path) -> list[str | int]:
 def read_frames(path: Path) -> list[FrameSpec]:
     """The rows of frames.csv: id, role (map, transition or query), place, x_m, y_m, z_m, yaw_rad. Raises DataError on a
     malformed row."""
-    with path.open(encoding="utf-8", newline="") as file:
+    with reading(path, "a table of comma-separated values"), io.StringIO(read_text(path), newline="") as file:
         reader = csv.DictReader(file)
         absent = set(_COLUMNS) - set(reader.fieldnames or ())
         if absent:
             raise DataError(
                 f"{path} has no column {' and no column '.join(sorted(absent))}, expected {', '.join(_COLUMNS)}"
             )
-        specs: list[FrameSpec] = []
+        specs: dict[str, FrameSpec] = {}
         for number, row in enumerate(reader, 2):
             try:
                 role = cast(FrameRole, row["role"])
                 spec = FrameSpec(row["id"], role, row["place"], *[float(row[name]) for name in _COLUMNS[3:]])
+                if not np.isfinite([spec.x_m, spec.y_m, spec.z_m, spec.yaw_rad]).all():
+                    raise ValueError
             except (TypeError, ValueError):
                 raise DataError(
                     f"{path}, line {number}: received {list(row.values())}, "
-                    f"expected numbers in {', '.join(_COLUMNS[3:])}"
+                    f"expected finite numbers in {', '.join(_COLUMNS[3:])}"
                 ) from None
             if spec.role not in get_args(FrameRole):
                 known = ", ".join(get_args(FrameRole))
                 raise DataError(f"{path}, line {number}: the role is {spec.role!r}, expected one of {known}")
-            if any(spec.id == other.id for other in specs):
+            if spec.id in specs:
                 raise DataError(
                     f"{path}, line {number}: a second frame {spec.id!r}, expected an id of its own for each"
                 )
-            specs.append(spec)
-    if not any(spec.role == "map" for spec in specs):
+            specs[spec.id] = spec
+    if not any(spec.role == "map" for spec in specs.values()):
         raise DataError(f"{path} has no row of role map, expected at least one frame to map with")
-    return specs
+    return list(specs.values())
 
 
 def beside(mapped: Sequence[FrameSpec], floors: Sequence[FloorMasks], per_frame: int, seed: int) -> list[FrameSpec]:

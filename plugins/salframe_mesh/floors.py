@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from pydantic import Field
 
-from salframe.framework.errors import DataError
-from salframe.framework.files import read_json
+from salframe.framework.config import Settings
+from salframe.framework.files import read_as
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.house_file import read_house
 from salframe_mesh.mesh_file import Surface
@@ -37,6 +38,13 @@ class Room:
     level: int
 
 
+class _Region(Settings):
+    """A place in regions.json."""
+
+    outline_m: tuple[tuple[float, float], ...] = Field(min_length=3)
+    floor_m: float
+
+
 def read_rooms(root: Path) -> tuple[Room, ...]:
     """The rooms that a folder tells of: regions.json ({place: {"outline_m": [[x, y], ...], "floor_m": z}}), else a
     .house file, else none.
@@ -46,18 +54,12 @@ def read_rooms(root: Path) -> tuple[Room, ...]:
     path = root / "regions.json"
     if not path.exists():
         return tuple(room for house in sorted(root.glob("*.house")) for room in _of_house(house))
-    content = read_json(path)
-    try:
-        heights = sorted({float(entry["floor_m"]) for entry in content.values()})
-        outlines = {place: np.array(entry["outline_m"], float).reshape(-1, 2) for place, entry in content.items()}
-        return tuple(
-            Room(place, (outlines[place],), float(e["floor_m"]), heights.index(float(e["floor_m"])))
-            for place, e in content.items()
-        )
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise DataError(
-            f'{path} is malformed ({error}), expected {{place: {{"outline_m": [[x, y], ...], "floor_m": z}}}}'
-        ) from None
+    content: dict[str, _Region] = read_as(path, dict[str, _Region])
+    heights = sorted({entry.floor_m for entry in content.values()})
+    return tuple(
+        Room(place, (np.array(entry.outline_m),), entry.floor_m, heights.index(entry.floor_m))
+        for place, entry in content.items()
+    )
 
 
 def _of_house(path: Path) -> list[Room]:

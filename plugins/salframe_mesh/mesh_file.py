@@ -8,9 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
+from salframe.framework.bounded import check_regular
 from salframe.framework.errors import DataError, RequirementMissing
+from salframe.framework.files import reading
 
 SUFFIXES = (".obj", ".glb", ".ply")
+_LARGEST_BYTES = 1 << 33
 _GREY = (200, 200, 200)
 _TO_Z_UP = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]], np.float32)
 """Turns a frame whose y is up so that its z is: what was -z, the front of glTF, becomes y."""
@@ -46,8 +49,8 @@ def read_mesh(path: Path, up: str) -> Surface:
         raise RequirementMissing(f"Open3D cannot be loaded: {error} ({hint})") from None
     if path.suffix.lower() not in SUFFIXES:
         raise DataError(f"{path} is no mesh, expected a name that ends in {', '.join(SUFFIXES)}")
-    if not path.is_file():
-        raise DataError(f"{path} is missing, expected a mesh")
+    with reading(path, "a mesh"):
+        check_regular(path, _LARGEST_BYTES)
     # Open3D tells of a damaged file on stdout and gives an empty mesh.
     with open3d.utility.VerbosityContextManager(open3d.utility.VerbosityLevel.Error):
         if path.suffix.lower() == ".ply":

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from salframe.framework.errors import WeightsMissing
+from salframe.framework.files import read_network
 from salframe_segments.card import Card, Layout
 
 TFLITE = ".tflite"
@@ -79,10 +80,7 @@ class TfliteNetwork(SegmentationNetwork):
         from ai_edge_litert.interpreter import Interpreter
 
         super().__init__(path, card)
-        try:
-            content = bytearray(path.read_bytes())
-        except OSError as error:
-            raise WeightsMissing(f"cannot read {path}: {error.strerror}") from None
+        content = bytearray(read_network(path))
         try:
             if card.output.name is not None:
                 _end_at(content, card.output.name)

@@ -12,6 +12,7 @@ from typer.core import TyperGroup
 
 import salframe
 from salframe.cli import (
+    cache,
     compare,
     data,
     detection,
@@ -138,6 +139,7 @@ app.command()(inspect.methods)
 app.command()(inspect.plugins)
 app.command()(inspect.show)
 app.command()(inspect.doctor)
+app.add_typer(cache.app, name="cache")
 app.add_typer(data.app, name="data")
 app.add_typer(map.app, name="map")
 app.add_typer(weights.app, name="weights")
@@ -155,7 +157,7 @@ def main() -> None:
     except SalframeError as error:
         if _debug:
             raise
-        print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
+        print(f"error: {describe_error(error)}", file=sys.stderr)
         sys.exit(2)
     except OSError as error:  # a full disk, a folder that may not be written to
         if _debug:

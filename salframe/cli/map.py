@@ -89,10 +89,13 @@ def route(
     """Print the shortest way between two nodes or places: lengths, azimuths and turns."""
     import numpy as np
 
+    from salframe.framework.errors import ConfigError
     from salframe.topology.routes import find_route
     from salframe.topology.store import open_topology
 
     found = find_route(open_topology(map), start, goal, planner)
+    if heading is not None and not np.isfinite(heading):
+        raise ConfigError(f"received --heading {heading}, expected degrees")
     heading_rad = None if heading is None else float(np.radians(heading))
     if as_json:
         print_json(_route_json(found, heading_rad))

@@ -11,6 +11,7 @@ from pathlib import Path
 from salframe.evaluation.metrics import median
 from salframe.evaluation.request import Request, resolve
 from salframe.evaluation.result import Result
+from salframe.evaluation.rows import PanoramaRow
 from salframe.evaluation.run import PieceStatus, Row, Run
 from salframe.evaluation.runner import run_task
 from salframe.evaluation.task import MethodRow, Part, Record, Survey, Task, Worker, by_method, check_needs, in_common
@@ -84,6 +85,7 @@ class DetectionTask(Task[QueryFrame, Survey[QueryFrame]]):
     prefix = "detection-"
     counts = "panoramas"
     key_fields = ("query",)
+    row = PanoramaRow
 
     @classmethod
     def from_run(cls, run: Run) -> DetectionTask:

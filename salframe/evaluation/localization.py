@@ -31,6 +31,7 @@ from salframe.evaluation.report.view import LocalizationView, Queries
 from salframe.evaluation.reported import read_reported
 from salframe.evaluation.request import Request, resolve
 from salframe.evaluation.result import Result
+from salframe.evaluation.rows import AnswerRow, DescriptionLine, Line, MapLine
 from salframe.evaluation.run import DESCRIPTIONS, MAPS, ROWS, Row, RowWriter, Run, read_rows
 from salframe.evaluation.runner import run_task
 from salframe.evaluation.task import MethodRow, Part, Record, Survey, Task, Worker, by_method, check_needs, in_common
@@ -148,6 +149,7 @@ class LocalizationTask(Task[Query, LocalizationSurvey]):
     name = "localization"
     counts = "queries"
     key_fields = ("fold", "query")
+    row = AnswerRow
     counted = (ROWS, DESCRIPTIONS)
 
     @classmethod
@@ -255,8 +257,8 @@ def _known_worth(found: Judged) -> dict[str, Any]:
 
 def _costs(records: Sequence[Record]) -> dict[str, Any]:
     """What a method cost on every data set."""
-    described = [row["ms"] for record in records for row in _last(record, DESCRIPTIONS, "frame")]
-    maps = [row for record in records for row in _last(record, MAPS, "fold")]
+    described = [row["ms"] for record in records for row in _last(record, DESCRIPTIONS, DescriptionLine, "frame")]
+    maps = [row for record in records for row in _last(record, MAPS, MapLine, "fold")]
     rows = [row for record in records for row in record.rows if row is not None]
     peaks = [row["peak_memory_mb"] for row in rows if row["peak_memory_mb"] is not None]
     return {
@@ -267,9 +269,9 @@ def _costs(records: Sequence[Record]) -> dict[str, Any]:
     }
 
 
-def _last(record: Record, file: str, key: str) -> Collection[Row]:
+def _last(record: Record, file: str, kind: type[Line], key: str) -> Collection[Row]:
     """The rows of a file in a method's folder, of those with one key the last."""
-    return {row[key]: row for row in read_rows(record.folder / file)}.values()
+    return {row[key]: row for row in read_rows(record.folder / file, kind)}.values()
 
 
 class _Answering(Worker[Query]):
@@ -282,7 +284,7 @@ class _Answering(Worker[Query]):
         self._localizer, self._floors, self._fold = localizer, dataset.floors(), ""
         self._places: dict[str, str] = {}
         self._descriptions = _Descriptions(localizer, dataset.content_key, uses, folder / DESCRIPTIONS)
-        self._measured = {row["fold"] for row in read_rows(folder / MAPS)}
+        self._measured = {row["fold"] for row in read_rows(folder / MAPS, MapLine)}
         self._maps = RowWriter(folder / MAPS)
         self._left_out: dict[str, str] = {}
         self._unusable: list[str] = []
@@ -354,7 +356,7 @@ class _Descriptions:
 
     def __init__(self, localizer: Localizer, dataset: str, uses: Counter[str], path: Path) -> None:
         self._localizer, self._dataset, self._cache, self._uses = localizer, dataset, Cache(), uses
-        self._recorded = {row["frame"] for row in read_rows(path)}
+        self._recorded = {row["frame"] for row in read_rows(path, DescriptionLine)}
         self._costs = RowWriter(path)
         self._found: dict[str, tuple[Description, float] | Exception] = {}
         self.notes: dict[str, str] = {}

@@ -13,6 +13,7 @@ import numpy as np
 
 from salframe.evaluation.request import Request, resolve
 from salframe.evaluation.result import Result
+from salframe.evaluation.rows import PairRow
 from salframe.evaluation.run import PieceStatus, Row, Run
 from salframe.evaluation.runner import run_task
 from salframe.evaluation.task import MethodRow, Part, Record, Survey, Task, Worker, by_method, check_needs, in_common
@@ -86,6 +87,7 @@ class MatchingTask(Task[FramePair, Survey[FramePair]]):
     prefix = "matching-"
     counts = "pairs"
     key_fields = ("fold", "query")
+    row = PairRow
 
     @classmethod
     def from_run(cls, run: Run) -> MatchingTask:

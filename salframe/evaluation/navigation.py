@@ -16,6 +16,7 @@ from salframe.evaluation.published import Published, find_published
 from salframe.evaluation.report.view import NavigationView
 from salframe.evaluation.request import Request, Resolved, resolve
 from salframe.evaluation.result import Result
+from salframe.evaluation.rows import EpisodeRow
 from salframe.evaluation.run import Row, Run
 from salframe.evaluation.runner import run_task
 from salframe.evaluation.task import MethodRow, Part, Record, Survey, Task, Worker, by_method, check_needs, in_common
@@ -172,6 +173,7 @@ class NavigationTask(Task[Episode, NavigationSurvey]):
     prefix = "navigate-"
     counts = "episodes"
     key_fields = ("episode",)
+    row = EpisodeRow
 
     def asks(self) -> dict[str, Any]:
         asked = self.asked if isinstance(self.asked, int) else [one.model_dump(mode="json") for one in self.asked]

@@ -17,9 +17,18 @@ import yaml
 
 from salframe.evaluation.request import Resolved
 from salframe.framework.auto import Choice
-from salframe.framework.config import ComponentConfig, read_yaml, validate
-from salframe.framework.errors import ConfigError, DataError, InvalidAnswer, describe_error
-from salframe.framework.files import read_json, write_json, write_text
+from salframe.framework.bounded import parse_yaml
+from salframe.framework.config import ComponentConfig, Settings, read_yaml, validate
+from salframe.framework.errors import ConfigError, DataError, InvalidAnswer, describe_error, shorten
+from salframe.framework.files import (
+    check_as,
+    read_as,
+    read_lines,
+    read_model,
+    whole_lines_bytes,
+    write_json,
+    write_text,
+)
 from salframe.framework.identity import digest, identity
 from salframe.framework.installation import environment
 from salframe.framework.registry import registry
@@ -70,6 +79,22 @@ def identity_of(config: ComponentConfig) -> dict[str, Any]:
         return {"unknown": describe_error(error), "settings": config.model_dump(mode="json")}
 
 
+class _Identity(Settings):
+    """identity.json: what answers depend on, and the folder of the run that they were taken from."""
+
+    sha256: str | None = None
+    source: str | None = None
+
+
+class _Request(Settings):
+    """request.yaml."""
+
+    task: dict[str, Any]
+    seed: int
+    data: dict[str, Any]
+    methods: dict[str, dict[str, Any]]
+
+
 @dataclass(frozen=True)
 class Run:
     """A run folder. `content` is that of its request.yaml: task, seed, data, methods by label, settings with values."""
@@ -83,13 +108,15 @@ class Run:
 
         `task`: its name and what it asks, as JSON. Raises ConfigError where the folder holds another request.
         """
-        if not name or "/" in name or name in (".", ".."):
-            raise ConfigError(f"received the run name {name!r}, expected one without slashes")
+        if not name or "/" in name or name in (".", "..") or not name.isprintable():
+            raise ConfigError(f"received the run name {shorten(name)!r}, expected printable text without slashes")
+        if (size := len(name.encode())) > LONGEST:
+            raise ConfigError(f"received a run name of {size} bytes, expected at most {LONGEST}")
         key = _known_as(task, seed, resolved.data, resolved.methods)
         settings = {label: config.model_dump(mode="json") for label, config in resolved.methods.items()}
         asked = {"task": dict(task), "seed": seed, "data": resolved.data.model_dump(mode="json"), "methods": settings}
         text = yaml.safe_dump(asked, sort_keys=False)
-        directory, content = runs / f"{name}-{key[:8]}", yaml.safe_load(text)
+        directory, content = runs / f"{name}-{key[:8]}", parse_yaml(text)
         path = directory / REQUEST
         if not path.exists():
             write_text(path, text)
@@ -109,9 +136,7 @@ class Run:
         if not path.exists():
             raise ConfigError(f"{directory} is no run folder: it has no {REQUEST}")
         content = read_yaml(path)
-        absent = [key for key in ("task", "seed", "data", "methods") if key not in content]
-        if absent:
-            raise ConfigError(f"{path} has no key {', '.join(absent)}")
+        validate(_Request, content, f"{path}:")
         return cls(directory, content)
 
     @property
@@ -155,17 +180,17 @@ class Run:
             name = f"{name[: LONGEST - 17]}-{digest(label)[:16]}"
         return self.directory / METHODS / name
 
-    def rows(self, label: str) -> list[Row]:
-        """What the method has made of its pieces so far."""
-        return list(read_rows(self.folder(label) / ROWS))
+    def rows(self, label: str, kind: Any = Row) -> list[Row]:
+        """What the method has made of its pieces so far, each of the type `kind`. Raises DataError on any other."""
+        return list(read_rows(self.folder(label) / ROWS, kind))
 
     def outcome(self, label: str) -> Outcome | None:
         """How the method's work ended, None where it has not."""
         path = self.folder(label) / OUTCOME
         if not path.exists():
             return None
-        content = read_json(path)
-        return Outcome(MethodStatus(content["status"]), content["reason"], tuple(content["given"]))
+        outcome: Outcome = read_as(path, Outcome)
+        return outcome
 
     def begin(self, label: str) -> Path:
         """Make the method's folder ready for work, which has not ended; returns it."""
@@ -184,7 +209,7 @@ class Run:
         path = self.directory / "env.json"
         if not path.exists():
             write_json(path, {"dataset_fingerprint": fingerprint, **environment()})
-        elif read_json(path)["dataset_fingerprint"] != fingerprint:
+        elif self.environment().get("dataset_fingerprint") != fingerprint:
             raise DataError(
                 f"the dataset of {self.directory} has changed since the run began: "
                 "give the run another --name, or remove it"
@@ -192,16 +217,17 @@ class Run:
 
     def environment(self) -> Mapping[str, Any]:
         """What `bind` wrote: the data's fingerprint, versions, machine."""
-        return read_json(self.directory / "env.json")
+        content: dict[str, Any] = read_as(self.directory / "env.json", dict[str, Any])
+        return content
 
     def notes(self) -> list[str]:
         """What must be said beside the table: which method ran instead of another, whose answers were reused."""
         path = self.directory / NOTES
-        sources = {label: _identity(self.folder(label)).get("source") for label in self.labels}
+        sources = {label: _identity(self.folder(label)).source for label in self.labels}
         reused = [
             f"{label}: answers of {source}, with their times, are reused" for label, source in sources.items() if source
         ]
-        return [*(read_json(path) if path.exists() else []), *reused]
+        return [*(read_as(path, list[str]) if path.exists() else []), *reused]
 
     def set_notes(self, notes: Sequence[str]) -> None:
         """Keep what must be said of the request that the run serves now."""
@@ -216,7 +242,7 @@ class Run:
         if (folder / IDENTITY).exists():
             return
         others = [path.parent for path in sorted(self.directory.parent.glob(f"*/{METHODS}/*/{IDENTITY}"))]
-        alike = [other for other in others if (other / ROWS).exists() and _identity(other).get("sha256") == known_by]
+        alike = [other for other in others if (other / ROWS).exists() and _identity(other).sha256 == known_by]
         best = max(alike, key=lambda other: (other / ROWS).stat().st_size, default=None)
         folder.mkdir(parents=True, exist_ok=True)
         # Rows first: a run in progress has described whatever its rows speak of.
@@ -233,26 +259,22 @@ def _known_as(task: Mapping[str, Any], seed: int, data: ComponentConfig, methods
     return digest({"task": dict(task), "seed": seed, "data": identity(data), "methods": known_by})
 
 
-def _identity(folder: Path) -> dict[str, Any]:
+def _identity(folder: Path) -> _Identity:
     """What a method's folder is known by; nothing where that cannot be read."""
     try:
-        content = read_json(folder / IDENTITY)
+        return read_model(folder / IDENTITY, _Identity)
     except DataError:
-        return {}
-    return content if isinstance(content, dict) else {}
+        return _Identity()
 
 
-def read_rows(path: Path) -> Iterator[Row]:
-    """The rows of a .jsonl file; none where it is missing. What follows the last newline was cut off by a kill, and is
-    left out.
-    """
+def read_rows(path: Path, kind: Any = Row) -> Iterator[Row]:
+    """The rows of a .jsonl file, each of the type `kind`; none where it is missing. What follows the last newline was
+    cut off by a kill, and is left out. Raises DataError."""
     if not path.exists():
         return
-    for number, line in enumerate(path.read_bytes().split(b"\n")[:-1], 1):
-        try:
-            yield json.loads(line)
-        except ValueError:
-            raise DataError(f"{path}, line {number}, is not JSON: remove the line to have it asked again") from None
+    for number, row in enumerate(read_lines(path), 1):
+        check_as(row, kind, f"{path}, line {number} (remove it to have it asked again)")
+        yield row
 
 
 class RowWriter:
@@ -261,7 +283,7 @@ class RowWriter:
     def __init__(self, path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         if path.exists():
-            os.truncate(path, path.read_bytes().rfind(b"\n") + 1)
+            os.truncate(path, whole_lines_bytes(path))
         self._file = path.open("a", encoding="utf-8", newline="\n")
 
     def append(self, row: Row) -> None:

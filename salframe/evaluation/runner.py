@@ -220,7 +220,7 @@ def log_crash(folder: Path, where: str) -> None:
 
 def _by_key(task: Task[Any, Any], run: Run, label: str) -> dict[tuple[Any, ...], Row]:
     """Rows by what their piece is known by; of a piece asked again, the last."""
-    return {tuple(row[field] for field in task.key_fields): row for row in run.rows(label)}
+    return {tuple(row.get(field) for field in task.key_fields): row for row in run.rows(label, task.row)}
 
 
 def _finished(task: Task[Any, Any], run: Run, label: str, survey: Survey[Any]) -> bool:

@@ -15,7 +15,7 @@ import numpy as np
 
 from salframe.evaluation.sensor_fit import Look, Observations, fit_sensor, observe
 from salframe.evaluation.task import check_needs
-from salframe.framework.cache import Cache, cache_home
+from salframe.framework.cache import Cache
 from salframe.framework.config import ComponentConfig, parse_override
 from salframe.framework.defaults import default_of
 from salframe.framework.errors import FRAME_ERRORS, ConfigError, DataError, InputMissing, InvalidAnswer
@@ -140,7 +140,7 @@ def _look_at(detector: Detector, config: ComponentConfig, dataset: Dataset, prog
     for fold in dataset.folds():
         frames.update((frame.id, frame) for frame in fold.mapping)
         frames.update((query.id, query) for query in fold.queries)
-    cache, known_by = Cache(cache_home() / "sensor"), identity(config)
+    cache, known_by = Cache(), identity(config)
     for done, (name, frame) in enumerate(frames.items()):
         if progress:
             progress(done, len(frames))

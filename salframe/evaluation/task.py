@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar, Generic, TypeVar
 
+from salframe.evaluation.rows import PieceRow
 from salframe.evaluation.run import ROWS, MethodStatus, Outcome, PieceStatus, Row, Run
 from salframe.framework.auto import needs_of, why_unfit
 from salframe.framework.component import Component
@@ -157,13 +158,14 @@ class Task(ABC, Generic[Piece, Surveyed]):
 
     `name` is known in run folders; `version` changes whenever rows of the same answers do; `role`: what its methods
     are; `prefix`: of run folders without a name of their own; `counts`: what its pieces are called; `key_fields`: what
-    a piece is known by in rows; `counted`: files whose lines tell how far a method is.
+    a piece is known by in rows; `row`: what must stand in one; `counted`: files whose lines tell how far a method is.
     """
 
     name: ClassVar[str]
     version: ClassVar[str] = "1"
     role: ClassVar[str] = "localizer"
     prefix: ClassVar[str] = ""
+    row: ClassVar[type[PieceRow]] = PieceRow
     counts: ClassVar[str]
     key_fields: ClassVar[tuple[str, ...]]
     counted: ClassVar[tuple[str, ...]] = (ROWS,)

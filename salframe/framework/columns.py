@@ -5,13 +5,16 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Annotated
 from urllib.parse import quote
 
 import numpy as np
+from pydantic import Field, model_validator
 
+from salframe.framework.array_files import LONGEST_AXIS, ArrayKind, map_array
 from salframe.framework.config import Settings
 from salframe.framework.errors import DataError
-from salframe.framework.files import read_model, write_text
+from salframe.framework.files import read_model, reading, write_text
 
 TABLE, SHAPES = "columns.json", "shapes.npy"
 
@@ -23,14 +26,24 @@ class _Column(Settings):
     that the numbers of a column of strings stand for; the rows that have no such array."""
 
     name: str
-    shape: tuple[int | None, ...]
+    shape: tuple[Annotated[int, Field(ge=0)] | None, ...]
     words: tuple[str, ...] | None
-    absent: tuple[int, ...]
+    absent: tuple[Annotated[int, Field(ge=0)], ...]
 
 
 class _Table(Settings):
-    rows: int
+    rows: int = Field(ge=0, le=1 << 24)
     columns: tuple[_Column, ...]
+
+    @model_validator(mode="after")
+    def _check(self) -> _Table:
+        names = [column.name for column in self.columns]
+        if twice := [name for name in names if names.count(name) > 1]:
+            raise ValueError(f"the column {twice[0]!r} stands in it twice")
+        for column in self.columns:
+            if len(set(column.absent)) < len(column.absent) or max(column.absent, default=-1) >= self.rows:
+                raise ValueError(f"{column.name} is absent in rows that there are not, or twice in one")
+        return self
 
 
 def write_columns(folder: Path, rows: Sequence[Row]) -> None:
@@ -63,24 +76,72 @@ def write_columns(folder: Path, rows: Sequence[Row]) -> None:
     write_text(folder / TABLE, json.dumps({"rows": len(rows), "columns": columns}, separators=(",", ":")) + "\n")
 
 
-def read_columns(folder: Path) -> list[dict[str, np.ndarray]]:
-    """The rows that `write_columns` wrote. Arrays of numbers are read-only views of the files, mapped into memory."""
+def read_columns(folder: Path, expected: Mapping[str, ArrayKind] | None = None) -> list[dict[str, np.ndarray]]:
+    """The rows that `write_columns` wrote. Arrays of numbers are read-only views of the files, mapped into memory.
+
+    expected: the columns that all rows must have, and no others; None: any. Raises DataError on whatever is damaged or
+    not as expected.
+    """
     table = read_model(folder / TABLE, _Table)
+    if expected is not None and table.rows:
+        _check_columns(folder / TABLE, table, expected)
+    varying = sum(column.shape.count(None) for column in table.columns)
+    lengths = iter(_read_lengths(folder / SHAPES, (table.rows, varying)) if table.rows and varying else ())
     rows: list[dict[str, np.ndarray]] = [{} for _ in range(table.rows)]
-    lengths = iter(np.load(folder / SHAPES, allow_pickle=False).T if (folder / SHAPES).exists() else ())
     for column in table.columns:
-        values = np.asarray(np.load(_path(folder, column.name), mmap_mode="r", allow_pickle=False))
-        if column.words is not None:
-            values = np.array(column.words, np.str_)[values]
+        path = _path(folder, column.name)
+        with reading(path, "an array of numpy"):
+            values = np.asarray(map_array(path))
         shapes = np.empty((table.rows, len(column.shape)), np.int64)
         for axis, length in enumerate(column.shape):
-            shapes[:, axis] = next(lengths) if length is None else length
+            shapes[:, axis] = next(lengths) if length is None else min(length, LONGEST_AXIS)
+        if values.ndim != 1 or shapes.prod(1, dtype=float).sum() != len(values):
+            raise DataError(f"{path} has values {values.shape}, expected as many as {folder / TABLE} says")
+        if expected is not None and column.words is None:
+            _check_values(path, values, expected[column.name])
+        if column.words is not None:
+            values = _spell(path, values, column.words)
         ends = shapes.prod(1).cumsum().tolist()
         for row, start, end, shape in zip(rows, [0, *ends], ends, shapes.tolist(), strict=False):
             row[column.name] = values[start:end].reshape(shape)
         for i in column.absent:
             del rows[i][column.name]
     return rows
+
+
+def _read_lengths(path: Path, shape: tuple[int, int]) -> np.ndarray:
+    """(axes, rows) the lengths along axes where rows differ."""
+    with reading(path, "an array of numpy"):
+        lengths = np.asarray(map_array(path))
+    if lengths.shape != shape or lengths.dtype.kind != "u" or lengths.max(initial=0) > LONGEST_AXIS:
+        raise DataError(f"{path} is {lengths.dtype} {lengths.shape}, expected lengths {shape}")
+    return lengths.T
+
+
+def _check_columns(path: Path, table: _Table, expected: Mapping[str, ArrayKind]) -> None:
+    names = {column.name for column in table.columns}
+    if names != expected.keys():
+        raise DataError(f"{path} has the columns {', '.join(sorted(names))}, expected {', '.join(expected)}")
+    for column in table.columns:
+        kind = expected[column.name]
+        if column.absent or not kind.fits("U" if column.words is not None else kind.kinds[0], column.shape):
+            raise DataError(
+                f"{path}: {column.name} has arrays {column.shape}, absent in {len(column.absent)} rows, expected {kind}"
+            )
+
+
+def _check_values(path: Path, values: np.ndarray, kind: ArrayKind) -> None:
+    if values.dtype.kind not in kind.kinds:
+        raise DataError(f"{path} holds {values.dtype}, expected {kind}")
+    if values.dtype.kind == "f" and not np.isfinite(values).all():
+        raise DataError(f"{path} holds a number that is not finite")
+
+
+def _spell(path: Path, numbers: np.ndarray, words: tuple[str, ...]) -> np.ndarray:
+    """The words that numbers stand for."""
+    if numbers.dtype.kind != "u" or numbers.max(initial=0) >= max(len(words), 1):
+        raise DataError(f"{path} holds {numbers.dtype}, expected the numbers of {len(words)} words")
+    return np.array(words, np.str_)[numbers] if len(numbers) else np.array([], np.str_)
 
 
 def _path(folder: Path, name: str) -> Path:

@@ -6,27 +6,28 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from salframe.framework.errors import ConfigError, SalframeError
+from salframe.framework.bounded import parse_yaml, read_bytes, why
+from salframe.framework.errors import ConfigError, SalframeError, describe_error, shorten
 
 if TYPE_CHECKING:
     from salframe.framework.auto import Choice
     from salframe.framework.component import Component
 
-SAFE: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-"""PyYAML's safe loader; that of libyaml, six times as fast on our presets, where it was built with it."""
 ROLE = "role"
 """Key of a slot's `json_schema_extra`: the role of what it holds."""
 PROBLEMS = 3
 """So many faults of a file are told; the others are counted."""
+MOST_BASES = 16
+"""So many files may be each the base of the next."""
 
 
 class Settings(BaseModel):
-    """Base of every model of settings: frozen, and no key that is not known. Units stand in the field names."""
+    """Base of every model of settings: frozen, no key that is not known, no number that is not finite. Units stand in
+    the field names."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 class ComponentConfig(Settings):
@@ -81,22 +82,31 @@ def validate(model: type[BaseModel], settings: Mapping[str, Any], where: str, ch
     try:
         return model.model_validate(settings, context=choice)
     except ValidationError as error:
-        problems = list(dict.fromkeys(_problem(model, problem, where) for problem in error.errors()))
-        more = f"; and {len(problems) - PROBLEMS} more such faults" if len(problems) > PROBLEMS else ""
-        raise ConfigError("; ".join(problems[:PROBLEMS]) + more) from None
+        raise ConfigError(describe_faults(error, where, model)) from None
+    except OSError as error:  # of a path among the settings that no file system takes
+        raise ConfigError(f"{where.rstrip(':')}: {describe_error(error)}") from None
 
 
-def _problem(model: type[BaseModel], problem: Any, where: str) -> str:
+def describe_faults(error: ValidationError, where: str, model: type[BaseModel] | None = None) -> str:
+    """What pydantic found wrong with what stands `where`, in one line: the first PROBLEMS faults, others counted."""
+    problems = list(dict.fromkeys(_problem(model, problem, where) for problem in error.errors()))
+    more = f"; and {len(problems) - PROBLEMS} more such faults" if len(problems) > PROBLEMS else ""
+    return "; ".join(problems[:PROBLEMS]) + more
+
+
+def _problem(model: type[BaseModel] | None, problem: Any, where: str) -> str:
     prefix = f"{where} " if where.endswith(":") else f"{where}."
     key = prefix + ".".join(map(str, problem["loc"])) if problem["loc"] else where.rstrip(":")
     if problem["type"] == "extra_forbidden":
-        known = ", ".join(name for name in model.model_fields if name != "kind")
-        return f"unknown key {key}" + (f" (known: {known})" if len(problem["loc"]) == 1 else "")
+        known = ", ".join(name for name in model.model_fields if name != "kind") if model else ""
+        return f"unknown key {key}" + (f" (known: {known})" if known and len(problem["loc"]) == 1 else "")
     if problem["type"] == "missing":
         return f"{key} is missing"
     if isinstance(cause := problem.get("ctx", {}).get("error"), Exception):
         return str(cause) if isinstance(cause, SalframeError) else f"{key}: {cause}"
-    return f"{key}: received {problem['input']!r}, expected {problem['msg'].removeprefix('Input should be ')}"
+    return (
+        f"{key}: received {shorten(repr(problem['input']))}, expected {problem['msg'].removeprefix('Input should be ')}"
+    )
 
 
 def read_yaml(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
@@ -104,14 +114,18 @@ def read_yaml(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
 
     `above`: the files that have this one as their base. Raises ConfigError.
     """
-    if path.resolve() in above:
-        raise ConfigError(f"{path} is its own base")
     try:
-        content = yaml.load(path.read_text(encoding="utf-8"), Loader=SAFE)
-    except OSError as error:
-        raise ConfigError(f"cannot read {path}: {error.strerror}") from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path} is not YAML: {' '.join(str(error).split())}") from None
+        if path.resolve() in above:
+            raise ConfigError(f"{path} is its own base")
+        if len(above) > MOST_BASES:
+            raise ConfigError(f"{above[0]} has more than {MOST_BASES} bases above one another")
+        content = read_bytes(path)
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"cannot read {path}: {why(error)}") from None
+    try:
+        content = parse_yaml(content)
+    except ValueError as error:
+        raise ConfigError(f"{path} is not YAML: {error}") from None
     if not isinstance(content, dict):
         raise ConfigError(f"{path} holds {type(content).__name__}, expected a mapping")
     base = content.pop("base", None)
@@ -141,11 +155,11 @@ def parse_override(text: str) -> tuple[tuple[str, ...], Any]:
     """`key.path=value` as the path and the value read as YAML."""
     path, equals, value = text.partition("=")
     if not equals or not all(path.split(".")):
-        raise ConfigError(f"received --set {text!r}, expected key.path=value")
+        raise ConfigError(f"received --set {shorten(text)!r}, expected key.path=value")
     try:
-        return tuple(path.split(".")), yaml.safe_load(value)
-    except yaml.YAMLError:
-        raise ConfigError(f"--set {text!r}: the value is not YAML") from None
+        return tuple(path.split(".")), parse_yaml(value)
+    except ValueError as error:
+        raise ConfigError(f"--set {shorten(text)!r}: the value is not YAML: {error}") from None
 
 
 def nest(path: Iterable[str], value: Any) -> dict[str, Any]:

@@ -6,8 +6,7 @@ from functools import cache
 from importlib.resources import files
 from typing import Any
 
-import yaml
-
+from salframe.framework.bounded import parse_yaml
 from salframe.framework.errors import ConfigError
 
 AUTO = "auto"
@@ -17,7 +16,8 @@ AUTO = "auto"
 @cache
 def defaults() -> dict[str, Any]:
     """All of them, by key."""
-    return yaml.safe_load(files("salframe.configs").joinpath("defaults.yaml").read_text(encoding="utf-8"))
+    content: dict[str, Any] = parse_yaml(files("salframe.configs").joinpath("defaults.yaml").read_bytes())
+    return content
 
 
 def default_of(key: str) -> Any:

@@ -64,8 +64,18 @@ FRAME_ERRORS = (DataError, InputMissing)
 
 def describe_error(error: BaseException) -> str:
     """An exception in one line."""
-    text = str(error) if isinstance(error, SalframeError) else f"{type(error).__name__}: {error}"
-    return " ".join(text.split())
+    said = one_line(error)
+    return said if isinstance(error, SalframeError) else f"{type(error).__name__}: {said}".rstrip()
+
+
+def one_line(error: BaseException) -> str:
+    """What an exception says, in one line."""
+    return " ".join(str(error).split())
+
+
+def shorten(text: str, most: int = 200) -> str:
+    """A text whose middle is left out where it has more than `most` characters."""
+    return text if len(text) <= most else f"{text[: most // 2]}... ({len(text)} characters)"
 
 
 def failure_of(call: Callable[[], object]) -> str | None:

@@ -14,8 +14,9 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import core_schema, to_jsonable_python
 
+from salframe.framework.bounded import why
 from salframe.framework.config import ComponentConfig
-from salframe.framework.errors import ConfigError
+from salframe.framework.errors import ConfigError, DataError
 from salframe.framework.files import file_sha256
 
 if sys.platform == "win32":
@@ -113,8 +114,10 @@ def content_sha256(path: Path) -> str | None:
             return None
         inside = sorted(file for file in path.rglob("*") if file.is_file())
         return digest([[file.relative_to(path).as_posix(), file_sha256(file)] for file in inside])
-    except OSError as error:
-        raise ConfigError(f"cannot read {path}: {error.strerror}") from None
+    except DataError as error:
+        raise ConfigError(str(error)) from None
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"cannot read {path}: {why(error)}") from None
 
 
 def digest(value: Any) -> str:

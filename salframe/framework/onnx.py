@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from salframe.framework.errors import WeightsMissing
+from salframe.framework.files import read_network
 
 Shape = tuple[int | None, ...]
 """Lengths of a tensor's axes, the batch first; None for any length."""
@@ -65,10 +66,7 @@ def open_model(
     options.add_session_config_entry(
         "session.intra_op.allow_spinning", "0"
     )  # waiting threads would hold cores that other methods could use
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise WeightsMissing(f"cannot read {path}: {error.strerror}") from None
+    content = read_network(path)
     try:
         session = onnxruntime.InferenceSession(
             b"".join([content, *map(_as_output, outputs)]), options, providers=["CPUExecutionProvider"]

@@ -25,7 +25,7 @@ from salframe.framework.errors import (
     WeightsMissing,
     describe_error,
 )
-from salframe.framework.files import atomic_path
+from salframe.framework.files import atomic_path, image_notes
 from salframe.framework.registry import registry
 from salframe.framework.settings import list_settings
 from salframe.framework.slots import slot
@@ -237,16 +237,7 @@ def _show(image: Path, picture: Path, shot: Shot, stages: _Stages) -> ObjectView
 
 def _check_picture(path: Path) -> None:
     """Raises DataError where another file than a picture of ours has the name."""
-    from PIL import Image, UnidentifiedImageError
-
-    if not path.exists():
-        return
-    try:
-        with Image.open(path) as image:
-            ours = image.info.get(MARK[0]) == MARK[1]
-    except (OSError, UnidentifiedImageError):
-        ours = False
-    if not ours:
+    if path.exists() and image_notes(path).get(MARK[0]) != MARK[1]:
         raise DataError(f"{path} is there and no picture of show-objects: remove it, or name another folder (-o)")
 
 

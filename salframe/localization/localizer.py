@@ -12,22 +12,24 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from pydantic import BeforeValidator
 
+from salframe.framework.array_files import ArrayKind
 from salframe.framework.auto import instead_of
 from salframe.framework.cache import Cache
 from salframe.framework.columns import read_columns, write_columns
 from salframe.framework.component import Role
 from salframe.framework.config import ComponentConfig, Settings, match_only
-from salframe.framework.errors import DataError, InputMissing
+from salframe.framework.errors import DataError, InputMissing, describe_error
 from salframe.framework.files import read_model, write_json
 from salframe.framework.identity import digest, identity
 from salframe.framework.registry import registry
 from salframe.framework.slots import slot
-from salframe.localization.answers import Localization, NodeMatches, PointMatches, RankedPlace
+from salframe.localization.answers import RIGID_TOLERANCE, Localization, NodeMatches, PointMatches, RankedPlace
 from salframe.localization.evidence import Evidence
 from salframe.localization.map_folder import read_map, write_map
 from salframe.localization.posterior import Posterior, read_fitted
 from salframe.panoramas.floors import FLOORS, FloorMasks, read_floors, write_floors
 from salframe.panoramas.frames import FrameKind, MapFrame, QueryFrame
+from salframe.panoramas.geometry import is_rigid
 from salframe.panoramas.panorama import Annotations, Panorama
 from salframe.panoramas.range_model import RangeModel, estimate_range
 
@@ -37,6 +39,8 @@ weighed."""
 
 METHOD, FRAMES, SCENES = "method.json", "frames", "scenes"
 """Among the parts of a map: its method, its frames, and what the method remembers of each of them."""
+_NAME = ArrayKind("U", ())
+_FRAME = {"id": _NAME, "place": _NAME, "kind": _NAME, "T_world_pano": ArrayKind("f", (3, 4))}
 
 
 class SavedMethod(Settings):
@@ -297,7 +301,14 @@ class Localizer(Role):
                 "build it again"
             )
         floors = read_floors(parts) if self.uses_floors and (parts / FLOORS).exists() else ()
-        self._take_packed(read_columns(parts / SCENES), read_frames(parts), floors)
+        scenes, frames = read_columns(parts / SCENES), read_frames(parts)
+        if len(scenes) != len(frames):
+            raise DataError(f"{parts} has {len(scenes)} scenes and {len(frames)} frames, expected one for each")
+        try:
+            self._take_packed(scenes, frames, floors)
+        except (IndexError, KeyError, TypeError, ValueError) as error:  # what arrays there must be, the method knows
+            reason = describe_error(error)
+            raise DataError(f"{parts / SCENES} is not what {self.name} wrote ({reason}): build it again") from error
 
 
 def read_method(parts: Path) -> SavedMethod:
@@ -308,12 +319,16 @@ def read_method(parts: Path) -> SavedMethod:
 
 
 def read_frames(parts: Path) -> list[MapFrame]:
-    """The frames among the parts of a map that has a method."""
-    frames, rows = [], read_columns(parts / FRAMES)
+    """The frames among the parts of a map that has a method. Raises DataError."""
+    frames, rows = [], read_columns(parts / FRAMES, _FRAME)
     poses = np.tile(np.eye(4), (len(rows), 1, 1))
     for row, T_world_pano in zip(rows, poses, strict=True):
         T_world_pano[:3] = row["T_world_pano"]
         id, place, kind = (row[name].item() for name in ("id", "place", "kind"))
+        if kind not in list(FrameKind) or not is_rigid(T_world_pano, RIGID_TOLERANCE):
+            raise DataError(
+                f"{parts / FRAMES}: {id} is a {kind!r} frame or its pose is no rigid motion: build it again"
+            )
         frames.append(MapFrame(id, place, T_world_pano, FrameKind(kind)))
     return frames
 

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import Field
 
 from salframe.framework.config import Settings
 from salframe.framework.errors import DataError, NoRoute, UnknownName
-from salframe.framework.files import read_json
+from salframe.framework.files import read_as
 from salframe.navigation.guide import Guide
 from salframe.navigation.world import World
 from salframe.topology.topological_map import NodeKind
@@ -103,13 +103,7 @@ def _draw(site: Site, rng: np.random.Generator, number: int) -> Episode | None:
 
 def read_asked(path: Path) -> tuple[Asked, ...]:
     """The episodes of a JSON file. Raises DataError on a malformed one."""
-    try:
-        return tuple(TypeAdapter(list[Asked]).validate_python(read_json(path)))
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = f"episode {first['loc'][0]}: " if first["loc"] else ""
-        what = ".".join(map(str, first["loc"][1:2])) + " " if len(first["loc"]) > 1 else ""
-        raise DataError(f"{path}, {where}{what}{first['msg']}, received {first['input']!r}") from None
+    return tuple(read_as(path, list[Asked]))
 
 
 def place_episodes(asked: Sequence[Asked], sites: Mapping[str, Site], seed: int) -> tuple[list[Episode], list[str]]:

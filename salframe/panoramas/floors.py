@@ -8,11 +8,23 @@ from pathlib import Path
 
 import numpy as np
 
+from salframe.framework.array_files import ArrayKind, check_arrays
 from salframe.framework.arrays import check_array
 from salframe.framework.errors import DataError
 from salframe.framework.files import read_arrays, write_arrays
 
 FLOORS = "floors.npz"
+_FLOOR = {
+    "free": ArrayKind("u", (None, None)),
+    "obstacle": ArrayKind("u", (None, None)),
+    "region": ArrayKind("iu", (None, None)),
+    "labels": ArrayKind("i", (None,)),
+    "places": ArrayKind("U", (None,)),
+    "resolution_m": ArrayKind("f", ()),
+    "origin_m": ArrayKind("f", (2,)),
+    "z_m": ArrayKind("f", ()),
+}
+"""What floors.npz holds of a floor."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,12 +110,16 @@ def write_floors(directory: Path, floors: Sequence[FloorMasks]) -> None:
 
 def read_floors(directory: Path) -> tuple[FloorMasks, ...]:
     """The floors that `write_floors` wrote. Raises DataError."""
-    arrays = read_arrays(directory / FLOORS)
-    floors = []
-    for number in range(int(arrays["count"])):
-        prefix = f"{number}/"
-        floors.append(_unpack_floor({n.removeprefix(prefix): a for n, a in arrays.items() if n.startswith(prefix)}))
-    return tuple(floors)
+    path = directory / FLOORS
+    arrays = read_arrays(path)
+    parts: dict[str, dict[str, np.ndarray]] = {}
+    count = arrays.pop("count", np.array(-1))
+    for name, array in arrays.items():
+        number, _, part = name.partition("/")
+        parts.setdefault(number, {})[part] = array
+    if count.ndim or count.dtype.kind not in "iu" or list(parts) != [str(number) for number in range(int(count))]:
+        raise DataError(f"{path} has the floors {', '.join(parts)} and a count of {count}, expected as many from 0")
+    return tuple(_unpack_floor(floor, f"{path}, floor {number}") for number, floor in parts.items())
 
 
 def _pack_floor(floor: FloorMasks) -> dict[str, np.ndarray]:
@@ -120,9 +136,14 @@ def _pack_floor(floor: FloorMasks) -> dict[str, np.ndarray]:
     }
 
 
-def _unpack_floor(parts: Mapping[str, np.ndarray]) -> FloorMasks:
+def _unpack_floor(parts: Mapping[str, np.ndarray], where: str) -> FloorMasks:
+    check_arrays(parts, _FLOOR, where)
     left_m, top_m = parts["origin_m"].tolist()
-    width = parts["region"].shape[1]
+    height, width = parts["region"].shape
+    if any(parts[name].shape != (height, -(-width // 8)) for name in ("free", "obstacle")):
+        raise DataError(f"{where}: the masks have other sizes than the regions, expected {width} x {height} pixels")
+    if len(parts["labels"]) != len(parts["places"]):
+        raise DataError(f"{where}: {len(parts['labels'])} labels and {len(parts['places'])} places, expected as many")
     return FloorMasks(
         np.unpackbits(parts["free"], axis=1, count=width).astype(bool),
         parts["region"],

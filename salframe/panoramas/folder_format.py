@@ -14,7 +14,7 @@ from pydantic import Field, PositiveFloat, field_validator, model_validator
 
 from salframe.framework.config import Settings
 from salframe.framework.errors import DataError
-from salframe.framework.files import atomic_path, read_model, write_json
+from salframe.framework.files import atomic_path, file_sha256, read_model, read_table, write_json
 from salframe.panoramas import images
 from salframe.panoramas.dataset import MANIFEST
 from salframe.panoramas.floors import FloorMasks
@@ -212,10 +212,7 @@ class Folder:
         names += [name for frame in self.manifest.frames for key in IMAGE_KEYS if (name := getattr(frame, key))]
         content = hashlib.sha256()
         for name in names:
-            try:
-                content.update(hashlib.sha256((self.root / name).read_bytes()).digest())
-            except OSError as error:
-                raise DataError(f"cannot read {self.root / name}: {error.strerror}") from None
+            content.update(bytes.fromhex(file_sha256(self.root / name)))
         return content.hexdigest()
 
 
@@ -224,21 +221,23 @@ def pose_matrix(pose: Sequence[float] | None) -> np.ndarray | None:
     return None if pose is None else np.array(pose, np.float64).reshape(4, 4)
 
 
-def read_labels(path: Path) -> dict[int, str]:
-    """Instance id -> label from a Parquet table with the columns instance_id and label. Raises DataError."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
+class ObjectRow(Settings):
+    """A row of the table of objects, of which other columns are left alone. Id 0 stands for no object."""
 
-    try:
-        table = pq.read_table(path)
-    except OSError as error:
-        raise DataError(f"cannot read {path}: {error.strerror or error}") from None
-    except pa.ArrowInvalid:
-        raise DataError(f"{path} is no Parquet table") from None
-    absent = {"instance_id", "label"} - set(table.column_names)
-    if absent:
-        raise DataError(f"{path} has no column {' and no column '.join(sorted(absent))}")
-    return dict(zip(table["instance_id"].to_pylist(), table["label"].to_pylist(), strict=True))
+    instance_id: int = Field(strict=True, ge=0, le=65535)
+    label: str = Field(strict=True)
+
+
+def read_labels(path: Path) -> dict[int, str]:
+    """Instance id -> label from a Parquet table with the columns instance_id and label. Raises DataError on a table
+    that is empty, too, and on an id that stands in it twice."""
+    rows = read_table(path, ObjectRow)
+    if not rows:
+        raise DataError(f"{path} has no row, expected one for each object of the instance images")
+    labels = {row.instance_id: row.label for row in rows}
+    if len(labels) < len(rows):
+        raise DataError(f"{path} has {len(rows)} rows and {len(labels)} different instance_id, expected an id once")
+    return labels
 
 
 def write_objects(path: Path, columns: Mapping[str, Sequence]) -> None:
@@ -247,7 +246,7 @@ def write_objects(path: Path, columns: Mapping[str, Sequence]) -> None:
     import pyarrow.parquet as pq
 
     with atomic_path(path) as temporary:
-        pq.write_table(pa.table(dict(columns)), temporary)
+        pq.write_table(pa.table(dict(columns)), temporary, write_page_checksum=True)
 
 
 def write_floor(root: Path, name: str, masks: FloorMasks) -> FloorEntry:

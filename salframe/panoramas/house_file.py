@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from salframe.framework.errors import DataError
+from salframe.framework.errors import DataError, one_line
+from salframe.framework.files import read_text
 
 _NAME_LENGTH = 32
 """Panoramas are named by 32 hexadecimal digits; a P line whose name is shorter is a portal."""
@@ -62,14 +63,8 @@ class HouseFile:
 def read_house(path: Path) -> HouseFile:
     """Read a .house file (data_organization.md of the Matterport3D release). Raises DataError where it is missing,
     malformed or empty."""
-    try:
-        lines = [line.split() for line in path.read_text(encoding="utf-8").splitlines()]
-    except OSError as error:
-        raise DataError(
-            f"cannot read {path}: {error.strerror} (house_segmentations of the Matterport3D release)"
-        ) from None
-    except UnicodeDecodeError:
-        raise DataError(f"{path} is no .house file: it is not text") from None
+    expected = "a .house file (house_segmentations of the Matterport3D release)"
+    lines = [line.split() for line in read_text(path, expected).splitlines()]
     try:
         regions, objects = tuple(_regions(lines)), tuple(_objects(lines))
         panoramas = {
@@ -78,7 +73,12 @@ def read_house(path: Path) -> HouseFile:
             if words[:1] == ["P"] and len(words[1]) == _NAME_LENGTH
         }
     except (IndexError, ValueError) as error:
-        raise DataError(f"{path} is no .house file: {error}") from None
+        raise DataError(f"{path} is no .house file: {one_line(error)}") from None
+    numbers = [*(r.low_m for r in regions), *(r.high_m for r in regions), *(o for r in regions for o in r.outlines_m)]
+    numbers += [part for o in objects for part in (o.centre_m, o.axes, o.half_m)]
+    numbers += [point.position_m for point in panoramas.values()]
+    if not all(np.isfinite(part).all() for part in numbers):
+        raise DataError(f"{path} holds a number that is not finite")
     if not regions:
         raise DataError(f"{path} has no region, expected lines that begin with R")
     return HouseFile(regions, objects, panoramas)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from salframe.framework.errors import DataError
-from salframe.framework.files import atomic_path
+from salframe.framework.files import atomic_path, read_image
 
 _PNG_COMPRESSION, _JPEG_QUALITY = 16, 1
 """cv2.IMWRITE_PNG_COMPRESSION, cv2.IMWRITE_JPEG_QUALITY: OpenCV is imported where it is used."""
@@ -21,7 +21,7 @@ def read_color(path: Path) -> np.ndarray:
     """(H, W, 3) uint8 RGB. Raises DataError."""
     import cv2
 
-    return cv2.cvtColor(_read(path, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
+    return cv2.cvtColor(read_image(path, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
 
 
 def write_color(path: Path, rgb: np.ndarray) -> None:
@@ -48,7 +48,7 @@ def read_ids(path: Path) -> np.ndarray:
     """(H, W) int32 of a 16-bit grey image. Raises DataError."""
     import cv2
 
-    image = _read(path, cv2.IMREAD_UNCHANGED)
+    image = read_image(path, cv2.IMREAD_UNCHANGED)
     if image.dtype != np.uint16 or image.ndim != 2:
         channels = 1 if image.ndim == 2 else image.shape[2]
         raise DataError(f"{path} has {channels} channel(s) of {8 * image.itemsize} bits, expected one of 16 bits")
@@ -66,27 +66,12 @@ def read_mask(path: Path) -> np.ndarray:
     """(H, W) bool, true where the image is not black. Raises DataError."""
     import cv2
 
-    return _read(path, cv2.IMREAD_GRAYSCALE) > 0
+    return read_image(path, cv2.IMREAD_GRAYSCALE) > 0
 
 
 def write_mask(path: Path, mask: np.ndarray) -> None:
     """Write (H, W) bool as 0 and 255."""
     _write(path, mask.astype(np.uint8) * 255)
-
-
-def _read(path: Path, mode: int) -> np.ndarray:
-    import cv2
-
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise DataError(f"cannot read {path}: {error.strerror}") from None
-    # About a PNG that was cut short, libpng would write a line of its own to stderr.
-    cut = content.startswith(b"\x89PNG") and b"IEND" not in content
-    image = cv2.imdecode(np.frombuffer(content, np.uint8), mode) if content and not cut else None
-    if image is None:
-        raise DataError(f"{path} is no readable image ({len(content)} bytes), expected a JPEG or PNG that is whole")
-    return image
 
 
 def _write(path: Path, image: np.ndarray) -> None:

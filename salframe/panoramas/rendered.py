@@ -16,7 +16,7 @@ import numpy as np
 from salframe.framework.cache import cache_home
 from salframe.framework.config import ComponentConfig
 from salframe.framework.errors import SalframeError
-from salframe.framework.files import read_json, remove_unfinished, share_file, write_json
+from salframe.framework.files import read_as, remove_unfinished, share_file, write_json
 from salframe.framework.identity import digest, identity
 from salframe.framework.processes import ProcessPool
 from salframe.panoramas.dataset import MANIFEST
@@ -157,7 +157,7 @@ class RenderedDataset(FolderDataset, Generic[Frame]):
 
     @cached_property
     def contents(self) -> Mapping[str, str]:
-        contents: dict[str, str] = read_json(self.root / _CONTENTS)
+        contents: dict[str, str] = read_as(self.root / _CONTENTS, dict[str, str])
         return contents
 
     def _key(self, frame: Frame) -> str:

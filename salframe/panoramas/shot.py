@@ -16,6 +16,8 @@ from salframe.panoramas.geometry import range_of_cube_depth
 from salframe.panoramas.panorama import Annotations, Panorama
 from salframe.panoramas.photograph import Pinhole
 
+_DIGITS = 5
+"""Of an instance id in an image of 16 bits."""
 LOWEST, HIGHEST = 256, 1024
 """A photograph is laid on a panorama as fine as its middle, of no fewer and no more rows than these."""
 
@@ -68,7 +70,8 @@ def read_panorama(
 def _read_labels(path: Path) -> dict[int, str]:
     content = read_json(path)
     if not isinstance(content, dict) or not all(
-        id.isdecimal() and isinstance(label, str) for id, label in content.items()
+        id.isascii() and id.isdecimal() and len(id) <= _DIGITS and isinstance(label, str)
+        for id, label in content.items()
     ):
         raise DataError(f'{path} holds something else than labels, expected JSON such as {{"1": "bed", "2": "lamp"}}')
     return {int(id): label for id, label in content.items()}

@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from salframe.framework.array_files import ArrayKind
 from salframe.framework.columns import Row, read_columns, write_columns
 from salframe.framework.config import Settings
 from salframe.framework.errors import DataError
-from salframe.framework.files import read_model, write_json
+from salframe.framework.files import read_model, reading, write_json
 from salframe.localization.map_folder import read_map
 from salframe.panoramas.floors import read_floors, write_floors
+from salframe.panoramas.geometry import wrap_angle
 from salframe.topology.topological_map import MapEdge, MapNode, NodeKind, TopologicalMap
 
 TOPOLOGY, NODES, EDGES = "topology.json", "nodes", "edges"
+_NAME, _NAMES, _NUMBER = ArrayKind("U", ()), ArrayKind("U", (None,)), ArrayKind("f", ())
+_NODE = {"id": _NAME, "kind": _NAME, "xyz_m": ArrayKind("f", (3,)), "regions": _NAMES, "frames": _NAMES}
+_EDGE = {"start": _NAME, "end": _NAME, "length_m": _NUMBER, "azimuth_rad": _NUMBER, "path_m": ArrayKind("f", (None, 2))}
+_NEAR_M, _NEAR_RAD = 1e-3, 1e-3
+"""How far an edge may lead from its nodes."""
 
 
 class _Saved(Settings):
@@ -46,9 +54,31 @@ def read_topology(parts: Path) -> TopologicalMap:
         directory = parts.parent
         raise DataError(f"{directory} holds no topological map: make one with salframe map build DATA -o {directory}")
     saved = read_model(parts / TOPOLOGY, _Saved)
-    nodes = tuple(_node(row) for row in read_columns(parts / NODES))
-    edges = tuple(_edge(row) for row in read_columns(parts / EDGES))
+    with reading(parts / NODES, "nodes of a map"):
+        nodes = tuple(_node(row) for row in read_columns(parts / NODES, _NODE))
+    edges = tuple(_edge(row) for row in read_columns(parts / EDGES, _EDGE))
+    _check_edges(parts / EDGES, nodes, edges)
     return TopologicalMap(nodes, edges, read_floors(parts), saved.parameters, saved.notes)
+
+
+def _check_edges(path: Path, nodes: Sequence[MapNode], edges: Sequence[MapEdge]) -> None:
+    """Raises DataError on nodes of one id, and on an edge that does not lie between its nodes: of other nodes than
+    these, another azimuth, shorter than the straight line, or along a way from and to elsewhere."""
+    place = {node.id: np.array(node.xyz_m) for node in nodes}
+    if len(place) < len(nodes):
+        raise DataError(f"{path.with_name(NODES)} has {len(nodes)} nodes and {len(place)} different ids")
+    for edge in edges:
+        if edge.start not in place or edge.end not in place:
+            raise DataError(f"{path}: an edge from {edge.start!r} to {edge.end!r}, expected nodes of the map")
+        ends = np.stack([place[edge.start], place[edge.end]])
+        x_m, y_m, _ = ends[1] - ends[0]
+        away_rad = abs(wrap_angle(edge.azimuth_rad - np.arctan2(y_m, x_m))) if np.hypot(x_m, y_m) > _NEAR_M else 0.0
+        strays = bool(edge.path_m) and np.abs(np.array([edge.path_m[0], edge.path_m[-1]]) - ends[:, :2]).max() > _NEAR_M
+        if away_rad > _NEAR_RAD or edge.length_m < np.hypot(x_m, y_m) - _NEAR_M or strays:
+            raise DataError(
+                f"{path}: the edge from {edge.start} to {edge.end} is {edge.length_m:.2f} m long at "
+                f"{np.degrees(edge.azimuth_rad):.0f} deg, not from one to the other: build the map again"
+            )
 
 
 def _node_row(node: MapNode) -> Row:

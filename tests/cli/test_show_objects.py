@@ -122,7 +122,7 @@ def test_a_bad_image_costs_its_own_answer_alone(pictures):
     assert torn.startswith("error: torn.png is no readable image")
     assert desk.startswith("error: desk.png is 640 x 480, expected a panorama")
     assert "--fov" in desk
-    assert gone == "error: cannot read gone.png: No such file or directory"
+    assert gone == "error: cannot read gone.png: No such file or directory, expected a readable image"
     again = run("show-objects", "torn.png", "hall.jpg", *DETECTOR, "--json")
     assert again.code == 1
     assert [one["image"] for one in again.json["images"]] == ["hall.jpg"]

@@ -184,7 +184,7 @@ def test_bad_folders_are_one_clear_line(release, tmp_path):
         of(tmp_path).folds()
     (tmp_path / "scans" / "bare" / "house_segmentations" / "bare.house").unlink()
     with pytest.raises(
-        DataError, match=r"cannot read .*bare\.house: No such file or directory \(house_segmentations of"
+        DataError, match=r"cannot read .*bare\.house: No such file or directory, expected .* \(house_segmentations of"
     ):
         of(tmp_path).folds()
 

@@ -91,9 +91,9 @@ def test_goals_that_what_was_moved_shuts_off_are_not_asked_for():
     ("content", "line"),
     [
         ("nonsense", "episodes.json is not JSON"),
-        ({"start": "b"}, "episodes.json, Input should be a valid list"),
-        ([{"start": "b"}], "episodes.json, episode 0: goal Field required"),
-        ([{"start": "b", "goal": "a-west", "yaw": 3}], "episodes.json, episode 0: yaw Extra inputs are not permitted"),
+        ({"start": "b"}, "episodes.json: received {'start': 'b'}, expected a valid list"),
+        ([{"start": "b"}], "episodes.json: 0.goal is missing"),
+        ([{"start": "b", "goal": "a-west", "yaw": 3}], "unknown key .*episodes.json: 0.yaw"),
     ],
 )
 def test_a_malformed_file_is_one_line(sites, content, line):

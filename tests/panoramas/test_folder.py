@@ -253,7 +253,7 @@ def cut(path: Path) -> None:
             lambda root: cv2.imwrite(str(root / "q.range.png"), np.ones((32, 64), np.uint8)),
             r"has 1 channel\(s\) of 8 bits, expected one of 16",
         ),
-        (lambda root: (root / "objects.parquet").write_bytes(b"no table"), r"objects.parquet is no Parquet table"),
+        (lambda root: (root / "objects.parquet").write_bytes(b"no table"), r"objects.parquet is not a Parquet table"),
         (
             lambda root: pq.write_table(pa.table({"instance_id": [1]}), root / "objects.parquet"),
             r"objects.parquet has no column label",

