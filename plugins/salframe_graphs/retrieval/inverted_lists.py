@@ -1,0 +1,72 @@
+"""The scene index `inverted-lists`: by labels, heights and sizes of objects, wherever they stand."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from salframe.framework.config import ComponentConfig, match_only
+from salframe.framework.files import new_folder
+from salframe.graphs.graph import SaliencyGraph
+from salframe.graphs.scene_index import SceneCandidates, SceneIndex
+from salframe_graphs.retrieval import scoring
+from salframe_graphs.retrieval.postings import CODE_LOW, CODE_STEP, appearance, read_postings, write_postings
+
+COMPILED_FROM = 10_000
+"""So many scenes are worth the time that it takes to import numba."""
+
+
+class InvertedLists(SceneIndex):
+    """Scenes by the Jaccard index of their objects and the query's, weighed by the rarity of labels: an object shares
+    as much as the most alike of its label is alike in height, length and box height. Compiled where numba is installed
+    (`salframe[fast]`), with the same candidates without."""
+
+    name = "inverted-lists"
+    version = "1"
+
+    class Config(ComponentConfig):
+        height_scale_m: float = match_only(0.2, gt=0, description="difference in height that halves likeness")
+        size_scale: tuple[float, float] = match_only(
+            (0.8, 0.5), description="log ratios of box length and box height that halve likeness"
+        )
+
+    def build(self, graphs: Iterable[SaliencyGraph], folder: Path) -> None:
+        with new_folder(folder) as parts:
+            write_postings(graphs, parts)
+
+    def open(self, folder: Path) -> None:
+        self._postings = read_postings(folder)
+        self._add_shared = scoring.add_shared
+        if len(self._postings.weight) >= COMPILED_FROM and importlib.util.find_spec("numba") is not None:
+            from salframe_graphs.retrieval import compiled
+
+            self._add_shared = compiled.add_shared
+
+    def candidates(self, query: SaliencyGraph, count: int) -> SceneCandidates:
+        postings = self._postings
+        label = np.array([postings.labels.get(name, -1) for name in query.labels], int)
+        alike = self._alike(query)
+        shared = np.zeros(len(postings.weight), np.int64)
+        for number in np.unique(label[label >= 0]):
+            listed = slice(postings.start[number], postings.start[number + 1])
+            self._add_shared(
+                shared, postings.scene[listed], postings.code[listed], postings.rarity[number], alike[label == number]
+            )
+        scene = np.flatnonzero(shared)
+        whole = scoring.FULL * (postings.rarity[label].sum() + postings.weight[scene].astype(np.int64))
+        score = shared[scene] / (whole - shared[scene])
+        if len(scene) > count:
+            kept = score >= np.partition(score, len(score) - count)[len(score) - count]
+            scene, score = scene[kept], score[kept]
+        order = np.lexsort((scene, -score))[:count]
+        return SceneCandidates(scene[order], score[order])
+
+    def _alike(self, query: SaliencyGraph) -> np.ndarray:
+        """(n, 3, 256) int64: how alike each object is to each code, 255 where neither differs or it is not known."""
+        scales = np.array([self.config.height_scale_m, *self.config.size_scale])[:, None]
+        stands_for = CODE_LOW[:, None] + CODE_STEP * np.arange(256)
+        apart = (appearance(query)[..., None] - stands_for) / scales
+        return np.where(np.isnan(apart), 255, np.round(255 / (1 + apart**2))).astype(np.int64)
