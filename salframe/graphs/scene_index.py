@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import shutil
+import tempfile
+import weakref
 from abc import abstractmethod
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -44,3 +47,10 @@ class SceneIndex(Role):
     def candidates(self, query: SaliencyGraph, count: int) -> SceneCandidates:
         """At most `count` scenes of the index that is open; none that shares nothing with the query, which may have
         bearings only (SaliencyGraph)."""
+
+    def take(self, graphs: Iterable[SaliencyGraph]) -> None:
+        """Index a map's graphs and use the index, which is kept in a temporary folder while this object is in use."""
+        folder = Path(tempfile.mkdtemp(prefix="salframe-"))
+        weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
+        self.build(graphs, folder / "index")
+        self.open(folder / "index")

@@ -8,9 +8,8 @@ from salframe_graphs.retrieval import inverted_lists, postings
 from salframe_graphs.retrieval.inverted_lists import InvertedLists
 
 from salframe.framework.errors import DataError
-from salframe.graphs.graph import SaliencyGraph
+from salframe.graphs.graph import SaliencyGraph, without_range
 from salframe.testing.asking import same
-from salframe.testing.rooms import without_range
 
 NAMES = np.array(["chair", "chair", "chair", "table", "lamp", "bed", "vase", "harp"])
 

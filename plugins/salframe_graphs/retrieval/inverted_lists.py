@@ -65,8 +65,9 @@ class InvertedLists(SceneIndex):
         return SceneCandidates(scene[order], score[order])
 
     def _alike(self, query: SaliencyGraph) -> np.ndarray:
-        """(n, 3, 256) int64: how alike each object is to each code, 255 where neither differs or it is not known."""
+        """(n, 3, 256) int64: how alike each object is to each code, from 1 to 255: that where they do not differ, or
+        nothing is known."""
         scales = np.array([self.config.height_scale_m, *self.config.size_scale])[:, None]
         stands_for = CODE_LOW[:, None] + CODE_STEP * np.arange(256)
         apart = (appearance(query)[..., None] - stands_for) / scales
-        return np.where(np.isnan(apart), 255, np.round(255 / (1 + apart**2))).astype(np.int64)
+        return np.where(np.isnan(apart), 255, np.maximum(np.round(255 / (1 + apart**2)), 1)).astype(np.int64)

@@ -13,7 +13,7 @@ FULL = 255**3
 @dataclass(frozen=True, eq=False)
 class Asked:
     """The n objects of a query that bear one label of the map: the list's start and end; rarity; alike (n, 3, 256)
-    int64, from 0 to 255 how alike each object is to each code of height, length and box height."""
+    int64, from 1 to 255 how alike each object is to each code of height, length and box height."""
 
     start: int
     end: int
