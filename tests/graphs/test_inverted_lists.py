@@ -83,16 +83,16 @@ def test_of_equal_scores_the_lower_number_comes_first(graphs, tmp_path):
     assert index.candidates(query, 7).scene.tolist() == list(range(7))
 
 
-def test_compiled_gives_the_same_candidates_in_the_same_order(graphs, index, tmp_path, monkeypatch):
+def test_compiled_gives_the_same_candidates_in_the_same_order(graphs, index, monkeypatch):
     pytest.importorskip("numba")
-    index_compiled = InvertedLists()
-    index_compiled.build(graphs, tmp_path / "index")
-    monkeypatch.setattr(inverted_lists, "COMPILED_FROM", 0)
-    index_compiled.open(tmp_path / "index")
     rng = np.random.default_rng(7)
-    for query in [some_graph(rng, 14) for _ in range(40)]:
-        for count in (3, 50, 300):
-            assert same(index_compiled.candidates(query, count), index.candidates(query, count))
+    asked = [(some_graph(rng, 14), count) for _ in range(40) for count in (3, 50, 300)]
+    expected = [index.candidates(query, count) for query, count in asked]
+    monkeypatch.setattr(inverted_lists, "LARGE", 0)
+    compiled = InvertedLists()
+    compiled.take(graphs)
+    for (query, count), candidates in zip(asked, expected, strict=True):
+        assert same(compiled.candidates(query, count), candidates)
 
 
 def test_an_index_is_the_same_built_in_pieces(graphs, index, tmp_path, monkeypatch):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
 from collections.abc import Iterable
 from pathlib import Path
@@ -15,7 +16,7 @@ from salframe.graphs.scene_index import SceneCandidates, SceneIndex
 from salframe_graphs.retrieval import scoring
 from salframe_graphs.retrieval.postings import CODE_LOW, CODE_STEP, appearance, read_postings, write_postings
 
-COMPILED_FROM = 10_000
+LARGE = 10_000
 """So many scenes are worth the time that it takes to import numba."""
 
 
@@ -39,11 +40,9 @@ class InvertedLists(SceneIndex):
 
     def open(self, folder: Path) -> None:
         self._postings = read_postings(folder)
-        self._add_shared = scoring.add_shared
-        if len(self._postings.weight) >= COMPILED_FROM and importlib.util.find_spec("numba") is not None:
-            from salframe_graphs.retrieval import compiled
-
-            self._add_shared = compiled.add_shared
+        self._scoring = scoring
+        if len(self._postings.weight) >= LARGE and importlib.util.find_spec("numba") is not None:
+            self._scoring = importlib.import_module("salframe_graphs.retrieval.compiled")
 
     def candidates(self, query: SaliencyGraph, count: int) -> SceneCandidates:
         postings = self._postings
@@ -51,16 +50,11 @@ class InvertedLists(SceneIndex):
         alike = self._alike(query)
         shared = np.zeros(len(postings.weight), np.int64)
         for number in np.unique(label[label >= 0]):
-            listed = slice(postings.start[number], postings.start[number + 1])
-            self._add_shared(
+            listed = slice(*postings.start[number : number + 2])
+            self._scoring.add_shared(
                 shared, postings.scene[listed], postings.code[listed], postings.rarity[number], alike[label == number]
             )
-        scene = np.flatnonzero(shared)
-        whole = scoring.FULL * (postings.rarity[label].sum() + postings.weight[scene].astype(np.int64))
-        score = shared[scene] / (whole - shared[scene])
-        if len(scene) > count:
-            kept = score >= np.partition(score, len(score) - count)[len(score) - count]
-            scene, score = scene[kept], score[kept]
+        scene, score = self._scoring.first(shared, postings.weight, postings.rarity[label].sum(), max(count, 1))
         order = np.lexsort((scene, -score))[:count]
         return SceneCandidates(scene[order], score[order])
 
