@@ -46,6 +46,8 @@ from .graphs.graph import SaliencyGraph as SaliencyGraph
 from .graphs.matcher import GraphMatch as GraphMatch
 from .graphs.matcher import GraphMatcher as GraphMatcher
 from .graphs.saliency import SaliencyModel as SaliencyModel
+from .graphs.scene_index import SceneCandidates as SceneCandidates
+from .graphs.scene_index import SceneIndex as SceneIndex
 from .graphs.show import show_objects as show_objects
 from .localization.answers import Localization as Localization
 from .localization.answers import LocalizationStatus as LocalizationStatus

@@ -8,6 +8,7 @@ from salframe.evaluation.scorer import Scorer
 from salframe.graphs.detector import Detector
 from salframe.graphs.matcher import GraphMatcher
 from salframe.graphs.saliency import SaliencyModel
+from salframe.graphs.scene_index import SceneIndex
 from salframe.localization.localizer import Localizer
 from salframe.localization.positioner import Positioner
 from salframe.panoramas.dataset import Dataset
@@ -23,6 +24,7 @@ def salframe_provides() -> list[type]:
         RangeModel,
         Detector,
         SaliencyModel,
+        SceneIndex,
         GraphMatcher,
         Positioner,
         Planner,

@@ -4,6 +4,7 @@ import salframe
 from salframe_graphs.localizer import SaliencyGraphLocalizer
 from salframe_graphs.places.localizer import SaliencyPlacesLocalizer
 from salframe_graphs.positioning import LeastSquaresPositioner, RobustPositioner
+from salframe_graphs.retrieval.inverted_lists import InvertedLists
 from salframe_graphs.saliency import RandomSaliency, UniformSaliency, VolumetricSaliency
 from salframe_graphs.triplet import TripletMatcher
 
@@ -14,6 +15,7 @@ def salframe_provides():
         VolumetricSaliency,
         UniformSaliency,
         RandomSaliency,
+        InvertedLists,
         TripletMatcher,
         RobustPositioner,
         LeastSquaresPositioner,

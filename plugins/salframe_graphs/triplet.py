@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Literal
 
 import numpy as np
@@ -12,38 +13,44 @@ from pydantic import Field
 
 from salframe.framework.config import ComponentConfig
 from salframe.framework.errors import RequirementMissing
-from salframe.graphs.graph import SaliencyGraph
+from salframe.framework.registry import registry
+from salframe.framework.slots import slot
+from salframe.graphs.graph import SaliencyGraph, without_range
 from salframe.graphs.matcher import GraphMatch, GraphMatcher
+from salframe.graphs.scene_index import SceneIndex
 from salframe_graphs.bearings import verify_bearings
 from salframe_graphs.features import node2vec, ring_hop_histograms
 from salframe_graphs.verification import ScaleBound, Verified, verify
 
+FEATURES_KEPT = 1024
+"""Of so many scenes the structural features stay in memory."""
+
 
 @dataclass(frozen=True)
 class GraphIndex:
-    """A map's S graphs, laid out for matching: counts (L, S), a row a label, so that a query reads its own labels'
-    rows; rarity (L,), inverse document frequency. The nodes padded to the largest graph, m nodes: label (S, m), -1
-    where padded; centroid_m, size_m (S, m, 3); saliency (S, m); features (S, m, F); weight (S, m), what a node counts
-    in the score, 0 where padded.
+    """A map's S graphs, laid out for matching: rarity (L,), inverse document frequency of each label. The nodes padded
+    to the largest graph, m nodes: label (S, m), -1 where padded; centroid_m, size_m (S, m, 3); saliency (S, m); weight
+    (S, m), what a node counts in the score, 0 where padded. features: the structural features (N, F) of a scene, those
+    of the last few kept; scenes: what candidates are looked up in, None where all scenes are.
     """
 
     graphs: tuple[SaliencyGraph, ...]
+    scenes: SceneIndex | None
     vocabulary: dict[str, int]
-    counts: np.ndarray
     rarity: np.ndarray
     label: np.ndarray
     centroid_m: np.ndarray
     size_m: np.ndarray
     saliency: np.ndarray
-    features: np.ndarray
     weight: np.ndarray
+    features: Callable[[int], np.ndarray]
 
 
 class TripletMatcher(GraphMatcher):
     """Label-set candidates, one-to-one node alignment, weighted triplets, geometric verification of the survivors."""
 
     name = "triplet"
-    version = "2"
+    version = "3"
 
     class Config(ComponentConfig):
         labels: Literal["set", "multiset"] = Field(
@@ -58,10 +65,9 @@ class TripletMatcher(GraphMatcher):
             0.25, ge=0, le=1, description="candidates: Jaccard index at least this share of the best (paper: 0.6)"
         )
         most: int | None = Field(
-            100,
-            ge=1,
-            description="candidates at most, those of the greatest Jaccard index; null: all (as in the paper)",
+            100, ge=1, description="candidates at most, the first of the scene index; null: all (as in the paper)"
         )
+        scene_index: slot("scene-index", "inverted-lists")  # type: ignore[valid-type]
         height_scale_m: float | None = Field(
             0.2, gt=0, description="difference in height that halves node similarity; null: height ignored"
         )
@@ -117,37 +123,35 @@ class TripletMatcher(GraphMatcher):
     def index(self, graphs: Sequence[SaliencyGraph]) -> GraphIndex:
         vocabulary = {label: i for i, label in enumerate(sorted({label for graph in graphs for label in graph.labels}))}
         shape = (len(graphs), max((len(graph) for graph in graphs), default=0))
-        counts = np.zeros((len(vocabulary), len(graphs)))
-        label = np.full(shape, -1)
+        label, having = np.full(shape, -1), np.zeros(len(vocabulary))
         centroid, size, saliency, sureness = (
             np.zeros((*shape, 3)),
             np.ones((*shape, 3)),
             np.zeros(shape),
             np.zeros(shape),
         )
-        features = np.zeros((*shape, self._features(graphs[0], vocabulary).shape[1] if graphs else 0))
         for s, graph in enumerate(graphs):
             n = len(graph)
             label[s, :n] = [vocabulary[name] for name in graph.labels]
-            np.add.at(counts[:, s], label[s, :n], 1)
+            having[np.unique(label[s, :n])] += 1
             centroid[s, :n], size[s, :n], saliency[s, :n] = graph.centroid_m, graph.size_m, graph.saliency
             sureness[s, :n] = self._sureness(graph)
-            features[s, :n] = self._features(graph, vocabulary)
-        if self.config.labels == "set":
-            counts = np.minimum(counts, 1)
-        scenes = (counts > 0).sum(1)
-        rarity = np.log((1 + len(graphs)) / (1 + scenes)) + 1 if self.config.rarity else np.ones(len(vocabulary))
+        rarity = np.log((1 + len(graphs)) / (1 + having)) + 1 if self.config.rarity else np.ones(len(vocabulary))
+        scenes = None
+        if self.config.most is not None and len(graphs) > self.config.most:
+            scenes = registry().build(SceneIndex.role, self.config.scene_index)
+            scenes.take(graphs)
         return GraphIndex(
             tuple(graphs),
+            scenes,
             vocabulary,
-            counts,
             rarity,
             label,
             centroid,
             size,
             saliency,
-            features,
             sureness * rarity[label],
+            lru_cache(FEATURES_KEPT)(lambda scene: self._features(graphs[scene], vocabulary)),
         )
 
     def match(self, query: SaliencyGraph, index: GraphIndex, top_k: int) -> list[GraphMatch]:
@@ -158,11 +162,10 @@ class TripletMatcher(GraphMatcher):
         rarity = np.where(
             known >= 0, index.rarity[known], np.log(1 + len(index.graphs)) + 1 if self.config.rarity else 1.0
         )
-        jaccard = self._jaccard(query.labels, known, rarity, index)
-        candidates = np.flatnonzero((jaccard > 0) & (jaccard >= self.config.keep * jaccard.max()))
-        if self.config.most is not None and len(candidates) > self.config.most:
-            best = np.argsort(-jaccard[candidates], kind="stable")[: self.config.most]
-            candidates = candidates[np.sort(best)]
+        candidates = self._shortlist(query, index)
+        jaccard = self._jaccard(query.labels, known, rarity, index, candidates)
+        kept = (jaccard > 0) & (jaccard >= self.config.keep * jaccard.max(initial=0))
+        candidates, jaccard = candidates[kept], jaccard[kept]
         weight = self._sureness(query) * rarity
         similarity = self._similarity(query, known, index, candidates)
         alike = np.where(similarity >= self.config.least_similarity, similarity, 0)
@@ -179,7 +182,7 @@ class TripletMatcher(GraphMatcher):
             pairs = [self._align(alike[k], kernel[k]) for k in range(len(candidates))]
             triplets = [self._triplets(query, index.graphs[s], p) for s, p in zip(candidates, pairs, strict=True)]
             score += self.config.triplet_score * np.array(triplets)
-        order = np.lexsort((-jaccard[candidates], -score))[:top_k]
+        order = np.lexsort((-jaccard, -score))[:top_k]
         matches = []
         for k in order:
             scene, aligned = int(candidates[k]), self._align(alike[k], kernel[k])
@@ -197,13 +200,27 @@ class TripletMatcher(GraphMatcher):
             return np.zeros((len(graph), 0))
         return ring_hop_histograms(graph, vocabulary, self.config.ring_edges_m, self.config.hops)
 
-    def _jaccard(self, labels: Sequence[str], known: np.ndarray, rarity: np.ndarray, index: GraphIndex) -> np.ndarray:
-        """(S,) Jaccard index of the query's labels with each map graph's, weighed by rarity."""
+    def _shortlist(self, query: SaliencyGraph, index: GraphIndex) -> np.ndarray:
+        """(K,) scenes worth matching, in the order of the map."""
+        if index.scenes is None:
+            return np.arange(len(index.graphs))
+        # Heights and sizes are off by the factor that ranges are off by.
+        known = without_range(query) if self.config.largest_scale_error and not query.bearings_only else query
+        return np.sort(index.scenes.candidates(known, self.config.most).scene)
+
+    def _jaccard(
+        self, labels: Sequence[str], known: np.ndarray, rarity: np.ndarray, index: GraphIndex, candidates: np.ndarray
+    ) -> np.ndarray:
+        """(K,) Jaccard index of the query's labels with each candidate's, weighed by rarity."""
         _, first, count = np.unique(np.array(labels, dtype=np.str_), return_index=True, return_counts=True)
-        number = np.ones(len(count)) if self.config.labels == "set" else count
+        scene, node = np.nonzero(index.label[candidates] >= 0)
+        counts = np.zeros((len(candidates), len(index.rarity)))
+        np.add.at(counts, (scene, index.label[candidates[scene], node]), 1)
+        if self.config.labels == "set":
+            counts, count = np.minimum(counts, 1), np.minimum(count, 1)
         asked, weight = known[first], rarity[first]
-        shared = weight[asked >= 0] @ np.minimum(index.counts[asked[asked >= 0]], number[asked >= 0, None])
-        union = index.rarity @ index.counts + weight @ number - shared
+        shared = np.minimum(counts[:, asked[asked >= 0]], count[asked >= 0]) @ weight[asked >= 0]
+        union = counts @ index.rarity + weight @ count - shared
         return np.divide(shared, union, out=np.zeros(len(shared)), where=union > 0)
 
     def _similarity(
@@ -219,7 +236,7 @@ class TripletMatcher(GraphMatcher):
         if not self.config.structure_weight:
             structure = np.zeros(same.shape)
         elif self.config.structure == "rings":
-            structure = self._features(query, index.vocabulary) @ np.swapaxes(index.features[candidates], 1, 2)
+            structure = self._rings(self._features(query, index.vocabulary), index, candidates)
         else:
             structure = np.zeros(same.shape)
             vectors = node2vec([query, *(index.graphs[s] for s in candidates)], self.config.seed)
@@ -238,6 +255,15 @@ class TripletMatcher(GraphMatcher):
                 change = np.log(query.size_m[None, :, None, side] / index.size_m[candidates][:, None, :, side])
                 similarity /= 1 + (change / scale) ** 2
         return similarity
+
+    def _rings(self, features: np.ndarray, index: GraphIndex, candidates: np.ndarray) -> np.ndarray:
+        """(K, n, m) products of the query's features (n, F), of which few are not 0, with each candidate's."""
+        used = np.flatnonzero(features.any(0))
+        there = np.zeros((len(candidates), index.label.shape[1], len(used)))
+        for block, scene in zip(there, candidates.tolist(), strict=True):
+            known = index.features(scene)
+            block[: len(known)] = known[:, used]
+        return features[:, used] @ np.swapaxes(there, 1, 2)
 
     def _shared(self, similarity: np.ndarray, weight: np.ndarray, reference: np.ndarray) -> np.ndarray:
         """(K,) Jaccard index over nodes of weight (n,) and reference (K, m), each shared by its similarity to the most

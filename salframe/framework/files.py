@@ -47,6 +47,21 @@ def atomic_path(path: Path) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
+@contextmanager
+def new_folder(path: Path) -> Iterator[Path]:
+    """A temporary folder beside `path`, renamed to it when the block ends well, removed when it does not. Raises
+    ConfigError where `path` is there."""
+    if path.exists():
+        raise ConfigError(f"{path} is there already: name a new folder, or remove it")
+    temporary = path.with_name(f".{path.name}-{os.getpid()}-{time.monotonic_ns()}")
+    temporary.mkdir(parents=True)
+    try:
+        yield temporary
+        os.replace(temporary, path)
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
 def share_file(source: Path, target: Path) -> None:
     """Let a file be found under another path too: a hard link, or a copy where there can be none. A file that is
     already there stays."""

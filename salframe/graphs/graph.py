@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -91,6 +91,12 @@ class SaliencyGraph:
         matrix = np.zeros((len(self), len(self)), bool)
         matrix[self.edges[:, 0], self.edges[:, 1]] = matrix[self.edges[:, 1], self.edges[:, 0]] = True
         return matrix
+
+
+def without_range(graph: SaliencyGraph) -> SaliencyGraph:
+    """What is left of a graph where no range is known: labels, scores, shares and bearings."""
+    unknown = np.full((len(graph), 3), np.nan)
+    return replace(graph, centroid_m=unknown, size_m=unknown, yaw_rad=unknown[:, 0], edges=np.zeros((0, 2), np.int64))
 
 
 class GraphConfig(Settings):

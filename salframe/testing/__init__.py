@@ -22,6 +22,7 @@ from salframe.testing.planners import PlannerRules
 from salframe.testing.range_models import RangeModelRules
 from salframe.testing.rooms import PARTS
 from salframe.testing.rules import Conformance, Rule, RuleResult, Rules, RuleStatus, check_all, check_rule, skipped
+from salframe.testing.scene_indexes import SceneIndexRules
 from salframe.testing.scorers import ScorerRules
 from salframe.testing.stages import MatcherRules, PositionerRules, SaliencyRules
 
@@ -41,6 +42,7 @@ _RULES: dict[str, type[Rules[Any]]] = {
     "range-model": RangeModelRules,
     "detector": DetectorRules,
     "saliency": SaliencyRules,
+    "scene-index": SceneIndexRules,
     "matcher": MatcherRules,
     "positioner": PositionerRules,
     "planner": PlannerRules,

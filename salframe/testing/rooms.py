@@ -205,9 +205,3 @@ def room_graph(room: Room) -> SaliencyGraph:
     detections = box_detections(room)
     volume = detections.size_m.prod(1)
     return build_graph(detections, volume / volume.sum() if len(volume) else volume, GraphConfig())  # type: ignore[call-arg]  # pydantic's defaults
-
-
-def without_range(graph: SaliencyGraph) -> SaliencyGraph:
-    """What is left of a graph where no range is known: labels, scores, shares and bearings."""
-    unknown = np.full((len(graph), 3), np.nan)
-    return replace(graph, centroid_m=unknown, size_m=unknown, yaw_rad=unknown[:, 0], edges=np.zeros((0, 2), np.int64))

@@ -10,13 +10,13 @@ from typing import Any, cast
 import numpy as np
 
 from salframe.graphs.detections import Detections
-from salframe.graphs.graph import SaliencyGraph
+from salframe.graphs.graph import SaliencyGraph, without_range
 from salframe.graphs.matcher import GraphMatch, GraphMatcher
 from salframe.graphs.saliency import SaliencyModel
 from salframe.localization.positioner import PoseEstimate, PoseStatus, Positioner
 from salframe.panoramas.geometry import invert_pose, is_rigid, pose_2d, pose_errors, transform_points
 from salframe.testing.asking import DoesNotApply, ask, attempt, expect, same
-from salframe.testing.rooms import ROOMS, box_detections, room_graph, without_range
+from salframe.testing.rooms import ROOMS, box_detections, room_graph
 from salframe.testing.rules import Rules
 
 T_REFERENCE_QUERY = pose_2d(1.2, -0.7, 2.1)

@@ -5,16 +5,12 @@ import time
 
 import numpy as np
 import pytest
+from city import describe_rooms
 from salframe_graphs.localizer import SaliencyGraphLocalizer
-from salframe_house.building import generate_building
-from salframe_house.frames import choose_frames
-from salframe_house.render import Renderer
 
 from salframe.framework import files
 from salframe.framework.installation import folder_bytes
 from salframe.panoramas.frames import MapFrame
-from salframe.panoramas.geometry import pose_2d
-from salframe.panoramas.panorama import Annotations, Panorama
 
 pytestmark = pytest.mark.slow
 
@@ -29,14 +25,7 @@ class Unindexed(SaliencyGraphLocalizer):
 @pytest.fixture(scope="module")
 def scenes():
     """The descriptions of the 42 rooms of an office, each with the place and the pose of its frame."""
-    building, localizer = generate_building("office", 42, 7), Unindexed(Unindexed.Config(detector="annotations"))
-    renderer, described = Renderer(building.scene(), "day"), []
-    for spec in choose_frames(building, building, 7, queries_per_room=1):
-        if spec.role == "map" and spec.place not in [frame.place for _, frame in described]:
-            T_world_pano = pose_2d(spec.x_m, spec.y_m, spec.yaw_rad, spec.z_m)
-            range_m, instance_id = renderer.geometry(T_world_pano)
-            seen = Panorama(spec.id, range_m=range_m, annotations=Annotations(instance_id, building.labels))
-            described.append((localizer.describe(seen), MapFrame(spec.id, spec.place, T_world_pano)))
+    described = describe_rooms("office", 42, 7)
     assert len(described) == 42
     return described
 

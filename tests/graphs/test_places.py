@@ -217,7 +217,7 @@ def test_each_part_of_the_evidence_is_what_it_says():
     assert scores == pytest.approx(dict(zip(evidence.places, evidence.values @ weights, strict=True)))
 
 
-def test_places_that_share_fewer_labels_are_not_matched():
+def test_places_whose_panoramas_are_less_like_the_query_are_not_matched():
     """Of two places one candidate is matched object by object; the other ranks by its labels, and has no pose."""
     made = localizer(candidates=1)
     for room, x_m in (("a", 0.4), ("b", 5.5)):

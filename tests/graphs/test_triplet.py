@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 from salframe_graphs.agreement import agree
 from salframe_graphs.features import node2vec, ring_hop_histograms
+from salframe_graphs.retrieval.inverted_lists import InvertedLists
 from salframe_graphs.triplet import TripletMatcher
 from salframe_graphs.verification import ScaleBound, verify
 
 from salframe.framework.errors import RequirementMissing
 from salframe.graphs.detections import Detections
-from salframe.graphs.graph import GraphConfig, SaliencyGraph, build_graph
+from salframe.graphs.graph import GraphConfig, SaliencyGraph, build_graph, without_range
 from salframe.graphs.matcher import GraphMatch
 from salframe.panoramas.frames import MapFrame
 from salframe.panoramas.geometry import invert_pose, pose_2d, pose_errors, transform_points
@@ -57,7 +58,7 @@ def test_jaccard_is_that_of_multisets(rooms):
     index = one.index(graphs)
     query = graph_of(room(99, nodes=11))
     known = np.array([index.vocabulary.get(label, -1) for label in query.labels])
-    found = one._jaccard(query.labels, known, np.ones(len(known)), index)
+    found = one._jaccard(query.labels, known, np.ones(len(known)), index, np.arange(30))
     asked = Counter(query.labels)
     expected = [(asked & Counter(g.labels)).total() / (asked | Counter(g.labels)).total() for g in graphs]
     np.testing.assert_allclose(found, expected)
@@ -69,7 +70,7 @@ def test_set_jaccard_ignores_numbers(rooms):
     index = one.index(graphs)
     query = graph_of(room(99, nodes=11, labels=(*LABELS, "stranger")))
     known = np.array([index.vocabulary.get(label, -1) for label in query.labels])
-    found = one._jaccard(query.labels, known, np.ones(len(known)), index)
+    found = one._jaccard(query.labels, known, np.ones(len(known)), index, np.arange(30))
     asked = set(query.labels)
     np.testing.assert_allclose(found, [len(asked & set(g.labels)) / len(asked | set(g.labels)) for g in graphs])
 
@@ -298,10 +299,35 @@ def test_an_unweighted_graph_counts_triplets():
 
 
 def test_no_more_candidates_than_asked_for_are_matched(rooms):
-    """Those of the greatest Jaccard index: the query's own room is one of three, among thirty."""
+    """The first of the scene index: the query's own room is one of three, among thirty."""
     graphs = [graph_of(r) for r in rooms]
     query = graph_of(rooms[7], pose_2d(0.3, -0.2, 1.0))
     few, all_of_them = matcher(most=3, keep=0.0), matcher(most=None, keep=0.0)
     found, others = (one.match(query, one.index(graphs), 30) for one in (few, all_of_them))
     assert len(found) == 3 < len(others)
     assert (found[0].scene, found[0].score) == (7, others[0].score)
+
+
+def test_candidates_are_those_of_the_scene_index(rooms):
+    """And where ranges may be off by a factor, those by labels alone."""
+    graphs = [graph_of(r) for r in rooms]
+    query = graph_of(rooms[7], pose_2d(0.3, -0.2, 1.0))
+    scenes = InvertedLists()
+    scenes.take(graphs)
+    for error, asked in ((0.0, query), (0.2, without_range(query))):
+        one = matcher(most=5, keep=0.0, largest_scale_error=error)
+        found = [match.scene for match in one.match(query, one.index(graphs), 30)]
+        assert sorted(found) == sorted(scenes.candidates(asked, 5).scene.tolist())
+
+
+def test_structure_is_compared_as_whole_histograms_are(rooms):
+    graphs = [graph_of(r) for r in rooms]
+    query = graph_of(rooms[7], pose_2d(0.3, -0.2, 1.0))
+    one = matcher()
+    index, candidates = one.index(graphs), np.array([2, 7, 11])
+    histograms = [ring_hop_histograms(g, index.vocabulary, (1.0, 2.0, 4.0), 2) for g in (query, *graphs)]
+    found = one._rings(histograms[0], index, candidates)
+    for product, scene in zip(found, candidates, strict=True):
+        expected = histograms[0] @ histograms[1 + scene].T
+        np.testing.assert_allclose(product[:, : len(graphs[scene])], expected, atol=1e-12)
+        assert not product[:, len(graphs[scene]) :].any()

@@ -11,8 +11,11 @@ import numpy as np
 from pydantic import BeforeValidator, Field
 
 from salframe.framework.config import ComponentConfig, Settings, match_only, merge, read_yaml, validate
+from salframe.framework.registry import registry
+from salframe.framework.slots import slot
 from salframe.graphs.graph import SaliencyGraph
 from salframe.graphs.packing import graph_from_arrays
+from salframe.graphs.scene_index import SceneIndex
 from salframe.localization.answers import Localization, LocalizationStatus, RankedPlace
 from salframe.localization.evidence import Evidence
 from salframe.localization.localizer import Description, rank_places
@@ -71,7 +74,7 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
     """
 
     name = "saliency-places"
-    version = "2"
+    version = "3"
     uses_floors = True
 
     class Config(SaliencyGraphLocalizer.Config):
@@ -98,8 +101,11 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
             json_schema_extra={"match_only": True},
         )
         candidates: int = match_only(
-            30, ge=1, description="places that are matched object by object: those that share most rare labels"
+            30,
+            ge=1,
+            description="places that are matched object by object: those whose panoramas the scene index puts first",
         )
+        scene_index: slot("scene-index", "inverted-lists", match_only=True)  # type: ignore[valid-type]
         merged: bool = match_only(
             True, description="gather the panoramas of a place into one graph; false: each by itself"
         )
@@ -134,6 +140,11 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
         )
         stood = np.array([frame.T_world_pano[:3, 3] for frame in frames])
         cameras = [stood[list(place.frames)] for place in self._places]
+        self._scenes: SceneIndex | None = None
+        if len(self._places) > self.config.candidates:
+            self._scenes = registry().build(SceneIndex.role, self.config.scene_index)
+            self._scenes.take(self._graphs[number] for place in self._places for number in place.frames)
+        self._shown = np.repeat(np.arange(len(self._places)), [len(place.frames) for place in self._places])
         self._place_index = index_places(self._places, cameras, self._rates, self.config.likelihood)
         self._frames_of: dict[str, list[MapFrame]] = {}
         for place in self._places:
@@ -191,14 +202,14 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
         return query.bearings_only or getattr(self.config.matcher, "largest_scale_error", 0.0) > 0
 
     def _hypotheses(self, query: SaliencyGraph, outline_m: np.ndarray | None) -> _Hypotheses | None:
-        """What a query of objects may be, None where the map knows none of its labels: the places that share most rare
-        labels with it, each under its best pose, and the others by their labels."""
+        """What a query of objects may be, None where the map knows none of its labels: the candidates, each under its
+        best pose, and the other places by their labels."""
         whole = self._place_index
         if not any(label in whole.vocabulary for label in query.labels):
             return None
         asked = lay_out_query(query, whole)
         labels = label_evidence(asked.label, whole)
-        kept = np.sort(np.argsort(-labels.sum(1), kind="stable")[: self.config.candidates])
+        kept = self._shortlist(query)
         index = whole.take(kept)
         scorer = PlaceLikelihood(asked, index, self._rates, self.config.likelihood)
         poses, score, share = scorer.refine(best_poses(asked, index, scorer, self.config.poses))
@@ -223,6 +234,16 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
             ]
         )
         return _Hypotheses(Evidence([*names, *(self._places[k].name for k in alone)], values), poses, share, scorer)
+
+    def _shortlist(self, query: SaliencyGraph) -> np.ndarray:
+        """(C,) the places that are matched object by object, in order: those whose scene frames the index puts
+        first."""
+        most = self.config.candidates
+        if self._scenes is None:
+            return np.arange(len(self._places))
+        found = self._scenes.candidates(query, most * np.bincount(self._shown).max())
+        places, first = np.unique(self._shown[found.scene], return_index=True)
+        return np.sort(places[np.argsort(first)][:most])
 
     def _panorama_scores(self, query: SaliencyGraph) -> dict[str, float]:
         """The score of each place's panorama that is most like a query, of places that have any."""

@@ -38,9 +38,11 @@ class PlaceIndex:
         return len(self.label)
 
     def take(self, places: np.ndarray) -> PlaceIndex:
-        """Those of these places."""
-        of_places = ("counts", "label", "xy_m", "z_m", "variance_m2", "log_size", "found_logit", "cameras_m")
-        return replace(self, **{name: getattr(self, name)[places] for name in of_places})
+        """Those of these places, padded to the largest of them."""
+        width = (self.label[places] >= 0).sum(1).max(initial=0)
+        of_objects = ("label", "xy_m", "z_m", "variance_m2", "log_size", "found_logit")
+        taken = {name: getattr(self, name)[places, :width] for name in of_objects}
+        return replace(self, **taken, counts=self.counts[places], cameras_m=self.cameras_m[places])
 
 
 @dataclass(frozen=True, eq=False)

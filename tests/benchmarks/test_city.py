@@ -1,0 +1,52 @@
+"""The city that benchmarks are made of: the same under its seed, and no scene known by its labels alone."""
+
+import itertools
+from collections import Counter
+
+import numpy as np
+import pytest
+from city import City
+
+from salframe.testing.asking import same
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def city():
+    return City.of_houses(3)
+
+
+def test_a_scene_is_the_same_however_it_is_made(city):
+    streamed = next(itertools.islice(city.scenes(50), 40, None))
+    assert same(streamed, city.scene(40))
+    assert same(City.of_houses(3).scene(40), city.scene(40))
+    assert not same(City.of_houses(4).scene(40), city.scene(40))
+
+
+def test_a_query_lacks_and_renames_some_of_its_scene(city):
+    kept = renamed = whole = 0
+    for number in range(200):
+        scene, query = city.scene(number), city.query(number)
+        whole, kept = whole + len(scene), kept + len(query)
+        renamed += len(query) - _shared(query, scene)
+    assert 0.75 < kept / whole < 0.85
+    assert 0.03 < renamed / kept < 0.07
+
+
+def _shared(query, scene):
+    """How many names both have."""
+    return (Counter(query.labels) & Counter(scene.labels)).total()
+
+
+def test_labels_alone_saturate(city):
+    """Of 40 scenes of one room several are as like a query by their names as its own is: of many, too many."""
+    rooms, ahead = len(city.rooms), []
+    for number in range(20):
+        query = city.query(number)
+        jaccard = []
+        for scene in (city.scene(number + rooms * copy) for copy in range(40)):
+            shared = _shared(query, scene)
+            jaccard.append(shared / (len(query) + len(scene) - shared))
+        ahead.append(sum(value >= jaccard[0] for value in jaccard[1:]))
+    assert np.mean(ahead) > 2
