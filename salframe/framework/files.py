@@ -26,6 +26,8 @@ from salframe.framework.bounded import check_regular, parse_json, read_bytes, wh
 from salframe.framework.config import describe_faults, validate
 from salframe.framework.errors import ConfigError, DataError, WeightsMissing, one_line
 
+PNG = b"\x89PNG\r\n\x1a\n"
+"""What every PNG begins with."""
 _Model = TypeVar("_Model", bound=BaseModel)
 
 _LARGEST_LOG, _LARGEST_NETWORK, _LARGEST_HASHED = 1 << 30, 1 << 31, 1 << 40
@@ -231,6 +233,17 @@ def image_notes(path: Path) -> dict[str, Any]:
             return {str(key): value for key, value in picture.info.items()}
     except Exception:  # Pillow raises whatever it stumbles over
         return {}
+
+
+def check_picture_output(path: Path) -> None:
+    """Raises ConfigError where a PNG would replace something else than a PNG."""
+    if path.exists() and not (path.is_file() and _begins_with(path, PNG)):
+        raise ConfigError(f"{path} is there and is no PNG, expected the name of a new file or of a picture to replace")
+
+
+def _begins_with(path: Path, start: bytes) -> bool:
+    with path.open("rb") as file:
+        return file.read(len(start)) == start
 
 
 def read_network(path: Path) -> bytes:

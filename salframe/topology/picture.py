@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from salframe.framework.files import atomic_path
+from salframe.framework.files import atomic_path, check_picture_output
 from salframe.panoramas.floors import FloorMasks, find_floor
 from salframe.topology.topological_map import MapEdge, MapNode, NodeKind, TopologicalMap
 
@@ -38,9 +38,11 @@ def draw_topology(topology: TopologicalMap, path: str | Path) -> None:
     """Write a PNG of the map, its floors below each other from the top one down.
 
     An edge is labelled with its length and with its azimuth in the direction that the label reads; labels that would
-    cover something are left out.
+    cover something are left out. Raises ConfigError where the path is that of a file which is no PNG.
     """
     from PIL import Image
+
+    check_picture_output(Path(path))
 
     panels = [_Panel(topology, number).image for number in reversed(range(len(topology.floors)))]
     whole = Image.new("RGB", (max(panel.width for panel in panels), sum(panel.height for panel in panels)), _PAPER)

@@ -206,3 +206,13 @@ def test_a_failed_build_leaves_the_old_map(built, tmp_path):
     )
     assert files() == before
     assert sorted(path.name for path in tmp_path.iterdir() if "map" in path.name) == ["map"]
+
+
+def test_a_picture_replaces_pictures_alone(built, tmp_path):
+    (tmp_path / "thesis.png").write_text("years")
+    done = run("map", "show", "map", "-o", "thesis.png")
+    assert (done.code, done.err.count("\n")) == (2, 1)
+    assert "thesis.png is there and is no PNG" in done.err
+    assert (tmp_path / "thesis.png").read_text() == "years"
+    for _ in range(2):
+        assert run("map", "show", "map", "-o", "new.png").code == 0
