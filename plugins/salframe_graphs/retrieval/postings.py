@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.lib.format import open_memmap
 
+from salframe.framework.array_files import map_array
 from salframe.framework.config import Settings
 from salframe.framework.errors import DataError
 from salframe.framework.files import read_model, write_json
@@ -75,10 +76,8 @@ def read_postings(folder: Path) -> Postings:
     if index.format != _FORMAT:
         raise DataError(f"{folder} has scene index format {index.format}, expected {_FORMAT}: build it again")
     try:
-        start, rarity = np.load(folder / _LISTS, allow_pickle=False)
-        scene, code, weight = (
-            np.asarray(np.load(folder / name, mmap_mode="r", allow_pickle=False)) for name in (_SCENE, _CODE, _WEIGHT)
-        )
+        start, rarity = map_array(folder / _LISTS)
+        scene, code, weight = (np.asarray(map_array(folder / name)) for name in (_SCENE, _CODE, _WEIGHT))
     except (OSError, ValueError) as error:
         raise DataError(f"{folder} is not whole ({error}): build the scene index again") from None
     shapes = (len(start), scene.shape, code.shape, weight.shape)
