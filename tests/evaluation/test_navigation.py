@@ -168,7 +168,7 @@ def test_the_command_prints_the_table_and_the_report(read):
         ),
         (
             ("--data", "apartment", "--episodes", "none.json"),
-            "error: cannot read none.json: No such file or directory\n",
+            "error: cannot read none.json: No such file or directory, expected JSON\n",
         ),
         (("--data", "apartment", "--episodes", "-2"), "error: received -2 episodes, expected at least 1\n"),
     ],
