@@ -89,6 +89,7 @@ def test_json_says_what_was_asked_of_what_and_what_went_wrong(fakes):
         "posed": True,
         "broken": ["query-3-1"],
         "leave_one_out": False,
+        "seed": 0,
         "root": "",
         "hide_query_place": False,
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import fields
 
 import pytest
@@ -52,13 +53,13 @@ def test_the_terminal_shows_them_below_the_measured_table(shipped):
     assert max(map(len, lines[:-1])) <= 100
 
 
-def test_the_report_holds_them_in_a_section_of_their_own(shipped):
+def test_the_report_holds_them_apart_from_what_is_measured(shipped, read):
     request = Request(("reader",), "rooms", engine="inline")
-    page = compare(request, reported=True).report.read_text()
-    measured, _, section = page.partition("Reported, not measured")
-    assert "<td>SOVS</td><td>0.82</td>" in section
-    assert "SOVS" not in measured
-    assert "Reported, not measured" not in compare(request).report.read_text()
+    content, _ = read(compare(request, reported=True).report)
+    (paper,) = content["reported"]
+    assert paper["tables"][1]["rows"]["SOVS"] == [0.82]
+    assert "SOVS" not in json.dumps(content["tables"])
+    assert read(compare(request).report)[0]["reported"] == []
 
 
 def test_a_row_with_a_number_too_few_is_told():
