@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import secrets
 import shutil
-import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -48,12 +47,12 @@ def write_map(directory: Path) -> Iterator[Path]:
 
 @contextmanager
 def _alone(directory: Path) -> Iterator[None]:
-    """Hold a folder's lock, which the system gives back when the process ends; Windows has none of folders."""
-    if sys.platform == "win32":
+    """Hold a folder's lock, which the system gives back when the process ends; none where it has none of folders."""
+    try:
+        import fcntl
+    except ImportError:  # Windows has none
         yield
         return
-    import fcntl
-
     folder = os.open(directory, os.O_RDONLY)
     try:
         try:

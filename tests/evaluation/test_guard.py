@@ -22,7 +22,8 @@ def ask(*settings: str, methods: tuple[str, ...] = ("deadly", "reader"), **limit
     ("how", "reason"), [("exit", DIED), ("fault", DIED), ("hang", LONG), ("spin", LONG), ("hoard", LARGE)]
 )
 def test_a_query_that_ends_its_process_costs_itself(faults, how, reason):
-    deadly, reader = ask(f"how={how}", timeout_s=3.0, memory_mb=700.0).rows
+    limit = {"memory_mb": 700.0} if reason == LARGE else {"timeout_s": 3.0}
+    deadly, reader = ask(f"how={how}", **limit).rows
     assert (deadly.status, deadly.errors) == ({"ok": 2, "crashed": 1}, {"crashed": reason})
     assert deadly.accuracy == pytest.approx(2 / 3)
     assert (reader.accuracy, reader.status) == (1.0, {"ok": 3})
