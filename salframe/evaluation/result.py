@@ -17,8 +17,24 @@ FORMAT = 1
 Line = TypeVar("Line", bound=MethodRow)
 
 
+class Rows:
+    """Rows of methods, and whether they came to anything."""
+
+    rows: tuple[Any, ...]
+
+    @property
+    def measured(self) -> bool:
+        """Whether some method was measured."""
+        return any(row.measured for row in self.rows)
+
+    @property
+    def crashed(self) -> bool:
+        """Whether some method raised or died, on a piece or altogether."""
+        return any(row.crashed for row in self.rows)
+
+
 @dataclass(frozen=True, eq=False)
-class Result(Generic[Line]):
+class Result(Rows, Generic[Line]):
     """A run and its table, a row a method.
 
     task: its name; request: what was asked, as the run folder keeps it; environment: the data's fingerprint, versions,
@@ -34,16 +50,6 @@ class Result(Generic[Line]):
     report: Path | None = None
     notes: tuple[str, ...] = ()
     reported: tuple[Reported, ...] = field(default=())
-
-    @property
-    def measured(self) -> bool:
-        """Whether some method was measured."""
-        return any(row.measured for row in self.rows)
-
-    @property
-    def crashed(self) -> bool:
-        """Whether some method raised or died, on a piece or altogether."""
-        return any(row.crashed for row in self.rows)
 
     @property
     def where(self) -> str:

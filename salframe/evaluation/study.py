@@ -16,7 +16,7 @@ from salframe.evaluation.matching import MatchingTask
 from salframe.evaluation.navigation import Positioning, plan_navigation
 from salframe.evaluation.reported import Reported
 from salframe.evaluation.request import Request, Resolved, Variant, resolve
-from salframe.evaluation.result import FORMAT, Result
+from salframe.evaluation.result import FORMAT, Result, Rows
 from salframe.evaluation.runner import pool, run_task
 from salframe.evaluation.tables import METHOD, Table, tables_of
 from salframe.evaluation.task import MethodRow, Task
@@ -107,7 +107,7 @@ class Study(Settings):
 
 
 @dataclass(frozen=True, eq=False)
-class StudyResult:
+class StudyResult(Rows):
     """The rows of a study, one for each method and combination of what varies; `settings`: what that is for each row,
     by key, the data set under "data" where there are several, an arm under "arm". runs: the folders; report: the page
     of a single one."""
@@ -119,16 +119,6 @@ class StudyResult:
     notes: tuple[str, ...] = ()
     reported: tuple[Reported, ...] = ()
     report: Path | None = None
-
-    @property
-    def measured(self) -> bool:
-        """Whether some method was measured."""
-        return any(row.measured for row in self.rows)
-
-    @property
-    def crashed(self) -> bool:
-        """Whether some method raised or died, on a piece or altogether."""
-        return any(row.crashed for row in self.rows)
 
     @property
     def where(self) -> str:
