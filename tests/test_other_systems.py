@@ -8,7 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from salframe.evaluation import localization
+from salframe.evaluation import answering
 
 WITHOUT_UNIX = """
 import sys
@@ -42,9 +42,9 @@ def test_methods_are_compared_without_unix_modules_in_the_encoding_of_windows(tm
 
 def test_peak_memory_is_unknown_where_no_module_tells_it(monkeypatch, tmp_path):
     monkeypatch.setattr(multiprocessing, "parent_process", object)
-    assert localization.peak_memory_mb() > 10
-    monkeypatch.setattr(localization, "Path", lambda _: tmp_path / "no proc")
-    by_resource = localization.peak_memory_mb()
+    assert answering.peak_memory_mb() > 10
+    monkeypatch.setattr(answering, "Path", lambda _: tmp_path / "no proc")
+    by_resource = answering.peak_memory_mb()
     assert by_resource > 10
     monkeypatch.setitem(sys.modules, "resource", None)
-    assert localization.peak_memory_mb() is None
+    assert answering.peak_memory_mb() is None

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import multiprocessing
-import sys
-import time
-from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from salframe.evaluation.answering import Answering, Query, answer_row
 from salframe.evaluation.metrics import (
     Judged,
     accepted_though_absent,
@@ -32,20 +29,14 @@ from salframe.evaluation.reported import read_reported
 from salframe.evaluation.request import Request, resolve
 from salframe.evaluation.result import Result
 from salframe.evaluation.rows import AnswerRow, DescriptionLine, Line, MapLine
-from salframe.evaluation.run import DESCRIPTIONS, MAPS, ROWS, Row, RowWriter, Run, read_rows
+from salframe.evaluation.run import DESCRIPTIONS, MAPS, ROWS, Row, Run, read_rows
 from salframe.evaluation.runner import run_task
 from salframe.evaluation.task import MethodRow, Part, Record, Survey, Task, Worker, by_method, check_needs, in_common
-from salframe.framework.cache import Cache
-from salframe.framework.errors import FRAME_ERRORS, DataError, InvalidAnswer, MethodFailed, describe_error
-from salframe.localization.answers import Localization
-from salframe.localization.localizer import Description, Localizer
-from salframe.localization.saved_map import map_bytes
+from salframe.framework.errors import DataError
+from salframe.localization.localizer import Localizer
 from salframe.panoramas.dataset import Dataset
-from salframe.panoramas.frames import Fold, FrameKind, MapFrame, QueryFrame, Truth
+from salframe.panoramas.frames import FrameKind, Truth
 from salframe.panoramas.opening import Progress
-
-TOP_PLACES = 10
-"""So many places of an answer are kept."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,14 +91,6 @@ class LocalizationRow(MethodRow):
     @property
     def measured(self) -> bool:
         return self.accuracy is not None
-
-
-@dataclass(frozen=True, eq=False)
-class Query:
-    """A query and the fold whose map it is asked of."""
-
-    fold: Fold
-    frame: QueryFrame
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,10 +160,10 @@ class LocalizationTask(Task[Query, LocalizationSurvey]):
         self, label: str, method: Localizer, survey: LocalizationSurvey, todo: Sequence[Query], folder: Path
     ) -> Worker[Query]:
         check_needs(method, survey.dataset)
-        return _Answering(method, survey.dataset, todo, folder)
+        return Answering(method, survey.dataset, todo, folder)
 
     def failed(self, piece: Query) -> Row:
-        return _row(None)
+        return answer_row(None)
 
     def summarize(self, parts: Sequence[Part[LocalizationSurvey]], seed: int) -> tuple[LocalizationRow, ...]:
         queries = sum(len(survey.pieces) for survey, _ in parts)
@@ -272,156 +255,3 @@ def _costs(records: Sequence[Record]) -> dict[str, Any]:
 def _last(record: Record, file: str, kind: type[Line], key: str) -> Collection[Row]:
     """The rows of a file in a method's folder, of those with one key the last."""
     return {row[key]: row for row in read_rows(record.folder / file, kind)}.values()
-
-
-class _Answering(Worker[Query]):
-    """A localizer that answers queries, fold by fold."""
-
-    def __init__(self, localizer: Localizer, dataset: Dataset, todo: Sequence[Query], folder: Path) -> None:
-        folds = {piece.fold.id: piece.fold for piece in todo}
-        uses = Counter(frame.id for fold in folds.values() for frame in fold.mapping)
-        uses.update(piece.frame.id for piece in todo)
-        self._localizer, self._floors, self._fold = localizer, dataset.floors(), ""
-        self._places: dict[str, str] = {}
-        self._descriptions = _Descriptions(localizer, dataset.content_key, uses, folder / DESCRIPTIONS)
-        self._measured = {row["fold"] for row in read_rows(folder / MAPS, MapLine)}
-        self._maps = RowWriter(folder / MAPS)
-        self._left_out: dict[str, str] = {}
-        self._unusable: list[str] = []
-
-    def prepare(self, piece: Query) -> None:
-        if piece.fold.id == self._fold:
-            return
-        try:
-            self._take_map(piece.fold)
-        except MethodFailed:
-            raise
-        except Exception as error:  # without its map a method can answer nothing
-            raise MethodFailed(describe_error(error)) from error
-        self._fold = piece.fold.id
-
-    def work(self, piece: Query) -> Row:
-        try:
-            description, describe_ms = self._descriptions.take(piece.frame)
-        except FRAME_ERRORS as error:
-            self._unusable.append(str(error))
-            raise
-        start = time.perf_counter()
-        answer = self._localizer.answer(description)
-        query_ms = (time.perf_counter() - start) * 1e3
-        if not isinstance(answer, Localization):
-            raise InvalidAnswer(f"match gave {type(answer).__name__}, expected a Localization")
-        for ranked in answer.places:
-            if self._places.get(ranked.frame) != ranked.place:
-                raise InvalidAnswer(f"match gave {ranked}, expected a frame of the map and its place")
-        return {**_row(answer, describe_ms, query_ms), "status": answer.status, "error": None}
-
-    def _take_map(self, fold: Fold) -> None:
-        """Index the fold's mapping frames; those that cannot be used are left out, and said so in the end."""
-        known, frames = [], []
-        for frame in fold.mapping:
-            try:
-                description, _ = self._descriptions.take(frame)
-            except FRAME_ERRORS as error:
-                self._left_out[frame.id] = str(error)
-            else:
-                known.append(description)
-                frames.append(frame)
-        if not frames:
-            reasons = list(self._left_out.values())[:1]
-            raise MethodFailed("; ".join([f"fold {fold.id} has no mapping frame that can be used", *reasons]))
-        self._localizer.take_map(known, frames, self._floors)
-        self._places = {frame.id: frame.place for frame in frames}
-        if fold.id not in self._measured:
-            self._measured.add(fold.id)
-            self._maps.append({"fold": fold.id, "frames": len(frames), "bytes": map_bytes(self._localizer)})
-
-    def close(self) -> None:
-        self._descriptions.close()
-        self._maps.close()
-
-    @property
-    def warning(self) -> str | None:
-        problems = {
-            "mapping frame(s) left out": list(self._left_out.values()),
-            "query frame(s) that cannot be used": self._unusable,
-            "frame(s) described in part": list(self._descriptions.notes.values()),
-        }
-        parts = [f"{len(reasons)} {what}, the first: {reasons[0]}" for what, reasons in problems.items() if reasons]
-        return "; ".join(parts) or None
-
-
-class _Descriptions:
-    """Describes each frame once, keeps it in memory until its last use, and records what it cost."""
-
-    def __init__(self, localizer: Localizer, dataset: str, uses: Counter[str], path: Path) -> None:
-        self._localizer, self._dataset, self._cache, self._uses = localizer, dataset, Cache(), uses
-        self._recorded = {row["frame"] for row in read_rows(path, DescriptionLine)}
-        self._costs = RowWriter(path)
-        self._found: dict[str, tuple[Description, float] | Exception] = {}
-        self.notes: dict[str, str] = {}
-
-    def take(self, frame: MapFrame | QueryFrame) -> tuple[Description, float]:
-        """The description and the milliseconds it took when it was computed. Raises one of FRAME_ERRORS on a frame that
-        cannot be used.
-        """
-        if frame.id not in self._found:
-            try:
-                self._found[frame.id] = self._describe(frame)
-            except FRAME_ERRORS as error:
-                self._found[frame.id] = error
-        self._uses[frame.id] -= 1
-        found = self._found[frame.id] if self._uses[frame.id] else self._found.pop(frame.id)
-        if isinstance(found, Exception):
-            raise found
-        return found
-
-    def _describe(self, frame: MapFrame | QueryFrame) -> tuple[Description, float]:
-        description, seconds = self._localizer.describe_frame(frame, self._cache, self._dataset)
-        if note := self._localizer.note(description):
-            self.notes[frame.id] = f"{frame.id}: {note}"
-        if frame.id not in self._recorded:
-            self._recorded.add(frame.id)
-            self._costs.append({"frame": frame.id, "ms": seconds * 1e3})
-        return description, seconds * 1e3
-
-    def close(self) -> None:
-        self._costs.close()
-
-
-def _row(answer: Localization | None, describe_ms: float | None = None, query_ms: float | None = None) -> Row:
-    """What is kept of an answer; `pose` is T_world_query, 16 numbers row by row, `heading` its heading_rad,
-    `probabilities` those of `places`, in their order."""
-    places = answer.places[:TOP_PLACES] if answer else ()
-    pose = answer.T_world_query if answer else None
-    covariance = answer.covariance if answer else None
-    probabilities = [float(place.probability) for place in places if place.probability is not None]
-    return {
-        "places": [[place.frame, place.place, float(place.score)] for place in places],
-        "pose": None if pose is None else np.asarray(pose, float).ravel().tolist(),
-        "heading": answer.heading_rad if answer else None,
-        "probabilities": probabilities or None,
-        "not_here": None if answer is None or answer.not_here is None else float(answer.not_here),
-        "covariance": None if covariance is None else np.asarray(covariance, float).tolist(),
-        "query_ms": query_ms,
-        "describe_ms": describe_ms,
-        "peak_memory_mb": peak_memory_mb(),
-    }
-
-
-def peak_memory_mb() -> float | None:
-    """Most memory (1e6 bytes) that this process has held so far; None in a process shared with other work, and on
-    Windows."""
-    if multiprocessing.parent_process() is None:
-        return None
-    status = Path("/proc/self/status")
-    if status.exists():  # on Linux, ru_maxrss of a started process begins at its parent's peak
-        lines = status.read_text(encoding="utf-8").splitlines()
-        kib = next(line.split()[1] for line in lines if line.startswith("VmHWM"))
-        return int(kib) * 1024 / 1e6
-    try:
-        import resource
-    except ImportError:  # Windows has none
-        return None
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak * (1 if sys.platform == "darwin" else 1024) / 1e6

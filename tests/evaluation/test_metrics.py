@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest, mannwhitneyu
 
-from salframe.evaluation.localization import LocalizationSurvey, LocalizationTask, Query
+from salframe.evaluation.answering import Query
+from salframe.evaluation.localization import LocalizationSurvey, LocalizationTask
 from salframe.evaluation.metrics import (
     Judged,
     accepted_though_absent,

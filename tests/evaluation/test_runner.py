@@ -112,7 +112,7 @@ def test_nonsense_costs_its_own_row(faults, answer, message):
 
 
 def test_a_method_that_crashes_when_all_is_answered_is_told(faults, monkeypatch):
-    monkeypatch.setattr("salframe.evaluation.localization._Answering.close", lambda self: 1 / 0)
+    monkeypatch.setattr("salframe.evaluation.answering.Answering.close", lambda self: 1 / 0)
     rows, result = run(["reader"])
     assert rows["reader"].status == {"ok": 6}
     assert rows["reader"].reason == "ZeroDivisionError: division by zero"

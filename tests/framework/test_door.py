@@ -18,7 +18,7 @@ READS = {
 """Names of methods that read a file, or what was read of one; `load` and `loads` of LIBRARIES do too."""
 ELSEWHERE = {
     "salframe/evaluation/guard.py": {"open", "read_text"},  # what a worker printed, which is its log; /proc
-    "salframe/evaluation/localization.py": {"read_text"},  # /proc/self/status
+    "salframe/evaluation/answering.py": {"read_text"},  # /proc/self/status
     "salframe/evaluation/report/page.py": {"open", "read_text"},  # files of the package
     "salframe/evaluation/run.py": {"open"},  # appends rows, and counts the lines of a file that grows
     "salframe/evaluation/runner.py": {"open"},  # a run, a task's worker, crash.log
