@@ -255,7 +255,7 @@ class _KeptRow(SimpleNamespace):
 
 def kept_tables(study: TableStudy, kept: Kept) -> list[Table]:
     """The tables of what was kept."""
-    rows = [_KeptRow(**row) for row in kept.rows]
+    rows = [_KeptRow(**{**row, "overall": _KeptRow(**row.get("overall") or {})}) for row in kept.rows]
     return tables_of(study.task, rows, study.columns, leading_columns(rows, kept.settings))
 
 

@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
+from salframe.evaluation.detection import DetectionTask
 from salframe.evaluation.localization import LocalizationTask
 from salframe.evaluation.matching import MatchingTask
 from salframe.evaluation.navigation import Positioning, plan_navigation
@@ -25,10 +26,9 @@ from salframe.framework.errors import ConfigError, unknown
 from salframe.framework.presets import settings, short_name
 from salframe.framework.registry import registry
 from salframe.framework.settings import spell_value
-from salframe.localization.localizer import Localizer
 from salframe.panoramas.opening import Progress
 
-DATA, ARM, SEED, LOCALIZER = "data", "arm", "data.seed", Localizer.role
+DATA, ARM, SEED = "data", "arm", "data.seed"
 
 
 class StudiedMethod(Settings):
@@ -41,8 +41,10 @@ class StudiedMethod(Settings):
 class Study(Settings):
     """The content of a study's file. Keys of `set` and `vary` are dotted, as `--set` takes them."""
 
-    task: Literal["localization", "matching", "navigation"] = Field("localization", description="what is measured")
-    method: str | None = Field(None, description="the method to study")
+    task: Literal["localization", "matching", "detection", "navigation"] = Field(
+        "localization", description="what is measured"
+    )
+    method: str | None = Field(None, description="the method to study; a detector where the task is detection")
     methods: tuple[str, ...] | dict[str, str | StudiedMethod] = Field(
         (), description="or several; by what they are called where they have settings of their own"
     )
@@ -67,6 +69,11 @@ class Study(Settings):
             raise ValueError(f"vary.{', '.join(empty)} holds no value, expected at least one")
         return self
 
+    @property
+    def role(self) -> str:
+        """What the methods are."""
+        return DetectionTask.role if self.task == "detection" else LocalizationTask.role
+
     def variants(self) -> tuple[list[Variant], list[Mapping[str, Any]]]:
         """The methods with every combination of the settings that vary, and what these are for each. Raises ConfigError
         on a key that no method has."""
@@ -75,7 +82,7 @@ class Study(Settings):
         keys = self.varied(of_data=False)
         known = {f"{DATA}.KEY"}
         for name, one in self._methods().items():
-            model = registry().get(LOCALIZER, settings(LOCALIZER, one.method).get("kind", one.method)).Config
+            model = registry().get(self.role, settings(self.role, one.method).get("kind", one.method)).Config
             firsts = {name, *model.model_fields} - {"kind"}
             own = [key for key in keys if key.split(".")[0] in firsts]
             known |= firsts
@@ -199,8 +206,8 @@ def plan(study: Study, request: Request) -> list[Arm]:
 def _resolve(study: Study, request: Request) -> tuple[Task[Any, Any], Resolved]:
     if study.task == "navigation":
         return plan_navigation(request, study.episodes, study.positioning)
-    task: Task[Any, Any] = MatchingTask() if study.task == "matching" else LocalizationTask()
-    return task, resolve(request)
+    task = {task.name: task for task in (LocalizationTask, MatchingTask, DetectionTask)}[study.task]
+    return task(), resolve(request, study.role)
 
 
 def run_study(study: Study, request: Request, *, progress: Progress | None = None) -> StudyResult:

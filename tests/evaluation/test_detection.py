@@ -4,14 +4,17 @@ import json
 import re
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from command_line import run
 from salframe_annotations.detector import AnnotationDetector
 from tiny_folder import write_tiny_folder
 
 from salframe.evaluation.detection import count_right, measure_detection
+from salframe.evaluation.experiment import run_experiment
 from salframe.evaluation.request import Request
 from salframe.framework.errors import ConfigError
 from salframe.graphs.boxes import detections_from_points
@@ -145,3 +148,18 @@ def test_labels_of_detector_and_truth_are_compared_in_common_words(tiny, monkeyp
     assert "couch" not in row.classes
     told = run("evaluate", result.run).out
     assert re.search(r"one label in the shared vocabulary: .*couch = sofa", told), told
+
+
+def test_a_study_of_detectors_is_kept_with_its_precision_and_recall(tiny):
+    methods = {"perfect": {"method": "annotations", "set": {"noise": "none"}}}
+    methods["half"] = {"method": "annotations", "set": {"noise": {"missed": 0.5}}}
+    table = {"title": "Detectors", "task": "detection", "data": str(tiny), "methods": methods}
+    experiment = {"title": "Finds", "question": "?", "tables": {"tiny": table}}
+    Path("finds.yaml").write_text(yaml.safe_dump(experiment, sort_keys=False))
+    request = Request(engine="inline")
+    for result in (run_experiment("finds.yaml", request, results="kept") for _ in range(2)):  # measured, then read
+        (drawn,) = result.tables[0].tables()
+        told = [dict(zip(drawn.headings, row, strict=True)) for row in drawn.rows]
+        (half,) = measure(tiny, 'annotations.noise={"missed": 0.5}').rows
+        assert [row["recall %"] for row in told] == ["100.0", f"{100 * half.overall.recall:.1f}"]
+        assert [int(row["right"]) for row in told] == [half.overall.annotated, half.overall.right]
