@@ -91,20 +91,25 @@ class Bars:
         console = Console(stderr=True)
         self._progress = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
         self._bars: dict[str, TaskID] = {}
-        self._counts: dict[str, str] = {}
+        self._counts: dict[str, tuple[int, int]] = {}
         self._last = time.monotonic()
 
     def update(self, what: str, done: int, total: int) -> None:
         """Set the progress of `what`."""
         if self._progress.disable:
-            self._counts[what] = f"{what} {done}/{total}"
+            self._counts[what] = (done, total)
             if time.monotonic() - self._last >= LINE_SECONDS:
                 self._last = time.monotonic()
-                print(", ".join(self._counts.values()), file=sys.stderr, flush=True)
+                print(", ".join(self._under_way(what)), file=sys.stderr, flush=True)
             return
         if what not in self._bars:
             self._bars[what] = self._progress.add_task(what, total=total)
         self._progress.update(self._bars[what], completed=done, total=total)
+
+    def _under_way(self, latest: str) -> list[str]:
+        """How far those are that have begun and not ended, and the latest one."""
+        counts = self._counts.items()
+        return [f"{what} {done}/{of}" for what, (done, of) in counts if what == latest or 0 < done < of]
 
     def __enter__(self) -> Bars:
         self._progress.start()

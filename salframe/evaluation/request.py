@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -77,6 +77,11 @@ class Resolved:
     notes: tuple[str, ...] = ()
 
 
+def list_methods(labels: Collection[str], of: Collection[str]) -> str:
+    """Labels of methods as text; more than three that are all there are, in a word."""
+    return f"all {len(labels)} methods" if len(labels) == len(of) > 3 else ", ".join(labels)
+
+
 def resolve(request: Request, role: str = "localizer", scopes: Sequence[str] = ()) -> Resolved:
     """The configurations of a request whose methods are components of `role`; `scopes`: first words of more settings.
 
@@ -111,7 +116,7 @@ def resolve(request: Request, role: str = "localizer", scopes: Sequence[str] = (
             methods[runs] = instead
             for line in choice.notes:
                 taken.setdefault(line, []).append(runs)
-    notes += [f"{', '.join(takers)}: {line}" for line, takers in taken.items()]
+    notes += [f"{list_methods(takers, methods)}: {line}" for line, takers in taken.items()]
     engine = configure_default("engine", request.engine or default_of("engine"), given.scopes["engine"])
     return Resolved(methods, data_name, data, engine, given.scopes, tuple(notes))
 

@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from salframe.evaluation.reported import Reported, ReportedTable
+from salframe.evaluation.request import list_methods
 from salframe.evaluation.task import MethodRow
 
 METHOD = "method"
@@ -300,7 +301,8 @@ def reported_table(part: ReportedTable) -> Table:
 def without_detector(rows: Sequence[MethodRow]) -> str | None:
     """What must be said of the time it takes to describe a panorama: for which rows no detector ran in it."""
     given = [row.method for row in rows if row.measured and any(part.startswith("annotations") for part in row.given)]
-    return f"describe ms: no detector ran for {', '.join(given)}, which had annotations" if given else None
+    listed = list_methods(given, rows)
+    return f"describe ms: no detector ran for {listed}, which had annotations" if given else None
 
 
 def to_markdown(table: Table) -> str:

@@ -124,6 +124,15 @@ def test_off_a_terminal_progress_is_a_line_now_and_then(clock, capsys):
     assert told.err.splitlines() == expected
 
 
+def test_the_line_leaves_out_what_has_ended_and_what_has_not_begun(clock, capsys):
+    with output.Bars() as bars:
+        for what, done in (("house", 5), ("reader", 0), ("greedy", 2)):
+            bars.update(what, done, 5)
+        clock[0] += 31
+        bars.update("ranger", 5, 5)
+    assert capsys.readouterr().err.splitlines() == ["greedy 2/5, ranger 5/5"]
+
+
 def test_how_often_a_line_is_printed(clock, capsys, monkeypatch):
     monkeypatch.setattr(output, "LINE_SECONDS", 5.0)
     with output.Bars() as bars:
@@ -139,7 +148,7 @@ def test_a_comparison_off_a_terminal_tells_how_far_it_is(fakes, monkeypatch):
     asked = ("compare", "--methods", "reader", "--data", "rooms", "--engine", "inline", "--set", "sleep_s=0.05")
     lines = run(*asked).err.splitlines()
     assert lines[0] == "rooms 5/5"
-    assert lines[-1] == "rooms 5/5, reader 25/25"
+    assert lines[-1] == "reader 25/25"
     done = [int(line.split("reader ")[1].split("/")[0]) for line in lines[1:]]
     assert done == sorted(done)
     assert len(set(done)) > 2

@@ -125,6 +125,8 @@ def test_what_papers_report_is_a_table_apart():
 def test_it_is_told_where_no_detector_ran():
     assert without_detector(ROWS) == "describe ms: no detector ran for a_b, which had annotations"
     assert without_detector(ROWS[1:]) is None
+    many = without_detector(4 * ROWS[:1])
+    assert many == "describe ms: no detector ran for all 4 methods, which had annotations"
 
 
 @pytest.mark.parametrize(("size", "text"), [(None, "-"), (999, "999 B"), (1500, "1.5 kB"), (123456, "123 kB")])
