@@ -86,6 +86,9 @@ from .testing import RuleResult as RuleResult
 from .testing import RuleStatus as RuleStatus
 from .testing import check_component as check_component
 from .topology.export import export_map as export_map
+from .topology.growing import add_to_map as add_to_map
+from .topology.growing import merge_maps as merge_maps
+from .topology.growing import remove_from_map as remove_from_map
 from .topology.picture import draw_topology as draw_topology
 from .topology.place_map import ask_map as ask_map
 from .topology.place_map import build_topological_map as build_topological_map

@@ -31,7 +31,8 @@ DOOR = [
     "detections_from_points", "directions", "draw_topology", "evaluate", "find_dataset", "find_frame", "find_route",
     "fit_method", "hookimpl", "mapping_frames", "match_only", "measure_detection", "measure_matching",
     "measure_sensor", "navigate", "open_map", "rank_places", "read_panorama", "open_topology", "show_objects",
-    "Limits", "run_experiment", "slot", "slots", "Variant", "Report", "write_report",
+    "Limits", "run_experiment", "slot", "slots", "Variant", "Report", "write_report", "add_to_map", "merge_maps",
+    "remove_from_map",
 ]
 # fmt: on
 """Adding a name is a promise; removing one breaks whoever uses it."""

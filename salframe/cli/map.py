@@ -1,4 +1,4 @@
-"""map build, map show, map route, map query, map export: the topological map of a building."""
+"""map build, add, remove, merge, show, route, query, export: the topological map of a building."""
 
 from __future__ import annotations
 
@@ -7,16 +7,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from salframe.cli.options import MAP_METHOD, PLANNER, DataDir, Json, Set
+from salframe.cli.options import MAP_METHOD, PLANNER, DataArgument, DataDir, Json, Set
 from salframe.cli.output import print_json
 
 if TYPE_CHECKING:
+    from salframe.topology.growing import MapChange
     from salframe.topology.planner import Route
 
 app = typer.Typer(
     help="Make the topological map of a building, look at it, and ask it for the way.", no_args_is_help=True
 )
 Map = Annotated[Path, typer.Argument(metavar="MAP", help="A folder that `salframe map build` wrote.")]
+AnyMap = Annotated[Path, typer.Argument(metavar="MAP", help="A folder that holds a map.")]
 PlannerName = Annotated[str, typer.Option("--planner", help="How routes are planned: see `salframe plugins`.")]
 Heading = Annotated[
     float | None,
@@ -59,6 +61,43 @@ def build(
     print(f"{output}: {scenes} scene nodes, {len(made.nodes) - scenes} transition nodes, {len(made.edges)} edges")
     for note in made.notes:
         print(f"  {note}")
+
+
+@app.command()
+def add(
+    map: AnyMap, data: DataArgument, data_dir: DataDir = None, overrides: Set = None, as_json: Json = False
+) -> None:
+    """Add a dataset's places to a map, described as the map was; places that it has are replaced."""
+    from salframe.cli.output import Bars, tell
+    from salframe.topology.growing import add_to_map
+
+    with Bars() as bars:
+        change = add_to_map(map, data, data_dir=data_dir, overrides=overrides or (), progress=bars.update, tell=tell)
+    _print_change(map, change, as_json)
+
+
+@app.command()
+def remove(
+    map: AnyMap,
+    places: Annotated[list[str], typer.Argument(metavar="PLACE...", help="Places of the map.")],
+    as_json: Json = False,
+) -> None:
+    """Remove places from a map, with their floor."""
+    from salframe.topology.growing import remove_from_map
+
+    _print_change(map, remove_from_map(map, places), as_json)
+
+
+@app.command()
+def merge(
+    map: AnyMap,
+    others: Annotated[list[Path], typer.Argument(metavar="OTHER...", help="Maps of the same method and world frame.")],
+    as_json: Json = False,
+) -> None:
+    """Add the places of other maps, which stay as they are, to a map."""
+    from salframe.topology.growing import merge_maps
+
+    _print_change(map, merge_maps(map, others), as_json)
 
 
 @app.command()
@@ -145,7 +184,7 @@ def query(
 
 @app.command()
 def export(
-    map: Annotated[Path, typer.Argument(metavar="MAP", help="A folder that holds a map.")],
+    map: AnyMap,
     file: Annotated[Path, typer.Argument(metavar="FILE", help="FILE.graphml, FILE.geojson or FILE.parquet.")],
 ) -> None:
     """Write a map for other programs: its topology as GraphML or as GeoJSON in local metres, its scenes as Parquet."""
@@ -153,6 +192,21 @@ def export(
 
     export_map(map, file)
     print(file)
+
+
+def _print_change(map: Path, change: MapChange, as_json: bool) -> None:
+    from dataclasses import asdict
+
+    if as_json:
+        print_json(asdict(change))
+        return
+    changes = {"added": change.added, "replaced": change.replaced, "removed": change.removed}
+    for done, places in changes.items():
+        if places:
+            print(f"{done}: {', '.join(places)}")
+    print(f"{map}: {change.places} places, {change.frames} frames")
+    for note in change.notes:
+        print(f"  {note}")
 
 
 def _print_route(route: Route, heading_rad: float | None) -> None:

@@ -10,9 +10,10 @@ import numpy as np
 
 from salframe.framework.columns import read_columns
 from salframe.framework.files import atomic_path
-from salframe.localization.localizer import SCENES, Description, read_frames
+from salframe.localization.localizer import Description
 from salframe.localization.map_folder import read_map
-from salframe.localization.saved_map import read_localizer
+from salframe.localization.map_parts import SCENES, read_frames
+from salframe.localization.saved_map import read_unindexed
 from salframe.panoramas.frames import MapFrame
 
 
@@ -37,7 +38,7 @@ def export_scenes(directory: Path, path: Path) -> None:
 
 
 def _read_scenes(parts: Path) -> tuple[list[MapFrame], list[Description]]:
-    localizer = read_localizer(parts)
+    localizer = read_unindexed(parts)
     return read_frames(parts), [localizer.unpack(packed) for packed in read_columns(parts / SCENES)]
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import time
 from abc import abstractmethod
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
@@ -12,43 +13,29 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from pydantic import BeforeValidator
 
-from salframe.framework.array_files import ArrayKind
 from salframe.framework.auto import instead_of
 from salframe.framework.cache import Cache
 from salframe.framework.columns import read_columns, write_columns
 from salframe.framework.component import Role
-from salframe.framework.config import ComponentConfig, Settings, match_only
+from salframe.framework.config import ComponentConfig, match_only
 from salframe.framework.errors import DataError, InputMissing, describe_error
-from salframe.framework.files import read_model, write_json
+from salframe.framework.files import write_json
 from salframe.framework.identity import digest, identity
 from salframe.framework.registry import registry
 from salframe.framework.slots import slot
-from salframe.localization.answers import RIGID_TOLERANCE, Localization, NodeMatches, PointMatches, RankedPlace
+from salframe.localization.answers import Localization, NodeMatches, PointMatches, RankedPlace
 from salframe.localization.evidence import Evidence
 from salframe.localization.map_folder import read_map, write_map
+from salframe.localization.map_parts import METHOD, SCENES, read_frames, read_method, write_frames
 from salframe.localization.posterior import Posterior, read_fitted
 from salframe.panoramas.floors import FLOORS, FloorMasks, read_floors, write_floors
 from salframe.panoramas.frames import FrameKind, MapFrame, QueryFrame
-from salframe.panoramas.geometry import is_rigid
 from salframe.panoramas.panorama import Annotations, Panorama
 from salframe.panoramas.range_model import RangeModel, estimate_range
 
 Description = Mapping[str, np.ndarray]
 """What a localizer remembers of one panorama: named arrays (no object dtype), so that it can be cached, saved and
 weighed."""
-
-METHOD, FRAMES, SCENES = "method.json", "frames", "scenes"
-"""Among the parts of a map: its method, its frames, and what the method remembers of each of them."""
-_NAME = ArrayKind("U", ())
-_FRAME = {"id": _NAME, "place": _NAME, "kind": _NAME, "T_world_pano": ArrayKind("f", (3, 4))}
-
-
-class SavedMethod(Settings):
-    """method.json: the localizer's version and settings, and a digest of what its descriptions depend on."""
-
-    version: str
-    localizer: dict[str, Any]
-    described_by: str
 
 
 def range_slot() -> Any:
@@ -207,18 +194,72 @@ class Localizer(Role):
     ) -> list[str]:
         """Describe the mapping frames and index them, on floors where they are known; what the user must know of the
         descriptions. Raises DataError where there is no frame."""
+        packed, notes = self._describe_all(frames, cache, dataset, progress)
+        self._take_packed(packed, frames, floors)
+        if progress:
+            progress(len(frames), len(frames))
+        return notes
+
+    def extend(
+        self,
+        frames: Sequence[MapFrame],
+        cache: Cache | None = None,
+        dataset: str = "",
+        progress: Callable[[int, int], None] | None = None,
+        floors: Sequence[FloorMasks] = (),
+    ) -> list[str]:
+        """Describe more mapping frames, which replace those of their places in the map that it remembers, and index
+        all, on what are its floors from now on; notes and errors as of `build`."""
+        packed, notes = self._describe_all(frames, cache, dataset, progress)
+        self._replace({frame.place for frame in frames}, packed, frames, floors)
+        if progress:
+            progress(len(frames), len(frames))
+        return notes
+
+    def remove(self, places: Collection[str], floors: Sequence[FloorMasks] = ()) -> None:
+        """Forget the frames of some places of the map that it remembers, and index the others, on what are its floors
+        from now on."""
+        self._replace(places, [], [], floors)
+
+    def merge(self, others: Sequence[Localizer], floors: Sequence[FloorMasks] = ()) -> None:
+        """Index what localizers that describe alike remember beside what this one does, on what are its floors from
+        now on."""
+        packed = [row for other in others for row in other._packed]
+        self._replace((), packed, [frame for other in others for frame in other._frames], floors)
+
+    @property
+    def map_frames(self) -> tuple[MapFrame, ...]:
+        """The frames of the map that it remembers."""
+        return tuple(self._frames)
+
+    def _describe_all(
+        self, frames: Sequence[MapFrame], cache: Cache | None, dataset: str, progress: Callable[[int, int], None] | None
+    ) -> tuple[list[Description], list[str]]:
+        """What a map keeps of frames, and what the user must know of their descriptions."""
         if not frames:
             raise DataError("a map needs at least one mapping frame, received none")
-        descriptions = []
+        packed, notes = [], []
         for done, frame in enumerate(frames):
             if progress:
                 progress(done, len(frames))
-            descriptions.append(self.describe_frame(frame, cache, dataset)[0])
-        self.take_map(descriptions, frames, floors)
-        if progress:
-            progress(len(frames), len(frames))
-        notes = ((frame, self.note(known)) for frame, known in zip(frames, descriptions, strict=True))
-        return [f"{frame.id}: {note}" for frame, note in notes if note]
+            description, _ = self.describe_frame(frame, cache, dataset)
+            packed.append(self.pack(description))
+            if note := self.note(description):
+                notes.append(f"{frame.id}: {note}")
+        return packed, notes
+
+    def _replace(
+        self,
+        places: Collection[str],
+        packed: Sequence[Description],
+        frames: Sequence[MapFrame],
+        floors: Sequence[FloorMasks],
+    ) -> None:
+        """Forget the frames of some places, and index the others with more, which come last."""
+        kept = [i for i, frame in enumerate(self._frames) if frame.place not in places]
+        remembered = [*(self._packed[i] for i in kept), *packed]
+        with self._checking("the map"):
+            self._take_packed(remembered, [*(self._frames[i] for i in kept), *frames], floors)
 
     def take_map(
         self, descriptions: Sequence[Description], frames: Sequence[MapFrame], floors: Sequence[FloorMasks] = ()
@@ -231,7 +272,19 @@ class Localizer(Role):
     ) -> None:
         self._packed, self._frames = packed, list(frames)
         self.floors = tuple(floors) if self.uses_floors else ()
-        self.index([self.unpack(description) for description in packed], self._frames)
+        self._index_packed()
+
+    def _index_packed(self) -> None:
+        self.index([self.unpack(description) for description in self._packed], self._frames)
+
+    @contextmanager
+    def _checking(self, what: str) -> Iterator[None]:
+        """Blame what was saved, `what`, for arrays that the method cannot index: which there must be, only it knows."""
+        try:
+            yield
+        except (IndexError, KeyError, TypeError, ValueError) as error:
+            reason = describe_error(error)
+            raise DataError(f"{what} is not what {self.name} wrote ({reason}): build it again") from error
 
     def localize(
         self,
@@ -283,13 +336,20 @@ class Localizer(Role):
             "described_by": digest(self.describe_identity()),
         }
         write_json(parts / METHOD, method)
-        write_columns(parts / FRAMES, [_frame_row(frame) for frame in self._frames])
+        write_frames(parts, self._frames)
         write_columns(parts / SCENES, self._packed)
         if self.floors:
             write_floors(parts, self.floors)
 
     def read_parts(self, parts: Path) -> None:
         """Read what `write_parts` wrote. Raises DataError as `load`."""
+        self.remember(parts)
+        with self._checking(str(parts / SCENES)):
+            self._index_packed()
+
+    def remember(self, parts: Path) -> None:
+        """Read what `write_parts` wrote and index nothing: it may be extended, merged and written again, not asked.
+        Raises DataError as `load`."""
         saved = read_method(parts)
         kind = saved.localizer.get("kind")
         if (kind, saved.version) != (self.name, self.version):
@@ -300,46 +360,12 @@ class Localizer(Role):
                 f"{parts.parent} was described with other settings, weights or files than {self.name} has now: "
                 "build it again"
             )
-        floors = read_floors(parts) if self.uses_floors and (parts / FLOORS).exists() else ()
-        scenes, frames = read_columns(parts / SCENES), read_frames(parts)
-        if len(scenes) != len(frames):
-            raise DataError(f"{parts} has {len(scenes)} scenes and {len(frames)} frames, expected one for each")
-        try:
-            self._take_packed(scenes, frames, floors)
-        except (IndexError, KeyError, TypeError, ValueError) as error:  # what arrays there must be, the method knows
-            reason = describe_error(error)
-            raise DataError(f"{parts / SCENES} is not what {self.name} wrote ({reason}): build it again") from error
-
-
-def read_method(parts: Path) -> SavedMethod:
-    """The method among the parts of a map. Raises DataError where there is none."""
-    if not (parts / METHOD).exists():
-        raise DataError(f"{parts.parent} has no localizer: it was built from data without mapping frames")
-    return read_model(parts / METHOD, SavedMethod)
-
-
-def read_frames(parts: Path) -> list[MapFrame]:
-    """The frames among the parts of a map that has a method. Raises DataError."""
-    frames, rows = [], read_columns(parts / FRAMES, _FRAME)
-    poses = np.tile(np.eye(4), (len(rows), 1, 1))
-    for row, T_world_pano in zip(rows, poses, strict=True):
-        T_world_pano[:3] = row["T_world_pano"]
-        id, place, kind = (row[name].item() for name in ("id", "place", "kind"))
-        if kind not in list(FrameKind) or not is_rigid(T_world_pano, RIGID_TOLERANCE):
+        self._packed, self._frames = read_columns(parts / SCENES), read_frames(parts)
+        self.floors = read_floors(parts) if self.uses_floors and (parts / FLOORS).exists() else ()
+        if len(self._packed) != len(self._frames):
             raise DataError(
-                f"{parts / FRAMES}: {id} is a {kind!r} frame or its pose is no rigid motion: build it again"
+                f"{parts} has {len(self._packed)} scenes and {len(self._frames)} frames, expected one for each"
             )
-        frames.append(MapFrame(id, place, T_world_pano, FrameKind(kind)))
-    return frames
-
-
-def _frame_row(frame: MapFrame) -> Description:
-    return {
-        "id": np.array(frame.id),
-        "place": np.array(frame.place),
-        "kind": np.array(str(frame.kind)),
-        "T_world_pano": frame.T_world_pano[:3],
-    }
 
 
 def rank_places(

@@ -15,8 +15,9 @@ from salframe.framework.errors import DataError
 from salframe.framework.installation import folder_bytes
 from salframe.framework.presets import Overrides, configure, settings, short_name
 from salframe.framework.registry import registry
-from salframe.localization.localizer import METHOD, Localizer, read_method
+from salframe.localization.localizer import Localizer
 from salframe.localization.map_folder import check_output, read_map
+from salframe.localization.map_parts import METHOD, read_method
 from salframe.panoramas.camera_height import units_note
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.opening import Progress, configure_dataset, mapping_frames, open_dataset, provided
@@ -102,8 +103,20 @@ def map_config(directory: Path) -> ComponentConfig:
 
 def read_localizer(parts: Path) -> Localizer:
     """The localizer among the parts of a map. Raises as `open_map`."""
-    localizer: Localizer = registry().build("localizer", _read_config(parts))
+    localizer = _make_localizer(parts)
     localizer.read_parts(parts)
+    return localizer
+
+
+def read_unindexed(parts: Path) -> Localizer:
+    """The localizer among the parts of a map, which remembers it and cannot be asked yet. Raises as `open_map`."""
+    localizer = _make_localizer(parts)
+    localizer.remember(parts)
+    return localizer
+
+
+def _make_localizer(parts: Path) -> Localizer:
+    localizer: Localizer = registry().build("localizer", _read_config(parts))
     return localizer
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,10 @@ _FLOOR = {
     "z_m": ArrayKind("f", ()),
 }
 """What floors.npz holds of a floor."""
+SAME_FLOOR_M = 0.5
+"""Masks whose heights differ by less are of one floor."""
+MOST_PIXELS = 1 << 28
+"""Larger floors are not joined."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +104,103 @@ class Regions:
             pixel = int((top_m - y) / floor.resolution_m), int((x - left_m) / floor.resolution_m)
             places.append(floor.regions.get(int(self._labels[number][pixel])))
         return places
+
+
+def join_floors(floors: Sequence[FloorMasks], more: Sequence[FloorMasks]) -> tuple[FloorMasks, ...]:
+    """The floors of a building that two sets of masks show, those of `floors` first.
+
+    Where both show a floor, by its height within SAME_FLOOR_M, `more` lies on top, moved by half a pixel at most:
+    regions replace those of their names, and so do pixels that are free, blocked or of a region. Raises DataError on
+    masks of different resolutions, and where most of a region would come to lie under others, as it does where two sets
+    are not of one world frame.
+    """
+    joined = list(floors)
+    for floor in more:
+        same = next((i for i, known in enumerate(floors) if abs(known.z_m - floor.z_m) < SAME_FLOOR_M), None)
+        if same is None:
+            joined.append(floor)
+        else:
+            joined[same] = _lay_over(joined[same], floor)
+    return tuple(joined)
+
+
+def _lay_over(below: FloorMasks, above: FloorMasks) -> FloorMasks:
+    resolution_m = below.resolution_m
+    if not np.isclose(above.resolution_m, resolution_m, rtol=1e-6):
+        raise DataError(
+            f"masks of the floor at z = {above.z_m:g} m have {above.resolution_m:g} m a pixel, "
+            f"expected {resolution_m:g} m as those of the map"
+        )
+    below = _without(below, list(above.regions.values()))
+    (left_m, top_m), (above_left_m, above_top_m) = below.origin_m, above.origin_m
+    shift = np.round([(top_m - above_top_m) / resolution_m, (above_left_m - left_m) / resolution_m]).astype(int)
+    corner = np.minimum(shift, 0)
+    rows, columns = (np.maximum(below.region.shape, shift + above.region.shape) - corner).tolist()
+    if rows * columns > MOST_PIXELS:
+        raise DataError(
+            f"masks of the floor at z = {above.z_m:g} m make one of {columns} x {rows} pixels with those of the map, "
+            f"expected at most {MOST_PIXELS}"
+        )
+    above = _spread(_relabel(above, below), shift - corner, (rows, columns))
+    below = _spread(below, -corner, (rows, columns))
+    labelled = above.region != 0
+    for label, place in below.regions.items():
+        here = below.region == label
+        if 2 * (here & labelled).sum() > here.sum():
+            raise DataError(
+                f"masks of the floor at z = {above.z_m:g} m have other regions where most of {place} lies, expected "
+                f"masks in the world frame of the map, or {place} removed from it"
+            )
+    known = above.free | above.obstacle | labelled
+    return replace(
+        below,
+        free=np.where(known, above.free, below.free),
+        region=np.where(labelled, above.region, below.region),
+        obstacle=np.where(known, above.obstacle, below.obstacle),
+        origin_m=(left_m + float(corner[1]) * resolution_m, top_m - float(corner[0]) * resolution_m),
+        regions=dict(sorted({**below.regions, **above.regions}.items())),
+    )
+
+
+def _relabel(floor: FloorMasks, other: FloorMasks) -> FloorMasks:
+    """A floor whose labels mean nothing else in another: none with a name is a label there, none without has a name."""
+    own = {*floor.regions, *np.unique(floor.region).tolist()} - {0}
+    others = {*other.regions, *np.unique(other.region).tolist()}
+    new_label = count(max(own | others, default=0) + 1)
+    labels = {}
+    for label in sorted(own):
+        taken = others if label in floor.regions else other.regions
+        labels[label] = next(new_label) if label in taken else label
+    region = floor.region.copy()
+    for label, new in labels.items():
+        region[floor.region == label] = new
+    return replace(floor, region=region, regions={labels[label]: place for label, place in floor.regions.items()})
+
+
+def _spread(floor: FloorMasks, at: np.ndarray, shape: tuple[int, int]) -> FloorMasks:
+    """The masks of a floor in larger ones of this shape, from the pixel `at` on."""
+    margins = [
+        (int(start), int(total - start - size)) for start, total, size in zip(at, shape, floor.free.shape, strict=True)
+    ]
+    free, region, obstacle = (np.pad(mask, margins) for mask in (floor.free, floor.region, floor.obstacle))
+    return replace(floor, free=free, region=region, obstacle=obstacle)
+
+
+def without_places(floors: Sequence[FloorMasks], places: Collection[str]) -> tuple[FloorMasks, ...]:
+    """The floors without the regions of some places and without what lies in them; those that have no other region are
+    left out."""
+    return tuple(rest for floor in floors if (rest := _without(floor, places)).region.any())
+
+
+def _without(floor: FloorMasks, places: Collection[str]) -> FloorMasks:
+    rest = ~np.isin(floor.region, [label for label, place in floor.regions.items() if place in places])
+    return replace(
+        floor,
+        free=floor.free & rest,
+        obstacle=floor.obstacle & rest,
+        region=np.where(rest, floor.region, np.int32(0)),
+        regions={label: place for label, place in floor.regions.items() if place not in places},
+    )
 
 
 def write_floors(directory: Path, floors: Sequence[FloorMasks]) -> None:

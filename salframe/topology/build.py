@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
+from salframe.framework.config import Settings
 from salframe.framework.errors import DataError
 from salframe.panoramas.floors import FloorMasks, find_floor
 from salframe.panoramas.frames import FrameKind, MapFrame
@@ -18,8 +19,7 @@ from salframe.topology.topological_map import MapEdge, MapNode, NodeKind, Topolo
 from salframe.topology.transitions import Doorway, close_doorways
 
 
-@dataclass(frozen=True)
-class TopologySettings:
+class TopologySettings(Settings):
     """How a topological map is made.
 
     robot_radius_m: what the free floor is eroded by; min_doorway_m: narrower doorways, measured before erosion, are
@@ -36,7 +36,7 @@ class TopologySettings:
 
 
 def build_topology(
-    floors: Sequence[FloorMasks], frames: Iterable[MapFrame] = (), settings: TopologySettings = TopologySettings()
+    floors: Sequence[FloorMasks], frames: Iterable[MapFrame] = (), settings: TopologySettings | None = None
 ) -> TopologicalMap:
     """The topological map of floors: transition nodes from the masks, scene nodes from mapping frames, edges by sight
     over clear floor.
@@ -49,6 +49,7 @@ def build_topology(
     """
     if not floors:
         raise DataError("a topological map needs floor masks, received none: the dataset has no floors")
+    settings = settings or TopologySettings()
     floors = sorted(floors, key=lambda floor: floor.z_m)
     mapped = list(frames)
     notes: list[str] = []
@@ -71,7 +72,7 @@ def build_topology(
         notes.append(
             f"the {len(floors)} floors at z = {heights} m are not connected: no edge leads from one to another"
         )
-    return TopologicalMap(tuple(nodes), tuple(edges), tuple(floors), asdict(settings), tuple(notes))
+    return TopologicalMap(tuple(nodes), tuple(edges), tuple(floors), settings.model_dump(), tuple(notes))
 
 
 def _share_out(frames: Sequence[MapFrame], floors: Sequence[FloorMasks], notes: list[str]) -> list[list[MapFrame]]:

@@ -1,4 +1,4 @@
-"""`salframe map`: build, show, route, query, export, and what a user gets wrong."""
+"""`salframe map`: build, add, remove, merge, show, route, query, export, and what a user gets wrong."""
 
 from __future__ import annotations
 
@@ -47,6 +47,33 @@ def test_build_writes_both_maps_whole(built, tmp_path):
     assert run("map", "build", "doored", "-o", "map", "--method", "reader", "--choose").code == 0
     assert open_topology(tmp_path / "map").parameters["choose"] is True
     assert run("localize", "map", "query-1-0", "--data", "doored").code == 0
+
+
+def test_a_map_is_added_to_merged_and_taken_from(built):
+    assert run("map", "build", "doored", "-o", "new", "--method", "reader", "--set", "data.rooms=3").code == 0
+    done = run("map", "add", "new", "doored")
+    assert done.out.splitlines() == [
+        "added: room-3, room-4",
+        "replaced: room-0, room-1, room-2",
+        "new: 5 places, 5 frames",
+    ]
+    assert run("map", "route", "new", "room-0", "room-4", "--json").json["nodes"][-1] == "map-4"
+    assert run("map", "build", "upstairs", "-o", "above", "--method", "reader").code == 0
+    done = run("map", "merge", "new", "above", "--json").json
+    assert done == {
+        "added": [f"upper-room-{room}" for room in range(5)],
+        "replaced": [],
+        "removed": [],
+        "places": 10,
+        "frames": 10,
+        "notes": ["the 2 floors at z = 0.00, 3.00 m are not connected: no edge leads from one to another"],
+    }
+    done = run("map", "remove", "new", *(f"upper-room-{room}" for room in range(5)), "room-3")
+    assert done.out.splitlines()[:2] == [
+        "removed: room-3, upper-room-0, upper-room-1, upper-room-2, upper-room-3, upper-room-4",
+        "new: 4 places, 4 frames",
+    ]
+    assert "  room-4 is out of reach of the floor's other regions: it has no door" in done.out
 
 
 def test_route_prints_lengths_azimuths_and_turns(built):
@@ -163,6 +190,13 @@ def test_floors_above_each_other_are_said_to_be_apart(rooms):
         ),
         (["route", "absent", "room-0", "room-1"], "absent holds no map: make one with salframe build DATA -o absent"),
         (["show", "absent"], "absent holds no map"),
+        (["add", "map", "dored"], "unknown dataset 'dored', did you mean 'doored'?"),
+        (["add", "new", "doored"], "new holds no map: make one with salframe build DATA -o new"),
+        (["add", "map", "doored", "--set", "offset=1"], "received the setting offset, expected data.KEY"),
+        (["remove", "map", "rom-1"], "unknown place 'rom-1', did you mean 'room-1'?"),
+        (["remove", "new", "room-1"], "new holds no map: make one with salframe build DATA -o new"),
+        (["merge", "map", "map"], "both map and map have room-0, room-1, room-2, room-3, room-4, expected places of"),
+        (["merge", "map", "new"], "new holds no map: make one with salframe build DATA -o new"),
         (
             ["export", "map", "map.dot"],
             "received the file map.dot, expected one that ends in .graphml, .geojson or .parquet",

@@ -15,8 +15,9 @@ from salframe.framework.errors import ConfigError, DataError, InputMissing, Unkn
 from salframe.framework.identity import UserFile
 from salframe.framework.installation import folder_bytes
 from salframe.framework.registry import registry
-from salframe.localization.localizer import METHOD, Localizer
+from salframe.localization.localizer import Localizer
 from salframe.localization.map_folder import write_map
+from salframe.localization.map_parts import METHOD
 from salframe.localization.saved_map import build_map, map_bytes, open_map
 from salframe.panoramas.frames import FrameKind, QueryFrame
 from salframe.panoramas.opening import find_dataset, find_frame, mapping_frames

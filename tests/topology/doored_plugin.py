@@ -5,9 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from fake_plugin import Rooms
+from fake_plugin import Reader, Rooms
+from pydantic import Field
 
 import salframe
+from salframe.localization.localizer import Localizer
+from salframe.panoramas.frames import Fold
 
 
 class DooredRooms(Rooms):
@@ -54,6 +57,31 @@ class Storeys(DooredRooms):
         ]
 
 
+class Upstairs(DooredRooms):
+    """The floor above: `upper-room-0` and so on."""
+
+    name = "upstairs"
+
+    class Config(DooredRooms.Config):
+        z_m: float = Field(3.0, description="how high it lies")
+        rename_frames: bool = Field(True, description="call frames `upper-map-0` and so on, not as below")
+
+    def folds(self):
+        (fold,) = super().folds()
+        return [Fold(fold.id, tuple(map(self._raise, fold.mapping)), fold.queries)]
+
+    def _raise(self, frame):
+        T_world_pano = frame.T_world_pano.copy()
+        T_world_pano[2, 3] += self.config.z_m
+        id = f"upper-{frame.id}" if self.config.rename_frames else frame.id
+        return replace(frame, id=id, place=f"upper-{frame.place}", T_world_pano=T_world_pano)
+
+    def floors(self):
+        (floor,) = super().floors()
+        regions = {number: f"upper-{name}" for number, name in floor.regions.items()}
+        return [replace(floor, z_m=self.config.z_m, regions=regions)]
+
+
 class Crooked(DooredRooms):
     """A region mask of another size."""
 
@@ -64,6 +92,16 @@ class Crooked(DooredRooms):
         return [replace(floor, region=np.zeros((3, 4), np.int32))]
 
 
+class Sharp(Reader):
+    """A reader whose descriptions depend on a setting."""
+
+    name = "sharp"
+    describe_identity = Localizer.describe_identity
+
+    class Config(Reader.Config):
+        sharpness: int = Field(1, description="how sharp it sees")
+
+
 @salframe.hookimpl
 def salframe_provides():
-    return [DooredRooms, Maskless, Frameless, Storeys, Crooked]
+    return [DooredRooms, Maskless, Frameless, Storeys, Upstairs, Crooked, Sharp]

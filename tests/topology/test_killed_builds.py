@@ -6,7 +6,6 @@ import os
 import random
 import shutil
 import signal
-import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -15,6 +14,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from killing import kill_at, killed, start
 
 from salframe.framework.errors import DataError
 from salframe.framework.registry import registry
@@ -73,37 +73,6 @@ class Site:
 
     def parts(self) -> set[Path]:
         return set(self.folder.glob("parts-*"))
-
-
-def start(work: Callable[[], object]) -> int:
-    """The process id of a fork of this process that does some work."""
-    child = os.fork()
-    if child == 0:
-        try:
-            work()
-        finally:
-            os._exit(0)
-    return child
-
-
-def killed(child: int) -> bool:
-    """Wait for a process; whether it was killed."""
-    return os.WIFSIGNALED(os.waitpid(child, 0)[1])
-
-
-def kill_at(step: int, folder: Path) -> None:
-    """Have this process killed just before it changes what is in a folder for the `step`th time."""
-    changes: list[str] = []
-
-    def count(event: str, arguments: tuple) -> None:
-        removes = event in ("os.remove", "os.rmdir")  # of a name in a folder that is open
-        writes = event in ("os.mkdir", "os.rename") or (event == "open" and arguments[2] & (os.O_WRONLY | os.O_RDWR))
-        if removes or (writes and any(str(folder) in str(argument) for argument in arguments[:2])):
-            changes.append(event)
-            if len(changes) == step:
-                os.kill(os.getpid(), signal.SIGKILL)
-
-    sys.addaudithook(count)
 
 
 @pytest.fixture

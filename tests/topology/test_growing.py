@@ -1,0 +1,365 @@
+"""Maps that are added to, taken from and merged, against maps that were built at once."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import shutil
+import signal
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from fake_plugin import Reader
+from killing import kill_at, killed, start
+
+from salframe.framework.cache import Cache
+from salframe.framework.columns import write_columns
+from salframe.framework.errors import ConfigError, DataError, UnknownName
+from salframe.framework.registry import registry
+from salframe.localization.map_folder import write_map
+from salframe.localization.saved_map import build_map, open_map
+from salframe.panoramas.frames import QueryFrame
+from salframe.panoramas.opening import find_dataset, find_frame
+from salframe.topology.growing import MapChange, add_to_map, merge_maps, remove_from_map
+from salframe.topology.place_map import ask_map, build_topological_map
+from salframe.topology.store import open_topology, write_topology
+
+HOUSE = "house-6", ("data.height=128", "data.queries_per_room=1")
+
+
+def content(directory: Path) -> dict[str, str]:
+    """The sha256 of each file of a map."""
+    return json.loads((directory / "map.json").read_text())["sha256"]
+
+
+def answers(directory: Path, queries: Sequence[QueryFrame]) -> list[str]:
+    """What a map answers, in every digit."""
+    localizer = open_map(directory)
+    return [str(localizer.localize(query)) for query in queries]
+
+
+@pytest.fixture
+def rooms(fakes, monkeypatch):
+    """The fakes with doors."""
+    monkeypatch.setenv("SALFRAME_PLUGINS", "fake_plugin,doored_plugin")
+    registry.cache_clear()
+
+
+@pytest.fixture(scope="module")
+def house(tmp_path_factory) -> Callable[[str, Sequence[str]], Path]:
+    """A small home's folder of some of its places alone: their frames, their doorways' and their floor."""
+    dataset = find_dataset(*HOUSE[:1], overrides=HOUSE[1])
+    manifest = json.loads((dataset.root / "manifest.json").read_text())
+
+    def cut(name: str, places: Sequence[str]) -> Path:
+        root = tmp_path_factory.mktemp(name)
+        shutil.copytree(dataset.root, root, dirs_exist_ok=True)
+        here = [frame for place in places for frame in manifest["frames"] if frame.get("place") == place]
+        queries = [frame for frame in manifest["frames"] if frame["role"] == "query"]
+        (floor,) = manifest["floors"]
+        region = cv2.imread(str(root / floor["region"]), cv2.IMREAD_UNCHANGED)
+        labels = {int(label): place for label, place in floor["regions"].items() if place in places}
+        elsewhere = (region > 0) & ~np.isin(region, list(labels))
+        for mask in ("free", "region", "obstacle"):
+            pixels = cv2.imread(str(root / floor[mask]), cv2.IMREAD_UNCHANGED)
+            pixels[elsewhere] = 0
+            cv2.imwrite(str(root / floor[mask]), pixels)
+        cropped = {**manifest, "frames": here + queries, "floors": [{**floor, "regions": labels}]}
+        (root / "manifest.json").write_text(json.dumps(cropped))
+        return root
+
+    return cut
+
+
+@pytest.fixture(scope="module")
+def halves() -> tuple[list[str], list[str]]:
+    """The places of the home, those of its first rooms and the others, doorways among them."""
+    (fold,) = find_dataset(*HOUSE[:1], overrides=HOUSE[1]).folds()
+    places = list(dict.fromkeys(frame.place for frame in fold.mapping))
+    return places[::2], places[1::2]
+
+
+@pytest.mark.parametrize(("method", "overrides"), [("proposed", ()), ("sift", ("min_inliers=6",))])
+def test_a_map_that_grew_is_the_one_that_was_built_at_once(house, halves, method, overrides, tmp_path):
+    first, second = halves
+    build = partial(build_topological_map, method=method, overrides=overrides)
+    one, other, both = (house(name, places) for name, places in (("a", first), ("b", second), ("ab", first + second)))
+    build(one, tmp_path / "a")
+    build(other, tmp_path / "b")
+    build(both, tmp_path / "ab")
+    queries = find_dataset(str(both)).folds()[0].queries
+    expected = answers(tmp_path / "ab", queries)
+    assert sum("status=<LocalizationStatus.OK" in answer for answer in expected) >= len(queries) / 2
+
+    shutil.copytree(tmp_path / "a", tmp_path / "grown")
+    change = add_to_map(tmp_path / "grown", other)
+    assert (change.added, change.replaced, change.removed) == (tuple(second), (), ())
+    assert content(tmp_path / "grown") == content(tmp_path / "ab")
+    assert answers(tmp_path / "grown", queries) == expected
+
+    shutil.copytree(tmp_path / "a", tmp_path / "merged")
+    assert merge_maps(tmp_path / "merged", [tmp_path / "b"]) == change
+    assert content(tmp_path / "merged") == content(tmp_path / "ab")
+
+    change = remove_from_map(tmp_path / "grown", second)
+    assert (change.added, change.replaced, change.removed) == ((), (), tuple(second))
+    assert content(tmp_path / "grown") == content(tmp_path / "a")
+    assert answers(tmp_path / "grown", queries) == answers(tmp_path / "a", queries) != expected
+
+
+def build(directory: str, data: str = "doored", *overrides: str) -> Path:
+    build_topological_map(data, directory, "reader", overrides=overrides)
+    return Path(directory)
+
+
+def places(directory: Path) -> list[str]:
+    """The places of a map, that of each node, in the order of its frames."""
+    return [frame.place for frame in open_map(directory).map_frames]
+
+
+def test_places_of_the_same_name_are_replaced(rooms):
+    map = build("map", "doored", "data.rooms=3")
+    change = add_to_map(map, "doored", overrides=("data.rooms=4", "data.seed=1"))
+    assert change == MapChange(("room-3",), ("room-0", "room-1", "room-2"), (), 4, 4, ())
+    assert content(map) == content(build("whole", "doored", "data.rooms=4"))
+
+
+def test_panoramas_of_the_map_are_not_seen_again(rooms, monkeypatch):
+    """Nothing is known of them but what the map remembers."""
+    map, described = build("map"), []
+    Cache().clear()
+    describe = Reader.describe
+    monkeypatch.setattr(Reader, "describe", lambda self, seen: described.append(seen.id) or describe(self, seen))
+    assert add_to_map(map, "upstairs").added == tuple(f"upper-room-{room}" for room in range(5))
+    assert len(described) == 5
+
+
+def test_two_floors_make_a_building(rooms):
+    map, upstairs = build("map"), build("above", "upstairs")
+    before = content(upstairs)
+    change = merge_maps(map, [upstairs])
+    assert (change.places, change.frames) == (10, 10)
+    assert change.notes == ("the 2 floors at z = 0.00, 3.00 m are not connected: no edge leads from one to another",)
+    topology = open_topology(map)
+    assert [floor.z_m for floor in topology.floors] == [0.0, 3.0]
+    below, above = open_topology(build("below")), open_topology(upstairs)
+    assert topology.nodes == below.nodes + above.nodes
+    assert topology.edges == below.edges + above.edges
+    assert content(upstairs) == before
+
+
+def test_a_place_that_is_removed_is_off_the_way(rooms):
+    map = build("map")
+    change = remove_from_map(map, ["room-2"])
+    assert (change.removed, change.places) == (("room-2",), 4)
+    assert "room-2" not in places(map)
+    assert not any("room-2" in node.regions for node in open_topology(map).nodes)
+    assert "room-3 is out of reach of the floor's other regions" in "".join(change.notes)
+    add_to_map(map, "doored", overrides=("data.rooms=5",))
+    assert content(map) == content(build("whole"))
+
+
+def test_a_region_without_panoramas_is_removed_too(rooms):
+    map = build("map", "doored", "data.rooms=3")
+    add_to_map(map, "upstairs")
+    assert remove_from_map(map, ["upper-room-4"]).places == 7
+
+
+def test_how_the_topology_was_made_stays(rooms):
+    build_topological_map("doored", "map", "reader", choose=True, overrides=("data.rooms=3",))
+    add_to_map("map", "doored", overrides=("data.rooms=5",))
+    topology = open_topology("map")
+    assert topology.parameters["choose"] is True
+    assert [node.id for node in topology.nodes if node.kind == "scene"] == [f"room-{room}" for room in range(5)]
+
+
+def test_a_map_without_a_topology_stays_one(rooms):
+    build_map("doored", "plain", "reader", overrides=("data.rooms=3",))
+    assert add_to_map("plain", "maskless").notes == ()
+    assert places(Path("plain")) == [f"room-{room}" for room in range(5)]
+    merge_maps("plain", [build("above", "upstairs")])
+    remove_from_map("plain", ["room-0", "upper-room-1"])
+    assert len(places(Path("plain"))) == 8
+    assert content(Path("plain")).keys() == {
+        name for name in content(Path("above")) if name.partition("/")[0] in ("method.json", "frames", "scenes")
+    }
+
+
+def test_what_a_change_tells_of_progress_and_panoramas(rooms):
+    told, map = [], build("map", "doored", "data.rooms=1")
+    add_to_map(map, "doored", progress=lambda *call: told.append(call))
+    assert told == [("doored", 5, 5), *(("reader", done, 5) for done in range(6))]
+
+
+def test_what_does_not_fit_is_one_line_and_changes_nothing(rooms):
+    build("map")
+    build("bare", "frameless")
+    build("same")
+    build("upstairs")
+    build("above", "upstairs")
+    for sharpness in (1, 2):
+        overrides = (f"sharpness={sharpness}",)
+        build_topological_map("upstairs", f"sharp-{sharpness}", "sharp", overrides=overrides)
+    kept = {folder: content(folder) for folder in map(Path, ("map", "bare", "same", "above", "sharp-1", "sharp-2"))}
+    at_zero, same_ids = "data.z_m=0", "data.rename_frames=false"
+    for change, error, message in (
+        (lambda: add_to_map("absent", "nothing"), DataError, "absent holds no map: make one with salframe"),
+        (lambda: add_to_map("bare", "doored"), DataError, "bare has no localizer: it was built from data without map"),
+        (lambda: add_to_map("map", "frameless"), DataError, "at least one mapping frame, received none"),
+        (lambda: add_to_map("map", "doored", overrides=("offset=1",)), ConfigError, r"expected data\.KEY"),
+        (
+            lambda: add_to_map("map", "upstairs", overrides=(same_ids,)),
+            DataError,
+            "the frame map-0 is of room-0 in map and of upper-room-0 in upstairs, expected different ids",
+        ),
+        (
+            lambda: add_to_map("upstairs", "upstairs", overrides=(same_ids,)),  # of the same name as the data
+            DataError,
+            "the frame map-0 is of room-0 in upstairs and of upper-room-0 in upstairs, expected different ids",
+        ),
+        (
+            lambda: add_to_map("map", "upstairs", overrides=(at_zero,)),
+            DataError,
+            "the floor at z = 0 m have other regions where most of room-0 lies, expected masks in the world frame",
+        ),
+        (lambda: remove_from_map("map", ["rom-1"]), UnknownName, "unknown place 'rom-1', did you mean 'room-1'"),
+        (
+            lambda: remove_from_map("map", [f"room-{room}" for room in range(5)]),
+            ConfigError,
+            "received all places of map to remove, expected one to stay",
+        ),
+        (
+            lambda: merge_maps("map", ["same"]),
+            DataError,
+            "both map and same have room-0, room-1, .*, expected places of different names: remove them from one",
+        ),
+        (lambda: merge_maps("map", ["above", "above"]), DataError, "both above and above have upper-room-0"),
+        (lambda: merge_maps("map", ["sharp-1"]), DataError, "sharp-1 is a map of sharp, expected one of reader as map"),
+        (
+            lambda: merge_maps("sharp-1", ["sharp-2"]),
+            DataError,
+            "sharp-2 was described with other sharpness than sharp-1, expected the same settings of sharp",
+        ),
+    ):
+        with pytest.raises(error, match=message) as caught:
+            change()
+        assert "\n" not in str(caught.value)
+    assert {folder: content(folder) for folder in kept} == kept
+    assert not Path("absent").exists()
+
+
+def test_a_map_that_holds_something_else_is_one_line(rooms):
+    map = build("map")
+    (old,) = map.glob("parts-*")
+    with write_map(map) as parts:
+        shutil.copytree(old, parts, dirs_exist_ok=True)
+        shutil.rmtree(parts / "scenes")
+        write_columns(parts / "scenes", [{"hall": np.array(number)} for number in range(5)])
+    with pytest.raises(DataError, match=r"the map is not what reader wrote \(KeyError: 'room'\): build it again"):
+        remove_from_map(map, ["room-1"])
+
+
+CHANGES = {
+    "add": lambda: add_to_map("map", "upstairs"),
+    "remove": lambda: remove_from_map("map", ["room-1", "room-4"]),
+    "merge": lambda: merge_maps("map", ["above"]),
+}
+EACH = pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES.keys())
+
+
+def answer() -> str:
+    """What the map answers, in every digit; it ranks all of its places."""
+    return str(ask_map("map", find_frame(find_dataset("doored"), "query-1-0")))
+
+
+@pytest.fixture
+def old_and_new(rooms, request) -> tuple[str, str]:
+    """What the map answers before and after a change; it is left as it was, `saved` and `above` are beside it."""
+    build("above", "upstairs")
+    build("saved")
+    found = []
+    for change in (lambda: None, request.node.callspec.params["change"]):
+        restore()
+        change()
+        found.append(answer())
+    restore()
+    assert found[0] != found[1]
+    return found[0], found[1]
+
+
+def restore() -> None:
+    shutil.rmtree("map", ignore_errors=True)
+    shutil.copytree("saved", "map")
+
+
+def at_step(step: int, change: Callable[[], object]) -> None:
+    kill_at(step, Path("map"))
+    change()
+
+
+@pytest.mark.slow
+@EACH
+def test_a_map_is_as_before_or_after_a_change_that_is_killed_at_any_step(old_and_new, change):
+    old, new = old_and_new
+    found = []
+    while killed(start(partial(at_step, len(found) + 1, change))):
+        found.append(answer())
+        restore()
+    assert answer() == new
+    assert found == [old] * found.count(old) + [new] * found.count(new)  # it changes once
+    assert min(found.count(old), found.count(new)) >= 2
+
+
+@EACH
+def test_a_map_is_as_before_or_after_a_change_that_is_killed_at_any_time(old_and_new, change):
+    """And the next change removes what the killed ones have left."""
+    rng, seen = random.Random(0), Counter[bool]()
+    began = time.monotonic()
+    assert not killed(start(change))
+    whole_s = time.monotonic() - began
+    restore()
+    for _ in range(15):
+        child = start(change)
+        time.sleep(rng.uniform(0, whole_s))
+        os.kill(child, signal.SIGKILL)
+        killed(child)
+        found = answer()
+        assert found in old_and_new
+        seen[found == old_and_new[1]] += 1
+        if found == old_and_new[1]:
+            restore()
+    assert seen[False]
+    change()
+    assert answer() == old_and_new[1]
+    assert sorted(path.name.partition("-")[0] for path in Path("map").iterdir()) == ["map.json", "parts"]
+
+
+@pytest.mark.parametrize("change", [CHANGES["add"]])
+def test_readers_see_the_map_before_or_after_while_it_is_written(old_and_new, change):
+    def write() -> None:
+        for _ in range(8):
+            change()
+            remove_from_map("map", [f"upper-room-{room}" for room in range(5)])
+
+    seen, writer = Counter[str](), start(write)
+    while os.waitpid(writer, os.WNOHANG) == (0, 0):
+        seen[answer()] += 1
+    assert set(seen) == set(old_and_new)
+
+
+def test_a_map_that_is_open_goes_on(rooms):
+    map = build("map")
+    build("before")
+    opened, topology = open_map(map), open_topology(map)
+    add_to_map(map, "upstairs")
+    opened.save(Path("copy"))
+    with write_map(Path("again")) as parts:
+        write_topology(parts, topology)
+    assert {**content(Path("copy")), **content(Path("again"))} == content(Path("before"))
