@@ -301,7 +301,7 @@ def reported_table(part: ReportedTable) -> Table:
 def without_detector(rows: Sequence[MethodRow]) -> str | None:
     """What must be said of the time it takes to describe a panorama: for which rows no detector ran in it."""
     given = [row.method for row in rows if row.measured and any(part.startswith("annotations") for part in row.given)]
-    listed = list_methods(given, rows)
+    listed = list_methods(given, [row.method for row in rows])
     return f"describe ms: no detector ran for {listed}, which had annotations" if given else None
 
 
