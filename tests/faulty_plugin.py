@@ -6,6 +6,7 @@ import os
 import re
 import signal
 import time
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -89,6 +90,7 @@ ANSWERS = {
     "misplaced": lambda: Localization((RankedPlace("map-0", "room-1", 1.0),), None, LocalizationStatus.NO_POSE),
     "mapping": lambda: {"places": PLACES, "status": "ok"},
     "nothing": lambda: None,
+    "text": lambda: "room-0",
     "score": lambda: Localization((RankedPlace("map-0", "room-0", float("nan")),), None, LocalizationStatus.NO_POSE),
 }
 
@@ -134,38 +136,65 @@ class Odd(Reader):
         raise ValueError("the driver is odd")
 
 
-def _hold_a_gigabyte() -> None:
-    held = np.ones(125_000_000)
+def _hold_much() -> None:
+    held = np.ones(62_500_000)
     time.sleep(60)
     del held
 
 
+def _raise(error: BaseException) -> None:
+    raise error
+
+
+def _recurse() -> int:
+    return 1 + _recurse()
+
+
 DEADLY = {
+    "raise": lambda: _raise(ValueError("this is too much")),
+    "leave": lambda: _raise(SystemExit("the network wants to leave")),
+    "recurse": _recurse,
+    "print": lambda: os.write(1, b"{\n") and print("{"),  # as C libraries do, and as Python does
     "hang": lambda: time.sleep(600),
     "spin": lambda: re.match(r"(a+)+$", "a" * 60 + "b"),  # in C, which no exception reaches
     "exit": lambda: os._exit(3),
     "fault": lambda: os.kill(os.getpid(), signal.SIGSEGV),
-    "hoard": _hold_a_gigabyte,
+    "hoard": _hold_much,
 }
 
 
 class Deadly(Reader):
-    """Ends its process, or needs to be ended, on queries of some rooms."""
+    """Goes wrong when it is built, on mapping frames or on queries of some rooms."""
 
     name = "deadly"
 
     class Config(Reader.Config):
-        how: Literal["hang", "spin", "exit", "fault", "hoard"] = Field("exit", description="what it does")
+        how: Literal[tuple(DEADLY)] = Field("exit", description="what it does")  # type: ignore[valid-type]
+        when: Literal["init", "map", "query"] = Field("query", description="when it does")
         rooms: tuple[int, ...] = Field((1,), description="in which rooms")
 
+    def __init__(self, config: ComponentConfig | None = None) -> None:
+        super().__init__(config)
+        if self.config.when == "init":
+            DEADLY[self.config.how]()
+
+    def describe_identity(self):
+        return identity(self.config, describing=True)
+
+    def describe(self, panorama):
+        room, column = panorama.rgb[0, 0, :2]
+        if self.config.when == "map" and room in self.config.rooms and not column:
+            DEADLY[self.config.how]()
+        return super().describe(panorama)
+
     def match(self, description):
-        if int(description["room"][0]) in self.config.rooms:
+        if self.config.when == "query" and int(description["room"][0]) in self.config.rooms:
             DEADLY[self.config.how]()
         return super().match(description)
 
 
 class Slow(Reader):
-    """Takes its time to describe."""
+    """Takes its time to describe, and leaves the file `describing`."""
 
     name = "slow"
 
@@ -173,6 +202,7 @@ class Slow(Reader):
         describe_s: float = Field(0.0, description="seconds a panorama takes")
 
     def describe(self, panorama):
+        Path("describing").touch()
         time.sleep(self.config.describe_s)
         return super().describe(panorama)
 

@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import Field
 
 from salframe.framework.config import Settings
+from salframe.framework.errors import DataError
 from salframe.framework.files import read_as
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.house_file import read_house
@@ -26,6 +27,8 @@ _MARGIN_M = 0.4
 """Outlines end at the walls: floor this near to a room, as in a doorway, belongs to it."""
 _POCKET_M2 = 1.0
 """Free patches smaller than this are the insides of furniture and walls."""
+_MOST_CELLS = 1 << 23
+"""Of a floor's masks: 145 m square at 0.05 m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,14 +72,22 @@ def _of_house(path: Path) -> list[Room]:
 
 def floor_masks(surface: Surface, renderer: Renderer, rooms: Sequence[Room], resolution_m: float) -> FloorMasks:
     """The masks of the rooms of one level. Free is floor that a ray from above finds; an obstacle is what that ray
-    meets 0.1 to 1.5 m above the floor, or what level cuts of the mesh show in between."""
+    meets 0.1 to 1.5 m above the floor, or what level cuts of the mesh show in between. Raises DataError where the
+    outlines span too much."""
     import cv2
 
     floor_m = float(np.median([room.floor_m for room in rooms]))
     corners = np.concatenate([outline for room in rooms for outline in room.outlines_m])
     left_m, top_m = corners[:, 0].min() - _MARGIN_M, corners[:, 1].max() + _MARGIN_M
-    columns = int(np.ceil((corners[:, 0].max() + _MARGIN_M - left_m) / resolution_m))
-    rows = int(np.ceil((top_m - corners[:, 1].min() + _MARGIN_M) / resolution_m))
+    with np.errstate(over="ignore"):
+        width_m, height_m = corners[:, 0].max() + _MARGIN_M - left_m, top_m - corners[:, 1].min() + _MARGIN_M
+        cells = width_m / resolution_m * (height_m / resolution_m)
+    if not cells <= _MOST_CELLS:
+        raise DataError(
+            f"the outlines of {rooms[0].place} and others span {width_m:g} x {height_m:g} m, "
+            f"expected at most {_MOST_CELLS} cells of {resolution_m:g} m"
+        )
+    columns, rows = int(np.ceil(width_m / resolution_m)), int(np.ceil(height_m / resolution_m))
     origin_m = np.array([left_m, top_m])
 
     def pixels(xy_m: np.ndarray) -> np.ndarray:
@@ -90,9 +101,9 @@ def floor_masks(surface: Surface, renderer: Renderer, rooms: Sequence[Room], res
     down_m = renderer.trace(above, np.broadcast_to(np.array([0, 0, -1], np.float32), above.shape))[0].reshape(
         rows, columns
     )
-    height_m = BAND_M[1] - down_m
-    found = height_m > -_BELOW_M
-    obstacle = height_m > BAND_M[0]
+    up_m = BAND_M[1] - down_m
+    found = up_m > -_BELOW_M
+    obstacle = up_m > BAND_M[0]
     cuts = np.zeros((rows, columns), np.uint8)
     for height in np.linspace(*BAND_M, _SLICES):
         cv2.polylines(cuts, np.floor(pixels(_cut(surface, floor_m + height))).astype(np.int32), isClosed=False, color=1)

@@ -3,17 +3,20 @@ vertices."""
 
 from __future__ import annotations
 
+import re
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from salframe.framework.bounded import check_regular
+from salframe.framework.bounded import check_regular, read_start
 from salframe.framework.errors import DataError, RequirementMissing
 from salframe.framework.files import reading
+from salframe.framework.processes import ProcessPool
 
 SUFFIXES = (".obj", ".glb", ".ply")
-_LARGEST_BYTES = 1 << 33
+_LARGEST_BYTES, _LONGEST_HEADER = 1 << 33, 1 << 16
 _GREY = (200, 200, 200)
 _TO_Z_UP = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]], np.float32)
 """Turns a frame whose y is up so that its z is: what was -z, the front of glTF, becomes y."""
@@ -37,20 +40,34 @@ class Surface:
 
 
 def read_mesh(path: Path, up: str) -> Surface:
-    """Read a mesh file whose axis `up` ("z" or "y") points up.
+    """Read a mesh file whose axis `up` ("z" or "y") points up, in a process of its own, which a damaged one may end.
 
-    Raises DataError where it is missing, unreadable or has no faces, RequirementMissing where Open3D lacks a library of
-    the system.
+    Raises DataError where it is missing, unreadable, not whole or has no faces, RequirementMissing where Open3D lacks a
+    library of the system.
     """
     try:
-        import open3d
+        import open3d  # noqa: F401
     except (ImportError, OSError) as error:
         hint = "on Debian and Ubuntu: apt install libusb-1.0-0 libegl1 libgl1 libx11-6"
         raise RequirementMissing(f"Open3D cannot be loaded: {error} ({hint})") from None
     if path.suffix.lower() not in SUFFIXES:
         raise DataError(f"{path} is no mesh, expected a name that ends in {', '.join(SUFFIXES)}")
     with reading(path, "a mesh"):
-        check_regular(path, _LARGEST_BYTES)
+        size = check_regular(path, _LARGEST_BYTES)
+        if path.suffix.lower() == ".ply":
+            _check_counts(path, size)
+    with ProcessPool(1) as pool:
+        try:
+            surface = pool.submit(_read, path).result()
+        except BrokenProcessPool:
+            raise DataError(f"{path} is no mesh that can be read: it ended the process that read it") from None
+    return surface if up == "z" else replace(surface, vertices_m=surface.vertices_m @ _TO_Z_UP.T)
+
+
+def _read(path: Path) -> Surface:
+    """The surface in a file as it stands there. Raises DataError."""
+    import open3d
+
     # Open3D tells of a damaged file on stdout and gives an empty mesh.
     with open3d.utility.VerbosityContextManager(open3d.utility.VerbosityLevel.Error):
         if path.suffix.lower() == ".ply":
@@ -66,7 +83,30 @@ def read_mesh(path: Path, up: str) -> Surface:
     if not parts:
         raise DataError(f"{path} is no mesh with faces, expected triangles or polygons")
     surface = _joined(parts, tuple(looks))
-    return surface if up == "z" else replace(surface, vertices_m=surface.vertices_m @ _TO_Z_UP.T)
+    _check(surface, path)
+    return surface
+
+
+def _check_counts(path: Path, size: int) -> None:
+    """Raises ValueError on a .ply whose header claims more than the file has bytes: Open3D would look for it."""
+    header = read_start(path, _LONGEST_HEADER).partition(b"end_header")[0]
+    for count in re.findall(rb"^\s*element\s+\S+\s+(\S+)", header, re.MULTILINE):
+        if not count.isdigit() or len(count) > 12 or int(count) > size:
+            raise ValueError(f"{count.decode(errors='replace')[:20]} elements in {size} bytes")
+
+
+def _check(surface: Surface, path: Path) -> None:
+    """Raises DataError on what the renderer would end the process for."""
+    if not (np.isfinite(surface.vertices_m).all() and np.isfinite(surface.uv).all()):
+        raise DataError(f"{path} has a corner that is not finite, or not in single precision")
+    for name, numbers, count in (
+        ("corner", surface.triangles, len(surface.vertices_m)),
+        ("material", surface.paint, len(surface.textures)),
+    ):
+        if numbers.min() < 0 or numbers.max() >= count:
+            raise DataError(
+                f"{path} has a face of {name} {max(numbers.max(), -numbers.min())}, expected one of {count}"
+            )
 
 
 def _plain(rgb) -> np.ndarray:

@@ -40,7 +40,7 @@ from salframe.framework.errors import (
     WorkerDied,
     describe_error,
 )
-from salframe.framework.files import write_json
+from salframe.framework.files import alone, write_json
 from salframe.framework.identity import digest
 from salframe.framework.registry import registry
 from salframe.panoramas.camera_height import units_note
@@ -62,12 +62,25 @@ def run_task(
     """Have methods do a task and measure them; a run that was begun is resumed, and what another run knows is reused.
 
     `resolved`: the configurations of the request. Without a name the run folder has the task's prefix and the data
-    set's name. Raises SalframeError where the request is wrong; a method that cannot run, crashes or answers nonsense
-    keeps its row, with the reason.
+    set's name. Raises SalframeError where the request is wrong or another process has the run in hand; a method that
+    cannot run, crashes or answers nonsense keeps its row, with the reason.
     """
-    engine: Engine = registry().build("engine", resolved.engine)
     known_as = {"name": task.name, "version": task.version, "identity": digest(task.identity()), **task.asks()}
     run = Run.open(request.runs, request.name or task.prefix + resolved.name, known_as, resolved, request.seed)
+    with alone(run.directory, "give the run another --name"):
+        return _resume(task, run, known_as, request, resolved, progress, reported)
+
+
+def _resume(
+    task: Task[Any, Any],
+    run: Run,
+    known_as: Row,
+    request: Request,
+    resolved: Resolved,
+    progress: Progress | None,
+    reported: tuple[Reported, ...],
+) -> Result[Any]:
+    engine: Engine = registry().build("engine", resolved.engine)
     dataset = open_dataset(resolved.data, progress and partial(progress, resolved.name))
     run.bind(dataset.question_key)
     survey = task.survey(dataset)
@@ -88,12 +101,15 @@ def run_task(
             again = []
             for label in todo:
                 ended = next(answers, MethodFailed(f"the engine {engine.name!r} gave no answer for it"))
-                died_of = _skip(task, run, label, survey, request.limits) if isinstance(ended, WorkerDied) else None
-                if died_of is not None:
-                    skipped[label].append(died_of)
-                if died_of is not None and len(skipped[label]) < DEATHS:
-                    again.append(label)
-                elif isinstance(ended, BaseException):
+                if isinstance(ended, WorkerDied):
+                    known_by, reason = what_ended(run.folder(label), request.limits)
+                    if known_by is not None:
+                        skipped[label].append(_skip(task, run, label, survey, known_by, reason))
+                    if known_by is not None and len(skipped[label]) < DEATHS:
+                        again.append(label)
+                        continue
+                    ended = WorkerDied(reason)
+                if isinstance(ended, BaseException):
                     run.end(label, Outcome(MethodStatus.CRASHED, describe_error(ended)))
             todo = again
     return conclude(task, run, survey, reported)
@@ -144,13 +160,10 @@ def pool(task: Task[Any, Any], directories: Sequence[Path]) -> Sequence[MethodRo
     return task.summarize(parts, run.seed)
 
 
-def _skip(task: Task[Any, Any], run: Run, label: str, survey: Survey[Any], limits: Limits) -> tuple[Any, ...] | None:
-    """Give the piece that a method's process died of a row that says so; what it is known by, None where it died of
-    none."""
-    ended = what_ended(run.folder(label), limits)
-    if ended is None:
-        return None
-    known_by, reason = ended
+def _skip(
+    task: Task[Any, Any], run: Run, label: str, survey: Survey[Any], known_by: Row, reason: str
+) -> tuple[Any, ...]:
+    """Give the piece that a method's process died of a row that says so; the piece's key."""
     key = tuple(known_by[name] for name in task.key_fields)
     piece = next(one for one in survey.pieces if task.key(one) == key)
     with closing(RowWriter(run.folder(label) / ROWS)) as rows:
@@ -170,6 +183,7 @@ def work_method(
     run = Run.load(directory)
     folder = run.begin(label)
     given: tuple[str, ...] = ()
+    guard = Guard(folder, limits)
     try:
         data = run.data()
         config = run.method(label, task.role, Choice(data.kind, partial(provided, data)))
@@ -178,11 +192,7 @@ def work_method(
         given = task.given(label, method, survey.dataset)
         done = {key for key, row in _by_key(task, run, label).items() if row["status"] != PieceStatus.CRASHED}
         todo = [piece for piece in survey.pieces if task.key(piece) not in {*done, *skipped[label]}]
-        with (
-            task.open(label, method, survey, todo, folder) as worker,
-            RowWriter(folder / ROWS) as rows,
-            closing(Guard(folder, limits)) as guard,
-        ):
+        with task.open(label, method, survey, todo, folder) as worker, RowWriter(folder / ROWS) as rows:
             for piece in todo:
                 known_by = dict(zip(task.key_fields, task.key(piece), strict=True))
                 worker.prepare(piece)
@@ -197,6 +207,8 @@ def work_method(
     except BaseException as error:  # a method is somebody else's code: whatever it raises costs its own row only
         log_crash(folder, "the method")
         outcome = Outcome(MethodStatus.CRASHED, describe_error(error), given)
+    finally:
+        guard.close()
     run.end(label, outcome)
 
 

@@ -10,6 +10,7 @@ import json
 import math
 import re
 import stat
+import sys
 from itertools import accumulate
 from pathlib import Path
 from typing import Any
@@ -55,6 +56,13 @@ def read_bytes(path: Path, most_bytes: int = LARGEST_BYTES) -> bytes:
     if len(content) > most_bytes:  # files of /proc say that they are empty
         raise ValueError(f"it has more than {most_bytes} bytes, expected at most as many")
     return content
+
+
+def read_start(path: Path, most_bytes: int) -> bytes:
+    """What a regular file of any size begins with. Raises OSError, and ValueError on anything else."""
+    check_regular(path, sys.maxsize)
+    with path.open("rb") as file:
+        return file.read(most_bytes)
 
 
 def parse_json(content: bytes) -> Any:

@@ -22,7 +22,7 @@ import numpy as np
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from salframe.framework.array_files import MOST_BYTES, pack_arrays, parse_arrays
-from salframe.framework.bounded import check_regular, parse_json, read_bytes, why
+from salframe.framework.bounded import check_regular, parse_json, read_bytes, read_start, why
 from salframe.framework.config import describe_faults, validate
 from salframe.framework.errors import ConfigError, DataError, WeightsMissing, one_line
 
@@ -34,6 +34,7 @@ _LARGEST_LOG, _LARGEST_NETWORK, _LARGEST_HASHED = 1 << 30, 1 << 31, 1 << 40
 """Bytes of a .jsonl file, of a network, and of what is read in pieces."""
 _MOST_ROWS, _MOST_PIXELS = 1 << 20, 1 << 26
 _END_OF_JPEG, _SCAN_OF_JPEG = b"\xff\xd9", b"\xff\xda"
+_END_OF_PNG = b"\0\0\0\0IEND\xaeB`\x82"
 
 
 @contextmanager
@@ -62,6 +63,30 @@ def new_folder(path: Path) -> Iterator[Path]:
         os.replace(temporary, path)
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
+
+
+@contextmanager
+def alone(folder: Path, instead: str) -> Iterator[None]:
+    """Hold a folder's lock, which the system gives back when the process ends; nothing where it has no such locks.
+
+    Raises ConfigError where another process holds it; `instead`: what the user could do but wait.
+    """
+    try:
+        import fcntl
+    except ImportError:  # Windows has none
+        yield
+        return
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise ConfigError(f"another process writes to {folder}: wait for it, or {instead}") from None
+        except OSError:  # some network file systems have none
+            pass
+        yield
+    finally:
+        os.close(descriptor)
 
 
 def share_file(source: Path, target: Path) -> None:
@@ -212,8 +237,10 @@ def read_image(path: Path, mode: int) -> np.ndarray:
     try:
         with Image.open(io.BytesIO(content), formats=("PNG", "JPEG")) as picture:
             width, height = picture.size
-            whole = picture.format == "PNG" or content.rfind(_END_OF_JPEG) > content.rfind(_SCAN_OF_JPEG)
-            picture.verify()  # a PNG's checksums: of what is wrong with them, libpng would write to stderr
+            whole = content.rfind(_END_OF_JPEG) > content.rfind(_SCAN_OF_JPEG)
+            if picture.format == "PNG":  # of what is wrong with its checksums, or its end, libpng would write to stderr
+                whole = _END_OF_PNG in content
+            picture.verify()
     except Exception:  # Pillow raises whatever it stumbles over
         whole, width, height = False, 0, 0
     if width * height > _MOST_PIXELS:
@@ -237,13 +264,8 @@ def image_notes(path: Path) -> dict[str, Any]:
 
 def check_picture_output(path: Path) -> None:
     """Raises ConfigError where a PNG would replace something else than a PNG."""
-    if path.exists() and not (path.is_file() and _begins_with(path, PNG)):
+    if path.exists() and not (path.is_file() and read_start(path, len(PNG)) == PNG):
         raise ConfigError(f"{path} is there and is no PNG, expected the name of a new file or of a picture to replace")
-
-
-def _begins_with(path: Path, start: bytes) -> bool:
-    with path.open("rb") as file:
-        return file.read(len(start)) == start
 
 
 def read_network(path: Path) -> bytes:

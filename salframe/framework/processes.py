@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import faulthandler
 import multiprocessing
 import os
 import signal
@@ -45,8 +46,9 @@ class ProcessPool(ProcessPoolExecutor):
 
 def _begin_work(parent: Connection) -> None:
     """An interrupt from the terminal is for the parent, which ends its workers; and a killed parent must not leave a
-    worker that goes on writing files."""
+    worker that goes on writing files. A fault in a library is the parent's to tell, in a line, not loky's."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    faulthandler.enable(os.open(os.devnull, os.O_WRONLY))
     threading.Thread(target=_die_with, args=(parent,), daemon=True).start()
 
 

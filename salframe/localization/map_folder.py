@@ -14,7 +14,7 @@ from pydantic import Field
 
 from salframe.framework.config import Settings
 from salframe.framework.errors import ConfigError, DataError
-from salframe.framework.files import file_sha256, read_json, read_model, write_json
+from salframe.framework.files import alone, file_sha256, read_json, read_model, write_json
 
 MAP, MAP_FORMAT = "map.json", 3
 _PARTS = "parts-"
@@ -41,29 +41,8 @@ def write_map(directory: Path) -> Iterator[Path]:
     check_output(directory)
     was_there = directory.exists()
     directory.mkdir(parents=True, exist_ok=True)
-    with _alone(directory):
+    with alone(directory, "name a new folder"):
         yield from _replace_parts(directory, was_there)
-
-
-@contextmanager
-def _alone(directory: Path) -> Iterator[None]:
-    """Hold a folder's lock, which the system gives back when the process ends; none where it has none of folders."""
-    try:
-        import fcntl
-    except ImportError:  # Windows has none
-        yield
-        return
-    folder = os.open(directory, os.O_RDONLY)
-    try:
-        try:
-            fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise ConfigError(
-                f"another process writes a map to {directory}: wait for it, or name a new folder"
-            ) from None
-        yield
-    finally:
-        os.close(folder)
 
 
 def _replace_parts(directory: Path, was_there: bool) -> Iterator[Path]:

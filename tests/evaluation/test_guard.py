@@ -10,7 +10,7 @@ from salframe.evaluation.request import Request
 from salframe.framework.errors import ConfigError
 
 DIED = "its process died: killed, out of memory, or a fault in a library"
-LONG, LARGE = "took over 3 s, the limit of --timeout", "took over 700 MB, the limit of --memory"
+LONG, LARGE = "took over 3 s, the limit of --timeout", "took over 450 MB, the limit of --memory"
 
 
 def ask(*settings: str, methods: tuple[str, ...] = ("deadly", "reader"), **limits: float):
@@ -22,7 +22,7 @@ def ask(*settings: str, methods: tuple[str, ...] = ("deadly", "reader"), **limit
     ("how", "reason"), [("exit", DIED), ("fault", DIED), ("hang", LONG), ("spin", LONG), ("hoard", LARGE)]
 )
 def test_a_query_that_ends_its_process_costs_itself(faults, how, reason):
-    limit = {"memory_mb": 700.0} if reason == LARGE else {"timeout_s": 3.0}
+    limit = {"memory_mb": 450.0} if reason == LARGE else {"timeout_s": 3.0}
     deadly, reader = ask(f"how={how}", **limit).rows
     assert (deadly.status, deadly.errors) == ({"ok": 2, "crashed": 1}, {"crashed": reason})
     assert deadly.accuracy == pytest.approx(2 / 3)

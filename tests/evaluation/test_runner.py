@@ -96,6 +96,7 @@ NONSENSE = {
     "misplaced": r"match gave RankedPlace\(frame='map-0', place='room-1', .*, expected a frame of the map and its .*",
     "mapping": "match gave dict, expected a Localization",
     "nothing": "match gave NoneType, expected a Localization",
+    "text": "match gave str, expected a Localization",
     "score": r"an answer holds a number that is not finite: .*'room-0', nan.*",
 }
 

