@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -69,15 +70,21 @@ class Cache:
             if hashlib.sha256(whole).digest() != checksum:
                 return None
             arrays = parse_arrays(whole)
-            os.utime(path)
-            return arrays, float(arrays.pop("_seconds"))
+            seconds = float(arrays.pop("_seconds"))
         except (OSError, ValueError, KeyError):
             return None
+        with suppress(OSError):  # it may be read-only, or gone by now
+            os.utime(path)
+        return arrays, seconds
 
     def put(self, key: Any, arrays: Mapping[str, np.ndarray], seconds: float) -> None:
-        """Keep arrays and the seconds they took, in the place of what was there."""
+        """Keep arrays and the seconds they took, in the place of what was there; nothing where the folder is read-only
+        or the disk full."""
         content = pack_arrays({**arrays, "_seconds": np.array(seconds)})
-        write_bytes(self._path(key), content + hashlib.sha256(content).digest())
+        try:
+            write_bytes(self._path(key), content + hashlib.sha256(content).digest())
+        except OSError:
+            return
         if self._size_bytes is None:
             self._size_bytes = self.state().size_bytes
         else:
