@@ -16,12 +16,15 @@ import numpy as np
 from salframe.framework.errors import DataError
 from salframe.framework.files import read_text
 from salframe.panoramas import images
-from salframe.panoramas.geometry import pose_2d
+from salframe.panoramas.geometry import is_rigid, pose_2d
 from salframe.panoramas.panorama import Panorama
 from salframe_matterport.stitching import Camera, stitch_color, stitch_range
 
 WIDTH_PX, HEIGHT_PX = 1280, 1024
 _DEPTH_PER_METRE = 4000
+_NO_SHEAR = np.array([[0, 1, 0], [1, 0, 0], [1, 1, 0]], bool)
+"""Which of the intrinsics are 0."""
+_RIGID_TOLERANCE = 1e-3
 _SKYBOX_STOP = "i1_5"
 """The level picture that looks the way of the skybox's face 1; faces 2, 3 and 4 follow clockwise, 0 is above and 5
 below."""
@@ -134,12 +137,14 @@ def read_viewpoints(folder: Path) -> dict[str, Viewpoint]:
     try:
         for words in lines:
             if words[:1] == ["intrinsics_matrix"]:
-                fx, _, cx, _, fy, cy = map(float, words[1:7])
+                (fx, _, cx), (_, fy, cy), _ = intrinsics = np.array(words[1:], float).reshape(3, 3)
+                if not np.array_equal(intrinsics == 0, _NO_SHEAR) or min(fx, fy, intrinsics[2, 2]) <= 0:
+                    raise ValueError(f"the intrinsics {' '.join(words[1:])}, expected fx 0 cx 0 fy cy 0 0 1")
             elif words[:1] == ["scan"]:
                 pose = np.array(words[3:], float).reshape(4, 4) @ np.diag([1.0, -1.0, -1.0, 1.0])
-                if not np.isfinite([fx, fy, cx, cy, *pose.ravel()]).all():
-                    raise ValueError(f"the camera of {words[1]} holds a number that is not finite")
-                camera = Camera(fx, fy, cx, HEIGHT_PX - 1 - cy, pose)
+                if not (np.isfinite([fx, fy, cx, cy]).all() and is_rigid(pose, _RIGID_TOLERANCE)):
+                    raise ValueError(f"the camera of {words[1]} has no rigid motion, or a number that is not finite")
+                camera = Camera(float(fx), float(fy), float(cx), float(HEIGHT_PX - 1 - cy), pose)
                 shots.setdefault(words[2].split("_")[0], []).append(Shot(words[1], words[2], camera))
     except (IndexError, UnboundLocalError, ValueError) as error:
         raise DataError(f"{path} is no camera file of the Matterport3D release: {error}") from None

@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from salframe.evaluation.run import PieceStatus
 
 Count = Annotated[int, Field(ge=0, strict=True)]
+Amount = Annotated[float, Field(ge=0)]
 Pose = Annotated[tuple[float, ...], Field(min_length=16, max_length=16)]
 Position = Annotated[tuple[float, ...], Field(min_length=4, max_length=4)]
 Vector = tuple[float, float, float]
@@ -38,9 +39,9 @@ class AnswerRow(PieceRow):
     probabilities: tuple[float, ...] | None = None
     not_here: float | None = None
     covariance: tuple[Vector, Vector, Vector] | None = None
-    query_ms: float | None
-    describe_ms: float | None
-    peak_memory_mb: float | None
+    query_ms: Amount | None
+    describe_ms: Amount | None
+    peak_memory_mb: Amount | None
 
 
 class PairRow(PieceRow):
@@ -71,7 +72,7 @@ class PanoramaRow(PieceRow):
     found: dict[str, Count] | None = None
     right: dict[str, Count] | None = None
     joined: dict[str, str] | None = None
-    ms: float | None = None
+    ms: Amount | None = None
 
     @model_validator(mode="after")
     def _complete(self) -> PanoramaRow:
@@ -92,9 +93,9 @@ class EpisodeRow(PieceRow):
     spl: float = Field(ge=0, le=1)
     success_1m: bool
     success_3m: bool
-    shortest_m: float
+    shortest_m: Amount
     path: tuple[Position, ...] | None = None
-    travelled_m: float | None = None
+    travelled_m: Amount | None = None
     panoramas: Count | None = None
     collisions: Count | None = None
 
@@ -109,7 +110,7 @@ class DescriptionLine(Line):
     """What describing a frame cost."""
 
     frame: str
-    ms: float
+    ms: Amount
 
 
 class MapLine(Line):

@@ -223,11 +223,17 @@ class Run:
     def notes(self) -> list[str]:
         """What must be said beside the table: which method ran instead of another, whose answers were reused."""
         path = self.directory / NOTES
-        sources = {label: _identity(self.folder(label)).source for label in self.labels}
-        reused = [
-            f"{label}: answers of {source}, with their times, are reused" for label, source in sources.items() if source
-        ]
+        reused = filter(None, map(self._reused, self.labels))
         return [*(read_as(path, list[str]) if path.exists() else []), *reused]
+
+    def _reused(self, label: str) -> str | None:
+        """What must be said of where a method's answers are from."""
+        path = self.folder(label) / IDENTITY
+        try:
+            source = read_model(path, _Identity).source if path.exists() else None
+        except DataError as error:
+            return f"{label}: whether its answers are of another run is not known: {error}"
+        return f"{label}: answers of {source}, with their times, are reused" if source else None
 
     def set_notes(self, notes: Sequence[str]) -> None:
         """Keep what must be said of the request that the run serves now."""

@@ -69,8 +69,9 @@ def describe_error(error: BaseException) -> str:
 
 
 def one_line(error: BaseException) -> str:
-    """What an exception says, in one line."""
-    return " ".join(str(error).split())
+    """What an exception says, in one line that every terminal can show: what it cannot stands escaped."""
+    said = " ".join(str(error).split())
+    return said if said.isprintable() else "".join(c if c.isprintable() else repr(c)[1:-1] for c in said)
 
 
 def shorten(text: str, most: int = 200) -> str:

@@ -68,7 +68,7 @@ def read_house(path: Path) -> HouseFile:
     try:
         regions, objects = tuple(_regions(lines)), tuple(_objects(lines))
         panoramas = {
-            words[1]: StandingPoint(int(words[3]) if int(words[3]) >= 0 else None, np.array(words[5:8], float))
+            words[1]: StandingPoint(int(words[3]) if int(words[3]) >= 0 else None, _vector(words, 5))
             for words in lines
             if words[:1] == ["P"] and len(words[1]) == _NAME_LENGTH
         }
@@ -94,9 +94,11 @@ def _regions(lines: list[list[str]]) -> Iterator[Region]:
             corners.setdefault(int(words[2]), []).append([float(words[4]), float(words[5])])
     for words in lines:
         if words[:1] == ["R"]:
-            index, low, high = int(words[1]), np.array(words[9:12], float), np.array(words[12:15], float)
-            if len(high) < 3:
-                raise ValueError(f"the line of region {index} has {len(words)} words, expected at least 15")
+            index, low, high = int(words[1]), _vector(words, 9), _vector(words, 12)
+            if len(words[5]) != 1 or words[5].isdigit():
+                raise ValueError(f"the kind of region {index} is {words[5]!r}, expected a letter")
+            if (high < low).any():
+                raise ValueError(f"the box of region {index} ends at {high}, below its beginning {low}")
             outlines = tuple(
                 np.array(corners[surface]) for surface in surfaces.get(index, ()) if len(corners.get(surface, ())) > 2
             )
@@ -109,9 +111,14 @@ def _objects(lines: list[list[str]]) -> Iterator[HouseObject]:
     for words in lines:
         if words[:1] == ["O"] and words[3] in categories:
             category = categories[words[3]]
-            first, second = np.array(words[7:10], float), np.array(words[10:13], float)
+            first, second = _vector(words, 7), _vector(words, 10)
             axes = np.stack([first, second, np.cross(first, second)])
             label = category[3].replace("#", " ").strip().lower()
-            yield HouseObject(
-                int(words[1]), label, category[5], np.array(words[4:7], float), axes, np.array(words[13:16], float)
-            )
+            yield HouseObject(int(words[1]), label, category[5], _vector(words, 4), axes, _vector(words, 13))
+
+
+def _vector(words: list[str], first: int) -> np.ndarray:
+    """Three numbers (3,) of a line. Raises ValueError where it has not as many words."""
+    if len(words) < first + 3:
+        raise ValueError(f"the line {' '.join(words[:2])} has {len(words)} words, expected at least {first + 3}")
+    return np.array(words[first : first + 3], float)
