@@ -39,12 +39,14 @@ from salframe.topology.store import open_topology
 @dataclass(frozen=True)
 class Reader:
     """A folder of sound files by its name; `read` gives something whose repr tells what was read of it; sealed: whether
-    whatever was damaged must be found out; reseal: after a damage that whoever edits a map could hide."""
+    whatever was damaged must be found out; reseal: after a damage that whoever edits a map could hide; files: the
+    pattern of those that are damaged."""
 
     folder: str
     read: Callable[[Path], Any]
     sealed: bool = False
     reseal: Callable[[Path], None] | None = None
+    files: str = "**/*"
 
 
 def _folder(root: Path) -> Any:
@@ -76,7 +78,7 @@ def _study(root: Path) -> Any:
     return [arm.settings for arm in plan(study, Request(methods=(), data=str(root / "data.yaml")))]
 
 
-def _reseal(root: Path) -> None:
+def reseal(root: Path) -> None:
     """Write the hashes of a map anew, as whoever edits one may."""
     content = json.loads((root / MAP).read_text())
     parts = root / content["parts"]
@@ -90,9 +92,9 @@ READERS = {
     "pictures": Reader("pictures", _pictures, sealed=True),
     "photograph": Reader("photograph", lambda root: images.read_color(root / "a.jpg").shape),
     "map": Reader("map", _map, sealed=True),
-    "edited map": Reader("map", _map, reseal=_reseal),
+    "edited map": Reader("map", _map, reseal=reseal),
     "topology": Reader("topology", lambda root: repr(open_topology(root)), sealed=True),
-    "edited topology": Reader("topology", lambda root: repr(open_topology(root)), reseal=_reseal),
+    "edited topology": Reader("topology", lambda root: repr(open_topology(root)), reseal=reseal),
     "run": Reader("run", _run),
     "study": Reader("study", _study),
     "preset": Reader("preset", lambda root: configure_default("localizer", str(root / "preset.yaml"))),
@@ -149,7 +151,7 @@ def write_sound(root: Path) -> None:
         root / "episodes" / "episodes.json",
         [{"start": [1.5, 2.0], "goal": "a", "yaw_deg": 90.0}, {"start": "b", "goal": "a"}],
     )
-    _write_reverie(root / "reverie")
+    write_reverie(root / "reverie")
     regions = {"a": {"region_index": "0", "label": "b"}, "b": {"region_index": 1, "label": "k"}}
     write_json(
         root / "regions" / "vp2room.json",
@@ -157,7 +159,7 @@ def write_sound(root: Path) -> None:
     )
     (root / "house" / "a.house").write_text(
         "R  0 0  0 0  b  0 0 0  0 0 0  5 4 2.5  2.5\nS 0 0 0 0\nV 0 0 0 0 0\nV 1 0 0 5 0\nV 2 0 0 5 4\n"
-        f"P  {'a' * 32} 0 0  1 2 1.5\nC 0 4 bed 4 bed\nO 0 0 0 1 1 1 1 0 0 0 1 0 0.5 0.5 0.5\n"
+        f"P  {'a' * 32} 0 0 0  1 2 1.5\nC 0 4 bed 4 bed\nO 0 0 0 1 1 1 1 0 0 0 1 0 0.5 0.5 0.5\n"
     )
     pose = " ".join(map(str, np.eye(4).ravel()))
     cameras = root / "cameras" / "undistorted_camera_parameters" / "cameras.conf"
@@ -201,7 +203,7 @@ def _write_run(root: Path, data: Path) -> None:
     (folder / "rows.jsonl").write_text((json.dumps(answer | cost) + "\n") * 2)
 
 
-def _write_reverie(root: Path) -> None:
+def write_reverie(root: Path) -> None:
     poses = {"a": (0, 0), "b": (2, 0), "c": (2, 2)}
     listed = []
     for name, (x, y) in poses.items():

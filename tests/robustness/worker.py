@@ -17,8 +17,8 @@ _TESTS = Path(__file__).parent.parent
 
 
 class Finding(NamedTuple):
-    """What became of a damaged file: "ok", "refused", "wrong" (believed though sealed), "traceback", "hang", "died" or
-    "memory", and what is to be said of it."""
+    """What became of a damaged file: "same" (read as if it were sound), "changed" (read as something else), "refused",
+    "wrong" (changed though sealed), "traceback", "hang", "died" or "memory", and what is to be said of it."""
 
     verdict: str
     what: str
@@ -38,9 +38,14 @@ class Workshop:
         self._process.start()
         theirs.close()
         self._ours.recv()
+        self._known: set[str] = set()
 
     def judge(self, reader: str, seed: int) -> Finding:
         """Damage a file of a reader by a seed and have it read."""
+        if reader not in self._known:
+            self._known.add(reader)
+            self._ours.send((reader, None))
+            self._ours.recv()
         self._ours.send((reader, seed))
         try:
             if self._ours.poll(HANG_S):
@@ -59,18 +64,22 @@ class Workshop:
 
 
 def serve(pipe, sound: Path, scratch: Path) -> None:
-    """Answer requests until the pipe closes."""
+    """Answer requests until the pipe closes: to read sound files, seed None, or files damaged by a seed."""
     sys.path[:0] = [str(_TESTS), str(_TESTS / "robustness")]
+    from commands import COMMANDS
     from mutator import damage
     from readers import READERS
 
     from salframe.framework.errors import SalframeError
 
     np.seterr(all="ignore")
-    known = {}
-    for name, reader in READERS.items():
-        if (sound / reader.folder).exists():
-            known[name] = repr(reader.read(sound / reader.folder))
+
+    def copied(reader) -> Path:
+        copy = scratch / reader.folder
+        shutil.rmtree(copy, ignore_errors=True)
+        return Path(shutil.copytree(sound / reader.folder, copy))
+
+    readers, known = {**READERS, **COMMANDS}, {}
     before_mb = _peak_mb()
     pipe.send("ready")
     while True:
@@ -78,11 +87,13 @@ def serve(pipe, sound: Path, scratch: Path) -> None:
             name, seed = pipe.recv()
         except EOFError:
             return
-        reader, rng = READERS[name], np.random.default_rng([seed, zlib.crc32(name.encode())])
-        copy = scratch / reader.folder
-        shutil.rmtree(copy, ignore_errors=True)
-        shutil.copytree(sound / reader.folder, copy)
-        files = sorted(path for path in copy.rglob("*") if path.is_file())
+        reader = readers[name]
+        if seed is None:
+            known[name] = repr(reader.read(copied(reader)))
+            pipe.send("known")
+            continue
+        copy, rng = copied(reader), np.random.default_rng([seed, zlib.crc32(name.encode())])
+        files = sorted(path for path in copy.glob(reader.files) if path.is_file())
         path = files[rng.integers(len(files))]
         how = damage(path, rng)
         what = f"{name}, seed {seed}: {how} of {path.name}"
@@ -97,12 +108,20 @@ def serve(pipe, sound: Path, scratch: Path) -> None:
         except BaseException:
             verdict, what = "traceback", f"{what}\n{traceback.format_exc()}"
         else:
-            verdict = "wrong" if reader.sealed and read not in (known[name], "None") else "ok"
+            changed = read not in (known[name], "None")
+            verdict = ("wrong" if reader.sealed else "changed") if changed else "same"
+            what += f": {_difference(known[name], read)}" if changed else ""
         peak_mb = _peak_mb()
         if peak_mb - before_mb > MEMORY_MB:
             verdict, what = "memory", f"{what}: {peak_mb - before_mb:.0f} MB"
             before_mb = peak_mb
         pipe.send((verdict, what))
+
+
+def _difference(before: str, after: str) -> str:
+    """Where two texts part, and how each goes on."""
+    at = next((i for i, (one, other) in enumerate(zip(before, after, strict=False)) if one != other), 0)
+    return f"...{before[max(at - 60, 0) : at]} [{before[at : at + 60]}] [{after[at : at + 60]}]"
 
 
 def _peak_mb() -> float:

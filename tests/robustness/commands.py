@@ -1,0 +1,123 @@
+"""Commands that read damaged files, called as the command line calls them, in a process that is used again."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from collections.abc import Callable
+from contextlib import chdir
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet as pq
+from command_line import run, without_times
+from readers import Reader
+from small_map import write_small_map
+
+from salframe.evaluation.localization import compare
+from salframe.evaluation.request import Request
+from salframe.framework.errors import DataError
+from salframe.localization.saved_map import build_map
+from salframe.panoramas.geometry import pose_2d
+
+_ASK = ("--engine", "inline", "--json")
+_RUN = "runs/sound-*"
+_UNFORESEEN = re.compile(r"\b(?!DataError)[A-Z]\w*(Error|Exception|Iteration)\b")
+"""What a table tells of an exception that no message was written for."""
+
+
+def command(*words: str) -> Callable[[Path], Any]:
+    """A reader that runs a command in the folder and gives what it prints, but for times. Raises DataError with the
+    line that it ends with, and AssertionError where it ends otherwise than by a clear line or a table of such."""
+
+    def read(root: Path) -> Any:
+        with chdir(root):
+            done = run(*(str(next(Path().glob(word))) if "*" in word else word for word in words))
+        said = done.out + done.err
+        assert "Traceback" not in said, said
+        assert not _UNFORESEEN.search(said), said
+        if done.code == 2:
+            *notes, error = done.err.splitlines()
+            assert error.startswith("error: "), done.err
+            assert len(notes) < 2, done.err
+            raise DataError(error)
+        assert done.code in (0, 1), done.code
+        told = without_times(json.loads(done.out)) if "--json" in words else done.out
+        if done.code == 1:
+            assert done.out, done.err
+            raise DataError("told in the table")
+        return told, done.err
+
+    return read
+
+
+COMMANDS = {
+    "compare": Reader(
+        "place", command("compare", "--methods", "objects", "--data", "./data", *_ASK), files="data/**/*"
+    ),
+    "compare preset": Reader(
+        "place", command("compare", "--methods", "preset.yaml", "--data", "data.yaml", *_ASK), files="*.yaml"
+    ),
+    "ablate": Reader("place", command("ablate", "study.yaml", "--data", "./data", *_ASK), files="study.yaml"),
+    "evaluate": Reader("place", command("evaluate", _RUN, "--json"), files="runs/**/*"),
+    "resume": Reader(
+        "place",
+        command("compare", "--methods", "objects", "--data", "./data", "--name", "sound", *_ASK),
+        files="runs/**/*",
+    ),
+    "report": Reader("place", command("report", _RUN, "-o", "page.html"), files="runs/**/*"),
+    "matching": Reader(
+        "place", command("matching", "--methods", "proposed", "--data", "./data", *_ASK), files="data/**/*"
+    ),
+    "detection": Reader(
+        "place", command("detection", "--detectors", "annotations", "--data", "./data", *_ASK), files="data/**/*"
+    ),
+    "sensor": Reader("place", command("sensor", "annotations", "--data", "./data", "--json"), files="data/**/*"),
+    "data info": Reader("place", command("data", "info", "./data", "--json"), files="data/**/*"),
+    "build": Reader("place", command("build", "./data", "-o", "built", "--method", "objects"), files="data/**/*"),
+    "localize": Reader(
+        "place",
+        command("localize", "map", "kitchen-query", "--data", "./data", "--json"),
+        files="map/**/*",
+        sealed=True,
+    ),
+    "localize images": Reader(
+        "place",
+        command(
+            *("localize", "map", "--range", "data/frames/kitchen-query.range.png", "--json"),
+            *("--instances", "data/frames/kitchen-query.instances.png", "--labels", "labels.json"),
+        ),
+        files="labels.json",
+    ),
+    "map route": Reader("place", command("map", "route", "ways", "a", "c", "--json"), files="ways/**/*", sealed=True),
+    "map export": Reader("place", command("map", "export", "ways", "ways.geojson"), files="ways/**/*"),
+    "score": Reader(
+        "reverie", command("score", "reverie", "answers.json", "--data", ".", "--json"), files="answers.json"
+    ),
+    "show-objects": Reader(
+        "place",
+        command(
+            *("show-objects", "data/frames/kitchen-map.rgb.png", "--detector", "annotations", "-o", "shown", "--json")
+        ),
+        files="data/**/*",
+    ),
+}
+
+
+def write_place(root: Path, data: Path) -> None:
+    """Write the sound files of the commands: data, its map, the map of ways, a run, and settings."""
+    shutil.copytree(data, root / "data")
+    truth = json.loads((root / "data" / "truth.json").read_text())
+    for entry in truth["queries"].values():
+        entry["pose"] = pose_2d(1.5, 1.5, 0.5, 1.5).ravel().tolist()
+    (root / "data" / "truth.json").write_text(json.dumps(truth))
+    labels = pq.read_table(root / "data" / "objects.parquet")["label"].to_pylist()
+    (root / "labels.json").write_text(json.dumps(dict(enumerate(labels, 1))))
+    (root / "preset.yaml").write_text("kind: objects\nlabels: set\ndetector: {kind: annotations, noise: none}\n")
+    (root / "data.yaml").write_text("kind: folder\nroot: data\nquery_fov_deg: 270\n")
+    (root / "study.yaml").write_text("method: objects\nset: {detector.noise: none}\nvary: {labels: [set, multiset]}\n")
+    write_small_map(root / "ways")
+    with chdir(root):
+        build_map("./data", Path("map"), "objects", overrides=("detector.kind=annotations",))
+        compare(Request(("objects",), "./data", name="sound", engine="inline"))

@@ -1,0 +1,209 @@
+"""Files that once ended in a traceback, a hang or a wrong answer: each is one clear line."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+import shutil
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from command_line import run
+from tiny_folder import write_tiny_folder
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from commands import write_place
+from readers import reseal, write_reverie
+
+Spoil = Callable[[Path], object]
+ROUTE = ("map", "route", "ways", "a", "c")
+LOCALIZE = ("localize", "map", "kitchen-query", "--data", "./data")
+IMAGES = ("localize", "map", "--instances", "data/frames/kitchen-query.instances.png", "--labels", "labels.json")
+EVALUATE = ("evaluate", "runs/*")
+COMPARE = ("compare", "--methods", "objects", "--engine", "inline")
+SCORE = ("score", "reverie", "reverie/answers.json", "--data", "reverie")
+
+
+def json_file(name: str, change: Callable[[Any], Any]) -> Spoil:
+    """Change the value in a JSON file, whose name may be a pattern, in the place or give another."""
+
+    def spoil(root: Path) -> None:
+        path = next(root.glob(name))
+        value = json.loads(path.read_text())
+        changed = change(value)
+        path.write_text(json.dumps(value if changed is None else changed))
+
+    return spoil
+
+
+def array_file(name: str, change: Callable[[np.ndarray], np.ndarray]) -> Spoil:
+    """Change the array in a .npy file of a map, and write the map's hashes anew."""
+
+    def spoil(root: Path) -> None:
+        path = next(root.glob(name))
+        np.save(path, change(np.load(path)))
+        reseal(path.parent.parent.parent)
+
+    return spoil
+
+
+def archive(change: Callable[[dict[str, np.ndarray]], dict[str, np.ndarray] | bytes]) -> Spoil:
+    """Change the arrays of the floors of a map, or put bytes in their place, and write the map's hashes anew."""
+
+    def spoil(root: Path) -> None:
+        path = next(root.glob("ways/parts-*/floors.npz"))
+        changed = change(dict(np.load(path)))
+        if isinstance(changed, bytes):
+            path.write_bytes(changed)
+        else:
+            with path.open("wb") as file:
+                np.savez_compressed(file, **changed)
+        reseal(root / "ways")
+
+    return spoil
+
+
+def text_file(name: str, text: str) -> Spoil:
+    return lambda root: next(root.glob(name)).write_text(text)
+
+
+def as_npy(array: np.ndarray) -> bytes:
+    file = io.BytesIO()
+    np.save(file, array)
+    return file.getvalue()
+
+
+HUGE = b"\x93NUMPY\x01\x00v\x00{'descr': '<f8', 'fortran_order': False, 'shape': (100000000000,), }".ljust(127) + b"\n"
+"""The header of an array of 745 GiB."""
+
+SEEN: dict[str, tuple[Spoil, tuple[str, ...], str]] = {
+    "npy for npz": (archive(lambda arrays: as_npy(arrays["0/free"])), ROUTE, r"floors\.npz is not an array archive"),
+    "missing array": (
+        archive(lambda arrays: {name: part for name, part in arrays.items() if name != "0/free"}),
+        ROUTE,
+        r"floors\.npz, floor 0 lacks arrays or has others \(free\)",
+    ),
+    "extra array": (archive(lambda arrays: arrays | {"0/roof": np.ones(3)}), ROUTE, r"has others \(roof\)"),
+    "745 GiB": (
+        lambda root: (next(root.glob("ways/parts-*/edges/length_m.npy")).write_bytes(HUGE), reseal(root / "ways")),
+        ROUTE,
+        r"length_m\.npy is not .*: 0 bytes of values, expected 800000000000",
+    ),
+    "ragged poses": (
+        array_file("map/parts-*/frames/T_world_pano.npy", lambda poses: poses.ravel()[:-1]),
+        LOCALIZE,
+        r"T_world_pano\.npy has values \(35,\), expected as many as .*columns\.json says",
+    ),
+    "poses of text": (
+        array_file("map/parts-*/frames/T_world_pano.npy", lambda poses: poses.astype("U9")),
+        LOCALIZE,
+        r"T_world_pano\.npy holds <U9, expected",
+    ),
+    "poses of different shapes": (
+        lambda root: (
+            json_file("map/parts-*/frames/columns.json", lambda table: _column(table, "T_world_pano", [3, None]))(root),
+            reseal(root / "map"),
+        ),
+        LOCALIZE,
+        r"shapes\.npy|T_world_pano has arrays \(3, None\)",
+    ),
+    "null names": (
+        lambda root: (
+            json_file("ways/parts-*/nodes/columns.json", lambda table: _words(table, "id", [None, "b", "c"]))(root),
+            reseal(root / "ways"),
+        ),
+        ROUTE,
+        r"columns\.json: columns\.0\.words\.0: received None, expected",
+    ),
+    "nested names": (
+        lambda root: (
+            json_file("ways/parts-*/nodes/columns.json", lambda table: _words(table, "id", [["a"], "b", "c"]))(root),
+            reseal(root / "ways"),
+        ),
+        ROUTE,
+        r"columns\.json: columns\.0\.words\.0: received \['a'\], expected",
+    ),
+    "shuffled edges": (
+        array_file("ways/parts-*/edges/azimuth_rad.npy", lambda azimuth: azimuth + 1.0),
+        ROUTE,
+        "not from one to the other",
+    ),
+    "swapped edges": (
+        array_file("ways/parts-*/edges/start.npy", lambda start: start[::-1]),
+        ROUTE,
+        "not from one to the other|expected nodes",
+    ),
+    "edges of bool": (
+        array_file("ways/parts-*/edges/length_m.npy", lambda lengths: lengths > 0),
+        ROUTE,
+        r"length_m\.npy holds bool, expected",
+    ),
+    "outcome": (text_file("runs/*/methods/objects/outcome.json", "[1]"), EVALUATE, r"outcome\.json"),
+    "row": (
+        text_file("runs/*/methods/objects/rows.jsonl", '{"a": 1}\n'),
+        EVALUATE,
+        r"rows\.jsonl, line 1 \(remove it to have it asked again\)",
+    ),
+    "NUL in a path": (
+        json_file("data/manifest.json", lambda manifest: manifest["frames"][0].update(rgb="a\0b")),
+        ("data", "info", "./data"),
+        r"frames\.0\.rgb|NUL|null",
+    ),
+    "NUL in a setting": (
+        text_file("data.yaml", 'kind: folder\nroot: "a\\0b"\n'),
+        (*COMPARE, "--data", "data.yaml"),
+        r"a\\x00b is no dataset folder",
+    ),
+    "half a character": (
+        text_file("labels.json", '{"1": "\\ud800"}'),
+        IMAGES,
+        r"labels\.json is not JSON: .*surrogates not allowed",
+    ),
+    "infinite box": (
+        text_file(
+            "reverie/reverie/BBox/s_c.json",
+            '{"c": {"7": {"name": "x", "visible_pos": [3], "bbox2d": [[Infinity, 1, 2, 3]]}}}',
+        ),
+        SCORE,
+        r"s_c\.json is not JSON: the number Infinity, expected a finite one",
+    ),
+    "deep JSON": (text_file("data/manifest.json", "[" * 5000 + "]" * 5000), ("data", "info", "./data"), "5000 levels"),
+    "deep YAML": (text_file("study.yaml", "- " * 5000), ("ablate", "study.yaml"), "levels of lists and mappings"),
+    "long number": (text_file("labels.json", "9" * 5000), IMAGES, "of 64 bits"),
+    "base is a mapping": (text_file("study.yaml", "base: {a: 1}\n"), ("ablate", "study.yaml"), "base is .*name of a"),
+    "set": (text_file("study.yaml", "vary: {a: !!set {b}}\n"), ("ablate", "study.yaml"), "tag .*set, expected none"),
+}
+
+
+def _column(table: dict[str, Any], name: str, shape: list[int | None]) -> None:
+    next(column for column in table["columns"] if column["name"] == name)["shape"] = shape
+
+
+def _words(table: dict[str, Any], name: str, words: list[Any]) -> None:
+    next(column for column in table["columns"] if column["name"] == name)["words"] = words
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory) -> Path:
+    root = tmp_path_factory.mktemp("seen")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("SALFRAME_CACHE", str(root / "cache"))
+        write_place(root / "place", write_tiny_folder(root / "data"))
+    write_reverie(root / "place" / "reverie")
+    return root / "place"
+
+
+@pytest.mark.parametrize(("spoil", "words", "message"), SEEN.values(), ids=SEEN.keys())
+def test_what_was_once_seen_is_one_line(sound, tmp_path, monkeypatch, spoil, words, message):
+    monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path / "cache"))
+    monkeypatch.chdir(shutil.copytree(sound, tmp_path / "place"))
+    spoil(Path())
+    done = run(*(next(Path().glob(word)) if "*" in word else word for word in words))
+    assert (done.code, done.out) == (2, ""), done
+    assert re.fullmatch(f"error: .*({message}).*\n", done.err), done.err
