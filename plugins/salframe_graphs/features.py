@@ -2,42 +2,71 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from salframe.graphs.graph import SaliencyGraph
+from salframe.graphs.table import GraphBatch
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 
-def label_one_hot(graph: SaliencyGraph, vocabulary: Mapping[str, int]) -> np.ndarray:
-    """(N, L) float64; a label outside the vocabulary is a row of zeros."""
-    hot = np.zeros((len(graph), len(vocabulary)))
-    for node, label in enumerate(graph.labels):
-        if label in vocabulary:
-            hot[node, vocabulary[label]] = 1
-    return hot
+@dataclass(frozen=True, eq=False)
+class Histograms:
+    """Labels around N nodes: counts (N, F) uint16, how many other nodes bear a label in a distance ring, then 1..hops
+    edges away; norm (N,) float64, the length of each row."""
+
+    counts: csr_array
+    norm: np.ndarray
+
+    @classmethod
+    def joined(cls, parts: Sequence[Histograms]) -> Histograms:
+        """Those of several, one after the other."""
+        from scipy.sparse import vstack
+
+        return cls(vstack([part.counts for part in parts], "csr"), np.concatenate([part.norm for part in parts]))
+
+    def unit(self, nodes: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        """(n, c) float64: some columns of the rows of some nodes, at length 1."""
+        return self.counts[nodes][:, columns].toarray() / np.maximum(self.norm[nodes], 1e-12)[:, None]
 
 
 def ring_hop_histograms(
-    graph: SaliencyGraph, vocabulary: Mapping[str, int], ring_edges_m: Sequence[float], hops: int
-) -> np.ndarray:
-    """(N, (len(ring_edges_m) + hops) * L) float64: labels of the other nodes by distance ring, then by 1..hops edges
-    away; unit rows.
+    batch: GraphBatch, adjacency: np.ndarray, labels: int, ring_edges_m: Sequence[float], hops: int
+) -> Histograms:
+    """The histograms of the nodes of a batch, one graph after the other, of (len(ring_edges_m) + hops) * labels
+    columns; nodes of label -1 are not counted.
 
-    Ring r holds the nodes nearer than ring_edges_m[r] and not nearer than the edge before.
+    adjacency (K, m, m) bool. Ring r holds the nodes nearer than ring_edges_m[r] and not nearer than the edge before.
     """
-    hot = label_one_hot(graph, vocabulary)
-    distance = np.linalg.norm(graph.centroid_m[:, None, :2] - graph.centroid_m[None, :, :2], axis=2)
-    np.fill_diagonal(distance, np.inf)
-    inner = np.array([0.0, *ring_edges_m[:-1]])
-    blocks = [((distance >= low) & (distance < high)) @ hot for low, high in zip(inner, ring_edges_m, strict=True)]
-    reached, frontier = np.eye(len(graph), dtype=bool), np.eye(len(graph), dtype=bool)
+    from scipy.sparse import csr_array
+
+    is_node, width = batch.is_node, (len(ring_edges_m) + hops) * labels
+    distance = np.sqrt(((batch.centroid_m[:, :, None, :2] - batch.centroid_m[:, None, :, :2]) ** 2).sum(3))
+    own = np.broadcast_to(np.eye(is_node.shape[1], dtype=bool), distance.shape)
+    inner = (0.0, *ring_edges_m[:-1])
+    blocks = [(distance >= low) & (distance < high) & ~own for low, high in zip(inner, ring_edges_m, strict=True)]
+    step, reached, frontier = adjacency.astype(np.float32), own, own
     for _ in range(hops):
-        frontier = (frontier.astype(float) @ graph.adjacency > 0) & ~reached
-        reached |= frontier
-        blocks.append(frontier @ hot)
-    features = np.concatenate(blocks, axis=1)
-    return features / np.maximum(np.linalg.norm(features, axis=1, keepdims=True), 1e-12)
+        frontier = (frontier.astype(np.float32) @ step > 0) & ~reached
+        reached = reached | frontier
+        blocks.append(frontier)
+    counted = is_node[:, :, None] & (batch.label >= 0)[:, None]
+    number = is_node.cumsum().reshape(is_node.shape) - 1
+    rows, columns = [], []
+    for first, block in zip(range(0, width, max(labels, 1)), blocks, strict=False):
+        graph, node, other = np.nonzero(block & counted)
+        rows.append(number[graph, node])
+        columns.append(first + batch.label[graph, other])
+    row, column = (np.concatenate([np.zeros(0, np.int64), *parts]) for parts in (rows, columns))
+    nodes = int(is_node.sum())
+    counts = csr_array((np.ones(len(row), np.uint16), (row, column)), (nodes, width))  # sums what is there twice
+    row = np.repeat(np.arange(nodes), np.diff(counts.indptr))
+    return Histograms(counts, np.sqrt(np.bincount(row, counts.data.astype(float) ** 2, nodes)))
 
 
 def node2vec(

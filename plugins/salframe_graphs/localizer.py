@@ -15,9 +15,9 @@ from salframe.framework.slots import slot
 from salframe.graphs.graph import REACH_M, GraphConfig, SaliencyGraph, build_graph
 from salframe.graphs.matcher import GraphMatch
 from salframe.graphs.packing import graph_from_arrays, graph_to_arrays, pack_graph, unpack_graph
-from salframe.localization.answers import Localization, LocalizationStatus, NodeMatches
+from salframe.localization.answers import Localization, LocalizationStatus, NodeMatches, RankedPlace
 from salframe.localization.localizer import Description, Localizer, posterior_slot, range_slot, rank_places
-from salframe.panoramas.frames import MapFrame, QueryFrame
+from salframe.panoramas.frames import FrameKind, MapFrame, QueryFrame
 from salframe.panoramas.geometry import pose_yaw, wrap_angle
 from salframe.panoramas.panorama import Panorama
 from salframe_graphs.agreement import agree
@@ -97,6 +97,7 @@ class SaliencyGraphLocalizer(Localizer):
         self._graphs = [graph_from_arrays(description) for description in descriptions]
         self._map_frames = list(frames)
         self._index = self._matcher.index(self._graphs)
+        self._take_scenes()
 
     def match(self, description: Description) -> Localization:
         query = graph_from_arrays(description)
@@ -107,11 +108,11 @@ class SaliencyGraphLocalizer(Localizer):
             return Localization((), None, LocalizationStatus.NO_MATCH)
         if matches[0].score < self.config.min_score:
             return Localization((), None, LocalizationStatus.LOW_SCORE)
-        matches, scores = self._agreed(matches)
+        matches = self._agreed(matches)
         best = matches[0]
         T_world_scene = self._map_frames[best.scene].T_world_pano
         if self._positioner is None:
-            return Localization(rank_places(self._map_frames, scores), T_world_scene, LocalizationStatus.OK)
+            return Localization(self._rank(matches), T_world_scene, LocalizationStatus.OK)
         nodes, reference = best.pairs[:, 0], self._graphs[best.scene]
         there = reference.centroid_m[best.pairs[:, 1]]
         if query.bearings_only:
@@ -119,21 +120,35 @@ class SaliencyGraphLocalizer(Localizer):
         else:
             pose = self._positioner.solve(best.scale * query.centroid_m[nodes], there, query.saliency[nodes])
         if pose.T_reference_query is None:
-            places = rank_places(self._map_frames, scores)
             heading = None if pose.yaw_rad is None else float(wrap_angle(pose_yaw(T_world_scene) + pose.yaw_rad))
-            return Localization(places, None, LocalizationStatus.NO_POSE, heading_rad=heading)
+            return Localization(self._rank(matches), None, LocalizationStatus.NO_POSE, heading_rad=heading)
         T_world_query = T_world_scene @ pose.T_reference_query
-        places = rank_places(self._map_frames, scores, T_world_query if self.config.nearest_scene else None)
+        places = self._rank(matches, T_world_query if self.config.nearest_scene else None)
         return Localization(places, T_world_query, LocalizationStatus.OK, pose.covariance)
 
-    def _agreed(self, matches: Sequence[GraphMatch]) -> tuple[Sequence[GraphMatch], np.ndarray]:
-        """Matches after their agreement, best first, and the scores of all frames of the map, -inf of those that do not
-        match."""
-        if self.config.agreement:
-            matches = agree(matches, self._map_frames, self.config.agreement, self.config.agreement_radius_m)
-        scores = np.full(len(self._map_frames), -np.inf)
-        scores[[match.scene for match in matches]] = [match.score for match in matches]
-        return matches, scores
+    def _take_scenes(self) -> None:
+        """Lay out where the scene frames stand."""
+        from scipy.spatial import KDTree
+
+        scenes = [number for number, frame in enumerate(self._map_frames) if frame.kind is FrameKind.SCENE]
+        stood = [self._map_frames[number].T_world_pano[:3, 3] for number in scenes]
+        self._scenes_at, self._scene_tree = np.array(scenes, int), KDTree(np.reshape(stood, (-1, 3)))
+
+    def _agreed(self, matches: Sequence[GraphMatch]) -> Sequence[GraphMatch]:
+        """Matches after their agreement, best first."""
+        if not self.config.agreement:
+            return matches
+        return agree(matches, self._map_frames, self.config.agreement, self.config.agreement_radius_m)
+
+    def _rank(self, matches: Sequence[GraphMatch], T_world_query: np.ndarray | None = None) -> tuple[RankedPlace, ...]:
+        """As `rank_places` of all frames, of those that match and, where the pose is known, the scene nearest to it."""
+        score = {match.scene: match.score for match in matches}
+        if T_world_query is not None and len(self._scenes_at):
+            nearest = self._scene_tree.query(T_world_query[:3, 3])[1]
+            score.setdefault(int(self._scenes_at[nearest]), -np.inf)
+        numbers = sorted(score)
+        frames = [self._map_frames[number] for number in numbers]
+        return rank_places(frames, np.array([score[number] for number in numbers]), T_world_query)
 
     def correspond(self, query: Description, reference: Description) -> NodeMatches:
         """The node alignment of the two graphs, in a map of this one reference."""

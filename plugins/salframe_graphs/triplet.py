@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any, Literal
 
 import numpy as np
@@ -17,33 +16,26 @@ from salframe.framework.registry import registry
 from salframe.framework.slots import slot
 from salframe.graphs.graph import SaliencyGraph, without_range
 from salframe.graphs.matcher import GraphMatch, GraphMatcher
-from salframe.graphs.scene_index import SceneIndex
+from salframe.graphs.scene_index import SceneIndex, SceneLookup
+from salframe.graphs.table import GraphBatch, GraphTable, HeldGraphs
 from salframe_graphs.bearings import verify_bearings
-from salframe_graphs.features import node2vec, ring_hop_histograms
+from salframe_graphs.features import Histograms, node2vec, ring_hop_histograms
 from salframe_graphs.verification import ScaleBound, Verified, verify
 
-FEATURES_KEPT = 1024
-"""Of so many scenes the structural features stay in memory."""
+_CHUNK = 256
+"""So many graphs' structural features are computed at once."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class GraphIndex:
-    """A map's S graphs, laid out for matching: rarity (L,), inverse document frequency of each label. The nodes padded
-    to the largest graph, m nodes: label (S, m), -1 where padded; centroid_m, size_m (S, m, 3); saliency (S, m); weight
-    (S, m), what a node counts in the score, 0 where padded. features: the structural features (N, F) of a scene, those
-    of the last few kept; scenes: what candidates are looked up in, None where all scenes are.
-    """
+    """A map's graphs laid out for matching. scenes: what candidates are looked up in, None where all graphs are; rarity
+    (L,), inverse document frequency of each label; structure: the structural features of all nodes, None where those of
+    candidates are computed for each query."""
 
-    graphs: tuple[SaliencyGraph, ...]
-    scenes: SceneIndex | None
-    vocabulary: dict[str, int]
+    graphs: GraphTable
+    scenes: SceneLookup | None
     rarity: np.ndarray
-    label: np.ndarray
-    centroid_m: np.ndarray
-    size_m: np.ndarray
-    saliency: np.ndarray
-    weight: np.ndarray
-    features: Callable[[int], np.ndarray]
+    structure: Histograms | None
 
 
 class TripletMatcher(GraphMatcher):
@@ -121,41 +113,23 @@ class TripletMatcher(GraphMatcher):
             raise RequirementMissing("structure node2vec needs gensim, not installed: pip install 'salframe[node2vec]'")
 
     def index(self, graphs: Sequence[SaliencyGraph]) -> GraphIndex:
-        vocabulary = {label: i for i, label in enumerate(sorted({label for graph in graphs for label in graph.labels}))}
-        shape = (len(graphs), max((len(graph) for graph in graphs), default=0))
-        label, having = np.full(shape, -1), np.zeros(len(vocabulary))
-        centroid, size, saliency, sureness = (
-            np.zeros((*shape, 3)),
-            np.ones((*shape, 3)),
-            np.zeros(shape),
-            np.zeros(shape),
-        )
-        for s, graph in enumerate(graphs):
-            n = len(graph)
-            label[s, :n] = [vocabulary[name] for name in graph.labels]
-            having[np.unique(label[s, :n])] += 1
-            centroid[s, :n], size[s, :n], saliency[s, :n] = graph.centroid_m, graph.size_m, graph.saliency
-            sureness[s, :n] = self._sureness(graph)
-        rarity = np.log((1 + len(graphs)) / (1 + having)) + 1 if self.config.rarity else np.ones(len(vocabulary))
-        scenes = None
-        if self.config.most is not None and len(graphs) > self.config.most:
-            scenes = registry().build(SceneIndex.role, self.config.scene_index)
-            scenes.take(graphs)
-        return GraphIndex(
-            tuple(graphs),
-            scenes,
-            vocabulary,
-            rarity,
-            label,
-            centroid,
-            size,
-            saliency,
-            sureness * rarity[label],
-            lru_cache(FEATURES_KEPT)(lambda scene: self._features(graphs[scene], vocabulary)),
-        )
+        table = graphs if isinstance(graphs, GraphTable) else HeldGraphs(graphs)
+        rarity = np.ones(len(table.labels))
+        if self.config.rarity:
+            rarity = np.log((1 + len(table)) / (1 + table.having)) + 1
+        scenes = table.scenes
+        if scenes is None and self.config.most is not None and len(table) > self.config.most:
+            made: SceneIndex = registry().build(SceneIndex.role, self.config.scene_index)
+            made.take(table)
+            scenes = made
+        structure = None
+        if isinstance(table, HeldGraphs) and self._has_rings and len(table):
+            parts = np.split(np.arange(len(table)), range(_CHUNK, len(table), _CHUNK))
+            structure = Histograms.joined([self._structure(table, part, table.batch(part)) for part in parts])
+        return GraphIndex(table, scenes, rarity, structure)
 
     def match(self, query: SaliencyGraph, index: GraphIndex, top_k: int) -> list[GraphMatch]:
-        known = np.array([index.vocabulary.get(label, -1) for label in query.labels], int)
+        known = np.array([index.graphs.vocabulary.get(label, -1) for label in query.labels], int)
         if not (known >= 0).any():
             return []
         # A label that the map lacks is as rare as can be.
@@ -163,21 +137,23 @@ class TripletMatcher(GraphMatcher):
             known >= 0, index.rarity[known], np.log(1 + len(index.graphs)) + 1 if self.config.rarity else 1.0
         )
         candidates = self._shortlist(query, index)
-        jaccard = self._jaccard(query.labels, known, rarity, index, candidates)
+        batch = index.graphs.batch(candidates)
+        jaccard = self._jaccard(query.labels, known, rarity, index, batch)
         kept = (jaccard > 0) & (jaccard >= self.config.keep * jaccard.max(initial=0))
-        candidates, jaccard = candidates[kept], jaccard[kept]
-        weight = self._sureness(query) * rarity
-        similarity = self._similarity(query, known, index, candidates)
+        candidates, jaccard, batch = candidates[kept], jaccard[kept], batch.take(kept)
+        weight, reference = self._sureness(query) * rarity, self._sureness(batch) * index.rarity[batch.label]
+        reference *= batch.is_node
+        similarity = self._similarity(query, known, index, candidates, batch)
         alike = np.where(similarity >= self.config.least_similarity, similarity, 0)
         score = np.zeros(len(candidates))
         kernel = np.zeros_like(alike)
         poses: list[np.ndarray | None] = [None] * len(candidates)
         if self.config.similarity_score:
-            score += self.config.similarity_score * self._shared(similarity, weight, index.weight[candidates])
+            score += self.config.similarity_score * self._shared(similarity, weight, reference)
         if self.config.geometry_score:
-            found = self._verify(query, weight, index, candidates, alike)
+            found = self._verify(query, weight, batch, alike)
             kernel, poses = found.kernel, found.poses()
-            score += self.config.geometry_score * self._shared(kernel, weight, index.weight[candidates])
+            score += self.config.geometry_score * self._shared(kernel, weight, reference)
         if self.config.triplet_score:
             pairs = [self._align(alike[k], kernel[k]) for k in range(len(candidates))]
             triplets = [self._triplets(query, index.graphs[s], p) for s, p in zip(candidates, pairs, strict=True)]
@@ -185,20 +161,24 @@ class TripletMatcher(GraphMatcher):
         order = np.lexsort((-jaccard, -score))[:top_k]
         matches = []
         for k in order:
-            scene, aligned = int(candidates[k]), self._align(alike[k], kernel[k])
-            scale = self._scale(query, index.graphs[scene], aligned)
-            matches.append(GraphMatch(scene, float(score[k]), aligned, poses[k], scale))
+            aligned = self._align(alike[k], kernel[k])
+            scale = self._scale(query, batch.centroid_m[k], aligned)
+            matches.append(GraphMatch(int(candidates[k]), float(score[k]), aligned, poses[k], scale))
         return matches
 
-    def _sureness(self, graph: SaliencyGraph) -> np.ndarray:
-        """(N,) what each node counts before its label's rarity: its detector's score, or 1."""
-        return graph.scores if self.config.confidence else np.ones(len(graph))
+    def _sureness(self, graphs: SaliencyGraph | GraphBatch) -> np.ndarray:
+        """What each node counts before its label's rarity: its detector's score, or 1."""
+        return graphs.scores if self.config.confidence else np.ones(graphs.scores.shape)
 
-    def _features(self, graph: SaliencyGraph, vocabulary: dict[str, int]) -> np.ndarray:
-        """(N, F) structural features that a graph has on its own; node2vec's are trained with the query."""
-        if self.config.structure == "node2vec" or not self.config.structure_weight:
-            return np.zeros((len(graph), 0))
-        return ring_hop_histograms(graph, vocabulary, self.config.ring_edges_m, self.config.hops)
+    @property
+    def _has_rings(self) -> bool:
+        """Whether nodes have structural features of their own; node2vec's are trained with the query."""
+        return self.config.structure == "rings" and self.config.structure_weight > 0
+
+    def _structure(self, graphs: GraphTable, numbers: np.ndarray, batch: GraphBatch) -> Histograms:
+        """The structural features of graphs of a table, of which this is the batch."""
+        adjacency = graphs.adjacency(numbers)
+        return ring_hop_histograms(batch, adjacency, len(graphs.labels), self.config.ring_edges_m, self.config.hops)
 
     def _shortlist(self, query: SaliencyGraph, index: GraphIndex) -> np.ndarray:
         """(K,) scenes worth matching, in the order of the map."""
@@ -209,13 +189,13 @@ class TripletMatcher(GraphMatcher):
         return np.sort(index.scenes.candidates(known, self.config.most).scene)
 
     def _jaccard(
-        self, labels: Sequence[str], known: np.ndarray, rarity: np.ndarray, index: GraphIndex, candidates: np.ndarray
+        self, labels: Sequence[str], known: np.ndarray, rarity: np.ndarray, index: GraphIndex, batch: GraphBatch
     ) -> np.ndarray:
         """(K,) Jaccard index of the query's labels with each candidate's, weighed by rarity."""
         _, first, count = np.unique(np.array(labels, dtype=np.str_), return_index=True, return_counts=True)
-        scene, node = np.nonzero(index.label[candidates] >= 0)
-        counts = np.zeros((len(candidates), len(index.rarity)))
-        np.add.at(counts, (scene, index.label[candidates[scene], node]), 1)
+        shape, is_node = (len(batch.count), len(index.rarity)), batch.is_node
+        cell = np.nonzero(is_node)[0] * shape[1] + batch.label[is_node]
+        counts = np.bincount(cell, minlength=shape[0] * shape[1]).reshape(shape).astype(np.float64)
         if self.config.labels == "set":
             counts, count = np.minimum(counts, 1), np.minimum(count, 1)
         asked, weight = known[first], rarity[first]
@@ -224,21 +204,19 @@ class TripletMatcher(GraphMatcher):
         return np.divide(shared, union, out=np.zeros(len(shared)), where=union > 0)
 
     def _similarity(
-        self, query: SaliencyGraph, known: np.ndarray, index: GraphIndex, candidates: np.ndarray
+        self, query: SaliencyGraph, known: np.ndarray, index: GraphIndex, candidates: np.ndarray, batch: GraphBatch
     ) -> np.ndarray:
         """(K, n, m) node similarity in [0, 1] of height, size, saliency ratio and structure, 0 where labels differ; of
         a query without range labels are all that can be compared."""
-        same = (known[None, :, None] == index.label[candidates][:, None]) & (known >= 0)[None, :, None]
+        same = (known[None, :, None] == batch.label[:, None]) & (known >= 0)[None, :, None]
         if query.bearings_only:
             return same.astype(np.float64)
-        a, b = query.saliency[None, :, None], index.saliency[candidates][:, None]
+        a, b = query.saliency[None, :, None], batch.saliency[:, None]
         ratio = np.minimum(a, b) / np.maximum(np.maximum(a, b), 1e-12)
-        if not self.config.structure_weight:
-            structure = np.zeros(same.shape)
-        elif self.config.structure == "rings":
-            structure = self._rings(self._features(query, index.vocabulary), index, candidates)
-        else:
-            structure = np.zeros(same.shape)
+        structure = np.zeros(same.shape)
+        if self._has_rings:
+            structure = self._rings(query, known, index, candidates, batch)
+        elif self.config.structure_weight:
             vectors = node2vec([query, *(index.graphs[s] for s in candidates)], self.config.seed)
             for k, block in enumerate(vectors[1:]):
                 structure[k, :, : len(block)] = np.maximum(vectors[0] @ block.T, 0)
@@ -246,24 +224,35 @@ class TripletMatcher(GraphMatcher):
         similarity = same * (1 + self.config.saliency_weight * ratio + self.config.structure_weight * structure) / whole
         if self.config.height_scale_m is not None:
             own = query.centroid_m[None, :, None, 2]
-            height = own - index.centroid_m[candidates][:, None, :, 2]
+            height = own - batch.centroid_m[:, None, :, 2]
             if self.config.largest_scale_error:  # what a factor within the bound makes of it at best
                 height = np.maximum(np.abs(height) - self.config.largest_scale_error * np.abs(own), 0)
             similarity /= 1 + (height / self.config.height_scale_m) ** 2
         if self.config.size_scale is not None:
             for side, scale in zip((0, 2), self.config.size_scale, strict=True):
-                change = np.log(query.size_m[None, :, None, side] / index.size_m[candidates][:, None, :, side])
+                change = np.log(query.size_m[None, :, None, side] / batch.size_m[:, None, :, side])
                 similarity /= 1 + (change / scale) ** 2
         return similarity
 
-    def _rings(self, features: np.ndarray, index: GraphIndex, candidates: np.ndarray) -> np.ndarray:
-        """(K, n, m) products of the query's features (n, F), of which few are not 0, with each candidate's."""
-        used = np.flatnonzero(features.any(0))
-        there = np.zeros((len(candidates), index.label.shape[1], len(used)))
-        for block, scene in zip(there, candidates.tolist(), strict=True):
-            known = index.features(scene)
-            block[: len(known)] = known[:, used]
-        return features[:, used] @ np.swapaxes(there, 1, 2)
+    def _rings(
+        self, query: SaliencyGraph, known: np.ndarray, index: GraphIndex, candidates: np.ndarray, batch: GraphBatch
+    ) -> np.ndarray:
+        """(K, n, m) products of the query's structural features with each candidate's."""
+        asked = GraphBatch(
+            np.array([len(query)]),
+            known[None],
+            *(getattr(query, name)[None] for name in ("scores", "saliency", "centroid_m", "size_m")),
+        )
+        labels = len(index.graphs.labels)
+        own = ring_hop_histograms(asked, query.adjacency[None], labels, self.config.ring_edges_m, self.config.hops)
+        used = np.unique(own.counts.indices)
+        if index.structure is None:
+            there, nodes = self._structure(index.graphs, candidates, batch), np.arange(batch.count.sum())
+        else:
+            there, nodes = index.structure, index.graphs.nodes(candidates)
+        padded = np.zeros((*batch.label.shape, len(used)))
+        padded[batch.is_node] = there.unit(nodes, used)
+        return own.unit(np.arange(len(query)), used) @ np.swapaxes(padded, 1, 2)
 
     def _shared(self, similarity: np.ndarray, weight: np.ndarray, reference: np.ndarray) -> np.ndarray:
         """(K,) Jaccard index over nodes of weight (n,) and reference (K, m), each shared by its similarity to the most
@@ -272,18 +261,18 @@ class TripletMatcher(GraphMatcher):
         whole = weight.sum() + reference.sum(1) - shared
         return np.divide(shared, whole, out=np.zeros(len(shared)), where=whole > 0)
 
-    def _verify(self, query, weight, index, candidates, similarity) -> Verified:
-        reference = index.centroid_m[candidates]
+    def _verify(self, query: SaliencyGraph, weight: np.ndarray, batch: GraphBatch, similarity: np.ndarray) -> Verified:
+        reference = batch.centroid_m
         if query.bearings_only:
             tolerance = self.config.tolerance_m, self.config.tolerance_share
             return verify_bearings(query.bearing, reference, similarity, weight, tolerance, self.config.largest_shift_m)
         ranges = np.hypot(query.range_m[None, :, None], np.linalg.norm(reference, axis=2)[:, None])
-        tolerance = self.config.tolerance_m + self.config.tolerance_share * ranges
+        tolerance_m = self.config.tolerance_m + self.config.tolerance_share * ranges
         return verify(
             query.centroid_m[:, :2],
             reference[..., :2],
             similarity,
-            tolerance,
+            tolerance_m,
             weight,
             self.config.largest_shift_m,
             self._scale_bound(query, reference),
@@ -296,12 +285,12 @@ class TripletMatcher(GraphMatcher):
         bound, height_scale_m = self.config.largest_scale_error, self.config.height_scale_m
         return ScaleBound(bound, query.centroid_m[:, 2], reference[..., 2], height_scale_m)
 
-    def _scale(self, query: SaliencyGraph, reference: SaliencyGraph, pairs: np.ndarray) -> float:
-        """The factor that gives the query's aligned nodes the spread of the map's, within the bound."""
-        bound = self._scale_bound(query, reference.centroid_m[None])
+    def _scale(self, query: SaliencyGraph, reference_m: np.ndarray, pairs: np.ndarray) -> float:
+        """The factor that gives the query's aligned nodes the spread of the map's (m, 3), within the bound."""
+        bound = self._scale_bound(query, reference_m[None])
         if bound is None or len(pairs) < 2:
             return 1.0
-        nodes = query.centroid_m[pairs[:, 0], :2], reference.centroid_m[pairs[:, 1], :2]
+        nodes = query.centroid_m[pairs[:, 0], :2], reference_m[pairs[:, 1], :2]
         own, there = (float(np.linalg.norm(np.std(some, axis=0))) for some in nodes)
         return float(bound.clip(there / max(own, 1e-9)))
 

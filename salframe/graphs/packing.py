@@ -10,9 +10,8 @@ import numpy as np
 from salframe.framework.errors import DataError
 from salframe.graphs.graph import REACH_M, SaliencyGraph
 
-_NODE = np.dtype(
-    [("score", "u1"), ("yaw", "u1"), ("saliency", "<u2"), ("position_mm", "<i2", 3), ("size_mm", "<u2", 3)]
-)
+NODE = np.dtype([("score", "u1"), ("yaw", "u1"), ("saliency", "<u2"), ("position_mm", "<i2", 3), ("size_mm", "<u2", 3)])
+"""A packed node, see `pack_graph`."""
 
 GRAPH_ARRAYS = frozenset({"labels", "scores", "saliency", "centroid_m", "size_m", "yaw_rad", "edges"})
 """What `graph_to_arrays` makes of every graph."""
@@ -55,29 +54,38 @@ def pack_graph(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     centroid_m, count = arrays["centroid_m"], len(arrays["labels"])
     if not (np.abs(centroid_m) <= REACH_M).all():
         raise DataError(f"an object lies {np.abs(centroid_m).max():.1f} m away, expected at most {REACH_M} m")
-    nodes = np.zeros(count, _NODE)
+    nodes = np.zeros(count, NODE)
     nodes["score"] = np.round(arrays["scores"] * 255)
     nodes["yaw"] = np.round(arrays["yaw_rad"] % np.pi * 256 / np.pi).astype(int) % 256
     nodes["saliency"] = np.round(arrays["saliency"] * 65535)
     nodes["position_mm"] = np.round(centroid_m * 1000)
     nodes["size_mm"] = np.clip(np.round(arrays["size_m"] * 1000), 1, 65535)
-    linked = np.zeros((count, count), bool)
-    linked[tuple(arrays["edges"].T)] = True
-    return {"labels": arrays["labels"], "nodes": nodes, "edges": np.packbits(linked[tuple(_pairs(count).T)])}
+    return {"labels": arrays["labels"], "nodes": nodes, "edges": edge_bits(arrays["edges"], count)}
 
 
 def unpack_graph(packed: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """The arrays of `graph_to_arrays`, to the rounding of `pack_graph`."""
-    nodes, pairs = packed["nodes"], _pairs(len(packed["nodes"]))
+    pairs = _pairs(len(packed["nodes"]))
+    edges = pairs[np.unpackbits(packed["edges"], count=len(pairs)).view(bool)]
+    return {"labels": packed["labels"], **unpack_nodes(packed["nodes"]), "edges": edges}
+
+
+def unpack_nodes(nodes: np.ndarray) -> dict[str, np.ndarray]:
+    """What `graph_to_arrays` knows of each of the nodes (N,) of `pack_graph`."""
     return {
-        "labels": packed["labels"],
         "scores": nodes["score"] / 255,
         "saliency": nodes["saliency"] / 65535,
         "centroid_m": nodes["position_mm"] / 1000,
         "size_m": nodes["size_mm"] / 1000,
         "yaw_rad": nodes["yaw"] * (np.pi / 256),
-        "edges": pairs[np.unpackbits(packed["edges"], count=len(pairs)).view(bool)],
     }
+
+
+def edge_bits(edges: np.ndarray, count: int) -> np.ndarray:
+    """Edges (E, 2) between so many nodes as uint8: a bit for each pair, row by row above the diagonal."""
+    linked = np.zeros((count, count), bool)
+    linked[tuple(edges.T)] = True
+    return np.packbits(linked[tuple(_pairs(count).T)])
 
 
 @lru_cache(maxsize=256)

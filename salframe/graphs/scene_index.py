@@ -9,6 +9,7 @@ from abc import abstractmethod
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
@@ -26,6 +27,13 @@ class SceneCandidates:
 
     def __len__(self) -> int:
         return len(self.scene)
+
+
+class SceneLookup(Protocol):
+    """Whatever tells which scenes are worth matching."""
+
+    def candidates(self, query: SaliencyGraph, count: int) -> SceneCandidates:
+        """See SceneIndex."""
 
 
 class SceneIndex(Role):

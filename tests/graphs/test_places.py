@@ -195,7 +195,7 @@ def test_evidence_of_labels_is_counted_by_rarity():
     asked = 3 * bed + once + never
     shared = np.array([2 * bed, bed + once])
     own = np.array([2 * bed + once, bed + once])
-    found = label_evidence(np.array([0, 0, 0, 2, 3]), index)
+    found = label_evidence(np.array([0, 0, 0, 2, 3]), index, np.arange(2))
     np.testing.assert_allclose(found, np.column_stack([shared / asked, shared / (own + asked - shared)]))
 
 

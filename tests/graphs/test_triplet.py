@@ -15,6 +15,7 @@ from salframe.framework.errors import RequirementMissing
 from salframe.graphs.detections import Detections
 from salframe.graphs.graph import GraphConfig, SaliencyGraph, build_graph, without_range
 from salframe.graphs.matcher import GraphMatch
+from salframe.graphs.table import HeldGraphs, MappedGraphs, write_graphs
 from salframe.panoramas.frames import MapFrame
 from salframe.panoramas.geometry import invert_pose, pose_2d, pose_errors, transform_points
 
@@ -57,8 +58,8 @@ def test_jaccard_is_that_of_multisets(rooms):
     one = matcher(rarity=False)
     index = one.index(graphs)
     query = graph_of(room(99, nodes=11))
-    known = np.array([index.vocabulary.get(label, -1) for label in query.labels])
-    found = one._jaccard(query.labels, known, np.ones(len(known)), index, np.arange(30))
+    known = np.array([index.graphs.vocabulary.get(label, -1) for label in query.labels])
+    found = one._jaccard(query.labels, known, np.ones(len(known)), index, index.graphs.batch(np.arange(30)))
     asked = Counter(query.labels)
     expected = [(asked & Counter(g.labels)).total() / (asked | Counter(g.labels)).total() for g in graphs]
     np.testing.assert_allclose(found, expected)
@@ -69,8 +70,8 @@ def test_set_jaccard_ignores_numbers(rooms):
     one = matcher(rarity=False, labels="set")
     index = one.index(graphs)
     query = graph_of(room(99, nodes=11, labels=(*LABELS, "stranger")))
-    known = np.array([index.vocabulary.get(label, -1) for label in query.labels])
-    found = one._jaccard(query.labels, known, np.ones(len(known)), index, np.arange(30))
+    known = np.array([index.graphs.vocabulary.get(label, -1) for label in query.labels])
+    found = one._jaccard(query.labels, known, np.ones(len(known)), index, index.graphs.batch(np.arange(30)))
     asked = set(query.labels)
     np.testing.assert_allclose(found, [len(asked & set(g.labels)) / len(asked | set(g.labels)) for g in graphs])
 
@@ -186,6 +187,13 @@ def test_nodes_of_score_zero_count_nothing():
     assert one.match(graph_of(unsure), one.index([graph_of(unsure)]), 1)[0].score == 0
 
 
+def histograms(table):
+    """(N, F) the structural features of all nodes of a table."""
+    every = np.arange(len(table))
+    found = ring_hop_histograms(table.batch(every), table.adjacency(every), len(table.labels), (1.0, 2.0, 4.0), 2)
+    return found.unit(np.arange(len(found.norm)), np.arange(found.counts.shape[1]))
+
+
 def test_ring_and_hop_histograms_by_hand():
     """Labels a, b, c on a line at 0, 1.5 and 3 m; only a and b are linked."""
     graph = SaliencyGraph(
@@ -197,7 +205,7 @@ def test_ring_and_hop_histograms_by_hand():
         np.zeros(3),
         np.array([[0, 1]]),
     )
-    found = ring_hop_histograms(graph, {"a": 0, "b": 1, "c": 2}, (1.0, 2.0, 4.0), 2)
+    found = histograms(HeldGraphs([graph]))
     a = np.array([[0, 0, 0], [0, 1, 0], [0, 0, 1], [0, 1, 0], [0, 0, 0]]).ravel()
     np.testing.assert_allclose(found[0], a / np.linalg.norm(a))
 
@@ -320,14 +328,44 @@ def test_candidates_are_those_of_the_scene_index(rooms):
         assert sorted(found) == sorted(scenes.candidates(asked, 5).scene.tolist())
 
 
-def test_structure_is_compared_as_whole_histograms_are(rooms):
-    graphs = [graph_of(r) for r in rooms]
+def defined_histograms(graph, vocabulary):
+    """(N, F) structural features node by node, as defined."""
+    rows = np.zeros((len(graph), 5, len(vocabulary)))
+    for node in range(len(graph)):
+        hops = {node: 0}
+        for step in (1, 2):
+            for a, b in [*graph.edges.tolist(), *graph.edges[:, ::-1].tolist()]:
+                if hops.get(a) == step - 1:
+                    hops.setdefault(b, step)
+        for other in range(len(graph)):
+            if other == node or graph.labels[other] not in vocabulary:
+                continue
+            label = vocabulary[graph.labels[other]]
+            distance = np.hypot(*(graph.centroid_m[node] - graph.centroid_m[other])[:2])
+            ring = np.searchsorted((1.0, 2.0, 4.0), distance, side="right")
+            if ring < 3:
+                rows[node, ring, label] += 1
+            if other in hops:
+                rows[node, 2 + hops[other], label] += 1
+    rows = rows.reshape(len(graph), -1)
+    return rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-12)
+
+
+@pytest.mark.parametrize("mapped", [False, True])
+def test_structure_is_compared_as_defined(rooms, mapped, tmp_path):
+    """Of graphs in memory, and of those on disk, whose features are computed for each query."""
     query = graph_of(rooms[7], pose_2d(0.3, -0.2, 1.0))
-    one = matcher()
-    index, candidates = one.index(graphs), np.array([2, 7, 11])
-    histograms = [ring_hop_histograms(g, index.vocabulary, (1.0, 2.0, 4.0), 2) for g in (query, *graphs)]
-    found = one._rings(histograms[0], index, candidates)
+    graphs = [graph_of(room(seed, nodes=3 + seed % 9)) for seed in range(30)]
+    one, table = matcher(), HeldGraphs(graphs)
+    if mapped:
+        write_graphs(graphs, tmp_path / "graphs")
+        table = MappedGraphs(tmp_path / "graphs")
+    index, candidates = one.index(table), np.array([2, 7, 11])
+    assert (index.structure is None) == mapped
+    batch, known = table.batch(candidates), np.array([table.vocabulary.get(label, -1) for label in query.labels])
+    found = one._rings(query, known, index, candidates, batch)
+    asked = defined_histograms(query, table.vocabulary)
     for product, scene in zip(found, candidates, strict=True):
-        expected = histograms[0] @ histograms[1 + scene].T
+        expected = asked @ defined_histograms(table[scene], table.vocabulary).T
         np.testing.assert_allclose(product[:, : len(graphs[scene])], expected, atol=1e-12)
         assert not product[:, len(graphs[scene]) :].any()

@@ -29,15 +29,22 @@ EVIDENCE = tuple(Weights.model_fields)
 """The parts of the evidence in the order of its columns."""
 
 
-def label_evidence(label: np.ndarray, index: PlaceIndex) -> np.ndarray:
-    """(K, 2) of K places: the share of the query's rare labels that each has, and the Jaccard index of both multisets.
+def label_evidence(label: np.ndarray, index: PlaceIndex, places: np.ndarray) -> np.ndarray:
+    """(K, 2) of places (K,): the share of the query's rare labels that each has, and the Jaccard index of both
+    multisets.
 
     label (n,): those of the query, n > 0, as in QueryObjects.
     """
-    asked = np.bincount(label, minlength=len(index.rarity))
-    shared = np.minimum(index.counts, asked) @ index.rarity
-    own = asked @ index.rarity
-    return np.column_stack([shared / own, shared / (index.counts @ index.rarity + own - shared)])
+    asked, count = np.unique(label, return_counts=True)
+    column = np.full(len(index.rarity), -1)
+    column[asked] = np.arange(len(asked))
+    there = index.label[places]
+    there = np.where(there >= 0, column[there], -1)
+    cell = np.nonzero(there >= 0)[0] * len(asked) + there[there >= 0]
+    counts = np.bincount(cell, minlength=len(places) * len(asked)).reshape(len(places), len(asked))
+    shared = np.minimum(counts, count) @ index.rarity[asked]
+    own = count @ index.rarity[asked]
+    return np.column_stack([shared / own, shared / (index.weight[places] + own - shared)])
 
 
 @cache

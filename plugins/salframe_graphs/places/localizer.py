@@ -18,7 +18,7 @@ from salframe.graphs.packing import graph_from_arrays
 from salframe.graphs.scene_index import SceneIndex
 from salframe.localization.answers import Localization, LocalizationStatus, RankedPlace
 from salframe.localization.evidence import Evidence
-from salframe.localization.localizer import Description, rank_places
+from salframe.localization.localizer import Description
 from salframe.localization.posterior import Posterior, read_fitted
 from salframe.panoramas.floors import Regions
 from salframe.panoramas.frames import MapFrame
@@ -39,6 +39,8 @@ LEAST_COVARIANCE_M = 0.02
 """Two objects may agree by luck: no pose is known better an axis."""
 LEAST_EXPLAINED = 2
 """A pose takes so many objects that are more likely the place's than clutter."""
+RANKED = 200
+"""Of a map of more places an answer ranks so many, those that the scene index puts first."""
 
 
 @cache
@@ -134,6 +136,7 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
         self._map_frames = list(frames)
         self._graphs = [graph_from_arrays(description) for description in descriptions]
         self._index = self._matcher.index(self._graphs)
+        self._take_scenes()
         self._regions = Regions(self.floors) if self.floors else None
         self._places = gather_places(
             self._graphs, self._map_frames, self._rates, self._places_of if self._regions else None, self.config.merged
@@ -145,6 +148,7 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
             self._scenes = registry().build(SceneIndex.role, self.config.scene_index)
             self._scenes.take(self._graphs[number] for place in self._places for number in place.frames)
         self._shown = np.repeat(np.arange(len(self._places)), [len(place.frames) for place in self._places])
+        self._most_frames = max(len(place.frames) for place in self._places)
         self._place_index = index_places(self._places, cameras, self._rates, self.config.likelihood)
         self._frames_of: dict[str, list[MapFrame]] = {}
         for place in self._places:
@@ -170,7 +174,7 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
             for name in sorted(scores, key=lambda name: -scores[name])
         )
         if self._positioner is None:
-            stood = next(frame for frame in self._map_frames if frame.id == places[0].frame).T_world_pano
+            stood = self._frame_of(places[0].place, found.poses, posed.get(places[0].place)).T_world_pano
             return Localization(places, stood, LocalizationStatus.OK)
         row = posed.get(places[0].place, -1)
         if row < 0 or (found.share[row].sum(1) > 0.5).sum() < LEAST_EXPLAINED:
@@ -202,14 +206,15 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
         return query.bearings_only or getattr(self.config.matcher, "largest_scale_error", 0.0) > 0
 
     def _hypotheses(self, query: SaliencyGraph, outline_m: np.ndarray | None) -> _Hypotheses | None:
-        """What a query of objects may be, None where the map knows none of its labels: the candidates, each under its
-        best pose, and the other places by their labels."""
+        """What a query of objects may be, None where no place knows any of its labels: the candidates, each under its
+        best pose, and other places by their labels."""
         whole = self._place_index
         if not any(label in whole.vocabulary for label in query.labels):
             return None
         asked = lay_out_query(query, whole)
-        labels = label_evidence(asked.label, whole)
-        kept = self._shortlist(query)
+        kept, ranked = self._shortlist(query)
+        if not len(kept):
+            return None
         index = whole.take(kept)
         scorer = PlaceLikelihood(asked, index, self._rates, self.config.likelihood)
         poses, score, share = scorer.refine(best_poses(asked, index, scorer, self.config.poses))
@@ -221,39 +226,42 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
         if outline_m is not None:
             posed[:, 1] = self._outlines.ratio(outline_m, here, poses.shift_m, poses.yaw_rad)
         names = self._answers(here, poses)
-        alone = np.array([k for k, place in enumerate(self._places) if place.name not in names], int)
-        likelihood = np.full(len(whole), unplaced.min())  # of a place that was no candidate, that of the worst
-        likelihood[kept] = unplaced
+        posed_names = set(names)
+        alone = np.array([k for k in ranked.tolist() if self._places[k].name not in posed_names], int)
+        # Of a place that was no candidate, the likelihood is that of the worst.
+        likelihood = np.where(np.isin(alone, kept), unplaced[np.searchsorted(kept, alone) % len(kept)], unplaced.min())
         rows = np.concatenate([here, alone])
         panorama = self._panorama_scores(query)
         values = np.column_stack(
             [
-                np.concatenate([posed, np.column_stack([likelihood[alone], np.zeros(len(alone))])]),
+                np.concatenate([posed, np.column_stack([likelihood, np.zeros(len(alone))])]),
                 [panorama.get(self._places[k].name, 0.0) for k in rows],
-                labels[rows],
+                label_evidence(asked.label, whole, rows),
             ]
         )
         return _Hypotheses(Evidence([*names, *(self._places[k].name for k in alone)], values), poses, share, scorer)
 
-    def _shortlist(self, query: SaliencyGraph) -> np.ndarray:
-        """(C,) the places that are matched object by object, in order: those whose scene frames the index puts
-        first."""
-        most = self.config.candidates
+    def _shortlist(self, query: SaliencyGraph) -> tuple[np.ndarray, np.ndarray]:
+        """The places that are matched object by object (C,), and those that are ranked (R,), both in order: those whose
+        scene frames the index puts first, and all of up to RANKED."""
+        every, most = np.arange(len(self._places)), self.config.candidates
         if self._scenes is None:
-            return np.arange(len(self._places))
-        found = self._scenes.candidates(query, most * np.bincount(self._shown).max())
+            return every, every
+        asked = most if len(every) <= RANKED else max(most, RANKED)
+        found = self._scenes.candidates(query, asked * self._most_frames)
         places, first = np.unique(self._shown[found.scene], return_index=True)
-        return np.sort(places[np.argsort(first)][:most])
+        places = places[np.argsort(first)]
+        return np.sort(places[:most]), every if len(every) <= RANKED else np.sort(places[:asked])
 
     def _panorama_scores(self, query: SaliencyGraph) -> dict[str, float]:
         """The score of each place's panorama that is most like a query, of places that have any."""
         matches = self._matcher.match(query, self._index, self.config.top_k)
         if not matches:
             return {}
-        matches, scores = self._agreed(matches)
+        matches = self._agreed(matches)
         stood, seen = self._map_frames[matches[0].scene].T_world_pano, matches[0].T_scene_query
         T_world_query = None if seen is None or not self.config.nearest_scene else stood @ seen
-        return {ranked.place: ranked.score for ranked in rank_places(self._map_frames, scores, T_world_query)}
+        return {ranked.place: ranked.score for ranked in self._rank(matches, T_world_query)}
 
     def _places_of(self, xy_m: np.ndarray, frame: MapFrame) -> list[str | None]:
         """The places that positions (N, 2) which a frame sees lie in."""

@@ -19,13 +19,14 @@ class PlaceIndex:
     label (K, m); xy_m (K, m, 2) in the world; z_m (K, m) over the camera; variance_m2, found_logit (K, m), the latter
     of an object 2 m away; log_size (K, m, 3); cameras_m (K, F, 2), where the scene frames stood, the first one
     repeated. Of L labels and, last, of one that the map lacks: frequency (L + 1,), its share among the map's objects;
-    rarity (L + 1,), its smooth inverse document frequency over the places; counts (K, L + 1), how many each place has.
+    rarity (L + 1,), its smooth inverse document frequency over the places. weight (K,): the rarities of each place's
+    objects together.
     """
 
     vocabulary: dict[str, int]
     frequency: np.ndarray
     rarity: np.ndarray
-    counts: np.ndarray
+    weight: np.ndarray
     label: np.ndarray
     xy_m: np.ndarray
     z_m: np.ndarray
@@ -42,7 +43,7 @@ class PlaceIndex:
         width = (self.label[places] >= 0).sum(1).max(initial=0)
         of_objects = ("label", "xy_m", "z_m", "variance_m2", "log_size", "found_logit")
         taken = {name: getattr(self, name)[places, :width] for name in of_objects}
-        return replace(self, **taken, counts=self.counts[places], cameras_m=self.cameras_m[places])
+        return replace(self, **taken, weight=self.weight[places], cameras_m=self.cameras_m[places])
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,15 +85,16 @@ def index_places(
             + likelihood.found_per_sighting * np.log(place.sightings)
         )
         cameras[k] = stood[np.minimum(np.arange(cameras.shape[1]), len(stood) - 1), :2]
-    counts = np.zeros((len(places), len(vocabulary) + 1))
-    np.add.at(counts, (np.nonzero(label >= 0)[0], label[label >= 0]), 1)
-    rarity = np.log((1 + len(places)) / (1 + (counts > 0).sum(0))) + 1
-    number = counts.sum(0) + 0.5
+    owner, count = np.nonzero(label >= 0)[0], len(vocabulary) + 1
+    having = np.bincount(np.unique(owner * count + label[label >= 0]) % count, minlength=count)
+    rarity = np.log((1 + len(places)) / (1 + having)) + 1
+    number = np.bincount(label[label >= 0], minlength=count) + 0.5
+    weight = np.where(label >= 0, rarity[label], 0).sum(1)
     return PlaceIndex(
         vocabulary,
         number / number.sum(),
         rarity,
-        counts,
+        weight,
         label,
         xyz[..., :2],
         xyz[..., 2],

@@ -15,6 +15,7 @@ from salframe.graphs.graph import SaliencyGraph
 from salframe.graphs.scene_index import SceneCandidates, SceneIndex
 from salframe_graphs.retrieval import scoring
 from salframe_graphs.retrieval.postings import CODE_LOW, CODE_STEP, appearance, read_postings, write_postings
+from salframe_graphs.retrieval.scoring import Asked
 
 LARGE = 10_000
 """So many scenes are worth the time that it takes to import numba."""
@@ -45,18 +46,18 @@ class InvertedLists(SceneIndex):
             self._scoring = importlib.import_module("salframe_graphs.retrieval.compiled")
 
     def candidates(self, query: SaliencyGraph, count: int) -> SceneCandidates:
-        postings = self._postings
-        label = np.array([postings.labels.get(name, -1) for name in query.labels], int)
-        alike = self._alike(query)
-        shared = np.zeros(len(postings.weight), np.int64)
-        for number in np.unique(label[label >= 0]):
-            listed = slice(*postings.start[number : number + 2])
-            self._scoring.add_shared(
-                shared, postings.scene[listed], postings.code[listed], postings.rarity[number], alike[label == number]
-            )
-        scene, score = self._scoring.first(shared, postings.weight, postings.rarity[label].sum(), max(count, 1))
+        scene, score = self._scoring.best_scenes(self._postings, self._asked(query), max(count, 1))
         order = np.lexsort((scene, -score))[:count]
         return SceneCandidates(scene[order], score[order])
+
+    def _asked(self, query: SaliencyGraph) -> Asked:
+        """The query laid out beside the lists."""
+        label = np.array([self._postings.labels.get(name, -1) for name in query.labels], int)
+        order = np.argsort(label, kind="stable")[np.count_nonzero(label < 0) :]
+        known, first = np.unique(label[order], return_index=True)
+        return Asked(
+            known, np.append(first, len(order)), self._alike(query)[order], int(self._postings.rarity[label].sum())
+        )
 
     def _alike(self, query: SaliencyGraph) -> np.ndarray:
         """(n, 3, 256) int64: how alike each object is to each code, from 1 to 255: that where they do not differ, or

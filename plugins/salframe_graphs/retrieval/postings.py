@@ -76,7 +76,7 @@ def read_postings(folder: Path) -> Postings:
     if index.format != _FORMAT:
         raise DataError(f"{folder} has scene index format {index.format}, expected {_FORMAT}: build it again")
     try:
-        start, rarity = map_array(folder / _LISTS)
+        start, rarity = np.asarray(map_array(folder / _LISTS))
         scene, code, weight = (np.asarray(map_array(folder / name)) for name in (_SCENE, _CODE, _WEIGHT))
     except (OSError, ValueError) as error:
         raise DataError(f"{folder} is not whole ({error}): build the scene index again") from None
