@@ -4,35 +4,48 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from salframe.graphs.graph import SaliencyGraph
-from salframe.graphs.table import GraphBatch
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
+from salframe.graphs.table import GraphBatch, ranges, starts
 
 
 @dataclass(frozen=True, eq=False)
 class Histograms:
-    """Labels around N nodes: counts (N, F) uint16, how many other nodes bear a label in a distance ring, then 1..hops
-    edges away; norm (N,) float64, the length of each row."""
+    """Labels around N nodes: how many other nodes bear a label in a distance ring, then 1..hops edges away; `width`
+    columns, a block of all labels for each.
 
-    counts: csr_array
+    Of the counts over 0, node by node: start (N + 1,) int64, where each node's begin; column, count (E,); norm (N,)
+    float64, the length of each node's row.
+    """
+
+    start: np.ndarray
+    column: np.ndarray
+    count: np.ndarray
     norm: np.ndarray
+    width: int
 
     @classmethod
     def joined(cls, parts: Sequence[Histograms]) -> Histograms:
-        """Those of several, one after the other."""
-        from scipy.sparse import vstack
-
-        return cls(vstack([part.counts for part in parts], "csr"), np.concatenate([part.norm for part in parts]))
+        """Those of several, at least one, one after the other."""
+        column, count, norm = (
+            np.concatenate([getattr(part, name) for part in parts]) for name in ("column", "count", "norm")
+        )
+        each = np.concatenate([np.diff(part.start) for part in parts])
+        return cls(starts(each), column, count, norm, parts[0].width)
 
     def unit(self, nodes: np.ndarray, columns: np.ndarray) -> np.ndarray:
         """(n, c) float64: some columns of the rows of some nodes, at length 1."""
-        return self.counts[nodes][:, columns].toarray() / np.maximum(self.norm[nodes], 1e-12)[:, None]
+        each = self.start[nodes + 1] - self.start[nodes]
+        entry = ranges(self.start[nodes], each)
+        place = np.full(self.width, -1)
+        place[columns] = np.arange(len(columns))
+        place = place[self.column[entry]]
+        row, entry, place = np.repeat(np.arange(len(nodes)), each)[place >= 0], entry[place >= 0], place[place >= 0]
+        found = np.zeros((len(nodes), len(columns)))
+        found[row, place] = self.count[entry]
+        return found / np.maximum(self.norm[nodes], 1e-12)[:, None]
 
 
 def ring_hop_histograms(
@@ -43,8 +56,6 @@ def ring_hop_histograms(
 
     adjacency (K, m, m) bool. Ring r holds the nodes nearer than ring_edges_m[r] and not nearer than the edge before.
     """
-    from scipy.sparse import csr_array
-
     is_node, width = batch.is_node, (len(ring_edges_m) + hops) * labels
     distance = np.sqrt(((batch.centroid_m[:, :, None, :2] - batch.centroid_m[:, None, :, :2]) ** 2).sum(3))
     own = np.broadcast_to(np.eye(is_node.shape[1], dtype=bool), distance.shape)
@@ -57,16 +68,16 @@ def ring_hop_histograms(
         blocks.append(frontier)
     counted = is_node[:, :, None] & (batch.label >= 0)[:, None]
     number = is_node.cumsum().reshape(is_node.shape) - 1
-    rows, columns = [], []
+    cells = []
     for first, block in zip(range(0, width, max(labels, 1)), blocks, strict=False):
         graph, node, other = np.nonzero(block & counted)
-        rows.append(number[graph, node])
-        columns.append(first + batch.label[graph, other])
-    row, column = (np.concatenate([np.zeros(0, np.int64), *parts]) for parts in (rows, columns))
+        cells.append(number[graph, node] * width + first + batch.label[graph, other])
+    cell, count = np.unique(np.concatenate([np.zeros(0, np.int64), *cells]), return_counts=True)
+    row, column = np.divmod(cell, max(width, 1))
     nodes = int(is_node.sum())
-    counts = csr_array((np.ones(len(row), np.uint16), (row, column)), (nodes, width))  # sums what is there twice
-    row = np.repeat(np.arange(nodes), np.diff(counts.indptr))
-    return Histograms(counts, np.sqrt(np.bincount(row, counts.data.astype(float) ** 2, nodes)))
+    norm = np.sqrt(np.bincount(row, count.astype(np.float64) ** 2, nodes))
+    each = np.bincount(row, minlength=nodes)
+    return Histograms(starts(each), column.astype(np.int32), count.astype(np.int32), norm, width)
 
 
 def node2vec(

@@ -146,24 +146,22 @@ class TripletMatcher(GraphMatcher):
         similarity = self._similarity(query, known, index, candidates, batch)
         alike = np.where(similarity >= self.config.least_similarity, similarity, 0)
         score = np.zeros(len(candidates))
-        kernel = np.zeros_like(alike)
-        poses: list[np.ndarray | None] = [None] * len(candidates)
+        found = Verified.none(alike.shape)
         if self.config.similarity_score:
             score += self.config.similarity_score * self._shared(similarity, weight, reference)
         if self.config.geometry_score:
             found = self._verify(query, weight, batch, alike)
-            kernel, poses = found.kernel, found.poses()
-            score += self.config.geometry_score * self._shared(kernel, weight, reference)
+            score += self.config.geometry_score * self._shared(found.kernel, weight, reference)
         if self.config.triplet_score:
-            pairs = [self._align(alike[k], kernel[k]) for k in range(len(candidates))]
+            pairs = [self._align(alike[k], found.kernel[k]) for k in range(len(candidates))]
             triplets = [self._triplets(query, index.graphs[s], p) for s, p in zip(candidates, pairs, strict=True)]
             score += self.config.triplet_score * np.array(triplets)
         order = np.lexsort((-jaccard, -score))[:top_k]
         matches = []
         for k in order:
-            aligned = self._align(alike[k], kernel[k])
+            aligned = self._align(alike[k], found.kernel[k])
             scale = self._scale(query, batch.centroid_m[k], aligned)
-            matches.append(GraphMatch(int(candidates[k]), float(score[k]), aligned, poses[k], scale))
+            matches.append(GraphMatch(int(candidates[k]), float(score[k]), aligned, found.pose(k), scale))
         return matches
 
     def _sureness(self, graphs: SaliencyGraph | GraphBatch) -> np.ndarray:
@@ -245,7 +243,7 @@ class TripletMatcher(GraphMatcher):
         )
         labels = len(index.graphs.labels)
         own = ring_hop_histograms(asked, query.adjacency[None], labels, self.config.ring_edges_m, self.config.hops)
-        used = np.unique(own.counts.indices)
+        used = np.unique(own.column)
         if index.structure is None:
             there, nodes = self._structure(index.graphs, candidates, batch), np.arange(batch.count.sum())
         else:

@@ -28,12 +28,10 @@ class Verified:
         """No pose for any of K candidates, to be filled in; shape (K, n, m)."""
         return cls(np.full(shape[0], np.nan), np.full((shape[0], 2), np.nan), np.zeros(shape))
 
-    def poses(self) -> list[np.ndarray | None]:
-        """The best pose of each candidate (4, 4), query frame to map frame; None where there is none."""
-        return [
-            None if np.isnan(yaw_rad) else pose_2d(x_m, y_m, yaw_rad)
-            for yaw_rad, (x_m, y_m) in zip(self.yaw_rad, self.shift_m, strict=True)
-        ]
+    def pose(self, candidate: int) -> np.ndarray | None:
+        """The best pose of a candidate (4, 4), query frame to map frame; None where there is none."""
+        x_m, y_m = self.shift_m[candidate]
+        return None if np.isnan(x_m) else pose_2d(x_m, y_m, self.yaw_rad[candidate])
 
 
 @dataclass(frozen=True, eq=False)

@@ -59,6 +59,17 @@ class GraphBatch:
         return GraphBatch(count, *(getattr(self, field.name)[graphs][:, :most] for field in fields(self)[1:]))
 
 
+def starts(lengths: np.ndarray) -> np.ndarray:
+    """(N + 1,) int64: where each of N parts begins, and where the last ends."""
+    return np.concatenate([[0], lengths.cumsum(dtype=np.int64)])
+
+
+def ranges(first: np.ndarray, lengths: np.ndarray) -> np.ndarray:
+    """(sum of lengths,) int64: as many numbers as each length says, from each of `first` on."""
+    begins = starts(lengths)
+    return np.repeat(first - begins[:-1], lengths) + np.arange(begins[-1])
+
+
 class GraphTable(Sequence[SaliencyGraph]):
     """S graphs with range, each by its number, or some as a batch.
 
@@ -76,7 +87,7 @@ class GraphTable(Sequence[SaliencyGraph]):
         self.labels, self.having = tuple(labels), having
         self.vocabulary = {name: number for number, name in enumerate(labels)}
         self._count, self._label, self._edges = count, label, edges
-        self._start, self._first_byte = _starts(count), _starts(_edge_bytes(count))
+        self._start, self._first_byte = starts(count), starts(_edge_bytes(count))
 
     def __len__(self) -> int:
         return len(self._count)
@@ -87,8 +98,7 @@ class GraphTable(Sequence[SaliencyGraph]):
 
     def nodes(self, graphs: np.ndarray) -> np.ndarray:
         """(N,) int64 positions of the nodes of graphs (K,) among the nodes of all, graph by graph."""
-        count = self._count[graphs]
-        return np.repeat(self._start[graphs] - _starts(count)[:-1], count) + np.arange(count.sum())
+        return ranges(self._start[graphs], self._count[graphs])
 
     def batch(self, graphs: np.ndarray) -> GraphBatch:
         """The graphs of these numbers (K,)."""
@@ -252,11 +262,6 @@ def _having(count: np.ndarray, label: np.ndarray, labels: int) -> np.ndarray:
     other."""
     graph = np.repeat(np.arange(len(count)), count)
     return np.bincount(np.unique(graph * labels + label) % max(labels, 1), minlength=labels)
-
-
-def _starts(lengths: np.ndarray) -> np.ndarray:
-    """(N + 1,) int64: where each of N parts begins, and where the last ends."""
-    return np.concatenate([[0], lengths.cumsum(dtype=np.int64)])
 
 
 def _edge_bytes(count: np.ndarray) -> np.ndarray:

@@ -13,7 +13,7 @@ from pydantic import Field
 
 from salframe.framework.config import Settings, merge, read_yaml
 from salframe.framework.errors import DataError
-from salframe.localization.answers import Localization, LocalizationStatus
+from salframe.localization.answers import Localization, LocalizationStatus, RankedPlace
 
 FEATURES = ("top_score", "top_probability", "margin", "log_objects")
 """What the head weighs, in the order of `head_features`."""
@@ -54,8 +54,8 @@ class Posterior(Settings):
         weights = np.array([getattr(self.head, name) for name in FEATURES])
         here = float(_logistic(self.head.bias + head_features(scores, self.temperature, objects) @ weights))
         places = tuple(
-            replace(place, probability=float(here * part))
-            for place, part in zip(localization.places, share, strict=True)
+            RankedPlace(place.frame, place.place, place.score, part)
+            for place, part in zip(localization.places, (here * share).tolist(), strict=True)
         )
         denied = localization.status.names_a_place and 1 - here > self.max_not_here
         if denied:

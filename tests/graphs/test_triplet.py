@@ -191,7 +191,7 @@ def histograms(table):
     """(N, F) the structural features of all nodes of a table."""
     every = np.arange(len(table))
     found = ring_hop_histograms(table.batch(every), table.adjacency(every), len(table.labels), (1.0, 2.0, 4.0), 2)
-    return found.unit(np.arange(len(found.norm)), np.arange(found.counts.shape[1]))
+    return found.unit(np.arange(len(found.norm)), np.arange(found.width))
 
 
 def test_ring_and_hop_histograms_by_hand():
@@ -228,10 +228,10 @@ def test_verification_ignores_outliers():
     query = transform_points(invert_pose(T), np.column_stack([reference[0], np.zeros(9)]))[:, :2]
     query[:3] = rng.uniform(-3, 3, (3, 2))
     found = verify(query, reference, np.ones((1, 9, 9)), np.full((1, 9, 9), 0.3), np.full(9, 1 / 9), 4.0)
-    assert pose_errors(found.poses()[0], T) == pytest.approx((0, 0), abs=0.05)
+    assert pose_errors(found.pose(0), T) == pytest.approx((0, 0), abs=0.05)
     np.testing.assert_allclose(found.kernel[0, range(3, 9), range(3, 9)], 1, atol=0.05)
     far = verify(query, reference, np.ones((1, 9, 9)), np.full((1, 9, 9), 0.3), np.full(9, 1 / 9), 0.1)
-    assert far.poses() == [None]
+    assert far.pose(0) is None
 
 
 @pytest.mark.parametrize("factor", [0.8, 0.92, 1.0, 1.15])
@@ -243,7 +243,7 @@ def test_a_bounded_scale_is_estimated_with_the_pose(factor):
     bound = ScaleBound(0.3, query[:, 2], reference[None, :, 2], 0.2)
     tolerance = np.full((1, 9, 9), 0.2)
     found = verify(query[:, :2], reference[None, :, :2], np.ones((1, 9, 9)), tolerance, np.ones(9), 6.0, bound)
-    assert pose_errors(found.poses()[0], truth) == pytest.approx((0, 0), abs=1e-6)
+    assert pose_errors(found.pose(0), truth) == pytest.approx((0, 0), abs=1e-6)
     np.testing.assert_allclose(np.diag(found.kernel[0]), 1, atol=1e-5)
     rigid = verify(query[:, :2], reference[None, :, :2], np.ones((1, 9, 9)), tolerance, np.ones(9), 6.0)
     assert (np.diag(rigid.kernel[0]).sum() > 8.99) == (factor == 1.0)

@@ -39,10 +39,11 @@ def best_scenes(postings: Postings, asked: Asked, count: int) -> tuple[np.ndarra
         listed = slice(*postings.start[label : label + 2])
         scene, code = postings.scene[listed], postings.code[listed]
         likeness = alike[:, 0, code[:, 0]] * alike[:, 1, code[:, 1]] * alike[:, 2, code[:, 2]]
-        first_of = np.flatnonzero(np.diff(scene, prepend=np.int64(-1)))
-        of_asked = np.maximum.reduceat(likeness, first_of, axis=1).sum(0)
-        of_scene = np.add.reduceat(likeness.max(0), first_of)
-        shared[scene[first_of]] += postings.rarity[label] * np.minimum(of_asked, of_scene)
+        first_of = np.flatnonzero(np.append(True, scene[1:] != scene[:-1]))
+        worth = np.maximum.reduceat(likeness, first_of, axis=1).sum(0)
+        if len(alike) > 1:  # of one object that is the lesser
+            worth = np.minimum(worth, np.add.reduceat(likeness.max(0), first_of))
+        shared[scene[first_of]] += postings.rarity[label] * worth
     scene = np.flatnonzero(shared)
     score = shared[scene] / (FULL * (asked.rarity + postings.weight[scene].astype(np.int64)) - shared[scene])
     if len(scene) > count:
