@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from salframe.graphs.table import ranges
 from salframe.panoramas.geometry import pose_2d
 
 
@@ -51,11 +52,11 @@ class ScaleBound:
         """Factors brought within the bound."""
         return np.clip(scale, 1 - self.largest_error, 1 + self.largest_error)
 
-    def heights_alike(self, scale: np.ndarray, k: np.ndarray) -> np.ndarray | float:
-        """(H, n, m) similarity of heights under factors (H,) for candidates k (H,)."""
+    def heights_alike(self, scale: np.ndarray, i: np.ndarray, k: np.ndarray, j: np.ndarray) -> np.ndarray | float:
+        """(E,) similarity of the heights of query nodes i under factors, all (E,), and of nodes j of candidates k."""
         if self.height_scale_m is None:
             return 1.0
-        apart = (scale[:, None] * self.query_z)[:, :, None] - self.map_z[k][:, None]
+        apart = scale * self.query_z[i] - self.map_z[k, j]
         return (1 / (1 + (apart / self.height_scale_m) ** 2)).astype(np.float32)
 
 
@@ -80,6 +81,8 @@ def verify(
     pair_k, pair_i, pair_j = np.nonzero(similarity)
     value = similarity[pair_k, pair_i, pair_j]
     first, second = two_pairs(pair_k, candidates)
+    different = (pair_i[first] != pair_i[second]) & (pair_j[first] != pair_j[second])
+    first, second = first[different], second[different]
     i1, i2, j1, j2, k = pair_i[first], pair_i[second], pair_j[first], pair_j[second], pair_k[first]
     query_edge, map_edge = query_xy[i2] - query_xy[i1], map_xy[k, j2] - map_xy[k, j1]
     query_length, map_length = np.hypot(*query_edge.T), np.hypot(*map_edge.T)
@@ -87,12 +90,7 @@ def verify(
     scale = np.ones(len(k))
     if scale_bound is not None:
         scale = scale_bound.clip(map_length / np.maximum(query_length, 1e-9))
-    possible = (
-        (i1 != i2)
-        & (j1 != j2)
-        & (np.abs(scale * query_length - map_length) < slack)
-        & (np.minimum(query_length, map_length) > 0.3)
-    )
+    possible = (np.abs(scale * query_length - map_length) < slack) & (np.minimum(query_length, map_length) > 0.3)
     rank = np.where(possible, value[first] + value[second] + 0.1 * np.minimum(query_length, 4.0), -np.inf)
     chosen = best_per_candidate(rank, k, most_hypotheses)
     k, i1, j1, i2, j2 = k[chosen], i1[chosen], j1[chosen], i2[chosen], j2[chosen]
@@ -106,17 +104,29 @@ def verify(
     shift = (map_xy[k, j1] + map_xy[k, j2]) / 2 - (middle[:, None] @ rotation_t)[:, 0]
     near = np.hypot(*shift.T) < largest_shift_m
     k, rotation_t, shift, yaw, scale = k[near], rotation_t[near], shift[near], yaw[near], scale[near]
-    # Single precision and one axis at a time: most of a query's time is spent in these (hypotheses, n, m) arrays.
-    moved, there = (query_xy @ rotation_t + shift[:, None]).astype(np.float32), map_xy.astype(np.float32)[k]
-    x, y = (moved[:, :, None, axis] - there[:, None, :, axis] for axis in (0, 1))
-    sharpness = (1 / tolerance_m**2).astype(np.float32)[k]
-    kernel = np.maximum(1 - (x * x + y * y) * sharpness, 0) * similarity.astype(np.float32)[k]
+    # Single precision, and each hypothesis with the alike pairs of its candidate alone: most of a query's time is here.
+    begin = np.searchsorted(pair_k, np.arange(candidates + 1))
+    count = np.diff(begin)[k]
+    pair, hypothesis = ranges(begin[k], count), np.repeat(np.arange(len(k)), count)
+    moved = (query_xy @ rotation_t + shift[:, None]).astype(np.float32)
+    there = map_xy.astype(np.float32)[pair_k, pair_j]
+    sharpness = (1 / tolerance_m[pair_k, pair_i, pair_j] ** 2).astype(np.float32)
+    x, y = (moved[hypothesis, pair_i[pair], axis] - there[pair, axis] for axis in (0, 1))
+    kernel = np.maximum(1 - (x * x + y * y) * sharpness[pair], 0) * value.astype(np.float32)[pair]
     if scale_bound is not None:
-        kernel *= scale_bound.heights_alike(scale, k)
-    support = kernel.max(2) @ weights
-    best = best_per_candidate(support, k, 1)
+        kernel *= scale_bound.heights_alike(scale[hypothesis], pair_i[pair], pair_k[pair], pair_j[pair])
+    starts_node = np.append(True, (np.diff(pair_k) != 0) | (np.diff(pair_i) != 0))[: len(pair_k)]
+    starts = np.flatnonzero(starts_node[pair])
+    explained = np.zeros((len(k), len(query_xy)), np.float32)
+    if len(starts):
+        explained[hypothesis[starts], pair_i[pair[starts]]] = np.maximum.reduceat(kernel, starts)
+    best = best_per_candidate(explained @ weights, k, 1)
     result = Verified.none(similarity.shape)
-    result.yaw_rad[k[best]], result.shift_m[k[best]], result.kernel[k[best]] = yaw[best], shift[best], kernel[best]
+    result.yaw_rad[k[best]], result.shift_m[k[best]] = yaw[best], shift[best]
+    is_best = np.zeros(len(k), bool)
+    is_best[best] = True
+    kept = is_best[hypothesis]
+    result.kernel[pair_k[pair[kept]], pair_i[pair[kept]], pair_j[pair[kept]]] = kernel[kept]
     return result
 
 
@@ -136,7 +146,7 @@ def _pairs(count: int) -> tuple[np.ndarray, np.ndarray]:
 
 def best_per_candidate(value: np.ndarray, candidate: np.ndarray, most: int) -> np.ndarray:
     """Positions of the `most` largest finite values of each candidate, ties in order."""
-    order = np.lexsort((-value, candidate))
-    order = order[np.isfinite(value[order])]
+    order = np.flatnonzero(np.isfinite(value))
+    order = order[np.lexsort((-value[order], candidate[order]))]
     starts = np.searchsorted(candidate[order], candidate[order])
     return order[np.arange(len(order)) - starts < most]
