@@ -108,18 +108,18 @@ def verify(
     begin = np.searchsorted(pair_k, np.arange(candidates + 1))
     count = np.diff(begin)[k]
     pair, hypothesis = ranges(begin[k], count), np.repeat(np.arange(len(k)), count)
-    moved = (query_xy @ rotation_t + shift[:, None]).astype(np.float32)
+    moved = (query_xy @ rotation_t + shift[:, None]).astype(np.float32).reshape(-1, 2)
     there = map_xy.astype(np.float32)[pair_k, pair_j]
     sharpness = (1 / tolerance_m[pair_k, pair_i, pair_j] ** 2).astype(np.float32)
-    x, y = (moved[hypothesis, pair_i[pair], axis] - there[pair, axis] for axis in (0, 1))
-    kernel = np.maximum(1 - (x * x + y * y) * sharpness[pair], 0) * value.astype(np.float32)[pair]
+    node = hypothesis * len(query_xy) + pair_i.take(pair)
+    x, y = (moved[:, axis].take(node) - there[:, axis].take(pair) for axis in (0, 1))
+    kernel = np.maximum(1 - (x * x + y * y) * sharpness.take(pair), 0) * value.astype(np.float32).take(pair)
     if scale_bound is not None:
         kernel *= scale_bound.heights_alike(scale[hypothesis], pair_i[pair], pair_k[pair], pair_j[pair])
-    starts_node = np.append(True, (np.diff(pair_k) != 0) | (np.diff(pair_i) != 0))[: len(pair_k)]
-    starts = np.flatnonzero(starts_node[pair])
     explained = np.zeros((len(k), len(query_xy)), np.float32)
-    if len(starts):
-        explained[hypothesis[starts], pair_i[pair[starts]]] = np.maximum.reduceat(kernel, starts)
+    if len(node):
+        first = np.flatnonzero(np.append(True, node[1:] != node[:-1]))
+        explained.ravel()[node[first]] = np.maximum.reduceat(kernel, first)
     best = best_per_candidate(explained @ weights, k, 1)
     result = Verified.none(similarity.shape)
     result.yaw_rad[k[best]], result.shift_m[k[best]] = yaw[best], shift[best]

@@ -106,6 +106,19 @@ class EpisodeRow(PieceRow):
         return self
 
 
+class ScaleLine(PieceRow):
+    """Whether a scene was found again, and what its map cost."""
+
+    query: Count
+    right: bool | None = None
+    right_exhaustive: bool | None = None
+    query_ms: float | None = None
+    build_s: float | None = None
+    build_memory_mb: float | None = None
+    bytes: Count | None = None
+    open_s: float | None = None
+
+
 class DescriptionLine(Line):
     """What describing a frame cost."""
 

@@ -19,6 +19,7 @@ from salframe.evaluation.reported import Reported
 from salframe.evaluation.request import Request, Resolved, Variant, resolve
 from salframe.evaluation.result import FORMAT, Result, Rows
 from salframe.evaluation.runner import pool, run_task
+from salframe.evaluation.scale import ScaleTask
 from salframe.evaluation.tables import METHOD, Table, tables_of
 from salframe.evaluation.task import MethodRow, Task
 from salframe.framework.config import Settings, read_yaml, validate
@@ -28,7 +29,7 @@ from salframe.framework.registry import registry
 from salframe.framework.settings import spell_value
 from salframe.panoramas.opening import Progress
 
-DATA, ARM, SEED = "data", "arm", "data.seed"
+DATA, ARM, SEED, SCENES = "data", "arm", "data.seed", "scenes"
 
 
 class StudiedMethod(Settings):
@@ -41,7 +42,7 @@ class StudiedMethod(Settings):
 class Study(Settings):
     """The content of a study's file. Keys of `set` and `vary` are dotted, as `--set` takes them."""
 
-    task: Literal["localization", "matching", "detection", "navigation"] = Field(
+    task: Literal["localization", "matching", "detection", "navigation", "scale"] = Field(
         "localization", description="what is measured"
     )
     method: str | None = Field(None, description="the method to study; a detector where the task is detection")
@@ -59,12 +60,15 @@ class Study(Settings):
     )
     episodes: int | str = Field(100, description="navigation: how many are drawn in each data set, or TASK:SPLIT")
     positioning: Positioning = Field(Positioning.ON, description="navigation: with poses, without, or both and more")
+    scenes: tuple[int, ...] = Field((), description="scale: how many the map has, a row each")
 
     @model_validator(mode="after")
     def _check(self) -> Study:
         if (self.method is None) == (not self.methods):
             raise ValueError("expected either method or methods")
         empty = [key for key, values in self.vary.items() if not values]
+        if (self.task == "scale") != bool(self.scenes):
+            raise ValueError("expected scenes of the task scale, and of no other")
         if empty:
             raise ValueError(f"vary.{', '.join(empty)} holds no value, expected at least one")
         return self
@@ -150,7 +154,7 @@ def leading_columns(rows: Sequence[Any], settings: Sequence[Mapping[str, Any]]) 
     varied."""
     keys = list(dict.fromkeys(key for given in settings for key in given))
     told = {key: [spell_value(given[key]) if key in given else "" for given in settings] for key in keys}
-    of_data = {key: texts for key, texts in told.items() if key in (DATA, ARM) or key.startswith(f"{DATA}.")}
+    of_data = {key: texts for key, texts in told.items() if key in (DATA, ARM, SCENES) or key.startswith(f"{DATA}.")}
     methods = {METHOD: [row.method.partition("[")[0] for row in rows]}
     return {**of_data, **methods, **{key: texts for key, texts in told.items() if key not in of_data}}
 
@@ -190,22 +194,26 @@ def plan(study: Study, request: Request) -> list[Arm]:
     names = study.data if isinstance(study.data, tuple) and not request.data else (request.data or study.data,)
     variants, _ = study.variants()
     arms = []
-    for name, (arm, together), *values in itertools.product(names, called, *(study.vary[key] for key in of_data)):
+    varied = (study.vary[key] for key in of_data)
+    for name, (arm, together), scenes, *values in itertools.product(names, called, study.scenes or (0,), *varied):
         chosen = dict(zip(of_data, values, strict=True))
         runs = []
         for seed in [{SEED: seed} for seed in study.seeds] or [{}]:
             given = {**study.set, **together, **chosen, **seed}
             fixed = [f"{key}={json.dumps(value)}" for key, value in given.items()]
             asked = replace(request, methods=variants, data=name, settings=(*fixed, *request.settings))
-            runs.append((*_resolve(study, asked), asked))
-        told = {**({DATA: name} if len(names) > 1 else {}), **({ARM: arm} if study.arms else {}), **chosen}
+            runs.append((*_resolve(study, scenes, asked), asked))
+        told = {**({DATA: name} if len(names) > 1 else {}), **({ARM: arm} if study.arms else {})}
+        told |= {**({SCENES: scenes} if study.scenes else {}), **chosen}
         arms.append(Arm([(task, asked, resolved) for task, resolved, asked in runs], told))
     return arms
 
 
-def _resolve(study: Study, request: Request) -> tuple[Task[Any, Any], Resolved]:
+def _resolve(study: Study, scenes: int, request: Request) -> tuple[Task[Any, Any], Resolved]:
     if study.task == "navigation":
         return plan_navigation(request, study.episodes, study.positioning)
+    if study.task == ScaleTask.name:
+        return ScaleTask(scenes), resolve(request)
     task = {task.name: task for task in (LocalizationTask, MatchingTask, DetectionTask)}[study.task]
     return task(), resolve(request, study.role)
 

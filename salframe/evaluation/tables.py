@@ -193,6 +193,18 @@ COLUMNS: dict[str, dict[str, Column]] = {
         "collisions": _number("collisions", "collisions", 1),
         "p": P,
     },
+    "scale": {
+        "given": GIVEN,
+        "build": Column("build\ns", lambda row: two_digits(row.build_s), cost=True),
+        "memory": Column("building\nMB", lambda row: fixed(row.build_memory_mb, 0), cost=True),
+        "bytes": Column("bytes\n/scene", lambda row: format_bytes(row.bytes_per_scene), cost=True),
+        "open": Column("open\ns", lambda row: two_digits(row.open_s), cost=True),
+        "median": Column("query\nmedian ms", lambda row: two_digits(row.query_median_ms), cost=True),
+        "p95": Column("query\np95 ms", lambda row: two_digits(row.query_p95_ms), cost=True),
+        "recall": _share("R@1\n%", "recall_at_1"),
+        "recall_both": _share("R@1 %\nof the first 50", "recall_at_1_both"),
+        "exhaustive": _share("these by matching\nall scenes: R@1 %", "recall_at_1_exhaustive"),
+    },
 }
 """The columns of each task by name."""
 
@@ -203,6 +215,7 @@ USUAL: dict[str, Sequence[str]] = {
     "nodes": ("given", "precision", "recall", "matches", "true", "pairs"),
     "detection": tuple(COLUMNS["detection"]),
     "navigation": tuple(COLUMNS["navigation"]),
+    "scale": tuple(COLUMNS["scale"]),
 }
 """The columns that are shown unless others are asked for; matching has those of points and those of nodes."""
 WORTH = ["present_accuracy", "denied_absent", "average_precision", "roc_area", "accepted_absent", "calibration_error"]

@@ -6,7 +6,7 @@ from collections import deque
 
 import numpy as np
 import pytest
-from city import City
+from city import city_of_houses
 from salframe_graphs.retrieval import inverted_lists
 from salframe_graphs.retrieval.inverted_lists import InvertedLists
 
@@ -18,7 +18,7 @@ QUERIES = 200
 
 @pytest.fixture(scope="module")
 def city():
-    return City.of_houses(3)
+    return city_of_houses(3)
 
 
 @pytest.fixture(scope="module", params=[1_000, 10_000, 100_000])
