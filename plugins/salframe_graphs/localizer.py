@@ -141,9 +141,11 @@ class SaliencyGraphLocalizer(Localizer):
         return agree(matches, self._map_frames, self.config.agreement, self.config.agreement_radius_m)
 
     def _rank(self, matches: Sequence[GraphMatch], T_world_query: np.ndarray | None = None) -> tuple[RankedPlace, ...]:
-        """As `rank_places` of all frames, of those that match and, where the pose is known, the scene nearest to it."""
+        """As `rank_places` of all frames, of those that match and, where that counts, the scene nearest to the pose."""
         score = {match.scene: match.score for match in matches}
-        if T_world_query is not None and len(self._scenes_at):
+        best = min(score, key=lambda scene: (-score[scene], scene))
+        at_door = self._map_frames[best].kind is FrameKind.TRANSITION
+        if T_world_query is not None and at_door and len(self._scenes_at):
             nearest = self._scene_tree.query(T_world_query[:3, 3])[1]
             score.setdefault(int(self._scenes_at[nearest]), -np.inf)
         numbers = sorted(score)

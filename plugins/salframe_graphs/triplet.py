@@ -209,8 +209,6 @@ class TripletMatcher(GraphMatcher):
         same = (known[None, :, None] == batch.label[:, None]) & (known >= 0)[None, :, None]
         if query.bearings_only:
             return same.astype(np.float64)
-        a, b = query.saliency[None, :, None], batch.saliency[:, None]
-        ratio = np.minimum(a, b) / np.maximum(np.maximum(a, b), 1e-12)
         structure = np.zeros(same.shape)
         if self._has_rings:
             structure = self._rings(query, known, index, candidates, batch)
@@ -219,17 +217,22 @@ class TripletMatcher(GraphMatcher):
             for k, block in enumerate(vectors[1:]):
                 structure[k, :, : len(block)] = np.maximum(vectors[0] @ block.T, 0)
         whole = 1 + self.config.saliency_weight + self.config.structure_weight
-        similarity = same * (1 + self.config.saliency_weight * ratio + self.config.structure_weight * structure) / whole
+        k, i, j = np.nonzero(same)
+        a, b = query.saliency[i], batch.saliency[k, j]
+        ratio = np.minimum(a, b) / np.maximum(np.maximum(a, b), 1e-12)
+        value = (1 + self.config.saliency_weight * ratio + self.config.structure_weight * structure[same]) / whole
         if self.config.height_scale_m is not None:
-            own = query.centroid_m[None, :, None, 2]
-            height = own - batch.centroid_m[:, None, :, 2]
+            own = query.centroid_m[i, 2]
+            height = own - batch.centroid_m[k, j, 2]
             if self.config.largest_scale_error:  # what a factor within the bound makes of it at best
                 height = np.maximum(np.abs(height) - self.config.largest_scale_error * np.abs(own), 0)
-            similarity /= 1 + (height / self.config.height_scale_m) ** 2
+            value /= 1 + (height / self.config.height_scale_m) ** 2
         if self.config.size_scale is not None:
             for side, scale in zip((0, 2), self.config.size_scale, strict=True):
-                change = np.log(query.size_m[None, :, None, side] / batch.size_m[:, None, :, side])
-                similarity /= 1 + (change / scale) ** 2
+                change = np.log(query.size_m[i, side] / batch.size_m[k, j, side])
+                value /= 1 + (change / scale) ** 2
+        similarity = np.zeros(same.shape)
+        similarity[same] = value
         return similarity
 
     def _rings(

@@ -50,6 +50,8 @@ class PlaceLikelihood:
     def __init__(self, query: QueryObjects, index: PlaceIndex, rates: Rates, likelihood: Likelihood) -> None:
         self._query, self._index, self.rates, self.likelihood = query, index, rates, likelihood
         self.alike = self._alike()
+        self._along, self._across = self._variances()
+        self._log_spread = np.log(self._along * self._across)
 
     def _alike(self) -> np.ndarray:
         """(K, n, m) float32: log ratio of label, height and size, of an object that is there; -inf of padding. An
@@ -89,11 +91,11 @@ class PlaceLikelihood:
     def score(self, poses: Poses) -> tuple[np.ndarray, np.ndarray]:
         """(C,) scores of poses, and (C, n, m) how surely each query object is each of the place's."""
         x, y = self._apart(poses)
-        along, across = self._variances(poses.place)
+        along, across = self._along[poses.place], self._across[poses.place]
         ray = self._query.ray.astype(np.float32)[None, :, None]
         forth, side = x * ray[..., 0] + y * ray[..., 1], y * ray[..., 0] - x * ray[..., 1]
         at = np.log(self.likelihood.area_m2 / (2 * np.pi)) - 0.5 * (
-            forth * forth / along + side * side / across + np.log(along * across)
+            forth * forth / along + side * side / across + self._log_spread[poses.place]
         )
         logit = self.found_logit(poses.place, poses.shift_m)
         odds = self._odds(self.alike[poses.place] + at + logit[:, None])
@@ -129,7 +131,7 @@ class PlaceLikelihood:
         Errors are taken to be Cauchy's, fitted by reweighting: what is visible of an object moves with the viewpoint,
         of some by far more than of most.
         """
-        variances = [variance[0].astype(np.float64) for variance in self._variances(pose.place)]
+        variances = [variance[pose.place[0]].astype(np.float64) for variance in (self._along, self._across)]
         there = self._index.xy_m[pose.place[0]]
         for _ in range(SETTLING_STEPS):
             c, s = np.cos(pose.yaw_rad[0]), np.sin(pose.yaw_rad[0])
@@ -165,16 +167,16 @@ class PlaceLikelihood:
         y = (c * away[..., 1] - s * away[..., 0])[:, None] - query[..., 1]
         return x, y
 
-    def _variances(self, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(C, n, m) float32 of the difference of two centroids, along the query object's ray and across it."""
-        there = self._index.variance_m2[place][:, None]
+    def _variances(self) -> tuple[np.ndarray, np.ndarray]:
+        """(K, n, m) float32 of the difference of two centroids, along the query object's ray and across it."""
+        there = self._index.variance_m2[:, None]
         across = there + self.rates.position_error_m**2
         along = across + ((self.rates.range_error_share * self._query.range_m) ** 2)[None, :, None]
         return along.astype(np.float32), np.broadcast_to(across, along.shape).astype(np.float32)
 
     def _fit(self, poses: Poses, share: np.ndarray) -> Poses:
         """Poses (C,) fitted in closed form to shares (C, n, m), pairs weighted by their certainty."""
-        weight = share / self._variances(poses.place)[0]
+        weight = share / self._along[poses.place]
         total = np.maximum(weight.sum((1, 2)), 1e-12)[:, None]
         query, there = self._query.xy_m, self._index.xy_m[poses.place]
         middle = (weight.sum(2) @ query) / total
