@@ -214,8 +214,8 @@ class TripletMatcher(GraphMatcher):
             structure = self._rings(query, known, index, candidates, batch)
         elif self.config.structure_weight:
             vectors = node2vec([query, *(index.graphs[s] for s in candidates)], self.config.seed)
-            for k, block in enumerate(vectors[1:]):
-                structure[k, :, : len(block)] = np.maximum(vectors[0] @ block.T, 0)
+            for number, block in enumerate(vectors[1:]):
+                structure[number, :, : len(block)] = np.maximum(vectors[0] @ block.T, 0)
         whole = 1 + self.config.saliency_weight + self.config.structure_weight
         k, i, j = np.nonzero(same)
         a, b = query.saliency[i], batch.saliency[k, j]
