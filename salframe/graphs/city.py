@@ -52,9 +52,9 @@ class City:
         return replace(seen, centroid_m=centroid_m, yaw_rad=seen.yaw_rad + turn, bearing=unit_vectors(centroid_m))
 
     @cached_property
-    def labels(self) -> tuple[str, ...]:
-        """All names, sorted."""
-        return tuple(sorted({label for room in self.rooms for label in room.labels}))
+    def labels(self) -> np.ndarray:
+        """(L,) all names, sorted."""
+        return np.unique([label for room in self.rooms for label in room.labels])
 
     def _resampled(
         self,

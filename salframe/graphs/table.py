@@ -168,6 +168,9 @@ class MappedGraphs(GraphTable):
             )
         except (OSError, ValueError) as error:
             raise DataError(f"{folder} is not whole ({error}): write the graphs again") from None
+        kinds = (count.dtype.kind, label.dtype.kind, self._packed.dtype, edges.dtype)
+        if kinds != ("u", "u", NODE, np.uint8):
+            raise DataError(f"{folder} has columns of other types than write_graphs writes: write the graphs again")
         super().__init__(table.labels, np.array(table.having, np.int64), count.astype(np.int64), label, edges)
         lengths = (len(label), len(self._packed), len(edges), len(table.having))
         if lengths != (self._start[-1], self._start[-1], self._first_byte[-1], len(table.labels)):

@@ -104,6 +104,9 @@ def test_what_is_not_a_whole_table_is_refused(graphs, tmp_path):
     np.save(folder / "count.npy", np.load(folder / "count.npy")[:-1])
     with pytest.raises(DataError, match="other lengths"):
         MappedGraphs(folder)
+    np.save(folder / "count.npy", np.zeros(len(graphs)))
+    with pytest.raises(DataError, match="other types"):
+        MappedGraphs(folder)
     (folder / "edges.npy").unlink()
     with pytest.raises(DataError, match="not whole"):
         MappedGraphs(folder)

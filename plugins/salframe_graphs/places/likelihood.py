@@ -59,7 +59,7 @@ class PlaceLikelihood:
         query, index, rates, taken = self._query, self._index, self.rates, self.likelihood
         same = query.label[None, :, None] == index.label[:, None]
         frequency = index.frequency[query.label][None, :, None]
-        ratio = np.log(np.where(same, rates.label_agreement / frequency, 1 - rates.label_agreement))
+        ratio = np.where(same, np.log(rates.label_agreement / frequency), np.log(1 - rates.label_agreement))
         ratio += np.log(np.maximum(query.score, LEAST_SCORE))[:, None]
         height_m2 = rates.height_error_m**2 + (rates.range_error_share * query.z_m) ** 2
         ratio += log_normal(query.z_m[:, None] - index.z_m[:, None], 2 * height_m2[:, None]) + np.log(
