@@ -35,17 +35,21 @@ class Histograms:
         each = np.concatenate([np.diff(part.start) for part in parts])
         return cls(starts(each), column, count, norm, parts[0].width)
 
-    def unit(self, nodes: np.ndarray, columns: np.ndarray) -> np.ndarray:
-        """(n, c) float64: some columns of the rows of some nodes, at length 1."""
+    def take(self, nodes: np.ndarray) -> Histograms:
+        """Those of some nodes, in this order."""
         each = self.start[nodes + 1] - self.start[nodes]
         entry = ranges(self.start[nodes], each)
+        return Histograms(starts(each), self.column[entry], self.count[entry], self.norm[nodes], self.width)
+
+    def unit(self, columns: np.ndarray) -> np.ndarray:
+        """(N, C) float64: some columns of the rows at length 1."""
         place = np.full(self.width, -1)
         place[columns] = np.arange(len(columns))
-        place = place[self.column[entry]]
-        row, entry, place = np.repeat(np.arange(len(nodes)), each)[place >= 0], entry[place >= 0], place[place >= 0]
-        found = np.zeros((len(nodes), len(columns)))
-        found[row, place] = self.count[entry]
-        return found / np.maximum(self.norm[nodes], 1e-12)[:, None]
+        place, row = place[self.column], np.repeat(np.arange(len(self.norm)), np.diff(self.start))
+        used = place >= 0
+        found = np.zeros((len(self.norm), len(columns)))
+        found[row[used], place[used]] = self.count[used]
+        return found / np.maximum(self.norm, 1e-12)[:, None]
 
 
 def ring_hop_histograms(

@@ -124,8 +124,10 @@ class TripletMatcher(GraphMatcher):
             scenes = made
         structure = None
         if isinstance(table, HeldGraphs) and self._has_rings and len(table):
-            parts = np.split(np.arange(len(table)), range(_CHUNK, len(table), _CHUNK))
-            structure = Histograms.joined([self._structure(table, part, table.batch(part)) for part in parts])
+            by_size = np.argsort(table.sizes, kind="stable")  # graphs of one size pad one another least
+            parts = np.split(by_size, range(_CHUNK, len(table), _CHUNK))
+            joined = Histograms.joined([self._structure(table, part, table.batch(part)) for part in parts])
+            structure = joined.take(np.argsort(table.nodes(by_size)))
         return GraphIndex(table, scenes, rarity, structure)
 
     def match(self, query: SaliencyGraph, index: GraphIndex, top_k: int) -> list[GraphMatch]:
@@ -248,12 +250,12 @@ class TripletMatcher(GraphMatcher):
         own = ring_hop_histograms(asked, query.adjacency[None], labels, self.config.ring_edges_m, self.config.hops)
         used = np.unique(own.column)
         if index.structure is None:
-            there, nodes = self._structure(index.graphs, candidates, batch), np.arange(batch.count.sum())
+            there = self._structure(index.graphs, candidates, batch)
         else:
-            there, nodes = index.structure, index.graphs.nodes(candidates)
+            there = index.structure.take(index.graphs.nodes(candidates))
         padded = np.zeros((*batch.label.shape, len(used)))
-        padded[batch.is_node] = there.unit(nodes, used)
-        return own.unit(np.arange(len(query)), used) @ np.swapaxes(padded, 1, 2)
+        padded[batch.is_node] = there.unit(used)
+        return own.unit(used) @ np.swapaxes(padded, 1, 2)
 
     def _shared(self, similarity: np.ndarray, weight: np.ndarray, reference: np.ndarray) -> np.ndarray:
         """(K,) Jaccard index over nodes of weight (n,) and reference (K, m), each shared by its similarity to the most

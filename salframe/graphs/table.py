@@ -73,8 +73,8 @@ def ranges(first: np.ndarray, lengths: np.ndarray) -> np.ndarray:
 class GraphTable(Sequence[SaliencyGraph]):
     """S graphs with range, each by its number, or some as a batch.
 
-    labels: L names; vocabulary: name -> number; having (L,) int64: how many graphs have each; scenes: an index of these
-    graphs, open, None where there is none.
+    sizes (S,) int64: nodes of each; labels: L names; vocabulary: name -> number; having (L,) int64: how many graphs
+    have each label; scenes: an index of these graphs, open, None where there is none.
     """
 
     scenes: SceneLookup | None = None
@@ -86,11 +86,11 @@ class GraphTable(Sequence[SaliencyGraph]):
         edges as in `pack_graph`."""
         self.labels, self.having = tuple(labels), having
         self.vocabulary = {name: number for number, name in enumerate(labels)}
-        self._count, self._label, self._edges = count, label, edges
+        self.sizes, self._label, self._edges = count, label, edges
         self._start, self._first_byte = starts(count), starts(_edge_bytes(count))
 
     def __len__(self) -> int:
-        return len(self._count)
+        return len(self.sizes)
 
     @abstractmethod
     def _values(self, nodes: np.ndarray) -> Mapping[str, np.ndarray]:
@@ -98,11 +98,11 @@ class GraphTable(Sequence[SaliencyGraph]):
 
     def nodes(self, graphs: np.ndarray) -> np.ndarray:
         """(N,) int64 positions of the nodes of graphs (K,) among the nodes of all, graph by graph."""
-        return ranges(self._start[graphs], self._count[graphs])
+        return ranges(self._start[graphs], self.sizes[graphs])
 
     def batch(self, graphs: np.ndarray) -> GraphBatch:
         """The graphs of these numbers (K,)."""
-        count, nodes = self._count[graphs], self.nodes(graphs)
+        count, nodes = self.sizes[graphs], self.nodes(graphs)
         is_node = np.arange(count.max(initial=0)) < count[:, None]
         label = np.full(is_node.shape, -1)
         label[is_node] = self._label[nodes]
@@ -114,7 +114,7 @@ class GraphTable(Sequence[SaliencyGraph]):
 
     def adjacency(self, graphs: np.ndarray) -> np.ndarray:
         """(K, m, m) bool, symmetric: which nodes of a batch of these graphs are in context."""
-        count = self._count[graphs][:, None]
+        count = self.sizes[graphs][:, None]
         most = count.max(initial=0)
         low, high = np.triu_indices(most, 1)
         known = high < count

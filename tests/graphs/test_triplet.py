@@ -191,7 +191,7 @@ def histograms(table):
     """(N, F) the structural features of all nodes of a table."""
     every = np.arange(len(table))
     found = ring_hop_histograms(table.batch(every), table.adjacency(every), len(table.labels), (1.0, 2.0, 4.0), 2)
-    return found.unit(np.arange(len(found.norm)), np.arange(found.width))
+    return found.unit(np.arange(found.width))
 
 
 def test_ring_and_hop_histograms_by_hand():
