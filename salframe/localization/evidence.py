@@ -25,8 +25,8 @@ class Evidence:
     def scores(self, weights: np.ndarray) -> dict[str, float]:
         """The score of each place, of weights (F,): the logarithm of the summed exponentials of its hypotheses."""
         found: dict[str, float] = {}
-        for place, score in zip(self.places, self.values @ weights, strict=True):
-            found[place] = float(np.logaddexp(found.get(place, -np.inf), score))
+        for place, score in zip(self.places, (self.values @ weights).tolist(), strict=True):
+            found[place] = float(np.logaddexp(found[place], score)) if place in found else score
         return found
 
 

@@ -7,6 +7,7 @@ import pytest
 import yaml
 from pydantic import ValidationError
 from salframe_graphs.localizer import SaliencyGraphLocalizer
+from salframe_graphs.places import localizer as places_localizer
 from salframe_graphs.places.evidence import EVIDENCE, label_evidence, shipped_weights
 from salframe_graphs.places.localizer import SaliencyPlacesLocalizer
 from salframe_graphs.places.merging import Place
@@ -226,6 +227,14 @@ def test_places_whose_panoramas_are_less_like_the_query_are_not_matched():
         assert (answer.status, answer.places[0].place) == ("ok", room)
         assert len(answer.places) == 2
         assert max(pose_errors(answer.T_world_query, T)) < 0.01
+
+
+def test_of_many_places_those_that_the_index_puts_first_are_ranked(monkeypatch):
+    monkeypatch.setattr(places_localizer, "RANKED", 1)
+    made = localizer(candidates=1)
+    for room, x_m in (("a", 0.4), ("b", 5.5)):
+        answer = made.localize(asked([room], x_m)[0])
+        assert [place.place for place in answer.places] == [room]
 
 
 @pytest.mark.parametrize("scale", [0.0, 0.3])

@@ -39,7 +39,7 @@ LEAST_COVARIANCE_M = 0.02
 """Two objects may agree by luck: no pose is known better an axis."""
 LEAST_EXPLAINED = 2
 """A pose takes so many objects that are more likely the place's than clutter."""
-RANKED = 200
+RANKED = 2000
 """Of a map of more places an answer ranks so many, those that the scene index puts first."""
 
 
