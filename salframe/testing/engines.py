@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cached_property
 from typing import Any
 
-from salframe.evaluation.engine import Engine
+from salframe.framework.engine import Engine
 from salframe.testing.asking import attempt, expect
 from salframe.testing.rules import Rules
 
