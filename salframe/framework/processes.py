@@ -18,6 +18,9 @@ from salframe.framework.worker import become_worker, end_work
 GRACE_S = 1.0
 """What is worked on has so long to leave nothing unfinished behind when its process is ended."""
 
+KEPT = {"LOKY_MAX_MEMORY_LEAK_SIZE": "1e18"}
+"""What a worker keeps from item to item is no leak, for which loky would replace it."""
+
 
 class ProcessPool(ProcessPoolExecutor):
     """So many processes that work; leaving its `with` block by an exception ends them at once.
@@ -29,6 +32,7 @@ class ProcessPool(ProcessPoolExecutor):
 
     def __init__(self, workers: int, env: dict[str, str] | None = None) -> None:
         parent, self._lifeline = multiprocessing.Pipe(duplex=False)
+        env = {**KEPT, **(env or {})}
         super().__init__(workers, initializer=_begin_work, initargs=(parent,), env=env)
 
     def stop(self) -> None:
