@@ -1,6 +1,5 @@
 # What `import salframe` promises, each name from where it lives; __init__.py reads this file.
 from .evaluation.detection import measure_detection as measure_detection
-from .evaluation.engine import Engine as Engine
 from .evaluation.experiment import run_experiment as run_experiment
 from .evaluation.fitting import fit_method as fit_method
 from .evaluation.guard import Limits as Limits
@@ -22,6 +21,7 @@ from .framework.component import Component as Component
 from .framework.component import Role as Role
 from .framework.config import ComponentConfig as ComponentConfig
 from .framework.config import match_only as match_only
+from .framework.engine import Engine as Engine
 from .framework.errors import ConfigError as ConfigError
 from .framework.errors import DataError as DataError
 from .framework.errors import InputMissing as InputMissing

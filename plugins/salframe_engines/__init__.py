@@ -1,24 +1,21 @@
-"""Ways to run independent pieces of work: in this process, or each in a process of its own."""
+"""Ways to run independent pieces of work: in this process, or in others of this machine."""
 
 from __future__ import annotations
 
-import threading
+import os
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
-from pydantic import Field
+from loky import cpu_count
 
 import salframe
-from salframe.evaluation.engine import Engine
 from salframe.framework.component import Component
-from salframe.framework.config import ComponentConfig
-from salframe.framework.errors import SalframeError, WorkerDied
+from salframe.framework.engine import Engine
+from salframe.framework.errors import WorkerDied
 from salframe.framework.processes import ProcessPool
-
-GLANCE_S = 0.5
-"""So often a wait is broken off to look for an interrupt: one that comes just before a wait is not seen within it."""
+from salframe.framework.worker import ONE_THREAD, work
+from salframe.framework.workers import WorkerEngine, WorkerProcess
 
 
 class Inline(Engine):
@@ -32,29 +29,17 @@ class Inline(Engine):
             yield _attempt(function, item)
 
 
-class Processes(Engine):
-    """Each piece of work in a fresh process."""
+class Processes(WorkerEngine):
+    """In processes of this machine."""
 
     name = "processes"
     version = "1"
-    isolates = True
 
-    class Config(ComponentConfig):
-        workers: int = Field(
-            1, ge=1, description="how many at a time; more than 1 makes the measured times compete for the machine"
-        )
+    def ready(self) -> int:
+        return self.workers or cpu_count()
 
-    def map(self, function: Callable[[Any], Any], items: Sequence[Any]) -> Iterator[Any]:
-        running = _Running()
-        with ThreadPoolExecutor(self.config.workers) as threads:
-            try:
-                for answer in [threads.submit(running.answer, function, item) for item in items]:
-                    while not wait([answer], GLANCE_S).done:
-                        pass
-                    yield answer.result()
-            except BaseException:  # interrupted: the threads would otherwise wait for their processes to finish
-                running.stop()
-                raise
+    def start(self, alone: bool) -> WorkerProcess:
+        return _Local(None if alone else ONE_THREAD)
 
 
 def _attempt(function: Callable[[Any], Any], item: Any) -> Any:
@@ -67,42 +52,26 @@ def _attempt(function: Callable[[Any], Any], item: Any) -> Any:
         return error
 
 
-class _Running:
-    """The processes of one map: those that run, and whether any more may start."""
+class _Local(WorkerProcess):
+    """A process of this machine; `env`: environment variables that it has besides."""
 
-    def __init__(self) -> None:
-        self._lock, self._stopped = threading.Lock(), False
-        self._pools: set[ProcessPool] = set()
+    def __init__(self, env: dict[str, str] | None) -> None:
+        self._pool = ProcessPool(1, env)
+        self._pool.submit(os.getpid)  # so that it is there, and can be ended, from now on
 
     def answer(self, function: Callable[[Any], Any], item: Any) -> Any:
-        """function(item) in a process of its own, or the exception that it raised there."""
-        pool = ProcessPool(1)
         try:
-            return self._submit(pool, function, item).result()
+            return self._pool.submit(work, function, item).result()
         except BrokenProcessPool:
-            return WorkerDied("its process died: killed, out of memory, or a fault in a library")
-        except KeyboardInterrupt:
-            raise
+            return WorkerDied()
         except BaseException as error:  # SystemExit too: it is the item's, not ours
             return error
-        finally:
-            with self._lock:
-                self._pools.discard(pool)
-            pool.shutdown()
 
     def stop(self) -> None:
-        """Start no further process, and end those that run."""
-        with self._lock:
-            self._stopped, pools = True, list(self._pools)
-        for pool in pools:
-            pool.stop()
+        self._pool.stop()
 
-    def _submit(self, pool: ProcessPool, function: Callable[[Any], Any], item: Any) -> Future[Any]:
-        with self._lock:  # so that `stop` finds every process started, or keeps it from starting
-            if self._stopped:
-                raise SalframeError("the map was interrupted")
-            self._pools.add(pool)
-            return pool.submit(function, item)
+    def close(self) -> None:
+        self._pool.shutdown()
 
 
 @salframe.hookimpl

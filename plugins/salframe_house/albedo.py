@@ -7,7 +7,7 @@ import numpy as np
 
 from salframe_house.scene import Scene
 from salframe_house.textures import MAX_PATTERN, TILE, texture_kind, texture_tile, wear_tile
-from salframe_house.tracing import Surface
+from salframe_house.tracing import Surface, chunks
 
 _LEVELS = 6
 _SLOT_ROWS, _SLOT_COLUMNS = (
@@ -44,7 +44,13 @@ class SurfaceColor:
         """(F, 3) float32 albedo of each triangle, averaged over its texture."""
 
     def albedo(self, surface: Surface, pixel_rad: float) -> np.ndarray:
-        """(N, 3) float32 linear albedo where rays `pixel_rad` apart hit, averaged over the pixel."""
+        """(N, 3) float64 linear albedo where rays `pixel_rad` apart hit, averaged over the pixel."""
+        albedo = np.empty((len(surface), 3))
+        for part in chunks(len(surface)):
+            albedo[part] = self._albedo(surface.take(part), pixel_rad)
+        return albedo
+
+    def _albedo(self, surface: Surface, pixel_rad: float) -> np.ndarray:
         triangle = surface.triangle
         corner = self._uv_m[triangle]
         uv_m = corner[:, 0] + (corner[:, 1] - corner[:, 0]) * surface.weight_u[:, None]
@@ -131,7 +137,7 @@ _LEVEL_ROW = np.concatenate([[0], np.cumsum(np.concatenate([[0], _LEVEL_SIDE[1:-
 
 
 def _lookup(atlas: np.ndarray, slot: np.ndarray, uv: np.ndarray, footprint: np.ndarray) -> np.ndarray:
-    """(N, 3) float32 patterns at uv (N, 2) in tiles, blended between the two levels nearest to the footprint (N,) in
+    """(N, 3) float64 patterns at uv (N, 2) in tiles, blended between the two levels nearest to the footprint (N,) in
     tiles."""
     level = np.clip(np.log2(np.maximum(footprint * np.float32(TILE * _SHARPNESS), 1)), 0, _LEVELS - 1.001).astype(
         np.float32

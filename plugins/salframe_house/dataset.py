@@ -35,7 +35,6 @@ class House(RenderedDataset["HouseFrame"], NavigableDataset):
 
     name = "house"
     version = "1"
-    workers = 2
 
     class Config(QueryView):
         style: Literal["home", "office", "hotel"] = Field("home", description="kind of building")

@@ -10,7 +10,7 @@ import numpy as np
 from scipy import ndimage
 
 from salframe_house.scene import Light, Scene
-from salframe_house.tracing import Tracer
+from salframe_house.tracing import Tracer, chunks
 
 Lighting = Literal["day", "evening", "dim"]
 
@@ -172,6 +172,12 @@ class Lights:
         over the lights in proportion to it. `sample_set` (N,) int in [0, INTERLEAVED) chooses the set of samples of
         each point.
         """
+        received = np.empty((len(point_m), 3), np.float32)
+        for part in chunks(len(point_m)):
+            received[part] = self._direct(point_m[part], normal[part], sample_set[part], samples)
+        return received
+
+    def _direct(self, point_m: np.ndarray, normal: np.ndarray, sample_set: np.ndarray, samples: int) -> np.ndarray:
         cell = (point_m[:, 1::-1] - self._low_m[1::-1].astype(np.float32)) / np.float32(_CELL_M)
         row, column = np.clip(cell.astype(np.int32), 0, np.array(self._shape) - 1).T
         light = self._candidates[row, column]

@@ -17,7 +17,7 @@ from salframe_house.lighting import CONDITIONS, Condition, Lighting, Lights, is_
 from salframe_house.scene import Scene
 from salframe_house.shading import IrradianceGrid
 from salframe_house.textures import texture_kind
-from salframe_house.tracing import Surface, Tracer
+from salframe_house.tracing import Surface, Tracer, chunks
 
 _DIRECT_STEP, _DIRECT_SAMPLES = 2, 3
 _INDIRECT_STEP, _INDIRECT_RAYS = 4, 16
@@ -233,7 +233,11 @@ def _filmic(radiance: np.ndarray) -> np.ndarray:
     """Linear display values in [0, 1] of exposed radiance: a curve with a toe and a long shoulder (Narkowicz's fit of
     ACES, 2015)."""
     a, b, c, d, e = (np.float32(x) for x in (2.51, 0.03, 2.43, 0.59, 0.14))
-    return np.clip(radiance * (a * radiance + b) / (radiance * (c * radiance + d) + e), 0, 1)
+    display = np.empty_like(radiance)
+    for part in chunks(len(radiance)):
+        value = radiance[part]
+        display[part] = np.clip(value * (a * value + b) / (value * (c * value + d) + e), 0, 1)
+    return display
 
 
 def _sharpened(image: np.ndarray) -> np.ndarray:

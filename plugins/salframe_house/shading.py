@@ -5,11 +5,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from salframe_house.tracing import Surface
+from salframe_house.tracing import Surface, chunks
 
 _TAPS = ((-2, 0.125), (-1, 0.25), (0, 0.25), (1, 0.25), (2, 0.125))  # each of 4 interleaved sample sets weighs the same
 _FLOOR = np.float32(1e-5)  # the weight of a neighbour on another surface: counts only where there is no better one
-_CHUNK = 1 << 16  # points at a time: temporaries stay in the processor's cache
 
 
 class IrradianceGrid:
@@ -58,8 +57,7 @@ class IrradianceGrid:
         """(M, 3) float32 irradiance of surfaces seen at pixel coordinates `row`, `column` (M,), whole numbers at pixel
         centres."""
         irradiance = np.empty((len(surface), 3), np.float32)
-        for start in range(0, len(surface), _CHUNK):
-            part = slice(start, start + _CHUNK)
+        for part in chunks(len(surface)):
             irradiance[part] = self._at(
                 row[part], column[part], surface.point_m[part], surface.normal[part], surface.range_m[part]
             )

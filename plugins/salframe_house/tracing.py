@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -9,10 +10,12 @@ import numpy as np
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 
+from salframe.framework.worker import threads_allowed
 from salframe_house.scene import Scene
 
 _NOTHING = np.float32(1e30)  # embree's range where a ray hits nothing is 1e37
 _THREADS = 2  # embreex lets go of the interpreter while it traces
+_CHUNK = 1 << 14
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,9 +44,15 @@ class Surface:
     def __len__(self) -> int:
         return len(self.range_m)
 
-    def take(self, index: np.ndarray) -> Surface:
+    def take(self, index: np.ndarray | slice) -> Surface:
         """The entries at these positions."""
         return Surface(*(getattr(self, name)[index] for name in self.__dataclass_fields__))
+
+
+def chunks(count: int) -> Iterator[slice]:
+    """Runs of this many rays, each so short that temporaries stay in the processor's cache."""
+    for start in range(0, count, _CHUNK):
+        yield slice(start, start + _CHUNK)
 
 
 class Tracer:
@@ -59,12 +68,13 @@ class Tracer:
         corners = scene.vertices_m[scene.triangles].astype(np.float32)
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         self.normal = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
-        self._pool = ThreadPoolExecutor(_THREADS)
+        self._threads = min(_THREADS, threads_allowed() or _THREADS)
+        self._pool = ThreadPoolExecutor(self._threads)
 
     def trace(self, origin_m: np.ndarray, direction: np.ndarray) -> Surface:
         """The nearest surfaces along unit directions (N, 3) float32 from one origin (3,) or N origins (N, 3)."""
         origin_m = np.ascontiguousarray(np.broadcast_to(np.asarray(origin_m, np.float32), direction.shape))
-        return _joined(list(self._pool.map(self._trace_part, *_halves(origin_m, direction))))
+        return _joined(list(self._pool.map(self._trace_part, *_split(self._threads, origin_m, direction))))
 
     def _trace_part(self, origin_m: np.ndarray, direction: np.ndarray) -> Surface:
         found = self._surfaces.run(origin_m, direction, query="INTERSECT", output=True)
@@ -80,7 +90,7 @@ class Tracer:
     def blocked(self, start_m: np.ndarray, end_m: np.ndarray) -> np.ndarray:
         """(N,) bool: something that casts shadows lies between the points (N, 3); within 2 cm of the end does not
         count."""
-        return np.concatenate(list(self._pool.map(self._blocked_part, *_halves(start_m, end_m))))
+        return np.concatenate(list(self._pool.map(self._blocked_part, *_split(self._threads, start_m, end_m))))
 
     def _blocked_part(self, start_m: np.ndarray, end_m: np.ndarray) -> np.ndarray:
         way = end_m - start_m
@@ -98,9 +108,9 @@ def _embree_scene(vertices_m: np.ndarray, triangles: np.ndarray) -> EmbreeScene:
     return scene
 
 
-def _halves(*arrays: np.ndarray) -> list[list[np.ndarray]]:
-    """Each array cut into as many runs as there are threads."""
-    cuts = [np.array_split(array, _THREADS) for array in arrays]
+def _split(count: int, *arrays: np.ndarray) -> list[list[np.ndarray]]:
+    """Each array cut into so many runs."""
+    cuts = [np.array_split(array, count) for array in arrays]
     return [[np.ascontiguousarray(part) for part in parts] for parts in cuts]
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from salframe.framework.errors import WeightsMissing
 from salframe.framework.files import read_network
+from salframe.framework.worker import threads_allowed
 from salframe_segments.card import Card, Layout
 
 TFLITE = ".tflite"
@@ -84,7 +85,9 @@ class TfliteNetwork(SegmentationNetwork):
         try:
             if card.output.name is not None:
                 _end_at(content, card.output.name)
-            self._interpreter = Interpreter(model_content=bytes(content), num_threads=os.cpu_count())
+            self._interpreter = Interpreter(
+                model_content=bytes(content), num_threads=threads_allowed() or os.cpu_count()
+            )
             self._interpreter.allocate_tensors()
         except _NoTensor:
             raise WeightsMissing(f"{path} has no tensor {card.output.name!r}, which its card names as output") from None

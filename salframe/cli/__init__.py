@@ -152,7 +152,9 @@ def main() -> None:
         with json_alone("--json" in sys.argv):
             app()
     except (KeyboardInterrupt, _Interrupted):
-        print("interrupted: run the same command again to resume", file=sys.stderr)
+        print(
+            "interrupted: finished frames and answers are kept, run the same command again to resume", file=sys.stderr
+        )
         sys.exit(130)
     except SalframeError as error:
         if _debug:

@@ -24,6 +24,7 @@ from salframe.cli.options import (
     Set,
     Style,
     Timeout,
+    Workers,
     make_request,
 )
 from salframe.cli.output import show
@@ -37,6 +38,7 @@ def compare(
     name: Name = None,
     runs: Runs = RUNS,
     engine: EngineName = ENGINE,
+    workers: Workers = None,
     seed: Seed = 0,
     reported: Annotated[
         bool, typer.Option("--reported", help="Show what papers report, apart from what is measured.")
@@ -57,6 +59,7 @@ def compare(
         name=name,
         runs=runs,
         engine=engine,
+        workers=workers,
         seed=seed,
         timeout_s=timeout,
         memory_mb=memory,
@@ -74,6 +77,7 @@ def ablate(
     name: Name = None,
     runs: Runs = RUNS,
     engine: EngineName = ENGINE,
+    workers: Workers = None,
     seed: Seed = 0,
     timeout: Timeout = None,
     memory: Memory = None,
@@ -90,6 +94,7 @@ def ablate(
         name=name,
         runs=runs,
         engine=engine,
+        workers=workers,
         seed=seed,
         timeout_s=timeout,
         memory_mb=memory,

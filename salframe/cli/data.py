@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from salframe.cli.options import DataArgument, DataDir, Json, Set
+from salframe.cli.options import ENGINE, DataArgument, DataDir, EngineName, Json, Set, Workers, with_workers
 from salframe.cli.output import print_json
 
 app = typer.Typer(help="Look at datasets, and make the rendered ones.", no_args_is_help=True)
@@ -63,11 +63,17 @@ def info(data: DataArgument, data_dir: DataDir = None, overrides: Set = None, as
 
 
 @app.command()
-def render(data: DataArgument, data_dir: DataDir = None, overrides: Set = None) -> None:
+def render(
+    data: DataArgument,
+    data_dir: DataDir = None,
+    overrides: Set = None,
+    engine: EngineName = ENGINE,
+    workers: Workers = None,
+) -> None:
     """Prepare a dataset now that `compare` would prepare when it first needs it; run it again to resume."""
     from salframe.cli.output import Bars
     from salframe.panoramas.opening import find_dataset
 
     with Bars() as bars:
-        dataset = find_dataset(data, data_dir, overrides or (), bars.update)
+        dataset = find_dataset(data, data_dir, with_workers(overrides, workers), bars.update, engine)
     print(f"{data} is ready: fingerprint {dataset.fingerprint}")

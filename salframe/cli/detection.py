@@ -21,6 +21,7 @@ from salframe.cli.options import (
     Set,
     Style,
     Timeout,
+    Workers,
     make_request,
 )
 from salframe.cli.output import show
@@ -34,6 +35,7 @@ def detection(
     name: Name = None,
     runs: Runs = RUNS,
     engine: EngineName = ENGINE,
+    workers: Workers = None,
     classes: Annotated[bool, typer.Option("--classes", help="Print a table of the classes too.")] = False,
     timeout: Timeout = None,
     memory: Memory = None,
@@ -53,6 +55,7 @@ def detection(
         name=name,
         runs=runs,
         engine=engine,
+        workers=workers,
         timeout_s=timeout,
         memory_mb=memory,
     )

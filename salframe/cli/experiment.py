@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from salframe.cli.options import ENGINE, RUNS, DataDir, EngineName, Json, Runs, Seed
+from salframe.cli.options import ENGINE, RUNS, DataDir, EngineName, Json, Runs, Seed, Workers, with_workers
 from salframe.cli.output import Bars, print_json
 
 if TYPE_CHECKING:
@@ -28,9 +28,7 @@ def experiment(
     ] = Path("docs/results"),
     runs: Runs = RUNS,
     engine: EngineName = ENGINE,
-    workers: Annotated[
-        int, typer.Option(min=1, help="How many methods at a time; more than 1 makes the measured times compete.")
-    ] = 1,
+    workers: Workers = None,
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
@@ -50,7 +48,7 @@ def experiment(
             ],
         )
         return
-    settings = (f"engine.workers={workers}",) if workers > 1 else ()
+    settings = with_workers(None, workers)
     request = Request(data_dir=data_dir, runs=runs, engine=engine, settings=settings, seed=seed)
     done: list[ExperimentResult] = []
     for one in experiment_names() if name == ALL else [name]:

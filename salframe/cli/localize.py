@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from salframe.cli.options import MAP_METHOD, DataDir, Json, Set
+from salframe.cli.options import ENGINE, MAP_METHOD, DataDir, EngineName, Json, Set, Workers, with_workers
 from salframe.cli.output import print_json
 
 if TYPE_CHECKING:
@@ -23,6 +23,8 @@ def build(
     method: Annotated[str, typer.Option(help="A preset or localizer.")] = MAP_METHOD,
     data_dir: DataDir = None,
     overrides: Set = None,
+    engine: EngineName = ENGINE,
+    workers: Workers = None,
 ) -> None:
     """Build a map from a dataset's mapping frames."""
     from salframe.cli.output import Bars, tell
@@ -31,7 +33,16 @@ def build(
     from salframe.localization.saved_map import build_map
 
     with Bars() as bars:
-        build_map(data, output, method, data_dir=data_dir, overrides=overrides or (), progress=bars.update, tell=tell)
+        build_map(
+            data,
+            output,
+            method,
+            data_dir=data_dir,
+            overrides=with_workers(overrides, workers),
+            engine=engine,
+            progress=bars.update,
+            tell=tell,
+        )
     print(f"{output}: {format_bytes(folder_bytes(output))}")
 
 

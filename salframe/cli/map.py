@@ -7,7 +7,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from salframe.cli.options import MAP_METHOD, PLANNER, DataArgument, DataDir, Json, Set
+from salframe.cli.options import (
+    ENGINE,
+    MAP_METHOD,
+    PLANNER,
+    DataArgument,
+    DataDir,
+    EngineName,
+    Json,
+    Set,
+    Workers,
+    with_workers,
+)
 from salframe.cli.output import print_json
 
 if TYPE_CHECKING:
@@ -40,6 +51,8 @@ def build(
     ] = False,
     data_dir: DataDir = None,
     overrides: Set = None,
+    engine: EngineName = ENGINE,
+    workers: Workers = None,
 ) -> None:
     """Build a topological map from a dataset's floor masks, and the map of a method from its mapping frames."""
     from salframe.cli.output import Bars, tell
@@ -53,7 +66,8 @@ def build(
             method,
             choose=choose,
             data_dir=data_dir,
-            overrides=overrides or (),
+            overrides=with_workers(overrides, workers),
+            engine=engine,
             progress=bars.update,
             tell=tell,
         )

@@ -18,6 +18,7 @@ from salframe.cli.options import (
     Set,
     Style,
     Timeout,
+    Workers,
     make_request,
 )
 from salframe.cli.output import show
@@ -31,6 +32,7 @@ def matching(
     name: Name = None,
     runs: Runs = RUNS,
     engine: EngineName = ENGINE,
+    workers: Workers = None,
     timeout: Timeout = None,
     memory: Memory = None,
     style: Style = "table",
@@ -49,6 +51,7 @@ def matching(
         name=name,
         runs=runs,
         engine=engine,
+        workers=workers,
         timeout_s=timeout,
         memory_mb=memory,
     )

@@ -20,6 +20,7 @@ from salframe.cli.options import (
     Runs,
     Style,
     Timeout,
+    Workers,
     make_request,
 )
 from salframe.cli.output import show
@@ -55,6 +56,7 @@ def navigate(
     name: Name = None,
     runs: Runs = RUNS,
     engine: EngineName = ENGINE,
+    workers: Workers = None,
     seed: Annotated[int, typer.Option(help="Seed of episodes, noise and confidence intervals.")] = 0,
     timeout: Timeout = None,
     memory: Memory = None,
@@ -78,6 +80,7 @@ def navigate(
         name=name,
         runs=runs,
         engine=engine,
+        workers=workers,
         seed=seed,
         timeout_s=timeout,
         memory_mb=memory,

@@ -34,7 +34,17 @@ Set = Annotated[
 ]
 Name = Annotated[str | None, typer.Option(help="Name of the run folder; the dataset's name unless given.")]
 Runs = Annotated[Path, typer.Option(help="Folder that holds the runs.")]
-EngineName = Annotated[str, typer.Option("--engine", help="How the methods are run: see `salframe plugins`.")]
+EngineName = Annotated[str, typer.Option("--engine", help="How the work is run: see `salframe plugins`.")]
+Workers = Annotated[
+    int | None,
+    typer.Option(
+        "--workers",
+        min=1,
+        metavar="N",
+        help="How many work at a time; unless given one where times are measured, which more would make compete, and "
+        "else one a processor.",
+    ),
+]
 Seed = Annotated[int, typer.Option(help="Seed of the confidence intervals.")]
 Style = Annotated[
     Literal["table", "md", "latex", "csv"],
@@ -55,6 +65,11 @@ def split_names(names: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in names.split(",") if name.strip())
 
 
+def with_workers(overrides: list[str] | None, workers: int | None) -> tuple[str, ...]:
+    """Settings of `--set`, and that of `--workers`."""
+    return (*(overrides or ()), *(() if workers is None else (f"engine.workers={workers}",)))
+
+
 def make_request(
     methods: str = "",
     *,
@@ -64,6 +79,7 @@ def make_request(
     name: str | None,
     runs: Path,
     engine: str,
+    workers: int | None,
     seed: int = 0,
     timeout_s: float | None = None,
     memory_mb: float | None = None,
@@ -76,7 +92,7 @@ def make_request(
         methods=split_names(methods),
         data=data,
         data_dir=data_dir,
-        settings=tuple(overrides or ()),
+        settings=with_workers(overrides, workers),
         name=name,
         seed=seed,
         engine=engine,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import sys
 import time
 from collections import Counter
@@ -17,6 +16,7 @@ from salframe.evaluation.run import DESCRIPTIONS, MAPS, Row, RowWriter, read_row
 from salframe.evaluation.task import Worker
 from salframe.framework.cache import Cache
 from salframe.framework.errors import FRAME_ERRORS, InvalidAnswer, MethodFailed, describe_error
+from salframe.framework.worker import in_worker
 from salframe.localization.answers import Localization
 from salframe.localization.localizer import Description, Localizer
 from salframe.localization.saved_map import map_bytes
@@ -173,7 +173,7 @@ def answer_row(answer: Localization | None, describe_ms: float | None = None, qu
 def peak_memory_mb() -> float | None:
     """Most memory (1e6 bytes) that this process has held so far; None in a process shared with other work, and on
     Windows."""
-    if multiprocessing.parent_process() is None:
+    if not in_worker():
         return None
     status = Path("/proc/self/status")
     if status.exists():  # on Linux, ru_maxrss of a started process begins at its parent's peak

@@ -141,7 +141,7 @@ def _describe(
 ) -> Tuning:
     """A tuning data set with all its frames described."""
     root = data_dir if data_dir and _takes_root(data) else None
-    name, dataset, localizer = prepare(data, method, root, [*overrides, HIDE], progress, tell)
+    name, dataset, localizer = prepare(data, method, root, [*overrides, HIDE], None, progress, tell)
     if "posterior" not in type(localizer.config).model_fields:
         raise ConfigError(
             f"{name} is a {localizer.name!r}, which has no setting `posterior`: its answers cannot carry probabilities"

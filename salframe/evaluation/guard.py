@@ -14,6 +14,7 @@ from typing import Any
 
 from salframe.evaluation import memory_watch
 from salframe.evaluation.memory_watch import TOO_LARGE
+from salframe.framework.errors import WorkerDied
 from salframe.framework.files import read_json, write_json
 
 AT_WORK, LOG = "at-work.json", "watch.log"
@@ -40,7 +41,7 @@ class Guard:
     """Names the piece that a process works on, and ends the process where that takes too much. `folder`: the method's.
 
     Memory is limited from the beginning, time while there is a piece. A process that hangs in a library cannot raise:
-    it is ended from outside Python, and `what_ended` tells why.
+    it is ended from outside Python, and `Death.of` tells why.
     """
 
     def __init__(self, folder: Path, limits: Limits) -> None:
@@ -76,12 +77,22 @@ class Guard:
             (self._folder / name).unlink(missing_ok=True)
 
 
-def what_ended(folder: Path, limits: Limits) -> tuple[dict[str, Any] | None, str]:
-    """The piece that the process which died was at work on, None where it was at none, and why it was ended."""
-    log = (folder / LOG).read_text(encoding="utf-8", errors="replace") if (folder / LOG).exists() else ""
-    reason = "its process died: killed, out of memory, or a fault in a library"
-    if log.startswith(TOO_LONG):
-        reason = f"took over {limits.timeout_s:g} s, the limit of --timeout"
-    elif log.startswith(TOO_LARGE):
-        reason = f"took over {limits.memory_mb:g} MB, the limit of --memory"
-    return read_json(folder / AT_WORK) if (folder / AT_WORK).exists() else None, reason
+@dataclass(frozen=True)
+class Death:
+    """A process that died: the piece that it was at work on, by what that is known by, None where it was at none; why;
+    and whether a limit ended it."""
+
+    piece: dict[str, Any] | None
+    reason: str
+    by_limit: bool = False
+
+    @classmethod
+    def of(cls, folder: Path, limits: Limits, error: WorkerDied) -> Death:
+        """The death that an engine tells of, by what the process left in its folder."""
+        piece = read_json(folder / AT_WORK) if (folder / AT_WORK).exists() else None
+        log = (folder / LOG).read_text(encoding="utf-8", errors="replace") if (folder / LOG).exists() else ""
+        if log.startswith(TOO_LONG):
+            return cls(piece, f"took over {limits.timeout_s:g} s, the limit of --timeout", by_limit=True)
+        if log.startswith(TOO_LARGE):
+            return cls(piece, f"took over {limits.memory_mb:g} MB, the limit of --memory", by_limit=True)
+        return cls(piece, str(error))

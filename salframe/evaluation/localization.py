@@ -134,6 +134,7 @@ class LocalizationTask(Task[Query, LocalizationSurvey]):
     key_fields = ("fold", "query")
     row = AnswerRow
     counted = (ROWS, DESCRIPTIONS)
+    maps = True
 
     @classmethod
     def from_run(cls, run: Run) -> LocalizationTask:

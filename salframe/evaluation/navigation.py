@@ -174,6 +174,7 @@ class NavigationTask(Task[Episode, NavigationSurvey]):
     counts = "episodes"
     key_fields = ("episode",)
     row = EpisodeRow
+    maps = True
 
     def asks(self) -> dict[str, Any]:
         asked = self.asked if isinstance(self.asked, int) else [one.model_dump(mode="json") for one in self.asked]

@@ -39,7 +39,7 @@ Row = dict[str, Any]
 REQUEST, NOTES, METHODS = "request.yaml", "notes.json", "methods"
 """In a run folder: what was asked, what must be said of it, and a folder for each method."""
 ROWS, DESCRIPTIONS, MAPS = "rows.jsonl", "descriptions.jsonl", "maps.jsonl"
-OUTCOME, IDENTITY = "outcome.json", "identity.json"
+OUTCOME, IDENTITY, CRASH_LOG = "outcome.json", "identity.json", "crash.log"
 """In a method's folder."""
 LONGEST = 200
 """Characters of a folder's name: file systems take 255 bytes."""
@@ -324,6 +324,8 @@ class LineCounter:
         """The lines that a file has by now; 0 where it is missing."""
         offset, lines = self._seen.get(path, (0, 0))
         try:
+            if path.stat().st_size < offset:  # another file by now
+                offset, lines = 0, 0
             with path.open("rb") as file:
                 file.seek(offset)
                 added = file.read()

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import threading
 import traceback
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
-from dataclasses import replace
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from salframe.evaluation.engine import Engine
-from salframe.evaluation.guard import Guard, Limits, what_ended
+from salframe.evaluation.guard import Death, Guard, Limits
 from salframe.evaluation.reported import Reported
 from salframe.evaluation.request import Request, Resolved
 from salframe.evaluation.result import Result
 from salframe.evaluation.run import (
+    CRASH_LOG,
+    DESCRIPTIONS,
     ROWS,
     LineCounter,
     MethodStatus,
@@ -26,9 +28,13 @@ from salframe.evaluation.run import (
     RowWriter,
     Run,
     identity_of,
+    read_rows,
 )
+from salframe.evaluation.shares import Share, join_outcomes, join_shares, share_folders, split_work
 from salframe.evaluation.task import MethodRow, Record, Survey, Task
 from salframe.framework.auto import Choice
+from salframe.framework.config import ComponentConfig
+from salframe.framework.engine import Engine
 from salframe.framework.errors import (
     FRAME_ERRORS,
     ConfigError,
@@ -43,12 +49,15 @@ from salframe.framework.errors import (
 from salframe.framework.files import alone, write_json
 from salframe.framework.identity import digest
 from salframe.framework.registry import registry
+from salframe.localization.describing import describe_frames
 from salframe.panoramas.camera_height import units_note
 from salframe.panoramas.opening import Progress, mapping_frames, open_dataset, provided
 
 POLL_SECONDS = 0.5
-DEATHS = 3
-"""A method whose process dies so often in one run is given up."""
+TRIES, DEATHS = 2, 3
+"""A piece is given up of which a process dies so often, and a method that so many pieces are given up of."""
+Key = tuple[Any, ...]
+"""What a piece is known by."""
 
 
 def run_task(
@@ -81,7 +90,7 @@ def _resume(
     reported: tuple[Reported, ...],
 ) -> Result[Any]:
     engine: Engine = registry().build("engine", resolved.engine)
-    dataset = open_dataset(resolved.data, progress and partial(progress, resolved.name))
+    dataset = open_dataset(resolved.data, progress and partial(progress, resolved.name), engine)
     run.bind(dataset.question_key)
     survey = task.survey(dataset)
     for label, config in resolved.methods.items():
@@ -92,27 +101,90 @@ def _resume(
     run.set_notes([*resolved.notes, *([units] if units else [])])
     if request.limits and not engine.isolates:
         raise ConfigError(f"the engine {engine.name!r} has no process a method, which a limit could end")
-    todo = [label for label in run.labels if not _finished(task, run, label, survey)]
-    skipped: dict[str, list[tuple[Any, ...]]] = {label: [] for label in todo}
     with _watch(task, run, task.total(survey), progress):
-        while todo:
-            work = partial(work_method, task, run.directory, request.limits, skipped)
-            answers = iter(engine.map(work, todo))
-            again = []
-            for label in todo:
-                ended = next(answers, MethodFailed(f"the engine {engine.name!r} gave no answer for it"))
-                if isinstance(ended, WorkerDied):
-                    known_by, reason = what_ended(run.folder(label), request.limits)
-                    if known_by is not None:
-                        skipped[label].append(_skip(task, run, label, survey, known_by, reason))
-                    if known_by is not None and len(skipped[label]) < DEATHS:
-                        again.append(label)
-                        continue
-                    ended = WorkerDied(reason)
-                if isinstance(ended, BaseException):
-                    run.end(label, Outcome(MethodStatus.CRASHED, describe_error(ended)))
-            todo = again
+        work = _Work(task, run, survey, engine, request.limits)
+        for label, config in resolved.methods.items():
+            if not _finished(task, run, label, survey):
+                run.end(label, work.do(label, config))
     return conclude(task, run, survey, reported)
+
+
+@dataclass(frozen=True, eq=False)
+class _Work:
+    """What methods have to do in a run, and what has it done."""
+
+    task: Task[Any, Any]
+    run: Run
+    survey: Survey[Any]
+    engine: Engine
+    limits: Limits
+
+    def do(self, label: str, config: ComponentConfig) -> Outcome:
+        """Have a method do what it has not done yet: by one worker, or in shares by several.
+
+        Where one dies of a piece, the others go on; the piece is tried once more, unless a limit ended it, and then
+        given up, as is a method that has died of too many.
+        """
+        folder = self.run.begin(label)
+        join_shares(folder)
+        outcomes: list[Outcome] = []
+        died_of, given_up = Counter[Key | None](), set[Key | None]()
+        while True:
+            shares = split_work(self._left(label, given_up), self.engine.workers or 1, folder)
+            if len(shares) > 1 and self.task.maps and not self.limits:  # no limit would hold for what is described here
+                self._describe_maps(config, folder)
+            deaths: list[Death] = []
+            try:
+                for share, answer in zip(shares, self._answers(label, shares), strict=True):
+                    if isinstance(answer, WorkerDied):
+                        deaths.append(Death.of(share.folder, self.limits, answer))
+                    else:
+                        outcomes.append(answer)
+            finally:
+                join_shares(folder)
+            for death in deaths:
+                key = None if death.piece is None else tuple(death.piece[name] for name in self.task.key_fields)
+                died_of[key] += 1
+                if death.by_limit or died_of[key] == TRIES:
+                    given_up.add(key)
+                    if key is not None:
+                        self._give_up(key, death, folder)
+                    if key is None or len(given_up) == DEATHS:
+                        outcomes.append(Outcome(MethodStatus.CRASHED, death.reason))
+            if not deaths or any(outcome.status is not MethodStatus.DONE for outcome in outcomes):
+                return join_outcomes(outcomes)
+
+    def _left(self, label: str, given_up: Collection[Key | None]) -> list[Key]:
+        """What the pieces are known by that the method has not done and that are not given up."""
+        rows = _by_key(self.task, self.run, label).items()
+        done = {key for key, row in rows if row["status"] != PieceStatus.CRASHED}
+        return [key for key in map(self.task.key, self.survey.pieces) if key not in done and key not in given_up]
+
+    def _answers(self, label: str, shares: Sequence[Share]) -> Iterator[Outcome | WorkerDied]:
+        """How each share ended."""
+        work = partial(work_share, self.task, self.run.directory.absolute(), label, self.limits)
+        answers = iter(self.engine.map(work, shares))
+        for _ in shares:
+            answer = next(answers, MethodFailed(f"the engine {self.engine.name!r} gave no answer for it"))
+            if isinstance(answer, BaseException) and not isinstance(answer, WorkerDied):
+                answer = Outcome(MethodStatus.CRASHED, describe_error(answer))
+            yield answer
+
+    def _describe_maps(self, config: ComponentConfig, folder: Path) -> None:
+        """Have the mapping frames described that are not known to be, and keep what each cost."""
+        known = {row["frame"] for row in read_rows(folder / DESCRIPTIONS)}
+        frames = [frame.id for frame in mapping_frames(self.survey.dataset) if frame.id not in known]
+        with RowWriter(folder / DESCRIPTIONS) as costs:
+            for frame, seconds in describe_frames(config, self.run.data(), frames, self.engine):
+                costs.append({"frame": frame, "ms": seconds * 1e3})
+
+    def _give_up(self, key: Key, death: Death, folder: Path) -> None:
+        """Give the piece that a method's process died of a row that says so."""
+        piece = next(one for one in self.survey.pieces if self.task.key(one) == key)
+        known_by = dict(zip(self.task.key_fields, key, strict=True))
+        crashed = {"status": PieceStatus.CRASHED, "error": death.reason}
+        with RowWriter(folder / ROWS) as rows:
+            rows.append({**known_by, **self.task.failed(piece), **crashed})
 
 
 def conclude(task: Task[Any, Any], run: Run, survey: Survey[Any], reported: tuple[Reported, ...] = ()) -> Result[Any]:
@@ -160,56 +232,39 @@ def pool(task: Task[Any, Any], directories: Sequence[Path]) -> Sequence[MethodRo
     return task.summarize(parts, run.seed)
 
 
-def _skip(
-    task: Task[Any, Any], run: Run, label: str, survey: Survey[Any], known_by: Row, reason: str
-) -> tuple[Any, ...]:
-    """Give the piece that a method's process died of a row that says so; the piece's key."""
-    key = tuple(known_by[name] for name in task.key_fields)
-    piece = next(one for one in survey.pieces if task.key(one) == key)
-    with closing(RowWriter(run.folder(label) / ROWS)) as rows:
-        rows.append({**known_by, **task.failed(piece), "status": PieceStatus.CRASHED, "error": reason})
-    return key
-
-
-def work_method(
-    task: Task[Any, Any],
-    directory: Path,
-    limits: Limits,
-    skipped: Mapping[str, Collection[tuple[Any, ...]]],
-    label: str,
-) -> None:
-    """Have one method of a run do what it has not done yet, and keep how it ended, whatever it raises. `skipped`: the
-    pieces by label that a process died of."""
+def work_share(task: Task[Any, Any], directory: Path, label: str, limits: Limits, share: Share) -> Outcome:
+    """Have one method of a run do its share, and keep what it makes of each piece; how that ended, whatever it
+    raises."""
     run = Run.load(directory)
-    folder = run.begin(label)
+    share.folder.mkdir(parents=True, exist_ok=True)
     given: tuple[str, ...] = ()
-    guard = Guard(folder, limits)
+    guard = Guard(share.folder, limits)
     try:
         data = run.data()
         config = run.method(label, task.role, Choice(data.kind, partial(provided, data)))
         method = registry().build(task.role, config)
         survey = task.survey(open_dataset(data))
         given = task.given(label, method, survey.dataset)
-        done = {key for key, row in _by_key(task, run, label).items() if row["status"] != PieceStatus.CRASHED}
-        todo = [piece for piece in survey.pieces if task.key(piece) not in {*done, *skipped[label]}]
-        with task.open(label, method, survey, todo, folder) as worker, RowWriter(folder / ROWS) as rows:
+        keys = set(share.keys)
+        todo = [piece for piece in survey.pieces if task.key(piece) in keys]
+        with task.open(label, method, survey, todo, share.folder) as worker, RowWriter(share.folder / ROWS) as rows:
             for piece in todo:
                 known_by = dict(zip(task.key_fields, task.key(piece), strict=True))
                 worker.prepare(piece)
                 with guard.watch(known_by):
-                    row = _attempt(task, worker.work, piece, folder)
+                    row = _attempt(task, worker.work, piece, share.folder)
                 rows.append({**known_by, **row})
             outcome = Outcome(MethodStatus.DONE, worker.warning, given)
     except (RequirementMissing, WeightsMissing, InputMissing, MethodUnavailable) as error:
-        outcome = Outcome(MethodStatus.UNAVAILABLE, str(error), given)
+        return Outcome(MethodStatus.UNAVAILABLE, str(error), given)
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # a method is somebody else's code: whatever it raises costs its own row only
-        log_crash(folder, "the method")
-        outcome = Outcome(MethodStatus.CRASHED, describe_error(error), given)
+        log_crash(share.folder, "the method")
+        return Outcome(MethodStatus.CRASHED, describe_error(error), given)
     finally:
         guard.close()
-    run.end(label, outcome)
+    return outcome
 
 
 def _attempt(task: Task[Any, Any], work: Callable[[Any], Row], piece: Any, folder: Path) -> Row:
@@ -225,12 +280,12 @@ def _attempt(task: Task[Any, Any], work: Callable[[Any], Row], piece: Any, folde
 
 
 def log_crash(folder: Path, where: str) -> None:
-    """Keep the traceback of the exception that is being handled in a method's folder."""
-    with (folder / "crash.log").open("a", encoding="utf-8") as file:
+    """Keep the traceback of the exception that is being handled in the folder of a method or of its share."""
+    with (folder / CRASH_LOG).open("a", encoding="utf-8") as file:
         file.write(f"{where}\n{traceback.format_exc()}\n")
 
 
-def _by_key(task: Task[Any, Any], run: Run, label: str) -> dict[tuple[Any, ...], Row]:
+def _by_key(task: Task[Any, Any], run: Run, label: str) -> dict[Key, Row]:
     """Rows by what their piece is known by; of a piece asked again, the last."""
     return {tuple(row.get(field) for field in task.key_fields): row for row in run.rows(label, task.row)}
 
@@ -265,8 +320,9 @@ def _watch(task: Task[Any, Any], run: Run, total: int, progress: Progress | None
 
     def tell() -> None:
         for label in run.labels:
-            done = sum(lines.count(run.folder(label) / name) for name in task.counted)
-            progress(label, min(done, total), total)
+            folder = run.folder(label)
+            files = [*(folder / name for name in task.counted), *(share / ROWS for share in share_folders(folder))]
+            progress(label, min(sum(map(lines.count, files)), total), total)
 
     def poll() -> None:
         while not ended.wait(POLL_SECONDS):

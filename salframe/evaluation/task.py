@@ -124,7 +124,7 @@ def in_common(records: Sequence[Record]) -> dict[str, Any]:
 
 
 class Worker(ABC, Generic[Piece]):
-    """A method at work on the pieces of a task, in a process of its own."""
+    """A method at work on pieces of a task, in a process of its own."""
 
     def prepare(self, piece: Piece) -> None:
         """Do what a piece needs and others share, a map: it counts in no limit of the piece. Nothing unless overridden.
@@ -169,6 +169,7 @@ class Task(ABC, Generic[Piece, Surveyed]):
     counts: ClassVar[str]
     key_fields: ClassVar[tuple[str, ...]]
     counted: ClassVar[tuple[str, ...]] = (ROWS,)
+    maps: ClassVar[bool] = False
 
     def asks(self) -> dict[str, Any]:
         """What the task asks beyond the data set's own pieces, as JSON that `from_run` reads."""

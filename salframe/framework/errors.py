@@ -53,6 +53,9 @@ class InvalidAnswer(MethodFailed):
 class WorkerDied(SalframeError):
     """A process that worked ended before it had answered."""
 
+    def __init__(self, message: str = "its process died: killed, out of memory, or a fault in a library") -> None:
+        super().__init__(message)
+
 
 class NoRoute(SalframeError):
     """Two nodes of a topological map are not connected."""

@@ -101,12 +101,6 @@ def share_file(source: Path, target: Path) -> None:
                 shutil.copyfile(source, temporary)
 
 
-def remove_unfinished(folder: Path, pid: int) -> None:
-    """Remove the temporary files that a process that was killed left of `atomic_path` in a folder and those below."""
-    for temporary in folder.rglob(f".*-{pid}-*"):
-        temporary.unlink(missing_ok=True)
-
-
 def write_text(path: Path, text: str) -> None:
     """Write a text file atomically, the same bytes on every system."""
     with atomic_path(path) as temporary:

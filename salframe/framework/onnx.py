@@ -11,6 +11,7 @@ import numpy as np
 
 from salframe.framework.errors import WeightsMissing
 from salframe.framework.files import read_network
+from salframe.framework.worker import threads_allowed
 
 Shape = tuple[int | None, ...]
 """Lengths of a tensor's axes, the batch first; None for any length."""
@@ -62,6 +63,7 @@ def open_model(
     import onnxruntime
 
     options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = threads_allowed() or 0
     options.log_severity_level = 3  # errors only: they are raised as well, and warnings are for who made the file
     options.add_session_config_entry(
         "session.intra_op.allow_spinning", "0"

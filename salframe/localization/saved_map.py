@@ -11,10 +11,12 @@ from salframe.framework.auto import Choice
 from salframe.framework.cache import Cache
 from salframe.framework.config import ComponentConfig, parse_override, validate
 from salframe.framework.defaults import default_of
+from salframe.framework.engine import open_engine
 from salframe.framework.errors import DataError
 from salframe.framework.installation import folder_bytes
 from salframe.framework.presets import Overrides, configure, settings, short_name
 from salframe.framework.registry import registry
+from salframe.localization.describing import describe_frames
 from salframe.localization.localizer import Localizer
 from salframe.localization.map_folder import check_output, read_map
 from salframe.localization.map_parts import METHOD, read_method
@@ -37,20 +39,21 @@ def build_map(
     *,
     data_dir: str | Path | None = None,
     overrides: Sequence[str] = (),
+    engine: str | None = None,
     progress: Progress | None = None,
     tell: Tell = silent,
 ) -> Localizer:
     """Describe a dataset's mapping frames with a method and save the map to the folder `output`, which changes whole.
 
-    It replaces the map that the folder held, the topology of a topological map too. Raises ConfigError where `output`
-    holds something else than a map, InputMissing where nothing that `auto` may become can run.
+    It replaces the map that the folder held, the topology of a topological map too. `engine`: what renders and
+    describes, the default one where it is None; "engine.KEY=VALUE" among `overrides` are its settings. Raises
+    ConfigError where `output` holds something else than a map, InputMissing where nothing that `auto` may become can
+    run.
     """
     output = Path(output)
     check_output(output)
-    name, dataset, localizer = prepare(data, method, data_dir, overrides, progress, tell)
-    tracked = progress and partial(progress, name)
-    for note in localizer.build(mapping_frames(dataset), Cache(), dataset.content_key, tracked, dataset.floors()):
-        tell(note)
+    name, dataset, localizer = prepare(data, method, data_dir, overrides, engine, progress, tell)
+    build_from(localizer, dataset, progress and partial(progress, name), tell)
     localizer.save(output)
     return localizer
 
@@ -60,24 +63,39 @@ def prepare(
     method: str | None,
     data_dir: str | Path | None,
     overrides: Sequence[str],
+    engine: str | None,
     progress: Progress | None,
     tell: Tell,
 ) -> tuple[str, Dataset, Localizer]:
-    """A method's short name, the prepared dataset, and the method's localizer, with overrides for both; `tell` what
-    `auto` became, and where ranges seem to be in a wrong unit."""
+    """A method's short name, the dataset prepared by an engine, and the method's localizer, with overrides for all;
+    `tell` what `auto` became, and where ranges seem to be in a wrong unit."""
     asked = default_of("map_method") if method is None else method
     name, content = short_name(asked), settings("localizer", asked)
-    given = Overrides(map(parse_override, overrides), {name: content}, role="localizer", scopes=("data",))
+    given = Overrides(map(parse_override, overrides), {name: content}, role="localizer", scopes=("data", "engine"))
     data_name, config = configure_dataset(data, data_dir, given.scopes["data"])
     choice = Choice(data_name, partial(provided, config))
     chosen = configure("localizer", name, content, given.methods[name], choice)
     localizer: Localizer = registry().build("localizer", chosen)
     for note in choice.notes:
         tell(f"{name}: {note}")
-    dataset = open_dataset(config, progress and partial(progress, data_name))
+    opened = open_engine(engine, given.scopes["engine"]) if engine or given.scopes["engine"] else None
+    dataset = open_dataset(config, progress and partial(progress, data_name), opened)
     if units := units_note(mapping_frames(dataset)):
         tell(f"warning: {units}")
     return name, dataset, localizer
+
+
+def build_from(localizer: Localizer, dataset: Dataset, progress: Callable[[int, int], None] | None, tell: Tell) -> None:
+    """Have a localizer build its map of a prepared dataset; where the dataset's engine has several workers, they
+    describe the frames first."""
+    frames = mapping_frames(dataset)
+    if dataset.engine is not None and (dataset.engine.workers or 1) > 1:
+        ids = [frame.id for frame in frames]
+        for done, _ in enumerate(describe_frames(localizer.config, dataset.config, ids, dataset.engine), 1):
+            if progress:
+                progress(done, len(ids))
+    for note in localizer.build(frames, Cache(), dataset.content_key, progress, dataset.floors()):
+        tell(note)
 
 
 def open_map(directory: str | Path) -> Localizer:

@@ -9,6 +9,7 @@ from typing import final
 import numpy as np
 
 from salframe.framework.component import Role
+from salframe.framework.engine import Engine
 from salframe.framework.errors import InputMissing
 from salframe.framework.identity import digest, matching_settings
 from salframe.panoramas.floors import FloorMasks
@@ -25,6 +26,8 @@ class Dataset(Role):
 
     role = "dataset"
     presets = "data"
+    engine: Engine | None = None
+    """What does the pieces of `prepare`; the default one where it is None."""
 
     @property
     @abstractmethod

@@ -9,6 +9,7 @@ from typing import Any
 
 from salframe.framework.config import ComponentConfig, merge, parse_override
 from salframe.framework.defaults import default_of
+from salframe.framework.engine import Engine, open_engine
 from salframe.framework.errors import DataError, UnknownName, unknown
 from salframe.framework.presets import SUFFIXES, configure, names, nest_for, settings, short_name
 from salframe.framework.registry import registry
@@ -40,9 +41,13 @@ def configure_dataset(
     return name, configure("dataset", name, content, overrides)
 
 
-def open_dataset(config: ComponentConfig, progress: Callable[[int, int], None] | None = None) -> Dataset:
-    """The dataset, prepared: what it renders or indexes is done when this returns."""
+def open_dataset(
+    config: ComponentConfig, progress: Callable[[int, int], None] | None = None, engine: Engine | None = None
+) -> Dataset:
+    """The dataset, prepared: what it renders or indexes is done when this returns, by an engine, the default one where
+    it is None."""
     dataset: Dataset = registry().build("dataset", config)
+    dataset.engine = engine
     dataset.prepare(progress or (lambda done, total: None))
     return dataset
 
@@ -58,13 +63,16 @@ def find_dataset(
     data_dir: str | Path | None = None,
     overrides: Sequence[str] = (),
     progress: Progress | None = None,
+    engine: str | None = None,
 ) -> Dataset:
     """A data set, prepared: what it renders or indexes is done when this returns. `data`: a preset, a data set, a YAML
-    file, or a folder with a manifest.json, the default one where it is None; data_dir sets its `root`; overrides:
-    "data.key=value" each. Raises UnknownName, ConfigError, DataError."""
-    given = nest_for(map(parse_override, overrides), ("data",))
+    file, or a folder with a manifest.json, the default one where it is None; data_dir sets its `root`; engine: the name
+    of what renders, the default one where it is None; overrides: "data.key=value" or "engine.key=value" each. Raises
+    UnknownName, ConfigError, DataError."""
+    given = nest_for(map(parse_override, overrides), ("data", "engine"))
     name, config = configure_dataset(data, data_dir, given["data"])
-    return open_dataset(config, progress and partial(progress, name))
+    made = open_engine(engine, given["engine"]) if engine or given["engine"] else None
+    return open_dataset(config, progress and partial(progress, name), made)
 
 
 def mapping_frames(dataset: Dataset) -> list[MapFrame]:

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import as_completed
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from functools import cache, cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, Literal, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
 import numpy as np
 
 from salframe.framework.cache import cache_home
 from salframe.framework.config import ComponentConfig
-from salframe.framework.errors import SalframeError
-from salframe.framework.files import read_as, remove_unfinished, share_file, write_json
+from salframe.framework.engine import open_engine
+from salframe.framework.errors import SalframeError, WorkerDied
+from salframe.framework.files import read_as, share_file, write_json
 from salframe.framework.identity import digest, identity
-from salframe.framework.processes import ProcessPool
 from salframe.panoramas.dataset import MANIFEST
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.folder import FolderDataset
@@ -66,11 +64,9 @@ class RenderedDataset(FolderDataset, Generic[Frame]):
     A subclass says which frames there are, of FrameSpec or a subclass, and renders one at a time; it may name objects
     and floors. It states `provides`: the folder, which knows, comes later. Its configuration and version determine
     every pixel, or it has a `fingerprint` of its own. Data sets that differ in some frames share the images of the
-    others, and what caches know of these, where `depends_on` says what a frame's pixels depend on.
+    others, and what caches know of these, where `depends_on` says what a frame's pixels depend on. Where an engine
+    renders in other processes, each makes a data set of its own from the configuration.
     """
-
-    workers: ClassVar[int] = 1
-    """Processes that render. With more than one, each makes a data set of its own from the configuration."""
 
     @property
     @abstractmethod
@@ -119,7 +115,7 @@ class RenderedDataset(FolderDataset, Generic[Frame]):
     def prepare(self, progress: Callable[[int, int], None]) -> None:
         """Render the frames that are not there yet; progress(done, total) counts frames.
 
-        Raises SalframeError where a rendering process dies.
+        Raises SalframeError where rendering processes die twice of one frame.
         """
         if (self.root / MANIFEST).exists() and (self.root / _CONTENTS).exists():
             return
@@ -134,14 +130,15 @@ class RenderedDataset(FolderDataset, Generic[Frame]):
         absent = [job for job in jobs if not job.share()]
         done = len(frames) - len(absent)
         progress(done, len(frames))
-        try:
-            for _ in self._render_all(absent):
-                done += 1
-                progress(done, len(frames))
-        except BrokenProcessPool:
-            raise SalframeError(
-                f"a rendering process died after {done} of {len(frames)} frames: run it again to resume"
-            ) from None
+        for answer in (self.engine or open_engine()).try_all(_Renderer(self), absent) if absent else ():
+            if isinstance(answer, WorkerDied):
+                raise SalframeError(
+                    f"a rendering process died twice of a frame, after {done} of {len(frames)}: run it again to resume"
+                )
+            if isinstance(answer, BaseException):
+                raise answer
+            done += 1
+            progress(done, len(frames))
         if objects is not None:
             write_objects(self.root / _OBJECTS, objects)
         truth = {
@@ -184,23 +181,6 @@ class RenderedDataset(FolderDataset, Generic[Frame]):
         instances = visible_instances(read_ids(self.root / entry.instances)) if entry.instances else ()
         return TruthEntry(place=frame.place, pose=_numbers(frame), instances=instances)
 
-    def _render_all(self, jobs: Sequence[_Job]) -> Iterator[None]:
-        """Render frames and write them, yielding after each."""
-        if self.workers == 1 or not jobs:
-            for job in jobs:
-                job.write(self.render(cast(Frame, job.frame)))
-                yield
-            return
-        with ProcessPool(self.workers) as pool:
-            try:
-                rendered = [pool.submit(_render_in_worker, type(self), self.config, job) for job in jobs]
-                for one in as_completed(rendered):
-                    yield one.result()
-            except BaseException:  # its processes would otherwise finish the frames that they have begun
-                for process_id in pool.stop():
-                    remove_unfinished(self.root, process_id)
-                raise
-
 
 def _numbers(frame: FrameSpec) -> tuple[float, ...]:
     """The pose as the manifest has it: 16 numbers row by row."""
@@ -238,11 +218,20 @@ class _Job:
         self.share()
 
 
-def _render_in_worker(kind: type[RenderedDataset], config: ComponentConfig, job: _Job) -> None:
-    job.write(_dataset_of(kind, config).render(job.frame))
+class _Renderer:
+    """Renders frames of a data set and writes them. In another process it keeps a data set of its own, and what that
+    has built, from one frame to the next."""
+
+    def __init__(self, dataset: RenderedDataset[Any]) -> None:
+        self._dataset = dataset
+
+    def __call__(self, job: _Job) -> None:
+        job.write(self._dataset.render(job.frame))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _renderer_of, (type(self._dataset), self._dataset.config)
 
 
-@cache
-def _dataset_of(kind: type[RenderedDataset], config: ComponentConfig) -> RenderedDataset:
-    """The data set of a worker process, which keeps what it has built from one frame to the next."""
-    return kind(config)
+@lru_cache(maxsize=1)
+def _renderer_of(kind: type[RenderedDataset[Any]], config: ComponentConfig) -> _Renderer:
+    return _Renderer(kind(config))

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from functools import cached_property
 from typing import Any
 
-from salframe.evaluation.engine import Engine
-from salframe.testing.asking import attempt, expect
+from salframe.framework.engine import Engine
+from salframe.framework.errors import WorkerDied
+from salframe.testing.asking import DoesNotApply, attempt, expect
 from salframe.testing.rules import Rules
 
 
@@ -29,6 +31,17 @@ class EngineRules(Rules[Engine]):
         received = self._answers[::2]
         expect(received == [1, 4], "map over items beside one that raises", received, "[1, 4], in order")
 
+    def an_item_whose_process_ends_costs_only_itself(self) -> None:
+        engine = self.make()
+        if not engine.isolates:
+            raise DoesNotApply("items have no process of their own")
+        died, answered = attempt(
+            "map over an item that ends its process", lambda: list(engine.map(_end_or_halve, [1, 4]))
+        )
+        checked = "map over an item that ends its process"
+        expect(isinstance(died, WorkerDied), checked, repr(died), "WorkerDied as its answer")
+        expect(answered == 2, checked, f"{answered} for the item beside it", "2")
+
     def no_item_gives_no_answer(self) -> None:
         received = attempt("map of no item", lambda: list(self.make().map(_halve, [])))
         expect(received == [], "map of no item", "an answer", "none")
@@ -37,4 +50,10 @@ class EngineRules(Rules[Engine]):
 def _halve(number: int) -> int:
     if number % 2:
         raise ValueError(f"{number} is odd")
+    return number // 2
+
+
+def _end_or_halve(number: int) -> int:
+    if number % 2:
+        os._exit(1)
     return number // 2

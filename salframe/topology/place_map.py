@@ -7,12 +7,11 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from salframe.framework.cache import Cache
 from salframe.framework.errors import DataError, NoRoute
 from salframe.localization.answers import Localization
 from salframe.localization.localizer import Localizer
 from salframe.localization.map_folder import check_output, read_map, write_map
-from salframe.localization.saved_map import Tell, prepare, read_localizer, silent
+from salframe.localization.saved_map import Tell, build_from, prepare, read_localizer, silent
 from salframe.panoramas.frames import MapFrame, QueryFrame
 from salframe.panoramas.geometry import pose_yaw
 from salframe.panoramas.opening import Progress, mapping_frames
@@ -32,6 +31,7 @@ def build_topological_map(
     choose: bool = False,
     data_dir: str | Path | None = None,
     overrides: Sequence[str] = (),
+    engine: str | None = None,
     progress: Progress | None = None,
     tell: Tell = silent,
 ) -> TopologicalMap:
@@ -39,12 +39,12 @@ def build_topological_map(
     which changes whole.
 
     `choose`: one scene node where each region is widest, rather than where mapping frames stand. A dataset without
-    mapping frames gives the topological map alone. Raises DataError on a dataset without floors, ConfigError where
-    `output` holds something else than a map.
+    mapping frames gives the topological map alone. `engine` as in `build_map`. Raises DataError on a dataset without
+    floors, ConfigError where `output` holds something else than a map.
     """
     output = Path(output)
     check_output(output)
-    name, dataset, localizer = prepare(data, method, data_dir, overrides, progress, tell)
+    name, dataset, localizer = prepare(data, method, data_dir, overrides, engine, progress, tell)
     floors, frames = dataset.floors(), mapping_frames(dataset)
     if not floors:
         raise DataError(
@@ -53,9 +53,7 @@ def build_topological_map(
         )
     topology = build_topology(floors, frames, TopologySettings(choose=choose))
     if frames:
-        tracked = progress and partial(progress, name)
-        for note in localizer.build(frames, Cache(), dataset.content_key, tracked, floors):
-            tell(note)
+        build_from(localizer, dataset, progress and partial(progress, name), tell)
     with write_map(output) as parts:
         if frames:
             localizer.write_parts(parts)

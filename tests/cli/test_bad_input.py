@@ -205,7 +205,7 @@ BROKEN_PLUGINS = {
         "<class 'int'> is no component",
     ),
     "weights": (
-        "import salframe\nfrom salframe.evaluation.engine import Engine\n"
+        "import salframe\nfrom salframe.framework.engine import Engine\n"
         "class E(Engine):\n    name, version = 'e', '1'\n    def weights(self): ...\n"
         "@salframe.hookimpl\ndef salframe_provides():\n    return [E]",
         "E.weights is function, expected a tuple",

@@ -1,4 +1,5 @@
-"""The engine `processes`: an interruption ends its own processes, at once, and no other."""
+"""The engine `processes`: an interruption ends its own processes, at once, and no other; what one may use, and what its
+end costs."""
 
 from __future__ import annotations
 
@@ -9,15 +10,25 @@ import threading
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 from salframe_engines import Processes
 
-from salframe.framework.errors import SalframeError
+from salframe.framework.errors import SalframeError, WorkerDied
+from salframe.framework.files import atomic_path
+from salframe.framework.worker import ONE_THREAD
 
 
 def sleep(marker: Path) -> None:
-    marker.touch()
-    time.sleep(60)
+    with atomic_path(marker.with_suffix(".half")):
+        marker.touch()
+        time.sleep(60)
+
+
+def hang(marker: Path) -> None:
+    """As a library does that no signal reaches."""
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    sleep(marker)
 
 
 def answer(item: str) -> object:
@@ -26,6 +37,42 @@ def answer(item: str) -> object:
     if item == "leave":
         raise SystemExit("leaving")
     return threading.Lock() if item == "lock" else item
+
+
+def die_once(marker: Path) -> str:
+    if marker.exists():
+        return marker.name
+    marker.touch()
+    os._exit(3)
+
+
+def die(marker: Path) -> None:
+    with marker.open("a") as file:
+        file.write("tried\n")
+    os._exit(3)
+
+
+def process_of(item: object) -> int:
+    time.sleep(0.05)
+    return os.getpid()
+
+
+def threads_added(size: int) -> int:
+    """How many threads libraries start for work that would be shared between several."""
+    import cv2
+    import torch
+
+    rng = np.random.default_rng(0)
+    before = len(os.listdir("/proc/self/task"))
+    image = rng.random((size, size), np.float32)
+    tensor = torch.from_numpy(image @ image)
+    cv2.GaussianBlur(image, (0, 0), 5.0)
+    (tensor @ tensor).sum()
+    return len(os.listdir("/proc/self/task")) - before
+
+
+def environment(item: object) -> dict[str, str | None]:
+    return {name: os.environ.get(name) for name in ONE_THREAD}
 
 
 def map_all(items, workers=1, function=sleep):
@@ -42,13 +89,13 @@ def foreign():
     process.join()
 
 
-@pytest.mark.parametrize("begun", [0, 1, 2])
-def test_an_interruption_ends_its_own_processes_alone(interruptible, foreign, tmp_path, begun):
+@pytest.mark.parametrize(("begun", "function"), [(0, sleep), (1, sleep), (2, sleep), (2, hang)])
+def test_an_interruption_ends_its_own_processes_alone(interruptible, foreign, tmp_path, begun, function):
     """Also where none has begun its work yet: a process that is just starting is ended or never started."""
     sent: list[float] = []
 
     def interrupt() -> None:
-        while len(list(tmp_path.iterdir())) < begun:
+        while len(list(tmp_path.glob("?"))) < begun:
             time.sleep(0.01)
         sent.append(time.monotonic())
         os.kill(os.getpid(), signal.SIGINT)
@@ -57,12 +104,14 @@ def test_an_interruption_ends_its_own_processes_alone(interruptible, foreign, tm
 
     def interrupted() -> None:
         timer.start()
-        map_all([tmp_path / str(number) for number in range(4)], workers=2)
+        map_all([tmp_path / str(number) for number in range(4)], 2, function)
 
     with pytest.raises(KeyboardInterrupt):
         interrupted()
-    assert time.monotonic() - sent[0] < 30  # the work of each would have taken 60
+    assert time.monotonic() - sent[0] < 2  # the work of each would have taken 60
     assert multiprocessing.active_children() == [foreign]
+    if function is sleep:  # what can be told to end leaves no file half written
+        assert list(tmp_path.glob(".*")) == []
     timer.join()
 
 
@@ -78,3 +127,34 @@ def test_an_item_costs_only_itself():
 def test_what_cannot_be_pickled_is_its_items_exception():
     (error,) = map_all([threading.Lock()], function=answer)
     assert "Could not pickle the task" in str(error)
+
+
+def test_a_worker_takes_item_after_item_and_no_more_than_asked_for_work():
+    processes = map_all(range(12), 2, process_of)
+    assert len(set(processes)) == 2
+    assert os.getpid() not in processes
+    assert not set(processes) & set(map_all(range(4), 2, process_of))
+
+
+def test_an_item_whose_worker_died_is_tried_once_more(tmp_path):
+    items = [tmp_path / name for name in "abc"]
+    engine = Processes(Processes.Config(workers=2))
+    assert sorted(engine.try_all(die_once, items)) == ["a", "b", "c"]
+    (died,) = engine.try_all(die, [tmp_path / "d"])
+    assert isinstance(died, WorkerDied)
+    assert (tmp_path / "d").read_text() == "tried\ntried\n"
+
+
+def test_several_workers_have_one_thread_each_and_one_alone_has_all(monkeypatch):
+    for name in ONE_THREAD:
+        monkeypatch.delenv(name, raising=False)
+    assert map_all([0, 1], 2, environment) == [ONE_THREAD] * 2
+    assert map_all([0, 1], 1, environment) == [dict.fromkeys(ONE_THREAD)] * 2
+
+
+@pytest.mark.skipif(not os.path.exists("/proc/self/task"), reason="the system does not tell the threads of a process")
+def test_libraries_of_one_worker_beside_others_start_no_threads(monkeypatch):
+    pytest.importorskip("torch")
+    for name in ONE_THREAD:
+        monkeypatch.delenv(name, raising=False)
+    assert map_all([500, 500], 2, threads_added) == [0, 0]

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from salframe_engines import Inline
 from salframe_house.dataset import House
 
 from salframe.framework.identity import digest
@@ -83,7 +84,7 @@ def test_frames_are_shared_where_their_pixels_are_the_same(name: str) -> None:
 
 def test_arms_that_change_queries_alone_render_the_map_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path))
-    monkeypatch.setattr(House, "workers", 1)
+    monkeypatch.setattr(House, "engine", Inline())
     base = {**BASE, "rgb": False}
     first = House(House.Config(**base))
     first.prepare(lambda done, total: None)

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from pydantic import ConfigDict, field_validator
 from salframe_annotations.detector import AnnotationDetector
-from salframe_engines import Inline
+from salframe_engines import Inline, Processes
 from salframe_graphs.localizer import SaliencyGraphLocalizer
 from salframe_graphs.positioning import RobustPositioner
 from salframe_graphs.saliency import VolumetricSaliency
@@ -18,7 +18,7 @@ from salframe_graphs.triplet import TripletMatcher
 from salframe_objects.localizer import ObjectSetLocalizer
 
 from salframe.framework.config import ComponentConfig, Settings, match_only
-from salframe.framework.errors import DataError
+from salframe.framework.errors import DataError, WorkerDied
 from salframe.framework.identity import UserFile, identity
 from salframe.graphs.detections import Detections
 from salframe.localization.positioner import PoseEstimate
@@ -467,6 +467,14 @@ class Backwards(Inline):
         return reversed(list(super().map(function, items)))
 
 
+class Vague(Processes):
+    """Broken."""
+
+    def map(self, function: Callable, items: Sequence) -> Iterator:
+        for answer in super().map(function, items):
+            yield None if isinstance(answer, WorkerDied) else answer
+
+
 BROKEN = [
     (Shouting, "Shouting.name is 'My Detector', expected words of small letters"),
     (Silent, "docstring of Silent: received none"),
@@ -518,5 +526,6 @@ BROKEN = [
     (Pathed, "setting table: received a plain Path, expected a UserFile"),
     (Fragile, "map: received ValueError: 3 is odd"),
     (Backwards, r"received \[4, 1\], expected \[1, 4\], in order"),
+    (Vague, "map over an item that ends its process: received None, expected WorkerDied as its answer"),
     (int, "<class 'int'> is no component: it must subclass one of Dataset"),
 ]

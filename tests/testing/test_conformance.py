@@ -56,8 +56,8 @@ OURS = [component for component, package in registry() if package == "salframe"]
 
 BROUGHT = ("feature-matcher", "detection-decoder", "image-network")
 """Roles that plugins of ours bring, checked in tests/keypoints, tests/detectors and tests/image."""
-FILED = ("onnx", "union", "onnx-depth", "segments")
-"""Checked in tests/detectors, tests/depth and tests/segments, where their networks are made."""
+FILED = ("onnx", "union", "onnx-depth", "segments", "ray")
+"""Checked in tests/detectors, tests/depth, tests/segments and tests/engines, where what they need is made."""
 STAGES = [c for c in OURS if c.role not in ("dataset", "localizer", *BROUGHT) and c.name not in FILED]
 
 

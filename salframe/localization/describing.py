@@ -1,0 +1,52 @@
+"""Frames described by an engine: into the cache, from which whoever needs a description takes it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from functools import lru_cache, partial
+from typing import Any
+
+from salframe.framework.bounded import parse_json
+from salframe.framework.cache import Cache
+from salframe.framework.config import ComponentConfig, validate
+from salframe.framework.engine import Engine
+from salframe.framework.errors import FRAME_ERRORS
+from salframe.framework.registry import registry
+from salframe.localization.localizer import Localizer
+from salframe.panoramas.frames import MapFrame
+from salframe.panoramas.opening import mapping_frames, open_dataset
+
+
+def describe_frames(
+    method: ComponentConfig, data: ComponentConfig, frames: Sequence[str], engine: Engine
+) -> Iterator[tuple[str, float]]:
+    """Describe mapping frames of a prepared data set, by their ids, into the cache: each that is done, and the seconds
+    it took when it was computed.
+
+    A frame that cannot be described is left out, and where the method itself fails, all that follow: who needs the
+    description will meet the same, and tell.
+    """
+    settings = [config.model_dump_json() for config in (method, data)]
+    for answer in engine.try_all(partial(_describe, *settings), frames):
+        if isinstance(answer, tuple):
+            yield answer
+        elif not isinstance(answer, FRAME_ERRORS):
+            return
+
+
+def _describe(method: str, data: str, frame: str) -> tuple[str, float]:
+    localizer, cache, content_key, frames = _open(method, data)
+    return frame, localizer.describe_frame(frames[frame], cache, content_key)[1]
+
+
+@lru_cache(maxsize=1)
+def _open(method: str, data: str) -> tuple[Localizer, Cache, str, Mapping[str, MapFrame]]:
+    """A localizer and the mapping frames of a data set, which a worker keeps from one frame to the next."""
+    dataset = open_dataset(_configured("dataset", data))
+    localizer: Localizer = registry().build("localizer", _configured("localizer", method))
+    return localizer, Cache(), dataset.content_key, {frame.id: frame for frame in mapping_frames(dataset)}
+
+
+def _configured(role: str, content: str) -> Any:
+    settings = parse_json(content.encode())
+    return validate(registry().get(role, settings["kind"]).Config, settings, settings["kind"])
