@@ -228,7 +228,7 @@ class Localizer(Role):
         self._replace((), packed, [frame for other in others for frame in other._frames], floors)
 
     @property
-    def map_frames(self) -> tuple[MapFrame, ...]:
+    def mapped_frames(self) -> tuple[MapFrame, ...]:
         """The frames of the map that it remembers."""
         return tuple(self._frames)
 

@@ -68,7 +68,7 @@ def add_to_map(
 
     def add(localizer: Localizer, floors: Sequence[FloorMasks]) -> Sequence[FloorMasks]:
         places = {frame.place for frame in frames}
-        staying = [frame for frame in localizer.map_frames if frame.place not in places]
+        staying = [frame for frame in localizer.mapped_frames if frame.place not in places]
         _check_ids([(directory, staying), (Path(data), frames)])
         joined = join_floors(floors, dataset.floors())
         tracked = progress and partial(progress, localizer.name)
@@ -89,11 +89,11 @@ def remove_from_map(directory: str | Path, places: Iterable[str]) -> MapChange:
     removed = list(dict.fromkeys(places))
 
     def remove(localizer: Localizer, floors: Sequence[FloorMasks]) -> Sequence[FloorMasks]:
-        known = _places(localizer.map_frames, floors)
+        known = _places(localizer.mapped_frames, floors)
         for place in removed:
             if place not in known:
                 raise UnknownName(unknown("place", place, list(known)))
-        if {frame.place for frame in localizer.map_frames} <= set(removed):
+        if {frame.place for frame in localizer.mapped_frames} <= set(removed):
             raise ConfigError(f"received all places of {directory} to remove, expected one to stay")
         rest = without_places(floors, removed)
         localizer.remove(removed, rest)
@@ -114,12 +114,12 @@ def merge_maps(directory: str | Path, others: Iterable[str | Path]) -> MapChange
     directory = Path(directory)
 
     def merge(localizer: Localizer, floors: Sequence[FloorMasks]) -> Sequence[FloorMasks]:
-        frames, taken = [(directory, localizer.map_frames)], []
+        frames, taken = [(directory, localizer.mapped_frames)], []
         for folder in map(Path, others):
             other = read_map(folder, _read)
             _check_alike(localizer, directory, other.localizer, folder)
-            _check_places(frames, other.localizer.map_frames, folder)
-            frames.append((folder, other.localizer.map_frames))
+            _check_places(frames, other.localizer.mapped_frames, folder)
+            frames.append((folder, other.localizer.mapped_frames))
             floors = join_floors(floors, other.floors)
             taken.append(other.localizer)
         _check_ids(frames)
@@ -150,16 +150,16 @@ def _change(directory: Path, change: _Change) -> MapChange:
     read_map(directory, read_method)  # or write_map would make the folders above one that is not there
     with write_map(directory) as parts:
         known = read_map(directory, _read)
-        localizer, old, old_floors = known.localizer, known.localizer.map_frames, known.floors
+        localizer, old, old_floors = known.localizer, known.localizer.mapped_frames, known.floors
         floors = change(localizer, old_floors)
         localizer.write_parts(parts)
         notes: tuple[str, ...] = ()
         if known.topology is not None:
             settings = validate(TopologySettings, known.topology.parameters, f"{directory}: parameters")
-            topology = build_topology(floors, localizer.map_frames, settings)
+            topology = build_topology(floors, localizer.mapped_frames, settings)
             write_topology(parts, topology)
             notes = topology.notes
-    frames = localizer.map_frames
+    frames = localizer.mapped_frames
     kept, before = set(old), {frame.place for frame in old}
     fresh = dict.fromkeys(frame.place for frame in frames if frame not in kept)
     after = _places(frames, floors)

@@ -65,7 +65,7 @@ def test_a_heading_without_a_pose_is_printed(capsys):
 
 
 def test_an_image_of_a_folder_is_localized_by_its_path(fakes, tmp_path, monkeypatch):
-    monkeypatch.setenv("SALFRAME_PLUGINS", "fake_plugin")
+    monkeypatch.setenv("SALFRAME_PLUGINS", "fake_plugin,salframe_engines")
     registry.cache_clear()
     (tmp_path / "mine" / "images").mkdir(parents=True)
     for name, room in (("a", 1), ("b", 3)):

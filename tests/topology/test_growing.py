@@ -121,7 +121,7 @@ def build(directory: str, data: str = "doored", *overrides: str) -> Path:
 
 def places(directory: Path) -> list[str]:
     """The places of a map, that of each node, in the order of its frames."""
-    return [frame.place for frame in open_map(directory).map_frames]
+    return [frame.place for frame in open_map(directory).mapped_frames]
 
 
 def test_places_of_the_same_name_are_replaced(rooms):
