@@ -10,6 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from loky import cpu_count
 from pydantic import Field
 
 import salframe
@@ -63,7 +64,8 @@ class Ray(WorkerEngine):
         import ray
 
         quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.ERROR}
-        own: dict[str, Any] = {} if self.config.address else {"include_dashboard": False, "num_cpus": self.workers}
+        processors = max(self.workers or 1, cpu_count())
+        own: dict[str, Any] = {} if self.config.address else {"include_dashboard": False, "num_cpus": processors}
         # Workers have the directory that this is called in on their path: a checkout there would shadow salframe.
         with TemporaryDirectory() as empty, chdir(empty):
             try:

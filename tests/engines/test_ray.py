@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 from conformance import conforms
+from loky import cpu_count
 from salframe_ray import QUIET, Ray
 
 import salframe
@@ -77,6 +78,12 @@ def test_an_item_costs_only_itself_and_nothing_is_printed(capfd):
     assert isinstance(left, SystemExit)
     assert "cannot pickle '_thread.lock' object" in str(locked)
     assert capfd.readouterr() == ("", "")
+
+
+def test_one_worker_leaves_room_for_as_many_as_there_are_processors():
+    ray.shutdown()
+    assert list(Ray(Ray.Config(workers=1)).map(answer, ["a"])) == ["a"]
+    assert list(Ray(Ray.Config(workers=cpu_count())).map(answer, ["a", "b"])) == ["a", "b"]
 
 
 def test_workers_take_salframe_from_its_installation_and_have_one_thread_each(tmp_path, monkeypatch):
