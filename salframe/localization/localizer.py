@@ -196,8 +196,6 @@ class Localizer(Role):
         descriptions. Raises DataError where there is no frame."""
         packed, notes = self._describe_all(frames, cache, dataset, progress)
         self._take_packed(packed, frames, floors)
-        if progress:
-            progress(len(frames), len(frames))
         return notes
 
     def extend(
@@ -212,8 +210,6 @@ class Localizer(Role):
         all, on what are its floors from now on; notes and errors as of `build`."""
         packed, notes = self._describe_all(frames, cache, dataset, progress)
         self._replace({frame.place for frame in frames}, packed, frames, floors)
-        if progress:
-            progress(len(frames), len(frames))
         return notes
 
     def remove(self, places: Collection[str], floors: Sequence[FloorMasks] = ()) -> None:
@@ -246,6 +242,8 @@ class Localizer(Role):
             packed.append(self.pack(description))
             if note := self.note(description):
                 notes.append(f"{frame.id}: {note}")
+        if progress:
+            progress(len(frames), len(frames))
         return packed, notes
 
     def _replace(

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from salframe_engines import Processes
+from work_items import answer
 
 from salframe.framework.errors import SalframeError, WorkerDied
 from salframe.framework.files import atomic_path
@@ -29,14 +30,6 @@ def hang(marker: Path) -> None:
     """As a library does that no signal reaches."""
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     sleep(marker)
-
-
-def answer(item: str) -> object:
-    if item == "die":
-        os._exit(3)
-    if item == "leave":
-        raise SystemExit("leaving")
-    return threading.Lock() if item == "lock" else item
 
 
 def die_once(marker: Path) -> str:

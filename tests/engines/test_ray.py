@@ -7,7 +7,6 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 from pathlib import Path
 
@@ -15,6 +14,7 @@ import pytest
 from conformance import conforms
 from loky import cpu_count
 from salframe_ray import QUIET, Ray
+from work_items import answer
 
 import salframe
 from salframe.framework.errors import ConfigError, RequirementMissing
@@ -51,14 +51,6 @@ def node_of(item: object) -> tuple[str, int, dict[str, str | None], str, str]:
     threads = {name: os.environ.get(name) for name in ONE_THREAD}
     node = ray.get_runtime_context().get_node_id()
     return node, os.getpid(), threads, str(Path(salframe.__file__).parent), os.getcwd()
-
-
-def answer(item: str) -> object:
-    if item == "die":
-        os._exit(3)
-    if item == "leave":
-        raise SystemExit("leaving")
-    return threading.Lock() if item == "lock" else item
 
 
 def rows_of(run: Path, label: str) -> list[dict]:

@@ -5,11 +5,11 @@ import contextlib
 import hashlib
 import http.server
 import subprocess
-import threading
 import zipfile
 from pathlib import Path
 
 import pytest
+from loopback import serving
 
 from salframe.framework.component import Component
 from salframe.framework.errors import UnknownName, WeightsMissing
@@ -208,11 +208,8 @@ def server():
         def log_message(self, *_):
             pass
 
-    running = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Answers)
-    threading.Thread(target=running.serve_forever, daemon=True).start()
-    yield f"http://127.0.0.1:{running.server_port}"
-    running.shutdown()
-    running.server_close()
+    with serving(Answers) as address:
+        yield address
 
 
 def weights_at(*urls: str) -> Weights:

@@ -7,7 +7,6 @@ import http.server
 import os
 import re
 import sys
-import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,6 +15,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
 
+from loopback import serving
 from sites import INLINE, ROOMS, Said, Site
 from small_plugin import NUMBERS, SMALL_WEIGHTS
 
@@ -91,11 +91,8 @@ def server() -> Iterator[str]:
         def log_message(self, *_: object) -> None:
             pass
 
-    running = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Answers)
-    threading.Thread(target=running.serve_forever, daemon=True).start()
-    yield f"http://127.0.0.1:{running.server_port}"
-    running.shutdown()
-    running.server_close()
+    with serving(Answers) as address:
+        yield address
 
 
 def test_two_processes_fetch_weights_at_once(site, server):
