@@ -185,7 +185,7 @@ def score_episode(name: str, episode: Episode, answer: Answer, building: Buildin
     A step between viewpoints that are not joined counts as long as the shortest way between them. Naming the object
     counts wherever the agent stopped.
     """
-    for viewpoint in answer.path:
+    for viewpoint in (*answer.path, episode.path[-1]):
         if viewpoint not in building.number:
             raise DataError(f"{name}: the viewpoint {viewpoint!r} is not one of building {episode.scan}")
     if answer.path[0] != episode.path[0]:

@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from salframe.evaluation.metrics import PLACED
 from salframe.evaluation.run import PieceStatus
 
 Count = Annotated[int, Field(ge=0, strict=True)]
@@ -42,6 +43,14 @@ class AnswerRow(PieceRow):
     query_ms: Amount | None
     describe_ms: Amount | None
     peak_memory_mb: Amount | None
+
+    @model_validator(mode="after")
+    def _complete(self) -> AnswerRow:
+        if self.status in PLACED and not self.places:
+            raise ValueError(f"an answer of status {self.status} has no place, expected one")
+        if len(self.probabilities or ()) != (0 if self.not_here is None else len(self.places)):
+            raise ValueError("an answer has not_here or probabilities, expected both, one for each place, or none")
+        return self
 
 
 class PairRow(PieceRow):

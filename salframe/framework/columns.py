@@ -86,7 +86,9 @@ def read_columns(folder: Path, expected: Mapping[str, ArrayKind] | None = None) 
     if expected is not None and table.rows:
         _check_columns(folder / TABLE, table, expected)
     varying = sum(column.shape.count(None) for column in table.columns)
-    lengths = iter(_read_lengths(folder / SHAPES, (table.rows, varying)) if table.rows and varying else ())
+    lengths = iter(
+        _read_lengths(folder / SHAPES, (table.rows, varying)) if table.rows and varying else np.zeros((varying, 0))
+    )
     rows: list[dict[str, np.ndarray]] = [{} for _ in range(table.rows)]
     for column in table.columns:
         path = _path(folder, column.name)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -47,20 +48,27 @@ def ask(checked: str, function: Callable[..., Any], *given: Any) -> Any:
     return answer
 
 
-def same(a: Any, b: Any) -> bool:
-    """Whether two values hold exactly the same; NaN is NaN."""
+def same(a: Any, b: Any, tolerance: float = 0.0) -> bool:
+    """Whether two values hold the same, floats to a tolerance, relative and absolute; NaN is NaN."""
     if isinstance(a, np.ndarray):
-        return isinstance(b, np.ndarray) and a.dtype == b.dtype and np.array_equal(a, b, equal_nan=a.dtype.kind in "fc")
+        if not isinstance(b, np.ndarray) or (a.dtype, a.shape) != (b.dtype, b.shape):
+            return False
+        if a.dtype.kind in "fc":
+            return np.allclose(a, b, rtol=tolerance, atol=tolerance, equal_nan=True)
+        return np.array_equal(a, b)
     if type(a) is not type(b):
         return False
     if isinstance(a, str):
         return a == b
     if isinstance(a, Mapping):
-        return a.keys() == b.keys() and all(same(a[key], b[key]) for key in a)
+        return a.keys() == b.keys() and all(same(a[key], b[key], tolerance) for key in a)
     if isinstance(a, Sequence):
-        return len(a) == len(b) and all(map(same, a, b))
+        return len(a) == len(b) and all(same(*pair, tolerance) for pair in zip(a, b, strict=True))
     if dataclasses.is_dataclass(a):
-        return all(same(getattr(a, field.name), getattr(b, field.name)) for field in dataclasses.fields(a))
+        names = [field.name for field in dataclasses.fields(a)]
+        return all(same(getattr(a, name), getattr(b, name), tolerance) for name in names)
+    if isinstance(a, float) and a == a:
+        return math.isclose(a, b, rel_tol=tolerance, abs_tol=tolerance)
     return bool(a == b) or bool(a != a and b != b)
 
 

@@ -248,6 +248,22 @@ def test_evaluate_measures_again_from_the_answers(fakes):
     assert evaluate(opened.directory).rows[0].accuracy == pytest.approx(0.7)
 
 
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"not_here": 0.5}, "an answer has not_here or probabilities, expected both, one for each place, or none"),
+        ({"places": []}, "an answer of status ok has no place, expected one"),
+    ],
+)
+def test_an_answer_that_lacks_a_part_is_one_line(fakes, change, message):
+    _, opened, _ = run(["reader"])
+    path = opened.folder("reader") / "rows.jsonl"
+    first, *others = path.read_text().splitlines(keepends=True)
+    path.write_text(json.dumps(json.loads(first) | change) + "\n" + "".join(others))
+    with pytest.raises(DataError, match=message):
+        evaluate(opened.directory)
+
+
 def test_evaluate_says_what_is_unfinished(fakes):
     _, opened, _ = run(["reader"])
     (opened.folder("reader") / "outcome.json").unlink()

@@ -51,6 +51,14 @@ def test_no_row_and_rows_of_nothing(tmp_path):
         assert read_columns(tmp_path / str(number)) == rows
 
 
+def test_a_table_that_lost_its_rows_is_one_line(tmp_path):
+    write_columns(tmp_path / "rows", [{"a": np.arange(3)}, {"a": np.arange(4)}])
+    table = tmp_path / "rows" / "columns.json"
+    table.write_text(table.read_text().replace('"rows":2', '"rows":0'))
+    with pytest.raises(DataError, match=r"a\.npy has values \(7,\), expected as many as"):
+        read_columns(tmp_path / "rows")
+
+
 def test_values_are_mapped_into_memory_and_cannot_be_written(tmp_path):
     write_columns(tmp_path / "rows", [{"a": np.arange(6.0)}, {"a": np.arange(9.0)}])
     first, second = (row["a"] for row in read_columns(tmp_path / "rows"))

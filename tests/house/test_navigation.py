@@ -6,18 +6,18 @@ from pathlib import Path
 
 import pytest
 
-from salframe.evaluation.navigation import navigate
+from salframe.evaluation.navigation import Positioning, navigate
+from salframe.evaluation.request import Request
 
 
 @pytest.mark.slow
 def test_poses_bring_the_agent_to_its_goals(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path))
-    overrides = ["data.rgb=false", "data.height=256", "data.queries_per_room=1"]
-    navigation = navigate(
-        ["proposed"], "house-6", episodes=10, positioning="both", overrides=overrides, runs=tmp_path, engine="inline"
-    )
+    settings = ("data.rgb=false", "data.height=256", "data.queries_per_room=1")
+    request = Request(("proposed",), "house-6", settings=settings, runs=tmp_path, engine="inline")
+    navigation = navigate(request, episodes=10, positioning=Positioning.BOTH)
     posed, placed = navigation.rows
-    assert posed["success_rate"] >= 0.9
-    assert posed["spl"] >= 0.8
-    assert placed["success_rate"] < posed["success_rate"]
+    assert posed.success_rate >= 0.9
+    assert posed.spl >= 0.8
+    assert placed.success_rate < posed.success_rate
     assert navigation.report.exists()

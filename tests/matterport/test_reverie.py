@@ -180,6 +180,12 @@ def test_a_file_that_is_no_submission_is_told_in_one_line(root, content, message
         Reverie().score(root / "answers.json", root)
 
 
+def test_an_episode_that_ends_outside_its_building_is_told_in_one_line(root):
+    write(root / "reverie" / "REVERIE_val_seen.json", [{**task, "path": ["a", "z"]} for task in TASKS])
+    with pytest.raises(DataError, match="1_8_0: the viewpoint 'z' is not one of building fake"):
+        score(root, official(ANSWERS))
+
+
 def test_missing_data_is_named(root):
     (root / "reverie" / "BBox" / "fake_c.json").unlink()
     with pytest.raises(DataError, match=r"cannot read .*fake_c.json"):
