@@ -22,6 +22,7 @@ from salframe.framework.config import ComponentConfig, Settings, read_yaml, vali
 from salframe.framework.errors import ConfigError, DataError, InvalidAnswer, describe_error, shorten
 from salframe.framework.files import (
     check_as,
+    naming,
     read_as,
     read_lines,
     read_model,
@@ -298,8 +299,9 @@ class RowWriter:
             text = json.dumps(row, allow_nan=False)
         except ValueError:
             raise InvalidAnswer(f"an answer holds a number that is not finite: {str(row)[:200]}") from None
-        self._file.write(text + "\n")
-        self._file.flush()
+        with naming(Path(self._file.name)):
+            self._file.write(text + "\n")
+            self._file.flush()
 
     def close(self) -> None:
         """Append no more."""
