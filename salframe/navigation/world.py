@@ -15,9 +15,9 @@ from salframe.panoramas.frames import MapFrame
 from salframe.panoramas.geometry import pose_2d, pose_yaw
 from salframe.panoramas.opening import mapping_frames
 from salframe.panoramas.panorama import Panorama
-from salframe.topology.build import TopologySettings, build_topology
+from salframe.topology.build import build_topology
 from salframe.topology.grid import FloorGrid, cell
-from salframe.topology.topological_map import MapNode
+from salframe.topology.topological_map import MapNode, TopologySettings
 
 _PACE_M = 0.01
 

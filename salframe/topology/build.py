@@ -9,30 +9,13 @@ from itertools import pairwise
 
 import numpy as np
 
-from salframe.framework.config import Settings
 from salframe.framework.errors import DataError
 from salframe.panoramas.floors import FloorMasks, find_floor
 from salframe.panoramas.frames import FrameKind, MapFrame
 from salframe.topology.edges import components, joining_paths, make_edge, sight_pairs
 from salframe.topology.grid import FloorGrid, cell, nearest_pixel
-from salframe.topology.topological_map import MapEdge, MapNode, NodeKind, TopologicalMap
+from salframe.topology.topological_map import MapEdge, MapNode, NodeKind, TopologicalMap, TopologySettings
 from salframe.topology.transitions import Doorway, close_doorways
-
-
-class TopologySettings(Settings):
-    """How a topological map is made.
-
-    robot_radius_m: what the free floor is eroded by; min_doorway_m: narrower doorways, measured before erosion, are
-    dropped; snap_m: a scene point that is not clear moves to the nearest clear pixel this near, or is left out;
-    doorway_reach_m: a transition frame belongs to the nearest transition node this near; choose: put one scene node
-    where each region is widest, whatever frames there are.
-    """
-
-    robot_radius_m: float = 0.18
-    min_doorway_m: float = 0.5
-    snap_m: float = 0.5
-    doorway_reach_m: float = 0.5
-    choose: bool = False
 
 
 def build_topology(
@@ -72,7 +55,7 @@ def build_topology(
         notes.append(
             f"the {len(floors)} floors at z = {heights} m are not connected: no edge leads from one to another"
         )
-    return TopologicalMap(tuple(nodes), tuple(edges), tuple(floors), settings.model_dump(), tuple(notes))
+    return TopologicalMap(tuple(nodes), tuple(edges), tuple(floors), settings, tuple(notes))
 
 
 def _share_out(frames: Sequence[MapFrame], floors: Sequence[FloorMasks], notes: list[str]) -> list[list[MapFrame]]:

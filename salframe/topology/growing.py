@@ -9,7 +9,6 @@ from functools import partial
 from pathlib import Path
 
 from salframe.framework.cache import Cache
-from salframe.framework.config import validate
 from salframe.framework.errors import ConfigError, DataError, UnknownName, shorten, unknown
 from salframe.localization.localizer import Localizer
 from salframe.localization.map_folder import read_map, write_map
@@ -19,7 +18,7 @@ from salframe.panoramas.camera_height import units_note
 from salframe.panoramas.floors import FloorMasks, join_floors, without_places
 from salframe.panoramas.frames import MapFrame
 from salframe.panoramas.opening import Progress, find_dataset, mapping_frames
-from salframe.topology.build import TopologySettings, build_topology
+from salframe.topology.build import build_topology
 from salframe.topology.store import TOPOLOGY, read_topology, write_topology
 from salframe.topology.topological_map import TopologicalMap
 
@@ -155,8 +154,7 @@ def _change(directory: Path, change: _Change) -> MapChange:
         localizer.write_parts(parts)
         notes: tuple[str, ...] = ()
         if known.topology is not None:
-            settings = validate(TopologySettings, known.topology.parameters, f"{directory}: parameters")
-            topology = build_topology(floors, localizer.mapped_frames, settings)
+            topology = build_topology(floors, localizer.mapped_frames, known.topology.parameters)
             write_topology(parts, topology)
             notes = topology.notes
     frames = localizer.mapped_frames

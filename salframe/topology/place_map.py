@@ -16,11 +16,11 @@ from salframe.panoramas.frames import MapFrame, QueryFrame
 from salframe.panoramas.geometry import pose_yaw
 from salframe.panoramas.opening import Progress, mapping_frames
 from salframe.panoramas.panorama import Panorama
-from salframe.topology.build import TopologySettings, build_topology
+from salframe.topology.build import build_topology
 from salframe.topology.planner import Route
 from salframe.topology.routes import HERE, find_route, with_position
 from salframe.topology.store import read_topology, write_topology
-from salframe.topology.topological_map import TopologicalMap
+from salframe.topology.topological_map import TopologicalMap, TopologySettings
 
 
 def build_topological_map(

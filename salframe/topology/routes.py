@@ -111,8 +111,8 @@ def with_position(topology: TopologicalMap, xyz_m: np.ndarray) -> TopologicalMap
     if number is None:
         raise DataError(f"the position ({xyz_m[0]:.2f}, {xyz_m[1]:.2f}, {xyz_m[2]:.2f}) m is on no floor of the map")
     floor = topology.floors[number]
-    grid = FloorGrid(floor, topology.parameters["robot_radius_m"])
-    close_doorways(grid, topology.parameters["min_doorway_m"])
+    grid = FloorGrid(floor, topology.parameters.robot_radius_m)
+    close_doorways(grid, topology.parameters.min_doorway_m)
     pixel = nearest_pixel(grid.clear, grid.to_pixel(xyz_m[:2]))
     others = [node for node in topology.nodes if node.xyz_m[2] == floor.z_m]
     if pixel is None or not others:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from salframe.framework.files import read_model, reading, write_json
 from salframe.localization.map_folder import read_map
 from salframe.panoramas.floors import read_floors, write_floors
 from salframe.panoramas.geometry import wrap_angle
-from salframe.topology.topological_map import MapEdge, MapNode, NodeKind, TopologicalMap
+from salframe.topology.topological_map import MapEdge, MapNode, NodeKind, TopologicalMap, TopologySettings
 
 TOPOLOGY, NODES, EDGES = "topology.json", "nodes", "edges"
 _NAME, _NAMES, _NUMBER = ArrayKind("U", ()), ArrayKind("U", (None,)), ArrayKind("f", ())
@@ -29,7 +28,7 @@ _NEAR_M, _NEAR_RAD = 1e-3, 1e-3
 class _Saved(Settings):
     """topology.json."""
 
-    parameters: dict[str, Any]
+    parameters: TopologySettings
     notes: tuple[str, ...]
 
 
@@ -42,7 +41,7 @@ def open_topology(directory: str | Path) -> TopologicalMap:
 def write_topology(parts: Path, topology: TopologicalMap) -> None:
     """Write a topological map to a folder with the parts of a map: topology.json (parameters, notes), nodes, edges,
     floors.npz."""
-    write_json(parts / TOPOLOGY, {"parameters": dict(topology.parameters), "notes": list(topology.notes)})
+    write_json(parts / TOPOLOGY, {"parameters": topology.parameters.model_dump(), "notes": list(topology.notes)})
     write_columns(parts / NODES, [_node_row(node) for node in topology.nodes])
     write_columns(parts / EDGES, [_edge_row(edge) for edge in topology.edges])
     write_floors(parts, topology.floors)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
 
+from salframe.framework.config import Settings
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.geometry import wrap_angle
 
@@ -51,16 +51,32 @@ class MapEdge:
         return MapEdge(self.end, self.start, self.length_m, azimuth_rad, self.path_m[::-1])
 
 
+class TopologySettings(Settings):
+    """How a topological map is made.
+
+    robot_radius_m: what the free floor is eroded by; min_doorway_m: narrower doorways, measured before erosion, are
+    dropped; snap_m: a scene point that is not clear moves to the nearest clear pixel this near, or is left out;
+    doorway_reach_m: a transition frame belongs to the nearest transition node this near; choose: put one scene node
+    where each region is widest, whatever frames there are.
+    """
+
+    robot_radius_m: float = 0.18
+    min_doorway_m: float = 0.5
+    snap_m: float = 0.5
+    doorway_reach_m: float = 0.5
+    choose: bool = False
+
+
 @dataclass(frozen=True)
 class TopologicalMap:
     """Scene and transition nodes and the edges between them (method.md 1), each edge once.
 
-    floors: the masks it was made from; parameters: what it was made with, by name; notes: what its reader must know
+    floors: the masks it was made from; parameters: what it was made with; notes: what its reader must know
     (regions out of reach, edges that sight alone did not give, frames moved or left out), a line each.
     """
 
     nodes: tuple[MapNode, ...]
     edges: tuple[MapEdge, ...]
     floors: tuple[FloorMasks, ...] = field(default=(), compare=False)
-    parameters: Mapping[str, float | bool] = field(default_factory=dict)
+    parameters: TopologySettings = field(default_factory=TopologySettings)
     notes: tuple[str, ...] = ()

@@ -45,7 +45,7 @@ def test_build_writes_both_maps_whole(built, tmp_path):
     assert {path.name for path in parts.iterdir()} == names
     assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
     assert run("map", "build", "doored", "-o", "map", "--method", "reader", "--choose").code == 0
-    assert open_topology(tmp_path / "map").parameters["choose"] is True
+    assert open_topology(tmp_path / "map").parameters.choose
     assert run("localize", "map", "query-1-0", "--data", "doored").code == 0
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from salframe.localization.map_folder import write_map
 from salframe.panoramas.floors import FloorMasks
 from salframe.topology.store import write_topology
-from salframe.topology.topological_map import MapEdge, MapNode, NodeKind, TopologicalMap
+from salframe.topology.topological_map import MapEdge, MapNode, NodeKind, TopologicalMap, TopologySettings
 
 
 def write_small_map(directory: Path) -> None:
@@ -22,4 +22,4 @@ def write_small_map(directory: Path) -> None:
     free = np.ones((20, 30), bool)
     floor = FloorMasks(free, np.where(free, 1, 0).astype(np.int32), ~free, 0.25, (-1.0, 2.5), {1: "hall"})
     with write_map(directory) as parts:
-        write_topology(parts, TopologicalMap(nodes, edges, (floor,), {"cell_m": 0.25}, ("a note",)))
+        write_topology(parts, TopologicalMap(nodes, edges, (floor,), TopologySettings(snap_m=0.25), ("a note",)))

@@ -15,9 +15,9 @@ from scipy import ndimage
 from salframe.framework.errors import DataError
 from salframe.panoramas.frames import FrameKind, MapFrame
 from salframe.panoramas.geometry import pose_2d
-from salframe.topology.build import TopologySettings, build_topology
+from salframe.topology.build import build_topology
 from salframe.topology.grid import FloorGrid, cell
-from salframe.topology.topological_map import MapEdge, TopologicalMap
+from salframe.topology.topological_map import MapEdge, TopologicalMap, TopologySettings
 
 
 def edge(topology: TopologicalMap, start: str, end: str) -> MapEdge:

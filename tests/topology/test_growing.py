@@ -176,7 +176,7 @@ def test_how_the_topology_was_made_stays(rooms):
     build_topological_map("doored", "map", "reader", choose=True, overrides=("data.rooms=3",))
     add_to_map("map", "doored", overrides=("data.rooms=5",))
     topology = open_topology("map")
-    assert topology.parameters["choose"] is True
+    assert topology.parameters.choose
     assert [node.id for node in topology.nodes if node.kind == "scene"] == [f"room-{room}" for room in range(5)]
 
 

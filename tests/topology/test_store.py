@@ -55,7 +55,7 @@ def test_a_map_is_read_back_identical(topology, tmp_path):
             floor.regions,
             floor.z_m,
         )
-    assert read.parameters == {
+    assert read.parameters.model_dump() == {
         "robot_radius_m": 0.18,
         "min_doorway_m": 0.5,
         "snap_m": 0.5,
