@@ -150,6 +150,12 @@ def _recurse() -> int:
     return 1 + _recurse()
 
 
+def _exit_once() -> None:
+    if not Path("died").exists():
+        Path("died").touch()
+        os._exit(3)
+
+
 DEADLY = {
     "raise": lambda: _raise(ValueError("this is too much")),
     "leave": lambda: _raise(SystemExit("the network wants to leave")),
@@ -158,6 +164,7 @@ DEADLY = {
     "hang": lambda: time.sleep(600),
     "spin": lambda: re.match(r"(a+)+$", "a" * 60 + "b"),  # in C, which no exception reaches
     "exit": lambda: os._exit(3),
+    "exit-once": _exit_once,
     "fault": lambda: os.kill(os.getpid(), signal.SIGSEGV),
     "hoard": _hold_much,
 }

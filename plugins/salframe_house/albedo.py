@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import cv2
 import numpy as np
 
 from salframe_house.scene import Scene
 from salframe_house.textures import MAX_PATTERN, TILE, texture_kind, texture_tile, wear_tile
-from salframe_house.tracing import Surface, chunks
+from salframe_house.tracing import Surface, chunks, rows
 
 _LEVELS = 6
 _SLOT_ROWS, _SLOT_COLUMNS = (
@@ -19,7 +21,6 @@ _STEP = MAX_PATTERN / 65535
 _SHARPNESS = 0.5  # pixels over which a texture is averaged: sharper than 1, short of visible aliasing
 _WEAR_M = 4.7
 _LARGEST_ALBEDO = 0.85
-_REMAP_WIDTH = 1024  # cv2.remap takes images with sides below 32768
 
 
 class SurfaceColor:
@@ -28,44 +29,55 @@ class SurfaceColor:
     def __init__(self, scene: Scene):
         names = sorted({(material.texture, material.variant) for material in scene.materials})
         slot_of = {name: slot for slot, name in enumerate(names)}
-        self._atlas = _atlas([texture_tile(*name) for name in names])
-        # The wear is kept around 0.5, in three channels only for the sake of one lookup routine.
-        self._wear = _atlas([np.repeat(wear_tile()[..., None] * 0.2 + 1, 3, axis=2)])
+        self._atlas = _atlas([_texture_slot(*name) for name in names])
+        # The wear is kept around 0.5; of its channels, which are alike, one is enough.
+        self._wear = np.ascontiguousarray(_slot(np.repeat(wear_tile()[..., None] * 0.2 + 1, 3, axis=2))[..., :1])
 
         material = scene.material_index
-        self._color = np.array([m.color_rgb for m in scene.materials], np.float32)[material]
-        self._slot = np.array([slot_of[m.texture, m.variant] for m in scene.materials], np.int32)[material]
-        self._wear_contrast = np.array([texture_kind(m.texture).wear for m in scene.materials], np.float32)[material]
-        self._uv_m = scene.uv_m.astype(np.float32) + _anchors_m(scene)[:, None]
-        self._extent_m = _extents_m(scene)
+        color = np.array([m.color_rgb for m in scene.materials], np.float32)[material]
+        slot = np.array([slot_of[m.texture, m.variant] for m in scene.materials], np.int32)[material]
+        wear_contrast = np.array([texture_kind(m.texture).wear for m in scene.materials], np.float32)[material]
+        uv_m = scene.uv_m.astype(np.float32) + _anchors_m(scene)[:, None]
+        extent_m = _extents_m(scene)
         fixed = np.array([texture_kind(m.texture).fixed for m in scene.materials])[material]
-        self._uv_m[fixed] = scene.uv_m[fixed]
-        self.mean = self._color
+        uv_m[fixed] = scene.uv_m[fixed]
+        edges_m = (uv_m[:, 1:] - uv_m[:, :1]).reshape(-1, 4)
+        corner = np.stack(np.divmod(slot, _ATLAS_COLUMNS), axis=1) * [_SLOT_ROWS, _SLOT_COLUMNS]
+        columns = uv_m[:, 0], edges_m, extent_m, extent_m.min(axis=1), corner, wear_contrast, color
+        self._of_triangle = np.asfortranarray(np.column_stack(columns).astype(np.float32))
+        self.mean = self._of_triangle[:, -3:]
         """(F, 3) float32 albedo of each triangle, averaged over its texture."""
 
     def albedo(self, surface: Surface, pixel_rad: float) -> np.ndarray:
-        """(N, 3) float64 linear albedo where rays `pixel_rad` apart hit, averaged over the pixel."""
-        albedo = np.empty((len(surface), 3))
+        """(N, 3) float64 linear albedo where rays `pixel_rad` apart hit, averaged over the pixel; in Fortran order."""
+        albedo = np.empty((3, len(surface)))
         for part in chunks(len(surface)):
-            albedo[part] = self._albedo(surface.take(part), pixel_rad)
-        return albedo
+            # The footprint is an ellipse, longer where the surface is slanted; its geometric mean is between blur and
+            # aliasing.
+            cosine = np.abs(np.einsum("ij,ij->i", surface.normal[part], surface.direction[part]))
+            footprint_m = np.fmax(surface.range_m[part], 0) * np.float32(pixel_rad) / np.sqrt(np.maximum(cosine, 0.06))
+            albedo[:, part] = self._albedo(
+                surface.triangle[part], surface.weight_u[part], surface.weight_v[part], footprint_m
+            )
+        return albedo.T
 
-    def _albedo(self, surface: Surface, pixel_rad: float) -> np.ndarray:
-        triangle = surface.triangle
-        corner = self._uv_m[triangle]
-        uv_m = corner[:, 0] + (corner[:, 1] - corner[:, 0]) * surface.weight_u[:, None]
-        uv_m += (corner[:, 2] - corner[:, 0]) * surface.weight_v[:, None]
-        # The footprint is an ellipse, longer where the surface is slanted; its geometric mean is between blur and
-        # aliasing.
-        cosine = np.maximum(np.abs(np.einsum("ij,ij->i", surface.normal, surface.direction)), 0.06)
-        footprint_m = np.nan_to_num(surface.range_m) * np.float32(pixel_rad) / np.sqrt(cosine)
-        extent_m = self._extent_m[triangle]
-        pattern = _lookup(self._atlas, self._slot[triangle], uv_m / extent_m, footprint_m / extent_m.min(axis=1))
-        wear = _lookup(
-            self._wear, np.zeros(len(triangle), np.int32), uv_m / np.float32(_WEAR_M), footprint_m / np.float32(_WEAR_M)
-        )[:, :1]
-        pattern *= 1 + self._wear_contrast[triangle, None] * (wear - 1) * np.float32(5)
-        return np.minimum(pattern * self._color[triangle], np.float32(_LARGEST_ALBEDO))
+    def _albedo(
+        self, triangle: np.ndarray, weight_u: np.ndarray, weight_v: np.ndarray, footprint_m: np.ndarray
+    ) -> np.ndarray:
+        u, v, u1, v1, u2, v2, extent_u, extent_v, extent, top, left, wear_contrast, *color = rows(
+            self._of_triangle, triangle
+        ).T
+        u, v = (at + along * weight_u + across * weight_v for at, along, across in ((u, u1, u2), (v, v1, v2)))
+        pattern = _lookup(self._atlas, top, left, u / extent_u, v / extent_v, footprint_m / extent)
+        u, v, footprint = (length_m / np.float32(_WEAR_M) for length_m in (u, v, footprint_m))
+        factor = _lookup(self._wear, np.zeros_like(top), np.zeros_like(left), u, v, footprint)
+        factor -= 1
+        factor *= wear_contrast
+        factor *= 5
+        factor += 1
+        pattern *= factor
+        pattern *= color
+        return np.minimum(pattern, np.float32(_LARGEST_ALBEDO), out=pattern)
 
 
 def _anchors_m(scene: Scene) -> np.ndarray:
@@ -113,50 +125,64 @@ def _extents_m(scene: Scene) -> np.ndarray:
     return np.where(np.isnan(extent), np.maximum(largest[group], 1e-3), extent).astype(np.float32)
 
 
-def _atlas(tiles: list[np.ndarray]) -> np.ndarray:
-    """uint16 image of all tiles, each in a slot with its levels: the full one at the left, the smaller ones in a column
-    at its right."""
-    rows = -(-len(tiles) // _ATLAS_COLUMNS)
-    atlas = np.zeros((rows * _SLOT_ROWS, min(len(tiles), _ATLAS_COLUMNS) * _SLOT_COLUMNS, 3), np.uint16)
-    for slot, tile in enumerate(tiles):
-        row, column = divmod(slot, _ATLAS_COLUMNS)
-        level = tile
-        for down, right in zip(_LEVEL_ROW, _LEVEL_COLUMN, strict=True):
-            side = len(level) + 2
-            top, left = row * _SLOT_ROWS + down, column * _SLOT_COLUMNS + right
-            atlas[top : top + side, left : left + side] = (
-                np.pad(level, ((1, 1), (1, 1), (0, 0)), mode="wrap") / _STEP + 0.5
-            )
-            level = level.reshape(len(level) // 2, 2, len(level) // 2, 2, 3).mean(axis=(1, 3))
+def _atlas(slots: list[np.ndarray]) -> np.ndarray:
+    """uint16 image of all slots, in rows of so many."""
+    height = -(-len(slots) // _ATLAS_COLUMNS) * _SLOT_ROWS
+    atlas = np.zeros((height, min(len(slots), _ATLAS_COLUMNS) * _SLOT_COLUMNS, 4), np.uint16)
+    for number, slot in enumerate(slots):
+        row, column = divmod(number, _ATLAS_COLUMNS)
+        atlas[row * _SLOT_ROWS :, column * _SLOT_COLUMNS :][:_SLOT_ROWS, :_SLOT_COLUMNS] = slot
     return atlas
+
+
+@lru_cache(maxsize=512)
+def _texture_slot(name: str, variant: int) -> np.ndarray:
+    return _slot(texture_tile(name, variant))
+
+
+def _slot(tile: np.ndarray) -> np.ndarray:
+    """(_SLOT_ROWS, _SLOT_COLUMNS, 4) uint16 image of a tile and its levels: the full one at the left, the smaller ones
+    in a column at its right. The fourth channel is empty: OpenCV looks four up in half the time that three take."""
+    slot = np.zeros((_SLOT_ROWS, _SLOT_COLUMNS, 4), np.uint16)
+    level = tile
+    for top, left in zip(_LEVEL_ROW, _LEVEL_COLUMN, strict=True):
+        side = len(level) + 2
+        bordered = np.pad(level, ((1, 1), (1, 1), (0, 0)), mode="wrap")
+        slot[top : top + side, left : left + side, :3] = bordered / _STEP + 0.5
+        level = level.reshape(len(level) // 2, 2, len(level) // 2, 2, 3).mean(axis=(1, 3))
+    return slot
 
 
 _LEVEL_SIDE = TILE >> np.arange(_LEVELS)
 _LEVEL_COLUMN = np.where(np.arange(_LEVELS) == 0, 0, TILE + 2)
 _LEVEL_ROW = np.concatenate([[0], np.cumsum(np.concatenate([[0], _LEVEL_SIDE[1:-1] + 2]))])
+# A texel's centre lies at +0.5; the border of one texel adds 1, remap's integer centres take 0.5 off.
+_SIDE, _LEFT, _TOP = (a.astype(np.float32) for a in (_LEVEL_SIDE, _LEVEL_COLUMN + 0.5, _LEVEL_ROW + 0.5))
 
 
-def _lookup(atlas: np.ndarray, slot: np.ndarray, uv: np.ndarray, footprint: np.ndarray) -> np.ndarray:
-    """(N, 3) float64 patterns at uv (N, 2) in tiles, blended between the two levels nearest to the footprint (N,) in
-    tiles."""
-    level = np.clip(np.log2(np.maximum(footprint * np.float32(TILE * _SHARPNESS), 1)), 0, _LEVELS - 1.001).astype(
-        np.float32
-    )
-    fine = level.astype(np.int32)
-    blend = (level - fine)[:, None]
-    row, column = np.divmod(slot, _ATLAS_COLUMNS)
-    top, left = row * _SLOT_ROWS, column * _SLOT_COLUMNS
-    uv = uv - np.floor(uv)
-    near, far = (_sample(atlas, top, left, uv, at) for at in (fine, fine + 1))
-    return (near + (far - near) * blend) * np.float32(_STEP)
+def _lookup(
+    atlas: np.ndarray, top: np.ndarray, left: np.ndarray, u: np.ndarray, v: np.ndarray, footprint: np.ndarray
+) -> np.ndarray:
+    """(3, N) float64 patterns, (1, N) of an atlas of one channel, at (u, v) in tiles whose slots begin at (top, left),
+    blended between the two levels nearest to the footprint (N,) in tiles."""
+    level = np.clip(np.log2(np.maximum(footprint * np.float32(TILE * _SHARPNESS), 1)), 0, _LEVELS - 1.001)
+    fine = level.astype(np.intp)
+    u, v = u - np.floor(u), v - np.floor(v)
+    near, far = (_sample(atlas, top, left, u, v, at) for at in (fine, fine + 1))
+    far -= near
+    pattern: np.ndarray = far * (level - fine)
+    pattern += near
+    pattern *= np.float32(_STEP)
+    return pattern
 
 
-def _sample(atlas: np.ndarray, top: np.ndarray, left: np.ndarray, uv: np.ndarray, level: np.ndarray) -> np.ndarray:
-    side = _LEVEL_SIDE.astype(np.float32)[level]
-    # A texel's centre lies at +0.5; the border of one texel adds 1, remap's integer centres take 0.5 off.
-    column = left + _LEVEL_COLUMN.astype(np.float32)[level] + uv[:, 0] * side + np.float32(0.5)
-    row = top + _LEVEL_ROW.astype(np.float32)[level] + uv[:, 1] * side + np.float32(0.5)
-    count = len(row)
-    padding = (0, -count % _REMAP_WIDTH)
-    column, row = (np.pad(a.astype(np.float32), padding).reshape(-1, _REMAP_WIDTH) for a in (column, row))
-    return cv2.remap(atlas, column, row, cv2.INTER_LINEAR).reshape(-1, 3)[:count].astype(np.float32)
+def _sample(
+    atlas: np.ndarray, top: np.ndarray, left: np.ndarray, u: np.ndarray, v: np.ndarray, level: np.ndarray
+) -> np.ndarray:
+    """(3, N) float32 of one level, (1, N) of an atlas of one channel."""
+    side = _SIDE.take(level)
+    column, row = u * side, v * side
+    column += left + _LEFT.take(level)
+    row += top + _TOP.take(level)
+    found = cv2.remap(atlas, column[None], row[None], cv2.INTER_LINEAR)
+    return found.reshape(len(row), -1).T[:3].astype(np.float32, order="C")

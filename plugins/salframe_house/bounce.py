@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from salframe_house.lighting import INTERLEAVED, Lights
-from salframe_house.tracing import Surface, Tracer
+from salframe_house.tracing import Surface, Tracer, chunks, rows
 
 _PATCH_M = np.array([0.4, 0.4, 0.3], np.float32)
-_PATCHES = np.array([80, 80, 14])  # around the camera
+_PATCHES = (80, 80, 14)  # around the camera
 _BOUNCES = 4
 _OFFSET_M = np.float32(0.004)
 
@@ -41,44 +43,62 @@ class Bounce:
 
     def __init__(self, tracer: Tracer, lights: Lights, albedo: np.ndarray, centre_m: np.ndarray):
         self._tracer, self._lights, self._albedo = tracer, lights, albedo
-        self._corner_m = (np.floor(centre_m / _PATCH_M - _PATCHES / 2) * _PATCH_M).astype(np.float32)
+        self._corner_m = (np.floor(centre_m / _PATCH_M - np.divide(_PATCHES, 2)) * _PATCH_M).astype(np.float32)
 
     def irradiance(self, point_m: np.ndarray, normal: np.ndarray, sample_set: np.ndarray, rays: int) -> np.ndarray:
-        """(N, 3) float32 irradiance at points (N, 3) from `rays` rays each."""
+        """(N, 3) float32 irradiance at points (N, 3) from `rays` rays each; in Fortran order."""
         surface = self._gathered(point_m, normal, sample_set, rays)
-        hit = np.flatnonzero(surface.hit)
-        key = self._patch_key(surface)[hit]
-        patch_of = np.full(_PATCHES.prod() * 6, -1, np.int32)
-        patch_of[key] = hit
+        key, hit = self._patch_key(surface), surface.hit
+        patch_of = np.full(math.prod(_PATCHES) * 6, -1)
+        patch_of[key[hit]] = np.flatnonzero(hit)
         members = np.flatnonzero(patch_of >= 0)
-        sent = self._radiosity(surface.take(patch_of[members]), members)
-        patch_of[members] = np.arange(len(members), dtype=np.int32)
-        reflected = np.zeros((len(surface), 3), np.float32)
-        reflected[hit] = self._albedo[surface.triangle[hit]] * sent[patch_of[key]]
-        return reflected.reshape(len(point_m), rays, 3).mean(axis=1)
+        sent = self._radiosity(surface.take(patch_of.take(members)), members)
+        patch_of[members] = np.arange(len(members))
+        # A ray that hit nothing ends on the last patch, which is dark.
+        patch = np.where(hit, patch_of.take(key), len(sent))
+        reflected = rows(self._albedo, surface.triangle)
+        reflected *= rows(np.pad(sent, ((0, 1), (0, 0))), patch)
+        return _mean_of_rays(reflected, rays)
 
     def _gathered(self, point_m: np.ndarray, normal: np.ndarray, sample_set: np.ndarray, rays: int) -> Surface:
         direction = gather_directions(normal, sample_set, rays).reshape(-1, 3)
-        return self._tracer.trace(np.repeat(point_m + normal * _OFFSET_M, rays, axis=0), direction)
+        return self._tracer.trace(np.repeat((point_m + normal * _OFFSET_M).T, rays, axis=1).T, direction)
 
     def _patch_key(self, surface: Surface) -> np.ndarray:
-        cell = np.clip(((surface.point_m - self._corner_m) / _PATCH_M).astype(np.int32), 0, _PATCHES - 1)
-        axis = np.abs(surface.normal).argmax(axis=1)
-        facing = 2 * axis + (surface.normal[np.arange(len(axis)), axis] > 0)
-        return ((cell[:, 0] * _PATCHES[1] + cell[:, 1]) * _PATCHES[2] + cell[:, 2]) * 6 + facing
+        """(N,) int32 that stands for the place and facing of what each ray hits."""
+        key = np.zeros(len(surface), np.int32)
+        for part in chunks(len(surface)):
+            point_m, normal = surface.point_m[part].T, surface.normal[part].T
+            for point, corner, size, count in zip(point_m, self._corner_m, _PATCH_M, _PATCHES, strict=True):
+                key[part] *= count
+                key[part] += np.clip(((point - corner) / size).astype(np.int32), 0, count - 1)
+            x, y, z = np.abs(normal)
+            axis = np.where(x >= np.maximum(y, z), np.int8(0), np.where(y >= z, np.int8(1), np.int8(2)))
+            key[part] *= 6
+            key[part] += 2 * axis + np.choose(axis, normal > 0)
+        return key
 
     def _radiosity(self, patch: Surface, key: np.ndarray) -> np.ndarray:
-        """(P, 3) float32 irradiance of the patches after a few bounces among them."""
+        """(P, 3) float32 irradiance of the patches after a few bounces among them; in Fortran order."""
         rays = INTERLEAVED
         sample_set = np.arange(len(patch)) % INTERLEAVED
         direct = self._lights.direct(patch.point_m, patch.normal, sample_set, samples=8)
         seen = self._gathered(patch.point_m, patch.normal, sample_set, rays)
-        position = np.minimum(np.searchsorted(key, self._patch_key(seen)), len(key) - 1)
-        known = seen.hit & (key[position] == self._patch_key(seen))
-        albedo = self._albedo[seen.triangle] * seen.hit[:, None]
+        seen_key = self._patch_key(seen)
+        position = np.minimum(np.searchsorted(key, seen_key), len(key) - 1)
+        known = (seen.hit & (key.take(position) == seen_key))[:, None]
+        albedo = rows(self._albedo, seen.triangle) * seen.hit[:, None]
         total = direct
         for _ in range(_BOUNCES):
-            # A ray that ends on no patch of the table gets what patches get on average.
-            incoming = np.where(known[:, None], total[position], total.mean(axis=0))
-            total = direct + (albedo * incoming).reshape(-1, rays, 3).mean(axis=1)
+            # A ray that ends on no patch of the table gets what patches get on average, added up patch by patch.
+            average = np.ascontiguousarray(total).mean(axis=0)
+            incoming = np.where(known, rows(total, position), average)
+            total = direct + _mean_of_rays(albedo * incoming, rays)
         return total
+
+
+def _mean_of_rays(values: np.ndarray, rays: int) -> np.ndarray:
+    """(N, 3) means of the values (N * rays, 3) of each point's rays, added up one ray after the other; both in Fortran
+    order."""
+    of_ray = values.T.reshape(3, -1, rays).transpose(2, 0, 1)
+    return np.ascontiguousarray(of_ray).mean(axis=0).T

@@ -10,7 +10,7 @@ import numpy as np
 from scipy import ndimage
 
 from salframe_house.scene import Light, Scene
-from salframe_house.tracing import Tracer, chunks
+from salframe_house.tracing import Tracer, chunks, rows
 
 Lighting = Literal["day", "evening", "dim"]
 
@@ -119,7 +119,7 @@ class Lights:
         self._tracer = tracer
         on = [light for light, shines in zip(scene.lights, lights_on(scene.lights, condition), strict=True) if shines]
         # The last light is dark: it fills the places of cells that see fewer lights.
-        self._centre_m = np.array([light.position_m for light in on] + [(0, 0, -1e3)], np.float32)
+        self._centre_m = np.array([light.position_m for light in on] + [(0, 0, -1e3)], np.float32, order="F")
         self._edges_m = np.array(
             [(light.edge_u_m, light.edge_v_m) for light in on] + [np.eye(3)[:2] * 1e-3], np.float32
         )
@@ -128,27 +128,28 @@ class Lights:
         normal /= area_m2[:, None]
         lamp = np.array([light.kind == "lamp" for light in on] + [False])
         normal[lamp & (normal[:, 2] > 0)] *= -1
-        self._normal, self._two_sided = normal, ~lamp
+        self._normal = np.asfortranarray(normal)
+        # What a cosine below zero, that of a point behind the light, is multiplied by: windows shine to both sides.
+        self._behind = np.where(lamp, 0, -1).astype(np.float32)
         # Larger lamps are brighter, but not in proportion to their area.
         intensity = np.where(lamp, condition.lamp * np.sqrt(0.36 * area_m2), condition.window * area_m2)
         intensity[-1] = 0
         self._intensity = intensity.astype(np.float32)
         self._radius_sq_m2 = (area_m2 / np.pi).astype(np.float32)
-        self._color = np.where(lamp[:, None], condition.lamp_rgb, condition.window_rgb).astype(np.float32)
+        self._color = np.where(lamp[:, None], condition.lamp_rgb, condition.window_rgb).astype(np.float32, order="F")
         self._low_m = scene.vertices_m.min(axis=0).astype(np.float64)
         self._candidates = self._seen_by_cells(scene.vertices_m.max(axis=0) - self._low_m)
 
     def _seen_by_cells(self, size_m: np.ndarray) -> np.ndarray:
-        """(rows along y, columns along x, _CANDIDATES) int32 lights that some point in or beside each cell sees,
-        strongest first."""
-        self._shape = rows, columns = tuple(np.ceil(size_m[1::-1] / _CELL_M).astype(int) + 1)
+        """(_CANDIDATES, C) lights that some point in or beside each cell sees, strongest first; cells row by row."""
+        self._shape = down, across = tuple(np.ceil(size_m[1::-1] / _CELL_M).astype(int) + 1)
         # Points spread over the cell and most of the height, each with another part of the light.
         spread = np.arange(1, 13)[:, None] * np.append(_GOLDEN, 0.438) % 1
         offset = (spread * [1, 1, 0.8] + [0, 0, 0.1]) * [_CELL_M, _CELL_M, size_m[2]]
         part = (np.arange(1, 13)[:, None] * [0.382, 0.236] % 1 - 0.5).astype(np.float32)
-        row, column = np.mgrid[:rows, :columns]
-        corner = np.stack([column.ravel(), row.ravel(), np.zeros(rows * columns)], axis=1) * _CELL_M + self._low_m
-        strength = np.zeros((rows * columns, len(self._centre_m)), np.float32)
+        row, column = np.mgrid[:down, :across]
+        corner = np.stack([column.ravel(), row.ravel(), np.zeros(down * across)], axis=1) * _CELL_M + self._low_m
+        strength = np.zeros((down * across, len(self._centre_m)), np.float32)
         for light in range(len(self._centre_m) - 1):
             cells = np.flatnonzero(np.linalg.norm(corner[:, :2] - self._centre_m[light, :2], axis=1) < _REACH_M)
             points = (corner[cells, None] + offset).reshape(-1, 3).astype(np.float32)
@@ -159,62 +160,83 @@ class Lights:
             received = self._intensity[light] * seen / (distance_sq + self._radius_sq_m2[light])
             strength[cells, light] = received.reshape(len(cells), -1).max(axis=1)
         # Where a light begins to show between these points, the next cell has seen it.
-        strength = ndimage.maximum_filter(strength.reshape(rows, columns, -1), size=(3, 3, 1)).reshape(strength.shape)
+        strength = ndimage.maximum_filter(strength.reshape(down, across, -1), size=(3, 3, 1)).reshape(strength.shape)
         count = min(_CANDIDATES, strength.shape[1])
         best = np.argsort(-strength, axis=1, kind="stable")[:, :count]
         best[np.take_along_axis(strength, best, axis=1) <= 0] = len(self._centre_m) - 1
-        return best.reshape(rows, columns, count).astype(np.int32)
+        return np.ascontiguousarray(best.T)
 
     def direct(self, point_m: np.ndarray, normal: np.ndarray, sample_set: np.ndarray, samples: int) -> np.ndarray:
-        """(N, 3) float32 irradiance that reaches points straight from the lights, with soft shadows.
+        """(N, 3) float32 irradiance that reaches points (N, 3) straight from the lights, with soft shadows; in Fortran
+        order.
 
         What each light would give unshadowed is computed in closed form; `samples` shadow rays a point are shared out
         over the lights in proportion to it. `sample_set` (N,) int in [0, INTERLEAVED) chooses the set of samples of
         each point.
         """
-        received = np.empty((len(point_m), 3), np.float32)
+        received = np.empty((3, len(point_m)), np.float32)
+        targets_m = self._targets_m(samples * INTERLEAVED)
         for part in chunks(len(point_m)):
-            received[part] = self._direct(point_m[part], normal[part], sample_set[part], samples)
-        return received
+            received[:, part] = self._direct(point_m[part], normal[part], sample_set[part], samples, targets_m).T
+        return received.T
 
-    def _direct(self, point_m: np.ndarray, normal: np.ndarray, sample_set: np.ndarray, samples: int) -> np.ndarray:
+    def _targets_m(self, orders: int) -> np.ndarray:
+        """(L * orders, 3) float32 points spread over each light, at which shadow rays end; in Fortran order."""
+        across = (np.arange(orders)[:, None] * _GOLDEN % 1 - 0.5).astype(np.float32)
+        along_u, along_v = (self._edges_m[:, None, i] * across[:, i : i + 1] for i in range(2))
+        return np.asfortranarray((self._centre_m[:, None] + along_u + along_v).reshape(-1, 3))
+
+    def _direct(
+        self, point_m: np.ndarray, normal: np.ndarray, sample_set: np.ndarray, samples: int, targets_m: np.ndarray
+    ) -> np.ndarray:
         cell = (point_m[:, 1::-1] - self._low_m[1::-1].astype(np.float32)) / np.float32(_CELL_M)
         row, column = np.clip(cell.astype(np.int32), 0, np.array(self._shape) - 1).T
-        light = self._candidates[row, column]
-        unshadowed = self._unshadowed(point_m, normal, light)
-        share = np.cumsum(unshadowed, axis=1)
-        total = share[:, -1]
+        light = self._candidates.take(row * self._shape[1] + column, axis=1)
+        share = self._unshadowed(point_m, normal, light)
+        for k in range(1, len(share)):
+            share[k] += share[k - 1]
+        total = share[-1]
         start_m = point_m + normal * _OFFSET_M
-        received = np.zeros((len(point_m), 3), np.float32)
+        orders = samples * INTERLEAVED
+        thresholds = (np.arange(orders) + 0.5).astype(np.float32) / np.float32(orders)
+        received = np.zeros_like(start_m)
         for sample in range(samples):
             order = sample * INTERLEAVED + sample_set
-            threshold = (order + 0.5).astype(np.float32) / np.float32(samples * INTERLEAVED) * total
-            chosen = np.minimum((share <= threshold[:, None]).sum(axis=1), light.shape[1] - 1)
-            chosen = light[np.arange(len(light)), chosen]
-            across = (order[:, None] * _GOLDEN % 1 - 0.5).astype(np.float32)
-            edges_m = self._edges_m[chosen]
-            end_m = self._centre_m[chosen] + edges_m[:, 0] * across[:, :1] + edges_m[:, 1] * across[:, 1:]
+            below = share <= thresholds.take(order) * total
+            chosen = np.minimum(below.view(np.uint8).sum(axis=0, dtype=np.uint8), len(light) - 1)
+            chosen = np.take_along_axis(light, chosen[None], axis=0)[0]
+            end_m = rows(targets_m, chosen * orders + order)
             faces = np.einsum("ij,ij->i", end_m - start_m, normal) > 0
-            lit = np.zeros(len(point_m), bool)
             asked = np.flatnonzero(faces & (total > 0))
-            lit[asked] = ~self._tracer.blocked(start_m[asked], end_m[asked])
-            received[lit] += self._color[chosen[lit]]
-        return received * (total / np.float32(samples))[:, None]
+            lit = np.zeros(len(point_m), bool)
+            lit[asked] = ~self._tracer.blocked(rows(start_m, asked), rows(end_m, asked))
+            received += rows(self._color, chosen) * lit[:, None]
+        received *= (total / np.float32(samples))[:, None]
+        return received
 
     def _unshadowed(self, point_m: np.ndarray, normal: np.ndarray, light: np.ndarray) -> np.ndarray:
-        """(N, K) float32 irradiance from the K candidate lights of each point, each taken for a disc of its area."""
+        """(K, N) float32 irradiance from the K candidate lights (K, N) of each point, each taken for a disc of its
+        area."""
         received = np.empty(light.shape, np.float32)
-        for k in range(light.shape[1]):
-            chosen = light[:, k]
-            way = self._centre_m[chosen] - point_m
+        for k, chosen in enumerate(light):
+            centre_m, facing = rows(self._centre_m, chosen), rows(self._normal, chosen)
+            radius_sq = self._radius_sq_m2.take(chosen)
+            way = centre_m - point_m
             distance_sq = np.einsum("ij,ij->i", way, way)
             distance = np.sqrt(distance_sq)
-            radius_sq = self._radius_sq_m2[chosen]
-            leaving = -np.einsum("ij,ij->i", way, self._normal[chosen]) / distance
-            leaving = np.where(self._two_sided[chosen], np.abs(leaving), np.maximum(leaving, 0))
-            arriving = np.einsum("ij,ij->i", way, normal) / distance
+            leaving = np.einsum("ij,ij->i", way, facing)
+            leaving /= -distance
+            np.maximum(leaving, leaving * self._behind.take(chosen), out=leaving)
+            arriving = np.einsum("ij,ij->i", way, normal)
+            arriving /= distance
+            distance_sq += radius_sq
             # A light partly under the horizon of the surface fades out instead of ending at its centre.
-            softness = np.sqrt(radius_sq / (distance_sq + radius_sq))
-            arriving = np.where(arriving > softness, arriving, np.maximum(arriving + softness, 0) ** 2 / (4 * softness))
-            received[:, k] = self._intensity[chosen] * arriving * leaving / (distance_sq + radius_sq)
+            softness = np.sqrt(radius_sq / distance_sq)
+            fading = np.maximum(arriving + softness, 0)
+            fading *= fading
+            fading /= 4 * softness
+            np.copyto(fading, arriving, where=arriving > softness)
+            fading *= self._intensity.take(chosen)
+            fading *= leaving
+            np.divide(fading, distance_sq, out=received[k])
         return received

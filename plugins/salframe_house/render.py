@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import zlib
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import cv2
 import numpy as np
@@ -17,7 +17,7 @@ from salframe_house.lighting import CONDITIONS, Condition, Lighting, Lights, is_
 from salframe_house.scene import Scene
 from salframe_house.shading import IrradianceGrid
 from salframe_house.textures import texture_kind
-from salframe_house.tracing import Surface, Tracer, chunks
+from salframe_house.tracing import Surface, Tracer, chunks, rows
 
 _DIRECT_STEP, _DIRECT_SAMPLES = 2, 3
 _INDIRECT_STEP, _INDIRECT_RAYS = 4, 16
@@ -111,11 +111,11 @@ class Renderer:
         surface = self._primary(T_world_pano)
         range_m, instance_id = self._images(surface)
         irradiance = self._irradiance(surface, T_world_pano[:3, 3])
-        row, column = (a.ravel().astype(np.float32) for a in np.mgrid[: self._height, : 2 * self._height])
+        row, column = _pixels(self._height)
         radiance = self._radiance(surface, row, column, irradiance, T_world_pano)
         exposure = self._exposure(radiance, surface)
         edge = self._edges(surface)
-        display = _filmic(radiance * exposure)
+        display = _filmic(radiance, exposure)
         display[edge] = self._supersampled(edge, exposure, irradiance, T_world_pano)
         return Rendering(self._developed(display, T_world_pano), range_m, instance_id)
 
@@ -139,21 +139,25 @@ class Renderer:
         pose: np.ndarray,
         depth: int = 0,
     ) -> np.ndarray:
-        """(N, 3) float32 linear radiance of what rays hit; row, column are where the panorama sees these points."""
+        """(N, 3) float64 linear radiance of what rays hit, in Fortran order; row, column are where the panorama sees
+        these points."""
         albedo = self._surfaces.color.albedo(surface, np.pi / self._height)
-        radiance = albedo * irradiance.at(row, column, surface) * np.float32(1 / np.pi)
-        shining = np.flatnonzero(self._emission[surface.triangle] > 0)
-        triangle = surface.triangle[shining]
+        radiance = albedo * irradiance.at(row, column, surface)
+        radiance *= np.float32(1 / np.pi)
+        shining = np.flatnonzero((self._emission > 0).take(surface.triangle))
+        triangle = surface.triangle.take(shining)
         radiance[shining] += (
             self._emission[triangle, None]
-            * albedo[shining]
+            * rows(albedo, shining)
             / self._surfaces.color.mean[triangle].max(axis=1, keepdims=True)
         )
-        radiance[~surface.hit] = _sky(surface.direction[~surface.hit], self._condition)
-        mirror = self._surfaces.mirror[surface.triangle]
-        specular = np.flatnonzero((mirror | self._surfaces.glass[surface.triangle]) & surface.hit)
+        missed = np.flatnonzero(~surface.hit)
+        radiance[missed] = _sky(rows(surface.direction, missed), self._condition)
+        mirror, glass = self._surfaces.mirror, self._surfaces.glass
+        specular = np.flatnonzero((mirror | glass).take(surface.triangle) & surface.hit)
         if len(specular) and depth < _SPECULAR_DEPTH:
-            met, mirror = surface.take(specular), mirror[specular, None]
+            met = surface.take(specular)
+            mirror = mirror.take(met.triangle)[:, None]
             across = np.einsum("ij,ij->i", met.direction, met.normal)[:, None]
             direction = np.where(mirror, met.direction - 2 * across * met.normal, met.direction)
             beyond = self._tracer.trace(met.point_m + direction * np.float32(1e-3), direction)
@@ -164,20 +168,19 @@ class Renderer:
             seen = self._radiance(
                 beyond, row.astype(np.float32) - 0.5, column.astype(np.float32) - 0.5, irradiance, pose, depth + 1
             )
-            radiance[specular] = seen * np.where(mirror, self._surfaces.color.mean[met.triangle], _GLASS_RGB)
+            radiance[specular] = seen * np.where(mirror, rows(self._surfaces.color.mean, met.triangle), _GLASS_RGB)
         return radiance
 
     def _edges(self, surface: Surface) -> np.ndarray:
         """Positions of the pixels beside which another surface begins."""
         shape = self._height, 2 * self._height
-        look = self._surfaces.look[surface.triangle].reshape(shape)
-        normal = surface.normal.reshape(*shape, 3)
-        edge = np.zeros(shape, bool)
+        look = self._surfaces.look.take(surface.triangle).reshape(shape)
+        normal = surface.normal.T.reshape(3, *shape)
         beside = np.roll(look, -1, 1) != look
-        beside |= np.einsum("ijk,ijk->ij", normal, np.roll(normal, -1, 1)) < 0.95
-        edge |= beside | np.roll(beside, 1, 1)
+        beside |= np.einsum("kij,kij->ij", normal, np.roll(normal, -1, 2)) < 0.95
+        edge = beside | np.roll(beside, 1, 1)
         below = look[1:] != look[:-1]
-        below |= np.einsum("ijk,ijk->ij", normal[1:], normal[:-1]) < 0.95
+        below |= np.einsum("kij,kij->ij", normal[:, 1:], normal[:, :-1]) < 0.95
         edge[1:] |= below
         edge[:-1] |= below
         return np.flatnonzero(edge)
@@ -193,7 +196,7 @@ class Renderer:
             surface = self._tracer.trace(
                 pose[:3, 3], self._rays(sub_row, sub_column) @ pose[:3, :3].T.astype(np.float32)
             )
-            total += _filmic(self._radiance(surface, sub_row, sub_column, irradiance, pose) * exposure)
+            total += _filmic(self._radiance(surface, sub_row, sub_column, irradiance, pose), exposure)
         return total / 4
 
     def _rays(self, row: np.ndarray, column: np.ndarray) -> np.ndarray:
@@ -206,9 +209,8 @@ class Renderer:
 
     def _exposure(self, radiance: np.ndarray, surface: Surface) -> float:
         """What brings the picture's surfaces to the lighting's key, without letting bright ones wash out."""
-        lit = np.flatnonzero(
-            surface.hit & (self._emission[surface.triangle] == 0) & ~self._surfaces.glass[surface.triangle]
-        )[::7]
+        reflects = (self._emission == 0) & ~self._surfaces.glass
+        lit = np.flatnonzero(surface.hit & reflects.take(surface.triangle))[::7]
         luminance = radiance[lit] @ _LUMINANCE
         weight = np.cos(np.pi * ((lit // (2 * self._height) + 0.5) / self._height - 0.5))
         if not len(lit) or luminance.max() <= 0:
@@ -220,23 +222,36 @@ class Renderer:
     def _developed(self, display: np.ndarray, pose: np.ndarray) -> np.ndarray:
         """(H, 2H, 3) uint8 sRGB from tone-mapped linear values (H * 2H, 3) in [0, 1]."""
         shape = self._height, 2 * self._height, 3
-        value = _sharpened(_SRGB[(display * (len(_SRGB) - 1)).astype(np.int32)].reshape(shape))
+        value = _sharpened(_SRGB.take((display * (len(_SRGB) - 1)).astype(np.intp)).reshape(shape))
         if self._condition.noise:
             rng = np.random.default_rng(zlib.crc32(np.ascontiguousarray(pose, np.float64).tobytes()))
-            value = value + rng.standard_normal(shape[:2], np.float32)[..., None] * np.float32(
-                255 * self._condition.noise
-            )
-        return np.clip(value + np.float32(0.5), 0, 255).astype(np.uint8)
+            value += rng.standard_normal(shape[:2], np.float32)[..., None] * np.float32(255 * self._condition.noise)
+        value += np.float32(0.5)
+        return np.clip(value, 0, 255, out=value).astype(np.uint8)
 
 
-def _filmic(radiance: np.ndarray) -> np.ndarray:
-    """Linear display values in [0, 1] of exposed radiance: a curve with a toe and a long shoulder (Narkowicz's fit of
-    ACES, 2015)."""
+@lru_cache(maxsize=1)
+def _pixels(height: int) -> np.ndarray:
+    """(2, H * 2H) float32 row and column of every pixel."""
+    return np.mgrid[:height, : 2 * height].reshape(2, -1).astype(np.float32)
+
+
+def _filmic(radiance: np.ndarray, exposure: float) -> np.ndarray:
+    """Linear display values in [0, 1] of radiance (N, 3) after exposure: a curve with a toe and a long shoulder
+    (Narkowicz's fit of ACES, 2015)."""
     a, b, c, d, e = (np.float32(x) for x in (2.51, 0.03, 2.43, 0.59, 0.14))
     display = np.empty_like(radiance)
     for part in chunks(len(radiance)):
-        value = radiance[part]
-        display[part] = np.clip(value * (a * value + b) / (value * (c * value + d) + e), 0, 1)
+        value = radiance[part] * exposure
+        below = c * value
+        below += d
+        below *= value
+        below += e
+        above = a * value
+        above += b
+        above *= value
+        above /= below
+        np.clip(above, 0, 1, out=display[part])
     return display
 
 
@@ -244,9 +259,11 @@ def _sharpened(image: np.ndarray) -> np.ndarray:
     """The image (H, 2H, 3) float32 after the unsharp mask that cameras apply, with no seam between its first and last
     column."""
     margin = 4
-    around = np.concatenate([image[:, -margin:], image, image[:, :margin]], axis=1)
-    blurred = cv2.GaussianBlur(around, (0, 0), _SHARPENING_SIGMA)[:, margin:-margin]
-    return image + np.float32(_SHARPENING) * (image - blurred)
+    around = cv2.copyMakeBorder(image, 0, 0, margin, margin, cv2.BORDER_WRAP)
+    sharpened: np.ndarray = image - cv2.GaussianBlur(around, (0, 0), _SHARPENING_SIGMA)[:, margin:-margin]
+    sharpened *= np.float32(_SHARPENING)
+    sharpened += image
+    return sharpened
 
 
 def _srgb_table(size: int = 1 << 14) -> np.ndarray:

@@ -58,18 +58,15 @@ def image_texture(rgb: np.ndarray) -> str:
 _IMAGES: dict[str, TextureKind] = {}
 
 
-@lru_cache(maxsize=512)
 def texture_tile(name: str, variant: int) -> np.ndarray:
-    """(TILE, TILE, 3) float32 pattern with mean 1 in each channel, values in [0, MAX_PATTERN]; read-only.
+    """(TILE, TILE, 3) float32 pattern with mean 1 in each channel, values in [0, MAX_PATTERN].
 
     Raises DataError on an unknown name.
     """
     kind = texture_kind(name)
     rng = np.random.default_rng((zlib.crc32(name.encode()), variant))
     pattern = np.clip(kind.paint(rng), 0.02, None).astype(np.float32)
-    pattern = np.clip(pattern / pattern.mean(axis=(0, 1)), 0, MAX_PATTERN)
-    pattern.flags.writeable = False
-    return pattern
+    return np.clip(pattern / pattern.mean(axis=(0, 1)), 0, MAX_PATTERN)
 
 
 @lru_cache(maxsize=1)
@@ -97,18 +94,24 @@ def _noise(rng: np.random.Generator, low: float, high: float, stretch: tuple[flo
 
 def _blobs(rng: np.random.Generator, count: int, radius: tuple[float, float], aspect: float = 1.0) -> np.ndarray:
     """Sum of `count` soft-edged ellipses of either sign, radii in texels, elongated up to `aspect` at any angle."""
-    image = np.zeros((TILE, TILE))
-    for _ in range(count):
-        r, ratio, angle = rng.uniform(*radius), rng.uniform(1, aspect), rng.uniform(0, np.pi)
-        reach = int(np.ceil(r * ratio + 2))
-        centre = rng.uniform(0, TILE, 2)
-        offset = np.arange(-reach, reach + 1)
-        rows, columns = centre[0].astype(int) + offset, centre[1].astype(int) + offset
-        dv, du = rows[:, None] + 0.5 - centre[0], columns[None, :] + 0.5 - centre[1]
-        along, across = du * np.cos(angle) + dv * np.sin(angle), dv * np.cos(angle) - du * np.sin(angle)
-        inside = np.clip(r + 0.5 - np.hypot(along / ratio, across), 0, 1)
-        image[np.ix_(rows % TILE, columns % TILE)] += rng.choice((-1, 1)) * rng.uniform(0.4, 1) * inside
-    return image
+    drawn = np.array([(*rng.random(5), rng.integers(2), rng.random()) for _ in range(count)])
+    low, high = np.array([[radius[0], 1, 0, 0, 0, -1, 0.4], [radius[1], aspect, np.pi, TILE, TILE, 1, 1]])
+    r, ratio, angle, v, u, sign, strength = (low + (high - low) * drawn).T
+    # Of every ellipse the texels of a square around it, the squares one after the other.
+    reach = np.ceil(r * ratio + 2).astype(int)
+    side = 2 * reach + 1
+    number = np.arange(np.sum(side**2)) - np.repeat(np.cumsum(side**2) - side**2, side**2)
+    down, right = np.divmod(number, np.repeat(side, side**2))
+    top, left = v.astype(int) - reach, u.astype(int) - reach
+    cos, sin = np.cos(angle), np.sin(angle)
+    whole, part = np.array([top, left]), np.array([r, ratio, v, u, cos, sin, sign * strength])
+    (top, left), (r, ratio, v, u, cos, sin, tone) = (np.repeat(a, side**2, axis=1) for a in (whole, part))
+    row, column = top + down, left + right
+    dv, du = row + 0.5 - v, column + 0.5 - u
+    along, across = du * cos + dv * sin, dv * cos - du * sin
+    inside = np.clip(r + 0.5 - np.hypot(along / ratio, across), 0, 1)
+    image = np.bincount(row % TILE * TILE + column % TILE, tone * inside, TILE**2)
+    return image.reshape(TILE, TILE)
 
 
 def _joints(count_u: int, count_v: int, width: float) -> np.ndarray:

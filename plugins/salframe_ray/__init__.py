@@ -30,7 +30,7 @@ that a worker died, which its item's answer says. It reads these when it is impo
 
 
 class Ray(WorkerEngine):
-    """On the machines of a Ray cluster, or on this one alone."""
+    """On the machines of a Ray cluster, or on this one alone; a worker has one processor, also where it is alone."""
 
     name = "ray"
     version = "1"
@@ -58,7 +58,7 @@ class Ray(WorkerEngine):
         return self.workers or processors
 
     def start(self, alone: bool) -> WorkerProcess:
-        return _Remote({} if alone else ONE_THREAD)
+        return _Remote()
 
     def _connect(self) -> None:
         import ray
@@ -90,13 +90,13 @@ class _Worker:
 
 
 class _Remote(WorkerProcess):
-    """A worker somewhere in the cluster; `env`: environment variables that it has besides those of salframe."""
+    """A worker somewhere in the cluster, with the environment variables of salframe."""
 
-    def __init__(self, env: dict[str, str]) -> None:
+    def __init__(self) -> None:
         import ray
 
         own = {key: value for key, value in os.environ.items() if key.startswith("SALFRAME_")}
-        known = {**own, "SALFRAME_CACHE": str(cache_home().absolute()), **env}
+        known = {**own, "SALFRAME_CACHE": str(cache_home().absolute()), **ONE_THREAD}
         made: Any = ray.remote(num_cpus=1, runtime_env={"env_vars": known})(_Worker)
         self._worker = made.remote(str(Path.cwd()))
 

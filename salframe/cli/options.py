@@ -41,8 +41,8 @@ Workers = Annotated[
         "--workers",
         min=1,
         metavar="N",
-        help="How many work at a time; unless given one where times are measured, which more would make compete, and "
-        "else one a processor.",
+        help="How many work at a time, a thread each; unless given one a processor, and where times are measured one "
+        "alone with all processors to itself.",
     ),
 ]
 Seed = Annotated[int, typer.Option(help="Seed of the confidence intervals.")]

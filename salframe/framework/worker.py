@@ -18,7 +18,8 @@ ONE_THREAD = dict.fromkeys(
     ),
     "1",
 )
-"""The environment of a worker beside others, from which native libraries know how many threads they may have."""
+"""The environment of a worker that has not all processors to itself, from which native libraries know how many threads
+they may have."""
 _is_worker, _at_work = False, False
 
 

@@ -45,8 +45,9 @@ class WorkerEngine(Engine):
         workers: int | None = Field(
             None,
             ge=1,
-            description="how many pieces of work at a time; null: as many as there are processors, and one of those "
-            "whose time is measured, which more would make compete",
+            description="how many pieces of work at a time, by processes whose native libraries have a thread each; "
+            "null: as many as there are processors, and one of those whose time is measured, which more would make "
+            "compete, with all processors to itself",
         )
 
     @abstractmethod
@@ -55,13 +56,13 @@ class WorkerEngine(Engine):
 
     @abstractmethod
     def start(self, alone: bool) -> WorkerProcess:
-        """Start a worker: the only one, or one of several, whose native libraries have a thread each."""
+        """Start a worker, whose native libraries have a thread each, or one that has all processors to itself."""
 
     def map(self, function: Callable[[Any], Any], items: Sequence[Any]) -> Iterator[Any]:
         if not items:
             return
         count = min(self.ready(), len(items))
-        crew = _Crew(partial(self.start, count == 1))
+        crew = _Crew(partial(self.start, alone=self.workers is None and count == 1))
         with ThreadPoolExecutor(count) as threads:
             try:
                 for answer in [threads.submit(crew.answer, function, item) for item in items]:

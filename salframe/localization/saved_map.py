@@ -86,10 +86,10 @@ def prepare(
 
 
 def build_from(localizer: Localizer, dataset: Dataset, progress: Callable[[int, int], None] | None, tell: Tell) -> None:
-    """Have a localizer build its map of a prepared dataset; where the dataset's engine has several workers, they
+    """Have a localizer build its map of a prepared dataset; workers of the dataset's engine, where their number is set,
     describe the frames first."""
     frames = mapping_frames(dataset)
-    if dataset.engine is not None and (dataset.engine.workers or 1) > 1:
+    if dataset.engine is not None and dataset.engine.isolates and dataset.engine.workers is not None:
         ids = [frame.id for frame in frames]
         for done, _ in enumerate(describe_frames(localizer.config, dataset.config, ids, dataset.engine), 1):
             if progress:

@@ -1,4 +1,4 @@
-"""Time of a panorama: the goal is 1.2 s in colour at 1024 x 512 on two cores. `make benchmark`."""
+"""Time of a panorama: the goal is 0.7 s in colour at 1024 x 512 on two cores. `make benchmark`."""
 
 import pytest
 from salframe_house.building import generate_building

@@ -138,16 +138,19 @@ def test_an_item_whose_worker_died_is_tried_once_more(tmp_path):
     assert (tmp_path / "d").read_text() == "tried\ntried\n"
 
 
-def test_several_workers_have_one_thread_each_and_one_alone_has_all(monkeypatch):
+def test_so_many_workers_have_one_thread_each_and_one_alone_by_default_has_all(monkeypatch):
     for name in ONE_THREAD:
         monkeypatch.delenv(name, raising=False)
-    assert map_all([0, 1], 2, environment) == [ONE_THREAD] * 2
-    assert map_all([0, 1], 1, environment) == [dict.fromkeys(ONE_THREAD)] * 2
+    for workers in (1, 2):
+        assert map_all([0, 1], workers, environment) == [ONE_THREAD] * 2
+    assert map_all([0], 2, environment) == [ONE_THREAD]
+    assert map_all([0], None, environment) == [dict.fromkeys(ONE_THREAD)]
 
 
 @pytest.mark.skipif(not os.path.exists("/proc/self/task"), reason="the system does not tell the threads of a process")
-def test_libraries_of_one_worker_beside_others_start_no_threads(monkeypatch):
+@pytest.mark.parametrize("workers", [1, 2])
+def test_libraries_of_so_many_workers_start_no_threads(workers, monkeypatch):
     pytest.importorskip("torch")
     for name in ONE_THREAD:
         monkeypatch.delenv(name, raising=False)
-    assert map_all([500, 500], 2, threads_added) == [0, 0]
+    assert map_all([500, 500], workers, threads_added) == [0, 0]

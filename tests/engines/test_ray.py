@@ -78,14 +78,15 @@ def test_one_worker_leaves_room_for_as_many_as_there_are_processors():
     assert list(Ray(Ray.Config(workers=cpu_count())).map(answer, ["a", "b"])) == ["a", "b"]
 
 
-def test_workers_take_salframe_from_its_installation_and_have_one_thread_each(tmp_path, monkeypatch):
+@pytest.mark.parametrize("workers", [None, 1, 2])
+def test_workers_take_salframe_from_its_installation_and_have_one_thread_each(workers, tmp_path, monkeypatch):
     """Where the command is started in a checkout too; relative paths mean what they mean there."""
     ray.shutdown()
     (tmp_path / "salframe").mkdir()
     (tmp_path / "salframe" / "__init__.py").write_text("raise ImportError('the folder of the command')")
     monkeypatch.chdir(tmp_path)
-    found = list(Ray(Ray.Config(workers=2)).map(node_of, range(8)))
-    assert len({process for _, process, *_ in found}) == 2
+    found = list(Ray(Ray.Config(workers=workers)).map(node_of, range(8)))
+    assert len({process for _, process, *_ in found}) == (workers or min(cpu_count(), 8))
     for _, _, threads, installed, directory in found:
         assert threads == ONE_THREAD
         assert installed == str(Path(salframe.__file__).parent)

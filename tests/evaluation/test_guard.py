@@ -29,6 +29,13 @@ def test_a_query_that_ends_its_process_costs_itself(faults, how, reason):
     assert (reader.accuracy, reader.status) == (1.0, {"ok": 3})
 
 
+def test_what_a_process_died_of_is_tried_once_more(faults, tmp_path):
+    for when in ("init", "map", "query"):
+        (row,) = ask("how=exit-once", f"when={when}", methods=("deadly",)).rows
+        assert (row.accuracy, row.status) == (1.0, {"ok": 3})
+        (tmp_path / "died").unlink()
+
+
 def test_a_method_that_always_dies_is_given_up(faults):
     deadly, reader = ask("data.rooms=5", "deadly.rooms=[0, 1, 2, 3, 4]").rows
     assert (deadly.accuracy, deadly.reason) == (None, DIED)

@@ -89,13 +89,13 @@ def test_a_table_of_objects_that_says_nothing_is_refused(tmp_path, monkeypatch):
         assert re.search(message, done.err), done.err
 
 
-@pytest.mark.parametrize("number", ["NaN", float("nan"), float("inf"), None])
+@pytest.mark.parametrize(("at", "number"), [(3, "NaN"), (3, float("nan")), (3, float("inf")), (3, None), (0, 1.1)])
 @pytest.mark.parametrize("file", ["manifest.json", "truth.json"])
-def test_a_pose_that_is_no_number_is_refused(tmp_path, monkeypatch, file, number):
+def test_a_pose_that_is_no_rigid_motion_is_refused(tmp_path, monkeypatch, file, at, number):
     path = write_tiny_folder(tmp_path / "data") / file
     content = json.loads(path.read_text())
     pose = np.eye(4).ravel().tolist()
-    pose[3] = number
+    pose[at] = number
     entries = content["frames"] if file == "manifest.json" else list(content["queries"].values())
     next(entry for entry in entries if entry.get("role") != "query")["pose"] = pose
     path.write_text(json.dumps(content))
