@@ -70,7 +70,7 @@ class Ray(WorkerEngine):
         with TemporaryDirectory() as empty, chdir(empty):
             try:
                 ray.init(self.config.address or "local", **quiet, **own)
-            except (ConnectionError, RuntimeError, ValueError) as error:
+            except (ConnectionError, RuntimeError, ValueError, ray.exceptions.RayError) as error:
                 raise RequirementMissing(f"no Ray cluster at {self.config.address}: {describe_error(error)}") from None
 
 

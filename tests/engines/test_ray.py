@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -25,6 +26,7 @@ os.environ.update(QUIET)
 ray = pytest.importorskip("ray", reason="needs salframe[ray]")
 pytestmark = pytest.mark.slow
 
+ADDRESS = "127.0.0.1:1"
 TIMES = {"query_ms", "describe_ms", "peak_memory_mb"}
 
 
@@ -110,6 +112,13 @@ def test_no_cluster_at_an_address_is_one_line():
     ray.shutdown()
     with pytest.raises(RequirementMissing, match=r"^no Ray cluster at auto: "):
         list(Ray(Ray.Config(address="auto")).map(answer, ["a"]))
+
+
+def test_a_cluster_whose_token_is_not_at_hand_is_one_line(tmp_path):
+    code = f"from salframe_ray import Ray; list(Ray(Ray.Config(address={ADDRESS!r})).map(abs, [1]))"
+    environment = os.environ | {"HOME": str(tmp_path), "RAY_AUTH_MODE": "token"}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=120)
+    assert re.search(rf"RequirementMissing: no Ray cluster at {ADDRESS}: .*token", done.stderr.splitlines()[-1])
 
 
 def test_two_nodes_answer_as_one_process(rooms, monkeypatch):
