@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
 
 from salframe.framework.cache import Cache
+from salframe.framework.columns import Columns
 from salframe.framework.config import ComponentConfig, match_only
 from salframe.framework.errors import InputMissing
 from salframe.framework.registry import registry
@@ -15,12 +17,17 @@ from salframe.framework.slots import slot
 from salframe.graphs.graph import REACH_M, GraphConfig, SaliencyGraph, build_graph
 from salframe.graphs.matcher import GraphMatch
 from salframe.graphs.packing import graph_from_arrays, graph_to_arrays, pack_graph, unpack_graph
+from salframe.graphs.table import MappedGraphs
 from salframe.localization.answers import Localization, LocalizationStatus, NodeMatches, RankedPlace
 from salframe.localization.localizer import Description, Localizer, posterior_slot, range_slot, rank_places
+from salframe.localization.map_parts import SavedFrames
 from salframe.panoramas.frames import FrameKind, MapFrame, QueryFrame
 from salframe.panoramas.geometry import pose_yaw, wrap_angle
 from salframe.panoramas.panorama import Panorama
 from salframe_graphs.agreement import agree
+
+_MATCHER = "matcher"
+"""What the matcher writes of a map, in the folder of its index."""
 
 
 class SaliencyGraphLocalizer(Localizer):
@@ -94,10 +101,19 @@ class SaliencyGraphLocalizer(Localizer):
         return graph_to_arrays(self.graph(panorama))
 
     def index(self, descriptions: Sequence[Description], frames: Sequence[MapFrame]) -> None:
-        self._graphs = [graph_from_arrays(description) for description in descriptions]
-        self._map_frames = list(frames)
+        self._graphs: Sequence[SaliencyGraph] = [graph_from_arrays(description) for description in descriptions]
         self._index = self._matcher.index(self._graphs)
-        self._take_scenes()
+        stood = np.array([frame.T_world_pano[:3, 3] for frame in frames])
+        self._take_frames(frames, np.array([frame.kind is FrameKind.SCENE for frame in frames]), stood)
+
+    def write_index(self, folder: Path) -> None:
+        folder.mkdir()
+        self._matcher.write_index(self._graphs, folder / _MATCHER)
+
+    def open_index(self, folder: Path, packed: Columns, frames: SavedFrames) -> None:
+        self._graphs = graphs = MappedGraphs(packed)
+        self._index = self._matcher.open_index(graphs, folder / _MATCHER)
+        self._take_frames(frames, frames.is_scene, frames.T_world_pano[..., 3])
 
     def match(self, description: Description) -> Localization:
         query = graph_from_arrays(description)
@@ -126,13 +142,12 @@ class SaliencyGraphLocalizer(Localizer):
         places = self._rank(matches, T_world_query if self.config.nearest_scene else None)
         return Localization(places, T_world_query, LocalizationStatus.OK, pose.covariance)
 
-    def _take_scenes(self) -> None:
-        """Lay out where the scene frames stand."""
+    def _take_frames(self, frames: Sequence[MapFrame], is_scene: np.ndarray, stood_m: np.ndarray) -> None:
+        """Lay out the map's frames (S): which are scene frames, and where all stood, (S, 3)."""
         from scipy.spatial import KDTree
 
-        scenes = [number for number, frame in enumerate(self._map_frames) if frame.kind is FrameKind.SCENE]
-        stood = [self._map_frames[number].T_world_pano[:3, 3] for number in scenes]
-        self._scenes_at, self._scene_tree = np.array(scenes, int), KDTree(np.reshape(stood, (-1, 3)))
+        self._map_frames, self._scenes_at = frames, np.flatnonzero(is_scene)
+        self._scene_tree = KDTree(stood_m[self._scenes_at])
 
     def _agreed(self, matches: Sequence[GraphMatch]) -> Sequence[GraphMatch]:
         """Matches after their agreement, best first."""

@@ -5,25 +5,31 @@ from __future__ import annotations
 import importlib.util
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 from pydantic import Field
 
+from salframe.framework.array_files import map_array
 from salframe.framework.config import ComponentConfig
-from salframe.framework.errors import RequirementMissing
+from salframe.framework.errors import DataError, RequirementMissing
+from salframe.framework.files import reading
 from salframe.framework.registry import registry
 from salframe.framework.slots import slot
 from salframe.graphs.graph import SaliencyGraph, without_range
 from salframe.graphs.matcher import GraphMatch, GraphMatcher
 from salframe.graphs.scene_index import SceneIndex, SceneLookup
-from salframe.graphs.table import GraphBatch, GraphTable, HeldGraphs
+from salframe.graphs.table import GraphBatch, GraphTable, HeldGraphs, MappedGraphs
 from salframe_graphs.bearings import verify_bearings
 from salframe_graphs.features import Histograms, node2vec, ring_hop_histograms
 from salframe_graphs.verification import ScaleBound, Verified, verify
 
 _CHUNK = 256
 """So many graphs' structural features are computed at once."""
+_FEW = 1000
+"""Of so many graphs on disk they are all computed when these are opened, of more those of each query's candidates."""
+_RARITY, _SCENES = "rarity.npy", "scenes"
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,21 +120,53 @@ class TripletMatcher(GraphMatcher):
 
     def index(self, graphs: Sequence[SaliencyGraph]) -> GraphIndex:
         table = graphs if isinstance(graphs, GraphTable) else HeldGraphs(graphs)
-        rarity = np.ones(len(table.labels))
-        if self.config.rarity:
-            rarity = np.log((1 + len(table)) / (1 + table.having)) + 1
         scenes = table.scenes
-        if scenes is None and self.config.most is not None and len(table) > self.config.most:
-            made: SceneIndex = registry().build(SceneIndex.role, self.config.scene_index)
-            made.take(table)
-            scenes = made
-        structure = None
-        if isinstance(table, HeldGraphs) and self._has_rings and len(table):
-            by_size = np.argsort(table.sizes, kind="stable")  # graphs of one size pad one another least
-            parts = np.split(by_size, range(_CHUNK, len(table), _CHUNK))
-            joined = Histograms.joined([self._structure(table, part, table.batch(part)) for part in parts])
-            structure = joined.take(np.argsort(table.nodes(by_size)))
-        return GraphIndex(table, scenes, rarity, structure)
+        if scenes is None and self._looks_up(table):
+            scenes = self._new_scene_index()
+            scenes.take(table)
+        return GraphIndex(table, scenes, self._rarity(table), self._structure_of_all(table))
+
+    def write_index(self, graphs: Sequence[SaliencyGraph], folder: Path) -> None:
+        table = graphs if isinstance(graphs, GraphTable) else HeldGraphs(graphs)
+        folder.mkdir(parents=True)
+        np.save(folder / _RARITY, self._rarity(table))
+        if self._looks_up(table):
+            self._new_scene_index().build(table, folder / _SCENES)
+
+    def open_index(self, graphs: MappedGraphs, folder: Path) -> GraphIndex:
+        with reading(folder / _RARITY, "an array of numpy"):
+            rarity = np.array(map_array(folder / _RARITY))
+        if rarity.shape != (len(graphs.labels),) or rarity.dtype != np.float64:
+            raise DataError(f"{folder / _RARITY} is {rarity.dtype} {rarity.shape}, expected a number for each label")
+        scenes = graphs.scenes
+        if scenes is None and self._looks_up(graphs):
+            scenes = self._new_scene_index()
+            scenes.open(folder / _SCENES)
+        return GraphIndex(graphs, scenes, rarity, self._structure_of_all(graphs))
+
+    def _looks_up(self, table: GraphTable) -> bool:
+        """Whether there are more graphs than candidates."""
+        return self.config.most is not None and len(table) > self.config.most
+
+    def _new_scene_index(self) -> SceneIndex:
+        made: SceneIndex = registry().build(SceneIndex.role, self.config.scene_index)
+        return made
+
+    def _rarity(self, table: GraphTable) -> np.ndarray:
+        """(L,) inverse document frequency of each label, or 1."""
+        if not self.config.rarity:
+            return np.ones(len(table.labels))
+        rarity: np.ndarray = np.log((1 + len(table)) / (1 + table.having)) + 1
+        return rarity
+
+    def _structure_of_all(self, table: GraphTable) -> Histograms | None:
+        """The structural features of all nodes; None where those of candidates are computed for each query."""
+        if not self._has_rings or not len(table) or (isinstance(table, MappedGraphs) and len(table) > _FEW):
+            return None
+        by_size = np.argsort(table.sizes, kind="stable")  # graphs of one size pad one another least
+        parts = np.split(by_size, range(_CHUNK, len(table), _CHUNK))
+        joined = Histograms.joined([self._structure(table, part, table.batch(part)) for part in parts])
+        return joined.take(np.argsort(table.nodes(by_size)))
 
     def match(self, query: SaliencyGraph, index: GraphIndex, top_k: int) -> list[GraphMatch]:
         known = np.array([index.graphs.vocabulary.get(label, -1) for label in query.labels], int)

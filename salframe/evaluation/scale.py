@@ -19,6 +19,7 @@ from salframe.evaluation.run import PieceStatus, Row, Run
 from salframe.evaluation.task import MethodRow, Part, Record, Survey, Task, Worker, by_method, check_needs, in_common
 from salframe.framework.array_files import map_array
 from salframe.framework.cache import Cache
+from salframe.framework.columns import read_columns
 from salframe.framework.errors import DataError, MethodUnavailable
 from salframe.framework.installation import folder_bytes
 from salframe.framework.registry import registry
@@ -26,7 +27,7 @@ from salframe.graphs.city import City
 from salframe.graphs.graph import SaliencyGraph
 from salframe.graphs.matcher import GraphMatch, GraphMatcher
 from salframe.graphs.packing import graph_from_arrays
-from salframe.graphs.scene_index import SceneCandidates, SceneIndex
+from salframe.graphs.scene_index import SceneCandidates
 from salframe.graphs.table import MappedGraphs, write_graphs
 from salframe.localization.localizer import Localizer
 from salframe.panoramas.dataset import Dataset
@@ -124,7 +125,7 @@ class _Asking(Worker[int]):
         write_graphs(self._city.scenes(self._count), self._folder / "stream")
         built = self._folder / "map"
         start = time.perf_counter()
-        self._build(MappedGraphs(self._folder / "stream"), built)
+        self._build(MappedGraphs(read_columns(self._folder / "stream")), built)
         build_s, memory_mb = time.perf_counter() - start, peak_memory_mb()
         shutil.rmtree(self._folder / "stream")
         self._ask(self._open(built), self._city.query(0))  # imports and compiles what there is to compile
@@ -132,7 +133,7 @@ class _Asking(Worker[int]):
         self._index = self._open(built)
         open_s = time.perf_counter() - start
         self._window = _Window(np.arange(0))
-        self._all = self._matcher.index(MappedGraphs(built / GRAPHS, self._window))
+        self._all = self._matcher.open_index(MappedGraphs(read_columns(built / GRAPHS), self._window), built / INDEX)
         self._costs = {"build_s": build_s, "build_memory_mb": memory_mb, "bytes": folder_bytes(built), "open_s": open_s}
 
     def work(self, piece: int) -> Row:
@@ -152,15 +153,12 @@ class _Asking(Worker[int]):
         folder.mkdir()
         write_graphs(graphs, folder / GRAPHS)
         np.save(folder / POSES, _poses(len(graphs)))
-        scenes = registry().build(SceneIndex.role, self._method.config.matcher.scene_index)
-        scenes.build(MappedGraphs(folder / GRAPHS), folder / INDEX)
+        self._matcher.write_index(MappedGraphs(read_columns(folder / GRAPHS)), folder / INDEX)
 
     def _open(self, folder: Path) -> Any:
         """Open the map, and lay it out for matching."""
-        scenes: SceneIndex = registry().build(SceneIndex.role, self._method.config.matcher.scene_index)
-        scenes.open(folder / INDEX)
         self._poses = map_array(folder / POSES)
-        return self._matcher.index(MappedGraphs(folder / GRAPHS, scenes))
+        return self._matcher.open_index(MappedGraphs(read_columns(folder / GRAPHS)), folder / INDEX)
 
     def _ask(self, index: Any, query: SaliencyGraph) -> tuple[int | None, np.ndarray | None]:
         """The scene that is the best match, and T_world_query (4, 4) if that has a pose."""

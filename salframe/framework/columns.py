@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from functools import cached_property
+from itertools import islice
 from pathlib import Path
 from typing import Annotated
 from urllib.parse import quote
@@ -17,11 +19,14 @@ from salframe.framework.errors import DataError
 from salframe.framework.files import read_model, reading, write_text
 
 TABLE, SHAPES = "columns.json", "shapes.npy"
+_CHUNK = 1024
+"""So many rows of a stream are held at once."""
+_WORD = np.dtype("<u4")
 
 Row = Mapping[str, np.ndarray]
 
 
-class _Column(Settings):
+class _Declared(Settings):
     """A name in columns.json: the shape of its arrays, None along an axis where rows differ, see shapes.npy; the words
     that the numbers of a column of strings stand for; the rows that have no such array."""
 
@@ -33,7 +38,7 @@ class _Column(Settings):
 
 class _Table(Settings):
     rows: int = Field(ge=0, le=1 << 24)
-    columns: tuple[_Column, ...]
+    columns: tuple[_Declared, ...]
 
     @model_validator(mode="after")
     def _check(self) -> _Table:
@@ -46,38 +51,146 @@ class _Table(Settings):
         return self
 
 
-def write_columns(folder: Path, rows: Sequence[Row]) -> None:
-    """Write named arrays to a new folder: columns.json, the values of each name in NAME.npy, one row after the other,
-    and the lengths along axes where rows differ in shapes.npy, (rows, axes).
+class Column:
+    """The arrays of one name in R rows, their values mapped into memory, one row's after the other's.
 
-    Strings are stored as numbers of words. Raises DataError on arrays of one name that differ in dimensions.
+    values (V,), read-only, numbers of `words` where the arrays are of strings; words: None where they are not; absent:
+    the rows that have no such array.
+    """
+
+    def __init__(self, values: np.ndarray, words: tuple[str, ...] | None, absent: Iterable[int], shapes: np.ndarray):
+        """shapes (R, axes): of the array in each row."""
+        self.values, self.words, self.absent = values, words, frozenset(absent)
+        self._shapes = shapes
+
+    @cached_property
+    def start(self) -> np.ndarray:
+        """(R + 1,) int64: where each row's values begin, and where the last row's end."""
+        sizes = self._shapes.prod(1, dtype=np.int64)
+        return np.concatenate([[0], sizes.cumsum()])
+
+    def __getitem__(self, row: int) -> np.ndarray:
+        """The array of a row: of numbers a view, of strings a new one."""
+        values = self.values[self.start[row] : self.start[row + 1]]
+        if self.words is not None:
+            values = np.array([self.words[number] for number in values.tolist()], np.str_)
+        return values.reshape(self._shapes[row])
+
+
+class Columns(Sequence[dict[str, np.ndarray]]):
+    """The rows that `write_columns` wrote to `folder`, each made when it is asked for; columns: by their names."""
+
+    def __init__(self, folder: Path, rows: int, columns: Mapping[str, Column]) -> None:
+        self.folder, self.columns, self._rows = folder, columns, rows
+
+    def __len__(self) -> int:
+        return self._rows
+
+    def __getitem__(self, row: int) -> dict[str, np.ndarray]:  # type: ignore[override]  # some at once: `columns`
+        row = range(self._rows)[row]
+        return {name: column[row] for name, column in self.columns.items() if row not in column.absent}
+
+
+def write_columns(folder: Path, rows: Iterable[Row]) -> None:
+    """Write a stream of named arrays to a new folder: columns.json, the values of each name in NAME.npy, one row after
+    the other, and the lengths along axes where rows differ in shapes.npy, (rows, axes).
+
+    Strings are stored as numbers of words. Memory holds the words, and the shapes of all rows. Raises DataError on
+    arrays of one name that differ in dimensions, hold strings in some rows alone, or Python objects.
     """
     folder.mkdir()
-    columns, lengths = [], []
-    for name in dict.fromkeys(name for row in rows for name in row):
-        arrays = _complete(name, [row.get(name) for row in rows])
-        shapes = np.array([array.shape for array in arrays], np.int64)
+    count, spools = 0, dict[str, _Spool]()
+    stream = iter(rows)
+    while chunk := list(islice(stream, _CHUNK)):
+        for name in dict.fromkeys(name for row in chunk for name in row):
+            if name not in spools:
+                first = next(row[name] for row in chunk if name in row)
+                spools[name] = _Spool(_path(folder, name), name, np.asarray(first))
+                spools[name].append([None] * count)
+        for name, spool in spools.items():
+            spool.append([row.get(name) for row in chunk])
+        count += len(chunk)
+    columns, lengths = [], [np.zeros((count, 0), np.int64)]
+    for name, spool in spools.items():
+        shapes, words = spool.finish()
         fixed = (shapes == shapes[0]).all(0)
         lengths.append(shapes[:, ~fixed])
-        values, words = _number(np.concatenate([array.ravel() for array in arrays]))
-        with _path(folder, name).open("xb") as file:  # no file system takes two names for one in silence
-            np.save(file, values, allow_pickle=False)
-        columns.append(
-            {
-                "name": name,
-                "shape": [int(n) if same else None for n, same in zip(shapes[0], fixed, strict=True)],
-                "words": words,
-                "absent": [i for i, row in enumerate(rows) if name not in row],
-            }
-        )
-    ragged = np.concatenate(lengths, 1) if lengths else np.zeros((len(rows), 0), np.int64)
+        shape = [int(n) if same else None for n, same in zip(shapes[0], fixed, strict=True)]
+        columns.append({"name": name, "shape": shape, "words": words, "absent": spool.absent})
+    ragged = np.concatenate(lengths, 1)
     if ragged.size:
         np.save(folder / SHAPES, ragged.astype(np.min_scalar_type(ragged.max())), allow_pickle=False)
-    write_text(folder / TABLE, json.dumps({"rows": len(rows), "columns": columns}, separators=(",", ":")) + "\n")
+    write_text(folder / TABLE, json.dumps({"rows": count, "columns": columns}, separators=(",", ":")) + "\n")
 
 
-def read_columns(folder: Path, expected: Mapping[str, ArrayKind] | None = None) -> list[dict[str, np.ndarray]]:
-    """The rows that `write_columns` wrote. Arrays of numbers are read-only views of the files, mapped into memory.
+class _Spool:
+    """The values of one name on their way into its file: of which type they are together is known at the end."""
+
+    def __init__(self, path: Path, name: str, first: np.ndarray) -> None:
+        """first: one of its arrays."""
+        self.absent: list[int] = []
+        self._path, self._name = path, name
+        self._spooled = path.with_suffix(".spool")
+        self._empty = first[:0] if first.ndim else np.zeros_like(first)
+        self._shapes: list[np.ndarray] = []
+        self._parts: list[tuple[np.dtype, int]] = []
+        self._number: dict[str, int] = {}
+        self._rows = 0
+
+    def append(self, arrays: Sequence[np.ndarray | None]) -> None:
+        """Take the arrays of the next rows, None where a row has none."""
+        complete = [self._empty if array is None else np.asarray(array) for array in arrays]
+        dimensions = sorted({self._empty.ndim, *(array.ndim for array in complete)})
+        if len(dimensions) > 1:
+            raise DataError(
+                f"arrays of the name {self._name!r} have {dimensions} dimensions, expected the same number in all"
+            )
+        values = np.concatenate([self._empty.ravel()[:0], *(array.ravel() for array in complete)])
+        if values.dtype.hasobject:
+            raise DataError(f"arrays of the name {self._name!r} hold Python objects, expected numbers or strings")
+        self._parts.append((values.dtype, len(values)))
+        with self._spooled.open("ab") as file:
+            self._numbered(values).tofile(file)
+        self._shapes.append(
+            np.array([array.shape for array in complete], np.int64).reshape(len(complete), self._empty.ndim)
+        )
+        self.absent += [self._rows + i for i, array in enumerate(arrays) if array is None]
+        self._rows += len(complete)
+
+    def _numbered(self, values: np.ndarray) -> np.ndarray:
+        """Strings as numbers of words, in the order in which these came; other values as they are."""
+        if values.dtype.kind != "U":
+            return values
+        words, place = np.unique(values, return_inverse=True)
+        return np.array([self._number.setdefault(word, len(self._number)) for word in words.tolist()], _WORD)[place]
+
+    def finish(self) -> tuple[np.ndarray, list[str] | None]:
+        """Write the file; the shapes (R, axes) int64 of all rows' arrays, of empty ones where there was none, and the
+        words that strings are the numbers of, in order."""
+        held = [part for part, length in self._parts if length] or [self._empty.dtype]
+        if len({part.kind == "U" for part in held}) > 1:
+            raise DataError(f"arrays of the name {self._name!r} hold strings in some rows alone")
+        dtype, words = np.result_type(*held), None
+        if dtype.kind == "U":
+            words = sorted(self._number)
+            rank = {word: i for i, word in enumerate(words)}
+            order = np.array([rank[word] for word in self._number], np.int64)
+            dtype = np.min_scalar_type(max(len(words) - 1, 0))
+        with self._path.open("xb") as file, self._spooled.open("rb") as spooled:
+            length = sum(length for _, length in self._parts)
+            header = {"descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": False, "shape": (length,)}
+            np.lib.format.write_array_header_1_0(file, header)
+            for part, length in self._parts:
+                if words is None:
+                    np.fromfile(spooled, part, length).astype(dtype).tofile(file)
+                else:
+                    order[np.fromfile(spooled, _WORD, length)].astype(dtype).tofile(file)
+        self._spooled.unlink()
+        return np.concatenate(self._shapes), words
+
+
+def read_columns(folder: Path, expected: Mapping[str, ArrayKind] | None = None) -> Columns:
+    """The rows that `write_columns` wrote, mapped into memory.
 
     expected: the columns that all rows must have, and no others; None: any. Raises DataError on whatever is damaged or
     not as expected.
@@ -89,7 +202,7 @@ def read_columns(folder: Path, expected: Mapping[str, ArrayKind] | None = None) 
     lengths = iter(
         _read_lengths(folder / SHAPES, (table.rows, varying)) if table.rows and varying else np.zeros((varying, 0))
     )
-    rows: list[dict[str, np.ndarray]] = [{} for _ in range(table.rows)]
+    columns = {}
     for column in table.columns:
         path = _path(folder, column.name)
         with reading(path, "an array of numpy"):
@@ -102,13 +215,9 @@ def read_columns(folder: Path, expected: Mapping[str, ArrayKind] | None = None) 
         if expected is not None and column.words is None:
             _check_values(path, values, expected[column.name])
         if column.words is not None:
-            values = _spell(path, values, column.words)
-        ends = shapes.prod(1).cumsum().tolist()
-        for row, start, end, shape in zip(rows, [0, *ends], ends, shapes.tolist(), strict=False):
-            row[column.name] = values[start:end].reshape(shape)
-        for i in column.absent:
-            del rows[i][column.name]
-    return rows
+            _check_words(path, values, column.words)
+        columns[column.name] = Column(values, column.words, column.absent, shapes)
+    return Columns(folder, table.rows, columns)
 
 
 def _read_lengths(path: Path, shape: tuple[int, int]) -> np.ndarray:
@@ -139,30 +248,10 @@ def _check_values(path: Path, values: np.ndarray, kind: ArrayKind) -> None:
         raise DataError(f"{path} holds a number that is not finite")
 
 
-def _spell(path: Path, numbers: np.ndarray, words: tuple[str, ...]) -> np.ndarray:
-    """The words that numbers stand for."""
+def _check_words(path: Path, numbers: np.ndarray, words: Sequence[str]) -> None:
     if numbers.dtype.kind != "u" or numbers.max(initial=0) >= max(len(words), 1):
         raise DataError(f"{path} holds {numbers.dtype}, expected the numbers of {len(words)} words")
-    return np.array(words, np.str_)[numbers] if len(numbers) else np.array([], np.str_)
 
 
 def _path(folder: Path, name: str) -> Path:
     return folder / f"{quote(name, safe=' ')}.npy"
-
-
-def _complete(name: str, values: Sequence[np.ndarray | None]) -> list[np.ndarray]:
-    """The arrays of a name, an empty one where a row has none."""
-    known = [np.asarray(value) for value in values if value is not None]
-    dimensions = sorted({array.ndim for array in known})
-    if len(dimensions) > 1:
-        raise DataError(f"arrays of the name {name!r} have {dimensions} dimensions, expected the same number in all")
-    empty = known[0][:0] if dimensions[0] else np.zeros_like(known[0])
-    return [empty if value is None else np.asarray(value) for value in values]
-
-
-def _number(values: np.ndarray) -> tuple[np.ndarray, list[str] | None]:
-    """Strings as numbers of the words that they are, in the smallest type; other values as they are."""
-    if values.dtype.kind != "U":
-        return values, None
-    words, number = np.unique(values, return_inverse=True)
-    return number.astype(np.min_scalar_type(max(len(words) - 1, 0))), words.tolist()

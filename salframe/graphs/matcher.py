@@ -5,12 +5,14 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from salframe.framework.component import Role
 from salframe.graphs.graph import SaliencyGraph
+from salframe.graphs.table import MappedGraphs
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,15 @@ class GraphMatcher(Role):
     @abstractmethod
     def index(self, graphs: Sequence[SaliencyGraph]) -> Any:
         """Whatever makes matching against these graphs fast; handed back to `match`."""
+
+    def write_index(self, graphs: Sequence[SaliencyGraph], folder: Path) -> None:
+        """Write to a new folder what it takes to match against these graphs without `index`: an option, to be taken
+        together with `open_index`. Unless overridden, nothing."""
+
+    def open_index(self, graphs: MappedGraphs, folder: Path) -> Any:
+        """As `index` of the same graphs, which lie on disk as packed, with what `write_index` wrote of them, if
+        anything. `folder` may be removed while the index is in use."""
+        return self.index(list(graphs))
 
     @abstractmethod
     def match(self, query: SaliencyGraph, index: Any, top_k: int) -> list[GraphMatch]:

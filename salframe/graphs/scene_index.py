@@ -49,7 +49,8 @@ class SceneIndex(Role):
 
     @abstractmethod
     def open(self, folder: Path) -> None:
-        """Use the index in a folder. Raises DataError where there is none that `build` wrote."""
+        """Use the index in a folder, which may be removed while it is in use. Raises DataError where there is none that
+        `build` wrote."""
 
     @abstractmethod
     def candidates(self, query: SaliencyGraph, count: int) -> SceneCandidates:

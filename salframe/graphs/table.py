@@ -1,21 +1,17 @@
-"""Many graphs as columns, their nodes one after the other: in memory, or mapped from a folder that a stream of them was
-written to."""
+"""Many graphs as columns, their nodes one after the other: in memory, or packed in the folder of a map."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
-from itertools import islice
+from functools import cached_property
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 
-from salframe.framework.array_files import map_array
-from salframe.framework.config import Settings
+from salframe.framework.columns import Columns, write_columns
 from salframe.framework.errors import DataError
-from salframe.framework.files import new_folder, read_model, write_json
 from salframe.graphs.graph import SaliencyGraph
 from salframe.graphs.packing import (
     NODE,
@@ -28,10 +24,8 @@ from salframe.graphs.packing import (
 )
 from salframe.graphs.scene_index import SceneLookup
 
-_FORMAT = 1
-_TABLE, _COUNT, _LABEL, _NODES, _EDGES = "graphs.json", "count.npy", "label.npy", "nodes.npy", "edges.npy"
 _CHUNK = 1024
-"""So many graphs of a stream are held at once."""
+"""Labels of so many graphs are counted at once."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,24 +67,33 @@ def ranges(first: np.ndarray, lengths: np.ndarray) -> np.ndarray:
 class GraphTable(Sequence[SaliencyGraph]):
     """S graphs with range, each by its number, or some as a batch.
 
-    sizes (S,) int64: nodes of each; labels: L names; vocabulary: name -> number; having (L,) int64: how many graphs
-    have each label; scenes: an index of these graphs, open, None where there is none.
+    sizes (S,) int64: nodes of each; labels: L names, in order; vocabulary: name -> number; scenes: an index of these
+    graphs, open, None where there is none.
     """
 
     scenes: SceneLookup | None = None
 
-    def __init__(
-        self, labels: Sequence[str], having: np.ndarray, count: np.ndarray, label: np.ndarray, edges: np.ndarray
-    ) -> None:
+    def __init__(self, labels: Sequence[str], count: np.ndarray, label: np.ndarray, edges: np.ndarray) -> None:
         """count (S,) int64, nodes of each graph; label (P,), their numbers; edges (B,) uint8, the bits of each graph's
         edges as in `pack_graph`."""
-        self.labels, self.having = tuple(labels), having
+        self.labels = tuple(labels)
         self.vocabulary = {name: number for number, name in enumerate(labels)}
         self.sizes, self._label, self._edges = count, label, edges
         self._start, self._first_byte = starts(count), starts(_edge_bytes(count))
 
     def __len__(self) -> int:
         return len(self.sizes)
+
+    @cached_property
+    def having(self) -> np.ndarray:
+        """(L,) int64: how many graphs have each label."""
+        having = np.zeros(len(self.labels), np.int64)
+        for low in range(0, len(self), _CHUNK):
+            count = self.sizes[low : low + _CHUNK]
+            label = self._label[self._start[low] : self._start[low + len(count)]].astype(np.int64)
+            owner = np.repeat(np.arange(len(count)), count)
+            having += np.bincount(np.unique(owner * len(having) + label) % len(having), minlength=len(having))
+        return having
 
     @abstractmethod
     def _values(self, nodes: np.ndarray) -> Mapping[str, np.ndarray]:
@@ -137,7 +140,7 @@ class HeldGraphs(GraphTable):
         label = np.array([number[name] for graph in graphs for name in graph.labels], np.int64)
         bits = [edge_bits(graph.edges, len(graph)) for graph in graphs]
         edges = np.concatenate([np.zeros(0, np.uint8), *bits])
-        super().__init__(labels, _having(count, label, len(labels)), count, label, edges)
+        super().__init__(labels, count, label, edges)
         self._graphs = graphs
         self._columns = {
             name: np.concatenate([np.zeros((0, *more)), *(getattr(graph, name) for graph in graphs)])
@@ -152,30 +155,21 @@ class HeldGraphs(GraphTable):
 
 
 class MappedGraphs(GraphTable):
-    """The table of the graphs that `write_graphs` wrote, to the rounding of `pack_graph`."""
+    """The table of packed graphs in columns on disk, mapped into memory."""
 
-    def __init__(self, folder: Path, scenes: SceneLookup | None = None) -> None:
-        """Map what is in a folder into memory. Raises DataError where there are no graphs, of another format, or not
-        whole."""
-        if not (folder / _TABLE).exists():
-            raise DataError(f"{folder} holds no graphs: write them with write_graphs")
-        table = read_model(folder / _TABLE, _Table)
-        if table.format != _FORMAT:
-            raise DataError(f"{folder} has graphs of format {table.format}, expected {_FORMAT}: write them again")
+    def __init__(self, rows: Columns, scenes: SceneLookup | None = None) -> None:
+        """rows: of `pack_graph`, and whatever else was packed with it. Raises DataError where they are not."""
         try:
-            count, label, self._packed, edges = (
-                np.asarray(map_array(folder / name)) for name in (_COUNT, _LABEL, _NODES, _EDGES)
-            )
-        except (OSError, ValueError) as error:
-            raise DataError(f"{folder} is not whole ({error}): write the graphs again") from None
-        kinds = (count.dtype.kind, label.dtype.kind, self._packed.dtype, edges.dtype)
-        if kinds != ("u", "u", NODE, np.uint8):
-            raise DataError(f"{folder} has columns of other types than write_graphs writes: write the graphs again")
-        super().__init__(table.labels, np.array(table.having, np.int64), count.astype(np.int64), label, edges)
-        lengths = (len(label), len(self._packed), len(edges), len(table.having))
-        if lengths != (self._start[-1], self._start[-1], self._first_byte[-1], len(table.labels)):
-            raise DataError(f"{folder} has columns of other lengths than {_COUNT} says: write the graphs again")
-        self.scenes = scenes
+            names, nodes, edges = (rows.columns[name] for name in ("labels", "nodes", "edges"))
+        except KeyError as error:
+            raise DataError(f"{rows.folder} has no column {error}, expected packed graphs") from None
+        if names.words is None or (nodes.values.dtype, edges.values.dtype) != (NODE, np.uint8):
+            raise DataError(f"{rows.folder} has columns of other types than packed graphs have")
+        count = np.diff(names.start)
+        super().__init__(names.words, count, names.values, edges.values)
+        self._packed, self.scenes = nodes.values, scenes
+        if not (np.array_equal(nodes.start, self._start) and np.array_equal(edges.start, self._first_byte)):
+            raise DataError(f"{rows.folder} has graphs with more or fewer nodes or edges than labels")
 
     def __getitem__(self, number: int) -> SaliencyGraph:  # type: ignore[override]  # some at once: `batch`
         if not 0 <= number < len(self):
@@ -190,81 +184,9 @@ class MappedGraphs(GraphTable):
         return {name: values[name] for name in ("scores", "saliency", "centroid_m", "size_m")}
 
 
-class _Table(Settings):
-    """graphs.json: the labels in the order of their numbers, and how many graphs have each."""
-
-    format: int
-    labels: tuple[str, ...]
-    having: tuple[int, ...]
-
-
 def write_graphs(graphs: Iterable[SaliencyGraph], folder: Path) -> None:
-    """Write a stream of graphs to a new folder, which appears whole; memory does not grow with their number. Raises
-    ConfigError where the folder is there, DataError as `pack_graph`."""
-    vocabulary: dict[str, int] = {}
-    having = np.zeros(0, np.int64)
-    with new_folder(folder) as parts:
-        with (
-            _Column(parts / _COUNT, np.dtype("<u2")) as counts,
-            _Column(parts / _LABEL, np.dtype("<u2")) as labels,
-            _Column(parts / _NODES, NODE) as nodes,
-            _Column(parts / _EDGES, np.dtype("u1")) as edges,
-        ):
-            for chunk in _chunks(graphs):
-                packed = [pack_graph(graph_to_arrays(graph)) for graph in chunk]
-                count = np.array([len(graph) for graph in chunk])
-                number = [vocabulary.setdefault(name, len(vocabulary)) for graph in chunk for name in graph.labels]
-                label = np.array(number, np.int64)
-                having = np.concatenate([having, np.zeros(len(vocabulary) - len(having), np.int64)])
-                having += _having(count, label, len(vocabulary))
-                counts.append(count)
-                labels.append(label)
-                nodes.append(np.concatenate([one["nodes"] for one in packed]))
-                edges.append(np.concatenate([one["edges"] for one in packed]))
-        content = {"format": _FORMAT, "labels": list(vocabulary), "having": having.tolist()}
-        write_json(parts / _TABLE, content)
-
-
-class _Column:
-    """A .npy file of one dimension that is written piece by piece. Raises DataError on numbers that its type does not
-    hold."""
-
-    def __init__(self, path: Path, dtype: np.dtype) -> None:
-        self._path, self._dtype, self._length = path, dtype, 0
-
-    def __enter__(self) -> _Column:
-        self._file: BinaryIO = self._path.open("wb")
-        self._write_header()
-        return self
-
-    def append(self, values: np.ndarray) -> None:
-        if self._dtype.kind == "u" and values.max(initial=0) > np.iinfo(self._dtype).max:
-            raise DataError(f"{self._path.stem} of {values.max()}, expected at most {np.iinfo(self._dtype).max}")
-        values.astype(self._dtype).tofile(self._file)
-        self._length += len(values)
-
-    def _write_header(self) -> None:
-        shape = (self._length,)
-        header = {"descr": np.lib.format.dtype_to_descr(self._dtype), "fortran_order": False, "shape": shape}
-        np.lib.format.write_array_header_1_0(self._file, header)
-
-    def __exit__(self, *_: object) -> None:
-        self._file.seek(0)
-        self._write_header()  # numpy leaves room for the length to grow
-        self._file.close()
-
-
-def _chunks(graphs: Iterable[SaliencyGraph]) -> Iterator[list[SaliencyGraph]]:
-    stream = iter(graphs)
-    while chunk := list(islice(stream, _CHUNK)):
-        yield chunk
-
-
-def _having(count: np.ndarray, label: np.ndarray, labels: int) -> np.ndarray:
-    """(L,) int64 how many graphs have each label, of graphs of `count` nodes each and their labels one after the
-    other."""
-    graph = np.repeat(np.arange(len(count)), count)
-    return np.bincount(np.unique(graph * labels + label) % max(labels, 1), minlength=labels)
+    """Write a stream of graphs, packed, to a new folder of columns. Raises DataError as `pack_graph`."""
+    write_columns(folder, (pack_graph(graph_to_arrays(graph)) for graph in graphs))
 
 
 def _edge_bytes(count: np.ndarray) -> np.ndarray:

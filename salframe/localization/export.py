@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from salframe.framework.columns import read_columns
 from salframe.framework.files import atomic_path
 from salframe.localization.localizer import Description
 from salframe.localization.map_folder import read_map
-from salframe.localization.map_parts import SCENES, read_frames
+from salframe.localization.map_parts import read_scenes
 from salframe.localization.saved_map import read_unindexed
 from salframe.panoramas.frames import MapFrame
 
@@ -37,9 +36,10 @@ def export_scenes(directory: Path, path: Path) -> None:
         pq.write_table(pa.table(columns), temporary)
 
 
-def _read_scenes(parts: Path) -> tuple[list[MapFrame], list[Description]]:
+def _read_scenes(parts: Path) -> tuple[Sequence[MapFrame], list[Description]]:
     localizer = read_unindexed(parts)
-    return read_frames(parts), [localizer.unpack(packed) for packed in read_columns(parts / SCENES)]
+    packed, frames = read_scenes(parts)
+    return frames, [localizer.unpack(row) for row in packed]
 
 
 def _nested(arrays: Sequence[np.ndarray | None]):

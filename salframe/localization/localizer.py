@@ -15,18 +15,17 @@ from pydantic import BeforeValidator
 
 from salframe.framework.auto import instead_of
 from salframe.framework.cache import Cache
-from salframe.framework.columns import read_columns, write_columns
+from salframe.framework.columns import Columns
 from salframe.framework.component import Role
 from salframe.framework.config import ComponentConfig, match_only
 from salframe.framework.errors import DataError, InputMissing, describe_error
-from salframe.framework.files import write_json
 from salframe.framework.identity import digest, identity
 from salframe.framework.registry import registry
 from salframe.framework.slots import slot
 from salframe.localization.answers import Localization, NodeMatches, PointMatches, RankedPlace
 from salframe.localization.evidence import Evidence
 from salframe.localization.map_folder import read_map, write_map
-from salframe.localization.map_parts import METHOD, SCENES, read_frames, read_method, write_frames
+from salframe.localization.map_parts import INDEX, SavedFrames, check_method, read_scenes, write_method, write_scenes
 from salframe.localization.posterior import Posterior, read_fitted
 from salframe.panoramas.floors import FLOORS, FloorMasks, read_floors, write_floors
 from salframe.panoramas.frames import FrameKind, MapFrame, QueryFrame
@@ -145,6 +144,17 @@ class Localizer(Role):
         if self.range_model is None or not self.estimates(panorama.provides):
             return panorama, 0.0
         return estimate_range(self.range_model, panorama, cache, known_by)
+
+    def write_index(self, folder: Path) -> None:
+        """Write what `index` made to a new folder among the parts of a map, so that it opens without indexing: an
+        option, to be taken together with `open_index`. Unless overridden nothing is written, and a map is indexed anew
+        when it is opened."""
+
+    def open_index(self, folder: Path, packed: Columns, frames: SavedFrames) -> None:
+        """Take the map in as `index` did before `write_index`, for the same answers: by mapping into memory what that
+        wrote, what is kept of descriptions (`pack`), and frames. `folder` and those of the two sequences may be removed
+        while this localizer is in use."""
+        raise NotImplementedError(f"{self.name} writes an index, expected that it opens it too")
 
     def describe_identity(self) -> dict[str, Any]:
         """What `describe` depends on besides the panorama: the settings that are not `match_only`, and the weights."""
@@ -268,12 +278,13 @@ class Localizer(Role):
     def _take_packed(
         self, packed: Sequence[Description], frames: Sequence[MapFrame], floors: Sequence[FloorMasks]
     ) -> None:
-        self._packed, self._frames = packed, list(frames)
+        self._packed: Sequence[Description] = packed
+        self._frames: Sequence[MapFrame] = list(frames)
         self.floors = tuple(floors) if self.uses_floors else ()
         self._index_packed()
 
     def _index_packed(self) -> None:
-        self.index([self.unpack(description) for description in self._packed], self._frames)
+        self.index([self.unpack(description) for description in self._packed], list(self._frames))
 
     @contextmanager
     def _checking(self, what: str) -> Iterator[None]:
@@ -311,11 +322,11 @@ class Localizer(Role):
     def _lacks(self, panorama: Panorama, absent: Iterable[str]) -> str:
         return f"{self.name} needs {' and '.join(sorted(absent))}, which {panorama.id} does not have"
 
-    def save(self, directory: Path) -> None:
-        """Write the map to a folder, which changes whole. Raises ConfigError where it holds something else than a
-        map."""
+    def save(self, directory: Path, *, indexed: bool = True) -> None:
+        """Write the map to a folder, which changes whole; without its index where that is not wanted. Raises
+        ConfigError where it holds something else than a map."""
         with write_map(directory) as parts:
-            self.write_parts(parts)
+            self.write_parts(parts, indexed=indexed)
 
     def load(self, directory: Path) -> None:
         """Read a map that `save` wrote.
@@ -325,45 +336,37 @@ class Localizer(Role):
         """
         read_map(directory, self.read_parts)
 
-    def write_parts(self, parts: Path) -> None:
-        """Write this localizer's parts of a map to a folder: method.json, frames, scenes, and floors where it uses
-        them."""
-        method = {
-            "version": self.version,
-            "localizer": self.config.model_dump(mode="json"),
-            "described_by": digest(self.describe_identity()),
-        }
-        write_json(parts / METHOD, method)
-        write_frames(parts, self._frames)
-        write_columns(parts / SCENES, self._packed)
+    def write_parts(self, parts: Path, *, indexed: bool = True) -> None:
+        """Write this localizer's parts of a map to a folder: method.json, frames, scenes, floors where it uses them,
+        and its index where that is wanted and `write_index` is overridden."""
+        write_method(parts, self.version, self.config, digest(self.describe_identity()))
+        write_scenes(parts, self._packed, self._frames)
         if self.floors:
             write_floors(parts, self.floors)
+        if indexed:
+            self.write_index(self._index_folder(parts))
 
     def read_parts(self, parts: Path) -> None:
         """Read what `write_parts` wrote. Raises DataError as `load`."""
-        self.remember(parts)
-        with self._checking(str(parts / SCENES)):
-            self._index_packed()
+        packed, frames = self.remember(parts)
+        index = self._index_folder(parts)
+        with self._checking(str(parts)):
+            if index.exists():
+                self.open_index(index, packed, frames)
+            else:
+                self._index_packed()
 
-    def remember(self, parts: Path) -> None:
-        """Read what `write_parts` wrote and index nothing: it may be extended, merged and written again, not asked.
-        Raises DataError as `load`."""
-        saved = read_method(parts)
-        kind = saved.localizer.get("kind")
-        if (kind, saved.version) != (self.name, self.version):
-            made = f"{kind} {saved.version}"
-            raise DataError(f"{parts.parent} was made by {made}, expected {self.name} {self.version}: build it again")
-        if saved.described_by != digest(self.describe_identity()):
-            raise DataError(
-                f"{parts.parent} was described with other settings, weights or files than {self.name} has now: "
-                "build it again"
-            )
-        self._packed, self._frames = read_columns(parts / SCENES), read_frames(parts)
+    def _index_folder(self, parts: Path) -> Path:
+        """Where the index lies that a localizer of these settings makes of a map, if it writes any."""
+        return parts / f"{INDEX}-{digest(identity(self.config))[:16]}"
+
+    def remember(self, parts: Path) -> tuple[Columns, SavedFrames]:
+        """Read what `write_parts` wrote, packed descriptions and their frames, and index nothing: it may be extended,
+        merged and written again, not asked. Raises DataError as `load`."""
+        check_method(parts, self.name, self.version, digest(self.describe_identity()))
+        self._packed, self._frames = packed, frames = read_scenes(parts)
         self.floors = read_floors(parts) if self.uses_floors and (parts / FLOORS).exists() else ()
-        if len(self._packed) != len(self._frames):
-            raise DataError(
-                f"{parts} has {len(self._packed)} scenes and {len(self._frames)} frames, expected one for each"
-            )
+        return packed, frames
 
 
 def rank_places(

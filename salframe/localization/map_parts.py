@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from salframe.framework.array_files import ArrayKind
-from salframe.framework.columns import read_columns, write_columns
-from salframe.framework.config import Settings
+from salframe.framework.columns import Columns, Row, read_columns, write_columns
+from salframe.framework.config import ComponentConfig, Settings
 from salframe.framework.errors import DataError
-from salframe.framework.files import read_model
+from salframe.framework.files import read_model, write_json
 from salframe.localization.answers import RIGID_TOLERANCE
 from salframe.panoramas.frames import FrameKind, MapFrame
-from salframe.panoramas.geometry import is_rigid
+from salframe.panoramas.geometry import are_rotations
 
-METHOD, FRAMES, SCENES = "method.json", "frames", "scenes"
+METHOD, FRAMES, SCENES, INDEX = "method.json", "frames", "scenes", "index"
 _NAME = ArrayKind("U", ())
 _FRAME = {"id": _NAME, "place": _NAME, "kind": _NAME, "T_world_pano": ArrayKind("f", (3, 4))}
 
@@ -37,9 +37,56 @@ def read_method(parts: Path) -> SavedMethod:
     return read_model(parts / METHOD, SavedMethod)
 
 
-def write_frames(parts: Path, frames: Sequence[MapFrame]) -> None:
-    """Write the frames of a map, but for their panoramas, to a folder with its parts."""
-    rows = [
+def write_method(parts: Path, version: str, config: ComponentConfig, described_by: str) -> None:
+    """Write which method makes a map, to a folder with its parts."""
+    write_json(
+        parts / METHOD, {"version": version, "localizer": config.model_dump(mode="json"), "described_by": described_by}
+    )
+
+
+def check_method(parts: Path, name: str, version: str, described_by: str) -> None:
+    """Raises DataError where the method among the parts of a map is not this one, or its descriptions are made of
+    something else than `described_by`."""
+    saved = read_method(parts)
+    kind = saved.localizer.get("kind")
+    if (kind, saved.version) != (name, version):
+        raise DataError(f"{parts.parent} was made by {kind} {saved.version}, expected {name} {version}: build it again")
+    if saved.described_by != described_by:
+        raise DataError(
+            f"{parts.parent} was described with other settings, weights or files than {name} has now: build it again"
+        )
+
+
+class SavedFrames(Sequence[MapFrame]):
+    """The S frames among the parts of a map, each made when it is first asked for.
+
+    T_world_pano (S, 3, 4) float, the upper rows of all poses, mapped into memory; is_scene (S,) bool.
+    """
+
+    def __init__(self, rows: Columns) -> None:
+        """rows: of `write_scenes`."""
+        self._columns, self._made = rows.columns, dict[int, MapFrame]()
+        self.T_world_pano = rows.columns["T_world_pano"].values.reshape(-1, 3, 4)
+        kinds = np.array(rows.columns["kind"].words)
+        self.is_scene = (kinds == FrameKind.SCENE)[rows.columns["kind"].values]
+
+    def __len__(self) -> int:
+        return len(self.T_world_pano)
+
+    def __getitem__(self, number: int) -> MapFrame:  # type: ignore[override]  # some at once: the arrays
+        number = range(len(self))[number]
+        if number not in self._made:
+            T_world_pano = np.eye(4)
+            T_world_pano[:3] = self.T_world_pano[number]
+            id, place, kind = (self._columns[name][number].item() for name in ("id", "place", "kind"))
+            self._made[number] = MapFrame(id, place, T_world_pano, FrameKind(kind))
+        return self._made[number]
+
+
+def write_scenes(parts: Path, packed: Iterable[Row], frames: Iterable[MapFrame]) -> None:
+    """Write what a method remembers of each frame of a map, as it packed it, and the frames, but for their panoramas,
+    to a folder with the map's parts."""
+    rows = (
         {
             "id": np.array(frame.id),
             "place": np.array(frame.place),
@@ -47,20 +94,27 @@ def write_frames(parts: Path, frames: Sequence[MapFrame]) -> None:
             "T_world_pano": frame.T_world_pano[:3],
         }
         for frame in frames
-    ]
+    )
     write_columns(parts / FRAMES, rows)
+    write_columns(parts / SCENES, packed)
 
 
-def read_frames(parts: Path) -> list[MapFrame]:
-    """The frames among the parts of a map that has a method. Raises DataError."""
-    frames, rows = [], read_columns(parts / FRAMES, _FRAME)
-    poses = np.tile(np.eye(4), (len(rows), 1, 1))
-    for row, T_world_pano in zip(rows, poses, strict=True):
-        T_world_pano[:3] = row["T_world_pano"]
-        id, place, kind = (row[name].item() for name in ("id", "place", "kind"))
-        if kind not in list(FrameKind) or not is_rigid(T_world_pano, RIGID_TOLERANCE):
-            raise DataError(
-                f"{parts / FRAMES}: {id} is a {kind!r} frame or its pose is no rigid motion: build it again"
-            )
-        frames.append(MapFrame(id, place, T_world_pano, FrameKind(kind)))
+def read_scenes(parts: Path) -> tuple[Columns, SavedFrames]:
+    """What `write_scenes` wrote. Raises DataError."""
+    packed, frames = read_columns(parts / SCENES), _read_frames(parts / FRAMES)
+    if len(packed) != len(frames):
+        raise DataError(f"{parts} has {len(packed)} scenes and {len(frames)} frames, expected one for each")
+    return packed, frames
+
+
+def _read_frames(folder: Path) -> SavedFrames:
+    rows = read_columns(folder, _FRAME)
+    if not rows:
+        raise DataError(f"{folder} holds no frame: build the map again")
+    if strange := set(rows.columns["kind"].words or ()) - set(FrameKind):
+        raise DataError(f"{folder} has frames of the kind {min(strange)!r}: build the map again")
+    frames = SavedFrames(rows)
+    if not (rigid := are_rotations(frames.T_world_pano[..., :3], RIGID_TOLERANCE)).all():
+        strays = frames[int(np.argmin(rigid))].id
+        raise DataError(f"{folder}: the pose of {strays} is no rigid motion: build the map again")
     return frames

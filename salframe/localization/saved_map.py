@@ -108,9 +108,9 @@ def open_map(directory: str | Path) -> Localizer:
 
 
 def map_bytes(localizer: Localizer) -> int:
-    """The bytes on disk of the map that a localizer has taken."""
+    """The bytes on disk of the map that a localizer has taken, without its index, which is made of the map."""
     with TemporaryDirectory() as folder:
-        localizer.save(Path(folder) / "map")
+        localizer.save(Path(folder) / "map", indexed=False)
         return folder_bytes(Path(folder))
 
 

@@ -92,6 +92,12 @@ def pose_yaw(pose: np.ndarray) -> float:
     return float(np.arctan2(pose[1, 0], pose[0, 0]))
 
 
+def are_rotations(matrices: np.ndarray, tolerance: float = 1e-6) -> np.ndarray:
+    """(...) bool: whether each of (..., 3, 3) finite matrices is a rotation, its numbers within a tolerance."""
+    orthonormal = np.isclose(matrices @ np.swapaxes(matrices, -1, -2), np.eye(3), atol=tolerance).all((-1, -2))
+    return orthonormal & (np.linalg.det(matrices) > 0)
+
+
 def invert_pose(pose: np.ndarray) -> np.ndarray:
     """(4, 4) inverse of a rigid motion."""
     inverse = np.eye(4)

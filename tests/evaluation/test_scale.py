@@ -11,6 +11,7 @@ from salframe.evaluation.request import Request
 from salframe.evaluation.run import Run
 from salframe.evaluation.study import Study, run_study
 from salframe.evaluation.tasks import evaluate
+from salframe.framework.columns import read_columns
 from salframe.framework.installation import folder_bytes
 from salframe.framework.presets import configure_default
 from salframe.framework.registry import registry
@@ -52,8 +53,9 @@ def test_what_a_map_costs_and_what_is_found_in_it(furnished, tmp_path, monkeypat
     folder = tmp_path / "map"
     folder.mkdir()
     write_graphs(city.scenes(SCENES), folder / "graphs")
-    graphs = MappedGraphs(folder / "graphs")
-    InvertedLists().build(graphs, folder / "index")
+    graphs = MappedGraphs(read_columns(folder / "graphs"))
+    InvertedLists().build(graphs, folder / "index" / "scenes")
+    np.save(folder / "index" / "rarity.npy", np.zeros(len(graphs.labels)))
     np.save(folder / "poses.npy", np.zeros((SCENES, 4), np.float32))
     assert one.bytes_per_scene == pytest.approx(folder_bytes(folder) / SCENES)
     matcher = TripletMatcher(TripletMatcher.Config(most=None))

@@ -48,7 +48,7 @@ def test_what_a_row_does_not_have_it_does_not_get(tmp_path):
 def test_no_row_and_rows_of_nothing(tmp_path):
     for number, rows in enumerate(([], [{}, {}])):
         write_columns(tmp_path / str(number), rows)
-        assert read_columns(tmp_path / str(number)) == rows
+        assert list(read_columns(tmp_path / str(number))) == rows
 
 
 def test_a_table_that_lost_its_rows_is_one_line(tmp_path):

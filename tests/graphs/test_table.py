@@ -1,12 +1,10 @@
 """Tables of graphs against the graphs themselves."""
 
-import json
-
 import numpy as np
 import pytest
 
-from salframe.framework.errors import ConfigError, DataError
-from salframe.graphs import table as tables
+from salframe.framework.columns import read_columns, write_columns
+from salframe.framework.errors import DataError
 from salframe.graphs.graph import SaliencyGraph
 from salframe.graphs.packing import graph_from_arrays, graph_to_arrays, pack_graph, unpack_graph
 from salframe.graphs.table import HeldGraphs, MappedGraphs, write_graphs
@@ -38,7 +36,7 @@ def graphs():
 def mapped(graphs, tmp_path_factory):
     folder = tmp_path_factory.mktemp("table") / "graphs"
     write_graphs(iter(graphs), folder)
-    return MappedGraphs(folder)
+    return MappedGraphs(read_columns(folder))
 
 
 def test_graphs_come_back_as_packing_rounds_them(graphs, mapped):
@@ -75,40 +73,32 @@ def test_labels_are_counted_once_a_graph(graphs, mapped, held):
     assert table.having.tolist() == [sum(name in graph.labels for graph in graphs) for name in table.labels]
 
 
-def test_a_table_is_the_same_written_in_pieces(graphs, mapped, tmp_path, monkeypatch):
-    monkeypatch.setattr(tables, "_CHUNK", 7)
-    write_graphs(iter(graphs), tmp_path / "graphs")
-    assert all(map(same, MappedGraphs(tmp_path / "graphs"), mapped))
-
-
 def test_tables_of_no_graphs_and_of_empty_ones(tmp_path):
     empty = next(graph for graph in map(some_graph, map(np.random.default_rng, range(100))) if not len(graph))
-    for graphs in ([], [empty, empty]):
-        write_graphs(graphs, tmp_path / str(len(graphs)))
-        for table in (HeldGraphs(graphs), MappedGraphs(tmp_path / str(len(graphs)))):
-            assert len(table) == len(graphs)
-            assert table.batch(np.arange(len(graphs))).label.shape == (len(graphs), 0)
-            assert table.adjacency(np.arange(len(graphs))).shape == (len(graphs), 0, 0)
+    write_graphs([empty, empty], tmp_path / "graphs")
+    for table in (HeldGraphs([]), HeldGraphs([empty, empty]), MappedGraphs(read_columns(tmp_path / "graphs"))):
+        every = np.arange(len(table))
+        assert table.batch(every).label.shape == (len(table), 0)
+        assert table.adjacency(every).shape == (len(table), 0, 0)
+        assert table.having.tolist() == []
+    assert len(table) == 2
 
 
-def test_what_is_not_a_whole_table_is_refused(graphs, tmp_path):
-    folder = tmp_path / "graphs"
-    write_graphs(graphs, folder)
-    with pytest.raises(ConfigError, match="there already"):
-        write_graphs(graphs, folder)
-    content = json.loads((folder / "graphs.json").read_text())
-    (folder / "graphs.json").write_text(json.dumps({**content, "format": 0}))
-    with pytest.raises(DataError, match="format 0, expected 1"):
-        MappedGraphs(folder)
-    (folder / "graphs.json").write_text(json.dumps(content))
-    np.save(folder / "count.npy", np.load(folder / "count.npy")[:-1])
-    with pytest.raises(DataError, match="other lengths"):
-        MappedGraphs(folder)
-    np.save(folder / "count.npy", np.zeros(len(graphs)))
-    with pytest.raises(DataError, match="other types"):
-        MappedGraphs(folder)
-    (folder / "edges.npy").unlink()
-    with pytest.raises(DataError, match="not whole"):
-        MappedGraphs(folder)
-    with pytest.raises(DataError, match="holds no graphs"):
-        MappedGraphs(tmp_path / "elsewhere")
+def packed(graph):
+    return pack_graph(graph_to_arrays(graph))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda row: {"labels": row["labels"], "nodes": row["nodes"]}, "has no column 'edges', expected packed graphs"),
+        (lambda row: {**row, "labels": np.arange(len(row["labels"]))}, "columns of other types than packed graphs"),
+        (lambda row: {**row, "nodes": row["nodes"]["saliency"]}, "columns of other types than packed graphs"),
+        (lambda row: {**row, "nodes": row["nodes"][1:]}, "more or fewer nodes or edges than labels"),
+        (lambda row: {**row, "edges": row["edges"][1:]}, "more or fewer nodes or edges than labels"),
+    ],
+)
+def test_columns_of_something_else_are_refused(graphs, tmp_path, change, message):
+    write_columns(tmp_path / "graphs", [change(packed(graph)) for graph in graphs])
+    with pytest.raises(DataError, match=message):
+        MappedGraphs(read_columns(tmp_path / "graphs"))

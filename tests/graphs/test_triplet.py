@@ -5,12 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from salframe_graphs import triplet
 from salframe_graphs.agreement import agree
 from salframe_graphs.features import node2vec, ring_hop_histograms
 from salframe_graphs.retrieval.inverted_lists import InvertedLists
 from salframe_graphs.triplet import TripletMatcher
 from salframe_graphs.verification import ScaleBound, verify
 
+from salframe.framework.columns import read_columns
 from salframe.framework.errors import RequirementMissing
 from salframe.graphs.detections import Detections
 from salframe.graphs.graph import GraphConfig, SaliencyGraph, build_graph, without_range
@@ -352,14 +354,15 @@ def defined_histograms(graph, vocabulary):
 
 
 @pytest.mark.parametrize("mapped", [False, True])
-def test_structure_is_compared_as_defined(rooms, mapped, tmp_path):
-    """Of graphs in memory, and of those on disk, whose features are computed for each query."""
+def test_structure_is_compared_as_defined(rooms, mapped, tmp_path, monkeypatch):
+    """Of graphs in memory, and of many on disk, whose features are computed for each query."""
+    monkeypatch.setattr(triplet, "_FEW", 10)
     query = graph_of(rooms[7], pose_2d(0.3, -0.2, 1.0))
     graphs = [graph_of(room(seed, nodes=3 + seed % 9)) for seed in range(30)]
     one, table = matcher(), HeldGraphs(graphs)
     if mapped:
         write_graphs(graphs, tmp_path / "graphs")
-        table = MappedGraphs(tmp_path / "graphs")
+        table = MappedGraphs(read_columns(tmp_path / "graphs"))
     index, candidates = one.index(table), np.array([2, 7, 11])
     assert (index.structure is None) == mapped
     batch, known = table.batch(candidates), np.array([table.vocabulary.get(label, -1) for label in query.labels])

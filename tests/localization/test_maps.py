@@ -53,6 +53,17 @@ def test_frames_of_a_saved_map_have_no_panorama(saved):
         frame.load()
 
 
+def test_frames_that_stand_askew_are_refused(saved):
+    (old,) = saved.glob("parts-*")
+    with write_map(saved) as parts:
+        shutil.copytree(old, parts, dirs_exist_ok=True)
+        poses = np.load(parts / "frames" / "T_world_pano.npy")
+        poses[12 + 5] = 2  # of the second frame the middle
+        np.save(parts / "frames" / "T_world_pano.npy", poses)
+    with pytest.raises(DataError, match="the pose of map-1 is no rigid motion: build the map again"):
+        open_map(saved)
+
+
 def test_a_folder_of_something_else_is_not_overwritten(saved, tmp_path):
     (tmp_path / "photos").mkdir()
     build_map("rooms", tmp_path / "photos", "reader")  # an empty folder may become one
@@ -111,7 +122,7 @@ def test_a_map_is_replaced_whole_or_not_at_all(saved, monkeypatch):
 
     before = files()
     with monkeypatch.context() as patch:
-        patch.setattr("salframe.localization.localizer.write_columns", interrupt)
+        patch.setattr("salframe.localization.map_parts.write_columns", interrupt)
         with pytest.raises(KeyboardInterrupt):
             build_map("rooms", saved, "reader")
     assert files() == before
@@ -139,10 +150,77 @@ def test_a_map_is_asked_as_it_is_stored(fakes):
     assert again.rooms.tolist() == [0, 20, 40]
 
 
+class Indexed(Reader):
+    """Keeps an index: the room of each frame, twice."""
+
+    name = "indexed"
+    indexings = 0
+
+    def index(self, descriptions, frames):
+        super().index(descriptions, frames)
+        self.indexings += 1
+
+    def write_index(self, folder):
+        folder.mkdir()
+        np.save(folder / "rooms.npy", np.tile(self.rooms, 2))
+
+    def open_index(self, folder, packed, frames):
+        self.frames, self.rooms = frames, np.load(folder / "rooms.npy")[: len(packed)]
+
+
+@pytest.fixture
+def indexed(fakes, tmp_path) -> Path:
+    indexed = Indexed()
+    indexed.build(mapping_frames(Rooms()))
+    indexed.save(tmp_path / "map")
+    return tmp_path / "map"
+
+
+def loaded(directory: Path, **settings) -> Indexed:
+    localizer = Indexed(Indexed.Config(**settings))
+    localizer.load(directory)
+    return localizer
+
+
+def test_a_map_with_an_index_is_not_indexed_again(indexed):
+    again, query = loaded(indexed), find_frame(find_dataset("rooms"), "query-1-0")
+    assert again.indexings == 0
+    assert [place.place for place in again.localize(query).places] == [f"room-{n}" for n in (1, 0, 2, 3, 4)]
+    assert (again.frames[-1].id, again.frames[-1]) == ("map-4", again.mapped_frames[-1])
+    np.testing.assert_array_equal(again.frames[3].T_world_pano, Rooms()._map_frame(3).T_world_pano)
+
+
+def test_other_settings_than_those_of_the_index_index_anew(indexed):
+    assert loaded(indexed, offset=1).indexings == 1
+
+
+def test_a_map_that_is_open_is_written_as_it_was_when_its_folder_is_gone(indexed, tmp_path):
+    again = loaded(indexed)
+    before = json.loads((indexed / "map.json").read_text())["sha256"]
+    shutil.rmtree(indexed)
+    again.save(tmp_path / "copy")
+    assert json.loads((tmp_path / "copy" / "map.json").read_text())["sha256"] == before
+    assert any(name.startswith("index-") for name in before)
+
+
+def test_an_index_that_was_edited_is_refused(indexed):
+    (rooms,) = indexed.rglob("rooms.npy")
+    rooms.write_bytes(rooms.read_bytes()[:-1] + b"x")
+    with pytest.raises(DataError, match=r"rooms\.npy is not what was written when the map was built"):
+        loaded(indexed)
+
+
 def test_what_a_map_takes_is_what_is_written(saved):
     localizer = open_map(saved)
     assert map_bytes(localizer) == folder_bytes(saved)
     assert folder_bytes(saved) == sum(path.stat().st_size for path in saved.rglob("*") if path.is_file()) > 0
+
+
+def test_what_a_map_takes_is_told_without_its_index(indexed, tmp_path):
+    localizer = loaded(indexed)
+    localizer.save(tmp_path / "bare", indexed=False)
+    assert map_bytes(localizer) == folder_bytes(tmp_path / "bare") < folder_bytes(indexed)
+    assert loaded(tmp_path / "bare").indexings == 1
 
 
 def test_another_version_of_a_dataset_is_described_anew(fakes, monkeypatch):

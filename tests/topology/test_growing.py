@@ -86,7 +86,9 @@ def halves() -> tuple[list[str], list[str]]:
     return places[::2], places[1::2]
 
 
-@pytest.mark.parametrize(("method", "overrides"), [("proposed", ()), ("sift", ("min_inliers=6",))])
+@pytest.mark.parametrize(
+    ("method", "overrides"), [("proposed", ()), ("saliency-graph", ("matcher.most=3",)), ("sift", ("min_inliers=6",))]
+)
 def test_a_map_that_grew_is_the_one_that_was_built_at_once(house, halves, method, overrides, tmp_path):
     first, second = halves
     build = partial(build_topological_map, method=method, overrides=overrides)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
+from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
@@ -133,10 +134,7 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
         return {**description, OUTLINE: unpack_outline(packed[PACKED])} if PACKED in packed else description
 
     def index(self, descriptions: Sequence[Description], frames: Sequence[MapFrame]) -> None:
-        self._map_frames = list(frames)
-        self._graphs = [graph_from_arrays(description) for description in descriptions]
-        self._index = self._matcher.index(self._graphs)
-        self._take_scenes()
+        super().index(descriptions, frames)
         self._regions = Regions(self.floors) if self.floors else None
         self._places = gather_places(
             self._graphs, self._map_frames, self._rates, self._places_of if self._regions else None, self.config.merged
@@ -154,6 +152,9 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
         for place in self._places:
             self._frames_of.setdefault(place.name, []).extend(self._map_frames[number] for number in place.frames)
         self._outlines = self._outlines_of(descriptions)
+
+    def write_index(self, folder: Path) -> None:
+        """Nothing: places are merged anew when a map is opened."""
 
     def match(self, description: Description) -> Localization:
         query = graph_from_arrays(description)
