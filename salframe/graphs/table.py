@@ -64,6 +64,13 @@ def ranges(first: np.ndarray, lengths: np.ndarray) -> np.ndarray:
     return np.repeat(first - begins[:-1], lengths) + np.arange(begins[-1])
 
 
+def count_having(count: np.ndarray, label: np.ndarray, labels: int) -> np.ndarray:
+    """(L,) int64: how many graphs have each of so many labels, of `count` (S,) nodes each, label (P,) graph by
+    graph."""
+    owned = np.sort(np.repeat(np.arange(len(count)), count) * labels + label)
+    return np.bincount(owned[np.diff(owned, prepend=-1) > 0] % max(labels, 1), minlength=labels)
+
+
 class GraphTable(Sequence[SaliencyGraph]):
     """S graphs with range, each by its number, or some as a batch.
 
@@ -90,9 +97,8 @@ class GraphTable(Sequence[SaliencyGraph]):
         having = np.zeros(len(self.labels), np.int64)
         for low in range(0, len(self), _CHUNK):
             count = self.sizes[low : low + _CHUNK]
-            label = self._label[self._start[low] : self._start[low + len(count)]].astype(np.int64)
-            owner = np.repeat(np.arange(len(count)), count)
-            having += np.bincount(np.unique(owner * len(having) + label) % len(having), minlength=len(having))
+            label = self._label[self._start[low] : self._start[low + len(count)]]
+            having += count_having(count, label, len(having))
         return having
 
     @abstractmethod

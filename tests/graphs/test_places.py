@@ -9,8 +9,9 @@ from pydantic import ValidationError
 from salframe_graphs.localizer import SaliencyGraphLocalizer
 from salframe_graphs.places import localizer as places_localizer
 from salframe_graphs.places.evidence import EVIDENCE, label_evidence, shipped_weights
-from salframe_graphs.places.localizer import SaliencyPlacesLocalizer
+from salframe_graphs.places.localizer import OUTLINE, SaliencyPlacesLocalizer
 from salframe_graphs.places.merging import Place
+from salframe_graphs.places.outline import BINS
 from salframe_graphs.places.place_index import index_places
 from salframe_graphs.places.rates import Likelihood, shipped_rates
 
@@ -105,17 +106,31 @@ def test_the_answer_names_the_scene_frame_nearest_to_the_pose():
         assert made.localize(asked(["a"], x_m)[0]).places[0].frame == name
 
 
-def test_a_map_opened_again_answers_alike(tmp_path):
-    made = localizer([floor()])
+@pytest.mark.parametrize("settings", [{}, {"candidates": 1}, {"merged": False, "candidates": 2}])
+def test_a_map_opened_again_answers_alike(settings, tmp_path, monkeypatch):
+    """Whose places are not merged again, and of whose frames some have outlines."""
+    made = localizer([floor()], **settings)
+    described = [made.describe_frame(frame)[0] for frame in FRAMES]
+    outlines = RNG.uniform(1, 4, (2, BINS)).astype(np.float32)
+    outlines[0, :9] = np.nan
+    for number, outline in zip((0, 2), outlines, strict=True):
+        described[number] = {**described[number], OUTLINE: outline}
+    made.take_map(described, FRAMES, [floor()])
     made.save(tmp_path)
-    again = SaliencyPlacesLocalizer(SaliencyPlacesLocalizer.Config(detector="annotations"))
+    for hook in ("index", "unpack"):
+        monkeypatch.setattr(SaliencyPlacesLocalizer, hook, None)
+    again = SaliencyPlacesLocalizer(SaliencyPlacesLocalizer.Config(detector="annotations", **settings))
     again.load(tmp_path)
     assert len(read_map(tmp_path, read_floors)) == 1
     for rooms, x_m in ((["a"], 3.4), (["b"], 5.0)):
-        before, after = (one.localize(asked(rooms, x_m)[0]) for one in (made, again))
+        description = {**made.describe_frame(asked(rooms, x_m)[0])[0], OUTLINE: outlines[1]}
+        before, after = (one.match(description) for one in (made, again))
         assert before.places == after.places
         np.testing.assert_array_equal(before.T_world_query, after.T_world_query)
         np.testing.assert_array_equal(before.covariance, after.covariance)
+        evidence = made.evidence(description).values
+        assert evidence[:, EVIDENCE.index("outline")].any()
+        np.testing.assert_array_equal(evidence, again.evidence(description).values)
 
 
 def test_failing_is_a_status():

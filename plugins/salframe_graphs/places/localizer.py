@@ -2,28 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from pydantic import BeforeValidator, Field
 
+from salframe.framework.array_files import ArrayKind
+from salframe.framework.columns import Columns, read_columns, write_columns
 from salframe.framework.config import ComponentConfig, Settings, match_only, merge, read_yaml, validate
 from salframe.framework.registry import registry
 from salframe.framework.slots import slot
 from salframe.graphs.graph import SaliencyGraph
 from salframe.graphs.packing import graph_from_arrays
 from salframe.graphs.scene_index import SceneIndex
+from salframe.graphs.table import starts
 from salframe.localization.answers import Localization, LocalizationStatus, RankedPlace
 from salframe.localization.evidence import Evidence
 from salframe.localization.localizer import Description
+from salframe.localization.map_parts import SavedFrames
 from salframe.localization.posterior import Posterior, read_fitted
 from salframe.panoramas.floors import Regions
 from salframe.panoramas.frames import MapFrame
-from salframe.panoramas.geometry import pose_2d, pose_yaw
+from salframe.panoramas.geometry import pose_2d
 from salframe.panoramas.panorama import Panorama
 from salframe_graphs.localizer import SaliencyGraphLocalizer
 from salframe_graphs.places.evidence import EVIDENCE, Weights, label_evidence, shipped_weights
@@ -31,11 +35,14 @@ from salframe_graphs.places.hypotheses import best_poses
 from salframe_graphs.places.likelihood import PlaceLikelihood, Poses
 from salframe_graphs.places.merging import gather_places
 from salframe_graphs.places.outline import BINS, MapOutlines, free_outline, pack_outline, unpack_outline
-from salframe_graphs.places.place_index import index_places, lay_out_query
+from salframe_graphs.places.place_index import PLACE_COLUMNS, index_places, lay_out_query, place_rows, read_places
 from salframe_graphs.places.rates import SHIPPED, Likelihood, Rates, shipped_rates
 from salframe_graphs.verification import best_per_candidate
 
 OUTLINE, PACKED = "outline_m", "outline_mm"
+_PLACES, _SCENES = "places", "scenes"
+"""What is kept of places, and the index of their scene frames, in the folder of a map's index."""
+_SHOWN_COLUMNS = {"name": ArrayKind("U", ()), "frames": ArrayKind("u", (None,))}
 LEAST_COVARIANCE_M = 0.02
 """Two objects may agree by luck: no pose is known better an axis."""
 LEAST_EXPLAINED = 2
@@ -55,6 +62,13 @@ def _over_shipped(part: str, shipped: Callable[[], Settings], value: Any) -> Any
     """What a setting stands for whose numbers come with the method: as `read_fitted`, what is not said as shipped."""
     found = read_fitted(part, value)
     return merge(shipped().model_dump(), found) if isinstance(found, Mapping) else found
+
+
+class _Shown(NamedTuple):
+    """A place and its scene frames, positions in the map."""
+
+    name: str
+    frames: tuple[int, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,25 +150,66 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
     def index(self, descriptions: Sequence[Description], frames: Sequence[MapFrame]) -> None:
         super().index(descriptions, frames)
         self._regions = Regions(self.floors) if self.floors else None
-        self._places = gather_places(
-            self._graphs, self._map_frames, self._rates, self._places_of if self._regions else None, self.config.merged
+        places = gather_places(
+            self._graphs, frames, self._rates, self._places_of if self._regions else None, self.config.merged
         )
-        stood = np.array([frame.T_world_pano[:3, 3] for frame in frames])
-        cameras = [stood[list(place.frames)] for place in self._places]
-        self._scenes: SceneIndex | None = None
-        if len(self._places) > self.config.candidates:
-            self._scenes = registry().build(SceneIndex.role, self.config.scene_index)
-            self._scenes.take(self._graphs[number] for place in self._places for number in place.frames)
-        self._shown = np.repeat(np.arange(len(self._places)), [len(place.frames) for place in self._places])
-        self._most_frames = max(len(place.frames) for place in self._places)
-        self._place_index = index_places(self._places, cameras, self._rates, self.config.likelihood)
-        self._frames_of: dict[str, list[MapFrame]] = {}
-        for place in self._places:
-            self._frames_of.setdefault(place.name, []).extend(self._map_frames[number] for number in place.frames)
-        self._outlines = self._outlines_of(descriptions)
+        T_world_pano = np.array([frame.T_world_pano[:3] for frame in frames])
+        cameras_m = [T_world_pano[list(place.frames), :, 3] for place in places]
+        self._place_index = index_places(places, cameras_m, self._rates, self.config.likelihood)
+        unknown = np.full(BINS, np.nan, np.float32)
+        outline_m = np.array([description.get(OUTLINE, unknown) for description in descriptions])
+        self._take_places([_Shown(place.name, place.frames) for place in places], T_world_pano, outline_m)
+        if self._scenes is not None:
+            self._scenes.take(self._shown_graphs())
 
     def write_index(self, folder: Path) -> None:
-        """Nothing: places are merged anew when a map is opened."""
+        super().write_index(folder)
+        shown = ({"name": np.array(place.name), "frames": np.array(place.frames, np.uint32)} for place in self._places)
+        rows = ({**place, **objects} for place, objects in zip(shown, place_rows(self._place_index), strict=True))
+        write_columns(folder / _PLACES, rows)
+        if self._scenes is not None:
+            self._new_scene_index().build(self._shown_graphs(), folder / _SCENES)
+
+    def open_index(self, folder: Path, packed: Columns, frames: SavedFrames) -> None:
+        super().open_index(folder, packed, frames)
+        self._regions = Regions(self.floors) if self.floors else None
+        columns = read_columns(folder / _PLACES, {**_SHOWN_COLUMNS, **PLACE_COLUMNS}).columns
+        names, start = columns["name"].words or (), columns["frames"].start.tolist()
+        numbers = columns["frames"].values.tolist()
+        places = [
+            _Shown(names[name], tuple(numbers[first:end]))
+            for name, first, end in zip(columns["name"].values.tolist(), start, start[1:], strict=False)
+        ]
+        outline_m = np.full((len(packed), BINS), np.nan, np.float32)
+        if known := packed.columns.get(PACKED):
+            outline_m[np.diff(known.start) > 0] = unpack_outline(known.values.reshape(-1, BINS))
+        self._take_places(places, frames.T_world_pano, outline_m)
+        self._place_index = read_places(columns, frames.T_world_pano[_padded(places), :2, 3])
+        if self._scenes is not None:
+            self._scenes.open(folder / _SCENES)
+
+    def _take_places(self, places: Sequence[_Shown], T_world_pano: np.ndarray, outline_m: np.ndarray) -> None:
+        """Take in which places there are, of frames (S) that stand at T_world_pano (S, 3, 4) and see the outlines
+        outline_m (S, BINS)."""
+        self._places = places
+        count = np.array([len(place.frames) for place in places])
+        self._most_frames, self._shown = int(count.max()), np.repeat(np.arange(len(places)), count)
+        self._frames_of: dict[str, list[int]] = {}
+        for place in places:
+            self._frames_of.setdefault(place.name, []).extend(place.frames)
+        self._scenes = self._new_scene_index() if len(places) > self.config.candidates else None
+        poses = T_world_pano[_padded(places)]
+        yaw_rad = np.arctan2(poses[..., 1, 0], poses[..., 0, 0])
+        seen_from = np.concatenate([poses[..., :2, 3], yaw_rad[..., None]], -1)
+        self._outlines = MapOutlines.of(outline_m[_padded(places)].astype(np.float64), seen_from)
+
+    def _new_scene_index(self) -> SceneIndex:
+        made: SceneIndex = registry().build(SceneIndex.role, self.config.scene_index)
+        return made
+
+    def _shown_graphs(self) -> Iterator[SaliencyGraph]:
+        """The graphs of the frames of all places, place by place."""
+        return (self._graphs[number] for place in self._places for number in place.frames)
 
     def match(self, description: Description) -> Localization:
         query = graph_from_arrays(description)
@@ -284,18 +339,18 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
 
     def _frame_of(self, name: str, poses: Poses, row: int | None) -> MapFrame:
         """The scene frame of a place that is nearest to a pose, the first without one."""
-        frames = self._frames_of[name]
+        numbers = self._frames_of[name]
         if row is None:
-            return frames[0]
-        return min(frames, key=lambda frame: float(np.hypot(*(frame.T_world_pano[:2, 3] - poses.shift_m[row]))))
+            return self._map_frames[numbers[0]]
+        return min(
+            (self._map_frames[number] for number in numbers),
+            key=lambda frame: float(np.hypot(*(frame.T_world_pano[:2, 3] - poses.shift_m[row]))),
+        )
 
-    def _outlines_of(self, descriptions: Sequence[Description]) -> MapOutlines:
-        """The outlines of the places' frames."""
-        shape = (len(self._places), max(len(place.frames) for place in self._places))
-        range_m, seen_from = np.full((*shape, BINS), np.nan), np.zeros((*shape, 3))
-        for k, place in enumerate(self._places):
-            for column, number in enumerate(place.frames):
-                pose = self._map_frames[number].T_world_pano
-                range_m[k, column] = descriptions[number].get(OUTLINE, np.nan)
-                seen_from[k, column] = (*pose[:2, 3], pose_yaw(pose))
-        return MapOutlines.of(range_m, seen_from)
+
+def _padded(places: Sequence[_Shown]) -> np.ndarray:
+    """(K, F) int64: the frames of places, the last one repeated."""
+    count = np.array([len(place.frames) for place in places])
+    numbers = np.array([number for place in places for number in place.frames], int)
+    column = np.minimum(np.arange(count.max()), count[:, None] - 1)
+    return numbers[starts(count)[:-1, None] + column]

@@ -2,14 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from salframe.framework.array_files import ArrayKind
+from salframe.framework.columns import Column, Row
 from salframe.graphs.graph import SaliencyGraph
+from salframe.graphs.table import count_having
 from salframe_graphs.places.merging import Place
 from salframe_graphs.places.rates import Likelihood, Rates
+
+PLACE_COLUMNS = {
+    "labels": ArrayKind("U", (None,)),
+    "xyz_m": ArrayKind("f", (None, 3)),
+    "variance_m2": ArrayKind("f", (None,)),
+    "log_size": ArrayKind("f", (None, 3)),
+    "found_logit": ArrayKind("f", (None,)),
+}
+"""What is kept of a place's objects on disk, as in PlaceIndex; xyz_m: in the world, height over the camera."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,7 +29,7 @@ class PlaceIndex:
     """K places padded to the largest, m objects; padding bears label -1.
 
     label (K, m); xy_m (K, m, 2) in the world; z_m (K, m) over the camera; variance_m2, found_logit (K, m), the latter
-    of an object 2 m away; log_size (K, m, 3); cameras_m (K, F, 2), where the scene frames stood, the first one
+    of an object 2 m away; log_size (K, m, 3); cameras_m (K, F, 2), where the scene frames stood, the last one
     repeated. Of L labels and, last, of one that the map lacks: frequency (L + 1,), its share among the map's objects;
     rarity (L + 1,), its smooth inverse document frequency over the places. weight (K,): the rarities of each place's
     objects together.
@@ -69,39 +81,80 @@ def index_places(
     """Lay out places; cameras_m: for each, where its scene frames stood, (F, 3) in the world."""
     names = sorted({label for place in places for label in place.labels})
     vocabulary = {label: i for i, label in enumerate(names)}
-    shape = (len(places), max((len(place.labels) for place in places), default=0))
-    label = np.full(shape, -1)
-    xyz, log_size = np.zeros((*shape, 3)), np.zeros((*shape, 3))
-    variance, logit = np.ones(shape), np.zeros(shape)
     cameras = np.zeros((len(places), max(map(len, cameras_m), default=0), 2))
+    logit, over_camera = [np.zeros(0)], [np.zeros((0, 3))]
     for k, (place, stood) in enumerate(zip(places, cameras_m, strict=True)):
-        count = len(place.labels)
-        label[k, :count] = [vocabulary[name] for name in place.labels]
-        xyz[k, :count] = place.centroid_m - [0, 0, np.median(stood[:, 2])]
-        variance[k, :count], log_size[k, :count] = place.variance_m2, place.log_size
-        logit[k, :count] = (
+        over_camera.append(place.centroid_m - [0, 0, np.median(stood[:, 2])])
+        logit.append(
             rates.found_logit
             + rates.found_per_saliency * place.log_saliency
             + likelihood.found_per_sighting * np.log(place.sightings)
         )
         cameras[k] = stood[np.minimum(np.arange(cameras.shape[1]), len(stood) - 1), :2]
-    owner, count = np.nonzero(label >= 0)[0], len(vocabulary) + 1
-    having = np.bincount(np.unique(owner * count + label[label >= 0]) % count, minlength=count)
-    rarity = np.log((1 + len(places)) / (1 + having)) + 1
-    number = np.bincount(label[label >= 0], minlength=count) + 0.5
-    weight = np.where(label >= 0, rarity[label], 0).sum(1)
+    return _pad(
+        names,
+        np.array([len(place.labels) for place in places], int),
+        np.array([vocabulary[name] for place in places for name in place.labels], int),
+        {
+            "xyz_m": np.concatenate(over_camera),
+            "variance_m2": np.concatenate([np.zeros(0), *(place.variance_m2 for place in places)]),
+            "log_size": np.concatenate([np.zeros((0, 3)), *(place.log_size for place in places)]),
+            "found_logit": np.concatenate(logit),
+        },
+        cameras,
+    )
+
+
+def place_rows(index: PlaceIndex) -> Iterator[Row]:
+    """The objects of each place, of the columns PLACE_COLUMNS."""
+    names = np.array([*index.vocabulary], np.str_)
+    for k, count in enumerate((index.label >= 0).sum(1)):
+        yield {
+            "labels": names[index.label[k, :count]],
+            "xyz_m": np.column_stack([index.xy_m[k, :count], index.z_m[k, :count]]),
+            **{name: getattr(index, name)[k, :count] for name in ("variance_m2", "log_size", "found_logit")},
+        }
+
+
+def read_places(columns: Mapping[str, Column], cameras_m: np.ndarray) -> PlaceIndex:
+    """The places of the columns PLACE_COLUMNS, whose scene frames stood at cameras_m (K, F, 2), the last one
+    repeated."""
+    labels = columns["labels"]
+    values = {
+        name: columns[name].values.reshape(-1, *kind.shape[1:])
+        for name, kind in PLACE_COLUMNS.items()
+        if name != "labels"
+    }
+    return _pad(labels.words or (), np.diff(labels.start), labels.values, values, cameras_m)
+
+
+def _pad(
+    names: Sequence[str], count: np.ndarray, label: np.ndarray, values: Mapping[str, np.ndarray], cameras_m: np.ndarray
+) -> PlaceIndex:
+    """Places of count (K,) objects each, one place's after the other's: label (P,), numbers of names in order, and what
+    else is known of them."""
+    is_object = np.arange(count.max(initial=0)) < count[:, None]
+
+    def padded(ragged: np.ndarray, fill: float) -> np.ndarray:
+        laid = np.full((*is_object.shape, *ragged.shape[1:]), fill, ragged.dtype)
+        laid[is_object] = ragged
+        return laid
+
+    rarity = np.log((1 + len(count)) / (1 + count_having(count, label, len(names) + 1))) + 1
+    number = np.bincount(label, minlength=len(names) + 1) + 0.5
+    label, xyz_m = padded(label.astype(np.int64), -1), padded(values["xyz_m"], 0)
     return PlaceIndex(
-        vocabulary,
+        {name: i for i, name in enumerate(names)},
         number / number.sum(),
         rarity,
-        weight,
+        np.where(is_object, rarity[label], 0).sum(1),
         label,
-        xyz[..., :2],
-        xyz[..., 2],
-        variance,
-        log_size,
-        logit,
-        cameras,
+        xyz_m[..., :2],
+        xyz_m[..., 2],
+        padded(values["variance_m2"], 1),
+        padded(values["log_size"], 0),
+        padded(values["found_logit"], 0),
+        cameras_m,
     )
 
 
