@@ -79,14 +79,28 @@ def build(
 
 @app.command()
 def add(
-    map: AnyMap, data: DataArgument, data_dir: DataDir = None, overrides: Set = None, as_json: Json = False
+    map: AnyMap,
+    data: DataArgument,
+    data_dir: DataDir = None,
+    overrides: Set = None,
+    engine: EngineName = ENGINE,
+    workers: Workers = None,
+    as_json: Json = False,
 ) -> None:
     """Add a dataset's places to a map, described as the map was; places that it has are replaced."""
     from salframe.cli.output import Bars, tell
     from salframe.topology.growing import add_to_map
 
     with Bars() as bars:
-        change = add_to_map(map, data, data_dir=data_dir, overrides=overrides or (), progress=bars.update, tell=tell)
+        change = add_to_map(
+            map,
+            data,
+            data_dir=data_dir,
+            overrides=with_workers(overrides, workers),
+            engine=engine,
+            progress=bars.update,
+            tell=tell,
+        )
     _print_change(map, change, as_json)
 
 

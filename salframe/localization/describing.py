@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import lru_cache, partial
 from typing import Any
 
@@ -13,6 +13,7 @@ from salframe.framework.engine import Engine
 from salframe.framework.errors import FRAME_ERRORS
 from salframe.framework.registry import registry
 from salframe.localization.localizer import Localizer
+from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.frames import MapFrame
 from salframe.panoramas.opening import mapping_frames, open_dataset
 
@@ -32,6 +33,19 @@ def describe_frames(
             yield answer
         elif not isinstance(answer, FRAME_ERRORS):
             return
+
+
+def describe_ahead(
+    method: ComponentConfig, dataset: Dataset, progress: Callable[[int, int], None] | None = None
+) -> None:
+    """Have the workers of a prepared data set's engine, where their number is set, describe its mapping frames into the
+    cache."""
+    if dataset.engine is None or not dataset.engine.isolates or dataset.engine.workers is None:
+        return
+    ids = [frame.id for frame in mapping_frames(dataset)]
+    for done, _ in enumerate(describe_frames(method, dataset.config, ids, dataset.engine), 1):
+        if progress:
+            progress(done, len(ids))
 
 
 def _describe(method: str, data: str, frame: str) -> tuple[str, float]:

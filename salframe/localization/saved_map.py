@@ -16,7 +16,7 @@ from salframe.framework.errors import DataError
 from salframe.framework.installation import folder_bytes
 from salframe.framework.presets import Overrides, configure, settings, short_name
 from salframe.framework.registry import registry
-from salframe.localization.describing import describe_frames
+from salframe.localization.describing import describe_ahead
 from salframe.localization.localizer import Localizer
 from salframe.localization.map_folder import check_output, read_map
 from salframe.localization.map_parts import METHOD, read_method
@@ -88,12 +88,8 @@ def prepare(
 def build_from(localizer: Localizer, dataset: Dataset, progress: Callable[[int, int], None] | None, tell: Tell) -> None:
     """Have a localizer build its map of a prepared dataset; workers of the dataset's engine, where their number is set,
     describe the frames first."""
+    describe_ahead(localizer.config, dataset, progress)
     frames = mapping_frames(dataset)
-    if dataset.engine is not None and dataset.engine.isolates and dataset.engine.workers is not None:
-        ids = [frame.id for frame in frames]
-        for done, _ in enumerate(describe_frames(localizer.config, dataset.config, ids, dataset.engine), 1):
-            if progress:
-                progress(done, len(ids))
     for note in localizer.build(frames, Cache(), dataset.content_key, progress, dataset.floors()):
         tell(note)
 

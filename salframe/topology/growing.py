@@ -10,6 +10,7 @@ from pathlib import Path
 
 from salframe.framework.cache import Cache
 from salframe.framework.errors import ConfigError, DataError, UnknownName, shorten, unknown
+from salframe.localization.describing import describe_ahead
 from salframe.localization.localizer import Localizer
 from salframe.localization.map_folder import read_map, write_map
 from salframe.localization.map_parts import read_method
@@ -47,6 +48,7 @@ def add_to_map(
     *,
     data_dir: str | Path | None = None,
     overrides: Sequence[str] = (),
+    engine: str | None = None,
     progress: Progress | None = None,
     tell: Tell = silent,
 ) -> MapChange:
@@ -54,13 +56,14 @@ def add_to_map(
 
     A place that the map has is replaced: all its frames give way to the data set's. Panoramas of the map are not
     described again. The data set's floors are laid over the map's (`join_floors`), and a topological map is made anew
-    from floors and frames. Data and map share one world frame. The map changes whole. data_dir and overrides are as of
-    `find_dataset`. Raises DataError where the folder holds no map with a method, where a frame has the id of another
-    place's in the map, and on floors that cannot be joined; InputMissing on panoramas that lack what the method needs.
+    from floors and frames. Data and map share one world frame. The map changes whole. data_dir, overrides and engine,
+    which describes too, are as of `find_dataset`. Raises DataError where the folder holds no map with a method, where a
+    frame has the id of another place's in the map, and on floors that cannot be joined; InputMissing on panoramas that
+    lack what the method needs.
     """
     directory = Path(directory)
     read_map(directory, read_method)  # what is no map is told before the data are prepared
-    dataset = find_dataset(data, data_dir, overrides, progress)
+    dataset = find_dataset(data, data_dir, overrides, progress, engine)
     frames = mapping_frames(dataset)
     if units := units_note(frames):
         tell(f"warning: {units}")
@@ -71,6 +74,7 @@ def add_to_map(
         _check_ids([(directory, staying), (Path(data), frames)])
         joined = join_floors(floors, dataset.floors())
         tracked = progress and partial(progress, localizer.name)
+        describe_ahead(localizer.config, dataset, tracked)
         for note in localizer.extend(frames, Cache(), dataset.content_key, tracked, joined):
             tell(note)
         return joined

@@ -13,14 +13,18 @@ from salframe_house.render import Renderer
 from salframe.graphs.city import City
 from salframe.graphs.graph import SaliencyGraph
 from salframe.graphs.packing import graph_from_arrays
+from salframe.localization.localizer import Localizer
 from salframe.panoramas.frames import MapFrame
 from salframe.panoramas.geometry import pose_2d
 from salframe.panoramas.panorama import Annotations, Panorama
 
 
-def describe_rooms(style: Style, rooms: int, seed: int) -> list[tuple[dict[str, np.ndarray], MapFrame]]:
-    """What `saliency-graph` remembers of the rooms of a building, from annotations, each with its mapping frame."""
-    localizer = SaliencyGraphLocalizer(SaliencyGraphLocalizer.Config(detector="annotations"))
+def describe_rooms(
+    style: Style, rooms: int, seed: int, method: type[Localizer] = SaliencyGraphLocalizer
+) -> list[tuple[dict[str, np.ndarray], MapFrame]]:
+    """What `saliency-graph`, or another method of graphs, remembers of the rooms of a building, from annotations, each
+    with its mapping frame."""
+    localizer = method(method.Config(detector="annotations"))
     building = generate_building(style, rooms, seed)
     renderer, described = Renderer(building.scene(), "day"), []
     for spec in choose_frames(building, building, seed, queries_per_room=1):

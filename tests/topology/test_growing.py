@@ -143,6 +143,19 @@ def test_panoramas_of_the_map_are_not_seen_again(rooms, monkeypatch):
     assert len(described) == 5
 
 
+def test_an_engine_describes_what_is_added(rooms, monkeypatch):
+    monkeypatch.setenv("SALFRAME_PLUGINS", "fake_plugin,doored_plugin,salframe_engines")
+    registry.cache_clear()
+    build("map", "doored", "data.rooms=3")
+    shutil.copytree("map", "alone")
+    add_to_map("alone", "upstairs")
+    Cache().clear()
+    monkeypatch.setattr(Reader, "describe", None)  # of this process
+    change = add_to_map("map", "upstairs", engine="processes", overrides=("engine.workers=2",))
+    assert change.added == tuple(f"upper-room-{room}" for room in range(5))
+    assert content(Path("map")) == content(Path("alone"))
+
+
 def test_two_floors_make_a_building(rooms):
     map, upstairs = build("map"), build("above", "upstairs")
     before = content(upstairs)
