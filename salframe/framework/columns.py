@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
 from itertools import islice
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 from urllib.parse import quote
 
 import numpy as np
@@ -86,7 +86,9 @@ class Columns(Sequence[dict[str, np.ndarray]]):
     def __len__(self) -> int:
         return self._rows
 
-    def __getitem__(self, row: int) -> dict[str, np.ndarray]:  # type: ignore[override]  # some at once: `columns`
+    def __getitem__(self, row: Any) -> Any:
+        if isinstance(row, slice):
+            return [self[i] for i in range(self._rows)[row]]
         row = range(self._rows)[row]
         return {name: column[row] for name, column in self.columns.items() if row not in column.absent}
 

@@ -73,7 +73,9 @@ class SavedFrames(Sequence[MapFrame]):
     def __len__(self) -> int:
         return len(self.T_world_pano)
 
-    def __getitem__(self, number: int) -> MapFrame:  # type: ignore[override]  # some at once: the arrays
+    def __getitem__(self, number: Any) -> Any:
+        if isinstance(number, slice):
+            return [self[i] for i in range(len(self))[number]]
         number = range(len(self))[number]
         if number not in self._made:
             T_world_pano = np.eye(4)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from salframe.framework import columns
 from salframe.framework.columns import read_columns, write_columns
 from salframe.framework.errors import DataError
 
@@ -29,12 +30,31 @@ def scene(count: int) -> dict[str, np.ndarray]:
 
 def test_rows_are_read_back_exactly(tmp_path):
     rows = [scene(count) for count in (3, 0, 7, 1)]
-    write_columns(tmp_path / "rows", rows)
-    for row, back in zip(rows, read_columns(tmp_path / "rows"), strict=True):
+    write_columns(tmp_path / "rows", iter(rows))
+    read = read_columns(tmp_path / "rows")
+    assert [read[-1]["name"], len(read[::2])] == ["scene 1", 2]
+    for row, back in zip(rows, read, strict=True):
         assert list(back) == list(row)
         for name, array in row.items():
             np.testing.assert_array_equal(back[name], array, strict=name not in ("labels", "name"))
             assert back[name].dtype.kind == array.dtype.kind
+
+
+def test_rows_in_pieces_make_the_same_files(tmp_path, monkeypatch):
+    """Whatever words and types come late, and where the first row that has a name is."""
+    rows = [*({"late": np.array(name)} for name in "qa"), *({**scene(count), "few": np.ones(2)} for count in (3, 0, 7))]
+    rows += [{"count": np.array(0.5)}, {"late": np.array("Z")}]
+    monkeypatch.setattr(columns, "_CHUNK", 100)
+    write_columns(tmp_path / "whole", rows)
+    for chunk in (1, 3):
+        monkeypatch.setattr(columns, "_CHUNK", chunk)
+        write_columns(tmp_path / str(chunk), rows)
+        for path in (tmp_path / "whole").iterdir():
+            assert (tmp_path / str(chunk) / path.name).read_bytes() == path.read_bytes()
+    (late, counts) = (read_columns(tmp_path / "1").columns[name] for name in ("late", "count"))
+    assert late.words == ("", "Z", "a", "q")
+    assert counts.values.tolist() == [0, 0, 3, 0, 7, 0.5, 0]
+    assert sorted(counts.absent) == [0, 1, 6]
 
 
 def test_what_a_row_does_not_have_it_does_not_get(tmp_path):
@@ -83,3 +103,13 @@ def test_columns_cost_their_values_and_a_header(tmp_path):
 def test_arrays_of_other_dimensions_are_refused(tmp_path):
     with pytest.raises(DataError, match=r"arrays of the name 'a' have \[1, 2\] dimensions, expected the same"):
         write_columns(tmp_path / "rows", [{"a": np.zeros(3)}, {"a": np.zeros((3, 1))}])
+
+
+@pytest.mark.parametrize(
+    ("second", "message"),
+    [(np.arange(3), "hold strings in some rows alone"), (np.array([None]), "hold Python objects, expected numbers or")],
+)
+def test_arrays_that_no_column_holds_are_refused(tmp_path, monkeypatch, second, message):
+    monkeypatch.setattr(columns, "_CHUNK", 1)
+    with pytest.raises(DataError, match=f"arrays of the name 'a' {message}"):
+        write_columns(tmp_path / "rows", [{"a": np.array(["bed"])}, {"a": second}])
