@@ -21,7 +21,6 @@ from salframe.framework.files import read_model, reading, write_text
 TABLE, SHAPES = "columns.json", "shapes.npy"
 _CHUNK = 1024
 """So many rows of a stream are held at once."""
-_WORD = np.dtype("<u4")
 
 Row = Mapping[str, np.ndarray]
 
@@ -98,7 +97,7 @@ def write_columns(folder: Path, rows: Iterable[Row]) -> None:
     the other, and the lengths along axes where rows differ in shapes.npy, (rows, axes).
 
     Strings are stored as numbers of words. Memory holds the words, and the shapes of all rows. Raises DataError on
-    arrays of one name that differ in dimensions, hold strings in some rows alone, or Python objects.
+    arrays of one name that differ in dimensions, hold strings and numbers, or Python objects.
     """
     folder.mkdir()
     count, spools = 0, dict[str, _Spool]()
@@ -133,10 +132,12 @@ class _Spool:
         self.absent: list[int] = []
         self._path, self._name = path, name
         self._spooled = path.with_suffix(".spool")
+        self._spooled.touch()
         self._empty = first[:0] if first.ndim else np.zeros_like(first)
         self._shapes: list[np.ndarray] = []
         self._parts: list[tuple[np.dtype, int]] = []
-        self._number: dict[str, int] = {}
+        self._contents: set[str] = set()
+        self._numbers: dict[str, int] = {}
         self._rows = 0
 
     def append(self, arrays: Sequence[np.ndarray | None]) -> None:
@@ -147,48 +148,50 @@ class _Spool:
             raise DataError(
                 f"arrays of the name {self._name!r} have {dimensions} dimensions, expected the same number in all"
             )
-        values = np.concatenate([self._empty.ravel()[:0], *(array.ravel() for array in complete)])
-        if values.dtype.hasobject:
-            raise DataError(f"arrays of the name {self._name!r} hold Python objects, expected numbers or strings")
+        self._shapes.append(np.array([array.shape for array in complete], np.int64).reshape(len(arrays), *dimensions))
+        self.absent += [self._rows + i for i, array in enumerate(arrays) if array is None]
+        self._rows += len(arrays)
+        if held := [array.ravel() for array in complete if array.size]:
+            self._contents |= {_content(array) for array in held}
+            if len(self._contents) > 1 or "Python objects" in self._contents:
+                received = " and ".join(sorted(self._contents))
+                raise DataError(f"arrays of the name {self._name!r} hold {received}, expected numbers or strings")
+            self._write(np.concatenate(held))
+
+    def _write(self, values: np.ndarray) -> None:
+        """Spool values, of strings the numbers of words, in the order in which these came."""
+        if self._contents == {"strings"}:
+            words, place = np.unique(values, return_inverse=True)
+            numbers = [self._numbers.setdefault(word, len(self._numbers)) for word in words.tolist()]
+            values = np.array(numbers, np.uint32)[place]
         self._parts.append((values.dtype, len(values)))
         with self._spooled.open("ab") as file:
-            self._numbered(values).tofile(file)
-        self._shapes.append(
-            np.array([array.shape for array in complete], np.int64).reshape(len(complete), self._empty.ndim)
-        )
-        self.absent += [self._rows + i for i, array in enumerate(arrays) if array is None]
-        self._rows += len(complete)
-
-    def _numbered(self, values: np.ndarray) -> np.ndarray:
-        """Strings as numbers of words, in the order in which these came; other values as they are."""
-        if values.dtype.kind != "U":
-            return values
-        words, place = np.unique(values, return_inverse=True)
-        return np.array([self._number.setdefault(word, len(self._number)) for word in words.tolist()], _WORD)[place]
+            values.tofile(file)
 
     def finish(self) -> tuple[np.ndarray, list[str] | None]:
         """Write the file; the shapes (R, axes) int64 of all rows' arrays, of empty ones where there was none, and the
         words that strings are the numbers of, in order."""
-        held = [part for part, length in self._parts if length] or [self._empty.dtype]
-        if len({part.kind == "U" for part in held}) > 1:
-            raise DataError(f"arrays of the name {self._name!r} hold strings in some rows alone")
-        dtype, words = np.result_type(*held), None
-        if dtype.kind == "U":
-            words = sorted(self._number)
+        dtype, words = np.result_type(*(part for part, _ in self._parts or [(self._empty.dtype, 0)])), None
+        if self._contents == {"strings"} or dtype.kind == "U":
+            words = sorted(self._numbers)
             rank = {word: i for i, word in enumerate(words)}
-            order = np.array([rank[word] for word in self._number], np.int64)
+            order = np.array([rank[word] for word in self._numbers], np.int64)
             dtype = np.min_scalar_type(max(len(words) - 1, 0))
+        shape = (sum(length for _, length in self._parts),)
         with self._path.open("xb") as file, self._spooled.open("rb") as spooled:
-            length = sum(length for _, length in self._parts)
-            header = {"descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": False, "shape": (length,)}
+            header = {"descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": False, "shape": shape}
             np.lib.format.write_array_header_1_0(file, header)
             for part, length in self._parts:
-                if words is None:
-                    np.fromfile(spooled, part, length).astype(dtype).tofile(file)
-                else:
-                    order[np.fromfile(spooled, _WORD, length)].astype(dtype).tofile(file)
+                values = np.fromfile(spooled, part, length)
+                (values if words is None else order[values]).astype(dtype).tofile(file)
         self._spooled.unlink()
         return np.concatenate(self._shapes), words
+
+
+def _content(array: np.ndarray) -> str:
+    if array.dtype.hasobject:
+        return "Python objects"
+    return "strings" if array.dtype.kind == "U" else "numbers"
 
 
 def read_columns(folder: Path, expected: Mapping[str, ArrayKind] | None = None) -> Columns:
