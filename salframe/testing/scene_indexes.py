@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -20,7 +21,7 @@ from salframe.testing.rules import Rules
 
 class SceneIndexRules(Rules[SceneIndex]):
     """A scene is found among others, and twice where it is there twice, in order; an index is built from a stream,
-    appears whole, and answers the same to whoever opens it."""
+    appears whole, answers the same to whoever opens it, and goes on when its folder is removed."""
 
     @cached_property
     def _graphs(self) -> list[SaliencyGraph]:
@@ -88,6 +89,12 @@ class SceneIndexRules(Rules[SceneIndex]):
         attempt("open by another instance", other.open, Path(self._folder.name) / "index")
         one, two = (attempt("candidates", index.candidates, self._graphs[0], 5) for index in (ours, other))
         expect(same(one, two), "candidates by another instance", "others", "the same")
+
+    def an_open_index_outlives_its_folder(self) -> None:
+        index = self._built(self._graphs, "removed")
+        shutil.rmtree(Path(self._folder.name) / "removed", ignore_errors=True)  # Windows holds on to files in use
+        one, two = (attempt("candidates", made.candidates, self._graphs[0], 5) for made in (self._index, index))
+        expect(same(one, two), "candidates of an open index whose folder was removed", "others", "the same")
 
     def an_index_appears_whole(self) -> None:
         folder = Path(self._folder.name) / "cut short"

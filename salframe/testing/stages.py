@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 
+from salframe.framework.columns import read_columns
 from salframe.graphs.detections import Detections
 from salframe.graphs.graph import SaliencyGraph, without_range
 from salframe.graphs.matcher import GraphMatch, GraphMatcher
 from salframe.graphs.saliency import SaliencyModel
+from salframe.graphs.table import MappedGraphs, write_graphs
 from salframe.localization.positioner import PoseEstimate, PoseStatus, Positioner
 from salframe.panoramas.geometry import invert_pose, is_rigid, pose_2d, pose_errors, transform_points
 from salframe.testing.asking import DoesNotApply, ask, attempt, expect, same
@@ -56,7 +60,7 @@ class SaliencyRules(Rules[SaliencyModel]):
 
 class MatcherRules(Rules[GraphMatcher]):
     """A graph is found among others; pairs are one-to-one; nothing is answered to a query that shares nothing; a query
-    may have bearings only."""
+    may have bearings only; an index that was written answers as the one in memory."""
 
     @cached_property
     def _graphs(self) -> list[SaliencyGraph]:
@@ -98,6 +102,22 @@ class MatcherRules(Rules[GraphMatcher]):
             for _ in range(2)
         )
         expect(same(one, other), checked, "another answer", "the same")
+
+    def an_index_that_was_written_answers_the_same(self) -> None:
+        with tempfile.TemporaryDirectory() as name:
+            folder = Path(name)
+            write_graphs(self._graphs, folder / "graphs")
+            mapped = MappedGraphs(read_columns(folder / "graphs"))
+            packed, query = list(mapped), self._graphs[0]
+            before = attempt("index of packed graphs", self._matcher.index, packed)
+            attempt("write_index", self._matcher.write_index, packed, folder / "index")
+            other = self.make()
+            after = attempt("open_index", other.open_index, mapped, folder / "index")
+            one, two = (
+                attempt("match after open_index", matcher.match, query, index, len(packed))
+                for matcher, index in ((self._matcher, before), (other, after))
+            )
+            expect(same(one, two), "match after write_index and open_index", "another answer", "that of `index`")
 
     def a_query_may_lack_range(self) -> None:
         self._match("match of a graph without range", without_range(self._graphs[0]))
