@@ -144,10 +144,11 @@ class SaliencyGraphLocalizer(Localizer):
 
     def _take_frames(self, frames: Sequence[MapFrame], is_scene: np.ndarray, stood_m: np.ndarray) -> None:
         """Lay out the map's frames (S): which are scene frames, and where all stood, (S, 3)."""
-        from scipy.spatial import KDTree
-
         self._map_frames, self._scenes_at = frames, np.flatnonzero(is_scene)
-        self._scene_tree = KDTree(stood_m[self._scenes_at])
+        if not is_scene.all():  # only doorways ask which scene frame is near
+            from scipy.spatial import KDTree
+
+            self._scene_tree = KDTree(stood_m[self._scenes_at])
 
     def _agreed(self, matches: Sequence[GraphMatch]) -> Sequence[GraphMatch]:
         """Matches after their agreement, best first."""

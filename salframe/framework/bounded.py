@@ -67,8 +67,9 @@ def read_start(path: Path, most_bytes: int) -> bytes:
 
 def parse_json(content: bytes) -> Any:
     """The value of a JSON text in UTF-8, its numbers finite and its integers of 64 bits. Raises ValueError."""
-    brackets = _STRING.sub(b"", content).translate(None, _NO_BRACKET)
-    _check_depth(max(accumulate(1 if bracket in _OPENING else -1 for bracket in brackets), default=0))
+    if sum(map(content.count, (b"[", b"{"))) > DEEPEST:
+        brackets = _STRING.sub(b"", content).translate(None, _NO_BRACKET)
+        _check_depth(max(accumulate(1 if bracket in _OPENING else -1 for bracket in brackets), default=0))
     value = json.loads(content.decode(), parse_int=_integer, parse_float=_finite, parse_constant=_finite)
     if b"\\ud" in content or b"\\uD" in content:
         json.dumps(value, ensure_ascii=False).encode()  # half a character, which no file or terminal takes

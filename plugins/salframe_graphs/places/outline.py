@@ -40,9 +40,9 @@ def unpack_outline(outline_mm: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class MapOutlines:
-    """The outlines of K places' frames, padded to F a place: range_m (K, F, BINS), NaN where not known; corners_m
-    (K, F, BINS, 2), their points in the world; pose (K, F, 3), x, y and yaw of where each was seen. Single precision:
-    the outline is a few centimetres rough."""
+    """The outlines of K places' frames, the last one repeated up to F a place: range_m (K, F, BINS), NaN where not
+    known; corners_m (K, F, BINS, 2), their points in the world; pose (K, F, 3), x, y and yaw of where each was seen.
+    Single precision: the outline is a few centimetres rough."""
 
     range_m: np.ndarray
     corners_m: np.ndarray
