@@ -14,7 +14,7 @@ from pydantic import Field
 
 from salframe.framework.config import Settings
 from salframe.framework.errors import ConfigError, DataError
-from salframe.framework.files import alone, file_sha256, read_json, read_model, write_json
+from salframe.framework.files import alone, file_sha256, naming, read_json, read_model, write_json
 
 MAP, MAP_FORMAT = "map.json", 3
 _PARTS = "parts-"
@@ -41,7 +41,7 @@ def write_map(directory: Path) -> Iterator[Path]:
     check_output(directory)
     was_there = directory.exists()
     directory.mkdir(parents=True, exist_ok=True)
-    with alone(directory, "name a new folder"):
+    with alone(directory, "name a new folder"), naming(directory):
         yield from _replace_parts(directory, was_there)
 
 

@@ -6,7 +6,7 @@ import os
 
 import pytest
 
-from salframe.framework.files import share_file
+from salframe.framework.files import atomic_path, share_file
 
 
 @pytest.mark.parametrize("linked", [True, False])
@@ -28,3 +28,14 @@ def test_a_shared_file_is_found_under_both_paths(tmp_path, monkeypatch, linked):
     other.write_bytes(b"another")
     share_file(source, other)
     assert other.read_bytes() == b"another"
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="the system has no /dev/full")
+def test_a_full_disk_names_the_file_that_it_has_no_room_for(tmp_path):
+    with (
+        pytest.raises(OSError, match=r"No space left on device: '.*a\.json'"),
+        atomic_path(tmp_path / "a.json"),
+        open("/dev/full", "w") as full,
+    ):
+        full.write("{}")
+    assert list(tmp_path.iterdir()) == []
