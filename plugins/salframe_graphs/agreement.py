@@ -24,7 +24,8 @@ def agree(matches: Sequence[GraphMatch], frames: Sequence[MapFrame], share: floa
     posed = [i for i, match in enumerate(matches) if match.T_scene_query is not None]
     if len(posed) < 2:
         return list(matches)
-    poses = np.array([frames[matches[i].scene].T_world_pano @ matches[i].T_scene_query for i in posed])
+    stood = np.array([frames[matches[i].scene].T_world_pano for i in posed])
+    poses = stood @ np.array([matches[i].T_scene_query for i in posed])
     score = np.array([matches[i].score for i in posed])
     yaw = np.arctan2(poses[:, 1, 0], poses[:, 0, 0])
     distance = np.linalg.norm(poses[:, None, :3, 3] - poses[None, :, :3, 3], axis=2)
@@ -33,5 +34,6 @@ def agree(matches: Sequence[GraphMatch], frames: Sequence[MapFrame], share: floa
     np.fill_diagonal(agreement, 0)
     raised = list(matches)
     for i, value in zip(posed, score + share * agreement @ score, strict=True):
-        raised[i] = replace(matches[i], score=float(value))
+        if value != matches[i].score:
+            raised[i] = replace(matches[i], score=float(value))
     return sorted(raised, key=lambda match: -match.score)

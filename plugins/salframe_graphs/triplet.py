@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +22,7 @@ from salframe.graphs.graph import SaliencyGraph, without_range
 from salframe.graphs.matcher import GraphMatch, GraphMatcher
 from salframe.graphs.scene_index import SceneIndex, SceneLookup
 from salframe.graphs.table import GraphBatch, GraphTable, HeldGraphs, MappedGraphs
+from salframe_graphs import compilation
 from salframe_graphs.bearings import verify_bearings
 from salframe_graphs.features import Histograms, node2vec, ring_hop_histograms
 from salframe_graphs.verification import ScaleBound, Verified, verify
@@ -183,6 +185,43 @@ class TripletMatcher(GraphMatcher):
         candidates, jaccard, batch = candidates[kept], jaccard[kept], batch.take(kept)
         weight, reference = self._sureness(query) * rarity, self._sureness(batch) * index.rarity[batch.label]
         reference *= batch.is_node
+        fast = None
+        if index.scenes is not None and self._compiles and not query.bearings_only:
+            fast = compilation.compiled("salframe_graphs.compiled")
+        if fast is None:
+            score, alike, found = self._score(query, known, weight, index, candidates, batch, reference)
+        else:
+            structure = self._structure_of(index, candidates, batch)
+            score, alike, found = fast.score_candidates(
+                query, known, weight, len(index.graphs.labels), batch, reference, structure, self.config, top_k
+            )
+        order = np.lexsort((-jaccard, -score))[:top_k]
+        matches = []
+        for k, pose in zip(order, found.poses(order), strict=True):
+            aligned = self._align(alike[k], found.kernel[k])
+            scale = self._scale(query, batch.centroid_m[k], aligned)
+            matches.append(GraphMatch(int(candidates[k]), float(score[k]), aligned, pose, scale))
+        return matches
+
+    @property
+    def _compiles(self) -> bool:
+        """Whether these settings are those that are compiled: rings, heights and sizes, one pose and no triplets."""
+        chosen = self.config
+        looks = self._has_rings and chosen.height_scale_m is not None and chosen.size_scale is not None
+        return looks and chosen.geometry_score > 0 and not (chosen.triplet_score or chosen.largest_scale_error)
+
+    def _score(
+        self,
+        query: SaliencyGraph,
+        known: np.ndarray,
+        weight: np.ndarray,
+        index: GraphIndex,
+        candidates: np.ndarray,
+        batch: GraphBatch,
+        reference: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray, Verified]:
+        """(K,) score of each candidate, (K, n, m) the similarity of nodes that are alike enough, and what was
+        verified."""
         similarity = self._similarity(query, known, index, candidates, batch)
         alike = np.where(similarity >= self.config.least_similarity, similarity, 0)
         score = np.zeros(len(candidates))
@@ -196,13 +235,7 @@ class TripletMatcher(GraphMatcher):
             pairs = [self._align(alike[k], found.kernel[k]) for k in range(len(candidates))]
             triplets = [self._triplets(query, index.graphs[s], p) for s, p in zip(candidates, pairs, strict=True)]
             score += self.config.triplet_score * np.array(triplets)
-        order = np.lexsort((-jaccard, -score))[:top_k]
-        matches = []
-        for k in order:
-            aligned = self._align(alike[k], found.kernel[k])
-            scale = self._scale(query, batch.centroid_m[k], aligned)
-            matches.append(GraphMatch(int(candidates[k]), float(score[k]), aligned, found.pose(k), scale))
-        return matches
+        return score, alike, found
 
     def _sureness(self, graphs: SaliencyGraph | GraphBatch) -> np.ndarray:
         """What each node counts before its label's rarity: its detector's score, or 1."""
@@ -218,6 +251,14 @@ class TripletMatcher(GraphMatcher):
         adjacency = graphs.adjacency(numbers)
         return ring_hop_histograms(batch, adjacency, len(graphs.labels), self.config.ring_edges_m, self.config.hops)
 
+    def _structure_of(
+        self, index: GraphIndex, candidates: np.ndarray, batch: GraphBatch
+    ) -> tuple[Histograms, np.ndarray]:
+        """Structural features, and the row in them of each of the candidates' nodes, one after the other."""
+        if index.structure is None:
+            return self._structure(index.graphs, candidates, batch), np.arange(batch.count.sum())
+        return index.structure, index.graphs.nodes(candidates)
+
     def _shortlist(self, query: SaliencyGraph, index: GraphIndex) -> np.ndarray:
         """(K,) scenes worth matching, in the order of the map."""
         if index.scenes is None:
@@ -230,7 +271,8 @@ class TripletMatcher(GraphMatcher):
         self, labels: Sequence[str], known: np.ndarray, rarity: np.ndarray, index: GraphIndex, batch: GraphBatch
     ) -> np.ndarray:
         """(K,) Jaccard index of the query's labels with each candidate's, weighed by rarity."""
-        _, first, count = np.unique(np.array(labels, dtype=np.str_), return_index=True, return_counts=True)
+        number = Counter(labels)
+        first, count = np.array([(labels.index(label), number[label]) for label in sorted(number)]).T
         shape, is_node = (len(batch.count), len(index.rarity)), batch.is_node
         cell = np.nonzero(is_node)[0] * shape[1] + batch.label[is_node]
         counts = np.bincount(cell, minlength=shape[0] * shape[1]).reshape(shape).astype(np.float64)
@@ -287,10 +329,8 @@ class TripletMatcher(GraphMatcher):
         labels = len(index.graphs.labels)
         own = ring_hop_histograms(asked, query.adjacency[None], labels, self.config.ring_edges_m, self.config.hops)
         used = np.unique(own.column)
-        if index.structure is None:
-            there = self._structure(index.graphs, candidates, batch)
-        else:
-            there = index.structure.take(index.graphs.nodes(candidates))
+        there, rows = self._structure_of(index, candidates, batch)
+        there = there.take(rows)
         padded = np.zeros((*batch.label.shape, len(used)))
         padded[batch.is_node] = there.unit(used)
         return own.unit(used) @ np.swapaxes(padded, 1, 2)
@@ -343,9 +383,9 @@ class TripletMatcher(GraphMatcher):
         for value in (kernel, similarity):
             rows, columns = linear_sum_assignment(value, maximize=True)
             accepted = value[rows, columns] > 0
-            if accepted.sum() >= 2:
+            if np.count_nonzero(accepted) >= 2:
                 break
-        return np.column_stack([rows[accepted], columns[accepted]])
+        return np.array([rows[accepted], columns[accepted]]).T
 
     def _triplets(self, query: SaliencyGraph, reference: SaliencyGraph, pairs: np.ndarray) -> float:
         """I = sum(W o M) over edges present in both graphs between aligned nodes; without edges in the query, the

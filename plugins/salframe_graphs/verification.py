@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
@@ -9,7 +10,13 @@ from itertools import pairwise
 import numpy as np
 
 from salframe.graphs.table import ranges
-from salframe.panoramas.geometry import pose_2d
+from salframe.panoramas.geometry import poses_2d
+
+MOST_HYPOTHESES = 120
+"""Hypotheses made of two pairs of nodes that are tried in each candidate."""
+LEAST_BASE_M, LONGEST_BASE_M, BASE_WORTH = 0.3, 4.0, 0.1
+"""Distance below which two nodes say nothing of a heading, that above which more says no more, and what each metre
+between is worth beside the similarity of the pairs."""
 
 
 @dataclass(frozen=True)
@@ -29,10 +36,10 @@ class Verified:
         """No pose for any of K candidates, to be filled in; shape (K, n, m)."""
         return cls(np.full(shape[0], np.nan), np.full((shape[0], 2), np.nan), np.zeros(shape))
 
-    def pose(self, candidate: int) -> np.ndarray | None:
-        """The best pose of a candidate (4, 4), query frame to map frame; None where there is none."""
-        x_m, y_m = self.shift_m[candidate]
-        return None if np.isnan(x_m) else pose_2d(x_m, y_m, self.yaw_rad[candidate])
+    def poses(self, candidates: Sequence[int] | np.ndarray) -> list[np.ndarray | None]:
+        """The best pose of each of some candidates (4, 4), query frame to map frame; None where there is none."""
+        poses = poses_2d(self.shift_m[candidates], self.yaw_rad[candidates])
+        return [None if np.isnan(pose[0, 3]) else pose for pose in poses]
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +75,7 @@ def verify(
     weights: np.ndarray,
     largest_shift_m: float,
     scale_bound: ScaleBound | None = None,
-    most_hypotheses: int = 120,
+    most_hypotheses: int = MOST_HYPOTHESES,
 ) -> Verified:
     """Two-point hypotheses from alike nodes, each scored by all alike nodes.
 
@@ -90,8 +97,11 @@ def verify(
     scale = np.ones(len(k))
     if scale_bound is not None:
         scale = scale_bound.clip(map_length / np.maximum(query_length, 1e-9))
-    possible = (np.abs(scale * query_length - map_length) < slack) & (np.minimum(query_length, map_length) > 0.3)
-    rank = np.where(possible, value[first] + value[second] + 0.1 * np.minimum(query_length, 4.0), -np.inf)
+    possible = (np.abs(scale * query_length - map_length) < slack) & (
+        np.minimum(query_length, map_length) > LEAST_BASE_M
+    )
+    worth = BASE_WORTH * np.minimum(query_length, LONGEST_BASE_M)
+    rank = np.where(possible, value[first] + value[second] + worth, -np.inf)
     chosen = best_per_candidate(rank, k, most_hypotheses)
     k, i1, j1, i2, j2 = k[chosen], i1[chosen], j1[chosen], i2[chosen], j2[chosen]
     yaw = np.arctan2(map_edge[chosen, 1], map_edge[chosen, 0]) - np.arctan2(

@@ -63,7 +63,7 @@ class SaliencyGraph:
     @property
     def bearings_only(self) -> bool:
         """Whether it has nodes and the range of none is known."""
-        return bool(len(self)) and bool(np.isnan(self.centroid_m).any(1).all())
+        return without_positions(self.centroid_m)
 
     @cached_property
     def azimuth_rad(self) -> np.ndarray:
@@ -91,6 +91,11 @@ class SaliencyGraph:
         matrix = np.zeros((len(self), len(self)), bool)
         matrix[self.edges[:, 0], self.edges[:, 1]] = matrix[self.edges[:, 1], self.edges[:, 0]] = True
         return matrix
+
+
+def without_positions(centroid_m: np.ndarray) -> bool:
+    """Whether there are objects and the position of none is known; centroid_m (N, 3)."""
+    return len(centroid_m) > 0 and bool(np.isnan(centroid_m).any(1).all())
 
 
 def without_range(graph: SaliencyGraph) -> SaliencyGraph:

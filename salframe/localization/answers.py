@@ -17,7 +17,7 @@ SUM_TOLERANCE = 1e-6
 """By so much probabilities may miss one together."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class RankedPlace:
     """One answer of a localizer: the map frame, its place, a score (larger is better), and the probability that the
     query is in this place, None from a localizer that has none."""

@@ -80,11 +80,17 @@ def peak_column(side: np.ndarray) -> int:
 
 def pose_2d(x_m: float, y_m: float, yaw_rad: float, z_m: float = 0.0) -> np.ndarray:
     """(4, 4) float64 rigid motion of an upright frame: yaw about +z, then the shift (x, y, z)."""
-    pose = np.eye(4)
     c, s = np.cos(yaw_rad), np.sin(yaw_rad)
-    pose[:2, :2] = [[c, -s], [s, c]]
-    pose[:3, 3] = x_m, y_m, z_m
-    return pose
+    return np.array([[c, -s, 0, x_m], [s, c, 0, y_m], [0, 0, 1, z_m], [0, 0, 0, 1]], np.float64)
+
+
+def poses_2d(xy_m: np.ndarray, yaw_rad: np.ndarray) -> np.ndarray:
+    """(K, 4, 4) float64, `pose_2d` of each xy_m (K, 2) and yaw_rad (K,)."""
+    c, s = np.cos(yaw_rad), np.sin(yaw_rad)
+    poses = np.tile(np.eye(4), (len(yaw_rad), 1, 1))
+    poses[:, 0, 0], poses[:, 0, 1], poses[:, 1, 0], poses[:, 1, 1] = c, -s, s, c
+    poses[:, :2, 3] = xy_m
+    return poses
 
 
 def pose_yaw(pose: np.ndarray) -> float:
@@ -124,6 +130,6 @@ def is_rigid(pose: object, tolerance: float = 1e-6) -> bool:
     matrix = np.asarray(pose)
     if matrix.shape != (4, 4) or matrix.dtype.kind not in "iuf" or not np.isfinite(matrix).all():
         return False
-    turn = matrix[:3, :3]
-    upright = np.allclose(turn @ turn.T, np.eye(3), atol=tolerance) and np.linalg.det(turn) > 0
-    return bool(upright and np.allclose(matrix[3], (0, 0, 0, 1), atol=tolerance))
+    found, rigid, turn = np.array(matrix, np.float64), np.eye(4), matrix[:3, :3]
+    found[:3, :3], found[:3, 3] = turn @ turn.T, 0
+    return bool((np.abs(found - rigid) <= tolerance + 1e-5 * rigid).all() and np.linalg.det(turn) > 0)

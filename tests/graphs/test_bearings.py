@@ -37,7 +37,7 @@ def test_the_pose_of_a_room_of_unlike_objects():
         found = verify_bearings(directions(truth, map_m[k]), map_m, similarity, np.ones(6), TOLERANCE, 6.0)
         support = found.kernel.max(2).sum(1)
         assert support.argmax() == k
-        shift_m, turn_rad = pose_errors(found.pose(k), truth)
+        shift_m, turn_rad = pose_errors(found.poses([k])[0], truth)
         assert shift_m < 0.15  # the grid's last step is 0.0625 m
         assert turn_rad < np.radians(5)
         assert support[k] > 0.9 * 6
@@ -73,7 +73,7 @@ def test_one_direction_makes_no_pose():
     found = verify_bearings(
         directions(np.eye(4), rooms(1)[0, :1]), rooms(1)[:, :1], np.ones((1, 1, 1)), np.ones(1), TOLERANCE, 6.0
     )
-    assert found.pose(0) is None
+    assert found.poses([0])[0] is None
     assert not found.kernel.any()
 
 

@@ -9,6 +9,7 @@ from salframe_graphs.places.likelihood import PlaceLikelihood, Poses
 from salframe_graphs.places.merging import Place
 from salframe_graphs.places.place_index import index_places, lay_out_query
 from salframe_graphs.places.rates import Likelihood, shipped_rates
+from salframe_graphs.places.search import settle
 from scipy.stats import norm
 
 from salframe.graphs.graph import SaliencyGraph
@@ -144,9 +145,9 @@ def test_the_pose_lies_within_its_covariance():
     found, expected = [], []
     for _ in range(300):
         seen = room + np.column_stack([rng.normal(0, 0.1, (8, 2)), np.zeros(8)])
-        _, _, scorer = scored(places, query(LABELS, seen), rates)
+        objects, index, scorer = scored(places, query(LABELS, seen), rates)
         refined, _, share = scorer.refine(at(0, 0, 0))
-        pose, covariance = scorer.settle(refined, share, 0.0)
+        pose, covariance = settle(objects, index, rates, refined, share[0], 0.0)
         found.append([*pose.shift_m[0], pose.yaw_rad[0]])
         expected.append(np.diag(covariance))
     ratio = np.std(found, 0) / np.sqrt(np.mean(expected, 0))
@@ -160,7 +161,8 @@ def test_one_object_out_of_place_does_not_move_the_pose():
     room = np.column_stack([rng.uniform(-2.5, 2.5, (8, 2)), rng.uniform(-1, 1, 8)])
     moved = room.copy()
     moved[0, 0] += 0.4
-    _, _, scorer = scored([replace(place(LABELS, moved), variance_m2=np.full(8, 1e-3))], query(LABELS, room))
+    places = [replace(place(LABELS, moved), variance_m2=np.full(8, 1e-3))]
+    objects, index, scorer = scored(places, query(LABELS, room))
     refined, _, _ = scorer.refine(at(0, 0, 0))
-    pose, _ = scorer.settle(refined, np.eye(8)[None], 0.0)
+    pose, _ = settle(objects, index, RATES, refined, np.eye(8), 0.0)
     assert np.hypot(*pose.shift_m[0]) < 0.4 / 8 / 3

@@ -35,7 +35,9 @@ def label_evidence(label: np.ndarray, index: PlaceIndex, places: np.ndarray) -> 
 
     label (n,): those of the query, n > 0, as in QueryObjects.
     """
-    asked, count = np.unique(label, return_counts=True)
+    number = np.bincount(label)
+    asked = np.flatnonzero(number)
+    count = number[asked]
     column = np.full(len(index.rarity), -1)
     column[asked] = np.arange(len(asked))
     there = index.label[places]

@@ -12,10 +12,12 @@ MOST_PAIRS, MOST_HYPOTHESES = 40, 100
 """Pairs of alike objects, and hypotheses made of two of them, that are looked at in each place."""
 LEAST_ALIKE = -2.0
 """Log ratio of label, height and size below which two objects start no hypothesis."""
-LEAST_BASE_M = 0.3
+LEAST_BASE_M, LONGEST_BASE_M, BASE_WORTH = 0.3, 4.0, 0.3
+"""Distance below which two objects say nothing of a heading, that above which more says no more, and what each metre
+between is worth beside what the pairs are."""
 LARGEST_SHIFT_M = 6.0
 """A query this far from every scene frame of a place was not taken in it."""
-_SLACK_SIGMAS = 2.0
+SLACK_SIGMAS = 2.0
 
 
 def best_poses(query: QueryObjects, index: PlaceIndex, scorer: PlaceLikelihood, kept: int) -> Poses:
@@ -35,9 +37,9 @@ def best_poses(query: QueryObjects, index: PlaceIndex, scorer: PlaceLikelihood, 
     base, base_there = query.xy_m[i2] - query.xy_m[i1], index.xy_m[place, j2] - index.xy_m[place, j1]
     length, length_there = np.hypot(*base.T), np.hypot(*base_there.T)
     noise = rates.position_error_m**2 + (rates.range_error_share * query.range_m) ** 2
-    slack = _SLACK_SIGMAS * np.sqrt(noise[i1] + noise[i2] + index.variance_m2[place, j1] + index.variance_m2[place, j2])
+    slack = SLACK_SIGMAS * np.sqrt(noise[i1] + noise[i2] + index.variance_m2[place, j1] + index.variance_m2[place, j2])
     fits = (np.abs(length - length_there) < slack) & (np.minimum(length, length_there) > LEAST_BASE_M)
-    rank = np.where(fits, worth[first] + worth[second] + 0.3 * np.minimum(length, 4.0), -np.inf)
+    rank = np.where(fits, worth[first] + worth[second] + BASE_WORTH * np.minimum(length, LONGEST_BASE_M), -np.inf)
     chosen = np.sort(best_per_candidate(rank, place, MOST_HYPOTHESES))
     place, i1, i2, j1, j2 = (array[chosen] for array in (place, i1, i2, j1, j2))
     yaw = np.arctan2(base_there[chosen, 1], base_there[chosen, 0]) - np.arctan2(base[chosen, 1], base[chosen, 0])

@@ -13,13 +13,12 @@ NEAREST_M, REFERENCE_M = 0.5, 2.0
 """Distance below which no object is found any better, and that at which `found_logit` holds."""
 LEAST_SCORE = 1e-3
 """An object that its detector is not sure of at all counts so much."""
-_MOST_LOGIT, _MOST_LOG = 6.0, 50.0
+MOST_LOGIT, MOST_LOG = 6.0, 50.0
 FAR_NATS = 30.0
 """A pose whose score is so much below the best is not fitted: fitting raises scores by 0.7 in the median, 9 in one case
 of a hundred, and 21 at most (126 queries of `house-42`, seed 100)."""
-STEPS, SETTLING_STEPS = 2, 6
-"""So often a pose is fitted to what it explains, and what it explains looked for again; and so often the pose that is
-answered is fitted with what it explains unchanged."""
+STEPS = 2
+"""So often a pose is fitted to what it explains, and what it explains looked for again."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,14 +67,14 @@ class PlaceLikelihood:
         for axis, error in ((0, rates.length_error_log), (2, rates.box_height_error_log)):
             apart = query.log_size[:, None, axis] - index.log_size[:, None, :, axis]
             ratio += log_normal(apart, 2 * error**2) + np.log(taken.size_span_log)
-        return np.where((index.label >= 0)[:, None], np.maximum(ratio, -_MOST_LOG), -np.inf).astype(np.float32)
+        return np.where((index.label >= 0)[:, None], np.maximum(ratio, -MOST_LOG), -np.inf).astype(np.float32)
 
     def found_logit(self, place: np.ndarray, position_m: np.ndarray) -> np.ndarray:
         """(C, m) float32: logit that each object of place (C,) is found from position_m (C, 2); of padding too."""
         away = self._index.xy_m[place] - position_m[:, None]
         distance = np.maximum(np.sqrt((away**2).sum(2)), NEAREST_M)
         logit = self._index.found_logit[place] + self.rates.found_per_distance * np.log(distance / REFERENCE_M)
-        return np.clip(logit, -_MOST_LOGIT, _MOST_LOGIT).astype(np.float32)
+        return np.clip(logit, -MOST_LOGIT, MOST_LOGIT).astype(np.float32)
 
     def missed(self, place: np.ndarray, logit: np.ndarray) -> np.ndarray:
         """(C,) log probability that no object of place (C,) is found, from logit (C, m)."""
@@ -124,37 +123,10 @@ class PlaceLikelihood:
         score[near], share[near] = score_best, share_best
         return Poses(poses.place, shift_m, yaw_rad), score, share
 
-    def settle(self, pose: Poses, share: np.ndarray, least_m: float) -> tuple[Poses, np.ndarray]:
-        """One pose fitted to its shares (1, n, m) with ranges as uncertain as they are and directions as certain, and
-        its first-order covariance (3, 3) (x, y, yaw) in the world's axes; least_m is added an axis.
-
-        Errors are taken to be Cauchy's, fitted by reweighting: what is visible of an object moves with the viewpoint,
-        of some by far more than of most.
-        """
-        variances = [variance[pose.place[0]].astype(np.float64) for variance in (self._along, self._across)]
-        there = self._index.xy_m[pose.place[0]]
-        for _ in range(SETTLING_STEPS):
-            c, s = np.cos(pose.yaw_rad[0]), np.sin(pose.yaw_rad[0])
-            turn = np.array([[c, -s], [s, c]])
-            ray, moved = self._query.ray @ turn.T, self._query.xy_m @ turn.T
-            apart = there[None] - (moved + pose.shift_m)[:, None]
-            axes = (ray, np.stack([-ray[:, 1], ray[:, 0]], 1))
-            off = [(apart @ axis[:, :, None])[..., 0] for axis in axes]
-            kept = share[0] / (1 + sum(o**2 / variance for o, variance in zip(off, variances, strict=True)))
-            information, pull = 1e-6 * np.eye(3), np.zeros(3)
-            for axis, o, variance in zip(axes, off, variances, strict=True):
-                slope = np.column_stack([axis, axis[:, 1] * moved[:, 0] - axis[:, 0] * moved[:, 1]])
-                weight = kept / variance
-                information += (slope * weight.sum(1)[:, None]).T @ slope
-                pull += slope.T @ (weight * o).sum(1)
-            step = np.linalg.solve(information, pull)
-            pose = Poses(pose.place, pose.shift_m + step[:2], pose.yaw_rad + step[2])
-        return pose, np.linalg.inv(information) + np.diag([least_m**2, least_m**2, 0.0])
-
     def _odds(self, log_odds: np.ndarray) -> np.ndarray:
         """(C, n, m) odds against clutter that query objects are a place's; where several claim one, they share its
         odds."""
-        odds = np.exp(np.minimum(log_odds - np.log(self.rates.clutter), _MOST_LOG))
+        odds = np.exp(np.minimum(log_odds - np.log(self.rates.clutter), MOST_LOG))
         claimed = (odds / (1 + odds.sum(2, keepdims=True))).sum(1, keepdims=True)
         return odds / np.maximum(claimed, 1)
 

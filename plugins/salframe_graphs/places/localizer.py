@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
@@ -16,7 +17,7 @@ from salframe.framework.columns import Columns, read_columns, write_columns
 from salframe.framework.config import ComponentConfig, Settings, match_only, merge, read_yaml, validate
 from salframe.framework.registry import registry
 from salframe.framework.slots import slot
-from salframe.graphs.graph import SaliencyGraph
+from salframe.graphs.graph import SaliencyGraph, without_positions
 from salframe.graphs.packing import graph_from_arrays
 from salframe.graphs.scene_index import SceneIndex
 from salframe.graphs.table import starts
@@ -29,15 +30,22 @@ from salframe.panoramas.floors import Regions
 from salframe.panoramas.frames import MapFrame
 from salframe.panoramas.geometry import pose_2d
 from salframe.panoramas.panorama import Panorama
+from salframe_graphs import compilation
 from salframe_graphs.localizer import SaliencyGraphLocalizer
+from salframe_graphs.places import search
 from salframe_graphs.places.evidence import EVIDENCE, Weights, label_evidence, shipped_weights
-from salframe_graphs.places.hypotheses import best_poses
-from salframe_graphs.places.likelihood import PlaceLikelihood, Poses
+from salframe_graphs.places.likelihood import Poses
 from salframe_graphs.places.merging import gather_places
 from salframe_graphs.places.outline import BINS, MapOutlines, free_outline, pack_outline, unpack_outline
-from salframe_graphs.places.place_index import PLACE_COLUMNS, index_places, lay_out_query, place_rows, read_places
+from salframe_graphs.places.place_index import (
+    PLACE_COLUMNS,
+    QueryObjects,
+    index_places,
+    lay_out_query,
+    place_rows,
+    read_places,
+)
 from salframe_graphs.places.rates import SHIPPED, Likelihood, Rates, shipped_rates
-from salframe_graphs.verification import best_per_candidate
 
 OUTLINE, PACKED = "outline_m", "outline_mm"
 _PLACES, _SCENES = "places", "scenes"
@@ -73,12 +81,13 @@ class _Shown(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Hypotheses:
-    """The evidence for each place, the first C rows of it under poses C with shares (C, n, m)."""
+    """The evidence for each place, the first C rows of it under poses C with shares (C, n, m) of the query's
+    objects."""
 
+    query: QueryObjects
     evidence: Evidence
     poses: Poses
     share: np.ndarray
-    scorer: PlaceLikelihood
 
 
 class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
@@ -201,7 +210,9 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
         poses = T_world_pano[_padded(places)]
         yaw_rad = np.arctan2(poses[..., 1, 0], poses[..., 0, 0])
         seen_from = np.concatenate([poses[..., :2, 3], yaw_rad[..., None]], -1)
-        self._outlines = MapOutlines.of(outline_m[_padded(places)].astype(np.float64), seen_from)
+        range_m = outline_m[_padded(places)].astype(np.float64)
+        range_m[np.arange(self._most_frames) >= count[:, None]] = np.nan  # once is enough
+        self._outlines = MapOutlines.of(range_m, seen_from)
 
     def _new_scene_index(self) -> SceneIndex:
         made: SceneIndex = registry().build(SceneIndex.role, self.config.scene_index)
@@ -212,9 +223,9 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
         return (self._graphs[number] for place in self._places for number in place.frames)
 
     def match(self, description: Description) -> Localization:
-        query = graph_from_arrays(description)
-        if self._is_scaleless(query):
+        if self._is_scaleless(description):
             return super().match(description)
+        query = graph_from_arrays(description)
         if not len(query):
             return Localization((), None, LocalizationStatus.NO_OBJECTS)
         found = self._hypotheses(query, description.get(OUTLINE))
@@ -235,8 +246,9 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
         row = posed.get(places[0].place, -1)
         if row < 0 or (found.share[row].sum(1) > 0.5).sum() < LEAST_EXPLAINED:
             return Localization(places, None, LocalizationStatus.NO_POSE)
-        pose, covariance = found.scorer.settle(
-            found.poses.take(np.array([row])), found.share[[row]], LEAST_COVARIANCE_M
+        best = found.poses.take(np.array([row]))
+        pose, covariance = self._searching.settle(
+            found.query, self._place_index, self._rates, best, found.share[row], LEAST_COVARIANCE_M
         )
         stood = self._frame_of(places[0].place, pose, 0).T_world_pano
         T_world_query = pose_2d(pose.shift_m[0, 0], pose.shift_m[0, 1], pose.yaw_rad[0], stood[2, 3])
@@ -246,20 +258,22 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
     def answer(self, description: Description) -> Localization:
         """As of every localizer; without probabilities of a query whose positions in metres are not known, whose scores
         are others than those that the posterior was fitted to."""
-        if self._is_scaleless(graph_from_arrays(description)):
+        if self._is_scaleless(description):
             return self.match(description)
         return super().answer(description)
 
     def evidence(self, description: Description) -> Evidence | None:
         query = graph_from_arrays(description)
-        if self._is_scaleless(query) or not len(query):
+        if self._is_scaleless(description) or not len(query):
             return None
         found = self._hypotheses(query, description.get(OUTLINE))
         return None if found is None else found.evidence
 
-    def _is_scaleless(self, query: SaliencyGraph) -> bool:
+    def _is_scaleless(self, description: Description) -> bool:
         """Whether positions in metres are not known of a query."""
-        return query.bearings_only or getattr(self.config.matcher, "largest_scale_error", 0.0) > 0
+        return (
+            without_positions(description["centroid_m"]) or getattr(self.config.matcher, "largest_scale_error", 0.0) > 0
+        )
 
     def _hypotheses(self, query: SaliencyGraph, outline_m: np.ndarray | None) -> _Hypotheses | None:
         """What a query of objects may be, None where no place knows any of its labels: the candidates, each under its
@@ -271,31 +285,35 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
         kept, ranked = self._shortlist(query)
         if not len(kept):
             return None
-        index = whole.take(kept)
-        scorer = PlaceLikelihood(asked, index, self._rates, self.config.likelihood)
-        poses, score, share = scorer.refine(best_poses(asked, index, scorer, self.config.poses))
-        best = best_per_candidate(score, poses.place, 1)
-        poses, score, share = poses.take(best), score[best].astype(np.float64), share[best]
-        unplaced = scorer.unplaced()
-        here = kept[poses.place]
-        posed = np.column_stack([np.logaddexp(score, unplaced[poses.place]), np.zeros(len(poses))])
+        found = self._searching.search(asked, whole, kept, self._rates, self.config.likelihood, self.config.poses)
+        unplaced, here = found.unplaced, kept[found.poses.place]
+        poses = replace(found.poses, place=here)
+        posed = np.column_stack([np.logaddexp(found.score, unplaced[found.poses.place]), np.zeros(len(poses))])
         if outline_m is not None:
-            posed[:, 1] = self._outlines.ratio(outline_m, here, poses.shift_m, poses.yaw_rad)
+            posed[:, 1] = self._searching.outline_ratio(self._outlines, outline_m, here, poses.shift_m, poses.yaw_rad)
         names = self._answers(here, poses)
         posed_names = set(names)
         alone = np.array([k for k in ranked.tolist() if self._places[k].name not in posed_names], int)
         # Of a place that was no candidate, the likelihood is that of the worst.
-        likelihood = np.where(np.isin(alone, kept), unplaced[np.searchsorted(kept, alone) % len(kept)], unplaced.min())
+        likelihood = np.full(len(self._places), unplaced.min())
+        likelihood[kept] = unplaced
         rows = np.concatenate([here, alone])
         panorama = self._panorama_scores(query)
         values = np.column_stack(
             [
-                np.concatenate([posed, np.column_stack([likelihood, np.zeros(len(alone))])]),
+                np.concatenate([posed, np.column_stack([likelihood[alone], np.zeros(len(alone))])]),
                 [panorama.get(self._places[k].name, 0.0) for k in rows],
                 label_evidence(asked.label, whole, rows),
             ]
         )
-        return _Hypotheses(Evidence([*names, *(self._places[k].name for k in alone)], values), poses, share, scorer)
+        evidence = Evidence([*names, *(self._places[k].name for k in alone)], values)
+        return _Hypotheses(asked, evidence, poses, found.share)
+
+    @property
+    def _searching(self) -> Any:
+        """How places are searched: `search`, or the same compiled."""
+        fast = None if self._scenes is None else compilation.compiled("salframe_graphs.places.compiled")
+        return fast or search
 
     def _shortlist(self, query: SaliencyGraph) -> tuple[np.ndarray, np.ndarray]:
         """The places that are matched object by object (C,), and those that are ranked (R,), both in order: those whose
@@ -340,11 +358,11 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
     def _frame_of(self, name: str, poses: Poses, row: int | None) -> MapFrame:
         """The scene frame of a place that is nearest to a pose, the first without one."""
         numbers = self._frames_of[name]
-        if row is None:
+        if row is None or len(numbers) == 1:
             return self._map_frames[numbers[0]]
         return min(
             (self._map_frames[number] for number in numbers),
-            key=lambda frame: float(np.hypot(*(frame.T_world_pano[:2, 3] - poses.shift_m[row]))),
+            key=lambda frame: math.dist(frame.T_world_pano[:2, 3], poses.shift_m[row]),
         )
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -11,8 +13,9 @@ from salframe.panoramas.geometry import equirectangular_rays
 BINS = 72
 LOWEST_M, HIGHEST_M = 0.35, 0.8
 """Heights over the camera whose points make the outline: over most furniture and under lintels."""
-_ERROR_LOG, _STRAY, _PEAK = 0.1, 0.15, 3.0
-"""Standard deviation of the logarithm of a range, the share of bins that do not fit, and the ratio of one that does."""
+ERROR_LOG, STRAY, PEAK, MOST_SQUARED = 0.1, 0.15, 3.0, 50.0
+"""Standard deviation of the logarithm of a range, the share of bins that do not fit, the ratio of one that does, and
+the square of standard deviations beyond which none is further off."""
 _LARGEST_M = 65.535
 
 
@@ -38,6 +41,17 @@ def unpack_outline(outline_mm: np.ndarray) -> np.ndarray:
     return np.where(outline_mm > 0, outline_mm / np.float32(1000), np.float32(np.nan))
 
 
+def fit_outline(offset_m: np.ndarray, yaw_rad: np.ndarray, outline_m: np.ndarray) -> np.ndarray:
+    """(P,) how well points (P, BINS, 2), relative to where an outline (P, BINS) was seen along yaw_rad (P, 1), lie on
+    it."""
+    x, y = offset_m[..., 0], offset_m[..., 1]
+    expected = np.take_along_axis(outline_m, _bin(np.arctan2(y, x) - yaw_rad), -1)
+    with np.errstate(divide="ignore"):
+        off = (0.5 / ERROR_LOG) * np.log((x * x + y * y) / (expected * expected))
+    ratio = np.log(STRAY + (1 - STRAY) * PEAK * np.exp(-0.5 * np.minimum(off * off, MOST_SQUARED)))
+    return np.where(np.isfinite(off), ratio, 0).sum(-1)
+
+
 @dataclass(frozen=True, eq=False)
 class MapOutlines:
     """The outlines of K places' frames, the last one repeated up to F a place: range_m (K, F, BINS), NaN where not
@@ -53,27 +67,32 @@ class MapOutlines:
         """Of outlines and where they were seen."""
         return cls(*(a.astype(np.float32) for a in (range_m, _corners(range_m, pose[..., :2], pose[..., 2]), pose)))
 
-    def ratio(self, query_m: np.ndarray, place: np.ndarray, shift_m: np.ndarray, yaw_rad: np.ndarray) -> np.ndarray:
+    @cached_property
+    def known(self) -> np.ndarray:
+        """(K, F) whether a frame has an outline."""
+        return np.isfinite(self.range_m).any(2)
+
+    def ratio(
+        self,
+        query_m: np.ndarray,
+        place: np.ndarray,
+        shift_m: np.ndarray,
+        yaw_rad: np.ndarray,
+        fit: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray] = fit_outline,
+    ) -> np.ndarray:
         """(C,) log likelihood ratio of a query's outline (BINS,) under C poses place (C,), shift_m (C, 2), yaw_rad
         (C,): the place's outlines seen from the pose and the query's from theirs, bin by bin, the best frame's sum. 0
-        where no frame has an outline."""
+        where no frame has an outline. fit: as `fit_outline`."""
         query_m, shift_m, yaw_rad = (a.astype(np.float32) for a in (query_m, shift_m, yaw_rad))
-        range_m, corners, pose = self.range_m[place], self.corners_m[place], self.pose[place]
-        here = _corners(query_m, shift_m, yaw_rad)
-        forth = _fit(corners - shift_m[:, None, None], yaw_rad[:, None, None], np.broadcast_to(query_m, range_m.shape))
-        back = _fit(here[:, None] - pose[:, :, None, :2], pose[:, :, 2:], range_m)
-        total = np.where(np.isfinite(range_m).any(2), forth + back, -np.inf).max(1)
-        return np.where(np.isfinite(total), total, 0).astype(np.float64)
-
-
-def _fit(offset_m: np.ndarray, yaw_rad: np.ndarray, outline_m: np.ndarray) -> np.ndarray:
-    """(C, F) how well points (C, F, BINS, 2), relative to where an outline (C, F, BINS) was seen, lie on it."""
-    x, y = offset_m[..., 0], offset_m[..., 1]
-    expected = np.take_along_axis(outline_m, _bin(np.arctan2(y, x) - yaw_rad), -1)
-    with np.errstate(divide="ignore"):
-        off = (0.5 / _ERROR_LOG) * np.log((x * x + y * y) / (expected * expected))
-    ratio = np.log(_STRAY + (1 - _STRAY) * _PEAK * np.exp(-0.5 * np.minimum(off * off, 50)))
-    return np.where(np.isfinite(off), ratio, 0).sum(-1)
+        row, frame = np.nonzero(self.known[place])
+        seen = place[row], frame
+        range_m, pose, here = self.range_m[seen], self.pose[seen], _corners(query_m, shift_m, yaw_rad)[row]
+        forth = self.corners_m[seen] - shift_m[row, None]
+        total = fit(forth, yaw_rad[row, None], np.broadcast_to(query_m, range_m.shape))
+        total = total + fit(here - pose[:, None, :2], pose[:, 2:], range_m)
+        best = np.full(len(place), -np.inf, total.dtype)
+        np.maximum.at(best, row, total)
+        return np.where(np.isfinite(best), best, 0).astype(np.float64)
 
 
 def _corners(outline_m: np.ndarray, position_m: np.ndarray, yaw_rad: np.ndarray) -> np.ndarray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -50,9 +51,14 @@ class PlaceIndex:
     def __len__(self) -> int:
         return len(self.label)
 
+    @cached_property
+    def size(self) -> np.ndarray:
+        """(K,) how many objects each place has."""
+        return (self.label >= 0).sum(1)
+
     def take(self, places: np.ndarray) -> PlaceIndex:
         """Those of these places, padded to the largest of them."""
-        width = (self.label[places] >= 0).sum(1).max(initial=0)
+        width = self.size[places].max(initial=0)
         of_objects = ("label", "xy_m", "z_m", "variance_m2", "log_size", "found_logit")
         taken = {name: getattr(self, name)[places, :width] for name in of_objects}
         return replace(self, **taken, weight=self.weight[places], cameras_m=self.cameras_m[places])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from salframe_graphs.retrieval.postings import Postings
+from salframe_graphs.retrieval.postings import CODE_LOW, CODE_STEP, Postings
 from salframe_graphs.retrieval.scoring import FULL, Asked
 
 _BLOCK = 1 << 14
@@ -15,16 +15,20 @@ _BLOCK = 1 << 14
 def best_scenes(postings: Postings, asked: Asked, count: int) -> tuple[np.ndarray, np.ndarray]:
     """As in scoring. Rare labels come first; a scene that is not among the first even if all labels to come were
     shared in full is passed over."""
-    order = np.argsort(np.diff(postings.start)[asked.label], kind="stable")
-    label = asked.label[order]
-    objects = np.stack([asked.first[:-1], asked.first[1:]], 1)[order]
-    worth = FULL * postings.rarity[label] * (objects[:, 1] - objects[:, 0])
+    if not len(asked.label):
+        return np.zeros(0, np.int64), np.zeros(0)
+    start, end = postings.start[asked.label], postings.start[asked.label + 1]
+    order = np.argsort(end - start, kind="stable")
+    rarity, first, last = postings.rarity[asked.label][order], asked.first[:-1][order], asked.first[1:][order]
+    worth = FULL * rarity * (last - first)
     return _best(  # type: ignore[no-any-return]
-        np.stack([postings.start[label], postings.start[label + 1]], 1),
-        objects,
-        postings.rarity[label],
-        worth[::-1].cumsum()[::-1],
-        asked.alike,
+        (start[order], end[order]),
+        (first, last),
+        rarity,
+        np.ascontiguousarray(worth[::-1].cumsum()[::-1]),
+        (asked.appearance, asked.scale),
+        (CODE_LOW, CODE_STEP),
+        FULL,
         postings.scene,
         postings.code,
         postings.weight,
@@ -34,25 +38,28 @@ def best_scenes(postings: Postings, asked: Asked, count: int) -> tuple[np.ndarra
 
 
 @numba.njit(cache=True, nogil=True)
-def _best(lists, objects, rarity, rest, alike, scene, code, weight, asked, count):  # type: ignore[no-untyped-def]
+def _best(lists, objects, rarity, rest, looks, codes, full, scene, code, weight, asked, count):  # type: ignore[no-untyped-def]
     """Candidates gather until there are twice as many as wanted, then the lesser half goes. rest (J,): what the labels
     from each on share at most."""
-    place, shared, needed = lists[:, 0].copy(), np.zeros(_BLOCK, np.int64), np.zeros(_BLOCK)
+    alike, (first, last) = _alike(*looks, *codes), objects
+    block = min(_BLOCK, len(weight))
+    place, end = lists[0].copy(), lists[1]
+    shared, needed = np.zeros(block, np.int64), np.zeros(block)
     found, score = np.empty(2 * count, np.int64), np.empty(2 * count)
     held, least = 0, 0.0
     for low in range(0, len(weight), _BLOCK):
         high = min(low + _BLOCK, len(weight))
         shared[:] = 0
-        share = FULL * least / (1 + least) * (1 - 1e-9)
+        share = full * least / (1 + least) * (1 - 1e-9)
         for here in range(high - low):
             needed[here] = share * (asked + np.int64(weight[low + here]))
-        for j in range(len(lists)):
-            own = alike[objects[j, 0] : objects[j, 1]]
-            place[j] = _add(shared, needed, low, high, place[j], lists[j, 1], scene, code, rarity[j], own, rest[j])
+        for j in range(len(end)):
+            own = alike[first[j] : last[j]]
+            place[j] = _add(shared, needed, low, high, place[j], end[j], scene, code, rarity[j], own, rest[j])
         for here in range(high - low):
             if shared[here] == 0 or shared[here] < needed[here]:
                 continue
-            value = shared[here] / (FULL * (asked + np.int64(weight[low + here])) - shared[here])
+            value = shared[here] / (full * (asked + np.int64(weight[low + here])) - shared[here])
             if value <= least:  # of equal scores those of lower numbers are held already
                 continue
             found[held], score[held] = low + here, value
@@ -64,7 +71,20 @@ def _best(lists, objects, rarity, rest, alike, scene, code, weight, asked, count
     return found[:held], score[:held]
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(nogil=True)
+def _alike(appearance, scale, low, step):  # type: ignore[no-untyped-def]
+    """As of Asked."""
+    alike = np.empty((len(appearance), 3, 256), np.int64)
+    for i in range(len(appearance)):
+        for part in range(3):
+            own = appearance[i, part]
+            for code in range(256):
+                apart = (own - (low[part] + step * code)) / scale[part]
+                alike[i, part, code] = 255 if np.isnan(own) else max(np.rint(255 / (1 + apart * apart)), 1.0)
+    return alike
+
+
+@numba.njit(nogil=True)
 def _add(shared, needed, low, high, place, end, scene, code, rarity, alike, rest):  # type: ignore[no-untyped-def]
     """Add what a label's list shares with the query's objects to those of the scenes low to high that may still share
     as much as is needed; where the list goes on."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -13,12 +11,10 @@ from salframe.framework.config import ComponentConfig, match_only
 from salframe.framework.files import new_folder
 from salframe.graphs.graph import SaliencyGraph
 from salframe.graphs.scene_index import SceneCandidates, SceneIndex
+from salframe_graphs import compilation
 from salframe_graphs.retrieval import scoring
-from salframe_graphs.retrieval.postings import CODE_LOW, CODE_STEP, appearance, read_postings, write_postings
+from salframe_graphs.retrieval.postings import appearance, read_postings, write_postings
 from salframe_graphs.retrieval.scoring import Asked
-
-LARGE = 10_000
-"""So many scenes are worth the time that it takes to import numba."""
 
 
 class InvertedLists(SceneIndex):
@@ -41,12 +37,10 @@ class InvertedLists(SceneIndex):
 
     def open(self, folder: Path) -> None:
         self._postings = read_postings(folder)
-        self._scoring = scoring
-        if len(self._postings.weight) >= LARGE and importlib.util.find_spec("numba") is not None:
-            self._scoring = importlib.import_module("salframe_graphs.retrieval.compiled")
 
     def candidates(self, query: SaliencyGraph, count: int) -> SceneCandidates:
-        scene, score = self._scoring.best_scenes(self._postings, self._asked(query), max(count, 1))
+        best_scenes = (compilation.compiled("salframe_graphs.retrieval.compiled") or scoring).best_scenes
+        scene, score = best_scenes(self._postings, self._asked(query), max(count, 1))
         order = np.lexsort((scene, -score))[:count]
         return SceneCandidates(scene[order], score[order])
 
@@ -54,15 +48,12 @@ class InvertedLists(SceneIndex):
         """The query laid out beside the lists."""
         label = np.array([self._postings.labels.get(name, -1) for name in query.labels], int)
         order = np.argsort(label, kind="stable")[np.count_nonzero(label < 0) :]
-        known, first = np.unique(label[order], return_index=True)
+        label_of = label[order]
+        first = np.flatnonzero(np.append(True, label_of[1:] != label_of[:-1])[: len(order)])
         return Asked(
-            known, np.append(first, len(order)), self._alike(query)[order], int(self._postings.rarity[label].sum())
+            label_of[first],
+            np.append(first, len(order)),
+            appearance(query)[order],
+            np.array([self.config.height_scale_m, *self.config.size_scale]),
+            int(self._postings.rarity[label].sum()),
         )
-
-    def _alike(self, query: SaliencyGraph) -> np.ndarray:
-        """(n, 3, 256) int64: how alike each object is to each code, from 1 to 255: that where they do not differ, or
-        nothing is known."""
-        scales = np.array([self.config.height_scale_m, *self.config.size_scale])[:, None]
-        stands_for = CODE_LOW[:, None] + CODE_STEP * np.arange(256)
-        apart = (appearance(query)[..., None] - stands_for) / scales
-        return np.where(np.isnan(apart), 255, np.maximum(np.round(255 / (1 + apart**2)), 1)).astype(np.int64)

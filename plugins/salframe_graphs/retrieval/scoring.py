@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from salframe_graphs.retrieval.postings import Postings
+from salframe_graphs.retrieval.postings import CODE_LOW, CODE_STEP, Postings
 
 FULL = 255**3
 """What two objects of one height and one size share."""
@@ -16,14 +16,23 @@ FULL = 255**3
 class Asked:
     """A query's objects by label, the labels that the map has in any order.
 
-    label (J,) int64; first (J + 1,) int64: the objects of label j are first[j] to first[j + 1]; alike (n, 3, 256)
-    int64, from 1 to 255: how alike each object is to each code; rarity: of all objects together.
+    label (J,) int64; first (J + 1,) int64: the objects of label j are first[j] to first[j + 1]; appearance (n, 3) as of
+    graphs, NaN where not known, and scale (3,), the difference that halves likeness; rarity: of all objects together.
     """
 
     label: np.ndarray
     first: np.ndarray
-    alike: np.ndarray
+    appearance: np.ndarray
+    scale: np.ndarray
     rarity: int
+
+    @property
+    def alike(self) -> np.ndarray:
+        """(n, 3, 256) int64: how alike each object is to each code, from 1 to 255: that where they do not differ, or
+        nothing is known."""
+        stands_for = CODE_LOW[:, None] + CODE_STEP * np.arange(256)
+        apart = (self.appearance[..., None] - stands_for) / self.scale[:, None]
+        return np.where(np.isnan(apart), 255, np.maximum(np.round(255 / (1 + apart**2)), 1)).astype(np.int64)
 
 
 def best_scenes(postings: Postings, asked: Asked, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -33,9 +42,9 @@ def best_scenes(postings: Postings, asked: Asked, count: int) -> tuple[np.ndarra
     Each object shares as much as the most alike of the other side is alike; of both sides the lesser counts: four
     chairs in a scene do not share four with one that is asked, nor one with four.
     """
-    shared = np.zeros(len(postings.weight), np.int64)
+    shared, likeness_of = np.zeros(len(postings.weight), np.int64), asked.alike
     for j, label in enumerate(asked.label.tolist()):
-        alike = asked.alike[asked.first[j] : asked.first[j + 1]]
+        alike = likeness_of[asked.first[j] : asked.first[j + 1]]
         listed = slice(*postings.start[label : label + 2])
         scene, code = postings.scene[listed], postings.code[listed]
         likeness = alike[:, 0, code[:, 0]] * alike[:, 1, code[:, 1]] * alike[:, 2, code[:, 2]]

@@ -1,0 +1,315 @@
+"""How much candidates resemble a query, compiled by numba: the same scores of `TripletMatcher` but for rounding."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+
+from salframe.graphs.graph import SaliencyGraph
+from salframe.graphs.table import GraphBatch
+from salframe_graphs.features import Histograms
+from salframe_graphs.verification import BASE_WORTH, LEAST_BASE_M, LONGEST_BASE_M, MOST_HYPOTHESES, Verified
+
+_NODE = np.dtype(
+    [("label", "i8"), *((name, "f8") for name in ("weight", "saliency", "x", "y", "z", "length", "height", "range"))]
+)
+_PAIR = np.dtype(
+    [
+        *((name, "i8") for name in ("i", "j")),
+        *((name, "f8") for name in ("x", "y", "similarity", "tolerance_m")),
+        *((name, "f4") for name in ("sharpness", "kernel")),
+    ]
+)
+_compile = numba.njit(nogil=True, error_model="numpy")
+_compile_and_keep = numba.njit(cache=True, nogil=True, error_model="numpy")
+
+
+class _Numbers(NamedTuple):
+    """What similarity and verification take from settings and from constants of other modules: what is kept compiled
+    does not see those change."""
+
+    labels: int
+    ring_edges_m: np.ndarray
+    length_scale: float
+    box_height_scale: float
+    hops: int
+    height_scale_m: float
+    saliency_weight: float
+    structure_weight: float
+    least_similarity: float
+    similarity_score: float
+    geometry_score: float
+    tolerance_m: float
+    tolerance_share: float
+    largest_shift_m: float
+    least_base_m: float = LEAST_BASE_M
+    longest_base_m: float = LONGEST_BASE_M
+    base_worth: float = BASE_WORTH
+    most_hypotheses: int = MOST_HYPOTHESES
+
+
+_OF_SETTINGS = _Numbers._fields[_Numbers._fields.index("hops") : _Numbers._fields.index("least_base_m")]
+"""Those that bear a setting's name."""
+
+
+def score_candidates(
+    query: SaliencyGraph,
+    known: np.ndarray,
+    weight: np.ndarray,
+    labels: int,
+    batch: GraphBatch,
+    reference: np.ndarray,
+    structure: tuple[Histograms, np.ndarray],
+    config: Any,
+    most: int,
+) -> tuple[np.ndarray, np.ndarray, Verified]:
+    """(K,) score of each graph of a batch under the settings of a `TripletMatcher`, -inf of some that are not among the
+    first `most`; (K, n, m) the similarity of nodes that are alike enough; and what was verified of those with a score.
+
+    known, weight (n,) of the query's nodes, known one of `labels` labels or -1; reference (K, m), the weight of the
+    candidates'; structure: structural features, and the row in them of each of the candidates' nodes in turn.
+    """
+    nodes = np.empty(len(query), _NODE)
+    nodes["label"], nodes["weight"], nodes["saliency"], nodes["range"] = known, weight, query.saliency, query.range_m
+    nodes["x"], nodes["y"], nodes["z"] = query.centroid_m.T
+    nodes["length"], nodes["height"] = query.size_m[:, 0], query.size_m[:, 2]
+    of_nodes = (batch.label, reference, batch.saliency, batch.centroid_m, batch.size_m)
+    histograms, rows = structure
+    score, alike, yaw_rad, shift_m, kernel = _score_candidates(
+        nodes,
+        query.adjacency,
+        batch.count,
+        tuple(np.ascontiguousarray(values) for values in of_nodes),
+        (histograms.start, histograms.column, histograms.count, histograms.norm, rows),
+        _Numbers(
+            labels, np.array(config.ring_edges_m), *config.size_scale, *(getattr(config, name) for name in _OF_SETTINGS)
+        ),
+        most,
+    )
+    return score, alike, Verified(yaw_rad, shift_m, kernel)
+
+
+@_compile
+def first_of(value, most):  # type: ignore[no-untyped-def]
+    """(N,) whether each of the values is among the `most` largest, ties in order."""
+    first = np.empty(len(value), np.bool_)
+    for a in range(len(value)):
+        before = 0
+        if len(value) > most:
+            for b in range(len(value)):
+                before += value[b] > value[a] or (value[b] == value[a] and b < a)
+        first[a] = before < most
+    return first
+
+
+@_compile_and_keep
+def _score_candidates(query, adjacency, count, there, histograms, numbers, most):  # type: ignore[no-untyped-def]
+    """Candidates are verified in the order of what geometry can bring them at best, until none of the rest can be among
+    the first."""
+    candidates, n, m = len(count), len(query), there[0].shape[1]
+    alike, kernel = np.zeros((candidates, n, m)), np.zeros((candidates, n, m))
+    score, similar, bound = np.full(candidates, -np.inf), np.empty(candidates), np.empty(candidates)
+    yaw_rad, shift_m = np.full(candidates, np.nan), np.full((candidates, 2), np.nan)
+    own, row = _ring_hop_histograms(query, adjacency, numbers), 0
+    for k in range(candidates):
+        size = count[k]
+        _compare(query, k, size, there, own, histograms, row, numbers, alike[k])
+        row += size
+        similar[k] = numbers.similarity_score * _shared(query, there[1][k, :size], alike[k])
+        for i in range(n):
+            for j in range(size):
+                if alike[k, i, j] < numbers.least_similarity:
+                    alike[k, i, j] = 0
+        bound[k] = similar[k] + numbers.geometry_score * _shared(query, there[1][k, :size], alike[k])
+    first = np.full(most, -np.inf)
+    for _ in range(candidates):
+        k = np.argmax(bound)
+        if bound[k] < first[-1] - 1e-9:
+            break
+        bound[k] = -np.inf
+        size = count[k]
+        yaw_rad[k], shift_m[k, 0], shift_m[k, 1] = _verify(query, there[3][k], alike[k, :, :size], numbers, kernel[k])
+        score[k] = similar[k] + numbers.geometry_score * _shared(query, there[1][k, :size], kernel[k])
+        row = most
+        while row > 0 and score[k] > first[row - 1]:
+            row -= 1
+        for later in range(most - 1, row, -1):
+            first[later] = first[later - 1]
+        if row < most:
+            first[row] = score[k]
+    return score, alike, yaw_rad, shift_m, kernel
+
+
+@_compile
+def _ring_hop_histograms(query, adjacency, numbers):  # type: ignore[no-untyped-def]
+    """(n, F) those of the query, of length 1."""
+    n, rings = len(query), len(numbers.ring_edges_m)
+    found = np.zeros((n, (rings + numbers.hops) * numbers.labels))
+    for i in range(n):
+        away = np.full(n, -1)  # how many edges
+        away[i] = 0
+        for hop in range(numbers.hops):
+            for j in range(n):
+                for other in range(n if away[j] == hop else 0):
+                    if away[other] < 0 and adjacency[j, other]:
+                        away[other] = hop + 1
+        for j in range(n):
+            if j == i or query[j].label < 0:
+                continue
+            x, y, ring = query[i].x - query[j].x, query[i].y - query[j].y, 0
+            while ring < rings and np.sqrt(x * x + y * y) >= numbers.ring_edges_m[ring]:
+                ring += 1
+            if ring < rings:
+                found[i, ring * numbers.labels + query[j].label] += 1
+            if away[j] > 0:
+                found[i, (rings + away[j] - 1) * numbers.labels + query[j].label] += 1
+        squared = 0.0
+        for value in found[i]:
+            squared += value * value
+        for column in range(found.shape[1]):
+            found[i, column] /= max(np.sqrt(squared), 1e-12)
+    return found
+
+
+@_compile
+def _compare(query, k, size, there, own, histograms, row, numbers, similarity):  # type: ignore[no-untyped-def]
+    """Fill in the similarity (n, m) of nodes of one label; row: where the candidate's nodes begin among all."""
+    label, _, saliency, centroid_m, size_m = there
+    start, column, number, norm, rows = histograms
+    whole = 1 + numbers.saliency_weight + numbers.structure_weight
+    for i in range(len(query)):
+        a = query[i]
+        for j in range(size):
+            if a.label < 0 or a.label != label[k, j]:
+                continue
+            value = 1.0
+            if numbers.saliency_weight > 0:
+                low, high = min(a.saliency, saliency[k, j]), max(a.saliency, saliency[k, j])
+                value += numbers.saliency_weight * low / max(high, 1e-12)
+            if numbers.structure_weight > 0:
+                structure, node = 0.0, rows[row + j]
+                for e in range(start[node], start[node + 1]):
+                    structure += own[i, column[e]] * number[e]
+                value += numbers.structure_weight * structure / max(norm[node], 1e-12)
+            value /= whole
+            value /= 1 + ((a.z - centroid_m[k, j, 2]) / numbers.height_scale_m) ** 2
+            value /= 1 + (np.log(a.length / size_m[k, j, 0]) / numbers.length_scale) ** 2
+            value /= 1 + (np.log(a.height / size_m[k, j, 2]) / numbers.box_height_scale) ** 2
+            similarity[i, j] = value
+
+
+@_compile
+def _shared(query, reference, similarity):  # type: ignore[no-untyped-def]
+    """Jaccard index over nodes, each shared by its similarity to the most similar node of the other graph."""
+    here, there, whole = 0.0, 0.0, 0.0
+    for i in range(len(query)):
+        most = 0.0
+        for j in range(len(reference)):
+            most = max(most, similarity[i, j])
+        here += most * query[i].weight
+        whole += query[i].weight
+    for j in range(len(reference)):
+        most = 0.0
+        for i in range(len(query)):
+            most = max(most, similarity[i, j])
+        there += most * reference[j]
+        whole += reference[j]
+    shared = min(here, there)
+    return shared / (whole - shared) if whole > shared else 0.0
+
+
+@_compile
+def _verify(query, map_m, similarity, numbers, kernel):  # type: ignore[no-untyped-def]
+    """Yaw and shift of the pose that explains most, NaN where there is none; fill in what it explains (n, m)."""
+    n, m = similarity.shape
+    pairs, count, rest = np.empty(n * m, _PAIR), 0, np.zeros(n + 1)
+    for i in range(n):
+        for j in range(m):
+            if similarity[i, j] > 0:
+                x, y, z = map_m[j]
+                range_m = np.hypot(query[i].range, np.sqrt(x * x + y * y + z * z))
+                pair = pairs[count]
+                pair.i, pair.j, pair.similarity = i, j, similarity[i, j]
+                pair.x, pair.y = x, y
+                pair.tolerance_m = numbers.tolerance_m + numbers.tolerance_share * range_m
+                pair.sharpness = 1 / (pair.tolerance_m * pair.tolerance_m)
+                count += 1
+    pairs = pairs[:count]
+    for i in range(n - 1, -1, -1):
+        most = 0.0
+        for j in range(m):
+            most = max(most, similarity[i, j])
+        rest[i] = rest[i + 1] + query[i].weight * most
+    pose, rank = _two_point(query, pairs, numbers)
+    best, most = -1, -1.0
+    for h in range(len(pose)):
+        support = _explain(query, pairs, pose[h], rest, most)
+        if support > most or (support == most and rank[h] > rank[best]):
+            best, most = h, support
+    if best < 0:
+        return np.nan, np.nan, np.nan
+    _explain(query, pairs, pose[best], rest, -np.inf)
+    for p in range(count):
+        kernel[pairs[p].i, pairs[p].j] = pairs[p].kernel
+    return pose[best, 2], pose[best, 0], pose[best, 1]
+
+
+@_compile
+def _two_point(query, pairs, numbers):  # type: ignore[no-untyped-def]
+    """Poses (H, 3), x, y and yaw, under which the middle of two nodes and the direction between them are those of two
+    of the map that are alike; and what the two pairs are worth (H,)."""
+    bases, count = len(pairs) * (len(pairs) - 1) // 2, 0
+    pose, rank = np.empty((bases, 3)), np.empty(bases)
+    for p in range(len(pairs)):
+        for q in range(p + 1, len(pairs)):
+            a, b = pairs[p], pairs[q]
+            if a.i == b.i or a.j == b.j:
+                continue
+            here, further = query[a.i], query[b.i]
+            x, y = further.x - here.x, further.y - here.y
+            x_there, y_there = b.x - a.x, b.y - a.y
+            length, length_there = np.sqrt(x * x + y * y), np.sqrt(x_there * x_there + y_there * y_there)
+            too_far = abs(length - length_there) >= a.tolerance_m + b.tolerance_m
+            if too_far or min(length, length_there) <= numbers.least_base_m:
+                continue
+            yaw = np.arctan2(y_there, x_there) - np.arctan2(y, x)
+            c, s = np.cos(yaw), np.sin(yaw)
+            x, y = (here.x + further.x) / 2, (here.y + further.y) / 2
+            pose[count, 0] = (a.x + b.x) / 2 - (c * x - s * y)
+            pose[count, 1] = (a.y + b.y) / 2 - (s * x + c * y)
+            pose[count, 2] = yaw
+            rank[count] = a.similarity + b.similarity + numbers.base_worth * min(length, numbers.longest_base_m)
+            count += 1
+    first, kept = first_of(rank[:count], numbers.most_hypotheses), 0
+    for h in range(count):
+        if first[h] and np.hypot(pose[h, 0], pose[h, 1]) < numbers.largest_shift_m:
+            rank[kept] = rank[h]
+            for axis in range(3):
+                pose[kept, axis] = pose[h, axis]
+            kept += 1
+    return pose[:kept], rank[:kept]
+
+
+@_compile
+def _explain(query, pairs, pose, rest, least):  # type: ignore[no-untyped-def]
+    """How much a pose explains, -1 where it is less than `least`; fill in the kernel of pairs, in single precision.
+    rest (n + 1,): what the query's nodes from each on are worth at best."""
+    c, s, support, most = np.cos(pose[2]), np.sin(pose[2]), 0.0, np.float32(0)
+    x_here, y_here = np.float32(0), np.float32(0)
+    for p in range(len(pairs)):
+        pair = pairs[p]
+        if p == 0 or pair.i != pairs[p - 1].i:
+            node, most = query[pair.i], np.float32(0)
+            x_here = np.float32(node.x * c - node.y * s + pose[0])
+            y_here = np.float32(node.x * s + node.y * c + pose[1])
+        x, y = x_here - np.float32(pair.x), y_here - np.float32(pair.y)
+        kernel = max(np.float32(1) - (x * x + y * y) * pair.sharpness, np.float32(0)) * np.float32(pair.similarity)
+        pair.kernel = kernel
+        most = max(most, kernel)
+        if p + 1 == len(pairs) or pairs[p + 1].i != pair.i:
+            support += most * query[pair.i].weight
+            if support + rest[pair.i + 1] < least - 1e-9:
+                return -1.0
+    return support

@@ -1,0 +1,329 @@
+"""The functions of `search` compiled by numba, place by place and with few arrays in between: the same but for
+rounding."""
+
+from __future__ import annotations
+
+from weakref import WeakKeyDictionary
+
+import numba
+import numpy as np
+
+from salframe_graphs.compiled import first_of
+from salframe_graphs.places import compiled_layout
+from salframe_graphs.places.compiled_fits import outline_ratio, settle
+from salframe_graphs.places.compiled_layout import FOUND, HEIGHT, LENGTH, VARIANCE, X, Y, Z
+from salframe_graphs.places.likelihood import Poses
+from salframe_graphs.places.place_index import PlaceIndex, QueryObjects
+from salframe_graphs.places.rates import Likelihood, Rates
+from salframe_graphs.places.search import Found
+
+__all__ = ["outline_ratio", "search", "settle"]
+
+_NONE = -23.0
+"""Odds whose logarithm is less, 1e-10 or fewer, count as none."""
+_laid_out: WeakKeyDictionary[PlaceIndex, compiled_layout.Searched] = WeakKeyDictionary()
+_compile = numba.njit(nogil=True, error_model="numpy")
+_compile_and_keep = numba.njit(cache=True, nogil=True, error_model="numpy")
+
+
+def search(
+    query: QueryObjects, index: PlaceIndex, places: np.ndarray, rates: Rates, likelihood: Likelihood, refined: int
+) -> Found:
+    """As in search."""
+    if index not in _laid_out:
+        _laid_out[index] = compiled_layout.searched(index)
+    width = index.size[places].max(initial=0)
+    asked, numbers = compiled_layout.asked(query, index, rates, likelihood), compiled_layout.numbers(rates, likelihood)
+    best, place, pose, score, share, unplaced = _search(asked, _laid_out[index], places, width, numbers, refined)
+    best = best[best >= 0]
+    return Found(Poses(place[best], pose[best, :2], pose[best, 2]), score[best], share[best], unplaced)
+
+
+@_compile_and_keep
+def _search(query, index, places, width, numbers, refined):  # type: ignore[no-untyped-def]
+    """Poses (C, 3), x, y and yaw, of which `best` are the best of their places."""
+    n, most = len(query.label), len(places) * refined
+    pairs = np.empty((3, len(places), n, width), np.float32)
+    alike, along, spread = pairs[0], pairs[1], pairs[2]
+    unplaced, odds, logit = np.empty(len(places)), np.empty((n, width)), np.empty(width, np.float32)
+    place, pose, count = np.empty(most, np.int64), np.empty((most, 3)), 0
+    for k in range(len(places)):
+        size, camera_m = index.size[places[k]], index.cameras_m[places[k]]
+        label, of = index.label[places[k], :size], index.of[places[k], :, :size]
+        _compare(query, label, of, numbers, alike[k], along[k], spread[k])
+        missed = _found(of, camera_m[0, 0], camera_m[0, 1], numbers, logit)
+        unplaced[k] = missed + _unplaced(alike[k], logit, size, numbers, odds)
+        found = _hypotheses(query, label, of, camera_m, alike[k], logit, numbers, pose[count : count + refined])
+        place[count : count + found] = k
+        count += found
+    score, share, far = np.empty(count), np.empty((count, n, width)), -np.inf
+    for c in range(count):
+        k = place[c]
+        of = index.of[places[k], :, : index.size[places[k]]]
+        score[c] = _score(query, of, alike[k], along[k], spread[k], pose[c], numbers, share[c])
+        far = max(far, score[c] - numbers.far_nats)
+    fitted, again, best = np.empty(3), np.empty((n, width)), np.full(len(places), -1)
+    for c in range(count):
+        k = place[c]
+        of = index.of[places[k], :, : index.size[places[k]]]
+        for _ in range(numbers.steps if score[c] >= far else 0):
+            _fit(query, of, along[k], share[c], fitted)
+            value = _score(query, of, alike[k], along[k], spread[k], fitted, numbers, again)
+            if value > score[c]:
+                score[c] = value
+                for axis in range(3):
+                    pose[c, axis] = fitted[axis]
+                for i in range(n):
+                    for j in range(of.shape[1]):
+                        share[c, i, j] = again[i, j]
+        if best[k] < 0 or score[c] > score[best[k]]:
+            best[k] = c
+        for i in range(n):
+            for j in range(of.shape[1], width):
+                share[c, i, j] = 0.0
+    return best, place, pose, score, share, unplaced
+
+
+@_compile
+def _compare(query, label, of, numbers, alike, along, spread):  # type: ignore[no-untyped-def]
+    """Fill in, of query object and object of a place (n, m): the log ratio of label, height and size; the variance of
+    the difference of their positions along the query object's ray; and the logarithm of it times that across."""
+    size = of.shape[1]
+    z, length, height, variance = of[Z], of[LENGTH], of[HEIGHT], of[VARIANCE]
+    for i in range(len(query.label)):
+        own, known, unknown = query.label[i], query.known[i], query.unknown[i]
+        own_z, own_length, own_height = query.look[i]
+        by_z, by_length, by_height = query.sharpness[i]
+        for j in range(size):
+            ratio = known if own == label[j] else unknown
+            ratio += by_z * (own_z - z[j]) ** 2
+            ratio += by_length * (own_length - length[j]) ** 2 + by_height * (own_height - height[j]) ** 2
+            alike[i, j] = max(ratio, -numbers.most_log)
+        range_variance = query.range_variance[i]
+        for j in range(size):
+            across = variance[j] + numbers.position_variance
+            along[i, j] = across + range_variance
+            spread[i, j] = np.log(along[i, j] * np.float32(across))
+
+
+@_compile
+def _found(of, x_m, y_m, numbers, logit):  # type: ignore[no-untyped-def]
+    """Fill in the logits that each object of a place is found from a position (m,); the log probability that none
+    is."""
+    missed = 0.0
+    for j in range(of.shape[1]):
+        x, y = of[X, j] - x_m, of[Y, j] - y_m
+        distance = max(np.sqrt(x * x + y * y), numbers.nearest_m)
+        value = of[FOUND, j] + numbers.per_distance * np.log(distance / numbers.reference_m)
+        logit[j] = min(max(value, -numbers.most_logit), numbers.most_logit)
+        missed -= np.log1p(np.exp(logit[j]))
+    return missed
+
+
+@_compile
+def _share_out(odds, size):  # type: ignore[no-untyped-def]
+    """Where several query objects claim one of the place's, they share its odds (n, m)."""
+    claimed = np.zeros(size)
+    for i in range(len(odds)):
+        total = 1.0
+        for j in range(size):
+            total += odds[i, j]
+        for j in range(size):
+            claimed[j] += odds[i, j] / total
+    for i in range(len(odds)):
+        for j in range(size):
+            odds[i, j] /= max(claimed[j], 1.0)
+
+
+@_compile
+def _exponentials(log_odds, size, numbers):  # type: ignore[no-untyped-def]
+    """Take the exponentials of log odds (n, m) in place."""
+    for i in range(len(log_odds)):
+        for j in range(size):
+            value = log_odds[i, j]
+            log_odds[i, j] = np.exp(min(value, numbers.most_log)) if value > _NONE else 0.0
+
+
+@_compile
+def _unplaced(alike, logit, size, numbers, odds):  # type: ignore[no-untyped-def]
+    """The score of a place without a pose, but for what is missed."""
+    for i in range(len(odds)):
+        for j in range(size):
+            odds[i, j] = alike[i, j] + logit[j] - numbers.clutter
+    _exponentials(odds, size, numbers)
+    _share_out(odds, size)
+    score = 0.0
+    for i in range(len(odds)):
+        total = 0.0
+        for j in range(size):
+            total += odds[i, j]
+        score += np.log1p(numbers.unplaced_share * total)
+    return score
+
+
+@_compile
+def _score(query, of, alike, along, spread, pose, numbers, share):  # type: ignore[no-untyped-def]
+    """The score of a place under a pose; fill in how surely each query object is each of the place's (n, m)."""
+    size, half = of.shape[1], np.float32(0.5)
+    of_object = np.empty((4, size), np.float32)
+    logit, across, x_there, y_there = of_object[0], of_object[1], of_object[2], of_object[3]
+    score = _found(of, pose[0], pose[1], numbers, logit)
+    c, s = np.float32(np.cos(pose[2])), np.float32(np.sin(pose[2]))
+    for j in range(size):
+        x, y = np.float32(of[X, j] - pose[0]), np.float32(of[Y, j] - pose[1])
+        x_there[j], y_there[j] = c * x + s * y, c * y - s * x
+        across[j] = of[VARIANCE, j] + numbers.position_variance
+    for i in range(len(query.label)):
+        x_here, y_here = np.float32(query.xy_m[i, 0]), np.float32(query.xy_m[i, 1])
+        x_ray, y_ray = np.float32(query.ray[i, 0]), np.float32(query.ray[i, 1])
+        for j in range(size):
+            x, y = x_there[j] - x_here, y_there[j] - y_here
+            forth, side = x * x_ray + y * y_ray, y * x_ray - x * y_ray
+            off = forth * forth / along[i, j] + side * side / across[j] + spread[i, j]
+            share[i, j] = alike[i, j] + (numbers.area - half * off) + logit[j] - numbers.clutter
+    _exponentials(share, size, numbers)
+    _share_out(share, size)
+    for i in range(len(query.label)):
+        total = 1.0
+        for j in range(size):
+            total += share[i, j]
+        score += np.log(total)
+        for j in range(size):
+            share[i, j] /= total
+    return score
+
+
+@_compile
+def _fit(query, of, along, share, pose):  # type: ignore[no-untyped-def]
+    """Fill in the pose fitted in closed form to shares (n, m), pairs weighted by their certainty."""
+    total, x, y, x_there, y_there = 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(len(query.label)):
+        for j in range(of.shape[1]):
+            weight = share[i, j] / along[i, j]
+            total += weight
+            x += weight * query.xy_m[i, 0]
+            y += weight * query.xy_m[i, 1]
+            x_there += weight * of[X, j]
+            y_there += weight * of[Y, j]
+    total = max(total, 1e-12)
+    x, y, x_there, y_there = x / total, y / total, x_there / total, y_there / total
+    turned, straight = 0.0, 0.0
+    for i in range(len(query.label)):
+        east, north = query.xy_m[i, 0] - x, query.xy_m[i, 1] - y
+        for j in range(of.shape[1]):
+            weight = share[i, j] / along[i, j]
+            east_there, north_there = of[X, j] - x_there, of[Y, j] - y_there
+            turned += weight * (east * north_there - north * east_there)
+            straight += weight * (east * east_there + north * north_there)
+    pose[2] = np.arctan2(turned, straight)
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    pose[0], pose[1] = x_there - (c * x - s * y), y_there - (s * x + c * y)
+
+
+@_compile
+def _hypotheses(query, label, of, cameras_m, alike, logit, numbers, best):  # type: ignore[no-untyped-def]
+    """Fill in the poses (refined, 3) that explain most of a place, best first; how many there are."""
+    most, count = len(query.label) * len(label), 0
+    pair, worth = np.empty((most, 2), np.int64), np.empty(most, np.float32)
+    for i in range(len(query.label)):
+        for j in range(len(label)):
+            if query.label[i] == label[j] and alike[i, j] > numbers.least_alike:
+                pair[count, 0], pair[count, 1], worth[count] = i, j, alike[i, j]
+                count += 1
+    first, count = first_of(worth[:count], numbers.most_pairs), 0
+    for p in range(len(first)):
+        if first[p]:
+            pair[count, 0], pair[count, 1], worth[count] = pair[p, 0], pair[p, 1], worth[p]
+            count += 1
+    pair, worth = pair[:count], worth[:count]
+    poses = _two_point(query, of, cameras_m, pair, worth, numbers)
+    return _most_support(query, of, cameras_m[0], pair, worth, logit, numbers, poses, best)
+
+
+@_compile
+def _two_point(query, of, cameras_m, pair, worth, numbers):  # type: ignore[no-untyped-def]
+    """Poses (H, 3) near a camera under which the middle of two objects and the direction between them are those of two
+    of the place that are alike, in the order of the pairs."""
+    bases, count = len(pair) * (len(pair) - 1) // 2, 0
+    pose, rank = np.empty((bases, 3)), np.empty(bases)
+    for a in range(len(pair)):
+        for b in range(a + 1, len(pair)):
+            (i1, j1), (i2, j2) = pair[a], pair[b]
+            if i1 == i2 or j1 == j2:
+                continue
+            here, further = query.xy_m[i1], query.xy_m[i2]
+            x, y = further[0] - here[0], further[1] - here[1]
+            x_there, y_there = of[X, j2] - of[X, j1], of[Y, j2] - of[Y, j1]
+            length, length_there = np.sqrt(x * x + y * y), np.sqrt(x_there * x_there + y_there * y_there)
+            variance = 2 * numbers.position_variance + query.range_variance[i1] + query.range_variance[i2]
+            slack = numbers.slack_sigmas * np.sqrt(variance + of[VARIANCE, j1] + of[VARIANCE, j2])
+            if abs(length - length_there) >= slack or min(length, length_there) <= numbers.least_base_m:
+                continue
+            yaw = np.arctan2(y_there, x_there) - np.arctan2(y, x)
+            c, s = np.cos(yaw), np.sin(yaw)
+            x, y = (here[0] + further[0]) / 2, (here[1] + further[1]) / 2
+            pose[count, 0] = (of[X, j1] + of[X, j2]) / 2 - (c * x - s * y)
+            pose[count, 1] = (of[Y, j1] + of[Y, j2]) / 2 - (s * x + c * y)
+            pose[count, 2] = yaw
+            rank[count] = worth[a] + worth[b] + numbers.base_worth * min(length, numbers.longest_base_m)
+            count += 1
+    first, kept = first_of(rank[:count], numbers.most_hypotheses), 0
+    for h in range(count):
+        near = False
+        for camera in cameras_m:
+            near |= np.hypot(camera[0] - pose[h, 0], camera[1] - pose[h, 1]) < numbers.largest_shift_m
+        if first[h] and near:
+            for axis in range(3):
+                pose[kept, axis] = pose[h, axis]
+            kept += 1
+    return pose[:kept]
+
+
+@_compile
+def _most_support(query, of, origin_m, pair, worth, logit, numbers, poses, best):  # type: ignore[no-untyped-def]
+    """Fill in the poses (refined, 3) under which alike pairs, sorted by query object, bring most to the score, best
+    first; how many there are. Single precision."""
+    count = len(pair)
+    of_pair = np.empty((5, count), np.float32)
+    x_there, y_there, peak, by_along, by_across = of_pair[0], of_pair[1], of_pair[2], of_pair[3], of_pair[4]
+    rest, support, held = np.zeros(count + 1), np.full(len(best), -np.inf), 0
+    for p in range(count):
+        i, j = pair[p]
+        across = of[VARIANCE, j] + numbers.position_variance
+        along = across + query.range_variance[i]
+        x_there[p], y_there[p] = of[X, j] - origin_m[0], of[Y, j] - origin_m[1]
+        peak[p] = worth[p] + logit[j] - numbers.clutter + numbers.area - 0.5 * np.log(along * across)
+        by_along[p], by_across[p] = -0.5 / along, -0.5 / across
+    for p in range(count - 1, -1, -1):  # one by one pairs bring no less than together
+        rest[p] = rest[p + 1] + np.log1p(np.exp(min(peak[p], numbers.most_log)))
+    for pose in poses:
+        c, s = np.float32(np.cos(pose[2])), np.float32(np.sin(pose[2]))
+        x_pose, y_pose = np.float32(pose[0] - origin_m[0]), np.float32(pose[1] - origin_m[1])
+        total, odds = 0.0, 0.0
+        for p in range(count):
+            i = pair[p, 0]
+            east, north = x_there[p] - x_pose, y_there[p] - y_pose
+            x = c * east + s * north - np.float32(query.xy_m[i, 0])
+            y = c * north - s * east - np.float32(query.xy_m[i, 1])
+            x_ray, y_ray = np.float32(query.ray[i, 0]), np.float32(query.ray[i, 1])
+            forth, side = x * x_ray + y * y_ray, y * x_ray - x * y_ray
+            exponent = forth * forth * by_along[p] + side * side * by_across[p] + peak[p]
+            if exponent > _NONE:
+                odds += np.exp(min(np.float64(exponent), numbers.most_log))
+            if p + 1 == count or pair[p + 1, 0] != i:
+                total, odds = total + np.log1p(odds), 0.0
+                if total + rest[p + 1] < support[-1] - 1e-3:
+                    break
+        row = held
+        while row > 0 and total > support[row - 1]:
+            row -= 1
+        held = min(held + (row < len(best)), len(best))
+        for later in range(held - 1, row, -1):
+            support[later] = support[later - 1]
+            for axis in range(3):
+                best[later, axis] = best[later - 1, axis]
+        if row < len(best):
+            support[row] = total
+            for axis in range(3):
+                best[row, axis] = pose[axis]
+    return held
