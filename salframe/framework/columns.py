@@ -254,7 +254,7 @@ def _check_values(path: Path, values: np.ndarray, kind: ArrayKind) -> None:
 
 
 def _check_words(path: Path, numbers: np.ndarray, words: Sequence[str]) -> None:
-    if numbers.dtype.kind != "u" or numbers.max(initial=0) >= max(len(words), 1):
+    if numbers.dtype.kind != "u" or (len(numbers) and numbers.max() >= len(words)):
         raise DataError(f"{path} holds {numbers.dtype}, expected the numbers of {len(words)} words")
 
 

@@ -79,6 +79,14 @@ def test_a_table_that_lost_its_rows_is_one_line(tmp_path):
         read_columns(tmp_path / "rows")
 
 
+def test_a_table_that_lost_its_words_is_one_line(tmp_path):
+    write_columns(tmp_path / "rows", [{"a": np.array("x")}])
+    table = tmp_path / "rows" / "columns.json"
+    table.write_text(table.read_text().replace('["x"]', "[]"))
+    with pytest.raises(DataError, match=r"a\.npy holds uint8, expected the numbers of 0 words"):
+        read_columns(tmp_path / "rows")
+
+
 def test_values_are_mapped_into_memory_and_cannot_be_written(tmp_path):
     write_columns(tmp_path / "rows", [{"a": np.arange(6.0)}, {"a": np.arange(9.0)}])
     first, second = (row["a"] for row in read_columns(tmp_path / "rows"))
