@@ -62,7 +62,7 @@ def read_topology(parts: Path) -> TopologicalMap:
 
 def _check_edges(path: Path, nodes: Sequence[MapNode], edges: Sequence[MapEdge]) -> None:
     """Raises DataError on nodes of one id, and on an edge that does not lie between its nodes: of other nodes than
-    these, another azimuth, shorter than the straight line, or along a way from and to elsewhere."""
+    these, another azimuth, as long as its way is not, or along a way from and to elsewhere."""
     place = {node.id: np.array(node.xyz_m) for node in nodes}
     if len(place) < len(nodes):
         raise DataError(f"{path.with_name(NODES)} has {len(nodes)} nodes and {len(place)} different ids")
@@ -72,8 +72,10 @@ def _check_edges(path: Path, nodes: Sequence[MapNode], edges: Sequence[MapEdge])
         ends = np.stack([place[edge.start], place[edge.end]])
         x_m, y_m, _ = ends[1] - ends[0]
         away_rad = abs(wrap_angle(edge.azimuth_rad - np.arctan2(y_m, x_m))) if np.hypot(x_m, y_m) > _NEAR_M else 0.0
-        strays = bool(edge.path_m) and np.abs(np.array([edge.path_m[0], edge.path_m[-1]]) - ends[:, :2]).max() > _NEAR_M
-        if away_rad > _NEAR_RAD or edge.length_m < np.hypot(x_m, y_m) - _NEAR_M or strays:
+        way = np.array(edge.path_m) if edge.path_m else ends[:, :2]
+        strays = np.abs(way[[0, -1]] - ends[:, :2]).max() > _NEAR_M
+        off_m = abs(edge.length_m - np.hypot(*np.diff(way, axis=0).T).sum())
+        if away_rad > _NEAR_RAD or off_m > _NEAR_M or strays:
             raise DataError(
                 f"{path}: the edge from {edge.start} to {edge.end} is {edge.length_m:.2f} m long at "
                 f"{np.degrees(edge.azimuth_rad):.0f} deg, not from one to the other: build the map again"

@@ -18,7 +18,7 @@ def write_small_map(directory: Path) -> None:
         MapNode(name, NodeKind.SCENE, (x, 0.0, 0.0), ("hall",) * (1 + number), (f"{name}-map",))
         for number, (name, x) in enumerate((("a", 0.0), ("b", 2.0), ("c", 5.0)))
     )
-    edges = (MapEdge("a", "b", 2.0, 0.0), MapEdge("b", "c", 4.0, 0.0, ((2.0, 0.0), (3.0, 1.0), (5.0, 0.0))))
+    edges = (MapEdge("a", "b", 2.0, 0.0), MapEdge("b", "c", 6.0, 0.0, ((2.0, 0.0), (2.0, 1.5), (5.0, 1.5), (5.0, 0.0))))
     free = np.ones((20, 30), bool)
     floor = FloorMasks(free, np.where(free, 1, 0).astype(np.int32), ~free, 0.25, (-1.0, 2.5), {1: "hall"})
     with write_map(directory) as parts:

@@ -117,6 +117,7 @@ def test_edges_that_do_not_lead_between_their_nodes_are_refused(tmp_path):
             open_topology(root)
 
     spoil("length_m", lambda lengths: lengths[::-1])
+    spoil("length_m", lambda lengths: lengths + 0.5)
     spoil("length_m", lambda lengths: lengths > 0)
     spoil("start", lambda numbers: numbers[::-1])
     spoil("azimuth_rad", lambda angles: angles + 1)
