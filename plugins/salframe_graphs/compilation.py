@@ -1,5 +1,8 @@
 """Where what is written twice, in numpy and for numba, runs compiled: on maps large enough for a scene index, whose
-queries are worth the second that it takes to import numba."""
+queries are worth the second that it takes to import numba.
+
+numba keeps what it compiled until the file of the function that was called changes: who edits one that another file
+calls removes `__pycache__`."""
 
 from __future__ import annotations
 
