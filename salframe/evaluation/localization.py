@@ -48,8 +48,8 @@ class LocalizationRow(MethodRow):
     tells, the share whose first place is of that type; recall_at_2, recall_at_5; median_translation_m,
     median_rotation_deg; median_heading_deg, of what has a heading and no pose too; recall of poses at the bounds of
     metrics.RECALLS; bytes_per_scene, of the saved maps without index by their frames; describe_ms a panorama,
-    query_ms a query, medians; peak_memory_mb; p_value of the exact paired test against the first measured method, clustered by place;
-    p_adjusted, as by Holm over all that are tested so.
+    query_ms a query, medians; peak_memory_mb; p_value of the exact paired test against the first measured method,
+    clustered by place; p_adjusted, as by Holm over all that are tested so.
 
     Where some queries are asked of a map without their place: absent_queries, how many; present_accuracy, of the
     others; denied_absent, the share of them whose answer denies the map; average_precision, the area below precision
