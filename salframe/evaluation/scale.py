@@ -6,7 +6,7 @@ from __future__ import annotations
 import shutil
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,21 +17,23 @@ from salframe.evaluation.answering import peak_memory_mb
 from salframe.evaluation.rows import ScaleLine
 from salframe.evaluation.run import PieceStatus, Row, Run
 from salframe.evaluation.task import MethodRow, Part, Record, Survey, Task, Worker, by_method, check_needs, in_common
-from salframe.framework.array_files import map_array
 from salframe.framework.cache import Cache
 from salframe.framework.columns import read_columns
 from salframe.framework.errors import DataError, MethodUnavailable
+from salframe.framework.identity import digest
 from salframe.framework.installation import folder_bytes
 from salframe.framework.registry import registry
 from salframe.graphs.city import City
 from salframe.graphs.graph import SaliencyGraph
 from salframe.graphs.matcher import GraphMatch, GraphMatcher
-from salframe.graphs.packing import graph_from_arrays
+from salframe.graphs.packing import graph_from_arrays, graph_to_arrays, pack_graph
 from salframe.graphs.scene_index import SceneCandidates
 from salframe.graphs.table import MappedGraphs, write_graphs
 from salframe.localization.localizer import Localizer
+from salframe.localization.map_folder import read_map, write_map
+from salframe.localization.map_parts import INDEX, SCENES, read_scenes, write_method, write_scenes
 from salframe.panoramas.dataset import Dataset
-from salframe.panoramas.frames import FrameKind
+from salframe.panoramas.frames import FrameKind, MapFrame
 from salframe.panoramas.geometry import pose_2d
 
 QUERIES, EXHAUSTIVE = 200, 50
@@ -42,15 +44,13 @@ LEAST_OBJECTS = 3
 """A room with fewer furnishes no scene."""
 WINDOW = 2000
 """So many scenes are matched at once where all are."""
-GRAPHS, INDEX, POSES = "graphs", "index", "poses.npy"
 
 
 @dataclass(frozen=True, kw_only=True)
 class ScaleRow(MethodRow):
-    """A method's line: seconds to build the map from scenes on disk and to open it, most memory while building (1e6
-    bytes, None where the process is shared), bytes a scene on disk, milliseconds of a query with the pose of the best,
-    the share of queries whose scene is the best match, and of those that were also matched with all scenes, both
-    shares."""
+    """A method's line: seconds to save the map of scenes on disk and to open it, most memory while saving (1e6 bytes,
+    None where the process is shared), bytes a scene of the saved map, milliseconds of a query with the best's pose, the
+    share of queries whose scene is the best match, and of those that were also matched with all scenes, both shares."""
 
     scenes: int
     build_s: float | None = None
@@ -128,12 +128,13 @@ class _Asking(Worker[int]):
         self._build(MappedGraphs(read_columns(self._folder / "stream")), built)
         build_s, memory_mb = time.perf_counter() - start, peak_memory_mb()
         shutil.rmtree(self._folder / "stream")
-        self._ask(self._open(built), self._city.query(0))  # imports and compiles what there is to compile
+        read_map(built, self._open)
+        self._ask(self._index, self._city.query(0))  # imports and compiles what there is to compile
         start = time.perf_counter()
-        self._index = self._open(built)
+        read_map(built, self._open)
         open_s = time.perf_counter() - start
         self._window = _Window(np.arange(0))
-        self._all = self._matcher.open_index(MappedGraphs(read_columns(built / GRAPHS), self._window), built / INDEX)
+        self._all = read_map(built, self._open_window)
         self._costs = {"build_s": build_s, "build_memory_mb": memory_mb, "bytes": folder_bytes(built), "open_s": open_s}
 
     def work(self, piece: int) -> Row:
@@ -149,16 +150,20 @@ class _Asking(Worker[int]):
         shutil.rmtree(self._folder, ignore_errors=True)
 
     def _build(self, graphs: Sequence[SaliencyGraph], folder: Path) -> None:
-        """Write the map of graphs on disk to a new folder."""
-        folder.mkdir()
-        write_graphs(graphs, folder / GRAPHS)
-        np.save(folder / POSES, _poses(len(graphs)))
-        self._matcher.write_index(MappedGraphs(read_columns(folder / GRAPHS)), folder / INDEX)
+        """Save the map of graphs on disk to a new folder."""
+        with write_map(folder) as parts:
+            write_method(parts, self._method.version, self._method.config, digest(self._method.describe_identity()))
+            write_scenes(parts, (pack_graph(graph_to_arrays(graph)) for graph in graphs), _frames(len(graphs)))
+            self._matcher.write_index(MappedGraphs(read_scenes(parts)[0]), parts / INDEX)
 
-    def _open(self, folder: Path) -> Any:
-        """Open the map, and lay it out for matching."""
-        self._poses = map_array(folder / POSES)
-        return self._matcher.open_index(MappedGraphs(read_columns(folder / GRAPHS)), folder / INDEX)
+    def _open(self, parts: Path) -> None:
+        """Take in the map of these parts."""
+        packed, self._frames = read_scenes(parts)
+        self._index = self._matcher.open_index(MappedGraphs(packed), parts / INDEX)
+
+    def _open_window(self, parts: Path) -> Any:
+        """The map of these parts, of which all scenes of a window are matched."""
+        return self._matcher.open_index(MappedGraphs(read_columns(parts / SCENES), self._window), parts / INDEX)
 
     def _ask(self, index: Any, query: SaliencyGraph) -> tuple[int | None, np.ndarray | None]:
         """The scene that is the best match, and T_world_query (4, 4) if that has a pose."""
@@ -167,7 +172,7 @@ class _Asking(Worker[int]):
             return None, None
         best = matches[0]
         seen = best.T_scene_query
-        return best.scene, None if seen is None else pose_2d(*self._poses[best.scene]) @ seen
+        return best.scene, None if seen is None else self._frames[best.scene].T_world_pano @ seen
 
     def _best_of_all(self, query: SaliencyGraph) -> int | None:
         """The scene that is the best match of all, a window of them at a time."""
@@ -201,10 +206,11 @@ def rooms_of(method: Localizer, dataset: Dataset) -> tuple[SaliencyGraph, ...]:
     return rooms
 
 
-def _poses(count: int) -> np.ndarray:
-    """(S, 4) float32 x, y, yaw and z of scenes side by side, ten metres apart."""
-    row, column = np.divmod(np.arange(count), 1000)
-    return np.stack([10 * column, 10 * row, 0 * row, 0 * row], 1).astype(np.float32)
+def _frames(count: int) -> Iterator[MapFrame]:
+    """Scenes side by side, ten metres apart, each a place of its own."""
+    for number in range(count):
+        y, x = divmod(number, 1000)
+        yield MapFrame(f"frame-{number}", f"room-{number}", pose_2d(10.0 * x, 10.0 * y, 0.0), FrameKind.SCENE)
 
 
 def _summarize(records: Sequence[Record], scenes: int) -> ScaleRow:

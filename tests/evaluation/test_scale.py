@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from pydantic import ValidationError
-from salframe_graphs.retrieval.inverted_lists import InvertedLists
 from salframe_graphs.triplet import TripletMatcher
 
 from salframe.evaluation import scale
@@ -11,12 +10,14 @@ from salframe.evaluation.request import Request
 from salframe.evaluation.run import Run
 from salframe.evaluation.study import Study, run_study
 from salframe.evaluation.tasks import evaluate
-from salframe.framework.columns import read_columns
 from salframe.framework.installation import folder_bytes
 from salframe.framework.presets import configure_default
 from salframe.framework.registry import registry
 from salframe.graphs.city import City
-from salframe.graphs.table import MappedGraphs, write_graphs
+from salframe.graphs.packing import graph_to_arrays
+from salframe.graphs.table import MappedGraphs
+from salframe.localization.map_parts import read_scenes
+from salframe.panoramas.frames import MapFrame
 from salframe.panoramas.opening import configure_dataset, open_dataset
 
 SCENES = 60
@@ -40,24 +41,20 @@ def furnished(plugins, monkeypatch):
 
 
 def test_what_a_map_costs_and_what_is_found_in_it(furnished, tmp_path, monkeypatch):
-    """Against the matcher on all scenes at once, and the files of the same map made apart."""
+    """Against the matcher on all scenes at once, and the same map as the method saves it."""
     monkeypatch.setattr(scale, "WINDOW", 7)
     result = run_study(Study(**STUDY, methods=METHODS), Request(engine="inline"))
     one, twenty = result.rows
     assert [row["scenes"] for row in result.settings] == [SCENES, SCENES]
-    method = registry().build(
-        "localizer",
-        configure_default("localizer", "saliency-graph", [{"detector": {"kind": "annotations", "noise": "none"}}]),
-    )
+    settings = {"detector": {"kind": "annotations", "noise": "none"}, "matcher": {"most": 1}}
+    method = registry().build("localizer", configure_default("localizer", "saliency-graph", [settings]))
     city = City(scale.SEED, scale.rooms_of(method, open_dataset(configure_dataset("furnished", None, [])[1])))
-    folder = tmp_path / "map"
-    folder.mkdir()
-    write_graphs(city.scenes(SCENES), folder / "graphs")
-    graphs = MappedGraphs(read_columns(folder / "graphs"))
-    InvertedLists().build(graphs, folder / "index" / "scenes")
-    np.save(folder / "index" / "rarity.npy", np.zeros(len(graphs.labels)))
-    np.save(folder / "poses.npy", np.zeros((SCENES, 4), np.float32))
-    assert one.bytes_per_scene == pytest.approx(folder_bytes(folder) / SCENES)
+    described = [graph_to_arrays(graph) for graph in city.scenes(SCENES)]
+    method.take_map(described, [MapFrame(f"frame-{i}", f"room-{i}", np.eye(4)) for i in range(SCENES)])
+    method.save(tmp_path / "map")
+    # the index has another path in map.json
+    assert one.bytes_per_scene == pytest.approx(folder_bytes(tmp_path / "map") / SCENES, rel=0.02)
+    graphs = MappedGraphs(read_scenes(next((tmp_path / "map").glob("parts-*")))[0])
     matcher = TripletMatcher(TripletMatcher.Config(most=None))
     index, rows = matcher.index(graphs), Run.load(result.runs[0]).rows("twenty", scale.ScaleTask.row)
     assert len({row["query"] for row in rows}) == 12
