@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numba
@@ -30,11 +31,8 @@ class _Numbers(NamedTuple):
     """What similarity and verification take from settings and from constants of other modules: what is kept compiled
     does not see those change."""
 
-    labels: int
-    ring_edges_m: np.ndarray
     length_scale: float
     box_height_scale: float
-    hops: int
     height_scale_m: float
     saliency_weight: float
     structure_weight: float
@@ -50,42 +48,49 @@ class _Numbers(NamedTuple):
     most_hypotheses: int = MOST_HYPOTHESES
 
 
-_OF_SETTINGS = _Numbers._fields[_Numbers._fields.index("hops") : _Numbers._fields.index("least_base_m")]
+_OF_SETTINGS = _Numbers._fields[_Numbers._fields.index("height_scale_m") : _Numbers._fields.index("least_base_m")]
 """Those that bear a setting's name."""
+
+
+def ring_hop_histograms(
+    batch: GraphBatch, adjacency: np.ndarray, labels: int, ring_edges_m: Sequence[float], hops: int
+) -> Histograms:
+    """As of features; a node's columns in any order."""
+    label, xy_m = np.ascontiguousarray(batch.label), np.ascontiguousarray(batch.centroid_m[..., :2])
+    start, column, count, norm = _histograms(batch.count, label, xy_m, adjacency, labels, np.array(ring_edges_m), hops)
+    return Histograms(start, column, count, norm, (len(ring_edges_m) + hops) * labels)
 
 
 def score_candidates(
     query: SaliencyGraph,
     known: np.ndarray,
     weight: np.ndarray,
-    labels: int,
     batch: GraphBatch,
     reference: np.ndarray,
-    structure: tuple[Histograms, np.ndarray],
+    structure: tuple[Histograms, Histograms, np.ndarray],
     config: Any,
     most: int,
 ) -> tuple[np.ndarray, np.ndarray, Verified]:
     """(K,) score of each graph of a batch under the settings of a `TripletMatcher`, -inf of some that are not among the
     first `most`; (K, n, m) the similarity of nodes that are alike enough; and what was verified of those with a score.
 
-    known, weight (n,) of the query's nodes, known one of `labels` labels or -1; reference (K, m), the weight of the
-    candidates'; structure: structural features, and the row in them of each of the candidates' nodes in turn.
+    known, weight (n,) of the query's nodes, known a label's number or -1; reference (K, m), the weight of the
+    candidates'; structure: structural features of the query's nodes, those of many nodes, and the row in them of each
+    of the candidates' in turn.
     """
     nodes = np.empty(len(query), _NODE)
     nodes["label"], nodes["weight"], nodes["saliency"], nodes["range"] = known, weight, query.saliency, query.range_m
     nodes["x"], nodes["y"], nodes["z"] = query.centroid_m.T
     nodes["length"], nodes["height"] = query.size_m[:, 0], query.size_m[:, 2]
     of_nodes = (batch.label, reference, batch.saliency, batch.centroid_m, batch.size_m)
-    histograms, rows = structure
+    own, histograms, rows = structure
     score, alike, yaw_rad, shift_m, kernel = _score_candidates(
         nodes,
-        query.adjacency,
+        own.unit(np.arange(own.width)),
         batch.count,
         tuple(np.ascontiguousarray(values) for values in of_nodes),
         (histograms.start, histograms.column, histograms.count, histograms.norm, rows),
-        _Numbers(
-            labels, np.array(config.ring_edges_m), *config.size_scale, *(getattr(config, name) for name in _OF_SETTINGS)
-        ),
+        _Numbers(*config.size_scale, *(getattr(config, name) for name in _OF_SETTINGS)),
         most,
     )
     return score, alike, Verified(yaw_rad, shift_m, kernel)
@@ -105,14 +110,14 @@ def first_of(value, most):  # type: ignore[no-untyped-def]
 
 
 @_compile_and_keep
-def _score_candidates(query, adjacency, count, there, histograms, numbers, most):  # type: ignore[no-untyped-def]
+def _score_candidates(query, own, count, there, histograms, numbers, most):  # type: ignore[no-untyped-def]
     """Candidates are verified in the order of what geometry can bring them at best, until none of the rest can be among
     the first."""
     candidates, n, m = len(count), len(query), there[0].shape[1]
     alike, kernel = np.zeros((candidates, n, m)), np.zeros((candidates, n, m))
     score, similar, bound = np.full(candidates, -np.inf), np.empty(candidates), np.empty(candidates)
     yaw_rad, shift_m = np.full(candidates, np.nan), np.full((candidates, 2), np.nan)
-    own, row = _ring_hop_histograms(query, adjacency, numbers), 0
+    row = 0
     for k in range(candidates):
         size = count[k]
         _compare(query, k, size, there, own, histograms, row, numbers, alike[k])
@@ -142,35 +147,48 @@ def _score_candidates(query, adjacency, count, there, histograms, numbers, most)
     return score, alike, yaw_rad, shift_m, kernel
 
 
+@_compile_and_keep
+def _histograms(count, label, xy_m, adjacency, labels, ring_edges_m, hops):  # type: ignore[no-untyped-def]
+    """start, column, count and norm of `Histograms` of the nodes of a batch."""
+    nodes, rings = count.sum(), len(ring_edges_m)
+    most = (count * (count - 1)).sum() * 2  # of each other node one in a ring, one that is some edges away
+    start, norm, held = np.zeros(nodes + 1, np.int64), np.empty(nodes), 0
+    column, number = np.empty(most, np.int32), np.empty(most, np.int32)
+    of_label, away, row = np.zeros((rings + hops) * labels, np.int32), np.empty(label.shape[1], np.int64), 0
+    for k in range(len(count)):
+        for i in range(count[k]):
+            _walk(i, adjacency[k], count[k], hops, away)
+            for j in range(count[k]):
+                if j == i or label[k, j] < 0:
+                    continue
+                x, y = xy_m[k, i, 0] - xy_m[k, j, 0], xy_m[k, i, 1] - xy_m[k, j, 1]
+                ring = np.searchsorted(ring_edges_m, np.sqrt(x * x + y * y), side="right")
+                for block in (ring if ring < rings else -1, rings + away[j] - 1 if away[j] > 0 else -1):
+                    if block >= 0:
+                        of_label[block * labels + label[k, j]] += 1
+                        if of_label[block * labels + label[k, j]] == 1:
+                            column[held] = block * labels + label[k, j]
+                            held += 1
+            squared = 0.0
+            for e in range(start[row], held):
+                number[e] = of_label[column[e]]
+                squared += float(number[e]) ** 2
+                of_label[column[e]] = 0
+            norm[row], row = np.sqrt(squared), row + 1
+            start[row] = held
+    return start, column[:held], number[:held], norm
+
+
 @_compile
-def _ring_hop_histograms(query, adjacency, numbers):  # type: ignore[no-untyped-def]
-    """(n, F) those of the query, of length 1."""
-    n, rings = len(query), len(numbers.ring_edges_m)
-    found = np.zeros((n, (rings + numbers.hops) * numbers.labels))
-    for i in range(n):
-        away = np.full(n, -1)  # how many edges
-        away[i] = 0
-        for hop in range(numbers.hops):
-            for j in range(n):
-                for other in range(n if away[j] == hop else 0):
-                    if away[other] < 0 and adjacency[j, other]:
-                        away[other] = hop + 1
-        for j in range(n):
-            if j == i or query[j].label < 0:
-                continue
-            x, y, ring = query[i].x - query[j].x, query[i].y - query[j].y, 0
-            while ring < rings and np.sqrt(x * x + y * y) >= numbers.ring_edges_m[ring]:
-                ring += 1
-            if ring < rings:
-                found[i, ring * numbers.labels + query[j].label] += 1
-            if away[j] > 0:
-                found[i, (rings + away[j] - 1) * numbers.labels + query[j].label] += 1
-        squared = 0.0
-        for value in found[i]:
-            squared += value * value
-        for column in range(found.shape[1]):
-            found[i, column] /= max(np.sqrt(squared), 1e-12)
-    return found
+def _walk(node, adjacency, count, hops, away):  # type: ignore[no-untyped-def]
+    """Fill in how many edges each of `count` nodes is from one, -1 where more than `hops`."""
+    away[:count] = -1
+    away[node] = 0
+    for hop in range(hops):
+        for j in range(count):
+            for other in range(count if away[j] == hop else 0):
+                if away[other] < 0 and adjacency[j, other]:
+                    away[other] = hop + 1
 
 
 @_compile

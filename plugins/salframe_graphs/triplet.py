@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -167,7 +167,10 @@ class TripletMatcher(GraphMatcher):
             return None
         by_size = np.argsort(table.sizes, kind="stable")  # graphs of one size pad one another least
         parts = np.split(by_size, range(_CHUNK, len(table), _CHUNK))
-        joined = Histograms.joined([self._structure(table, part, table.batch(part)) for part in parts])
+        around = (len(table.labels), self.config.ring_edges_m, self.config.hops)
+        joined = Histograms.joined(
+            [ring_hop_histograms(table.batch(part), table.adjacency(part), *around) for part in parts]
+        )
         return joined.take(np.argsort(table.nodes(by_size)))
 
     def match(self, query: SaliencyGraph, index: GraphIndex, top_k: int) -> list[GraphMatch]:
@@ -191,9 +194,9 @@ class TripletMatcher(GraphMatcher):
         if fast is None:
             score, alike, found = self._score(query, known, weight, index, candidates, batch, reference)
         else:
-            structure = self._structure_of(index, candidates, batch)
+            structure = self._structures(query, known, index, candidates, batch, fast.ring_hop_histograms)
             score, alike, found = fast.score_candidates(
-                query, known, weight, len(index.graphs.labels), batch, reference, structure, self.config, top_k
+                query, known, weight, batch, reference, structure, self.config, top_k
             )
         order = np.lexsort((-jaccard, -score))[:top_k]
         matches = []
@@ -246,18 +249,25 @@ class TripletMatcher(GraphMatcher):
         """Whether nodes have structural features of their own; node2vec's are trained with the query."""
         return self.config.structure == "rings" and self.config.structure_weight > 0
 
-    def _structure(self, graphs: GraphTable, numbers: np.ndarray, batch: GraphBatch) -> Histograms:
-        """The structural features of graphs of a table, of which this is the batch."""
-        adjacency = graphs.adjacency(numbers)
-        return ring_hop_histograms(batch, adjacency, len(graphs.labels), self.config.ring_edges_m, self.config.hops)
-
-    def _structure_of(
-        self, index: GraphIndex, candidates: np.ndarray, batch: GraphBatch
-    ) -> tuple[Histograms, np.ndarray]:
-        """Structural features, and the row in them of each of the candidates' nodes, one after the other."""
-        if index.structure is None:
-            return self._structure(index.graphs, candidates, batch), np.arange(batch.count.sum())
-        return index.structure, index.graphs.nodes(candidates)
+    def _structures(
+        self,
+        query: SaliencyGraph,
+        known: np.ndarray,
+        index: GraphIndex,
+        candidates: np.ndarray,
+        batch: GraphBatch,
+        histograms: Callable[..., Histograms] = ring_hop_histograms,
+    ) -> tuple[Histograms, Histograms, np.ndarray]:
+        """Structural features of the query's nodes, those of nodes of the map, and the row in these of each of the
+        candidates' nodes, one after the other."""
+        columns = (getattr(query, name)[None] for name in ("scores", "saliency", "centroid_m", "size_m"))
+        asked = GraphBatch(np.array([len(query)]), known[None], *columns)
+        around = (len(index.graphs.labels), self.config.ring_edges_m, self.config.hops)
+        own = histograms(asked, query.adjacency[None], *around)
+        if index.structure is not None:
+            return own, index.structure, index.graphs.nodes(candidates)
+        there = histograms(batch, index.graphs.adjacency(candidates), *around)
+        return own, there, np.arange(batch.count.sum())
 
     def _shortlist(self, query: SaliencyGraph, index: GraphIndex) -> np.ndarray:
         """(K,) scenes worth matching, in the order of the map."""
@@ -321,15 +331,8 @@ class TripletMatcher(GraphMatcher):
         self, query: SaliencyGraph, known: np.ndarray, index: GraphIndex, candidates: np.ndarray, batch: GraphBatch
     ) -> np.ndarray:
         """(K, n, m) products of the query's structural features with each candidate's."""
-        asked = GraphBatch(
-            np.array([len(query)]),
-            known[None],
-            *(getattr(query, name)[None] for name in ("scores", "saliency", "centroid_m", "size_m")),
-        )
-        labels = len(index.graphs.labels)
-        own = ring_hop_histograms(asked, query.adjacency[None], labels, self.config.ring_edges_m, self.config.hops)
+        own, there, rows = self._structures(query, known, index, candidates, batch)
         used = np.unique(own.column)
-        there, rows = self._structure_of(index, candidates, batch)
         there = there.take(rows)
         padded = np.zeros((*batch.label.shape, len(used)))
         padded[batch.is_node] = there.unit(used)

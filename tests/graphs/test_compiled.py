@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from salframe_graphs import compilation
+from salframe_graphs import compilation, features
 from salframe_graphs.places import search
 from salframe_graphs.places.likelihood import Poses
 from salframe_graphs.places.merging import Place
@@ -13,6 +13,7 @@ from salframe_graphs.triplet import TripletMatcher
 
 from salframe.graphs.detections import Detections
 from salframe.graphs.graph import GraphConfig, SaliencyGraph, build_graph
+from salframe.graphs.table import HeldGraphs
 from salframe.panoramas.geometry import invert_pose, pose_2d, transform_points
 
 pytest.importorskip("numba")
@@ -115,6 +116,22 @@ def test_the_same_ratio_of_outlines():
     plain, fast = (one.outline_ratio(outlines, range_m[9, 0], place, shift_m, yaw_rad) for one in (search, compiled))
     np.testing.assert_allclose(fast, plain, atol=1e-3)
     assert (plain[place == 5] == 0).all()
+
+
+def test_the_same_histograms(rooms):
+    rng = np.random.default_rng(9)
+    table = HeldGraphs([seen(rng, *one, np.eye(4)) for one in rooms])
+    some = np.array([5, 0, 17, 3])
+    batch, adjacency = table.batch(some), table.adjacency(some)
+    batch.label[batch.label == table.vocabulary["chair"]] = -1  # as those of a query that the map lacks
+    compiled = compilation.compiled("salframe_graphs.compiled")
+    for hops in (0, 2):
+        plain, fast = (
+            one.ring_hop_histograms(batch, adjacency, len(table.labels), (1.0, 2.0, 4.0), hops)
+            for one in (features, compiled)
+        )
+        np.testing.assert_array_equal(fast.start, plain.start)
+        np.testing.assert_array_equal(fast.unit(np.arange(fast.width)), plain.unit(np.arange(plain.width)))
 
 
 @pytest.mark.parametrize(
