@@ -1,6 +1,7 @@
 # Both targets share one virtual environment, .venv, with the versions of constraints.txt.
 PYTHON ?= python3
 # Python compiles what it imports; pip would compile all of torch and transformers.
+unexport PYTHONDONTWRITEBYTECODE  # else each of the processes that tests start compiles anew
 INSTALL = .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-compile --constraint constraints.txt
 EXTRAS = test,keypoints,training,transformers,node2vec,fast,clip,assets,tflite
 WEIGHTS = xfeat xfeat-nn aliked-nn aliked-lightglue disk-lightglue efficientnet-lite0

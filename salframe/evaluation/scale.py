@@ -130,6 +130,8 @@ class _Asking(Worker[int]):
         shutil.rmtree(self._folder / "stream")
         read_map(built, self._open)
         self._ask(self._index, self._city.query(0))  # imports and compiles what there is to compile
+        del self._index, self._frames
+        built = built.rename(self._folder / "moved")  # so that hashes that are remembered are computed again
         start = time.perf_counter()
         read_map(built, self._open)
         open_s = time.perf_counter() - start

@@ -18,6 +18,8 @@ from salframe.panoramas.frames import FrameKind, MapFrame
 from salframe.panoramas.geometry import are_rotations
 
 METHOD, FRAMES, SCENES, INDEX = "method.json", "frames", "scenes", "index"
+_CHUNK = 1024
+"""Poses of so many frames are checked at once."""
 _NAME = ArrayKind("U", ())
 _FRAME = {"id": _NAME, "place": _NAME, "kind": _NAME, "T_world_pano": ArrayKind("f", (3, 4))}
 
@@ -116,7 +118,8 @@ def _read_frames(folder: Path) -> SavedFrames:
     if strange := set(rows.columns["kind"].words or ()) - set(FrameKind):
         raise DataError(f"{folder} has frames of the kind {min(strange)!r}: build the map again")
     frames = SavedFrames(rows)
-    if not (rigid := are_rotations(frames.T_world_pano[..., :3], RIGID_TOLERANCE)).all():
-        strays = frames[int(np.argmin(rigid))].id
-        raise DataError(f"{folder}: the pose of {strays} is no rigid motion: build the map again")
+    for low in range(0, len(frames), _CHUNK):
+        if not (rigid := are_rotations(frames.T_world_pano[low : low + _CHUNK, :, :3], RIGID_TOLERANCE)).all():
+            strays = frames[low + int(np.argmin(rigid))].id
+            raise DataError(f"{folder}: the pose of {strays} is no rigid motion: build the map again")
     return frames
