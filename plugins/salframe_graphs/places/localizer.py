@@ -127,7 +127,7 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
             json_schema_extra={"match_only": True},
         )
         candidates: int = match_only(
-            30,
+            100,
             ge=1,
             description="places that are matched object by object: those whose panoramas the scene index puts first",
         )
@@ -312,8 +312,8 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
     @property
     def _searching(self) -> Any:
         """How places are searched: `search`, or the same compiled."""
-        fast = None if self._scenes is None else compilation.compiled("salframe_graphs.places.compiled")
-        return fast or search
+        worth = len(self._map_frames) > compilation.WORTH
+        return (compilation.compiled("salframe_graphs.places.compiled") if worth else None) or search
 
     def _shortlist(self, query: SaliencyGraph) -> tuple[np.ndarray, np.ndarray]:
         """The places that are matched object by object (C,), and those that are ranked (R,), both in order: those whose
