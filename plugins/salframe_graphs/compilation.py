@@ -1,4 +1,4 @@
-"""Where what is written twice, in numpy and for numba, runs compiled: on maps of some hundred panoramas or more, whose
+"""Where what is written twice, in numpy and for numba, runs compiled: on maps large enough for a scene index, whose
 queries are worth the second that it takes to import numba.
 
 numba keeps what it compiled until the file of the function that was called changes: who edits one that another file
@@ -10,9 +10,6 @@ import importlib
 import importlib.util
 from functools import cache
 from typing import Any
-
-WORTH = 100
-"""Places are searched compiled where a map has more panoramas."""
 
 
 @cache

@@ -312,8 +312,9 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
     @property
     def _searching(self) -> Any:
         """How places are searched: `search`, or the same compiled."""
-        worth = len(self._map_frames) > compilation.WORTH
-        return (compilation.compiled("salframe_graphs.places.compiled") if worth else None) or search
+        large = self._scenes is not None or getattr(self._index, "scenes", None) is not None
+        fast = compilation.compiled("salframe_graphs.places.compiled") if large else None
+        return fast or search
 
     def _shortlist(self, query: SaliencyGraph) -> tuple[np.ndarray, np.ndarray]:
         """The places that are matched object by object (C,), and those that are ranked (R,), both in order: those whose
