@@ -167,7 +167,7 @@ class TripletMatcher(GraphMatcher):
             return None
         by_size = np.argsort(table.sizes, kind="stable")  # graphs of one size pad one another least
         parts = np.split(by_size, range(_CHUNK, len(table), _CHUNK))
-        around = (len(table.labels), self.config.ring_edges_m, self.config.hops)
+        around = self._around(table)
         joined = Histograms.joined(
             [ring_hop_histograms(table.batch(part), table.adjacency(part), *around) for part in parts]
         )
@@ -249,6 +249,10 @@ class TripletMatcher(GraphMatcher):
         """Whether nodes have structural features of their own; node2vec's are trained with the query."""
         return self.config.structure == "rings" and self.config.structure_weight > 0
 
+    def _around(self, graphs: GraphTable) -> tuple[int, Sequence[float], int]:
+        """What histograms around nodes are told of a table's labels and of the settings."""
+        return len(graphs.labels), self.config.ring_edges_m, self.config.hops
+
     def _structures(
         self,
         query: SaliencyGraph,
@@ -262,7 +266,7 @@ class TripletMatcher(GraphMatcher):
         candidates' nodes, one after the other."""
         columns = (getattr(query, name)[None] for name in ("scores", "saliency", "centroid_m", "size_m"))
         asked = GraphBatch(np.array([len(query)]), known[None], *columns)
-        around = (len(index.graphs.labels), self.config.ring_edges_m, self.config.hops)
+        around = self._around(index.graphs)
         own = histograms(asked, query.adjacency[None], *around)
         if index.structure is not None:
             return own, index.structure, index.graphs.nodes(candidates)
@@ -333,9 +337,8 @@ class TripletMatcher(GraphMatcher):
         """(K, n, m) products of the query's structural features with each candidate's."""
         own, there, rows = self._structures(query, known, index, candidates, batch)
         used = np.unique(own.column)
-        there = there.take(rows)
         padded = np.zeros((*batch.label.shape, len(used)))
-        padded[batch.is_node] = there.unit(used)
+        padded[batch.is_node] = there.take(rows).unit(used)
         return own.unit(used) @ np.swapaxes(padded, 1, 2)
 
     def _shared(self, similarity: np.ndarray, weight: np.ndarray, reference: np.ndarray) -> np.ndarray:
