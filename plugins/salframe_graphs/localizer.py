@@ -103,8 +103,7 @@ class SaliencyGraphLocalizer(Localizer):
     def index(self, descriptions: Sequence[Description], frames: Sequence[MapFrame]) -> None:
         self._graphs: Sequence[SaliencyGraph] = [graph_from_arrays(description) for description in descriptions]
         self._index = self._matcher.index(self._graphs)
-        stood = np.array([frame.T_world_pano[:3, 3] for frame in frames])
-        self._take_frames(frames, np.array([frame.kind is FrameKind.SCENE for frame in frames]), stood)
+        self._take_frames(frames, np.array([frame.kind is FrameKind.SCENE for frame in frames]))
 
     def write_index(self, folder: Path) -> None:
         folder.mkdir()
@@ -113,7 +112,7 @@ class SaliencyGraphLocalizer(Localizer):
     def open_index(self, folder: Path, packed: Columns, frames: SavedFrames) -> None:
         self._graphs = graphs = MappedGraphs(packed)
         self._index = self._matcher.open_index(graphs, folder / _MATCHER)
-        self._take_frames(frames, frames.is_scene, frames.T_world_pano[..., 3])
+        self._take_frames(frames, frames.is_scene)
 
     def match(self, description: Description) -> Localization:
         query = graph_from_arrays(description)
@@ -142,13 +141,17 @@ class SaliencyGraphLocalizer(Localizer):
         places = self._rank(matches, T_world_query if self.config.nearest_scene else None)
         return Localization(places, T_world_query, LocalizationStatus.OK, pose.covariance)
 
-    def _take_frames(self, frames: Sequence[MapFrame], is_scene: np.ndarray, stood_m: np.ndarray) -> None:
-        """Lay out the map's frames (S): which are scene frames, and where all stood, (S, 3)."""
+    def _take_frames(self, frames: Sequence[MapFrame], is_scene: np.ndarray) -> None:
+        """Lay out the map's frames (S), and which of them are scene frames."""
         self._map_frames, self._scenes_at = frames, np.flatnonzero(is_scene)
         if not is_scene.all():  # only doorways ask which scene frame is near
             from scipy.spatial import KDTree
 
-            self._scene_tree = KDTree(stood_m[self._scenes_at])
+            if isinstance(frames, SavedFrames):
+                T_world_pano = frames.poses()
+            else:
+                T_world_pano = np.array([frame.T_world_pano[:3] for frame in frames])
+            self._scene_tree = KDTree(T_world_pano[self._scenes_at, :, 3])
 
     def _agreed(self, matches: Sequence[GraphMatch]) -> Sequence[GraphMatch]:
         """Matches after their agreement, best first."""

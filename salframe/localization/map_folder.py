@@ -16,7 +16,7 @@ from salframe.framework.config import Settings
 from salframe.framework.errors import ConfigError, DataError
 from salframe.framework.files import alone, file_sha256, naming, read_json, read_model, write_json
 
-MAP, MAP_FORMAT = "map.json", 3
+MAP, MAP_FORMAT = "map.json", 4
 _PARTS = "parts-"
 
 _Read = TypeVar("_Read")

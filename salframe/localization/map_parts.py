@@ -21,7 +21,10 @@ METHOD, FRAMES, SCENES, INDEX = "method.json", "frames", "scenes", "index"
 _CHUNK = 1024
 """Poses of so many frames are checked at once."""
 _NAME = ArrayKind("U", ())
-_FRAME = {"id": _NAME, "place": _NAME, "kind": _NAME, "T_world_pano": ArrayKind("f", (3, 4))}
+_FRAME = {"id": _NAME, "place": _NAME, "kind": _NAME, "pose": ArrayKind("f", (None,))}
+_LEVEL, _TILTED = 5, 12
+"""Numbers of a pose: x, y, z, cosine and sine of the yaw where it is turned about the vertical alone, as panoramas
+mostly are; else the upper rows of its matrix."""
 
 
 class SavedMethod(Settings):
@@ -60,20 +63,26 @@ def check_method(parts: Path, name: str, version: str, described_by: str) -> Non
 
 
 class SavedFrames(Sequence[MapFrame]):
-    """The S frames among the parts of a map, each made when it is first asked for.
-
-    T_world_pano (S, 3, 4) float, the upper rows of all poses, mapped into memory; is_scene (S,) bool.
-    """
+    """The S frames among the parts of a map, each made when it is first asked for; is_scene (S,) bool."""
 
     def __init__(self, rows: Columns) -> None:
         """rows: of `write_scenes`."""
-        self._columns, self._made = rows.columns, dict[int, MapFrame]()
-        self.T_world_pano = rows.columns["T_world_pano"].values.reshape(-1, 3, 4)
+        self._columns, self._rows, self._made = rows.columns, len(rows), dict[int, MapFrame]()
         kinds = np.array(rows.columns["kind"].words)
         self.is_scene = (kinds == FrameKind.SCENE)[rows.columns["kind"].values]
 
+    def poses(self, low: int = 0, high: int | None = None) -> np.ndarray:
+        """(high - low, 3, 4) float64: the upper rows of the poses of frames in a row, of all unless told."""
+        high = len(self) if high is None else min(high, len(self))
+        numbers, start = self._columns["pose"].values, self._columns["pose"].start[low : high + 1]
+        first, is_level = start[:-1], np.diff(start) == _LEVEL
+        T_world_pano = np.zeros((len(first), 3, 4))
+        T_world_pano[is_level] = _level_poses(numbers[first[is_level, None] + np.arange(_LEVEL)])
+        T_world_pano[~is_level] = numbers[first[~is_level, None] + np.arange(_TILTED)].reshape(-1, 3, 4)
+        return T_world_pano
+
     def __len__(self) -> int:
-        return len(self.T_world_pano)
+        return self._rows
 
     def __getitem__(self, number: Any) -> Any:
         if isinstance(number, slice):
@@ -81,7 +90,7 @@ class SavedFrames(Sequence[MapFrame]):
         number = range(len(self))[number]
         if number not in self._made:
             T_world_pano = np.eye(4)
-            T_world_pano[:3] = self.T_world_pano[number]
+            T_world_pano[:3] = self.poses(number, number + 1)[0]
             id, place, kind = (self._columns[name][number].item() for name in ("id", "place", "kind"))
             self._made[number] = MapFrame(id, place, T_world_pano, FrameKind(kind))
         return self._made[number]
@@ -95,7 +104,7 @@ def write_scenes(parts: Path, packed: Iterable[Row], frames: Iterable[MapFrame])
             "id": np.array(frame.id),
             "place": np.array(frame.place),
             "kind": np.array(str(frame.kind)),
-            "T_world_pano": frame.T_world_pano[:3],
+            "pose": _pose_numbers(frame.T_world_pano[:3]),
         }
         for frame in frames
     )
@@ -111,15 +120,31 @@ def read_scenes(parts: Path) -> tuple[Columns, SavedFrames]:
     return packed, frames
 
 
+def _pose_numbers(T_world_pano: np.ndarray) -> np.ndarray:
+    """The numbers from which the upper rows of a pose (3, 4) are had again, every bit."""
+    level = np.concatenate([T_world_pano[:, 3], T_world_pano[:2, 0]])
+    return level if np.array_equal(_level_poses(level[None])[0], T_world_pano) else T_world_pano.ravel()
+
+
+def _level_poses(numbers: np.ndarray) -> np.ndarray:
+    """(N, 3, 4) upper rows of poses that are turned about the vertical alone, of their numbers (N, 5)."""
+    x, y, z, cos, sin = numbers.T
+    none, one = np.zeros(len(numbers)), np.ones(len(numbers))
+    return np.stack([cos, -sin, none, x, sin, cos, none, y, none, none, one, z], 1).reshape(-1, 3, 4)
+
+
 def _read_frames(folder: Path) -> SavedFrames:
     rows = read_columns(folder, _FRAME)
     if not rows:
         raise DataError(f"{folder} holds no frame: build the map again")
     if strange := set(rows.columns["kind"].words or ()) - set(FrameKind):
         raise DataError(f"{folder} has frames of the kind {min(strange)!r}: build the map again")
+    if strange := set(np.diff(rows.columns["pose"].start).tolist()) - {_LEVEL, _TILTED}:
+        raise DataError(f"{folder} has a pose of {min(strange)} numbers, expected {_LEVEL} or {_TILTED}")
     frames = SavedFrames(rows)
     for low in range(0, len(frames), _CHUNK):
-        if not (rigid := are_rotations(frames.T_world_pano[low : low + _CHUNK, :, :3], RIGID_TOLERANCE)).all():
+        poses = frames.poses(low, low + _CHUNK)
+        if not (rigid := are_rotations(poses[..., :3], RIGID_TOLERANCE)).all():
             strays = frames[low + int(np.argmin(rigid))].id
             raise DataError(f"{folder}: the pose of {strays} is no rigid motion: build the map again")
     return frames

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fake_plugin import Reader, Rooms
+from scipy.spatial.transform import Rotation
 
 from salframe.framework.cache import Cache
 from salframe.framework.errors import ConfigError, DataError, InputMissing, UnknownName
@@ -17,9 +18,10 @@ from salframe.framework.installation import folder_bytes
 from salframe.framework.registry import registry
 from salframe.localization.localizer import Localizer
 from salframe.localization.map_folder import write_map
-from salframe.localization.map_parts import METHOD
+from salframe.localization.map_parts import METHOD, read_scenes, write_scenes
 from salframe.localization.saved_map import build_map, map_bytes, open_map
-from salframe.panoramas.frames import FrameKind, QueryFrame
+from salframe.panoramas.frames import FrameKind, MapFrame, QueryFrame
+from salframe.panoramas.geometry import pose_2d
 from salframe.panoramas.opening import find_dataset, find_frame, mapping_frames
 
 
@@ -57,10 +59,42 @@ def test_frames_that_stand_askew_are_refused(saved):
     (old,) = saved.glob("parts-*")
     with write_map(saved) as parts:
         shutil.copytree(old, parts, dirs_exist_ok=True)
-        poses = np.load(parts / "frames" / "T_world_pano.npy")
-        poses[12 + 5] = 2  # of the second frame the middle
-        np.save(parts / "frames" / "T_world_pano.npy", poses)
+        poses = np.load(parts / "frames" / "pose.npy")
+        poses[5 + 3] = 2  # of the second frame the cosine
+        np.save(parts / "frames" / "pose.npy", poses)
     with pytest.raises(DataError, match="the pose of map-1 is no rigid motion: build the map again"):
+        open_map(saved)
+
+
+def test_poses_come_back_in_every_bit_level_and_tilted(tmp_path):
+    yaw_rad = np.random.default_rng(0).uniform(-np.pi, np.pi, 20)
+    level = [pose_2d(3 * yaw, 1e6 + yaw, yaw, 1.5) for yaw in yaw_rad]
+    tilted = [np.eye(4) for _ in level]
+    for pose, turn in zip(tilted, Rotation.random(len(tilted), np.random.default_rng(1)).as_matrix(), strict=True):
+        pose[:3, :3], pose[:3, 3] = turn, turn[0]
+    upside_down = np.diag([1.0, -1.0, -1.0, 1.0])
+    for name, poses, numbers in (
+        ("level", level, 5 * 20),
+        ("tilted", [*tilted, upside_down], 12 * 21),
+        ("both", [level[0], tilted[0], upside_down, level[1]], 2 * 5 + 2 * 12),
+    ):
+        frames = [MapFrame(f"map-{i}", "hall", pose) for i, pose in enumerate(poses)]
+        (tmp_path / name).mkdir()
+        write_scenes(tmp_path / name, ({} for _ in frames), frames)
+        _, saved = read_scenes(tmp_path / name)
+        np.testing.assert_array_equal([frame.T_world_pano for frame in saved], poses)
+        np.testing.assert_array_equal(saved.poses(), np.array(poses)[:, :3])
+        assert len(np.load(tmp_path / name / "frames" / "pose.npy")) == numbers
+
+
+def test_a_pose_of_another_length_is_refused(saved):
+    (old,) = saved.glob("parts-*")
+    with write_map(saved) as parts:
+        shutil.copytree(old, parts, dirs_exist_ok=True)
+        table = (parts / "frames" / "columns.json").read_text()
+        (parts / "frames" / "columns.json").write_text(table.replace('"shape":[5]', '"shape":[4]'))
+        np.save(parts / "frames" / "pose.npy", np.zeros(4 * len(open_map(saved).frames)))
+    with pytest.raises(DataError, match="frames has a pose of 4 numbers, expected 5 or 12"):
         open_map(saved)
 
 

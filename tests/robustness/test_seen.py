@@ -96,22 +96,22 @@ SEEN: dict[str, tuple[Spoil, tuple[str, ...], str]] = {
         r"length_m\.npy is not .*: 0 bytes of values, expected 800000000000",
     ),
     "ragged poses": (
-        array_file("map/parts-*/frames/T_world_pano.npy", lambda poses: poses.ravel()[:-1]),
+        array_file("map/parts-*/frames/pose.npy", lambda poses: poses.ravel()[:-1]),
         LOCALIZE,
-        r"T_world_pano\.npy has values \(35,\), expected as many as .*columns\.json says",
+        r"pose\.npy has values \(14,\), expected as many as .*columns\.json says",
     ),
     "poses of text": (
-        array_file("map/parts-*/frames/T_world_pano.npy", lambda poses: poses.astype("U9")),
+        array_file("map/parts-*/frames/pose.npy", lambda poses: poses.astype("U9")),
         LOCALIZE,
-        r"T_world_pano\.npy holds <U9, expected",
+        r"pose\.npy holds <U9, expected",
     ),
     "poses of different shapes": (
         lambda root: (
-            json_file("map/parts-*/frames/columns.json", lambda table: _column(table, "T_world_pano", [3, None]))(root),
+            json_file("map/parts-*/frames/columns.json", lambda table: _column(table, "pose", [5, None]))(root),
             reseal(root / "map"),
         ),
         LOCALIZE,
-        r"shapes\.npy|T_world_pano has arrays \(3, None\)",
+        r"shapes\.npy|pose has arrays \(5, None\)",
     ),
     "null names": (
         lambda root: (

@@ -192,8 +192,9 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
         outline_m = np.full((len(packed), BINS), np.nan, np.float32)
         if known := packed.columns.get(PACKED):
             outline_m[np.diff(known.start) > 0] = unpack_outline(known.values.reshape(-1, BINS))
-        self._take_places(places, frames.T_world_pano, outline_m)
-        self._place_index = read_places(columns, frames.T_world_pano[_padded(places), :2, 3])
+        T_world_pano = frames.poses()
+        self._take_places(places, T_world_pano, outline_m)
+        self._place_index = read_places(columns, T_world_pano[_padded(places), :2, 3])
         if self._scenes is not None:
             self._scenes.open(folder / _SCENES)
 
