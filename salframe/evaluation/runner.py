@@ -50,6 +50,7 @@ from salframe.framework.files import alone, write_json
 from salframe.framework.identity import digest
 from salframe.framework.registry import registry
 from salframe.localization.describing import describe_frames
+from salframe.localization.map_folder import MAP_FORMAT
 from salframe.panoramas.camera_height import units_note
 from salframe.panoramas.opening import Progress, mapping_frames, open_dataset, provided
 
@@ -95,7 +96,8 @@ def _resume(
     survey = task.survey(dataset)
     for label, config in resolved.methods.items():
         data = [dataset.content_key, dataset.question_key]
-        key = {"task": known_as, "data": data, "mode": task.mode(label), "method": identity_of(config)}
+        method = {"method": identity_of(config), "map_format": MAP_FORMAT}  # rows have the bytes of their maps
+        key = {"task": known_as, "data": data, "mode": task.mode(label), **method}
         run.reuse(label, digest(key))
     units = units_note(mapping_frames(dataset))
     run.set_notes([*resolved.notes, *([units] if units else [])])
