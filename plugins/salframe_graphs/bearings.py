@@ -30,7 +30,8 @@ def verify_bearings(
     to be upright and equally high, so that elevations tell distance. Positions within largest_shift_m of the map frame
     are tried; where fewer than two nodes are explained there is no pose.
     """
-    steps = np.arange(-largest_shift_m, largest_shift_m + 1e-9, GRID_M)
+    most = int(largest_shift_m / GRID_M + 1e-9)
+    steps = GRID_M * np.arange(-most, most + 1)
     grid_m = np.stack(np.meshgrid(steps, steps), -1).reshape(-1, 1, 2)
     grid_m = grid_m[np.hypot(*grid_m[:, 0].T) <= largest_shift_m]
     candidates = len(similarity)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -63,8 +64,8 @@ def ring_hop_histograms(
     is_node, width = batch.is_node, (len(ring_edges_m) + hops) * labels
     distance = np.sqrt(((batch.centroid_m[:, :, None, :2] - batch.centroid_m[:, None, :, :2]) ** 2).sum(3))
     own = np.broadcast_to(np.eye(is_node.shape[1], dtype=bool), distance.shape)
-    inner = (0.0, *ring_edges_m[:-1])
-    blocks = [(distance >= low) & (distance < high) & ~own for low, high in zip(inner, ring_edges_m, strict=True)]
+    rings = pairwise((0.0, *ring_edges_m))
+    blocks = [(distance >= low) & (distance < high) & ~own for low, high in rings]
     step, reached, frontier = adjacency.astype(np.float32), own, own
     for _ in range(hops):
         frontier = (frontier.astype(np.float32) @ step > 0) & ~reached

@@ -22,7 +22,7 @@ from salframe.localization.answers import Localization, LocalizationStatus, Node
 from salframe.localization.localizer import Description, Localizer, posterior_slot, range_slot, rank_places
 from salframe.localization.map_parts import SavedFrames
 from salframe.panoramas.frames import FrameKind, MapFrame, QueryFrame
-from salframe.panoramas.geometry import pose_yaw, wrap_angle
+from salframe.panoramas.geometry import pose_2d, pose_yaw, wrap_angle
 from salframe.panoramas.panorama import Panorama
 from salframe_graphs.agreement import agree
 
@@ -139,7 +139,8 @@ class SaliencyGraphLocalizer(Localizer):
             return Localization(self._rank(matches), None, LocalizationStatus.NO_POSE, heading_rad=heading)
         T_world_query = T_world_scene @ pose.T_reference_query
         places = self._rank(matches, T_world_query if self.config.nearest_scene else None)
-        return Localization(places, T_world_query, LocalizationStatus.OK, pose.covariance)
+        covariance = None if pose.covariance is None else _in_world(pose.covariance, T_world_scene)
+        return Localization(places, T_world_query, LocalizationStatus.OK, covariance)
 
     def _take_frames(self, frames: Sequence[MapFrame], is_scene: np.ndarray) -> None:
         """Lay out the map's frames (S), and which of them are scene frames."""
@@ -187,3 +188,13 @@ class SaliencyGraphLocalizer(Localizer):
 
     def unpack(self, packed: Description) -> Description:
         return unpack_graph(packed)
+
+
+def _in_world(covariance: np.ndarray, T_world_scene: np.ndarray) -> np.ndarray:
+    """A covariance as in PoseEstimate, in the world's axes instead of a map frame's."""
+    turn = np.eye(len(covariance))
+    if len(covariance) == 6:
+        turn[:3, :3] = turn[3:, 3:] = T_world_scene[:3, :3]
+    else:
+        turn[:2, :2] = pose_2d(0, 0, pose_yaw(T_world_scene))[:2, :2]
+    return turn @ covariance @ turn.T  # type: ignore[no-any-return]

@@ -201,10 +201,10 @@ class LeastSquaresPositioner(Positioner):
         shift = 0.5 * np.linalg.pinv(rows) @ (norm_u[i] - norm_u[j] - norm_v[i] + norm_v[j])
         shifted = u - shift
         turns = self._turns(v, shifted)
+        share = weights if weights is not None and weights.sum() > 0 else np.ones(count)
         if self.config.mean == "arithmetic":
-            yaw = float(np.average(turns, weights=weights))
+            yaw = float(np.average(turns, weights=share))
         else:
-            share = np.ones(count) if weights is None else weights
             yaw = float(np.arctan2((share * np.sin(turns)).sum(), (share * np.cos(turns)).sum()))
         return PoseEstimate(pose_2d(shift[0], shift[1], yaw), PoseStatus.OK, None, np.ones(count, bool))
 

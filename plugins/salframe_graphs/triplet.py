@@ -6,11 +6,12 @@ import importlib.util
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from salframe.framework.array_files import map_array
 from salframe.framework.config import ComponentConfig
@@ -46,6 +47,12 @@ class GraphIndex:
     structure: Histograms | None
 
 
+def _ascending(edges_m: tuple[float, ...]) -> tuple[float, ...]:
+    if any(low >= high for low, high in pairwise((0.0, *edges_m))):
+        raise ValueError("expected edges above 0, each above the one before")
+    return edges_m
+
+
 class TripletMatcher(GraphMatcher):
     """Label-set candidates, one-to-one node alignment, weighted triplets, geometric verification of the survivors."""
 
@@ -76,7 +83,9 @@ class TripletMatcher(GraphMatcher):
             description="log ratios of box length and box height that halve node similarity; null: size ignored",
         )
         structure: Literal["rings", "node2vec"] = Field("rings", description="structural feature of a node")
-        ring_edges_m: tuple[float, ...] = Field((1.0, 2.0, 4.0), description="outer edges of the distance rings")
+        ring_edges_m: Annotated[tuple[float, ...], AfterValidator(_ascending)] = Field(
+            (1.0, 2.0, 4.0), description="outer edges of the distance rings, ascending"
+        )
         hops: int = Field(2, ge=0, description="context hops whose labels are counted")
         saliency_weight: float = Field(
             0.0, ge=0, description="weight of the saliency ratio in node similarity (label: 1)"

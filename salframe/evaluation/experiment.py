@@ -15,7 +15,7 @@ from pydantic import Field
 
 from salframe.evaluation.reported import ReportedTable, read_reported
 from salframe.evaluation.request import Request
-from salframe.evaluation.run import identity_of
+from salframe.evaluation.run import MethodStatus, PieceStatus, identity_of
 from salframe.evaluation.study import Arm, Study, StudyResult, leading_columns, plan, run_study
 from salframe.evaluation.tables import COLUMNS, Table, tables_of
 from salframe.framework.config import Settings, merge, read_yaml, validate
@@ -68,6 +68,12 @@ class Kept(Settings):
     machine: str
     settings: tuple[dict[str, Any], ...]
     rows: tuple[dict[str, Any], ...]
+
+    @property
+    def ended(self) -> bool:
+        """Whether every method did what it was asked: what crashed, or lacked something here, is measured again."""
+        done = (row.get("ended") == MethodStatus.DONE and PieceStatus.CRASHED not in row["status"] for row in self.rows)
+        return all(done)
 
 
 class Results(Settings):
@@ -174,7 +180,8 @@ def _table(
     try:
         request = _with_data(study, request)
         known_by = _known_by(plan(study, request))
-        there = [one for one in (results.whole.get(name), results.quick.get(name)) if one and one.known_by == known_by]
+        known = (one for one in (results.whole.get(name), results.quick.get(name)) if one and one.known_by == known_by)
+        there = [one for one in known if one.ended]
         if there and not force:
             kept = there[0]
         else:
@@ -222,6 +229,8 @@ def in_quick(study: TableStudy, where: str) -> TableStudy | None:
     content = study.model_dump(mode="json", exclude={"quick"}, exclude_defaults=True)
     over = dict(study.quick)
     if isinstance(study.methods, dict) and "methods" in over:
+        if absent := [name for name in over["methods"] if name not in content["methods"]]:
+            raise ConfigError(f"{where}: quick: {unknown('method', absent[0], list(content['methods']))}")
         over["methods"] = {name: content["methods"][name] for name in over["methods"]}
         del content["methods"]
     return validate(TableStudy, merge(content, over), f"{where}: quick")

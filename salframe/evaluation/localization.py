@@ -104,8 +104,9 @@ class LocalizationSurvey(Survey[Query]):
     def doorways(self) -> frozenset[str]:
         """The places of the maps that are no scene."""
         folds = {piece.fold.id: piece.fold for piece in self.pieces}.values()
-        frames = (frame for fold in folds for frame in fold.mapping)
-        return frozenset(frame.place for frame in frames if frame.kind is FrameKind.TRANSITION)
+        frames = [frame for fold in folds for frame in fold.mapping]
+        scenes = {frame.place for frame in frames if frame.kind is FrameKind.SCENE}
+        return frozenset(frame.place for frame in frames) - scenes
 
     def present(self) -> np.ndarray:
         """(Q,) bool: whether the map that a query is asked of has its place."""
@@ -201,8 +202,9 @@ def judge_records(survey: LocalizationSurvey, records: Sequence[Record]) -> list
 
 def _reached(found: Judged) -> dict[str, Any]:
     low, high = proportion_interval(found.correct, found.true_place)
-    precision, recall = macro_averages(found.first_place, found.true_place)
-    typed = np.isfinite(found.right_type)
+    asked = np.flatnonzero(found.present)
+    precision, recall = macro_averages([found.first_place[i] for i in asked], [found.true_place[i] for i in asked])
+    typed = found.present & np.isfinite(found.right_type)
     located = found.correct & np.isfinite(found.translation_m)
     return {
         "accuracy": float(found.correct.mean()),

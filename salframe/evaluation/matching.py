@@ -226,7 +226,7 @@ def own_objects(centroid_m: np.ndarray, panorama: Panorama) -> np.ndarray:
         raise InputMissing(f"{panorama.id} has no instance image, by which matched objects are judged")
     objects = annotated_objects(panorama)
     owner_m = np.array([one.points_m.mean(0, dtype=np.float64) for one in objects]).reshape(-1, 3)
-    closeness = np.maximum(NODE_RADIUS_M - cdist(centroid_m, owner_m), 0)
+    closeness = np.nan_to_num(np.maximum(NODE_RADIUS_M - cdist(centroid_m, owner_m), 0))  # NaN: not known where
     nodes, owners = linear_sum_assignment(closeness, maximize=True)
     near = closeness[nodes, owners] > 0
     own = np.zeros(len(centroid_m), np.int64)
@@ -272,5 +272,5 @@ def _nodes(rows: Sequence[Row], pairs: int) -> dict[str, Any]:
     return {
         "precision": float(precision.sum() / pairs),
         "recall": float(recall.sum() / shared) if shared else None,
-        "true_per_pair": float(true.mean()),
+        "true_per_pair": float(true.sum() / pairs),
     }

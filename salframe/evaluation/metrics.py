@@ -109,6 +109,7 @@ def judge(
     rotation_deg, heading_deg = np.degrees(errors[:, 1:]).T
     first = [answer["places"][0][1] if answer and answer["places"] else None for answer in answers]
     best_place = [place == truth.place for place, truth in zip(first, truths, strict=True)]
+    first_place = [place if status in PLACED else None for place, status in zip(first, statuses, strict=True)]
     return Judged(
         present=present,
         best_place=np.array(best_place, bool),
@@ -122,7 +123,7 @@ def judge(
         rotation_deg=rotation_deg,
         heading_deg=heading_deg,
         true_place=tuple(truth.place for truth in truths),
-        first_place=tuple(first),
+        first_place=tuple(first_place),
         right_type=_right_type(answers, truths, room_types or {}),
         statuses=statuses,
     )

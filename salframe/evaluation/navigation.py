@@ -146,7 +146,9 @@ def plan_navigation(
     for given in resolved.scopes["navigation"]:
         content = merge(content, given)
     positioning = Positioning(positioning)
-    methods = {label + arm: config for label, config in resolved.methods.items() for arm in ARMS[positioning]}
+    arms = {label + arm: label for label in resolved.methods for arm in ARMS[positioning]}
+    methods = {arm: resolved.methods[label] for arm, label in arms.items()}
+    asked_as = {arm: resolved.asked_as[label] for arm, label in arms.items()}
     if positioning is Positioning.ALL:  # a run folder knows labels with methods: the first stands for none
         methods[TRUE_PLACE] = next(iter(resolved.methods.values()))
     published = find_published(episodes)
@@ -155,7 +157,7 @@ def plan_navigation(
     else:
         asked = episodes if isinstance(episodes, int) else read_asked(Path(episodes))
     task = NavigationTask(validate(NavigationConfig, content, "navigation"), asked, request.seed, published)
-    return task, replace(resolved, methods=methods)
+    return task, replace(resolved, methods=methods, asked_as=asked_as)
 
 
 @dataclass(frozen=True)

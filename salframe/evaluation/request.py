@@ -66,7 +66,8 @@ class Resolved:
     """A request with every name replaced by a configuration.
 
     methods: by label, in order; name: the data set's; scopes: what was set of anything else, by its scope; notes: which
-    method runs instead of one that was asked for, and why, and what `auto` became, a line each.
+    method runs instead of one that was asked for, and why, and what `auto` became, a line each; asked_as: the label
+    that was asked for, of each method that has another.
     """
 
     methods: Mapping[str, ComponentConfig]
@@ -75,6 +76,7 @@ class Resolved:
     engine: ComponentConfig
     scopes: Mapping[str, Sequence[Mapping[str, Any]]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    asked_as: Mapping[str, str] = field(default_factory=dict)
 
 
 def list_methods(labels: Collection[str], of: Collection[str]) -> str:
@@ -104,21 +106,23 @@ def resolve(request: Request, role: str = "localizer", scopes: Sequence[str] = (
     methods: dict[str, ComponentConfig] = {}
     notes: list[str] = []
     taken: dict[str, list[str]] = {}
+    asked_as: dict[str, str] = {}
     for label, variant in asked.items():
         choice = Choice(data_name, provides)
         own = [nest(key.split("."), value) for key, value in variant.settings.items()]
         over = [*own, *given.methods[variant.name]]
         config = decide(role, variant.name, contents[variant.name], over, choice)
         other, instead, note = stand_in(role, variant.method, config, over, choice)
-        notes += [note] if note else []
-        runs = label if other is None else label.replace(variant.name, other, 1)
+        notes += [note] if note and note not in notes else []
+        named = variant.name == short_name(variant.method)  # after what runs, not by the user
+        runs = label.replace(variant.name, other, 1) if other is not None and named else label
         if runs == label or runs not in asked:
-            methods[runs] = instead
+            methods[runs], asked_as[runs] = instead, label
             for line in choice.notes:
                 taken.setdefault(line, []).append(runs)
     notes += [f"{list_methods(takers, methods)}: {line}" for line, takers in taken.items()]
     engine = configure_default("engine", request.engine or default_of("engine"), given.scopes["engine"])
-    return Resolved(methods, data_name, data, engine, given.scopes, tuple(notes))
+    return Resolved(methods, data_name, data, engine, given.scopes, tuple(notes), asked_as)
 
 
 def decide(

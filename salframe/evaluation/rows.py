@@ -13,7 +13,6 @@ Count = Annotated[int, Field(ge=0, strict=True)]
 Amount = Annotated[float, Field(ge=0)]
 Pose = Annotated[tuple[float, ...], Field(min_length=16, max_length=16)]
 Position = Annotated[tuple[float, ...], Field(min_length=4, max_length=4)]
-Vector = tuple[float, float, float]
 
 
 class Line(BaseModel):
@@ -39,7 +38,7 @@ class AnswerRow(PieceRow):
     heading: float | None = None
     probabilities: tuple[float, ...] | None = None
     not_here: float | None = None
-    covariance: tuple[Vector, Vector, Vector] | None = None
+    covariance: tuple[tuple[float, ...], ...] | None = None
     query_ms: Amount | None
     describe_ms: Amount | None
     peak_memory_mb: Amount | None
@@ -48,6 +47,10 @@ class AnswerRow(PieceRow):
     def _complete(self) -> AnswerRow:
         if self.status in PLACED and not self.places:
             raise ValueError(f"an answer of status {self.status} has no place, expected one")
+        if self.covariance is not None:
+            sides = {len(self.covariance), *map(len, self.covariance)}
+            if sides not in ({3}, {6}):
+                raise ValueError("a covariance is neither (3, 3) nor (6, 6)")
         if len(self.probabilities or ()) != (0 if self.not_here is None else len(self.places)):
             raise ValueError("an answer has not_here or probabilities, expected both, one for each place, or none")
         return self

@@ -221,6 +221,7 @@ def _summarize(records: Sequence[Record], scenes: int) -> ScaleRow:
     if not rows or not all(record.done for record in records):
         return line
     both = [row for row in rows if row["right_exhaustive"] is not None]
+    asked = sum(len(record.rows) for record in records)  # one that failed is not right
     median_ms, p95_ms = np.percentile([row["query_ms"] for row in rows], [50, 95])
     return replace(
         line,
@@ -228,7 +229,7 @@ def _summarize(records: Sequence[Record], scenes: int) -> ScaleRow:
         bytes_per_scene=rows[-1]["bytes"] / scenes,
         query_median_ms=float(median_ms),
         query_p95_ms=float(p95_ms),
-        recall_at_1=float(np.mean([row["right"] for row in rows])),
-        recall_at_1_both=float(np.mean([row["right"] for row in both])),
-        recall_at_1_exhaustive=float(np.mean([row["right_exhaustive"] for row in both])),
+        recall_at_1=sum(row["right"] for row in rows) / asked,
+        recall_at_1_both=float(np.mean([row["right"] for row in both])) if both else None,
+        recall_at_1_exhaustive=float(np.mean([row["right_exhaustive"] for row in both])) if both else None,
     )

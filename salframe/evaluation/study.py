@@ -155,8 +155,14 @@ def leading_columns(rows: Sequence[Any], settings: Sequence[Mapping[str, Any]]) 
     keys = list(dict.fromkeys(key for given in settings for key in given))
     told = {key: [spell_value(given[key]) if key in given else "" for given in settings] for key in keys}
     of_data = {key: texts for key, texts in told.items() if key in (DATA, ARM, SCENES) or key.startswith(f"{DATA}.")}
-    methods = {METHOD: [row.method.partition("[")[0] for row in rows]}
+    methods = {METHOD: [_name(row.method) for row in rows]}
     return {**of_data, **methods, **{key: texts for key, texts in told.items() if key not in of_data}}
+
+
+def _name(label: str) -> str:
+    """A method's label without the settings in it, but with what follows them."""
+    name, _, rest = label.partition("[")
+    return name + rest.rpartition("]")[2]
 
 
 def read_study(file: Path) -> Study:
@@ -237,7 +243,8 @@ def run_study(study: Study, request: Request, *, progress: Progress | None = Non
         alike = results[first:]
         found = alike[0].rows if len(alike) == 1 else pool(arm.runs[0][0], [result.run for result in alike])
         rows += found
-        told += [{**arm.settings, **of_method.get(row.method, {})} for row in found]
+        asked_as = arm.runs[0][2].asked_as
+        told += [{**arm.settings, **of_method.get(asked_as.get(row.method, ""), {})} for row in found]
     notes = dict.fromkeys(note for result in results for note in result.notes)
     report = results[0].report if count == 1 else None
     runs = tuple(result.run for result in results)

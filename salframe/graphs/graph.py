@@ -66,16 +66,6 @@ class SaliencyGraph:
         return without_positions(self.centroid_m)
 
     @cached_property
-    def azimuth_rad(self) -> np.ndarray:
-        """(N,) azimuth of the centroids, counter-clockwise from +x."""
-        return np.arctan2(self.centroid_m[:, 1], self.centroid_m[:, 0])
-
-    @cached_property
-    def polar_rad(self) -> np.ndarray:
-        """(N,) angle of the centroids from +z (the paper's phi)."""
-        return np.arctan2(np.hypot(self.centroid_m[:, 0], self.centroid_m[:, 1]), self.centroid_m[:, 2])
-
-    @cached_property
     def range_m(self) -> np.ndarray:
         """(N,) distance of the centroids."""
         return np.linalg.norm(self.centroid_m, axis=1)

@@ -55,7 +55,7 @@ class LocalizationStatus(StrEnum):
 @dataclass(frozen=True)
 class Localization:
     """A localizer's answer: `places` best first, one entry a place; T_world_query (4, 4), a rigid motion, or None;
-    covariance as in PoseEstimate, in the map frame's axes; heading_rad, the azimuth of the query's x axis in the world:
+    covariance as in PoseEstimate, in the world's axes; heading_rad, the azimuth of the query's x axis in the world:
     the pose's, or what is known of a query without one; not_here, the probability that the query is in none of the
     places, which those of the places and it make one, None from a localizer that has none.
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from salframe.framework.config import match_only
-from salframe.panoramas.floors import FloorMasks
+from salframe.panoramas.floors import FloorMasks, find_floor
 from salframe.panoramas.frames import Fold, FrameKind, MapFrame, QueryFrame, Truth
 
 DOORWAY_M = 0.75
@@ -41,13 +41,14 @@ def add_hidden_places(
 
 def _without(mapping: Sequence[MapFrame], place: str, floors: Sequence[FloorMasks]) -> tuple[MapFrame, ...]:
     """The mapping frames that are neither of a place nor of a doorway to it."""
-    floor_m = np.concatenate([np.zeros((0, 2)), *(_floor_of(place, floor) for floor in floors)])
+    floors = sorted(floors, key=lambda floor: floor.z_m)
+    floor_m = [_floor_of(place, floor) for floor in floors]
     kept = []
     for frame in mapping:
-        at_m = frame.T_world_pano[:2, 3]
-        leads_there = frame.kind is FrameKind.TRANSITION and (
-            np.hypot(*(floor_m - at_m).T).min(initial=np.inf) <= DOORWAY_M
-        )
+        at_m, leads_there = frame.T_world_pano[:3, 3], False
+        number = find_floor(floors, at_m)
+        if frame.kind is FrameKind.TRANSITION and number is not None:
+            leads_there = np.hypot(*(floor_m[number] - at_m[:2]).T).min(initial=np.inf) <= DOORWAY_M
         if frame.place != place and not leads_there:
             kept.append(frame)
     return tuple(kept)

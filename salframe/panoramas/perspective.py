@@ -16,7 +16,7 @@ class ViewRig:
     """A ring of `count` pinhole views, equally spaced in azimuth and all looking up by elevation_rad; the first looks
     along +x, the others follow counter-clockwise.
 
-    Pixel centres lie at +0.5 and the principal point in the image's centre, as in salframe.geometry.
+    Pixel centres lie at +0.5 and the principal point in the image's centre, as in salframe.panoramas.geometry.
     """
 
     count: int

@@ -64,8 +64,8 @@ def build_topological_map(
 @dataclass(frozen=True)
 class Whereabouts:
     """What a map makes of a panorama: the localizer's answer, the nearest node, how far it is to walk there (None
-    without a pose), the heading (azimuth of the panorama's x axis, None without a pose), and the route to a goal where
-    one was asked for."""
+    without a pose, and off all floors, where the node is that of the frame that answered), the heading (azimuth of the
+    panorama's x axis, None without a pose), and the route to a goal where one was asked for."""
 
     localization: Localization
     node: str | None
@@ -86,14 +86,19 @@ def ask_map(
     """
     localizer, topology = read_map(Path(directory), _read_both)
     answer = localizer.localize(frame)
+    answered = answer.places[0].frame if answer.status.names_a_place else None
+    start = next((node.id for node in topology.nodes if answered in node.frames), None)
     if answer.T_world_query is not None:
-        topology = with_position(topology, answer.T_world_query[:3, 3])
+        try:
+            topology = with_position(topology, answer.T_world_query[:3, 3])
+        except DataError:
+            if goal is not None:
+                raise
+            return Whereabouts(answer, start, None, pose_yaw(answer.T_world_query))
         near = min((edge for edge in topology.edges if edge.start == HERE), key=lambda edge: edge.length_m)
         found = Whereabouts(answer, near.end, near.length_m, pose_yaw(answer.T_world_query))
-        start: str | None = HERE
+        start = HERE
     else:
-        answered = answer.places[0].frame if answer.places else None
-        start = next((node.id for node in topology.nodes if answered in node.frames), None)
         found = Whereabouts(answer, start)
     if goal is None:
         return found

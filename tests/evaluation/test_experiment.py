@@ -84,6 +84,17 @@ def test_a_table_that_quick_does_not_change_is_measured_once(rooms):
     assert kept["whole"] == kept["quick"]
 
 
+def test_a_table_of_which_a_method_crashed_is_measured_again(rooms):
+    file = write(first={**ROOMS, "quick": {}})
+    run_experiment(file, REQUEST, results="kept")
+    content = json.loads(Path("kept/rooms.json").read_text())
+    for row in content["whole"]["first"]["rows"]:
+        row["status"]["crashed"] = 1
+    Path("kept/rooms.json").write_text(json.dumps(content))
+    assert run_experiment(file, REQUEST, results="kept").tables[0].fresh is not None
+    assert run_experiment(file, REQUEST, results="kept").tables[0].fresh is None
+
+
 def test_what_is_kept_names_nothing_of_the_data(rooms):
     broken = {**ROOMS, "methods": ["reader"], "set": {"data.rooms": 4, "data.broken": ["map-1", "query-2-0"]}}
     run_experiment(write(first=broken), REQUEST, results="kept")
@@ -102,6 +113,8 @@ def test_a_table_that_is_wrong_costs_itself(rooms):
 def test_wrong_experiments_are_told(rooms):
     with pytest.raises(UnknownName, match="unknown experiment 'roms', did you mean 'rooms'"):
         read_experiment("roms")
+    with pytest.raises(ConfigError, match="first: quick: unknown method 'one of', did you mean 'one off'"):
+        run_experiment(write(first={**ROOMS, "quick": {"methods": ["one of"]}}), REQUEST, results="kept", quick=True)
     with pytest.raises(ConfigError, match="unknown column 'acuracy'"):
         read_experiment(write(first={**ROOMS, "columns": ["acuracy"]}))
 

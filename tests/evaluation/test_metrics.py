@@ -187,6 +187,12 @@ def test_macro_averages_weigh_places_alike():
     assert macro_averages(["a", None], ["a", "b"]) == (0.5, 0.5)
 
 
+def test_a_refused_answer_names_no_place():
+    found = judge([answer("kitchen", status="not-here"), answer("kitchen", status="no-pose")], [TRUTH] * 2)
+    assert found.first_place == (None, "kitchen")
+    assert found.best_place.tolist() == [True, True]
+
+
 def test_a_doorway_is_no_answer_where_scenes_alone_count():
     found = judge([answer("door", "kitchen"), answer("door", "hall", "kitchen")], [TRUTH] * 2, doorways={"door"})
     assert found.correct.tolist() == [False, False]

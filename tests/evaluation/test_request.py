@@ -143,6 +143,18 @@ def test_a_stand_in_is_ablated(stand_ins):
     Path("offsets.yaml").write_text(yaml.safe_dump({"method": "fancy", "data": "rooms", "vary": {"offset": [0, 1]}}))
     result = ablate(Path("offsets.yaml"), Request((), engine="inline"))
     assert {row.method: row.accuracy for row in result.rows} == {"plain[offset=0]": 1.0, "plain[offset=1]": 0.2}
+    assert [given["offset"] for given in result.settings] == [0, 1]
+    assert result.notes == (f"plain, not fancy: {MISSING}",)
+
+
+def test_methods_that_users_named_keep_their_names_where_another_stands_in(stand_ins):
+    """One table: the settings that vary belong to the rows that have them."""
+    methods = {"one": "fancy", "other": {"method": "fancy", "set": {"wrong_from": 3}}, "mine": "reader"}
+    study = {"methods": methods, "data": "rooms", "vary": {"one.offset": [0, 1]}}
+    Path("named.yaml").write_text(yaml.safe_dump(study, sort_keys=False))
+    result = ablate(Path("named.yaml"), Request((), engine="inline"))
+    assert [row.method for row in result.rows] == ["one[one.offset=0]", "one[one.offset=1]", "other", "mine"]
+    assert [dict(given) for given in result.settings] == [{"one.offset": 0}, {"one.offset": 1}, {}, {}]
     assert result.notes == (f"plain, not fancy: {MISSING}",)
 
 

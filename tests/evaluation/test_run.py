@@ -2,14 +2,18 @@ from __future__ import annotations
 
 import json
 
+import numpy as np
 import pytest
 import yaml
 
+from salframe.evaluation.answering import answer_row
 from salframe.evaluation.request import Resolved
+from salframe.evaluation.rows import AnswerRow
 from salframe.evaluation.run import LineCounter, MethodStatus, Outcome, RowWriter, Run, read_rows
 from salframe.framework.errors import ConfigError, DataError, InvalidAnswer
 from salframe.framework.installation import environment
 from salframe.framework.presets import configure, settings
+from salframe.localization.answers import Localization, LocalizationStatus, RankedPlace
 
 
 def config(role: str, name: str, **given: object):
@@ -45,6 +49,19 @@ def test_rows_refuse_nan(tmp_path):
     with RowWriter(tmp_path / "rows.jsonl") as rows, pytest.raises(InvalidAnswer, match=r"not finite.*query_ms.*nan"):
         rows.append({"query_ms": float("nan")})
     assert list(read_rows(tmp_path / "rows.jsonl")) == []
+
+
+@pytest.mark.parametrize("side", [3, 6])
+def test_a_covariance_on_the_floor_and_in_space_is_read_again(tmp_path, side):
+    found = Localization((RankedPlace("map-0", "hall", 1.0),), np.eye(4), LocalizationStatus.OK, np.eye(side))
+    row = {"fold": "all", "query": "q", **answer_row(found), "status": "ok", "error": None}
+    with RowWriter(tmp_path / "rows.jsonl") as rows:
+        rows.append(row)
+    assert [read["covariance"] for read in read_rows(tmp_path / "rows.jsonl", AnswerRow)] == [np.eye(side).tolist()]
+    with RowWriter(tmp_path / "rows.jsonl") as rows:
+        rows.append({**row, "covariance": [[1.0, 0.0], [0.0, 1.0]]})
+    with pytest.raises(DataError, match=r"a covariance is neither \(3, 3\) nor \(6, 6\)"):
+        list(read_rows(tmp_path / "rows.jsonl", AnswerRow))
 
 
 def test_the_folder_follows_every_setting(fakes, tmp_path):

@@ -43,6 +43,16 @@ def test_the_pose_of_a_room_of_unlike_objects():
         assert support[k] > 0.9 * 6
 
 
+@pytest.mark.parametrize("largest_shift_m", [0.2, 0.6])
+def test_where_the_map_frame_stands_is_always_tried(largest_shift_m):
+    map_m = rooms(1)
+    found = verify_bearings(
+        directions(pose_2d(0, 0, 1.0), map_m[0]), map_m, np.eye(6)[None], np.ones(6), TOLERANCE, largest_shift_m
+    )
+    shift_m, turn_rad = pose_errors(found.poses([0])[0], pose_2d(0, 0, 1.0))
+    assert (shift_m, turn_rad) == pytest.approx((0, 0), abs=1e-3)
+
+
 def test_candidates_do_not_change_one_another():
     map_m, similarity = rooms(40), np.eye(6)[None].repeat(40, 0)
     bearing = directions(pose_2d(0.5, 0.7, 1.0), map_m[3])

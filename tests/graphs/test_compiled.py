@@ -125,10 +125,9 @@ def test_the_same_histograms(rooms):
     batch, adjacency = table.batch(some), table.adjacency(some)
     batch.label[batch.label == table.vocabulary["chair"]] = -1  # as those of a query that the map lacks
     compiled = compilation.compiled("salframe_graphs.compiled")
-    for hops in (0, 2):
+    for edges_m, hops in (((1.0, 2.0, 4.0), 0), ((1.0, 2.0, 4.0), 2), ((), 2)):
         plain, fast = (
-            one.ring_hop_histograms(batch, adjacency, len(table.labels), (1.0, 2.0, 4.0), hops)
-            for one in (features, compiled)
+            one.ring_hop_histograms(batch, adjacency, len(table.labels), edges_m, hops) for one in (features, compiled)
         )
         np.testing.assert_array_equal(fast.start, plain.start)
         np.testing.assert_array_equal(fast.unit(np.arange(fast.width)), plain.unit(np.arange(plain.width)))

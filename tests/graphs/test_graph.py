@@ -81,12 +81,10 @@ def test_a_score_that_is_no_share_is_refused(score):
         Detections(("bed", "sofa"), np.array([0.5, score]), np.ones((2, 3)), np.ones((2, 3)), np.zeros(2))
 
 
-def test_orientation_of_nodes():
+def test_ranges_of_nodes():
     graph = build_graph(
         detections([[0, 2, 0], [0, 0, 3], [-1, 0, 1]], np.ones((3, 3))), np.array([0.5, 0.3, 0.2]), GraphConfig()
     )
-    assert graph.azimuth_rad[0] == pytest.approx(np.pi / 2)
-    assert graph.polar_rad == pytest.approx([np.pi / 2, 0, np.pi / 4])
     assert graph.range_m == pytest.approx([2, 3, np.sqrt(2)])
 
 

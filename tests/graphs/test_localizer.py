@@ -181,6 +181,17 @@ def test_a_doorway_match_answers_with_the_scene_at_the_pose():
     assert [(p.place, p.score) for p in ranked] == [("room-b", 0.9), ("transition-1", 0.9), ("room-a", 0.5)]
 
 
+def test_the_covariance_is_in_the_axes_of_the_world():
+    """Of a map that stands turned by 90 degrees in the world, x and y change places."""
+    plain, turned = graph_localizer(), graph_localizer()
+    plain.build([map_frame(3, pose_2d(1, 2, 0.3))])
+    turned.build([map_frame(3, pose_2d(1, 2, 0.3 + np.pi / 2))])
+    before, after = (made.localize(query(3, pose_2d(0.5, -0.4, 1.0))).covariance for made in (plain, turned))
+    turn = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1.0]])
+    np.testing.assert_allclose(after, turn @ before @ turn.T, atol=1e-12)
+    assert abs(before[0, 0] - before[1, 1]) > 1e-6
+
+
 def test_the_best_frame_of_a_place_stands_for_it():
     frames = [MapFrame("1", "x", np.eye(4)), MapFrame("2", "y", np.eye(4)), MapFrame("3", "x", np.eye(4))]
     assert [(p.frame, p.place) for p in rank_places(frames, np.array([0.1, -np.inf, 0.3]))] == [("3", "x")]

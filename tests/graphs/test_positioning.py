@@ -74,6 +74,14 @@ def test_arccos_loses_the_sign():
     assert pose_errors(least_squares().solve(query, reference).T_reference_query, truth)[1] < 1e-9
 
 
+def test_nodes_without_saliency_weigh_alike():
+    reference = room(np.random.default_rng(3), 5)
+    query = transform_points(invert_pose(pose_2d(0.4, 0.3, 0.5)), reference)
+    for mean in ("arithmetic", "circular"):
+        alike, none = (least_squares(mean=mean).solve(query, reference, weights) for weights in (None, np.zeros(5)))
+        np.testing.assert_array_equal(alike.T_reference_query, none.T_reference_query)
+
+
 def simulate(positioner, nodes, noise_m, wrong, trials=400, seed=5):
     """Median translation (m) and rotation (deg) error, and the share within 0.5 m and 10 deg: the simulation of
     method.md 4."""

@@ -13,7 +13,8 @@ from salframe_graphs.triplet import TripletMatcher
 from salframe_graphs.verification import ScaleBound, verify
 
 from salframe.framework.columns import read_columns
-from salframe.framework.errors import RequirementMissing
+from salframe.framework.config import validate
+from salframe.framework.errors import ConfigError, RequirementMissing
 from salframe.graphs.detections import Detections
 from salframe.graphs.graph import GraphConfig, SaliencyGraph, build_graph, without_range
 from salframe.graphs.matcher import GraphMatch
@@ -372,3 +373,9 @@ def test_structure_is_compared_as_defined(rooms, mapped, tmp_path, monkeypatch):
         expected = asked @ defined_histograms(table[scene], table.vocabulary).T
         np.testing.assert_allclose(product[:, : len(graphs[scene])], expected, atol=1e-12)
         assert not product[:, len(graphs[scene]) :].any()
+
+
+@pytest.mark.parametrize("edges_m", [[2.0, 1.0], [0.0, 1.0], [1.0, 1.0]])
+def test_rings_that_do_not_widen_are_refused(edges_m):
+    with pytest.raises(ConfigError, match=r"ring_edges_m.*expected edges above 0, each above the one before"):
+        validate(TripletMatcher.Config, {"kind": "triplet", "ring_edges_m": edges_m}, "matcher")

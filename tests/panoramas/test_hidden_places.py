@@ -44,6 +44,13 @@ def test_each_query_is_asked_again_of_a_map_without_its_place_and_the_doors_to_i
     assert len({fold.id for fold in folds()}) == 3
 
 
+def test_a_door_on_another_storey_leads_nowhere_near():
+    upstairs = FloorMasks(FLOOR.free, np.full_like(REGION, 4), FLOOR.obstacle, 0.5, (0.0, 2.0), {4: "attic"}, z_m=3.0)
+    above = MapFrame("up", "door-3", pose_2d(4.0, 1.0, 0, 4.5), FrameKind.TRANSITION)
+    _, without_a, _ = folds((*MAPPING, above), (upstairs, FLOOR))
+    assert [frame.id for frame in without_a.mapping] == ["b1", "b2", "c", "b-c", "up"]
+
+
 def test_without_floors_doors_stay():
     _, without_a, without_b = folds(floors=())
     assert [frame.id for frame in without_a.mapping] == ["b1", "b2", "c", "a-b", "b-c"]

@@ -95,7 +95,8 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
     the outline of free space, the panorama most like the query, and rare labels, weighed as fitted (`weights`).
 
     Queries without range, and those whose ranges may be off by a factor (`matcher.largest_scale_error`), are matched
-    panorama by panorama as `saliency-graph` does; matcher, positioner and the settings of that localizer are theirs.
+    panorama by panorama as `saliency-graph` does, with all its settings. Of other queries the matcher, `top_k`,
+    `agreement` and `nearest_scene` give the panorama's part of the evidence, and `min_score` says nothing.
     Without a positioner every query is answered by place only: the pose is that of the frame of the first place.
     """
 
@@ -253,8 +254,7 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
         )
         stood = self._frame_of(places[0].place, pose, 0).T_world_pano
         T_world_query = pose_2d(pose.shift_m[0, 0], pose.shift_m[0, 1], pose.yaw_rad[0], stood[2, 3])
-        turn = stood[:3, :3] * [[1, 1, 0], [1, 1, 0], [0, 0, 0]] + np.diag([0, 0, 1])
-        return Localization(places, T_world_query, LocalizationStatus.OK, turn.T @ covariance @ turn)
+        return Localization(places, T_world_query, LocalizationStatus.OK, covariance)
 
     def answer(self, description: Description) -> Localization:
         """As of every localizer; without probabilities of a query whose positions in metres are not known, whose scores
