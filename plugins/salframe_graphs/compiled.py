@@ -9,7 +9,7 @@ import numba
 import numpy as np
 
 from salframe.graphs.graph import SaliencyGraph
-from salframe.graphs.table import GraphBatch
+from salframe.graphs.table import GraphBatch, GraphNodes
 from salframe_graphs.features import Histograms
 from salframe_graphs.verification import BASE_WORTH, LEAST_BASE_M, LONGEST_BASE_M, MOST_HYPOTHESES, Verified
 
@@ -65,35 +65,36 @@ def score_candidates(
     query: SaliencyGraph,
     known: np.ndarray,
     weight: np.ndarray,
-    batch: GraphBatch,
+    there: GraphNodes,
     reference: np.ndarray,
     structure: tuple[Histograms, Histograms, np.ndarray],
+    jaccard: np.ndarray,
     config: Any,
     most: int,
-) -> tuple[np.ndarray, np.ndarray, Verified]:
-    """(K,) score of each graph of a batch under the settings of a `TripletMatcher`, -inf of some that are not among the
-    first `most`; (K, n, m) the similarity of nodes that are alike enough; and what was verified of those with a score.
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, Verified]:
+    """The best of K graphs (T,), at most so many, best first, positions among them, with their scores (T,) under the
+    settings of a `TripletMatcher`, the similarity (T, n, m) of nodes that are alike enough, and what was verified.
 
-    known, weight (n,) of the query's nodes, known a label's number or -1; reference (K, m), the weight of the
-    candidates'; structure: structural features of the query's nodes, those of many nodes, and the row in them of each
-    of the candidates' in turn.
+    known, weight (n,) of the query's nodes, known a label's number or -1; reference (N,), the weight of the graphs'
+    nodes; structure: structural features of the query's nodes, those of many nodes, and the row in them of each of the
+    graphs' (N,); jaccard (K,), which of two of one score comes first.
     """
     nodes = np.empty(len(query), _NODE)
     nodes["label"], nodes["weight"], nodes["saliency"], nodes["range"] = known, weight, query.saliency, query.range_m
     nodes["x"], nodes["y"], nodes["z"] = query.centroid_m.T
     nodes["length"], nodes["height"] = query.size_m[:, 0], query.size_m[:, 2]
-    of_nodes = (batch.label, reference, batch.saliency, batch.centroid_m, batch.size_m)
     own, histograms, rows = structure
-    score, alike, yaw_rad, shift_m, kernel = _score_candidates(
+    best, score, alike, yaw_rad, shift_m, kernel = _score_candidates(
         nodes,
         own.unit(np.arange(own.width)),
-        batch.count,
-        tuple(np.ascontiguousarray(values) for values in of_nodes),
+        there.count,
+        (there.label, reference, there.saliency, there.centroid_m, there.size_m),
         (histograms.start, histograms.column, histograms.count, histograms.norm, rows),
+        jaccard,
         _Numbers(*config.size_scale, *(getattr(config, name) for name in _OF_SETTINGS)),
         most,
     )
-    return score, alike, Verified(yaw_rad, shift_m, kernel)
+    return best, score, alike, Verified(yaw_rad, shift_m, kernel)
 
 
 @_compile
@@ -110,41 +111,55 @@ def first_of(value, most):  # type: ignore[no-untyped-def]
 
 
 @_compile_and_keep
-def _score_candidates(query, own, count, there, histograms, numbers, most):  # type: ignore[no-untyped-def]
+def _score_candidates(query, own, count, there, histograms, jaccard, numbers, most):  # type: ignore[no-untyped-def]
     """Candidates are verified in the order of what geometry can bring them at best, until none of the rest can be among
     the first."""
-    candidates, n, m = len(count), len(query), there[0].shape[1]
-    alike, kernel = np.zeros((candidates, n, m)), np.zeros((candidates, n, m))
-    score, similar, bound = np.full(candidates, -np.inf), np.empty(candidates), np.empty(candidates)
-    yaw_rad, shift_m = np.full(candidates, np.nan), np.full((candidates, 2), np.nan)
-    row = 0
+    candidates, n, nodes = len(count), len(query), count.sum()
+    alike, kernel = np.zeros((n, nodes)), np.zeros((n, nodes))
+    start, bound = np.zeros(candidates + 1, np.int64), np.empty(candidates)
+    score, pose = np.full(candidates, -np.inf), np.full((candidates, 3), np.nan)
     for k in range(candidates):
-        size = count[k]
-        _compare(query, k, size, there, own, histograms, row, numbers, alike[k])
-        row += size
-        similar[k] = numbers.similarity_score * _shared(query, there[1][k, :size], alike[k])
+        start[k + 1] = start[k] + count[k]
+        part = slice(start[k], start[k + 1])
+        _compare(query, part, there, own, histograms, numbers, alike[:, part])
+        score[k] = numbers.similarity_score * _shared(query, there[1][part], alike[:, part])
         for i in range(n):
-            for j in range(size):
-                if alike[k, i, j] < numbers.least_similarity:
-                    alike[k, i, j] = 0
-        bound[k] = similar[k] + numbers.geometry_score * _shared(query, there[1][k, :size], alike[k])
-    first = np.full(most, -np.inf)
+            for j in range(start[k], start[k + 1]):
+                if alike[i, j] < numbers.least_similarity:
+                    alike[i, j] = 0
+        bound[k] = score[k] + numbers.geometry_score * _shared(query, there[1][part], alike[:, part])
+    best, held = np.empty(min(most, candidates), np.int64), 0
     for _ in range(candidates):
         k = np.argmax(bound)
-        if bound[k] < first[-1] - 1e-9:
+        if held == len(best) and bound[k] < score[best[-1]] - 1e-9:
             break
         bound[k] = -np.inf
-        size = count[k]
-        yaw_rad[k], shift_m[k, 0], shift_m[k, 1] = _verify(query, there[3][k], alike[k, :, :size], numbers, kernel[k])
-        score[k] = similar[k] + numbers.geometry_score * _shared(query, there[1][k, :size], kernel[k])
-        row = most
-        while row > 0 and score[k] > first[row - 1]:
+        part = slice(start[k], start[k + 1])
+        _verify(query, there[3][part], alike[:, part], numbers, kernel[:, part], pose[k])
+        score[k] += numbers.geometry_score * _shared(query, there[1][part], kernel[:, part])
+        row = held
+        while row > 0 and _is_before(k, best[row - 1], score, jaccard):
             row -= 1
-        for later in range(most - 1, row, -1):
-            first[later] = first[later - 1]
-        if row < most:
-            first[row] = score[k]
-    return score, alike, yaw_rad, shift_m, kernel
+        held = min(held + 1, len(best))
+        for later in range(held - 1, row, -1):
+            best[later] = best[later - 1]
+        if row < held:
+            best[row] = k
+    width = count[best].max() if held else 0
+    alike_there, explained = np.zeros((held, n, width)), np.zeros((held, n, width))
+    for row in range(held):
+        k = best[row]
+        alike_there[row, :, : count[k]] = alike[:, start[k] : start[k + 1]]
+        explained[row, :, : count[k]] = kernel[:, start[k] : start[k + 1]]
+    return best, score[best], alike_there, pose[best, 2], pose[best, :2], explained
+
+
+@_compile
+def _is_before(k, other, score, jaccard):  # type: ignore[no-untyped-def]
+    """Whether a candidate is ranked before another: by score, Jaccard index and number."""
+    if score[k] != score[other]:
+        return score[k] > score[other]
+    return jaccard[k] > jaccard[other] or (jaccard[k] == jaccard[other] and k < other)
 
 
 @_compile_and_keep
@@ -192,29 +207,29 @@ def _walk(node, adjacency, count, hops, away):  # type: ignore[no-untyped-def]
 
 
 @_compile
-def _compare(query, k, size, there, own, histograms, row, numbers, similarity):  # type: ignore[no-untyped-def]
-    """Fill in the similarity (n, m) of nodes of one label; row: where the candidate's nodes begin among all."""
-    label, _, saliency, centroid_m, size_m = there
-    start, column, number, norm, rows = histograms
+def _compare(query, part, there, own, histograms, numbers, similarity):  # type: ignore[no-untyped-def]
+    """Fill in the similarity (n, m) of the query's nodes to a part of the others where their labels are the same."""
+    label, saliency, centroid_m, size_m = there[0][part], there[2][part], there[3][part], there[4][part]
+    (start, column, number, norm), rows = histograms[:4], histograms[4][part]
     whole = 1 + numbers.saliency_weight + numbers.structure_weight
     for i in range(len(query)):
         a = query[i]
-        for j in range(size):
-            if a.label < 0 or a.label != label[k, j]:
+        for j in range(len(label)):
+            if a.label < 0 or a.label != label[j]:
                 continue
             value = 1.0
             if numbers.saliency_weight > 0:
-                low, high = min(a.saliency, saliency[k, j]), max(a.saliency, saliency[k, j])
+                low, high = min(a.saliency, saliency[j]), max(a.saliency, saliency[j])
                 value += numbers.saliency_weight * low / max(high, 1e-12)
             if numbers.structure_weight > 0:
-                structure, node = 0.0, rows[row + j]
+                structure, node = 0.0, rows[j]
                 for e in range(start[node], start[node + 1]):
                     structure += own[i, column[e]] * number[e]
                 value += numbers.structure_weight * structure / max(norm[node], 1e-12)
             value /= whole
-            value /= 1 + ((a.z - centroid_m[k, j, 2]) / numbers.height_scale_m) ** 2
-            value /= 1 + (np.log(a.length / size_m[k, j, 0]) / numbers.length_scale) ** 2
-            value /= 1 + (np.log(a.height / size_m[k, j, 2]) / numbers.box_height_scale) ** 2
+            value /= 1 + ((a.z - centroid_m[j, 2]) / numbers.height_scale_m) ** 2
+            value /= 1 + (np.log(a.length / size_m[j, 0]) / numbers.length_scale) ** 2
+            value /= 1 + (np.log(a.height / size_m[j, 2]) / numbers.box_height_scale) ** 2
             similarity[i, j] = value
 
 
@@ -239,8 +254,8 @@ def _shared(query, reference, similarity):  # type: ignore[no-untyped-def]
 
 
 @_compile
-def _verify(query, map_m, similarity, numbers, kernel):  # type: ignore[no-untyped-def]
-    """Yaw and shift of the pose that explains most, NaN where there is none; fill in what it explains (n, m)."""
+def _verify(query, map_m, similarity, numbers, kernel, pose):  # type: ignore[no-untyped-def]
+    """Fill in the pose (3,), x, y and yaw, that explains most, and what it explains (n, m), if there is one."""
     n, m = similarity.shape
     pairs, count, rest = np.empty(n * m, _PAIR), 0, np.zeros(n + 1)
     for i in range(n):
@@ -260,18 +275,19 @@ def _verify(query, map_m, similarity, numbers, kernel):  # type: ignore[no-untyp
         for j in range(m):
             most = max(most, similarity[i, j])
         rest[i] = rest[i + 1] + query[i].weight * most
-    pose, rank = _two_point(query, pairs, numbers)
+    poses, rank = _two_point(query, pairs, numbers)
     best, most = -1, -1.0
-    for h in range(len(pose)):
-        support = _explain(query, pairs, pose[h], rest, most)
+    for h in range(len(poses)):
+        support = _explain(query, pairs, poses[h], rest, most)
         if support > most or (support == most and rank[h] > rank[best]):
             best, most = h, support
     if best < 0:
-        return np.nan, np.nan, np.nan
-    _explain(query, pairs, pose[best], rest, -np.inf)
+        return
+    for axis in range(3):
+        pose[axis] = poses[best, axis]
+    _explain(query, pairs, pose, rest, -np.inf)
     for p in range(count):
         kernel[pairs[p].i, pairs[p].j] = pairs[p].kernel
-    return pose[best, 2], pose[best, 0], pose[best, 1]
 
 
 @_compile

@@ -22,7 +22,7 @@ from salframe.framework.slots import slot
 from salframe.graphs.graph import SaliencyGraph, without_range
 from salframe.graphs.matcher import GraphMatch, GraphMatcher
 from salframe.graphs.scene_index import SceneIndex, SceneLookup
-from salframe.graphs.table import GraphBatch, GraphTable, HeldGraphs, MappedGraphs
+from salframe.graphs.table import GraphBatch, GraphNodes, GraphTable, HeldGraphs, MappedGraphs
 from salframe_graphs import compilation
 from salframe_graphs.bearings import verify_bearings
 from salframe_graphs.features import Histograms, node2vec, ring_hop_histograms
@@ -190,29 +190,29 @@ class TripletMatcher(GraphMatcher):
         rarity = np.where(
             known >= 0, index.rarity[known], np.log(1 + len(index.graphs)) + 1 if self.config.rarity else 1.0
         )
+        weight = self._sureness(query) * rarity
         candidates = self._shortlist(query, index)
-        batch = index.graphs.batch(candidates)
-        jaccard = self._jaccard(query.labels, known, rarity, index, batch)
+        jaccard = self._jaccard(query.labels, known, rarity, index, index.graphs.take(candidates))
         kept = (jaccard > 0) & (jaccard >= self.config.keep * jaccard.max(initial=0))
-        candidates, jaccard, batch = candidates[kept], jaccard[kept], batch.take(kept)
-        weight, reference = self._sureness(query) * rarity, self._sureness(batch) * index.rarity[batch.label]
-        reference *= batch.is_node
+        candidates, jaccard = candidates[kept], jaccard[kept]
         fast = None
         if index.scenes is not None and self._compiles and not query.bearings_only:
             fast = compilation.compiled("salframe_graphs.compiled")
         if fast is None:
-            score, alike, found = self._score(query, known, weight, index, candidates, batch, reference)
+            best, score, alike, found = self._score(query, known, weight, index, candidates, jaccard, top_k)
         else:
-            structure = self._structures(query, known, index, candidates, batch, fast.ring_hop_histograms)
-            score, alike, found = fast.score_candidates(
-                query, known, weight, batch, reference, structure, self.config, top_k
+            there = index.graphs.take(candidates)
+            reference = self._sureness(there) * index.rarity[there.label]
+            structure = self._structures(query, known, index, candidates, fast.ring_hop_histograms)
+            best, score, alike, found = fast.score_candidates(
+                query, known, weight, there, reference, structure, jaccard, self.config, top_k
             )
-        order = np.lexsort((-jaccard, -score))[:top_k]
         matches = []
-        for k, pose in zip(order, found.poses(order), strict=True):
+        for k, pose in enumerate(found.poses()):
             aligned = self._align(alike[k], found.kernel[k])
-            scale = self._scale(query, batch.centroid_m[k], aligned)
-            matches.append(GraphMatch(int(candidates[k]), float(score[k]), aligned, pose, scale))
+            scene = int(candidates[best[k]])
+            scale = self._scale(query, index.graphs, scene, aligned)
+            matches.append(GraphMatch(scene, float(score[k]), aligned, pose, scale))
         return matches
 
     @property
@@ -229,11 +229,13 @@ class TripletMatcher(GraphMatcher):
         weight: np.ndarray,
         index: GraphIndex,
         candidates: np.ndarray,
-        batch: GraphBatch,
-        reference: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray, Verified]:
-        """(K,) score of each candidate, (K, n, m) the similarity of nodes that are alike enough, and what was
-        verified."""
+        jaccard: np.ndarray,
+        most: int,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, Verified]:
+        """The best of K candidates (T,), at most so many, best first, positions among them, with their scores (T,), the
+        similarity (T, n, m) of nodes that are alike enough, and what was verified."""
+        batch = index.graphs.batch(candidates)
+        reference = self._sureness(batch) * index.rarity[batch.label] * batch.is_node
         similarity = self._similarity(query, known, index, candidates, batch)
         alike = np.where(similarity >= self.config.least_similarity, similarity, 0)
         score = np.zeros(len(candidates))
@@ -247,9 +249,10 @@ class TripletMatcher(GraphMatcher):
             pairs = [self._align(alike[k], found.kernel[k]) for k in range(len(candidates))]
             triplets = [self._triplets(query, index.graphs[s], p) for s, p in zip(candidates, pairs, strict=True)]
             score += self.config.triplet_score * np.array(triplets)
-        return score, alike, found
+        best = np.lexsort((-jaccard, -score))[:most]
+        return best, score[best], alike[best], found.take(best)
 
-    def _sureness(self, graphs: SaliencyGraph | GraphBatch) -> np.ndarray:
+    def _sureness(self, graphs: SaliencyGraph | GraphNodes | GraphBatch) -> np.ndarray:
         """What each node counts before its label's rarity: its detector's score, or 1."""
         return graphs.scores if self.config.confidence else np.ones(graphs.scores.shape)
 
@@ -268,7 +271,6 @@ class TripletMatcher(GraphMatcher):
         known: np.ndarray,
         index: GraphIndex,
         candidates: np.ndarray,
-        batch: GraphBatch,
         histograms: Callable[..., Histograms] = ring_hop_histograms,
     ) -> tuple[Histograms, Histograms, np.ndarray]:
         """Structural features of the query's nodes, those of nodes of the map, and the row in these of each of the
@@ -279,8 +281,8 @@ class TripletMatcher(GraphMatcher):
         own = histograms(asked, query.adjacency[None], *around)
         if index.structure is not None:
             return own, index.structure, index.graphs.nodes(candidates)
-        there = histograms(batch, index.graphs.adjacency(candidates), *around)
-        return own, there, np.arange(batch.count.sum())
+        there = histograms(index.graphs.batch(candidates), index.graphs.adjacency(candidates), *around)
+        return own, there, np.arange(index.graphs.sizes[candidates].sum())
 
     def _shortlist(self, query: SaliencyGraph, index: GraphIndex) -> np.ndarray:
         """(K,) scenes worth matching, in the order of the map."""
@@ -291,13 +293,13 @@ class TripletMatcher(GraphMatcher):
         return np.sort(index.scenes.candidates(known, self.config.most).scene)
 
     def _jaccard(
-        self, labels: Sequence[str], known: np.ndarray, rarity: np.ndarray, index: GraphIndex, batch: GraphBatch
+        self, labels: Sequence[str], known: np.ndarray, rarity: np.ndarray, index: GraphIndex, there: GraphNodes
     ) -> np.ndarray:
         """(K,) Jaccard index of the query's labels with each candidate's, weighed by rarity."""
         number = Counter(labels)
         first, count = np.array([(labels.index(label), number[label]) for label in sorted(number)]).T
-        shape, is_node = (len(batch.count), len(index.rarity)), batch.is_node
-        cell = np.nonzero(is_node)[0] * shape[1] + batch.label[is_node]
+        shape = len(there.count), len(index.rarity)
+        cell = np.repeat(np.arange(shape[0]), there.count) * shape[1] + there.label
         counts = np.bincount(cell, minlength=shape[0] * shape[1]).reshape(shape).astype(np.float64)
         if self.config.labels == "set":
             counts, count = np.minimum(counts, 1), np.minimum(count, 1)
@@ -344,7 +346,7 @@ class TripletMatcher(GraphMatcher):
         self, query: SaliencyGraph, known: np.ndarray, index: GraphIndex, candidates: np.ndarray, batch: GraphBatch
     ) -> np.ndarray:
         """(K, n, m) products of the query's structural features with each candidate's."""
-        own, there, rows = self._structures(query, known, index, candidates, batch)
+        own, there, rows = self._structures(query, known, index, candidates)
         used = np.unique(own.column)
         padded = np.zeros((*batch.label.shape, len(used)))
         padded[batch.is_node] = there.take(rows).unit(used)
@@ -381,8 +383,11 @@ class TripletMatcher(GraphMatcher):
         bound, height_scale_m = self.config.largest_scale_error, self.config.height_scale_m
         return ScaleBound(bound, query.centroid_m[:, 2], reference[..., 2], height_scale_m)
 
-    def _scale(self, query: SaliencyGraph, reference_m: np.ndarray, pairs: np.ndarray) -> float:
-        """The factor that gives the query's aligned nodes the spread of the map's (m, 3), within the bound."""
+    def _scale(self, query: SaliencyGraph, graphs: GraphTable, scene: int, pairs: np.ndarray) -> float:
+        """The factor that gives the query's aligned nodes the spread of a scene's, within the bound."""
+        if not self.config.largest_scale_error:
+            return 1.0
+        reference_m = graphs[scene].centroid_m
         bound = self._scale_bound(query, reference_m[None])
         if bound is None or len(pairs) < 2:
             return 1.0

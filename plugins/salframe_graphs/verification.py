@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
@@ -36,10 +35,14 @@ class Verified:
         """No pose for any of K candidates, to be filled in; shape (K, n, m)."""
         return cls(np.full(shape[0], np.nan), np.full((shape[0], 2), np.nan), np.zeros(shape))
 
-    def poses(self, candidates: Sequence[int] | np.ndarray) -> list[np.ndarray | None]:
-        """The best pose of each of some candidates (4, 4), query frame to map frame; None where there is none."""
-        poses = poses_2d(self.shift_m[candidates], self.yaw_rad[candidates])
-        return [None if np.isnan(pose[0, 3]) else pose for pose in poses]
+    def take(self, candidates: np.ndarray) -> Verified:
+        """Of some of the candidates, in this order."""
+        return Verified(self.yaw_rad[candidates], self.shift_m[candidates], self.kernel[candidates])
+
+    def poses(self) -> list[np.ndarray | None]:
+        """The best pose of each candidate (4, 4), query frame to map frame; None where there is none."""
+        poses = poses_2d(self.shift_m, self.yaw_rad)
+        return [pose if known else None for pose, known in zip(poses, np.isfinite(self.yaw_rad).tolist(), strict=True)]
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,6 +29,19 @@ _CHUNK = 1024
 
 
 @dataclass(frozen=True, eq=False)
+class GraphNodes:
+    """The nodes of K graphs, one graph's after the other's. count (K,) int64, nodes of each; label (N,) int64; scores,
+    saliency (N,), centroid_m, size_m (N, 3) float64."""
+
+    count: np.ndarray
+    label: np.ndarray
+    scores: np.ndarray
+    saliency: np.ndarray
+    centroid_m: np.ndarray
+    size_m: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
 class GraphBatch:
     """K graphs padded to the largest of them, m nodes. count (K,) int64, nodes of each; label (K, m) int64, -1 where
     padded; scores, saliency (K, m), centroid_m (K, m, 3) float64, 0 where padded; size_m (K, m, 3) float64, 1 where
@@ -109,17 +122,22 @@ class GraphTable(Sequence[SaliencyGraph]):
         """(N,) int64 positions of the nodes of graphs (K,) among the nodes of all, graph by graph."""
         return ranges(self._start[graphs], self.sizes[graphs])
 
+    def take(self, graphs: np.ndarray) -> GraphNodes:
+        """The graphs of these numbers (K,), one after the other."""
+        nodes = self.nodes(graphs)
+        return GraphNodes(self.sizes[graphs], self._label[nodes].astype(np.int64), **self._values(nodes))
+
     def batch(self, graphs: np.ndarray) -> GraphBatch:
-        """The graphs of these numbers (K,)."""
-        count, nodes = self.sizes[graphs], self.nodes(graphs)
-        is_node = np.arange(count.max(initial=0)) < count[:, None]
-        label = np.full(is_node.shape, -1)
-        label[is_node] = self._label[nodes]
+        """The graphs of these numbers (K,), padded."""
+        taken = self.take(graphs)
+        is_node = np.arange(taken.count.max(initial=0)) < taken.count[:, None]
         padded = {}
-        for name, values in self._values(nodes).items():
-            padded[name] = np.full((*is_node.shape, *values.shape[1:]), float(name == "size_m"))
-            padded[name][is_node] = values
-        return GraphBatch(count, label, **padded)
+        for field in fields(taken)[1:]:
+            values = getattr(taken, field.name)
+            blank = {"label": -1, "size_m": 1}.get(field.name, 0)
+            padded[field.name] = np.full((*is_node.shape, *values.shape[1:]), blank, values.dtype)
+            padded[field.name][is_node] = values
+        return GraphBatch(taken.count, **padded)
 
     def adjacency(self, graphs: np.ndarray) -> np.ndarray:
         """(K, m, m) bool, symmetric: which nodes of a batch of these graphs are in context."""

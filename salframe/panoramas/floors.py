@@ -94,16 +94,14 @@ class Regions:
     def at(self, xy_m: np.ndarray, camera_z_m: np.ndarray) -> list[str | None]:
         """The places at positions (N, 2) in the world, on the floors that cameras at these heights (N,) stand on; None
         off the masks."""
-        places: list[str | None] = []
-        for x, y, z in np.column_stack([xy_m, camera_z_m]).tolist():
-            number = find_floor(self._floors, (x, y, z))
-            if number is None:
-                places.append(None)
-                continue
-            floor, (left_m, top_m) = self._floors[number], self._floors[number].origin_m
-            pixel = int((top_m - y) / floor.resolution_m), int((x - left_m) / floor.resolution_m)
-            places.append(floor.regions.get(int(self._labels[number][pixel])))
-        return places
+        places = np.full(len(xy_m), None)
+        for floor, labels in zip(self._floors, self._labels, strict=True):  # the highest last
+            column, row = (np.array([1, -1]) * (xy_m - floor.origin_m) / floor.resolution_m).T
+            over = (row >= 0) & (row < labels.shape[0]) & (column >= 0) & (column < labels.shape[1])
+            over &= (floor.z_m <= camera_z_m) | (len(self._floors) == 1)
+            found = labels[row[over].astype(int), column[over].astype(int)]
+            places[over] = [floor.regions.get(label) for label in found.tolist()]
+        return places.tolist()
 
 
 def join_floors(floors: Sequence[FloorMasks], more: Sequence[FloorMasks]) -> tuple[FloorMasks, ...]:

@@ -37,7 +37,7 @@ def test_the_pose_of_a_room_of_unlike_objects():
         found = verify_bearings(directions(truth, map_m[k]), map_m, similarity, np.ones(6), TOLERANCE, 6.0)
         support = found.kernel.max(2).sum(1)
         assert support.argmax() == k
-        shift_m, turn_rad = pose_errors(found.poses([k])[0], truth)
+        shift_m, turn_rad = pose_errors(found.poses()[k], truth)
         assert shift_m < 0.15  # the grid's last step is 0.0625 m
         assert turn_rad < np.radians(5)
         assert support[k] > 0.9 * 6
@@ -49,7 +49,7 @@ def test_where_the_map_frame_stands_is_always_tried(largest_shift_m):
     found = verify_bearings(
         directions(pose_2d(0, 0, 1.0), map_m[0]), map_m, np.eye(6)[None], np.ones(6), TOLERANCE, largest_shift_m
     )
-    shift_m, turn_rad = pose_errors(found.poses([0])[0], pose_2d(0, 0, 1.0))
+    shift_m, turn_rad = pose_errors(found.poses()[0], pose_2d(0, 0, 1.0))
     assert (shift_m, turn_rad) == pytest.approx((0, 0), abs=1e-3)
 
 
@@ -83,7 +83,7 @@ def test_one_direction_makes_no_pose():
     found = verify_bearings(
         directions(np.eye(4), rooms(1)[0, :1]), rooms(1)[:, :1], np.ones((1, 1, 1)), np.ones(1), TOLERANCE, 6.0
     )
-    assert found.poses([0])[0] is None
+    assert found.poses()[0] is None
     assert not found.kernel.any()
 
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import BeforeValidator, Field
@@ -20,7 +19,6 @@ from salframe.framework.slots import slot
 from salframe.graphs.graph import SaliencyGraph, without_positions
 from salframe.graphs.packing import graph_from_arrays
 from salframe.graphs.scene_index import SceneIndex
-from salframe.graphs.table import starts
 from salframe.localization.answers import Localization, LocalizationStatus, RankedPlace
 from salframe.localization.evidence import Evidence
 from salframe.localization.localizer import Description
@@ -46,6 +44,7 @@ from salframe_graphs.places.place_index import (
     read_places,
 )
 from salframe_graphs.places.rates import SHIPPED, Likelihood, Rates, shipped_rates
+from salframe_graphs.places.shown import ShownPlaces
 
 OUTLINE, PACKED = "outline_m", "outline_mm"
 _PLACES, _SCENES = "places", "scenes"
@@ -72,20 +71,14 @@ def _over_shipped(part: str, shipped: Callable[[], Settings], value: Any) -> Any
     return merge(shipped().model_dump(), found) if isinstance(found, Mapping) else found
 
 
-class _Shown(NamedTuple):
-    """A place and its scene frames, positions in the map."""
-
-    name: str
-    frames: tuple[int, ...]
-
-
 @dataclass(frozen=True, eq=False)
 class _Hypotheses:
-    """The evidence for each place, the first C rows of it under poses C with shares (C, n, m) of the query's
-    objects."""
+    """H hypotheses of where a query is: name (H,), of ShownPlaces; evidence (H, F), as in EVIDENCE. The first C have
+    poses, with shares (C, n, m) of the query's objects."""
 
     query: QueryObjects
-    evidence: Evidence
+    name: np.ndarray
+    evidence: np.ndarray
     poses: Poses
     share: np.ndarray
 
@@ -168,14 +161,18 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
         self._place_index = index_places(places, cameras_m, self._rates, self.config.likelihood)
         unknown = np.full(BINS, np.nan, np.float32)
         outline_m = np.array([description.get(OUTLINE, unknown) for description in descriptions])
-        self._take_places([_Shown(place.name, place.frames) for place in places], T_world_pano, outline_m)
+        self._take_places(ShownPlaces.of(places), T_world_pano, outline_m)
         if self._scenes is not None:
             self._scenes.take(self._shown_graphs())
 
     def write_index(self, folder: Path) -> None:
         super().write_index(folder)
-        shown = ({"name": np.array(place.name), "frames": np.array(place.frames, np.uint32)} for place in self._places)
-        rows = ({**place, **objects} for place, objects in zip(shown, place_rows(self._place_index), strict=True))
+        shown = self._places
+        frames = np.split(shown.frame.astype(np.uint32), shown.start[1:-1])
+        rows = (
+            {"name": np.array(shown.names[name]), "frames": seen, **objects}
+            for name, seen, objects in zip(shown.name, frames, place_rows(self._place_index), strict=True)
+        )
         write_columns(folder / _PLACES, rows)
         if self._scenes is not None:
             self._new_scene_index().build(self._shown_graphs(), folder / _SCENES)
@@ -184,36 +181,27 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
         super().open_index(folder, packed, frames)
         self._regions = Regions(self.floors) if self.floors else None
         columns = read_columns(folder / _PLACES, {**_SHOWN_COLUMNS, **PLACE_COLUMNS}).columns
-        names, start = columns["name"].words or (), columns["frames"].start.tolist()
-        numbers = columns["frames"].values.tolist()
-        places = [
-            _Shown(names[name], tuple(numbers[first:end]))
-            for name, first, end in zip(columns["name"].values.tolist(), start, start[1:], strict=False)
-        ]
+        names, seen = columns["name"], columns["frames"]
+        places = ShownPlaces(names.words or (), names.values.astype(int), seen.values.astype(int), seen.start)
         outline_m = np.full((len(packed), BINS), np.nan, np.float32)
         if known := packed.columns.get(PACKED):
             outline_m[np.diff(known.start) > 0] = unpack_outline(known.values.reshape(-1, BINS))
         T_world_pano = frames.poses()
         self._take_places(places, T_world_pano, outline_m)
-        self._place_index = read_places(columns, T_world_pano[_padded(places), :2, 3])
+        self._place_index = read_places(columns, T_world_pano[places.padded, :2, 3])
         if self._scenes is not None:
             self._scenes.open(folder / _SCENES)
 
-    def _take_places(self, places: Sequence[_Shown], T_world_pano: np.ndarray, outline_m: np.ndarray) -> None:
+    def _take_places(self, places: ShownPlaces, T_world_pano: np.ndarray, outline_m: np.ndarray) -> None:
         """Take in which places there are, of frames (S) that stand at T_world_pano (S, 3, 4) and see the outlines
         outline_m (S, BINS)."""
-        self._places = places
-        count = np.array([len(place.frames) for place in places])
-        self._most_frames, self._shown = int(count.max()), np.repeat(np.arange(len(places)), count)
-        self._frames_of: dict[str, list[int]] = {}
-        for place in places:
-            self._frames_of.setdefault(place.name, []).extend(place.frames)
+        self._places, self._frames_m = places, T_world_pano[:, :, 3].copy()
         self._scenes = self._new_scene_index() if len(places) > self.config.candidates else None
-        poses = T_world_pano[_padded(places)]
+        poses = T_world_pano[places.padded]
         yaw_rad = np.arctan2(poses[..., 1, 0], poses[..., 0, 0])
         seen_from = np.concatenate([poses[..., :2, 3], yaw_rad[..., None]], -1)
-        range_m = outline_m[_padded(places)].astype(np.float64)
-        range_m[np.arange(self._most_frames) >= count[:, None]] = np.nan  # once is enough
+        range_m = outline_m[places.padded].astype(np.float64)
+        range_m[np.arange(range_m.shape[1]) >= np.diff(places.start)[:, None]] = np.nan  # once is enough
         self._outlines = MapOutlines.of(range_m, seen_from)
 
     def _new_scene_index(self) -> SceneIndex:
@@ -222,7 +210,7 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
 
     def _shown_graphs(self) -> Iterator[SaliencyGraph]:
         """The graphs of the frames of all places, place by place."""
-        return (self._graphs[number] for place in self._places for number in place.frames)
+        return (self._graphs[number] for number in self._places.frame)
 
     def match(self, description: Description) -> Localization:
         if self._is_scaleless(description):
@@ -233,26 +221,28 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
         found = self._hypotheses(query, description.get(OUTLINE))
         if found is None:
             return Localization((), None, LocalizationStatus.NO_MATCH)
-        scores = found.evidence.scores(self._weights)
-        values = found.evidence.values @ self._weights
-        posed: dict[str, int] = {}  # the best of each place's hypotheses that have a pose
-        for row in sorted(range(len(found.poses)), key=lambda row: float(values[row])):
-            posed[found.evidence.places[row]] = row
+        value = found.evidence @ self._weights
+        names, first, row = np.unique(found.name, return_index=True, return_inverse=True)
+        score, posed = np.full(len(names), -np.inf), np.full(len(names), -1)
+        np.logaddexp.at(score, row, value)
+        best_last = np.argsort(value[: len(found.poses)], kind="stable")
+        posed[row[best_last]] = best_last
+        order = np.lexsort((first, -score))
+        names, score, posed = names[order], score[order], posed[order]
+        frames = self._frames_of(names, found.poses, posed)
         places = tuple(
-            RankedPlace(self._frame_of(name, found.poses, posed.get(name)).id, name, scores[name])
-            for name in sorted(scores, key=lambda name: -scores[name])
+            RankedPlace(frame.id, self._places.names[name], value)
+            for frame, name, value in zip(frames, names.tolist(), score.tolist(), strict=True)
         )
         if self._positioner is None:
-            stood = self._frame_of(places[0].place, found.poses, posed.get(places[0].place)).T_world_pano
-            return Localization(places, stood, LocalizationStatus.OK)
-        row = posed.get(places[0].place, -1)
-        if row < 0 or (found.share[row].sum(1) > 0.5).sum() < LEAST_EXPLAINED:
+            return Localization(places, frames[0].T_world_pano, LocalizationStatus.OK)
+        if posed[0] < 0 or (found.share[posed[0]].sum(1) > 0.5).sum() < LEAST_EXPLAINED:
             return Localization(places, None, LocalizationStatus.NO_POSE)
-        best = found.poses.take(np.array([row]))
+        best = found.poses.take(posed[:1])
         pose, covariance = self._searching.settle(
-            found.query, self._place_index, self._rates, best, found.share[row], LEAST_COVARIANCE_M
+            found.query, self._place_index, self._rates, best, found.share[posed[0]], LEAST_COVARIANCE_M
         )
-        stood = self._frame_of(places[0].place, pose, 0).T_world_pano
+        stood = self._frames_of(names[:1], pose, np.zeros(1, int))[0].T_world_pano
         T_world_query = pose_2d(pose.shift_m[0, 0], pose.shift_m[0, 1], pose.yaw_rad[0], stood[2, 3])
         return Localization(places, T_world_query, LocalizationStatus.OK, covariance)
 
@@ -268,7 +258,9 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
         if self._is_scaleless(description) or not len(query):
             return None
         found = self._hypotheses(query, description.get(OUTLINE))
-        return None if found is None else found.evidence
+        if found is None:
+            return None
+        return Evidence([self._places.names[name] for name in found.name], found.evidence)
 
     def _is_scaleless(self, description: Description) -> bool:
         """Whether positions in metres are not known of a query."""
@@ -287,28 +279,24 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
         if not len(kept):
             return None
         found = self._searching.search(asked, whole, kept, self._rates, self.config.likelihood, self.config.poses)
-        unplaced, here = found.unplaced, kept[found.poses.place]
+        here, name = kept[found.poses.place], self._places.name
         poses = replace(found.poses, place=here)
-        posed = np.column_stack([np.logaddexp(found.score, unplaced[found.poses.place]), np.zeros(len(poses))])
-        if outline_m is not None:
-            posed[:, 1] = self._searching.outline_ratio(self._outlines, outline_m, here, poses.shift_m, poses.yaw_rad)
-        names = self._answers(here, poses)
-        posed_names = set(names)
-        alone = np.array([k for k in ranked.tolist() if self._places[k].name not in posed_names], int)
-        # Of a place that was no candidate, the likelihood is that of the worst.
-        likelihood = np.full(len(self._places), unplaced.min())
-        likelihood[kept] = unplaced
+        stands = self._names_at(here, poses)
+        alone = ranked[~np.isin(name[ranked], stands)]
         rows = np.concatenate([here, alone])
-        panorama = self._panorama_scores(query)
-        values = np.column_stack(
-            [
-                np.concatenate([posed, np.column_stack([likelihood[alone], np.zeros(len(alone))])]),
-                [panorama.get(self._places[k].name, 0.0) for k in rows],
-                label_evidence(asked.label, whole, rows),
-            ]
-        )
-        evidence = Evidence([*names, *(self._places[k].name for k in alone)], values)
-        return _Hypotheses(asked, evidence, poses, found.share)
+        evidence = np.zeros((len(rows), len(EVIDENCE)))
+        likelihood, outline, panorama = evidence[:, 0], evidence[:, 1], evidence[:, 2]
+        likelihood[: len(here)] = np.logaddexp(found.score, found.unplaced[found.poses.place])
+        # Of a place that was no candidate, the likelihood is that of the worst.
+        row = np.minimum(np.searchsorted(kept, alone), len(kept) - 1)
+        likelihood[len(here) :] = np.where(kept[row] == alone, found.unplaced[row], found.unplaced.min())
+        if outline_m is not None:
+            posed = self._outlines, outline_m, here, poses.shift_m, poses.yaw_rad
+            outline[: len(here)] = self._searching.outline_ratio(*posed)
+        like = self._panorama_scores(query)
+        panorama[:] = [like.get(number, 0.0) for number in name[rows].tolist()]
+        evidence[:, 3:] = label_evidence(asked.label, whole, rows)
+        return _Hypotheses(asked, np.concatenate([stands, name[alone]]), evidence, poses, found.share)
 
     @property
     def _searching(self) -> Any:
@@ -324,20 +312,23 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
         if self._scenes is None:
             return every, every
         asked = most if len(every) <= RANKED else max(most, RANKED)
-        found = self._scenes.candidates(query, asked * self._most_frames)
-        places, first = np.unique(self._shown[found.scene], return_index=True)
+        found = self._scenes.candidates(query, asked * self._places.padded.shape[1])
+        places, first = np.unique(self._places.place[found.scene], return_index=True)
         places = places[np.argsort(first)]
         return np.sort(places[:most]), every if len(every) <= RANKED else np.sort(places[:asked])
 
-    def _panorama_scores(self, query: SaliencyGraph) -> dict[str, float]:
-        """The score of each place's panorama that is most like a query, of places that have any."""
+    def _panorama_scores(self, query: SaliencyGraph) -> dict[int, float]:
+        """The score of the panorama that is most like a query, by the numbers of places' names, of those that have
+        any."""
         matches = self._matcher.match(query, self._index, self.config.top_k)
         if not matches:
             return {}
         matches = self._agreed(matches)
         stood, seen = self._map_frames[matches[0].scene].T_world_pano, matches[0].T_scene_query
         T_world_query = None if seen is None or not self.config.nearest_scene else stood @ seen
-        return {ranked.place: ranked.score for ranked in self._rank(matches, T_world_query)}
+        number = self._places.number
+        ranked = self._rank(matches, T_world_query)
+        return {number[best.place]: best.score for best in ranked if best.place in number}  # doorways are no places
 
     def _places_of(self, xy_m: np.ndarray, frame: MapFrame) -> list[str | None]:
         """The places that positions (N, 2) which a frame sees lie in."""
@@ -347,30 +338,20 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
             else [None] * len(xy_m)
         )
 
-    def _answers(self, places: np.ndarray, poses: Poses) -> list[str]:
-        """The place that each pose stands in: the region's where it is known and on the map, else the one matched,
-        places (C,)."""
-        matched = [self._places[k] for k in places]
+    def _names_at(self, places: np.ndarray, poses: Poses) -> np.ndarray:
+        """(C,) the name of the place that each pose stands in: the region's where it is known and on the map, else that
+        of the one matched, places (C,)."""
+        matched = self._places.name[places]
         if self._regions is None:
-            return [place.name for place in matched]
-        height = np.array([self._map_frames[place.frames[0]].T_world_pano[2, 3] for place in matched])
-        stands = self._regions.at(poses.shift_m, height)
-        return [name if name in self._frames_of else place.name for name, place in zip(stands, matched, strict=True)]
+            return matched
+        height_m = self._frames_m[self._places.frame[self._places.start[places]], 2]
+        stands = self._regions.at(poses.shift_m, height_m)
+        number = self._places.number
+        named = zip(stands, matched.tolist(), strict=True)
+        return np.array([k if name is None else number.get(name, k) for name, k in named], int)
 
-    def _frame_of(self, name: str, poses: Poses, row: int | None) -> MapFrame:
-        """The scene frame of a place that is nearest to a pose, the first without one."""
-        numbers = self._frames_of[name]
-        if row is None or len(numbers) == 1:
-            return self._map_frames[numbers[0]]
-        return min(
-            (self._map_frames[number] for number in numbers),
-            key=lambda frame: math.dist(frame.T_world_pano[:2, 3], poses.shift_m[row]),
-        )
-
-
-def _padded(places: Sequence[_Shown]) -> np.ndarray:
-    """(K, F) int64: the frames of places, the last one repeated."""
-    count = np.array([len(place.frames) for place in places])
-    numbers = np.array([number for place in places for number in place.frames], int)
-    column = np.minimum(np.arange(count.max()), count[:, None] - 1)
-    return numbers[starts(count)[:-1, None] + column]
+    def _frames_of(self, names: np.ndarray, poses: Poses, row: np.ndarray) -> list[MapFrame]:
+        """Of each of some names (N,) the scene frame that is nearest to one of some poses, row (N,), the first where
+        that is -1."""
+        near_m = np.append(poses.shift_m, [[np.nan, np.nan]], 0)[row]
+        return [self._map_frames[number] for number in self._places.nearest(names, self._frames_m[:, :2], near_m)]
