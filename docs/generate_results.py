@@ -52,8 +52,11 @@ def _options(experiment: Experiment) -> str:
 
 
 def _table(study: TableStudy, kept: Kept, how: str) -> list[str]:
-    tables = (to_markdown(table).rstrip() for table in kept_tables(study, kept))
-    return [f"**{study.title}** ({kept.date}, {kept.machine}{how})", *tables]
+    parts = [f"**{study.title}** ({kept.date}, {kept.machine}{how})"]
+    for table in kept_tables(study, kept):
+        parts += [f"*{table.title}*"] if table.title else []
+        parts.append(to_markdown(table).rstrip())
+    return parts
 
 
 def page(text: str) -> str:

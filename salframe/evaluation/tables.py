@@ -241,7 +241,7 @@ def tables_of(
         tables.append(replace(worth, title="place in the map or not"))
     scored = [row for row in rows if task == "navigation" and row.scores]
     if scored:
-        by_task = _drawn([_metric(name) for name in scored[0].scores], scored, _of(leading, rows, scored))
+        by_task = _drawn([GIVEN, *map(_metric, scored[0].scores)], scored, _of(leading, rows, scored))
         tables.append(replace(by_task, title="by the task's own scorer: an upper bound, goals are known"))
     return tables
 
@@ -290,11 +290,11 @@ def _alike(leading: Mapping[str, Sequence[str]], count: int) -> list[list[int]]:
 
 
 def _best(column: Column, rows: Sequence[Any], alike: Sequence[int]) -> list[int]:
-    """The best of these rows, none where fewer than two have a number."""
+    """The best of these rows, none where all that have a number have the same."""
     known = {
         i: value for i in alike if column.value and rows[i].measured and (value := column.value(rows[i])) is not None
     }
-    if len(known) < 2:
+    if len(set(known.values())) < 2:
         return []
     top = max(known.values()) if column.largest else min(known.values())
     return [i for i, value in known.items() if value == top]

@@ -55,6 +55,11 @@ def test_the_best_is_the_largest_or_the_least(largest, best):
     assert table.best == {(best, 1)}
 
 
+def test_none_is_best_where_all_are_alike():
+    (table,) = tables_of("localization", [row("a", 0.5), row("b", 0.5)], ("accuracy",))
+    assert not table.best
+
+
 def test_rows_of_other_data_do_not_compete():
     rows = [row("a", 0.9), row("b", 0.8), row("a", 0.3), row("b", 0.4)]
     leading = {"data": ["x", "x", "y", "y"], "method": list("abab"), "key": ["", "", "", ""]}
