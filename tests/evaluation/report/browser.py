@@ -53,10 +53,12 @@ class Page:
         self._send(
             "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=width < 600
         )
-        start = time.perf_counter()
+        self.open(file)
+
+    def open(self, file: Path) -> None:
+        """Open a file, and wait until it is there."""
         self._send("Page.navigate", url=file.resolve().as_uri())
         self.wait_for("document.readyState === 'complete'")
-        self.seconds = time.perf_counter() - start
 
     def run(self, script: str) -> Any:
         """The value of an expression, which may be a promise. Raises AssertionError where it throws."""
