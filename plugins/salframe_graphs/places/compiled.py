@@ -21,9 +21,13 @@ __all__ = ["outline_ratio", "search", "settle"]
 
 _NONE = -23.0
 """Odds whose logarithm is less, 1e-10 or fewer, count as none."""
+_LARGE = 1e200
+"""A product of odds beyond which the next might not be a number."""
 _laid_out: WeakKeyDictionary[PlaceIndex, compiled_layout.Searched] = WeakKeyDictionary()
-_compile = numba.njit(nogil=True, error_model="numpy")
-_compile_and_keep = numba.njit(cache=True, nogil=True, error_model="numpy")
+_FREE = {"reassoc", "contract", "arcp", "nsz"}
+"""What rounding is left to the compiler; infinite and unknown stay what they are."""
+_compile = numba.njit(nogil=True, error_model="numpy", fastmath=_FREE)
+_compile_and_keep = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=_FREE)
 
 
 def search(
@@ -103,21 +107,23 @@ def _compare(query, label, of, numbers, alike, along, spread):  # type: ignore[n
         for j in range(size):
             across = variance[j] + numbers.position_variance
             along[i, j] = across + range_variance
-            spread[i, j] = np.log(along[i, j] * np.float32(across))
+            spread[i, j] = np.log(np.float32(along[i, j] * np.float32(across)))
 
 
 @_compile
 def _found(of, x_m, y_m, numbers, logit):  # type: ignore[no-untyped-def]
     """Fill in the logits that each object of a place is found from a position (m,); the log probability that none
     is."""
-    missed = 0.0
+    missed, odds = 0.0, 1.0  # odds are multiplied, and only then come the logarithms
     for j in range(of.shape[1]):
         x, y = of[X, j] - x_m, of[Y, j] - y_m
         distance = max(np.sqrt(x * x + y * y), numbers.nearest_m)
-        value = of[FOUND, j] + numbers.per_distance * np.log(distance / numbers.reference_m)
+        value = of[FOUND, j] + numbers.per_distance * np.log(np.float32(distance / numbers.reference_m))
         logit[j] = min(max(value, -numbers.most_logit), numbers.most_logit)
-        missed -= np.log1p(np.exp(logit[j]))
-    return missed
+        odds *= 1 + np.exp(logit[j])
+        if odds > _LARGE:
+            missed, odds = missed - np.log(odds), 1.0
+    return missed - np.log(odds)
 
 
 @_compile
