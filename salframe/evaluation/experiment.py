@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
+import shutil
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import date
@@ -185,7 +186,7 @@ def _table(
         if there and not force:
             kept = there[0]
         else:
-            fresh = run_study(study, request, progress=progress)
+            fresh = (_run_again if force else run_study)(study, request, progress=progress)
             kept = keep(fresh, known_by)
     except SalframeError as error:
         return TableResult(name, study, kept, skipped=str(error))
@@ -194,6 +195,19 @@ def _table(
     if tables != getattr(results, part):
         write_json(file, results.model_copy(update={part: tables}).model_dump(mode="json"))
     return TableResult(name, study, kept, fresh=fresh)
+
+
+def _run_again(study: Study, request: Request, *, progress: Progress | None) -> StudyResult:
+    """As `run_study`, but by runs that take nothing over from those before, whose place they take when all are done."""
+    apart = Path(request.runs) / f"{request.name}.again"
+    fresh = run_study(study, replace(request, runs=apart), progress=progress)
+    moved = {run: Path(request.runs) / run.name for run in fresh.runs}
+    for run, place in moved.items():
+        shutil.rmtree(place, ignore_errors=True)
+        run.replace(place)
+    apart.rmdir()
+    report = fresh.report and moved[fresh.report.parent] / fresh.report.name
+    return replace(fresh, runs=tuple(moved.values()), report=report)
 
 
 def _with_data(study: Study, request: Request) -> Request:

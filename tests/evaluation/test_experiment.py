@@ -48,8 +48,43 @@ def test_an_experiment_is_measured_once_and_kept(rooms):
     assert again.tables[0].fresh is None
     assert again.tables[0].kept == table.kept
     assert list(map(list, again.tables[0].tables()[0].rows)) == list(map(list, table.tables()[0].rows))
-    forced = run_experiment(file, REQUEST, results="kept", force=True)
-    assert forced.tables[0].fresh is not None
+
+
+def test_what_is_there_is_measured_again_by_force(rooms):
+    file = write(first=ROOMS)
+    (measured,) = run_experiment(file, REQUEST, results="kept").tables
+    rows = {path: path.read_text() for path in Path("runs").glob("*/methods/*/rows.jsonl")}
+    for path, text in rows.items():
+        path.write_text(text.replace('"status": "ok"', '"status": "no-match"'))
+    (forced,) = run_experiment(file, REQUEST, results="kept", force=True).tables
+    assert (
+        [row["accuracy"] for row in forced.kept.rows] == [row["accuracy"] for row in measured.kept.rows] == [1.0, 0.25]
+    )
+    assert {path: len(path.read_text().splitlines()) for path in Path("runs").rglob("rows.jsonl")} == {
+        path: len(text.splitlines()) for path, text in rows.items()
+    }
+    assert all(run.is_dir() for run in forced.fresh.runs)
+
+
+def test_what_was_cut_off_when_measured_again_goes_on(rooms, monkeypatch):
+    file = write(first=ROOMS)
+    run_experiment(file, REQUEST, results="kept")
+    from fake_plugin import Reader
+
+    calls, match = [], Reader.match
+
+    def cut_off(self, description):
+        calls.append(1)
+        if len(calls) == 4:
+            raise KeyboardInterrupt
+        return match(self, description)
+
+    monkeypatch.setattr(Reader, "match", cut_off)
+    with pytest.raises(KeyboardInterrupt):
+        run_experiment(file, REQUEST, results="kept", force=True)
+    (table,) = run_experiment(file, REQUEST, results="kept", force=True).tables
+    assert len(calls) == 17  # the fourth of 16 was asked twice
+    assert [row["accuracy"] for row in table.kept.rows] == [1.0, 0.25]
 
 
 def test_another_setting_or_version_is_measured_again(rooms, monkeypatch):

@@ -225,8 +225,8 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
         names, first, row = np.unique(found.name, return_index=True, return_inverse=True)
         score, posed = np.full(len(names), -np.inf), np.full(len(names), -1)
         np.logaddexp.at(score, row, value)
-        best_last = np.argsort(value[: len(found.poses)], kind="stable")
-        posed[row[best_last]] = best_last
+        ascending = np.argsort(value[: len(found.poses)], kind="stable")
+        posed[row[ascending]] = ascending  # of each name the best with a pose, which comes last
         order = np.lexsort((first, -score))
         names, score, posed = names[order], score[order], posed[order]
         frames = self._frames_of(names, found.poses, posed)
