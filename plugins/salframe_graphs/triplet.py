@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -192,7 +192,7 @@ class TripletMatcher(GraphMatcher):
         )
         weight = self._sureness(query) * rarity
         candidates = self._shortlist(query, index)
-        jaccard = self._jaccard(query.labels, known, rarity, index, index.graphs.take(candidates))
+        jaccard = self._jaccard(query.labels, known, rarity, index, candidates)
         kept = (jaccard > 0) & (jaccard >= self.config.keep * jaccard.max(initial=0))
         candidates, jaccard = candidates[kept], jaccard[kept]
         fast = None
@@ -203,7 +203,7 @@ class TripletMatcher(GraphMatcher):
         else:
             there = index.graphs.take(candidates)
             reference = self._sureness(there) * index.rarity[there.label]
-            structure = self._structures(query, known, index, candidates, fast.ring_hop_histograms)
+            structure = fast.structures(query, known, index, candidates, there, *self._around(index.graphs))
             best, score, alike, found = fast.score_candidates(
                 query, known, weight, there, reference, structure, jaccard, self.config, top_k
             )
@@ -266,23 +266,18 @@ class TripletMatcher(GraphMatcher):
         return len(graphs.labels), self.config.ring_edges_m, self.config.hops
 
     def _structures(
-        self,
-        query: SaliencyGraph,
-        known: np.ndarray,
-        index: GraphIndex,
-        candidates: np.ndarray,
-        histograms: Callable[..., Histograms] = ring_hop_histograms,
+        self, query: SaliencyGraph, known: np.ndarray, index: GraphIndex, candidates: np.ndarray, batch: GraphBatch
     ) -> tuple[Histograms, Histograms, np.ndarray]:
         """Structural features of the query's nodes, those of nodes of the map, and the row in these of each of the
         candidates' nodes, one after the other."""
         columns = (getattr(query, name)[None] for name in ("scores", "saliency", "centroid_m", "size_m"))
         asked = GraphBatch(np.array([len(query)]), known[None], *columns)
         around = self._around(index.graphs)
-        own = histograms(asked, query.adjacency[None], *around)
+        own = ring_hop_histograms(asked, query.adjacency[None], *around)
         if index.structure is not None:
             return own, index.structure, index.graphs.nodes(candidates)
-        there = histograms(index.graphs.batch(candidates), index.graphs.adjacency(candidates), *around)
-        return own, there, np.arange(index.graphs.sizes[candidates].sum())
+        there = ring_hop_histograms(batch, index.graphs.adjacency(candidates), *around)
+        return own, there, np.arange(batch.count.sum())
 
     def _shortlist(self, query: SaliencyGraph, index: GraphIndex) -> np.ndarray:
         """(K,) scenes worth matching, in the order of the map."""
@@ -293,13 +288,14 @@ class TripletMatcher(GraphMatcher):
         return np.sort(index.scenes.candidates(known, self.config.most).scene)
 
     def _jaccard(
-        self, labels: Sequence[str], known: np.ndarray, rarity: np.ndarray, index: GraphIndex, there: GraphNodes
+        self, labels: Sequence[str], known: np.ndarray, rarity: np.ndarray, index: GraphIndex, candidates: np.ndarray
     ) -> np.ndarray:
         """(K,) Jaccard index of the query's labels with each candidate's, weighed by rarity."""
         number = Counter(labels)
         first, count = np.array([(labels.index(label), number[label]) for label in sorted(number)]).T
-        shape = len(there.count), len(index.rarity)
-        cell = np.repeat(np.arange(shape[0]), there.count) * shape[1] + there.label
+        shape = len(candidates), len(index.rarity)
+        of_graph = np.repeat(np.arange(shape[0]), index.graphs.sizes[candidates])
+        cell = of_graph * shape[1] + index.graphs.take_labels(candidates)
         counts = np.bincount(cell, minlength=shape[0] * shape[1]).reshape(shape).astype(np.float64)
         if self.config.labels == "set":
             counts, count = np.minimum(counts, 1), np.minimum(count, 1)
@@ -346,7 +342,7 @@ class TripletMatcher(GraphMatcher):
         self, query: SaliencyGraph, known: np.ndarray, index: GraphIndex, candidates: np.ndarray, batch: GraphBatch
     ) -> np.ndarray:
         """(K, n, m) products of the query's structural features with each candidate's."""
-        own, there, rows = self._structures(query, known, index, candidates)
+        own, there, rows = self._structures(query, known, index, candidates, batch)
         used = np.unique(own.column)
         padded = np.zeros((*batch.label.shape, len(used)))
         padded[batch.is_node] = there.take(rows).unit(used)

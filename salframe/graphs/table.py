@@ -59,12 +59,6 @@ class GraphBatch:
         """(K, m) bool: not padded."""
         return np.arange(self.label.shape[1]) < self.count[:, None]
 
-    def take(self, graphs: np.ndarray) -> GraphBatch:
-        """Some of these graphs, padded to the largest of them."""
-        count = self.count[graphs]
-        most = count.max(initial=0)
-        return GraphBatch(count, *(getattr(self, field.name)[graphs][:, :most] for field in fields(self)[1:]))
-
 
 def starts(lengths: np.ndarray) -> np.ndarray:
     """(N + 1,) int64: where each of N parts begins, and where the last ends."""
@@ -122,10 +116,17 @@ class GraphTable(Sequence[SaliencyGraph]):
         """(N,) int64 positions of the nodes of graphs (K,) among the nodes of all, graph by graph."""
         return ranges(self._start[graphs], self.sizes[graphs])
 
+    def take_labels(self, graphs: np.ndarray) -> np.ndarray:
+        """(N,) int64: the labels of the nodes of graphs (K,), graph by graph."""
+        return self._label[self.nodes(graphs)].astype(np.int64)
+
     def take(self, graphs: np.ndarray) -> GraphNodes:
         """The graphs of these numbers (K,), one after the other."""
-        nodes = self.nodes(graphs)
-        return GraphNodes(self.sizes[graphs], self._label[nodes].astype(np.int64), **self._values(nodes))
+        return GraphNodes(self.sizes[graphs], self.take_labels(graphs), **self._values(self.nodes(graphs)))
+
+    def take_edges(self, graphs: np.ndarray) -> np.ndarray:
+        """(B,) uint8: the bits of the edges of graphs (K,) as in `pack_graph`, graph by graph."""
+        return self._edges[ranges(self._first_byte[graphs], _edge_bytes(self.sizes[graphs]))]
 
     def batch(self, graphs: np.ndarray) -> GraphBatch:
         """The graphs of these numbers (K,), padded."""

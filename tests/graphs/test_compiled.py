@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from salframe_graphs import compilation, features
+from salframe_graphs import compilation, features, triplet
 from salframe_graphs.places import search
 from salframe_graphs.places.likelihood import Poses
 from salframe_graphs.places.merging import Place
@@ -11,9 +11,10 @@ from salframe_graphs.places.place_index import index_places, lay_out_query
 from salframe_graphs.places.rates import Likelihood, shipped_rates
 from salframe_graphs.triplet import TripletMatcher
 
+from salframe.framework.columns import read_columns
 from salframe.graphs.detections import Detections
 from salframe.graphs.graph import GraphConfig, SaliencyGraph, build_graph
-from salframe.graphs.table import HeldGraphs
+from salframe.graphs.table import HeldGraphs, MappedGraphs, write_graphs
 from salframe.panoramas.geometry import invert_pose, pose_2d, transform_points
 
 pytest.importorskip("numba")
@@ -122,15 +123,18 @@ def test_the_same_histograms(rooms):
     rng = np.random.default_rng(9)
     table = HeldGraphs([seen(rng, *one, np.eye(4)) for one in rooms])
     some = np.array([5, 0, 17, 3])
-    batch, adjacency = table.batch(some), table.adjacency(some)
-    batch.label[batch.label == table.vocabulary["chair"]] = -1  # as those of a query that the map lacks
+    batch, nodes = table.batch(some), table.take(some)
+    every, chair = np.arange(len(table.labels)), table.vocabulary["chair"]
+    for part in (batch, nodes):
+        part.label[part.label == chair] = -1  # as those of a query that the map lacks
     compiled = compilation.compiled("salframe_graphs.compiled")
     for edges_m, hops in (((1.0, 2.0, 4.0), 0), ((1.0, 2.0, 4.0), 2), ((), 2)):
-        plain, fast = (
-            one.ring_hop_histograms(batch, adjacency, len(table.labels), edges_m, hops) for one in (features, compiled)
-        )
-        np.testing.assert_array_equal(fast.start, plain.start)
-        np.testing.assert_array_equal(fast.unit(np.arange(fast.width)), plain.unit(np.arange(plain.width)))
+        plain = features.ring_hop_histograms(batch, table.adjacency(some), len(every), edges_m, hops)
+        rows = plain.unit(np.arange(plain.width))
+        for asked in (every, np.array([-1, *every[:3]])):
+            fast = compiled.ring_hop_histograms(nodes, table.take_edges(some), asked, len(every), edges_m, hops)
+            counted = np.isin(nodes.label, asked[asked >= 0])
+            np.testing.assert_array_equal(fast.unit(np.arange(fast.width)), rows * counted[:, None])
 
 
 @pytest.mark.parametrize(
@@ -138,11 +142,16 @@ def test_the_same_histograms(rooms):
     [{}, {"saliency_weight": 0.5, "similarity_score": 0.0, "hops": 1, "confidence": False}, {"tolerance_m": 0.6}],
     ids=["as-set", "other-weights", "wide"],
 )
-def test_the_same_matches(rooms, queries, monkeypatch, settings):
+@pytest.mark.parametrize("mapped", [False, True])
+def test_the_same_matches(rooms, queries, monkeypatch, tmp_path, settings, mapped):
+    """Of graphs in memory, and of many on disk, whose structural features are computed for each query."""
     rng = np.random.default_rng(8)
     graphs = [seen(rng, *one, np.eye(4)) for one in rooms]
     matcher = TripletMatcher(TripletMatcher.Config(most=ROOMS - 4, keep=0.1, **settings))
-    index = matcher.index(graphs)
+    monkeypatch.setattr(triplet, "_FEW", 10)
+    write_graphs(graphs, tmp_path / "graphs")
+    index = matcher.index(MappedGraphs(read_columns(tmp_path / "graphs")) if mapped else graphs)
+    assert (index.structure is None) == mapped
     for query in queries:
         fast = matcher.match(query, index, 6)
         with monkeypatch.context() as plainly:

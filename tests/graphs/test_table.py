@@ -62,9 +62,19 @@ def test_a_batch_holds_what_its_graphs_do(graphs, mapped, held):
         assert (batch.label[k, nodes:] == -1).all()
         np.testing.assert_array_equal(linked[k, :nodes, :nodes], graph.adjacency)
         assert not linked[k, nodes:].any()
-    few = batch.take(np.array([False, True, False, True]))
-    assert few.label.shape == (2, max(len(graphs[0]), len(graphs[3])))
-    np.testing.assert_array_equal(few.count, [len(graphs[0]), len(graphs[3])])
+
+
+@pytest.mark.parametrize("held", [True, False])
+def test_nodes_and_edges_are_taken_graph_by_graph(graphs, mapped, held):
+    table, numbers = HeldGraphs(graphs) if held else mapped, np.array([5, 0, 17, 3])
+    chosen, nodes = [table[number] for number in numbers.tolist()], table.take(numbers)
+    assert nodes.count.tolist() == [len(graph) for graph in chosen]
+    assert [table.labels[i] for i in nodes.label] == [label for graph in chosen for label in graph.labels]
+    for name in ("scores", "saliency", "centroid_m", "size_m"):
+        expected = np.concatenate([getattr(graph, name) for graph in chosen])
+        np.testing.assert_array_equal(getattr(nodes, name), expected)
+    bits = [pack_graph(graph_to_arrays(graph))["edges"] for graph in chosen]
+    np.testing.assert_array_equal(table.take_edges(numbers), np.concatenate(bits))
 
 
 @pytest.mark.parametrize("held", [True, False])
