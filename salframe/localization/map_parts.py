@@ -18,7 +18,7 @@ from salframe.panoramas.frames import FrameKind, MapFrame
 from salframe.panoramas.geometry import are_rotations
 
 METHOD, FRAMES, SCENES, INDEX = "method.json", "frames", "scenes", "index"
-_CHUNK = 1024
+_CHUNK = 1 << 14
 """Poses of so many frames are checked at once."""
 _NAME = ArrayKind("U", ())
 _FRAME = {"id": _NAME, "place": _NAME, "kind": _NAME, "pose": ArrayKind("f", (None,))}
@@ -80,6 +80,16 @@ class SavedFrames(Sequence[MapFrame]):
         T_world_pano[is_level] = _level_poses(numbers[first[is_level, None] + np.arange(_LEVEL)])
         T_world_pano[~is_level] = numbers[first[~is_level, None] + np.arange(_TILTED)].reshape(-1, 3, 4)
         return T_world_pano
+
+    def are_rigid(self, low: int, high: int) -> np.ndarray:
+        """(high - low,) bool: whether the pose of each of the frames in a row is a rigid motion."""
+        numbers, start = self._columns["pose"].values, self._columns["pose"].start[low : high + 1]
+        first, is_level = start[:-1], np.diff(start) == _LEVEL
+        rigid, (cos, sin) = np.zeros(len(first), bool), (numbers[first[is_level] + axis] for axis in (3, 4))
+        rigid[is_level] = np.isclose(cos * cos + sin * sin, 1, atol=RIGID_TOLERANCE)
+        tilted = numbers[first[~is_level, None] + np.arange(_TILTED)].reshape(-1, 3, 4)
+        rigid[~is_level] = are_rotations(tilted[..., :3], RIGID_TOLERANCE)
+        return rigid
 
     def __len__(self) -> int:
         return self._rows
@@ -143,8 +153,7 @@ def _read_frames(folder: Path) -> SavedFrames:
         raise DataError(f"{folder} has a pose of {min(strange)} numbers, expected {_LEVEL} or {_TILTED}")
     frames = SavedFrames(rows)
     for low in range(0, len(frames), _CHUNK):
-        poses = frames.poses(low, low + _CHUNK)
-        if not (rigid := are_rotations(poses[..., :3], RIGID_TOLERANCE)).all():
+        if not (rigid := frames.are_rigid(low, min(low + _CHUNK, len(frames)))).all():
             strays = frames[low + int(np.argmin(rigid))].id
             raise DataError(f"{folder}: the pose of {strays} is no rigid motion: build the map again")
     return frames

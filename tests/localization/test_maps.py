@@ -55,15 +55,26 @@ def test_frames_of_a_saved_map_have_no_panorama(saved):
         frame.load()
 
 
-def test_frames_that_stand_askew_are_refused(saved):
-    (old,) = saved.glob("parts-*")
-    with write_map(saved) as parts:
-        shutil.copytree(old, parts, dirs_exist_ok=True)
-        poses = np.load(parts / "frames" / "pose.npy")
-        poses[5 + 3] = 2  # of the second frame the cosine
-        np.save(parts / "frames" / "pose.npy", poses)
-    with pytest.raises(DataError, match="the pose of map-1 is no rigid motion: build the map again"):
-        open_map(saved)
+ASKEW = {
+    "scaled": 1.01 * Rotation.from_euler("z", 0.5).as_matrix(),
+    "tilted and scaled": 1.01 * Rotation.from_rotvec([0.3, -0.2, 1.0]).as_matrix(),
+    "mirrored": np.diag([1.0, 1.0, -1.0]),
+    "sheared": np.array([[1.0, 0.1, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]),
+}
+
+
+@pytest.mark.parametrize("turn", ASKEW.values(), ids=ASKEW)
+def test_frames_that_stand_askew_are_refused(turn, tmp_path):
+    tilted, askew = np.eye(4), np.eye(4)
+    tilted[:3, :3], askew[:3, :3] = Rotation.from_rotvec([0.3, -0.2, 1.0]).as_matrix(), turn
+    poses = [pose_2d(1, 2, 0.5), tilted, askew]
+    frames = [MapFrame(f"map-{i}", "hall", pose) for i, pose in enumerate(poses)]
+    for count in (2, 3):
+        (parts := tmp_path / str(count)).mkdir()
+        write_scenes(parts, ({} for _ in range(count)), frames[:count])
+    assert len(read_scenes(tmp_path / "2")[1]) == 2
+    with pytest.raises(DataError, match="the pose of map-2 is no rigid motion: build the map again"):
+        read_scenes(tmp_path / "3")
 
 
 def test_poses_come_back_in_every_bit_level_and_tilted(tmp_path):
