@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from salframe.cli.options import ENGINE, RUNS, DataDir, EngineName, Json, Runs, Seed, Workers, with_workers
-from salframe.cli.output import Bars, print_json
+from salframe.cli.options import ENGINE, RUNS, DataDir, EngineName, Json, Runs, Seed, Style, Workers, with_workers
+from salframe.cli.output import TABLE, Bars, print_json
 
 if TYPE_CHECKING:
     from salframe.evaluation.experiment import ExperimentResult
@@ -30,12 +30,13 @@ def experiment(
     engine: EngineName = ENGINE,
     workers: Workers = None,
     seed: Seed = 0,
+    style: Style = "table",
     as_json: Json = False,
 ) -> None:
     """Measure the tables of an experiment and keep them. What is there under the same settings and versions is shown
     again; what was cut off resumes. Tables on data that are not rendered need --data-dir.
     """
-    from salframe.cli.tables import print_experiment, print_table
+    from salframe.cli.tables import format_experiment, print_experiment, print_table
     from salframe.evaluation.experiment import experiment_names, read_experiment, run_experiment
     from salframe.evaluation.request import Request
 
@@ -55,8 +56,10 @@ def experiment(
         with Bars() as bars:
             result = run_experiment(one, request, quick=quick, force=force, results=results, progress=bars.update)
         done.append(result)
-        if not as_json:
+        if not as_json and style == TABLE:
             print_experiment(result)
+        elif not as_json:
+            print(format_experiment(result, style))
     if as_json:
         print_json([result.to_json() for result in done])
     if any(result.crashed or not any(table.kept for table in result.tables) for result in done):

@@ -65,7 +65,7 @@ def print_experiment(result: ExperimentResult) -> None:
     _say(f"{result.experiment.title}: {result.experiment.question}", dim=False)
     for table in result.tables:
         for shown in table.tables():
-            print_measured(replace(shown, title=table.study.title))
+            print_measured(shown)
         if table.kept is not None:
             _say(f"{table.name}: measured on {table.kept.date}, {table.kept.machine}")
         if table.skipped is not None:
@@ -143,6 +143,21 @@ def format_result(result: Result[Any] | StudyResult, style: str) -> str:
         return to_csv(result.rows, getattr(result, "settings", ()))
     draw = {"md": to_markdown, "latex": to_latex}[style]
     return "\n".join(map(draw, [*result.tables(), *reported_tables(result.reported)]))
+
+
+def format_experiment(result: ExperimentResult, style: str) -> str:
+    """The tables of an experiment as "md" or "latex", each under its title, those that papers report last, or as "csv":
+    the measured alone, one after the other, all numbers in full."""
+    from salframe.evaluation.tables import reported_table, to_csv, to_latex, to_markdown
+
+    if style == "csv":
+        kept = ((table.name, table.kept) for table in result.tables if table.kept)
+        return "\n".join(to_csv(one.rows, [{"table": name, **told} for told in one.settings]) for name, one in kept)
+    draw, above = {"md": (to_markdown, "**{}**\n\n"), "latex": (to_latex, "% {}\n")}[style]
+    measured = [shown for table in result.tables for shown in table.tables()]
+    told = [(str(shown.title), shown) for shown in measured]
+    told += [(f"reported, not measured: {part.title}", reported_table(part)) for _, part in result.reported]
+    return "\n".join(above.format(title) + draw(table) for title, table in told)
 
 
 def _print_what_is_right(rows: Sequence[DetectionRow]) -> None:

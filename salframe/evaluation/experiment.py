@@ -98,7 +98,8 @@ class TableResult:
 
     def tables(self) -> list[Table]:
         """The rows as text."""
-        return [] if self.kept is None else kept_tables(self.study, self.kept)
+        shown = [] if self.kept is None else kept_tables(self.study, self.kept)
+        return [replace(table, title=", ".join(filter(None, (self.study.title, table.title)))) for table in shown]
 
 
 @dataclass(frozen=True, eq=False)

@@ -355,15 +355,17 @@ def to_latex(table: Table) -> str:
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"]) + "\n"
 
 
-def to_csv(rows: Sequence[MethodRow], leading: Sequence[Mapping[str, Any]] = ()) -> str:
+def to_csv(rows: Sequence[MethodRow] | Sequence[Mapping[str, Any]], leading: Sequence[Mapping[str, Any]] = ()) -> str:
     """All numbers of the rows in full, a column a field; `leading`: more columns of each row, before its own."""
-    content = [asdict(row) for row in rows]
+    content = [row if isinstance(row, Mapping) else asdict(row) for row in rows]
     names = [name for name, value in (content[0] if content else {}).items() if not isinstance(value, dict)]
     out = io.StringIO()
     before = list(dict.fromkeys(key for one in leading for key in one))
     writer = csv.DictWriter(out, [*before, *names], extrasaction="ignore", lineterminator="\n")
     writer.writeheader()
     for number, row in enumerate(content):
-        joined = {key: "; ".join(map(str, value)) if isinstance(value, tuple) else value for key, value in row.items()}
+        joined = {
+            key: "; ".join(map(str, value)) if isinstance(value, tuple | list) else value for key, value in row.items()
+        }
         writer.writerow({**(leading[number] if leading else {}), **joined})
     return out.getvalue()

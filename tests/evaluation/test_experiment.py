@@ -177,6 +177,27 @@ def test_the_command_prints_measured_and_reported_apart(rooms):
     assert told[0]["tables"]["first"]["rows"][0]["accuracy"] == 1.0
 
 
+@pytest.mark.parametrize(
+    ("style", "first", "row", "last"),
+    [
+        ("md", "**Which room**\n\n| method |", "| right | **100.0 (68-100)** | ", "**reported, not measured: Rooms"),
+        (
+            "latex",
+            "% Which room\n\\begin{tabular}",
+            "right & \\textbf{100.0 (68-100)} & ",
+            "% reported, not measured: Rooms",
+        ),
+        ("csv", "table,method,", "first,one off,", "0.25"),
+    ],
+)
+def test_the_command_prints_what_papers_take(rooms, style, first, row, last):
+    done = run("experiment", str(write(first=ROOMS)), "--engine", "inline", "--results", "kept", "--format", style)
+    assert done.code == 0
+    assert done.out.startswith(first)
+    assert row in done.out
+    assert last in done.out.partition(row)[2]
+
+
 def test_the_command_lists_experiments():
     listed = run("experiment").out
     assert all(name in listed for name in experiment_names())
