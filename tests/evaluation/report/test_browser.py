@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import pytest
+import yaml
 
 from evaluation.report.browser import CHROMIUM, Page
 from salframe.evaluation.localization import compare
 from salframe.evaluation.navigation import navigate
 from salframe.evaluation.reporting import write_report
 from salframe.evaluation.request import Request
+from salframe.evaluation.study import ablate
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is at hand")
 
@@ -127,6 +129,23 @@ def test_it_fits_the_screen(odd, tmp_path, width, dark):
     with Page(path, tmp_path / "profile", width=width, dark=dark) as page:
         assert page.run("document.documentElement.scrollWidth") <= width
         assert page.run("document.documentElement.classList.contains('dark')") is dark
+        assert page.problems == []
+
+
+def test_an_ablation_of_16_rows_fits_a_laptop(fakes, tmp_path):
+    vary = {"reader.offset": [0, 1, 2, 3], "reader.wrong_from": [99, 1, 2, 3]}
+    content = {"methods": ["reader"], "data": "rooms", "set": {"data.rooms": 5}, "vary": vary}
+    (tmp_path / "sixteen.yaml").write_text(yaml.safe_dump(content))
+    study = ablate(tmp_path / "sixteen.yaml", Request((), engine="inline"))
+    with Page(write_report(study.runs, tmp_path / "page.html").path, tmp_path / "profile", width=1280) as page:
+        page.run("document.getElementById('figures').scrollIntoView()")
+        page.wait_for("document.querySelectorAll('#figures .js-plotly-plot').length >= 4")
+        assert page.run("document.documentElement.scrollWidth") <= 1280
+        rows = "[...document.querySelectorAll('table')].map(one => one.tBodies[0].rows.length)"
+        assert page.run(f"Math.max(...{rows})") >= 16
+        plots = "[...document.querySelectorAll('#figures .bglayer .bg')].map(one => one.getBoundingClientRect().width)"
+        assert len(page.run(plots)) >= 2
+        assert min(page.run(plots)) > 250
         assert page.problems == []
 
 
