@@ -260,7 +260,7 @@ def test_an_experiment_takes_published_episodes(walked):
     assert without.skipped.endswith("--data-dir DIR")
     (found,) = run_experiment("bound.yaml", Request(data_dir=walked, engine="inline"), results="kept").tables
     assert set(found.kept.rows[0]["scores"]) == set(BY_HAND)
-    assert list(found.tables()[1].headings) == ["method", *BY_HAND]
+    assert list(found.tables()[1].headings) == ["method", "given", *BY_HAND]
 
 
 def test_data_without_a_folder_has_no_published_episodes():
