@@ -11,7 +11,7 @@ PYTEST = OMP_NUM_THREADS=1 .venv/bin/python -m pytest --numprocesses auto --dist
 .PHONY: demo test slow lint benchmark docs wheel constraints
 
 demo: .venv/demo.installed
-	.venv/bin/salframe compare --methods proposed,loftr,objects
+	.venv/bin/salframe compare --methods proposed,usg,sovs,objects,loftr
 
 test: .venv/test.installed
 	$(PYTEST)

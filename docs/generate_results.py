@@ -52,11 +52,17 @@ def _options(experiment: Experiment) -> str:
 
 
 def _table(study: TableStudy, kept: Kept, how: str) -> list[str]:
-    parts = [f"**{study.title}** ({kept.date}, {kept.machine}{how})"]
+    took = "" if kept.seconds is None else f", {duration(kept.seconds)}"
+    parts = [f"**{study.title}** ({kept.date}, {kept.machine}{took}{how})"]
     for table in kept_tables(study, kept):
         parts += [f"*{table.title}*"] if table.title else []
         parts.append(to_markdown(table).rstrip())
     return parts
+
+
+def duration(seconds: float) -> str:
+    """Whole seconds of less than two minutes, otherwise whole minutes."""
+    return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} min"
 
 
 def page(text: str) -> str:

@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from PIL import Image
 from salframe_house.frames import choose_frames
 from salframe_house.render import Renderer
-from salframe_house.rendering import buildings
+from salframe_house.rendering import buildings, frames_of, render_frame
 
 from salframe.evaluation.localization import compare
 from salframe.evaluation.reporting import write_report
@@ -26,7 +26,7 @@ from salframe.graphs.detections import Detections
 from salframe.graphs.graph import SaliencyGraph
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.geometry import pose_2d, rays_to_pixels
-from salframe.panoramas.opening import find_dataset, mapping_frames
+from salframe.panoramas.opening import configure_dataset, find_dataset, mapping_frames
 from salframe.panoramas.panorama import Annotations, Panorama
 from salframe.topology.build import build_topology
 from salframe.topology.picture import draw_topology
@@ -37,6 +37,8 @@ SEED = 7
 QUERY = 5
 FRAME = "map-bedroom-01-0"
 HEIGHT = 768
+LOST = {"a room with a twin": (204, "query-0222"), "a corridor, which sees into rooms": (200, "query-0106")}
+"""Queries that `proposed` answers wrongly, with the seed of their house-42 and why."""
 HALO = [patheffects.withStroke(linewidth=2.5, foreground="white")]
 
 
@@ -191,6 +193,29 @@ def draw_floor(path: Path) -> None:
     figure.savefig(path, dpi=110, bbox_inches="tight")
 
 
+def draw_lost(path: Path) -> None:
+    """Two queries of house-42 that `proposed` loses, with what its detector made of them: each above the panorama that
+    it answered with and the best of the right room."""
+    figure, axes = plt.subplots(3, 2, figsize=(19, 10.4), layout="constrained")
+    detector = registry().build("detector", configure("detector", "annotations", {}))
+    for column, (cause, (seed, query)) in zip(axes.T, LOST.items(), strict=True):
+        settings = ("data.rgb=false", f"data.seed={seed}")
+        run = Run.load(compare(Request(("proposed",), "house-42", settings=settings)).run)
+        (row,) = (row for row in run.rows("proposed") if row["query"] == query)
+        place = find_dataset("house-42", overrides=settings).truth(query).place
+        answered, wrong, best = row["places"][0]
+        right, _, score = next(one for one in row["places"] if one[1] == place)
+        config = configure_dataset("house-42", None, [{"seed": seed}])[1]
+        frames = {frame.id: frame for frame in frames_of(config)}
+        behind = f"right: {place}, its score {best - score:.1f} behind"
+        told = f"asked from {place}: {cause}", f"answered: {wrong}", behind
+        for each, id, title in zip(column, (query, answered, right), told, strict=True):
+            panorama = render_frame(config, frames[id])
+            _draw_objects(each, panorama, detector.detect(panorama))
+            each.set_title(title, fontsize=13)
+    figure.savefig(path, dpi=80, bbox_inches="tight", pil_kwargs={"quality": 80})
+
+
 def draw_map(path: Path) -> None:
     """The topological map of house-12."""
     dataset = find_dataset("house-12", overrides=["data.rgb=false"])
@@ -227,5 +252,6 @@ if __name__ == "__main__":
     draw_panorama_graph(IMAGES / "panorama-graph.jpg")
     draw_detections(IMAGES / "panoseg.jpg")
     draw_floor(IMAGES / "floor.png")
+    draw_lost(IMAGES / "lost.jpg")
     draw_map(IMAGES / "topological-map.png")
     draw_report(IMAGES / "report.jpg")

@@ -132,7 +132,8 @@ class LoftrCompact(ImageMatcher):
 
     class Config(ImageMatcher.Config):
         pooled: Literal["sift", "tokens"] = match_only(
-            "sift", description="local descriptors that the shortlist is made by: RootSIFT, or the network's own tokens"
+            "tokens",
+            description="local descriptors that the shortlist is made by: the network's own tokens, or RootSIFT",
         )
 
     def __init__(self, config: Config | None = None) -> None:

@@ -7,8 +7,11 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
-from salframe.evaluation.metrics import median
+import numpy as np
+
+from salframe.evaluation.metrics import bootstrap_interval, median
 from salframe.evaluation.request import Request, resolve
 from salframe.evaluation.result import Result
 from salframe.evaluation.rows import PanoramaRow
@@ -52,11 +55,16 @@ class Counts:
 class DetectionRow(MethodRow):
     """A detector's line: overall and by class (classes annotated or found, by common name), and median ms a panorama.
 
-    joined: the common name of each label, annotated or found, that is another word for it.
+    joined: the common name of each label, annotated or found, that is another word for it. `_low` and `_high`: 95 %
+    intervals of the overall shares, of panoramas clustered by place where it is known.
     """
 
     panoramas: int
     overall: Counts | None = None
+    precision_low: float | None = None
+    precision_high: float | None = None
+    recall_low: float | None = None
+    recall_high: float | None = None
     classes: dict[str, Counts] = field(default_factory=dict)
     joined: dict[str, str] = field(default_factory=dict)
     ms: float | None = None
@@ -119,7 +127,20 @@ class DetectionTask(Task[QueryFrame, Survey[QueryFrame]]):
 
     def summarize(self, parts: Sequence[Part[Survey[QueryFrame]]], seed: int) -> tuple[DetectionRow, ...]:
         panoramas = sum(len(survey.pieces) for survey, _ in parts)
-        return tuple(_summarize(records, panoramas) for records in by_method(parts))
+        places = [
+            f"{number}: {_place(survey.dataset, piece.id)}"
+            for number, (survey, _) in enumerate(parts)
+            for piece in survey.pieces
+        ]
+        return tuple(_summarize(records, panoramas, places, seed) for records in by_method(parts))
+
+
+def _place(dataset: Dataset, query: str) -> str:
+    """The place of a query, or what it is called itself where that is not known."""
+    try:
+        return dataset.truth(query).place
+    except DataError:
+        return query
 
 
 class _Detecting(Worker[QueryFrame]):
@@ -172,11 +193,13 @@ def count_right(found: Detections, truth: Detections) -> Counter[str]:
     return right
 
 
-def _summarize(records: Sequence[Record], panoramas: int) -> DetectionRow:
+def _summarize(records: Sequence[Record], panoramas: int, places: Sequence[str], seed: int) -> DetectionRow:
+    """A detector's line; places (P,): where each panorama was taken."""
     line = DetectionRow(**in_common(records), panoramas=panoramas)
     if not all(record.done for record in records):
         return line
-    rows = [row for record in records for row in record.rows if row is not None]
+    all_rows = [row for record in records for row in record.rows]
+    rows = [row for row in all_rows if row is not None]
     good = [row for row in rows if row["status"] == PieceStatus.OK]
     if len(good) < panoramas:
         first = next(iter(line.errors.values()), "no answer")
@@ -184,10 +207,17 @@ def _summarize(records: Sequence[Record], panoramas: int) -> DetectionRow:
     if not good:
         return line
     # What a failure had to find was not found; a panorama that nobody could read tells nothing.
-    counted = [row for row in rows if "annotated" in row]
+    told = [(row, place) for row, place in zip(all_rows, places, strict=True) if row is not None and "annotated" in row]
+    counted, places = [row for row, _ in told], [place for _, place in told]
     annotated, found, right = (
         sum((Counter(row[key]) for row in counted), Counter[str]()) for key in ("annotated", "found", "right")
     )
+    each = {key: np.array([sum(row[key].values()) for row in counted]) for key in ("annotated", "found", "right")}
+    for name, below in (("precision", "found"), ("recall", "annotated")):
+        if each[below].any():
+            low, high = bootstrap_interval(each["right"], places, seed, each[below])
+            bounds: dict[str, Any] = {f"{name}_low": low, f"{name}_high": high}
+            line = replace(line, **bounds)
     classes = {label: Counts.of(annotated[label], found[label], right[label]) for label in sorted({*annotated, *found})}
     overall = Counts.of(annotated.total(), found.total(), right.total())
     joined = {label: name for row in counted for label, name in sorted(row["joined"].items())}

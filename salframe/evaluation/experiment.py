@@ -16,7 +16,7 @@ from pydantic import Field
 
 from salframe.evaluation.reported import ReportedTable, read_reported
 from salframe.evaluation.request import Request
-from salframe.evaluation.run import MethodStatus, PieceStatus, identity_of
+from salframe.evaluation.run import MethodStatus, PieceStatus, Run, identity_of
 from salframe.evaluation.study import Arm, Study, StudyResult, leading_columns, plan, run_study
 from salframe.evaluation.tables import COLUMNS, Table, tables_of
 from salframe.framework.config import Settings, merge, read_yaml, validate
@@ -61,7 +61,8 @@ class Experiment(Settings):
 
 class Kept(Settings):
     """What came of a table. known_by: the hash of its settings and of the versions of its components; rows: the fields
-    of each row that name nothing of the data; settings: what varied for it."""
+    of each row that name nothing of the data; settings: what varied for it; seconds: how long the work of all methods
+    took, None where some of it was resumed."""
 
     known_by: str
     date: str
@@ -69,6 +70,7 @@ class Kept(Settings):
     machine: str
     settings: tuple[dict[str, Any], ...]
     rows: tuple[dict[str, Any], ...]
+    seconds: float | None = None
 
     @property
     def ended(self) -> bool:
@@ -260,7 +262,23 @@ def keep(result: StudyResult, known_by: str) -> Kept:
     machine = f"{os.cpu_count()} cores, {platform.machine()}"
     told = tuple(dict(given) for given in result.settings)
     today = date.today().isoformat()
-    return Kept(known_by=known_by, date=today, version=__version__, machine=machine, settings=told, rows=tuple(rows))
+    return Kept(
+        known_by=known_by,
+        date=today,
+        version=__version__,
+        machine=machine,
+        settings=told,
+        rows=tuple(rows),
+        seconds=_short(_spent(result.runs)),
+    )
+
+
+def _spent(directories: Sequence[Path]) -> float | None:
+    """How long the work of all methods of some runs took; None where some of it was resumed, or has not ended."""
+    runs = [Run.load(directory) for directory in directories]
+    outcomes = [run.outcome(label) for run in runs for label in run.labels]
+    spent = [outcome.seconds for outcome in outcomes if outcome and outcome.seconds is not None]
+    return sum(spent) if len(spent) == len(outcomes) else None
 
 
 def _short(value: Any) -> Any:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +21,10 @@ from salframe.evaluation.metrics import (
     median,
     paired_test,
     pose_recalls,
+    precision_at,
     proportion_interval,
     reliability,
+    resampled_interval,
     roc_area,
 )
 from salframe.evaluation.report.view import LocalizationView, Queries
@@ -52,18 +55,30 @@ class LocalizationRow(MethodRow):
     clustered by place; p_adjusted, as by Holm over all that are tested so.
 
     Where some queries are asked of a map without their place: absent_queries, how many; present_accuracy, of the
-    others; denied_absent, the share of them whose answer denies the map; average_precision, the area below precision
-    against recall of right places among answers above a bound; roc_area of telling the two apart by the
-    probability of being in the map, or the best score; accepted_absent, the share of them that passes the bound on it
-    which 90 % of the right answers pass. calibration_error: the expected one, where the method has probabilities.
+    others, and present_scene_accuracy, had nobody answered with a doorway; denied_absent, the share of them whose
+    answer denies the map; precision_at, of right places among answers above a bound, at the recalls
+    metrics.AT_RECALLS; average_precision, the area below precision against recall; roc_area of telling the two apart
+    by the probability of being in the map, or the best score; accepted_absent, the share of them that passes the bound
+    on it which 90 % of the right answers pass. calibration_error: the expected one, where the method has
+    probabilities. `_low` and `_high`: 95 % intervals, of queries clustered by place.
     """
 
     queries: int
     absent_queries: int = 0
     present_accuracy: float | None = None
+    present_accuracy_low: float | None = None
+    present_accuracy_high: float | None = None
+    present_scene_accuracy: float | None = None
     denied_absent: float | None = None
+    denied_absent_low: float | None = None
+    denied_absent_high: float | None = None
+    precision_at: tuple[float | None, ...] = ()
     average_precision: float | None = None
+    average_precision_low: float | None = None
+    average_precision_high: float | None = None
     roc_area: float | None = None
+    roc_area_low: float | None = None
+    roc_area_high: float | None = None
     accepted_absent: float | None = None
     calibration_error: float | None = None
     accuracy: float | None = None
@@ -73,6 +88,8 @@ class LocalizationRow(MethodRow):
     macro_precision: float | None = None
     macro_recall: float | None = None
     room_type_accuracy: float | None = None
+    room_type_accuracy_low: float | None = None
+    room_type_accuracy_high: float | None = None
     recall_at_2: float | None = None
     recall_at_5: float | None = None
     median_translation_m: float | None = None
@@ -176,7 +193,7 @@ class LocalizationTask(Task[Query, LocalizationSurvey]):
             line = LocalizationRow(**in_common(records), queries=queries)
             if all(record.done for record in records):
                 found = Judged.join(found_in)
-                line = replace(line, **_reached(found), **_known_worth(found), **_costs(records))
+                line = replace(line, **_reached(found), **_known_worth(found, seed), **_costs(records))
                 if len(parts) > 1:
                     line = replace(line, by_part=tuple(float(part.correct.mean()) for part in found_in))
                 if first is not None:
@@ -201,19 +218,16 @@ def judge_records(survey: LocalizationSurvey, records: Sequence[Record]) -> list
 
 
 def _reached(found: Judged) -> dict[str, Any]:
-    low, high = proportion_interval(found.correct, found.true_place)
     asked = np.flatnonzero(found.present)
     precision, recall = macro_averages([found.first_place[i] for i in asked], [found.true_place[i] for i in asked])
     typed = found.present & np.isfinite(found.right_type)
     located = found.correct & np.isfinite(found.translation_m)
     return {
-        "accuracy": float(found.correct.mean()),
-        "accuracy_low": low,
-        "accuracy_high": high,
+        **_rate("accuracy", found.correct, found),
         "scene_accuracy": float(found.correct_scene.mean()),
         "macro_precision": precision,
         "macro_recall": recall,
-        "room_type_accuracy": float(found.right_type[typed].mean()) if typed.any() else None,
+        **_rate("room_type_accuracy", found.right_type, found, typed),
         "recall_at_2": float(found.in_top_2.mean()),
         "recall_at_5": float(found.in_top_5.mean()),
         "median_translation_m": median(found.translation_m[located]),
@@ -223,22 +237,50 @@ def _reached(found: Judged) -> dict[str, Any]:
     }
 
 
-def _known_worth(found: Judged) -> dict[str, Any]:
+def _rate(name: str, right: np.ndarray, found: Judged, of: np.ndarray | None = None) -> dict[str, Any]:
+    """The share of the queries `of` (Q,) bool, all unless given, that are right, and its interval; nothing of none."""
+    chosen = np.arange(len(right)) if of is None else np.flatnonzero(of)
+    if not len(chosen):
+        return {}
+    low, high = proportion_interval(right[chosen], [found.true_place[i] for i in chosen])
+    return {name: float(right[chosen].mean()), f"{name}_low": low, f"{name}_high": high}
+
+
+def _known_worth(found: Judged, seed: int) -> dict[str, Any]:
     """What answers know of their own worth: whether the query is in the map at all, and how probable they are."""
     calibration = reliability(found)
     known: dict[str, Any] = {"calibration_error": None if calibration is None else calibration.expected_error}
     absent = ~found.present
     if absent.any():
-        right = found.present & found.best_place
+        right, present = found.present & found.best_place, int(found.present.sum())
         known |= {
             "absent_queries": int(absent.sum()),
-            "present_accuracy": float(found.correct[found.present].mean()) if found.present.any() else None,
-            "denied_absent": float(found.correct[absent].mean()),
-            "average_precision": average_precision(found.evidence, right, int(found.present.sum())),
-            "roc_area": roc_area(found.evidence[found.present], found.evidence[absent]),
+            **_rate("present_accuracy", found.correct, found, found.present),
+            "present_scene_accuracy": float(found.correct_scene[found.present].mean()) if present else None,
+            **_rate("denied_absent", found.correct, found, absent),
+            "precision_at": precision_at(found.evidence, right, present),
             "accepted_absent": accepted_though_absent(found.evidence[right], found.evidence[absent]),
         }
+        areas = {"average_precision": _average_precision, "roc_area": _roc_area}
+        for name, area in areas.items():
+            if present:
+                known[name] = area(found, np.arange(len(absent)))
+                known[f"{name}_low"], known[f"{name}_high"] = resampled_interval(
+                    partial(area, found), found.true_place, seed
+                )
     return known
+
+
+def _average_precision(found: Judged, chosen: np.ndarray) -> float | None:
+    """Of queries (N,), given by their indices."""
+    present = found.present[chosen]
+    return average_precision(found.evidence[chosen], present & found.best_place[chosen], int(present.sum()))
+
+
+def _roc_area(found: Judged, chosen: np.ndarray) -> float | None:
+    """Of queries (N,), given by their indices."""
+    present, evidence = found.present[chosen], found.evidence[chosen]
+    return roc_area(evidence[present], evidence[~present])
 
 
 def _costs(records: Sequence[Record]) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from salframe.evaluation.metrics import bootstrap_interval
 from salframe.evaluation.request import Request, resolve
 from salframe.evaluation.result import Result
 from salframe.evaluation.rows import PairRow
@@ -40,18 +41,29 @@ NODE_RADIUS_M = 0.5
 @dataclass(frozen=True, kw_only=True)
 class MatchingRow(MethodRow):
     """A method's line. `kind` is "points" (mma_1, mma_3, mma_5: mean matching accuracy; pairs_without_match) or "nodes"
-    (precision, recall, true_per_pair): the two are different quantities. All are means over the pairs of panoramas.
+    (precision, recall, true_per_pair): the two are different quantities. All are means over the pairs of panoramas;
+    `_low` and `_high`: 95 % intervals, of pairs clustered by place.
     """
 
     pairs: int
     kind: str | None = None
     matches_per_pair: float | None = None
     mma_1: float | None = None
+    mma_1_low: float | None = None
+    mma_1_high: float | None = None
     mma_3: float | None = None
+    mma_3_low: float | None = None
+    mma_3_high: float | None = None
     mma_5: float | None = None
+    mma_5_low: float | None = None
+    mma_5_high: float | None = None
     pairs_without_match: int | None = None
     precision: float | None = None
+    precision_low: float | None = None
+    precision_high: float | None = None
     recall: float | None = None
+    recall_low: float | None = None
+    recall_high: float | None = None
     true_per_pair: float | None = None
 
     @property
@@ -111,8 +123,8 @@ class MatchingTask(Task[FramePair, Survey[FramePair]]):
         return _Matching(method, survey.dataset.content_key)
 
     def summarize(self, parts: Sequence[Part[Survey[FramePair]]], seed: int) -> tuple[MatchingRow, ...]:
-        pairs = sum(len(survey.pieces) for survey, _ in parts)
-        return tuple(_summarize(records, pairs) for records in by_method(parts))
+        places = [f"{part}: {pair.reference.place}" for part, (survey, _) in enumerate(parts) for pair in survey.pieces]
+        return tuple(_summarize(records, places, seed) for records in by_method(parts))
 
 
 class _Matching(Worker[FramePair]):
@@ -234,12 +246,14 @@ def own_objects(centroid_m: np.ndarray, panorama: Panorama) -> np.ndarray:
     return own
 
 
-def _summarize(records: Sequence[Record], pairs: int) -> MatchingRow:
-    """A method's line. A pair that failed counts as one in which nothing was right."""
+def _summarize(records: Sequence[Record], places: Sequence[str], seed: int) -> MatchingRow:
+    """A method's line; places (P,): those of the pairs. A pair that failed counts as one in which nothing was right."""
+    pairs = len(places)
     line = MatchingRow(**in_common(records), pairs=pairs)
     if not all(record.done for record in records):
         return line
-    known = [row for record in records for row in record.rows if row is not None]
+    rows = [row for record in records for row in record.rows]
+    known = [row for row in rows if row is not None]
     good, failed = ([row for row in known if (row["status"] == PieceStatus.OK) == ok] for ok in (True, False))
     if failed:
         line = replace(line, reason=f"{len(failed)} pair(s) failed, the first: {failed[0]['error']}")
@@ -248,29 +262,44 @@ def _summarize(records: Sequence[Record], pairs: int) -> MatchingRow:
     if len({row["kind"] for row in good}) > 1:
         return replace(line, reason="matched points in some pairs and nodes in others")
     kind, matches = good[0]["kind"], sum(row["matches"] for row in good) / pairs
-    numbers = _points(good, pairs) if kind == "points" else _nodes(good, pairs)
-    return replace(line, kind=kind, matches_per_pair=matches, **numbers)
+    done = np.array([row is not None and row["status"] == PieceStatus.OK for row in rows])
+    shares, others = (_points if kind == "points" else _nodes)(good, done)
+    means = {key: value for name, share in shares.items() for key, value in _mean(name, *share, places, seed).items()}
+    return replace(line, kind=kind, matches_per_pair=matches, **others, **means)
 
 
-def _points(rows: Sequence[Row], pairs: int) -> dict[str, Any]:
-    """Accuracy of a pair: the share of its judged matches within a threshold, 0 where there is none."""
+Share = tuple[np.ndarray, np.ndarray]
+"""Of each of P pairs, failures among them, a share (P,) float64, and (P,) bool whether it counts."""
+
+
+def _points(rows: Sequence[Row], done: np.ndarray) -> tuple[dict[str, Share], dict[str, Any]]:
+    """Accuracy of a pair: the share of its judged matches within a threshold, 0 where there is none. done (P,) bool:
+    which pairs the rows are of."""
     judged = np.array([row["judged"] for row in rows])
-    within = np.array([row["within_px"] for row in rows]) / np.maximum(judged, 1)[:, None]
-    accuracy = {
-        f"mma_{threshold}": float(share) for threshold, share in zip(THRESHOLDS_PX, within.sum(0) / pairs, strict=True)
-    }
-    return {**accuracy, "pairs_without_match": pairs - int((judged > 0).sum())}
+    within = np.zeros((len(done), len(THRESHOLDS_PX)))
+    within[done] = np.array([row["within_px"] for row in rows]) / np.maximum(judged, 1)[:, None]
+    shares = {f"mma_{px}": (share, np.ones(len(done), bool)) for px, share in zip(THRESHOLDS_PX, within.T, strict=True)}
+    return shares, {"pairs_without_match": len(done) - int((judged > 0).sum())}
 
 
-def _nodes(rows: Sequence[Row], pairs: int) -> dict[str, Any]:
+def _nodes(rows: Sequence[Row], done: np.ndarray) -> tuple[dict[str, Share], dict[str, Any]]:
     """Precision of a pair: the share of its matches that are right, 0 where there is none. Recall: the share of the
-    objects in both graphs that were matched; pairs whose graphs share no object have none.
+    objects in both graphs that were matched; pairs whose graphs share no object have none. done (P,) bool: which pairs
+    the rows are of.
     """
     matches, correct, true = (np.array([row[name] for row in rows]) for name in ("matches", "correct", "true"))
-    precision, recall = correct / np.maximum(matches, 1), correct / np.maximum(true, 1)
-    shared = pairs - int((true == 0).sum())
-    return {
-        "precision": float(precision.sum() / pairs),
-        "recall": float(recall.sum() / shared) if shared else None,
-        "true_per_pair": float(true.sum() / pairs),
-    }
+    precision, recall = np.zeros((2, len(done)))
+    precision[done], recall[done] = correct / np.maximum(matches, 1), correct / np.maximum(true, 1)
+    shared = np.ones(len(done), bool)
+    shared[done] = true > 0
+    shares = {"precision": (precision, np.ones(len(done), bool)), "recall": (recall, shared)}
+    return shares, {"true_per_pair": float(true.sum() / len(done))}
+
+
+def _mean(name: str, share: np.ndarray, counts: np.ndarray, places: Sequence[str], seed: int) -> dict[str, Any]:
+    """The mean of the shares that count, and its interval; nothing where none does."""
+    if not counts.any():
+        return {}
+    chosen = np.flatnonzero(counts).tolist()
+    low, high = bootstrap_interval(share[chosen], [places[i] for i in chosen], seed)
+    return {name: float(share[chosen].mean()), f"{name}_low": low, f"{name}_high": high}

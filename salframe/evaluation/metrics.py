@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -23,6 +23,8 @@ BINS = 10
 RESAMPLES = 2000
 NORMAL_95 = 1.959963984540054
 """Standard deviations on either side of the mean that hold 95 % of a normal distribution."""
+AT_RECALLS = (0.5, 0.75, 0.9)
+"""Recalls at which the precision of accepted answers is told."""
 RECALLS = {"recall_025m_2deg": (0.25, 2.0), "recall_05m_5deg": (0.5, 5.0), "recall_1m_10deg": (1.0, 10.0)}
 """Pose recalls by their column: translation in metres, rotation in degrees."""
 
@@ -182,10 +184,24 @@ def average_precision(evidence: np.ndarray, right: np.ndarray, count: int) -> fl
     share of accepted ones that are `right`, against the share of the `count` that can be. None where none can."""
     if not count:
         return None
+    hits, precision = accepted_above(evidence, right)
+    return float(np.diff(hits, prepend=0) @ precision / count)
+
+
+def precision_at(evidence: np.ndarray, right: np.ndarray, count: int) -> tuple[float | None, ...]:
+    """For each of AT_RECALLS the highest precision of (Q,) answers, accepted above a bound on their evidence, that has
+    this recall or more: see `average_precision`. None where no bound has."""
+    hits, precision = accepted_above(evidence, right)
+    reached = [precision[hits >= recall * count - 1e-9] for recall in AT_RECALLS]
+    return tuple(float(kept.max()) if count and len(kept) else None for kept in reached)
+
+
+def accepted_above(evidence: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The number of `right` ones among the (Q,) answers accepted at each different bound, highest first, and their
+    share."""
     bounds, number = np.unique(-evidence, return_inverse=True)
     hits = np.bincount(number, right, len(bounds)).cumsum()
-    precision = hits / np.bincount(number, minlength=len(bounds)).cumsum()
-    return float(np.diff(hits, prepend=0) @ precision / count)
+    return hits, hits / np.bincount(number, minlength=len(bounds)).cumsum()
 
 
 @dataclass(frozen=True, eq=False)
@@ -277,12 +293,29 @@ def paired_test(first: np.ndarray, second: np.ndarray, cluster: Sequence[str]) -
     return float(min(chance[np.abs(sums) >= abs(difference.sum())].sum(), 1.0))
 
 
-def bootstrap_interval(values: np.ndarray, cluster: Sequence[str], seed: int) -> tuple[float, float]:
-    """95 % interval of the mean of (N,) values over draws of as many clusters with replacement."""
+def bootstrap_interval(
+    values: np.ndarray, cluster: Sequence[str], seed: int, weights: np.ndarray | None = None
+) -> tuple[float, float]:
+    """95 % interval of the mean of (N,) values over draws of as many clusters with replacement; with weights (N,), of
+    the sum of values by the sum of weights."""
     number = _cluster_numbers(cluster)
-    sums, counts = np.bincount(number, values), np.bincount(number)
+    sums, counts = np.bincount(number, values), np.bincount(number, weights)
     drawn = np.random.default_rng(seed).integers(len(counts), size=(RESAMPLES, len(counts)))
-    low, high = np.quantile(sums[drawn].sum(1) / counts[drawn].sum(1), (0.025, 0.975))
+    below = counts[drawn].sum(1)
+    low, high = np.quantile(sums[drawn].sum(1)[below > 0] / below[below > 0], (0.025, 0.975))
+    return float(low), float(high)
+
+
+def resampled_interval(
+    statistic: Callable[[np.ndarray], float | None], cluster: Sequence[str], seed: int
+) -> tuple[float, float]:
+    """95 % interval of a statistic of the indices (N,) of queries, over draws of as many clusters with replacement;
+    draws of which it is None are left out. Raises ValueError where it is None of all."""
+    number = _cluster_numbers(cluster)
+    members = np.split(np.argsort(number, kind="stable"), np.bincount(number).cumsum()[:-1])
+    drawn = np.random.default_rng(seed).integers(len(members), size=(RESAMPLES, len(members)))
+    values = [statistic(np.concatenate([members[one] for one in draw])) for draw in drawn]
+    low, high = np.quantile([value for value in values if value is not None], (0.025, 0.975))
     return float(low), float(high)
 
 

@@ -6,7 +6,7 @@ import json
 import os
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from pathlib import Path
 from types import TracebackType
@@ -65,11 +65,13 @@ class MethodStatus(StrEnum):
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a method's work ended, and why, or with which warning; `given`: which parts of panoramas it was given."""
+    """How a method's work ended, and why, or with which warning; `given`: which parts of panoramas it was given;
+    `seconds`: how long all of it took, None where it was resumed."""
 
     status: MethodStatus
     reason: str | None = None
     given: tuple[str, ...] = ()
+    seconds: float | None = None
 
 
 def identity_of(config: ComponentConfig) -> dict[str, Any]:
@@ -202,8 +204,7 @@ class Run:
 
     def end(self, label: str, outcome: Outcome) -> None:
         """Keep how the method's work ended."""
-        content = {"status": outcome.status, "reason": outcome.reason, "given": list(outcome.given)}
-        write_json(self.folder(label) / OUTCOME, content)
+        write_json(self.folder(label) / OUTCOME, {**asdict(outcome), "given": list(outcome.given)})
 
     def bind(self, fingerprint: str) -> None:
         """Tie the run to the data's content and write env.json. Raises DataError where that is not what it began on."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 import traceback
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
@@ -107,7 +108,9 @@ def _resume(
         work = _Work(task, run, survey, engine, request.limits)
         for label, config in resolved.methods.items():
             if not _finished(task, run, label, survey):
-                run.end(label, work.do(label, config))
+                begun, start = any((run.folder(label) / name).exists() for name in task.counted), time.perf_counter()
+                outcome = work.do(label, config)
+                run.end(label, replace(outcome, seconds=None if begun else time.perf_counter() - start))
     return conclude(task, run, survey, reported)
 
 

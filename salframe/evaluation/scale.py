@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from salframe.evaluation.answering import peak_memory_mb
+from salframe.evaluation.metrics import proportion_interval
 from salframe.evaluation.rows import ScaleLine
 from salframe.evaluation.run import PieceStatus, Row, Run
 from salframe.evaluation.task import MethodRow, Part, Record, Survey, Task, Worker, by_method, check_needs, in_common
@@ -50,7 +51,8 @@ WINDOW = 2000
 class ScaleRow(MethodRow):
     """A method's line: seconds to save the map of scenes on disk and to open it, most memory while saving (1e6 bytes,
     None where the process is shared), bytes a scene of the saved map, milliseconds of a query with the best's pose, the
-    share of queries whose scene is the best match, and of those that were also matched with all scenes, both shares."""
+    share of queries whose scene is the best match, and of those that were also matched with all scenes, both shares,
+    each with Wilson's 95 % interval."""
 
     scenes: int
     build_s: float | None = None
@@ -60,8 +62,14 @@ class ScaleRow(MethodRow):
     query_median_ms: float | None = None
     query_p95_ms: float | None = None
     recall_at_1: float | None = None
+    recall_at_1_low: float | None = None
+    recall_at_1_high: float | None = None
     recall_at_1_both: float | None = None
+    recall_at_1_both_low: float | None = None
+    recall_at_1_both_high: float | None = None
     recall_at_1_exhaustive: float | None = None
+    recall_at_1_exhaustive_low: float | None = None
+    recall_at_1_exhaustive_high: float | None = None
 
     @property
     def measured(self) -> bool:
@@ -221,7 +229,7 @@ def _summarize(records: Sequence[Record], scenes: int) -> ScaleRow:
     if not rows or not all(record.done for record in records):
         return line
     both = [row for row in rows if row["right_exhaustive"] is not None]
-    asked = sum(len(record.rows) for record in records)  # one that failed is not right
+    failed = sum(len(record.rows) for record in records) - len(rows)  # which are not right
     median_ms, p95_ms = np.percentile([row["query_ms"] for row in rows], [50, 95])
     return replace(
         line,
@@ -229,7 +237,15 @@ def _summarize(records: Sequence[Record], scenes: int) -> ScaleRow:
         bytes_per_scene=rows[-1]["bytes"] / scenes,
         query_median_ms=float(median_ms),
         query_p95_ms=float(p95_ms),
-        recall_at_1=sum(row["right"] for row in rows) / asked,
-        recall_at_1_both=float(np.mean([row["right"] for row in both])) if both else None,
-        recall_at_1_exhaustive=float(np.mean([row["right_exhaustive"] for row in both])) if both else None,
+        **_recall("recall_at_1", [row["right"] for row in rows] + [False] * failed),
+        **_recall("recall_at_1_both", [row["right"] for row in both]),
+        **_recall("recall_at_1_exhaustive", [row["right_exhaustive"] for row in both]),
     )
+
+
+def _recall(name: str, right: Sequence[bool]) -> dict[str, Any]:
+    """The share of queries, each of a scene of its own, that are right, and its interval; nothing of none."""
+    if not right:
+        return {}
+    low, high = proportion_interval(np.array(right), [str(number) for number in range(len(right))])
+    return {name: float(np.mean(right)), f"{name}_low": low, f"{name}_high": high}

@@ -92,6 +92,11 @@ def _within(row: Any) -> str:
     return "/".join(f"{recall * 100:.0f}" for recall in recalls if recall is not None) or NONE
 
 
+def _precision_at(row: Any) -> str:
+    shares = ("" if share is None else f"{share * 100:.0f}" for share in row.precision_at or ())
+    return "/".join(share or NONE for share in shares) or NONE
+
+
 def _spread(shares: Sequence[float]) -> str:
     return f"{min(shares) * 100:.0f}-{max(shares) * 100:.0f}" if shares else NONE
 
@@ -109,6 +114,14 @@ def _rate(heading: str, name: str) -> Column:
     return Column(heading, lambda row: interval(*(getattr(row, key) for key in names)), lambda row: getattr(row, name))
 
 
+def _area(heading: str, name: str) -> Column:
+    def cell(row: Any) -> str:
+        area, low, high = (getattr(row, key) for key in (name, f"{name}_low", f"{name}_high"))
+        return fixed(area, 3) if low is None or high is None else f"{area:.3f} ({low:.2f}-{high:.2f})"
+
+    return Column(heading, cell, lambda row: getattr(row, name))
+
+
 def _number(heading: str, name: str, digits: int) -> Column:
     return Column(heading, lambda row: fixed(getattr(row, name), digits))
 
@@ -118,11 +131,14 @@ def _count(heading: str, name: str) -> Column:
 
 
 def _overall(heading: str, name: str) -> Column:
-    def cell(row: Any) -> str:
-        value = getattr(row.overall, name, None)
-        return str(value) if isinstance(value, int) else percent(value)
+    return Column(heading, lambda row: str(getattr(row.overall, name, NONE)))
 
-    return Column(heading, cell)
+
+def _overall_rate(heading: str, name: str) -> Column:
+    def cell(row: Any) -> str:
+        return interval(getattr(row.overall, name, None), getattr(row, f"{name}_low"), getattr(row, f"{name}_high"))
+
+    return Column(heading, cell, lambda row: getattr(row.overall, name, None))
 
 
 GIVEN = Column("given", _given)
@@ -137,18 +153,18 @@ COLUMNS: dict[str, dict[str, Column]] = {
         "scenes": _share("scenes\nonly %", "scene_accuracy"),
         "macro_precision": _share("macro\nprecision %", "macro_precision"),
         "macro_recall": _share("macro\nrecall %", "macro_recall"),
-        "room_type": _share("room\ntype %", "room_type_accuracy"),
+        "room_type": _rate("room type %\n(95 %)", "room_type_accuracy"),
         "recall_at_2": _share("R@2\n%", "recall_at_2"),
         "recall_at_5": _share("R@5\n%", "recall_at_5"),
         "pose": Column("median\npose error", _pose),
         "heading": _number("median\nheading error deg", "median_heading_deg", 1),
         "within": Column("pose within\n.25/.5/1 m %", _within),
-        "present_accuracy": _share("in the map:\nright %", "present_accuracy"),
-        "denied_absent": _share("not in it:\ndenied %", "denied_absent"),
-        "average_precision": Column(
-            "average\nprecision", lambda row: fixed(row.average_precision, 3), lambda row: row.average_precision
-        ),
-        "roc_area": Column("ROC\narea", lambda row: fixed(row.roc_area, 3), lambda row: row.roc_area),
+        "present_accuracy": _rate("in the map:\nright % (95 %)", "present_accuracy"),
+        "present_scenes": _share("scenes\nonly %", "present_scene_accuracy"),
+        "denied_absent": _rate("not in it:\ndenied % (95 %)", "denied_absent"),
+        "precision_at": Column("precision % at\nrecall 50/75/90 %", _precision_at),
+        "average_precision": _area("average\nprecision", "average_precision"),
+        "roc_area": _area("ROC\narea", "roc_area"),
         "accepted_absent": _share("not in it: accepted %\nat 90 % of right kept", "accepted_absent", largest=False),
         "calibration_error": Column(
             "calibration\nerror", lambda row: fixed(row.calibration_error, 3), lambda row: row.calibration_error, False
@@ -161,11 +177,11 @@ COLUMNS: dict[str, dict[str, Column]] = {
     },
     "matching": {
         "given": GIVEN,
-        "mma_1": _share("MMA@1 %", "mma_1"),
-        "mma_3": _share("MMA@3 %", "mma_3"),
-        "mma_5": _share("MMA@5 %", "mma_5"),
-        "precision": _share("precision %", "precision"),
-        "recall": _share("recall %", "recall"),
+        "mma_1": _rate("MMA@1 %\n(95 %)", "mma_1"),
+        "mma_3": _rate("MMA@3 %\n(95 %)", "mma_3"),
+        "mma_5": _rate("MMA@5 %\n(95 %)", "mma_5"),
+        "precision": _rate("precision %\n(95 %)", "precision"),
+        "recall": _rate("recall %\n(95 %)", "recall"),
         "matches": _number("matches\na pair", "matches_per_pair", 1),
         "true": _number("true\na pair", "true_per_pair", 1),
         "unmatched": _count("pairs without\na match", "pairs_without_match"),
@@ -173,8 +189,8 @@ COLUMNS: dict[str, dict[str, Column]] = {
     },
     "detection": {
         "given": GIVEN,
-        "precision": _overall("precision %", "precision"),
-        "recall": _overall("recall %", "recall"),
+        "precision": _overall_rate("precision %\n(95 %)", "precision"),
+        "recall": _overall_rate("recall %\n(95 %)", "recall"),
         "annotated": _overall("annotated", "annotated"),
         "found": _overall("found", "found"),
         "right": _overall("right", "right"),
@@ -201,9 +217,9 @@ COLUMNS: dict[str, dict[str, Column]] = {
         "open": Column("open\ns", lambda row: two_digits(row.open_s), cost=True),
         "median": Column("query\nmedian ms", lambda row: two_digits(row.query_median_ms), cost=True),
         "p95": Column("query\np95 ms", lambda row: two_digits(row.query_p95_ms), cost=True),
-        "recall": _share("R@1\n%", "recall_at_1"),
-        "recall_both": _share("R@1 %\nof the first 50", "recall_at_1_both"),
-        "exhaustive": _share("these by matching\nall scenes: R@1 %", "recall_at_1_exhaustive"),
+        "recall": _rate("R@1 %\n(95 %)", "recall_at_1"),
+        "recall_both": _rate("R@1 %\nof the first 50", "recall_at_1_both"),
+        "exhaustive": _rate("these by matching\nall scenes: R@1 %", "recall_at_1_exhaustive"),
     },
 }
 """The columns of each task by name."""
@@ -218,7 +234,16 @@ USUAL: dict[str, Sequence[str]] = {
     "scale": tuple(COLUMNS["scale"]),
 }
 """The columns that are shown unless others are asked for; matching has those of points and those of nodes."""
-WORTH = ["present_accuracy", "denied_absent", "average_precision", "roc_area", "accepted_absent", "calibration_error"]
+WORTH = [
+    "present_accuracy",
+    "present_scenes",
+    "denied_absent",
+    "precision_at",
+    "average_precision",
+    "roc_area",
+    "accepted_absent",
+    "calibration_error",
+]
 """Those of a second table, where queries are asked of a map without their place."""
 
 

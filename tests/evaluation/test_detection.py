@@ -64,6 +64,8 @@ def test_annotations_without_error_are_all_right_and_with_error_as_many_as_the_n
     assert half.overall.precision == 1
     assert half.overall.annotated == perfect.overall.annotated
     assert half.overall.recall == half.overall.found / half.overall.annotated < 1
+    assert 0 <= half.recall_low <= half.overall.recall <= half.recall_high < 1
+    assert (perfect.recall_low, perfect.recall_high) == (half.precision_low, half.precision_high) == (1, 1)
     assert half.ms > 0
 
 
@@ -161,5 +163,6 @@ def test_a_study_of_detectors_is_kept_with_its_precision_and_recall(tiny):
         (drawn,) = result.tables[0].tables()
         told = [dict(zip(drawn.headings, row, strict=True)) for row in drawn.rows]
         (half,) = measure(tiny, 'annotations.noise={"missed": 0.5}').rows
-        assert [row["recall %"] for row in told] == ["100.0", f"{100 * half.overall.recall:.1f}"]
+        recalls = [row["recall %\n(95 %)"].split() for row in told]
+        assert [recall for recall, _ in recalls] == ["100.0", f"{100 * half.overall.recall:.1f}"]
         assert [int(row["right"]) for row in told] == [half.overall.annotated, half.overall.right]

@@ -44,6 +44,7 @@ def test_an_experiment_is_measured_once_and_kept(rooms):
     kept = json.loads(Path("kept/rooms.json").read_text())["whole"]["first"]
     assert [(row["method"], row["accuracy"]) for row in kept["rows"]] == [("right", 1.0), ("one off", 0.25)]
     assert kept["rows"][1]["p_value"] == table.fresh.rows[1].p_value
+    assert 0 < kept["seconds"] < 600
     again = run_experiment(file, REQUEST, results="kept")
     assert again.tables[0].fresh is None
     assert again.tables[0].kept == table.kept

@@ -19,8 +19,10 @@ from salframe.evaluation.metrics import (
     macro_averages,
     paired_test,
     pose_recalls,
+    precision_at,
     proportion_interval,
     reliability,
+    resampled_interval,
     roc_area,
 )
 from salframe.evaluation.run import DESCRIPTIONS, MAPS, MethodStatus, Outcome, RowWriter
@@ -139,6 +141,9 @@ def test_summary_of_four_queries(tmp_path):
     assert row.median_rotation_deg == pytest.approx(1.0)
     assert row.median_heading_deg is None
     assert row.room_type_accuracy == 0.75
+    assert (row.room_type_accuracy_low, row.room_type_accuracy_high) == proportion_interval(
+        np.array([True, True, True, False]), ["kitchen"] * 4
+    )
     assert row.bytes_per_scene == 200.0
     assert (row.describe_ms, row.query_ms, row.peak_memory_mb) == (7.0, 2.0, 30.0)
 
@@ -245,6 +250,37 @@ def test_the_interval_of_a_mean_is_that_of_its_standard_error():
     assert bootstrap_interval(np.repeat(values, 2), pairs, 0) == pytest.approx((low, high))  # twice as many, no more
 
 
+def test_the_interval_of_a_ratio_weighs_clusters_by_what_they_count():
+    right, found = np.array([3.0, 0.0, 2.0, 5.0]), np.array([4, 0, 2, 10])
+    low, high = bootstrap_interval(right, list("abcd"), 0, found)
+    assert 0.5 == low < right.sum() / found.sum() < high == 1.0  # from 5 of 10 alone to 2 of 2
+    assert bootstrap_interval(right, list("aaaa"), 0, found) == pytest.approx((10 / 16, 10 / 16))
+
+
+def test_the_interval_of_any_statistic_is_over_the_same_draws():
+    values, cluster = np.random.default_rng(1).normal(3.0, 2.0, 90), np.repeat(np.arange(30), 3).astype(str)
+    assert resampled_interval(lambda chosen: float(values[chosen].mean()), cluster, 4) == pytest.approx(
+        bootstrap_interval(values, cluster, 4)
+    )
+
+
+def test_the_interval_of_a_roc_area_is_that_of_hanley_and_mcneil():
+    """1982, for areas of values that are exponential: theirs are exact there."""
+    rng = np.random.default_rng(3)
+    count = 1200
+    evidence = np.concatenate([rng.exponential(3.0, count), rng.exponential(1.0, count)])
+    present = np.arange(2 * count) < count
+
+    def area(chosen):
+        return roc_area(evidence[chosen][present[chosen]], evidence[chosen][~present[chosen]])
+
+    low, high = resampled_interval(area, np.arange(2 * count).astype(str), 0)
+    a = 3 / (3 + 1)
+    variance = a * (1 - a) + (count - 1) * (a / (2 - a) - a**2 + 2 * a**2 / (1 + a) - a**2)
+    assert (high - low) / 2 == pytest.approx(1.96 * math.sqrt(variance) / count, rel=0.1)
+    assert low < area(np.arange(2 * count)) < high
+
+
 def test_denying_the_map_is_right_where_the_place_is_not_in_it():
     statuses = ["not-here", "low-score", "no-match", "no-objects", "ok"]
     asked = [answer("hall", status=status) for status in statuses] + [None]
@@ -282,6 +318,14 @@ def test_average_precision_by_hand():
     assert average_precision(np.array([4.0, 3.0, 2.0, -np.inf]), right, 3) == pytest.approx((1 + 2 / 3) / 3)
     assert average_precision(np.ones(4), right, 3) == pytest.approx(2 / 4 * 2 / 3)  # all at once
     assert average_precision(np.ones(4), right, 0) is None
+
+
+def test_precision_at_recalls_by_hand():
+    """As above: 1/1, 1/2, 2/3 and 2/4 are right, of three."""
+    evidence, right = np.array([4.0, 3.0, 2.0, -np.inf]), np.array([True, False, True, False])
+    assert precision_at(evidence, right, 3) == (pytest.approx(2 / 3), None, None)
+    assert precision_at(evidence, right, 2) == pytest.approx((1.0, 2 / 3, 2 / 3))
+    assert precision_at(evidence, right, 0) == (None, None, None)
 
 
 def test_accepted_though_absent_at_the_bound_that_keeps_nine_of_ten():

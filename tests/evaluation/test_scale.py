@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 from salframe_graphs.triplet import TripletMatcher
+from scipy.stats import binomtest
 
 from salframe.evaluation import scale
 from salframe.evaluation.request import Request
@@ -65,6 +66,8 @@ def test_what_a_map_costs_and_what_is_found_in_it(furnished, tmp_path, monkeypat
     assert exhaustive == {query: expected[query] for query in exhaustive}
     assert len(exhaustive) == 6
     assert twenty.recall_at_1_exhaustive == np.mean(list(exhaustive.values()))
+    wilson = binomtest(round(12 * twenty.recall_at_1), 12).proportion_ci(method="wilson")
+    assert (twenty.recall_at_1_low, twenty.recall_at_1_high) == pytest.approx((wilson.low, wilson.high))
     assert one.recall_at_1 <= twenty.recall_at_1
     assert twenty.recall_at_1 > 0.8
     assert 0 < twenty.query_median_ms <= twenty.query_p95_ms

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+from dataclasses import replace
 
 import pytest
 
@@ -72,10 +73,13 @@ def test_what_is_usual_has_the_spread_of_seeds_only_where_there_are_some():
 
 
 def test_queries_without_their_place_have_a_table_of_their_own():
-    known = row("told", 0.5, absent_queries=2, present_accuracy=0.75, roc_area=0.9)
+    known = row("told", 0.5, absent_queries=2, roc_area=0.9, precision_at=(1.0, 0.5, None))
+    known = replace(known, present_accuracy=0.75, present_accuracy_low=0.5, present_accuracy_high=0.875)
+    known = replace(known, average_precision=0.8, average_precision_low=0.625, average_precision_high=1.0)
     _, worth = tables_of("localization", [ROWS[0], known], leading={"arm": ["x", "y"]})
     assert worth.title == "place in the map or not"
-    assert list(worth.rows[0]) == ["y", "75.0", "-", "-", "0.900", "-", "-"]
+    told = ["75.0 (50-88)", "-", "-", "100/50/-", "0.800 (0.62-1.00)", "0.900", "-", "-"]
+    assert list(worth.rows[0]) == ["y", *told]
     assert len(worth.rows) == 1
 
 

@@ -82,7 +82,7 @@ def test_it_runs_without_torch():
 
 
 def test_views_without_texture_have_no_match(make_matcher):
-    matcher = make_matcher("loftr-compact", SIZE_PX)
+    matcher = make_matcher("loftr-compact", SIZE_PX, pooled="sift")
     first, second = matcher.extract(np.full((2, 240, 320, 3), 127, np.uint8))
     points, cells = matcher.match(first, second)
     assert points.shape == (len(cells), 2)
@@ -90,7 +90,7 @@ def test_views_without_texture_have_no_match(make_matcher):
 
 
 def test_its_tokens_are_local_descriptors_of_unit_length_one_a_cell(make_matcher):
-    matcher = make_matcher("loftr-compact", SIZE_PX, pooled="tokens")
+    matcher = make_matcher("loftr-compact", SIZE_PX)
     view, other = matcher.extract(np.random.default_rng(0).integers(0, 255, (2, 240, 320, 3), np.uint8))
     tokens = matcher.describe(view)
     assert tokens.shape == (len(view.points_px), 64)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from salframe.evaluation.metrics import PLACED, Judged, reliability
+from salframe.evaluation.metrics import PLACED, Judged, accepted_above, reliability
 from salframe.evaluation.report.arms import Arm
 from salframe.evaluation.report.page import numbers
 from salframe.evaluation.report.view import LocalizationView
@@ -59,6 +59,7 @@ def draw_figures(arms: Sequence[Arm], views: Sequence[LocalizationView]) -> list
         *_recalls(answered),
         *_error_curves(answered),
         *_histograms(answered),
+        *_precision(answered),
         *_reliability(answered),
     ]
     return figures
@@ -177,6 +178,22 @@ def _histograms(answered: Sequence[Answered]) -> Iterator[Figure]:
             y_axis = {"title": {"text": "share of queries"}, "tickformat": ".0%", "rangemode": "tozero"}
             layout = {"xaxis": axis, "yaxis": y_axis}
             yield {"title": f"Distribution of the {title.partition(' (')[0]}", "data": traces, "layout": layout}
+
+
+def _precision(answered: Sequence[Answered]) -> Iterator[Figure]:
+    """Precision against recall of right places among answers above a bound, of arms whose queries are asked of maps
+    without their place too."""
+    traces = []
+    for one in answered:
+        judged, present = one.judged, int(one.judged.present.sum())
+        if present and not judged.present.all():
+            hits, precision = accepted_above(judged.evidence, judged.present & judged.best_place)
+            drawn = {"x": numbers(hits / present, 4), "y": numbers(precision, 4), "mode": "lines"}
+            traces.append({"arm": one.number, **drawn})
+    if traces:
+        axes = {"xaxis": "recall: share of the queries in the map", "yaxis": "precision of accepted answers"}
+        layout = {axis: {**PERCENT, "title": {"text": text}} for axis, text in axes.items()}
+        yield {"title": "Precision against recall", "data": traces, "layout": layout}
 
 
 def _reliability(answered: Sequence[Answered]) -> Iterator[Figure]:

@@ -56,3 +56,13 @@ def test_costs_stand_beside_accuracy(figures):
     assert point["y"] == [0.4]
     assert point["x"][0] > 0
     assert 0.4 - point["error_y"]["arrayminus"][0] >= 0
+
+
+def test_precision_is_drawn_against_recall_where_queries_may_not_be_in_the_map(fakes, read, figures):
+    """The best score of `reader` is 0 in a map that has the room, and -1 in one that has not, as often: the bound at 0
+    accepts all right answers alone, that at -1 as many wrong ones."""
+    asked = Request(("reader",), "rooms", settings=("data.hide_query_place=true",), engine="inline")
+    drawn = {figure["title"]: figure for figure in read(compare(asked).report)[0]["figures"]}
+    curve = trace(drawn["Precision against recall"], 0)
+    assert (curve["x"], curve["y"]) == ([1.0, 1.0], [1.0, 0.5])
+    assert "Precision against recall" not in figures
