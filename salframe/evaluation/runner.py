@@ -97,9 +97,9 @@ def _resume(
     survey = task.survey(dataset)
     for label, config in resolved.methods.items():
         data = [dataset.content_key, dataset.question_key]
-        method = {"method": identity_of(config), "map_format": MAP_FORMAT}  # rows have the bytes of their maps
-        key = {"task": known_as, "data": data, "mode": task.mode(label), **method}
-        run.reuse(label, digest(key))
+        key = {"task": known_as, "data": data, "mode": task.mode(label), "method": identity_of(config)}
+        map_format = {"map_format": MAP_FORMAT} if task.maps else {}  # rows have the bytes of their maps
+        run.reuse(label, digest({**key, **map_format}))
     units = units_note(mapping_frames(dataset))
     run.set_notes([*resolved.notes, *([units] if units else [])])
     if request.limits and not engine.isolates:
