@@ -19,7 +19,8 @@ from salframe_graphs.places.search import Found
 
 __all__ = ["outline_ratio", "search", "settle"]
 
-_NONE = -23.0
+_F4, _I4 = np.float32, np.int32
+_NONE = _F4(-23)
 """Odds whose logarithm is less, 1e-10 or fewer, count as none."""
 _LARGE = 1e200
 """A product of odds beyond which the next might not be a number."""
@@ -43,36 +44,48 @@ def search(
     return Found(Poses(place[best], pose[best, :2], pose[best, 2]), score[best], share[best], unplaced)
 
 
+@_compile
+def _exp(x):  # type: ignore[no-untyped-def]
+    """exp(x) in single precision for -87 < x < 88: expf of Cephes (Moshier), whose loops a compiler turns into vector
+    instructions."""
+    whole = np.floor(x * _F4(1.44269504) + _F4(0.5))
+    r = x - whole * _F4(0.693359375) + whole * _F4(2.12194440e-4)
+    value = _F4(1.9875691500e-4) * r + _F4(1.3981999507e-3)
+    value = (value * r + _F4(8.3334519073e-3)) * r + _F4(4.1665795894e-2)
+    value = (value * r + _F4(1.6666665459e-1)) * r + _F4(5.0000001201e-1)
+    return (value * r * r + r + _F4(1)) * _I4((_I4(whole) + _I4(127)) << _I4(23)).view(_F4)
+
+
 @_compile_and_keep
 def _search(query, index, places, width, numbers, refined):  # type: ignore[no-untyped-def]
     """Poses (C, 3), x, y and yaw, of which `best` are the best of their places."""
     n, most = len(query.label), len(places) * refined
     pairs = np.empty((3, len(places), n, width), np.float32)
-    alike, along, spread = pairs[0], pairs[1], pairs[2]
-    unplaced, odds, logit = np.empty(len(places)), np.empty((n, width)), np.empty(width, np.float32)
+    alike, sharpness, peak = pairs[0], pairs[1], pairs[2]
+    unplaced, odds, logit = np.empty(len(places)), np.empty((n, width), np.float32), np.empty(width, np.float32)
     place, pose, count = np.empty(most, np.int64), np.empty((most, 3)), 0
     for k in range(len(places)):
         size, camera_m = index.size[places[k]], index.cameras_m[places[k]]
         label, of = index.label[places[k], :size], index.of[places[k], :, :size]
-        _compare(query, label, of, numbers, alike[k], along[k], spread[k])
+        _compare(query, label, of, numbers, alike[k], sharpness[k], peak[k])
         missed = _found(of, camera_m[0, 0], camera_m[0, 1], numbers, logit)
         unplaced[k] = missed + _unplaced(alike[k], logit, size, numbers, odds)
         found = _hypotheses(query, label, of, camera_m, alike[k], logit, numbers, pose[count : count + refined])
         place[count : count + found] = k
         count += found
-    score, share, far = np.empty(count), np.empty((count, n, width)), -np.inf
+    score, share, far = np.empty(count), np.empty((count, n, width), np.float32), -np.inf
     for c in range(count):
         k = place[c]
         of = index.of[places[k], :, : index.size[places[k]]]
-        score[c] = _score(query, of, alike[k], along[k], spread[k], pose[c], numbers, share[c])
+        score[c] = _score(query, of, alike[k], sharpness[k], peak[k], pose[c], numbers, share[c])
         far = max(far, score[c] - numbers.far_nats)
-    fitted, again, best = np.empty(3), np.empty((n, width)), np.full(len(places), -1)
+    fitted, again, best = np.empty(3), np.empty((n, width), np.float32), np.full(len(places), -1)
     for c in range(count):
         k = place[c]
         of = index.of[places[k], :, : index.size[places[k]]]
         for _ in range(numbers.steps if score[c] >= far else 0):
-            _fit(query, of, along[k], share[c], fitted)
-            value = _score(query, of, alike[k], along[k], spread[k], fitted, numbers, again)
+            _fit(query, of, sharpness[k], share[c], fitted)
+            value = _score(query, of, alike[k], sharpness[k], peak[k], fitted, numbers, again)
             if value > score[c]:
                 score[c] = value
                 for axis in range(3):
@@ -84,14 +97,15 @@ def _search(query, index, places, width, numbers, refined):  # type: ignore[no-u
             best[k] = c
         for i in range(n):
             for j in range(of.shape[1], width):
-                share[c, i, j] = 0.0
+                share[c, i, j] = 0
     return best, place, pose, score, share, unplaced
 
 
 @_compile
-def _compare(query, label, of, numbers, alike, along, spread):  # type: ignore[no-untyped-def]
-    """Fill in, of query object and object of a place (n, m): the log ratio of label, height and size; the variance of
-    the difference of their positions along the query object's ray; and the logarithm of it times that across."""
+def _compare(query, label, of, numbers, alike, sharpness, peak):  # type: ignore[no-untyped-def]
+    """Fill in, of query object and object of a place (n, m): the log ratio of label, height and size; one over the
+    variance of the difference of their positions along the query object's ray; and the peak of the density of that
+    difference, but for 2 pi."""
     size = of.shape[1]
     z, length, height, variance = of[Z], of[LENGTH], of[HEIGHT], of[VARIANCE]
     for i in range(len(query.label)):
@@ -106,8 +120,8 @@ def _compare(query, label, of, numbers, alike, along, spread):  # type: ignore[n
         range_variance = query.range_variance[i]
         for j in range(size):
             across = variance[j] + numbers.position_variance
-            along[i, j] = across + range_variance
-            spread[i, j] = np.log(np.float32(along[i, j] * np.float32(across)))
+            along = across + range_variance
+            sharpness[i, j], peak[i, j] = 1 / along, 1 / np.sqrt(_F4(along * across))
 
 
 @_compile
@@ -118,9 +132,9 @@ def _found(of, x_m, y_m, numbers, logit):  # type: ignore[no-untyped-def]
     for j in range(of.shape[1]):
         x, y = of[X, j] - x_m, of[Y, j] - y_m
         distance = max(np.sqrt(x * x + y * y), numbers.nearest_m)
-        value = of[FOUND, j] + numbers.per_distance * np.log(np.float32(distance / numbers.reference_m))
+        value = of[FOUND, j] + numbers.per_distance * np.log(_F4(distance / numbers.reference_m))
         logit[j] = min(max(value, -numbers.most_logit), numbers.most_logit)
-        odds *= 1 + np.exp(logit[j])
+        odds *= 1 + _exp(logit[j])
         if odds > _LARGE:
             missed, odds = missed - np.log(odds), 1.0
     return missed - np.log(odds)
@@ -129,16 +143,18 @@ def _found(of, x_m, y_m, numbers, logit):  # type: ignore[no-untyped-def]
 @_compile
 def _share_out(odds, size):  # type: ignore[no-untyped-def]
     """Where several query objects claim one of the place's, they share its odds (n, m)."""
-    claimed = np.zeros(size)
+    claimed = np.zeros(size, np.float32)
     for i in range(len(odds)):
-        total = 1.0
+        total = _F4(1)
         for j in range(size):
             total += odds[i, j]
         for j in range(size):
             claimed[j] += odds[i, j] / total
+    for j in range(size):
+        claimed[j] = 1 / max(claimed[j], _F4(1))
     for i in range(len(odds)):
         for j in range(size):
-            odds[i, j] /= max(claimed[j], 1.0)
+            odds[i, j] *= claimed[j]
 
 
 @_compile
@@ -147,7 +163,8 @@ def _exponentials(log_odds, size, numbers):  # type: ignore[no-untyped-def]
     for i in range(len(log_odds)):
         for j in range(size):
             value = log_odds[i, j]
-            log_odds[i, j] = np.exp(min(value, numbers.most_log)) if value > _NONE else 0.0
+            odds = _exp(min(max(value, _NONE), _F4(numbers.most_log)))
+            log_odds[i, j] = odds if value > _NONE else _F4(0)
 
 
 @_compile
@@ -155,7 +172,7 @@ def _unplaced(alike, logit, size, numbers, odds):  # type: ignore[no-untyped-def
     """The score of a place without a pose, but for what is missed."""
     for i in range(len(odds)):
         for j in range(size):
-            odds[i, j] = alike[i, j] + logit[j] - numbers.clutter
+            odds[i, j] = alike[i, j] + logit[j] - _F4(numbers.clutter)
     _exponentials(odds, size, numbers)
     _share_out(odds, size)
     score = 0.0
@@ -168,29 +185,32 @@ def _unplaced(alike, logit, size, numbers, odds):  # type: ignore[no-untyped-def
 
 
 @_compile
-def _score(query, of, alike, along, spread, pose, numbers, share):  # type: ignore[no-untyped-def]
+def _score(query, of, alike, sharpness, peak, pose, numbers, share):  # type: ignore[no-untyped-def]
     """The score of a place under a pose; fill in how surely each query object is each of the place's (n, m)."""
-    size, half = of.shape[1], np.float32(0.5)
+    size, half, base = of.shape[1], _F4(0.5), _F4(numbers.area - numbers.clutter)
     of_object = np.empty((4, size), np.float32)
     logit, across, x_there, y_there = of_object[0], of_object[1], of_object[2], of_object[3]
     score = _found(of, pose[0], pose[1], numbers, logit)
-    c, s = np.float32(np.cos(pose[2])), np.float32(np.sin(pose[2]))
+    c, s = _F4(np.cos(pose[2])), _F4(np.sin(pose[2]))
     for j in range(size):
-        x, y = np.float32(of[X, j] - pose[0]), np.float32(of[Y, j] - pose[1])
+        x, y = _F4(of[X, j] - pose[0]), _F4(of[Y, j] - pose[1])
         x_there[j], y_there[j] = c * x + s * y, c * y - s * x
-        across[j] = of[VARIANCE, j] + numbers.position_variance
+        across[j] = 1 / (of[VARIANCE, j] + numbers.position_variance)
     for i in range(len(query.label)):
-        x_here, y_here = np.float32(query.xy_m[i, 0]), np.float32(query.xy_m[i, 1])
-        x_ray, y_ray = np.float32(query.ray[i, 0]), np.float32(query.ray[i, 1])
+        x_here, y_here = _F4(query.xy_m[i, 0]), _F4(query.xy_m[i, 1])
+        x_ray, y_ray = _F4(query.ray[i, 0]), _F4(query.ray[i, 1])
         for j in range(size):
             x, y = x_there[j] - x_here, y_there[j] - y_here
             forth, side = x * x_ray + y * y_ray, y * x_ray - x * y_ray
-            off = forth * forth / along[i, j] + side * side / across[j] + spread[i, j]
-            share[i, j] = alike[i, j] + (numbers.area - half * off) + logit[j] - numbers.clutter
+            off = forth * forth * sharpness[i, j] + side * side * across[j]
+            share[i, j] = alike[i, j] - half * off + logit[j] + base
     _exponentials(share, size, numbers)
+    for i in range(len(query.label)):
+        for j in range(size):
+            share[i, j] *= peak[i, j]
     _share_out(share, size)
     for i in range(len(query.label)):
-        total = 1.0
+        total = _F4(1)
         for j in range(size):
             total += share[i, j]
         score += np.log(total)
@@ -200,12 +220,12 @@ def _score(query, of, alike, along, spread, pose, numbers, share):  # type: igno
 
 
 @_compile
-def _fit(query, of, along, share, pose):  # type: ignore[no-untyped-def]
+def _fit(query, of, sharpness, share, pose):  # type: ignore[no-untyped-def]
     """Fill in the pose fitted in closed form to shares (n, m), pairs weighted by their certainty."""
     total, x, y, x_there, y_there = 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(len(query.label)):
         for j in range(of.shape[1]):
-            weight = share[i, j] / along[i, j]
+            weight = share[i, j] * sharpness[i, j]
             total += weight
             x += weight * query.xy_m[i, 0]
             y += weight * query.xy_m[i, 1]
@@ -217,7 +237,7 @@ def _fit(query, of, along, share, pose):  # type: ignore[no-untyped-def]
     for i in range(len(query.label)):
         east, north = query.xy_m[i, 0] - x, query.xy_m[i, 1] - y
         for j in range(of.shape[1]):
-            weight = share[i, j] / along[i, j]
+            weight = share[i, j] * sharpness[i, j]
             east_there, north_there = of[X, j] - x_there, of[Y, j] - y_there
             turned += weight * (east * north_there - north * east_there)
             straight += weight * (east * east_there + north * north_there)
@@ -303,19 +323,19 @@ def _most_support(query, of, origin_m, pair, worth, logit, numbers, poses, best)
     for p in range(count - 1, -1, -1):  # one by one pairs bring no less than together
         rest[p] = rest[p + 1] + np.log1p(np.exp(min(peak[p], numbers.most_log)))
     for pose in poses:
-        c, s = np.float32(np.cos(pose[2])), np.float32(np.sin(pose[2]))
-        x_pose, y_pose = np.float32(pose[0] - origin_m[0]), np.float32(pose[1] - origin_m[1])
+        c, s = _F4(np.cos(pose[2])), _F4(np.sin(pose[2]))
+        x_pose, y_pose = _F4(pose[0] - origin_m[0]), _F4(pose[1] - origin_m[1])
         total, odds = 0.0, 0.0
         for p in range(count):
             i = pair[p, 0]
             east, north = x_there[p] - x_pose, y_there[p] - y_pose
-            x = c * east + s * north - np.float32(query.xy_m[i, 0])
-            y = c * north - s * east - np.float32(query.xy_m[i, 1])
-            x_ray, y_ray = np.float32(query.ray[i, 0]), np.float32(query.ray[i, 1])
+            x = c * east + s * north - _F4(query.xy_m[i, 0])
+            y = c * north - s * east - _F4(query.xy_m[i, 1])
+            x_ray, y_ray = _F4(query.ray[i, 0]), _F4(query.ray[i, 1])
             forth, side = x * x_ray + y * y_ray, y * x_ray - x * y_ray
             exponent = forth * forth * by_along[p] + side * side * by_across[p] + peak[p]
             if exponent > _NONE:
-                odds += np.exp(min(np.float64(exponent), numbers.most_log))
+                odds += _exp(min(_F4(exponent), _F4(numbers.most_log)))
             if p + 1 == count or pair[p + 1, 0] != i:
                 total, odds = total + np.log1p(odds), 0.0
                 if total + rest[p + 1] < support[-1] - 1e-3:
