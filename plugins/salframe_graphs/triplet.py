@@ -24,6 +24,7 @@ from salframe.graphs.matcher import GraphMatch, GraphMatcher
 from salframe.graphs.scene_index import SceneIndex, SceneLookup
 from salframe.graphs.table import GraphBatch, GraphNodes, GraphTable, HeldGraphs, MappedGraphs
 from salframe_graphs import compilation
+from salframe_graphs.alignment import align
 from salframe_graphs.bearings import verify_bearings
 from salframe_graphs.features import Histograms, node2vec, ring_hop_histograms
 from salframe_graphs.verification import ScaleBound, Verified, verify
@@ -208,8 +209,7 @@ class TripletMatcher(GraphMatcher):
                 query, known, weight, there, reference, structure, jaccard, self.config, top_k
             )
         matches = []
-        for k, pose in enumerate(found.poses()):
-            aligned = self._align(alike[k], found.kernel[k])
+        for k, (pose, aligned) in enumerate(zip(found.poses(), align(alike, found.kernel), strict=True)):
             scene = int(candidates[best[k]])
             scale = self._scale(query, index.graphs, scene, aligned)
             matches.append(GraphMatch(scene, float(score[k]), aligned, pose, scale))
@@ -246,7 +246,7 @@ class TripletMatcher(GraphMatcher):
             found = self._verify(query, weight, batch, alike)
             score += self.config.geometry_score * self._shared(found.kernel, weight, reference)
         if self.config.triplet_score:
-            pairs = [self._align(alike[k], found.kernel[k]) for k in range(len(candidates))]
+            pairs = align(alike, found.kernel)
             triplets = [self._triplets(query, index.graphs[s], p) for s, p in zip(candidates, pairs, strict=True)]
             score += self.config.triplet_score * np.array(triplets)
         best = np.lexsort((-jaccard, -score))[:most]
@@ -390,18 +390,6 @@ class TripletMatcher(GraphMatcher):
         nodes = query.centroid_m[pairs[:, 0], :2], reference_m[pairs[:, 1], :2]
         own, there = (float(np.linalg.norm(np.std(some, axis=0))) for some in nodes)
         return float(bound.clip(there / max(own, 1e-9)))
-
-    def _align(self, similarity: np.ndarray, kernel: np.ndarray) -> np.ndarray:
-        """(M, 2) one-to-one node pairs: those that one pose explains (kernel) where there are two, else of greatest
-        total similarity."""
-        from scipy.optimize import linear_sum_assignment
-
-        for value in (kernel, similarity):
-            rows, columns = linear_sum_assignment(value, maximize=True)
-            accepted = value[rows, columns] > 0
-            if np.count_nonzero(accepted) >= 2:
-                break
-        return np.array([rows[accepted], columns[accepted]]).T
 
     def _triplets(self, query: SaliencyGraph, reference: SaliencyGraph, pairs: np.ndarray) -> float:
         """I = sum(W o M) over edges present in both graphs between aligned nodes; without edges in the query, the
