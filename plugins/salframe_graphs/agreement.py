@@ -11,29 +11,30 @@ from salframe.graphs.matcher import GraphMatch
 from salframe.panoramas.frames import MapFrame
 from salframe.panoramas.geometry import wrap_angle
 
-_TURN_RAD = np.radians(30)
+TURN_RAD = np.radians(30)
 """Turn at which two poses no longer agree: chance agreement of position is common, of both rare."""
+_NO_POSE = np.full((4, 4), np.nan)
 
 
 def agree(matches: Sequence[GraphMatch], frames: Sequence[MapFrame], share: float, radius_m: float) -> list[GraphMatch]:
-    """The matches, best first, each score raised by `share` of the scores of the matches that agree with it.
-
-    Agreement of two poses in the world falls from 1 to 0 at radius_m and at 30 degrees; matches without a pose keep
-    their score.
-    """
-    posed = [i for i, match in enumerate(matches) if match.T_scene_query is not None]
-    if len(posed) < 2:
-        return list(matches)
-    stood = np.array([frames[matches[i].scene].T_world_pano for i in posed])
-    poses = stood @ np.array([matches[i].T_scene_query for i in posed])
-    score = np.array([matches[i].score for i in posed])
-    yaw = np.arctan2(poses[:, 1, 0], poses[:, 0, 0])
-    distance = np.linalg.norm(poses[:, None, :3, 3] - poses[None, :, :3, 3], axis=2)
-    turn = np.abs(wrap_angle(yaw[:, None] - yaw[None]))
-    agreement = np.maximum(1 - distance / radius_m, 0) * np.maximum(1 - turn / _TURN_RAD, 0)
-    np.fill_diagonal(agreement, 0)
-    raised = list(matches)
-    for i, value in zip(posed, score + share * agreement @ score, strict=True):
-        if value != matches[i].score:
-            raised[i] = replace(matches[i], score=float(value))
+    """The matches, best first, with scores as of `agreed`."""
+    poses = [_NO_POSE if match.T_scene_query is None else match.T_scene_query for match in matches]
+    stood = np.array([frames[match.scene].T_world_pano for match in matches])
+    score = agreed(np.array([match.score for match in matches]), stood @ np.array(poses), share, radius_m)
+    raised = [replace(match, score=value) for match, value in zip(matches, score.tolist(), strict=True)]
     return sorted(raised, key=lambda match: -match.score)
+
+
+def agreed(score: np.ndarray, T_world_query: np.ndarray, share: float, radius_m: float) -> np.ndarray:
+    """(T,) the scores of matches (T,), each raised by `share` of the scores of the matches that agree with it.
+
+    Agreement of two poses in the world, T_world_query (T, 4, 4), falls from 1 to 0 at radius_m and at 30 degrees;
+    matches without a pose, NaN, keep their score.
+    """
+    yaw, position_m = np.arctan2(T_world_query[:, 1, 0], T_world_query[:, 0, 0]), T_world_query[:, :3, 3]
+    apart = position_m[:, None] - position_m
+    distance, turn = np.sqrt((apart * apart).sum(2)), np.abs(wrap_angle(yaw[:, None] - yaw))
+    agreement = np.fmax(1 - distance / radius_m, 0) * np.fmax(1 - turn / TURN_RAD, 0)  # unknown: none
+    agreement.flat[:: len(score) + 1] = 0  # not with itself
+    raised: np.ndarray = score + share * agreement @ score
+    return raised

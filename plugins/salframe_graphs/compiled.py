@@ -35,6 +35,7 @@ class _Numbers(NamedTuple):
     length_scale: float
     box_height_scale: float
     height_scale_m: float
+    keep: float
     saliency_weight: float
     structure_weight: float
     least_similarity: float
@@ -51,6 +52,30 @@ class _Numbers(NamedTuple):
 
 _OF_SETTINGS = _Numbers._fields[_Numbers._fields.index("height_scale_m") : _Numbers._fields.index("least_base_m")]
 """Those that bear a setting's name."""
+
+
+@_compile_and_keep
+def jaccard(asked, count, weight, sizes, label, rarity, once):  # type: ignore[no-untyped-def]
+    """As `_jaccard` of a `TripletMatcher`, of graphs of sizes (K,) with their nodes' labels (N,), graph by graph;
+    asked, count, weight (J,) as of its `_asked_labels`."""
+    index, first, own = np.zeros(len(sizes)), 0, (weight * count).sum()
+    wanted, left = np.zeros(len(rarity), np.int64), np.zeros(len(rarity), np.int64)
+    seen = np.zeros(len(rarity), np.bool_)
+    for j in range(len(asked)):
+        if asked[j] >= 0:
+            wanted[asked[j]] = count[j]
+    for k in range(len(sizes)):
+        shared, there = 0.0, 0.0
+        left[:], seen[:] = wanted, False
+        for one in label[first : first + sizes[k]]:
+            if once and seen[one]:
+                continue
+            there, seen[one] = there + rarity[one], True
+            if left[one] > 0:
+                shared, left[one] = shared + rarity[one], left[one] - 1
+        union, first = there + own - shared, first + sizes[k]
+        index[k] = shared / union if union > 0 else 0.0
+    return index
 
 
 def structures(
@@ -104,16 +129,12 @@ def score_candidates(
 
     known, weight (n,) of the query's nodes, known a label's number or -1; reference (N,), the weight of the graphs'
     nodes; structure: structural features of the query's nodes, those of many nodes, and the row in them of each of the
-    graphs' (N,); jaccard (K,), which of two of one score comes first.
+    graphs' (N,); jaccard (K,), which graphs are matched, and which of two of one score comes first.
     """
-    nodes = np.empty(len(query), _NODE)
-    nodes["label"], nodes["weight"], nodes["saliency"], nodes["range"] = known, weight, query.saliency, query.range_m
-    nodes["x"], nodes["y"], nodes["z"] = query.centroid_m.T
-    nodes["length"], nodes["height"] = query.size_m[:, 0], query.size_m[:, 2]
     own, histograms, rows = structure
     best, score, alike, yaw_rad, shift_m, kernel = _score_candidates(
-        nodes,
-        own.unit(np.arange(own.width)),
+        (known, weight, query.saliency, query.range_m, query.centroid_m, query.size_m),
+        (own.start, own.column, own.count, own.norm, own.width),
         there.count,
         (there.label, reference, there.saliency, there.centroid_m, there.size_m),
         (histograms.start, histograms.column, histograms.count, histograms.norm, rows),
@@ -141,12 +162,16 @@ def first_of(value, most):  # type: ignore[no-untyped-def]
 def _score_candidates(query, own, count, there, histograms, jaccard, numbers, most):  # type: ignore[no-untyped-def]
     """Candidates are verified in the order of what geometry can bring them at best, until none of the rest can be among
     the first."""
+    query, own = _nodes(*query), _unit(*own)
     candidates, n, nodes = len(count), len(query), count.sum()
     alike, kernel = np.zeros((n, nodes)), np.zeros((n, nodes))
     start, bound = np.zeros(candidates + 1, np.int64), np.empty(candidates)
     score, pose = np.full(candidates, -np.inf), np.full((candidates, 3), np.nan)
+    least = numbers.keep * jaccard.max() if candidates else 0.0
     for k in range(candidates):
-        start[k + 1] = start[k] + count[k]
+        start[k + 1], bound[k] = start[k] + count[k], -np.inf
+        if jaccard[k] <= 0 or jaccard[k] < least:
+            continue
         part = slice(start[k], start[k + 1])
         _compare(query, part, there, own, histograms, numbers, alike[:, part])
         score[k] = numbers.similarity_score * _shared(query, there[1][part], alike[:, part])
@@ -158,7 +183,7 @@ def _score_candidates(query, own, count, there, histograms, jaccard, numbers, mo
     best, held = np.empty(min(most, candidates), np.int64), 0
     for _ in range(candidates):
         k = np.argmax(bound)
-        if held == len(best) and bound[k] < score[best[-1]] - 1e-9:
+        if bound[k] == -np.inf or (held == len(best) and bound[k] < score[best[-1]] - 1e-9):
             break
         bound[k] = -np.inf
         part = slice(start[k], start[k + 1])
@@ -172,6 +197,7 @@ def _score_candidates(query, own, count, there, histograms, jaccard, numbers, mo
             best[later] = best[later - 1]
         if row < held:
             best[row] = k
+    best = best[:held]
     width = count[best].max() if held else 0
     alike_there, explained = np.zeros((held, n, width)), np.zeros((held, n, width))
     for row in range(held):
@@ -179,6 +205,28 @@ def _score_candidates(query, own, count, there, histograms, jaccard, numbers, mo
         alike_there[row, :, : count[k]] = alike[:, start[k] : start[k + 1]]
         explained[row, :, : count[k]] = kernel[:, start[k] : start[k + 1]]
     return best, score[best], alike_there, pose[best, 2], pose[best, :2], explained
+
+
+@_compile
+def _nodes(label, weight, saliency, range_m, centroid_m, size_m):  # type: ignore[no-untyped-def]
+    """(n,) of _NODE."""
+    nodes = np.empty(len(label), _NODE)
+    for i in range(len(label)):
+        node = nodes[i]
+        node.label, node.weight, node.saliency, node.range = label[i], weight[i], saliency[i], range_m[i]
+        node.x, node.y, node.z = centroid_m[i]
+        node.length, node.height = size_m[i, 0], size_m[i, 2]
+    return nodes
+
+
+@_compile
+def _unit(start, column, count, norm, width):  # type: ignore[no-untyped-def]
+    """(n, width) rows at length 1."""
+    rows = np.zeros((len(norm), width))
+    for i in range(len(norm)):
+        for e in range(start[i], start[i + 1]):
+            rows[i, column[e]] = count[e] / max(norm[i], 1e-12)
+    return rows
 
 
 @_compile
@@ -362,8 +410,9 @@ def _two_point(query, pairs, numbers):  # type: ignore[no-untyped-def]
             too_far = abs(length - length_there) >= a.tolerance_m + b.tolerance_m
             if too_far or min(length, length_there) <= numbers.least_base_m:
                 continue
-            yaw = np.arctan2(y_there, x_there) - np.arctan2(y, x)
-            c, s = np.cos(yaw), np.sin(yaw)
+            both = length * length_there
+            c, s = (x * x_there + y * y_there) / both, (x * y_there - y * x_there) / both
+            yaw = np.arctan2(s, c)
             x, y = (here.x + further.x) / 2, (here.y + further.y) / 2
             pose[count, 0] = (a.x + b.x) / 2 - (c * x - s * y)
             pose[count, 1] = (a.y + b.y) / 2 - (s * x + c * y)

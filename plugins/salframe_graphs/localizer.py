@@ -164,13 +164,20 @@ class SaliencyGraphLocalizer(Localizer):
         """As `rank_places` of all frames, of those that match and, where that counts, the scene nearest to the pose."""
         score = {match.scene: match.score for match in matches}
         best = min(score, key=lambda scene: (-score[scene], scene))
-        at_door = self._map_frames[best].kind is FrameKind.TRANSITION
-        if T_world_query is not None and at_door and len(self._scenes_at):
-            nearest = self._scene_tree.query(T_world_query[:3, 3])[1]
-            score.setdefault(int(self._scenes_at[nearest]), -np.inf)
+        near = None if T_world_query is None else self._scene_near(self._map_frames[best], T_world_query)
+        if near is not None:
+            score.setdefault(near, -np.inf)
         numbers = sorted(score)
         frames = [self._map_frames[number] for number in numbers]
         return rank_places(frames, np.array([score[number] for number in numbers]), T_world_query)
+
+    def _scene_near(self, matched: MapFrame, T_world_query: np.ndarray) -> int | None:
+        """The scene frame nearest to a query that matches a doorway; None where it matches another frame, its pose is
+        not known, or the map has doorways only."""
+        at_door = matched.kind is FrameKind.TRANSITION and len(self._scenes_at)
+        if not at_door or not np.isfinite(T_world_query).all():
+            return None
+        return int(self._scenes_at[self._scene_tree.query(T_world_query[:3, 3])[1]])
 
     def correspond(self, query: Description, reference: Description) -> NodeMatches:
         """The node alignment of the two graphs, in a map of this one reference."""

@@ -20,7 +20,7 @@ from salframe.framework.files import reading
 from salframe.framework.registry import registry
 from salframe.framework.slots import slot
 from salframe.graphs.graph import SaliencyGraph, without_range
-from salframe.graphs.matcher import GraphMatch, GraphMatcher
+from salframe.graphs.matcher import GraphMatch, GraphMatcher, RankedGraphs
 from salframe.graphs.scene_index import SceneIndex, SceneLookup
 from salframe.graphs.table import GraphBatch, GraphNodes, GraphTable, HeldGraphs, MappedGraphs
 from salframe_graphs import compilation
@@ -184,36 +184,49 @@ class TripletMatcher(GraphMatcher):
         return joined.take(np.argsort(table.nodes(by_size)))
 
     def match(self, query: SaliencyGraph, index: GraphIndex, top_k: int) -> list[GraphMatch]:
+        scenes, score, alike, found = self._best(query, index, top_k)
+        aligned, matches = align(alike, found.kernel), []
+        for scene, value, pairs, pose in zip(scenes.tolist(), score.tolist(), aligned, found.poses(), strict=True):
+            known = np.isfinite(pose).all()
+            scale = self._scale(query, index.graphs, scene, pairs)
+            matches.append(GraphMatch(scene, value, pairs, pose if known else None, scale))
+        return matches
+
+    def rank(self, query: SaliencyGraph, index: GraphIndex, top_k: int) -> RankedGraphs:
+        scenes, score, _, found = self._best(query, index, top_k)
+        return RankedGraphs(scenes, score, found.poses())
+
+    def _best(
+        self, query: SaliencyGraph, index: GraphIndex, most: int
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, Verified]:
+        """The best of a map's graphs (T,), at most so many, best first, with what `_score` tells of them."""
         known = np.array([index.graphs.vocabulary.get(label, -1) for label in query.labels], int)
         if not (known >= 0).any():
-            return []
+            return np.zeros(0, int), np.zeros(0), np.zeros((0, len(query), 0)), Verified.none((0, len(query), 0))
         # A label that the map lacks is as rare as can be.
         rarity = np.where(
             known >= 0, index.rarity[known], np.log(1 + len(index.graphs)) + 1 if self.config.rarity else 1.0
         )
         weight = self._sureness(query) * rarity
         candidates = self._shortlist(query, index)
-        jaccard = self._jaccard(query.labels, known, rarity, index, candidates)
-        kept = (jaccard > 0) & (jaccard >= self.config.keep * jaccard.max(initial=0))
-        candidates, jaccard = candidates[kept], jaccard[kept]
         fast = None
         if index.scenes is not None and self._compiles and not query.bearings_only:
             fast = compilation.compiled("salframe_graphs.compiled")
         if fast is None:
-            best, score, alike, found = self._score(query, known, weight, index, candidates, jaccard, top_k)
+            jaccard = self._jaccard(query.labels, known, rarity, index, candidates)
+            kept = (jaccard > 0) & (jaccard >= self.config.keep * jaccard.max(initial=0))
+            candidates, jaccard = candidates[kept], jaccard[kept]
+            best, *found = self._score(query, known, weight, index, candidates, jaccard, most)
         else:
             there = index.graphs.take(candidates)
+            asked = self._asked_labels(query.labels, known, rarity)
+            jaccard = fast.jaccard(*asked, there.count, there.label, index.rarity, self.config.labels == "set")
             reference = self._sureness(there) * index.rarity[there.label]
             structure = fast.structures(query, known, index, candidates, there, *self._around(index.graphs))
-            best, score, alike, found = fast.score_candidates(
-                query, known, weight, there, reference, structure, jaccard, self.config, top_k
+            best, *found = fast.score_candidates(
+                query, known, weight, there, reference, structure, jaccard, self.config, most
             )
-        matches = []
-        for k, (pose, aligned) in enumerate(zip(found.poses(), align(alike, found.kernel), strict=True)):
-            scene = int(candidates[best[k]])
-            scale = self._scale(query, index.graphs, scene, aligned)
-            matches.append(GraphMatch(scene, float(score[k]), aligned, pose, scale))
-        return matches
+        return candidates[best], *found
 
     @property
     def _compiles(self) -> bool:
@@ -287,19 +300,25 @@ class TripletMatcher(GraphMatcher):
         known = without_range(query) if self.config.largest_scale_error and not query.bearings_only else query
         return np.sort(index.scenes.candidates(known, self.config.most).scene)
 
+    def _asked_labels(
+        self, labels: Sequence[str], known: np.ndarray, rarity: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Of the J labels that a query's nodes bear: number or -1, how many bear it, and rarity, (J,) each."""
+        number = Counter(labels)
+        first, count = np.array([(labels.index(label), number[label]) for label in sorted(number)]).T
+        return known[first], np.ones(len(count), int) if self.config.labels == "set" else count, rarity[first]
+
     def _jaccard(
         self, labels: Sequence[str], known: np.ndarray, rarity: np.ndarray, index: GraphIndex, candidates: np.ndarray
     ) -> np.ndarray:
         """(K,) Jaccard index of the query's labels with each candidate's, weighed by rarity."""
-        number = Counter(labels)
-        first, count = np.array([(labels.index(label), number[label]) for label in sorted(number)]).T
+        asked, count, weight = self._asked_labels(labels, known, rarity)
         shape = len(candidates), len(index.rarity)
         of_graph = np.repeat(np.arange(shape[0]), index.graphs.sizes[candidates])
         cell = of_graph * shape[1] + index.graphs.take_labels(candidates)
         counts = np.bincount(cell, minlength=shape[0] * shape[1]).reshape(shape).astype(np.float64)
         if self.config.labels == "set":
-            counts, count = np.minimum(counts, 1), np.minimum(count, 1)
-        asked, weight = known[first], rarity[first]
+            counts = np.minimum(counts, 1)
         shared = np.minimum(counts[:, asked[asked >= 0]], count[asked >= 0]) @ weight[asked >= 0]
         union = counts @ index.rarity + weight @ count - shared
         return np.divide(shared, union, out=np.zeros(len(shared)), where=union > 0)

@@ -39,10 +39,11 @@ class Verified:
         """Of some of the candidates, in this order."""
         return Verified(self.yaw_rad[candidates], self.shift_m[candidates], self.kernel[candidates])
 
-    def poses(self) -> list[np.ndarray | None]:
-        """The best pose of each candidate (4, 4), query frame to map frame; None where there is none."""
+    def poses(self) -> np.ndarray:
+        """(K, 4, 4) the best pose of each candidate, query frame to map frame; NaN where there is none."""
         poses = poses_2d(self.shift_m, self.yaw_rad)
-        return [pose if known else None for pose, known in zip(poses, np.isfinite(self.yaw_rad).tolist(), strict=True)]
+        poses[np.isnan(self.yaw_rad)] = np.nan
+        return poses
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,6 +31,16 @@ class GraphMatch:
     scale: float = 1.0
 
 
+@dataclass(frozen=True, eq=False)
+class RankedGraphs:
+    """What matches claim without their pairs, best first: scene (T,) int64, score (T,) float64, T_scene_query (T, 4, 4)
+    float64, NaN of a match without a pose."""
+
+    scene: np.ndarray
+    score: np.ndarray
+    T_scene_query: np.ndarray
+
+
 class GraphMatcher(Role):
     """Finds a query graph among the graphs of a map."""
 
@@ -53,3 +63,13 @@ class GraphMatcher(Role):
     def match(self, query: SaliencyGraph, index: Any, top_k: int) -> list[GraphMatch]:
         """At most `top_k` matches, best first; none where the query shares nothing with any graph. A query may have
         bearings only (SaliencyGraph); a map's graphs have range."""
+
+    def rank(self, query: SaliencyGraph, index: Any, top_k: int) -> RankedGraphs:
+        """As `match`, for those who do not ask for pairs: an option, where that takes less time."""
+        matches = self.match(query, index, top_k)
+        poses = [np.full((4, 4), np.nan) if match.T_scene_query is None else match.T_scene_query for match in matches]
+        return RankedGraphs(
+            np.array([match.scene for match in matches], np.int64),
+            np.array([match.score for match in matches], np.float64),
+            np.array(poses, np.float64).reshape(-1, 4, 4),
+        )

@@ -122,7 +122,8 @@ class GraphTable(Sequence[SaliencyGraph]):
 
     def take(self, graphs: np.ndarray) -> GraphNodes:
         """The graphs of these numbers (K,), one after the other."""
-        return GraphNodes(self.sizes[graphs], self.take_labels(graphs), **self._values(self.nodes(graphs)))
+        nodes = self.nodes(graphs)
+        return GraphNodes(self.sizes[graphs], self._label[nodes].astype(np.int64), **self._values(nodes))
 
     def take_edges(self, graphs: np.ndarray) -> np.ndarray:
         """(B,) uint8: the bits of the edges of graphs (K,) as in `pack_graph`, graph by graph."""

@@ -13,7 +13,7 @@ from pydantic import Field
 
 from salframe.framework.config import Settings, merge, read_yaml
 from salframe.framework.errors import DataError
-from salframe.localization.answers import Localization, LocalizationStatus, RankedPlace
+from salframe.localization.answers import Localization, LocalizationStatus, ranked_places
 
 FEATURES = ("top_score", "top_probability", "margin", "log_objects")
 """What the head weighs, in the order of `head_features`."""
@@ -49,14 +49,12 @@ class Posterior(Settings):
         that is more probable than `max_not_here`. An answer without places stays as it is."""
         if not localization.places:
             return localization
-        scores = np.array([place.score for place in localization.places], np.float64)
+        frames, names, told, _ = zip(*localization.places, strict=True)
+        scores = np.array(told, np.float64)
         share = shares(scores, self.temperature)
         weights = np.array([getattr(self.head, name) for name in FEATURES])
-        here = float(_logistic(self.head.bias + head_features(scores, self.temperature, objects) @ weights))
-        places = tuple(
-            RankedPlace(place.frame, place.place, place.score, part)
-            for place, part in zip(localization.places, (here * share).tolist(), strict=True)
-        )
+        here = float(_logistic(self.head.bias + head_features(scores, share, objects) @ weights))
+        places = ranked_places(frames, names, told, (here * share).tolist())
         denied = localization.status.names_a_place and 1 - here > self.max_not_here
         if denied:
             return Localization(places, None, LocalizationStatus.NOT_HERE, not_here=1 - here)
@@ -85,10 +83,10 @@ def shares(scores: np.ndarray, temperature: float) -> np.ndarray:
     return np.asarray(power / power.sum())
 
 
-def head_features(scores: np.ndarray, temperature: float, objects: int) -> np.ndarray:
-    """(4,) float64, see FEATURES; scores (P,), best first, at least one."""
+def head_features(scores: np.ndarray, share: np.ndarray, objects: int) -> np.ndarray:
+    """(4,) float64, see FEATURES; scores (P,), best first, at least one, with their `shares`."""
     second = scores[1] if len(scores) > 1 else 0.0
-    return np.array([scores[0], shares(scores, temperature)[0], scores[0] - second, np.log1p(objects)])
+    return np.array([scores[0], share[0], scores[0] - second, np.log1p(objects)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +133,9 @@ def fit_posterior(answers: Sequence[ScoredAnswer]) -> Fit:
         raise DataError("the places of each answer have one and the same score, expected scores that tell places apart")
     temperature = _fit_temperature(ranked, spread)
     here = np.array([answer.here for answer in answers], float)
-    features = np.stack([head_features(answer.scores, temperature, answer.objects) for answer in answers])
+    features = np.stack(
+        [head_features(answer.scores, shares(answer.scores, temperature), answer.objects) for answer in answers]
+    )
     bias, weights = _fit_logistic(features, here)
     head = Head(bias=bias, **dict(zip(FEATURES, weights, strict=True)))
     base = here.mean()

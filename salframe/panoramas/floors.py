@@ -79,29 +79,34 @@ def find_floor(floors: Sequence[FloorMasks], xyz_m: Sequence[float] | np.ndarray
 
 
 class Regions:
-    """Which place each position of some floors belongs to: that of the nearest region, walls and sills among them."""
+    """Which place each position of some floors belongs to: that of the nearest region, walls and sills among them;
+    places: their names."""
 
     def __init__(self, floors: Sequence[FloorMasks]) -> None:
         from scipy.ndimage import distance_transform_edt
 
         self._floors = sorted(floors, key=lambda floor: floor.z_m)
-        self._labels = []
+        self.places = tuple(dict.fromkeys(place for floor in self._floors for place in floor.regions.values()))
+        self._numbers = []
         for floor in self._floors:
             labelled = np.isin(floor.region, list(floor.regions))
             nearest = distance_transform_edt(~labelled, return_distances=False, return_indices=True)
-            self._labels.append(np.where(labelled.any(), floor.region[tuple(nearest)], 0))
+            labels = sorted(floor.regions)
+            number = np.array([self.places.index(floor.regions[label]) for label in labels], np.int32)
+            numbers = np.full(labelled.shape, -1, np.int32)
+            numbers[labelled] = number[np.searchsorted(labels, floor.region[labelled])]
+            self._numbers.append(numbers[tuple(nearest)])
 
-    def at(self, xy_m: np.ndarray, camera_z_m: np.ndarray) -> list[str | None]:
-        """The places at positions (N, 2) in the world, on the floors that cameras at these heights (N,) stand on; None
-        off the masks."""
-        places = np.full(len(xy_m), None)
-        for floor, labels in zip(self._floors, self._labels, strict=True):  # the highest last
+    def at(self, xy_m: np.ndarray, camera_z_m: np.ndarray) -> np.ndarray:
+        """(N,) int: the numbers of the places (`places`) at positions (N, 2) in the world, on the floors that cameras
+        at these heights (N,) stand on; -1 off the masks."""
+        found = np.full(len(xy_m), -1)
+        for floor, numbers in zip(self._floors, self._numbers, strict=True):  # the highest last
             column, row = (np.array([1, -1]) * (xy_m - floor.origin_m) / floor.resolution_m).T
-            over = (row >= 0) & (row < labels.shape[0]) & (column >= 0) & (column < labels.shape[1])
+            over = (row >= 0) & (row < numbers.shape[0]) & (column >= 0) & (column < numbers.shape[1])
             over &= (floor.z_m <= camera_z_m) | (len(self._floors) == 1)
-            found = labels[row[over].astype(int), column[over].astype(int)]
-            places[over] = [floor.regions.get(label) for label in found.tolist()]
-        return places.tolist()
+            found[over] = numbers[row[over].astype(int), column[over].astype(int)]
+        return found
 
 
 def join_floors(floors: Sequence[FloorMasks], more: Sequence[FloorMasks]) -> tuple[FloorMasks, ...]:

@@ -87,8 +87,9 @@ def pose_2d(x_m: float, y_m: float, yaw_rad: float, z_m: float = 0.0) -> np.ndar
 def poses_2d(xy_m: np.ndarray, yaw_rad: np.ndarray) -> np.ndarray:
     """(K, 4, 4) float64, `pose_2d` of each xy_m (K, 2) and yaw_rad (K,)."""
     c, s = np.cos(yaw_rad), np.sin(yaw_rad)
-    poses = np.tile(np.eye(4), (len(yaw_rad), 1, 1))
+    poses = np.zeros((len(yaw_rad), 4, 4))
     poses[:, 0, 0], poses[:, 0, 1], poses[:, 1, 0], poses[:, 1, 1] = c, -s, s, c
+    poses[:, 2, 2] = poses[:, 3, 3] = 1
     poses[:, :2, 3] = xy_m
     return poses
 
@@ -132,4 +133,6 @@ def is_rigid(pose: object, tolerance: float = 1e-6) -> bool:
         return False
     found, rigid, turn = np.array(matrix, np.float64), np.eye(4), matrix[:3, :3]
     found[:3, :3], found[:3, 3] = turn @ turn.T, 0
-    return bool((np.abs(found - rigid) <= tolerance + 1e-5 * rigid).all() and np.linalg.det(turn) > 0)
+    x, y, z = turn.tolist()
+    determinant = sum(x[i] * (y[i - 2] * z[i - 1] - y[i - 1] * z[i - 2]) for i in range(3))
+    return bool((np.abs(found - rigid) <= tolerance + 1e-5 * rigid).all() and determinant > 0)

@@ -14,8 +14,9 @@ from salframe_graphs.triplet import TripletMatcher
 from salframe.framework.columns import read_columns
 from salframe.graphs.detections import Detections
 from salframe.graphs.graph import GraphConfig, SaliencyGraph, build_graph
+from salframe.graphs.matcher import GraphMatcher
 from salframe.graphs.table import HeldGraphs, MappedGraphs, write_graphs
-from salframe.panoramas.geometry import invert_pose, pose_2d, transform_points
+from salframe.panoramas.geometry import invert_pose, pose_2d, poses_2d, transform_points
 
 pytest.importorskip("numba")
 LABELS = np.array(["chair", "chair", "chair", "table", "lamp", "bed", "desk", "plant", "vase"])
@@ -84,7 +85,10 @@ def test_the_same_poses_scores_and_shares(places, queries):
         np.testing.assert_allclose(fast.poses.shift_m, plain.poses.shift_m, atol=1e-6)
         np.testing.assert_allclose(np.sin(fast.poses.yaw_rad - plain.poses.yaw_rad), 0, atol=1e-6)
         np.testing.assert_allclose(fast.score, plain.score, atol=1e-4)
-        np.testing.assert_allclose(fast.share, plain.share, atol=1e-5)
+        for row, place in enumerate(plain.poses.place):
+            objects = places.size[every[place]]
+            np.testing.assert_allclose(fast.share(row), plain.share(row)[:, :objects], atol=1e-5)
+            assert (plain.share(row)[:, objects:] == 0).all()
         np.testing.assert_allclose(fast.unplaced, plain.unplaced, atol=1e-4)
         posed += len(plain.poses)
     assert posed > 5 * ROOMS
@@ -98,11 +102,64 @@ def test_the_same_pose_settled(places, queries):
         for row in range(len(found.poses)):
             pose = Poses(np.array([k]), found.poses.shift_m[[row]], found.poses.yaw_rad[[row]])
             (plain, covariance), (fast, again) = (
-                one.settle(asked, places, RATES, pose, found.share[row], 0.02) for one in (search, compiled)
+                one.settle(asked, places, RATES, pose, found.share(row), 0.02) for one in (search, compiled)
             )
             np.testing.assert_allclose(fast.shift_m, plain.shift_m, atol=1e-9)
             np.testing.assert_allclose(fast.yaw_rad, plain.yaw_rad, atol=1e-9)
             np.testing.assert_allclose(again, covariance, rtol=1e-6)
+
+
+def test_the_same_evidence_of_labels(places, queries):
+    compiled = compilation.compiled("salframe_graphs.places.compiled")
+    some = np.array([3, 0, 17, 3, 23])
+    for query in queries:
+        label = lay_out_query(query, places).label
+        plain, fast = (one.label_evidence(label, places, some) for one in (search, compiled))
+        np.testing.assert_allclose(fast, plain, atol=1e-12)
+        assert (plain > 0).any()
+
+
+def test_the_same_agreement():
+    """Some of them without a pose, some with the same."""
+    compiled, rng = compilation.compiled("salframe_graphs.places.compiled"), np.random.default_rng(11)
+    for _ in range(20):
+        poses = poses_2d(rng.uniform(-1, 1, (12, 2)), rng.uniform(-0.6, 0.6, 12))
+        poses[2], poses[7:9] = poses[3], np.nan
+        score = rng.uniform(0, 2, 12)
+        plain, fast = (one.agreed(score, poses, 0.5, 1.5) for one in (search, compiled))
+        np.testing.assert_allclose(fast, plain, atol=1e-12)
+        assert plain[2] > score[2]
+        np.testing.assert_array_equal(plain[7:9], score[7:9])
+
+
+@pytest.mark.parametrize("labels", ["set", "multiset"])
+def test_the_same_jaccard_index(rooms, queries, labels):
+    matcher = TripletMatcher(TripletMatcher.Config.model_validate({"labels": labels}))
+    index = matcher.index([seen(np.random.default_rng(12), *one, np.eye(4)) for one in rooms[::2]])
+    every = np.arange(len(index.graphs))
+    for query in queries:
+        known = np.array([index.graphs.vocabulary.get(label, -1) for label in query.labels])
+        rarity = np.where(known >= 0, index.rarity[known], 3.0)
+        fast = compilation.compiled("salframe_graphs.compiled").jaccard(
+            *matcher._asked_labels(query.labels, known, rarity),
+            index.graphs.sizes,
+            index.graphs.take_labels(every),
+            index.rarity,
+            labels == "set",
+        )
+        plain = matcher._jaccard(query.labels, known, rarity, index, every)
+        np.testing.assert_allclose(fast, plain, atol=1e-12)
+
+
+def test_exponentials_and_logarithms_are_those_of_numpy():
+    from salframe_graphs.places.compiled_functions import exp, log
+
+    power = np.linspace(-86, 87, 20_001, dtype=np.float32)
+    found = np.array([exp(x) for x in power], np.float64)
+    np.testing.assert_allclose(found, np.exp(power.astype(np.float64)), rtol=3e-7)
+    number = np.concatenate([np.exp(power), np.linspace(0.5, 2, 20_001, dtype=np.float32)])
+    found = np.array([log(x) for x in number], np.float64)
+    np.testing.assert_allclose(found, np.log(number.astype(np.float64)), rtol=2e-7, atol=1e-7)
 
 
 def test_the_same_ratio_of_outlines():
@@ -158,6 +215,11 @@ def test_the_same_matches(rooms, queries, monkeypatch, tmp_path, settings, mappe
             plainly.setattr(compilation, "compiled", lambda module: None)
             plain = matcher.match(query, index, 6)
         assert [match.scene for match in fast] == [match.scene for match in plain]
+        for ranked in (matcher.rank(query, index, 6), GraphMatcher.rank(matcher, query, index, 6)):
+            assert ranked.scene.tolist() == [match.scene for match in fast]
+            assert ranked.score.tolist() == [match.score for match in fast]
+            poses = [np.full((4, 4), np.nan) if m.T_scene_query is None else m.T_scene_query for m in fast]
+            np.testing.assert_array_equal(ranked.T_scene_query, np.array(poses).reshape(-1, 4, 4))
         for ours, theirs in zip(fast, plain, strict=True):
             assert ours.score == pytest.approx(theirs.score, abs=1e-6)
             np.testing.assert_array_equal(ours.pairs, theirs.pairs)

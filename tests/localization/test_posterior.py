@@ -8,7 +8,15 @@ import pytest
 from salframe.framework.config import validate
 from salframe.framework.errors import ConfigError, DataError
 from salframe.localization.answers import Localization, RankedPlace
-from salframe.localization.posterior import Head, Posterior, ScoredAnswer, fit_posterior, head_features, read_fitted
+from salframe.localization.posterior import (
+    Head,
+    Posterior,
+    ScoredAnswer,
+    fit_posterior,
+    head_features,
+    read_fitted,
+    shares,
+)
 
 NEUTRAL = {"bias": 0.0, "top_score": 0.0, "top_probability": 0.0, "margin": 0.0, "log_objects": 0.0}
 
@@ -32,9 +40,11 @@ def test_probabilities_are_shares_times_here():
 
 
 def test_features_of_the_head():
-    share = 1 / (1 + np.exp(-3.0) + np.exp(-4.0))
-    assert head_features(np.array([5.0, 2.0, 1.0]), 1.0, 6) == pytest.approx([5.0, share, 3.0, np.log(7)])
-    assert head_features(np.array([5.0]), 1.0, 0) == pytest.approx([5.0, 1.0, 5.0, 0.0])
+    scores = np.array([5.0, 2.0, 1.0])
+    share = np.exp(scores) / np.exp(scores).sum()
+    np.testing.assert_allclose(shares(scores, 1.0), share)
+    assert head_features(scores, share, 6) == pytest.approx([5.0, share[0], 3.0, np.log(7)])
+    assert head_features(scores[:1], np.ones(1), 0) == pytest.approx([5.0, 1.0, 5.0, 0.0])
     for name, value in (("top_score", 4.0), ("margin", 2.0), ("log_objects", np.log(9))):
         found = posterior(**{name: 0.1}).apply(answer(4.0, 2.0), objects=8)
         assert 1 - found.not_here == pytest.approx(1 / (1 + np.exp(-0.1 * value)))
@@ -69,7 +79,7 @@ def drawn(count, temperature, head, seed):
         scores = np.sort(rng.normal(0, 3, rng.integers(2, 8)))[::-1]
         objects = int(rng.integers(1, 30))
         share = np.exp(scores / temperature) / np.exp(scores / temperature).sum()
-        logit = truth.head.bias + head_features(scores, temperature, objects) @ weights
+        logit = truth.head.bias + head_features(scores, share, objects) @ weights
         here = bool(rng.uniform() < 1 / (1 + np.exp(-logit)))
         yield ScoredAnswer(scores, int(rng.choice(len(scores), p=share)) if here else None, here, objects)
 

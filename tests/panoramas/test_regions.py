@@ -14,7 +14,8 @@ def floor(names, z_m=0.0):
 
 
 def places(regions, *xyz_m):
-    return regions.at(np.array(xyz_m)[:, :2], np.array(xyz_m)[:, 2])
+    found = regions.at(np.array(xyz_m)[:, :2], np.array(xyz_m)[:, 2])
+    return [regions.places[number] if number >= 0 else None for number in found]
 
 
 def test_a_wall_belongs_to_the_nearest_region_and_nothing_off_the_masks_does():

@@ -10,25 +10,24 @@ import numpy as np
 
 from salframe_graphs.compiled import first_of
 from salframe_graphs.places import compiled_layout
-from salframe_graphs.places.compiled_fits import outline_ratio, settle
-from salframe_graphs.places.compiled_layout import FOUND, HEIGHT, LENGTH, VARIANCE, X, Y, Z
+from salframe_graphs.places.compiled_fits import agreed, label_evidence, outline_ratio, settle
+from salframe_graphs.places.compiled_functions import FREE, exp, log
+from salframe_graphs.places.compiled_layout import FOUND, VARIANCE, X, Y
 from salframe_graphs.places.likelihood import Poses
 from salframe_graphs.places.place_index import PlaceIndex, QueryObjects
 from salframe_graphs.places.rates import Likelihood, Rates
 from salframe_graphs.places.search import Found
 
-__all__ = ["outline_ratio", "search", "settle"]
+__all__ = ["agreed", "label_evidence", "outline_ratio", "search", "settle"]
 
-_F4, _I4 = np.float32, np.int32
+_F4 = np.float32
 _NONE = _F4(-23)
 """Odds whose logarithm is less, 1e-10 or fewer, count as none."""
 _LARGE = 1e200
 """A product of odds beyond which the next might not be a number."""
 _laid_out: WeakKeyDictionary[PlaceIndex, compiled_layout.Searched] = WeakKeyDictionary()
-_FREE = {"reassoc", "contract", "arcp", "nsz"}
-"""What rounding is left to the compiler; infinite and unknown stay what they are."""
-_compile = numba.njit(nogil=True, error_model="numpy", fastmath=_FREE)
-_compile_and_keep = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=_FREE)
+_compile = numba.njit(nogil=True, error_model="numpy", fastmath=FREE)
+_compile_and_keep = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=FREE)
 
 
 def search(
@@ -37,104 +36,104 @@ def search(
     """As in search."""
     if index not in _laid_out:
         _laid_out[index] = compiled_layout.searched(index)
-    width = index.size[places].max(initial=0)
-    asked, numbers = compiled_layout.asked(query, index, rates, likelihood), compiled_layout.numbers(rates, likelihood)
-    best, place, pose, score, share, unplaced = _search(asked, _laid_out[index], places, width, numbers, refined)
+    asked = query.label, query.xy_m, query.z_m, query.range_m, query.ray, query.log_size, query.score
+    known, numbers = (_laid_out[index], index.frequency), compiled_layout.numbers(rates, likelihood)
+    best, place, pose, score, share, start, unplaced = _search(asked, *known, places, numbers, refined)
     best = best[best >= 0]
-    return Found(Poses(place[best], pose[best, :2], pose[best, 2]), score[best], share[best], unplaced)
 
+    def share_of(row: int) -> np.ndarray:
+        own = slice(*start[best[row] : best[row] + 2])
+        return share[own].reshape(len(query), -1)  # type: ignore[no-any-return]
 
-@_compile
-def _exp(x):  # type: ignore[no-untyped-def]
-    """exp(x) in single precision for -87 < x < 88: expf of Cephes (Moshier), whose loops a compiler turns into vector
-    instructions."""
-    whole = np.floor(x * _F4(1.44269504) + _F4(0.5))
-    r = x - whole * _F4(0.693359375) + whole * _F4(2.12194440e-4)
-    value = _F4(1.9875691500e-4) * r + _F4(1.3981999507e-3)
-    value = (value * r + _F4(8.3334519073e-3)) * r + _F4(4.1665795894e-2)
-    value = (value * r + _F4(1.6666665459e-1)) * r + _F4(5.0000001201e-1)
-    return (value * r * r + r + _F4(1)) * _I4((_I4(whole) + _I4(127)) << _I4(23)).view(_F4)
+    return Found(Poses(place[best], pose[best, :2], pose[best, 2]), score[best], share_of, unplaced)
 
 
 @_compile_and_keep
-def _search(query, index, places, width, numbers, refined):  # type: ignore[no-untyped-def]
-    """Poses (C, 3), x, y and yaw, of which `best` are the best of their places."""
-    n, most = len(query.label), len(places) * refined
-    pairs = np.empty((3, len(places), n, width), np.float32)
-    alike, sharpness, peak = pairs[0], pairs[1], pairs[2]
-    unplaced, odds, logit = np.empty(len(places)), np.empty((n, width), np.float32), np.empty(width, np.float32)
+def _search(asked, index, frequency, places, numbers, refined):  # type: ignore[no-untyped-def]
+    """Poses (C, 3), x, y and yaw, of which `best` are the best of their places. share: of one pose after the other, (n,
+    m) of the place's m objects, from start (C + 1,) on."""
+    query = compiled_layout.asked(asked, frequency, numbers)
+    n, most, size = len(query.label), len(places) * refined, index.size[places]
+    first, start = np.zeros(len(places) + 1, np.int64), np.zeros(most + 1, np.int64)
+    for k in range(len(places)):
+        first[k + 1] = first[k] + n * size[k]
+    pairs, unplaced = np.empty(3 * first[-1], np.float32), np.empty(len(places))
+    odds, logit = np.empty((n, size.max()), np.float32), np.empty(size.max(), np.float32)
     place, pose, count = np.empty(most, np.int64), np.empty((most, 3)), 0
     for k in range(len(places)):
-        size, camera_m = index.size[places[k]], index.cameras_m[places[k]]
-        label, of = index.label[places[k], :size], index.of[places[k], :, :size]
-        _compare(query, label, of, numbers, alike[k], sharpness[k], peak[k])
+        alike, sharpness, peak = pairs[3 * first[k] : 3 * first[k + 1]].reshape(3, n, size[k])
+        label, of = index.label[places[k], : size[k]], index.of[places[k], :, : size[k]]
+        camera_m, look = index.cameras_m[places[k]], index.look[places[k], :, : size[k]]
+        _compare(query, label, look, of[VARIANCE], numbers, alike, sharpness, peak, logit)
         missed = _found(of, camera_m[0, 0], camera_m[0, 1], numbers, logit)
-        unplaced[k] = missed + _unplaced(alike[k], logit, size, numbers, odds)
-        found = _hypotheses(query, label, of, camera_m, alike[k], logit, numbers, pose[count : count + refined])
-        place[count : count + found] = k
+        unplaced[k] = missed + _unplaced(alike, logit, size[k], numbers, odds)
+        found = _hypotheses(query, label, of, camera_m, alike, logit, numbers, pose[count : count + refined])
+        for c in range(count, count + found):
+            place[c], start[c + 1] = k, start[c] + n * size[k]
         count += found
-    score, share, far = np.empty(count), np.empty((count, n, width), np.float32), -np.inf
+    score, share, far = np.empty(count), np.empty(start[count], np.float32), -np.inf
     for c in range(count):
         k = place[c]
-        of = index.of[places[k], :, : index.size[places[k]]]
-        score[c] = _score(query, of, alike[k], sharpness[k], peak[k], pose[c], numbers, share[c])
+        alike, sharpness, peak = pairs[3 * first[k] : 3 * first[k + 1]].reshape(3, n, size[k])
+        of, shares = index.of[places[k], :, : size[k]], share[start[c] : start[c + 1]].reshape(n, size[k])
+        score[c] = _score(query, of, alike, sharpness, peak, pose[c], numbers, shares)
         far = max(far, score[c] - numbers.far_nats)
-    fitted, again, best = np.empty(3), np.empty((n, width), np.float32), np.full(len(places), -1)
+    fitted, again, best = np.empty(3), np.empty(n * size.max(), np.float32), np.full(len(places), -1)
     for c in range(count):
         k = place[c]
-        of = index.of[places[k], :, : index.size[places[k]]]
-        for _ in range(numbers.steps if score[c] >= far else 0):
-            _fit(query, of, sharpness[k], share[c], fitted)
-            value = _score(query, of, alike[k], sharpness[k], peak[k], fitted, numbers, again)
-            if value > score[c]:
-                score[c] = value
-                for axis in range(3):
-                    pose[c, axis] = fitted[axis]
-                for i in range(n):
-                    for j in range(of.shape[1]):
-                        share[c, i, j] = again[i, j]
+        if score[c] >= far:
+            alike, sharpness, peak = pairs[3 * first[k] : 3 * first[k + 1]].reshape(3, n, size[k])
+            of, shares = index.of[places[k], :, : size[k]], share[start[c] : start[c + 1]].reshape(n, size[k])
+            other = again[: n * size[k]].reshape(n, size[k])
+            for _ in range(numbers.steps):
+                _fit(query, of, sharpness, shares, fitted)
+                value = _score(query, of, alike, sharpness, peak, fitted, numbers, other)
+                if value > score[c]:
+                    score[c] = value
+                    for axis in range(3):
+                        pose[c, axis] = fitted[axis]
+                    shares[:] = other
         if best[k] < 0 or score[c] > score[best[k]]:
             best[k] = c
-        for i in range(n):
-            for j in range(of.shape[1], width):
-                share[c, i, j] = 0
-    return best, place, pose, score, share, unplaced
+    return best, place, pose, score, share, start, unplaced
 
 
 @_compile
-def _compare(query, label, of, numbers, alike, sharpness, peak):  # type: ignore[no-untyped-def]
+def _compare(query, label, look, variance, numbers, alike, sharpness, peak, across):  # type: ignore[no-untyped-def]
     """Fill in, of query object and object of a place (n, m): the log ratio of label, height and size; one over the
     variance of the difference of their positions along the query object's ray; and the peak of the density of that
-    difference, but for 2 pi."""
-    size = of.shape[1]
-    z, length, height, variance = of[Z], of[LENGTH], of[HEIGHT], of[VARIANCE]
+    difference, but for 2 pi. across (m,) is written over."""
+    z, length, height = look
+    for j in range(len(label)):
+        across[j] = variance[j] + numbers.position_variance
     for i in range(len(query.label)):
-        own, known, unknown = query.label[i], query.known[i], query.unknown[i]
-        own_z, own_length, own_height = query.look[i]
-        by_z, by_length, by_height = query.sharpness[i]
-        for j in range(size):
+        own, known, unknown = query.label[i], _F4(query.known[i]), _F4(query.unknown[i])
+        own_z, own_length, own_height = _F4(query.look[i, 0]), _F4(query.look[i, 1]), _F4(query.look[i, 2])
+        by_z, by_length, by_height = _F4(query.sharpness[i, 0]), _F4(query.sharpness[i, 1]), _F4(query.sharpness[i, 2])
+        for j in range(len(label)):
+            up, out, high = own_z - z[j], own_length - length[j], own_height - height[j]
             ratio = known if own == label[j] else unknown
-            ratio += by_z * (own_z - z[j]) ** 2
-            ratio += by_length * (own_length - length[j]) ** 2 + by_height * (own_height - height[j]) ** 2
-            alike[i, j] = max(ratio, -numbers.most_log)
-        range_variance = query.range_variance[i]
-        for j in range(size):
-            across = variance[j] + numbers.position_variance
-            along = across + range_variance
-            sharpness[i, j], peak[i, j] = 1 / along, 1 / np.sqrt(_F4(along * across))
+            ratio += by_z * up * up + by_length * out * out + by_height * high * high
+            alike[i, j] = max(ratio, _F4(-numbers.most_log))
+        range_variance = _F4(query.range_variance[i])
+        for j in range(len(label)):
+            along = across[j] + range_variance
+            sharpness[i, j], peak[i, j] = _F4(1) / along, _F4(1) / np.sqrt(along * across[j])
 
 
 @_compile
 def _found(of, x_m, y_m, numbers, logit):  # type: ignore[no-untyped-def]
     """Fill in the logits that each object of a place is found from a position (m,); the log probability that none
     is."""
+    nearest, reference, most = _F4(numbers.nearest_m), _F4(numbers.reference_m), _F4(numbers.most_logit)
+    per_squared = _F4(numbers.per_distance / 2)
+    for j in range(of.shape[1]):
+        x, y = _F4(of[X, j] - x_m), _F4(of[Y, j] - y_m)
+        squared = max(x * x + y * y, nearest * nearest) / (reference * reference)
+        logit[j] = min(max(_F4(of[FOUND, j]) + per_squared * log(squared), -most), most)
     missed, odds = 0.0, 1.0  # odds are multiplied, and only then come the logarithms
     for j in range(of.shape[1]):
-        x, y = of[X, j] - x_m, of[Y, j] - y_m
-        distance = max(np.sqrt(x * x + y * y), numbers.nearest_m)
-        value = of[FOUND, j] + numbers.per_distance * np.log(_F4(distance / numbers.reference_m))
-        logit[j] = min(max(value, -numbers.most_logit), numbers.most_logit)
-        odds *= 1 + _exp(logit[j])
+        odds *= 1 + exp(logit[j])
         if odds > _LARGE:
             missed, odds = missed - np.log(odds), 1.0
     return missed - np.log(odds)
@@ -163,7 +162,7 @@ def _exponentials(log_odds, size, numbers):  # type: ignore[no-untyped-def]
     for i in range(len(log_odds)):
         for j in range(size):
             value = log_odds[i, j]
-            odds = _exp(min(max(value, _NONE), _F4(numbers.most_log)))
+            odds = exp(min(max(value, _NONE), _F4(numbers.most_log)))
             log_odds[i, j] = odds if value > _NONE else _F4(0)
 
 
@@ -285,8 +284,9 @@ def _two_point(query, of, cameras_m, pair, worth, numbers):  # type: ignore[no-u
             slack = numbers.slack_sigmas * np.sqrt(variance + of[VARIANCE, j1] + of[VARIANCE, j2])
             if abs(length - length_there) >= slack or min(length, length_there) <= numbers.least_base_m:
                 continue
-            yaw = np.arctan2(y_there, x_there) - np.arctan2(y, x)
-            c, s = np.cos(yaw), np.sin(yaw)
+            both = length * length_there
+            c, s = (x * x_there + y * y_there) / both, (x * y_there - y * x_there) / both
+            yaw = np.arctan2(s, c)
             x, y = (here[0] + further[0]) / 2, (here[1] + further[1]) / 2
             pose[count, 0] = (of[X, j1] + of[X, j2]) / 2 - (c * x - s * y)
             pose[count, 1] = (of[Y, j1] + of[Y, j2]) / 2 - (s * x + c * y)
@@ -318,10 +318,10 @@ def _most_support(query, of, origin_m, pair, worth, logit, numbers, poses, best)
         across = of[VARIANCE, j] + numbers.position_variance
         along = across + query.range_variance[i]
         x_there[p], y_there[p] = of[X, j] - origin_m[0], of[Y, j] - origin_m[1]
-        peak[p] = worth[p] + logit[j] - numbers.clutter + numbers.area - 0.5 * np.log(along * across)
+        peak[p] = worth[p] + logit[j] - numbers.clutter + numbers.area - 0.5 * log(along * across)
         by_along[p], by_across[p] = -0.5 / along, -0.5 / across
     for p in range(count - 1, -1, -1):  # one by one pairs bring no less than together
-        rest[p] = rest[p + 1] + np.log1p(np.exp(min(peak[p], numbers.most_log)))
+        rest[p] = rest[p + 1] + log(_F4(1) + exp(min(max(peak[p], _NONE), _F4(numbers.most_log))))
     for pose in poses:
         c, s = _F4(np.cos(pose[2])), _F4(np.sin(pose[2]))
         x_pose, y_pose = _F4(pose[0] - origin_m[0]), _F4(pose[1] - origin_m[1])
@@ -335,9 +335,9 @@ def _most_support(query, of, origin_m, pair, worth, logit, numbers, poses, best)
             forth, side = x * x_ray + y * y_ray, y * x_ray - x * y_ray
             exponent = forth * forth * by_along[p] + side * side * by_across[p] + peak[p]
             if exponent > _NONE:
-                odds += _exp(min(_F4(exponent), _F4(numbers.most_log)))
+                odds += exp(min(_F4(exponent), _F4(numbers.most_log)))
             if p + 1 == count or pair[p + 1, 0] != i:
-                total, odds = total + np.log1p(odds), 0.0
+                total, odds = total + log(1 + odds), 0.0
                 if total + rest[p + 1] < support[-1] - 1e-3:
                     break
         row = held

@@ -5,14 +5,15 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numba
 import numpy as np
 
 from salframe_graphs.places import hypotheses
 from salframe_graphs.places import likelihood as scoring
-from salframe_graphs.places.place_index import PlaceIndex, QueryObjects
+from salframe_graphs.places.place_index import PlaceIndex
 from salframe_graphs.places.rates import Likelihood, Rates
 
-X, Y, VARIANCE, FOUND, Z, LENGTH, HEIGHT = range(7)
+X, Y, VARIANCE, FOUND = range(4)
 """The rows of Searched.of."""
 
 
@@ -32,13 +33,14 @@ class Asked(NamedTuple):
 
 
 class Searched(NamedTuple):
-    """Of PlaceIndex what is searched: size (K,), how many objects each place has, label (K, m), cameras_m (K, F, 2),
-    and of (K, 7, m), a row each: x, y, variance, found_logit, height, log length and log box height."""
+    """Of PlaceIndex what is searched: size (K,), how many objects each place has, label (K, m), cameras_m (K, F, 2), of
+    (K, 4, m), x, y, variance and found_logit, and in single precision look (K, 3, m), as of Asked."""
 
     size: np.ndarray
     label: np.ndarray
     cameras_m: np.ndarray
     of: np.ndarray
+    look: np.ndarray
 
 
 class Numbers(NamedTuple):
@@ -50,6 +52,14 @@ class Numbers(NamedTuple):
     clutter: float
     area: float
     unplaced_share: float
+    label_agreement: float
+    range_error_share: float
+    height_error_m: float
+    length_error_log: float
+    box_height_error_log: float
+    height_span_m: float
+    size_span_log: float
+    least_score: float = scoring.LEAST_SCORE
     nearest_m: float = scoring.NEAREST_M
     reference_m: float = scoring.REFERENCE_M
     most_logit: float = scoring.MOST_LOGIT
@@ -68,29 +78,32 @@ class Numbers(NamedTuple):
 
 def searched(index: PlaceIndex) -> Searched:
     """An index laid out."""
-    look = index.z_m, index.log_size[..., 0], index.log_size[..., 2]
-    of = np.stack([*np.moveaxis(index.xy_m, 2, 0), index.variance_m2, index.found_logit, *look], 1, dtype=np.float64)
-    return Searched(index.size, np.array(index.label, order="C"), np.array(index.cameras_m, order="C"), of)
+    of = np.stack([*np.moveaxis(index.xy_m, 2, 0), index.variance_m2, index.found_logit], 1, dtype=np.float64)
+    looks = index.z_m, index.log_size[..., 0], index.log_size[..., 2]
+    look = np.stack(looks, 1).astype(np.float32)
+    return Searched(index.size, np.array(index.label, order="C"), np.array(index.cameras_m, order="C"), of, look)
 
 
-def asked(query: QueryObjects, index: PlaceIndex, rates: Rates, taken: Likelihood) -> Asked:
-    """A query laid out."""
-    variance = np.empty((len(query), 3))
-    variance[:, 0] = 2 * (rates.height_error_m**2 + (rates.range_error_share * query.z_m) ** 2)
-    variance[:, 1:] = 2 * rates.length_error_log**2, 2 * rates.box_height_error_log**2
-    span = np.array([taken.height_span_m, taken.size_span_log, taken.size_span_log])
-    sure = np.log(np.maximum(query.score, scoring.LEAST_SCORE))
-    alike = sure + np.log(span / np.sqrt(2 * np.pi * variance)).sum(1)
-    return Asked(
-        query.label,
-        np.array(query.xy_m),
-        query.ray,
-        np.column_stack([query.z_m, query.log_size[:, 0], query.log_size[:, 2]]),
-        -0.5 / variance,
-        alike + np.log(rates.label_agreement / index.frequency[query.label]),
-        alike + np.log(1 - rates.label_agreement),
-        (rates.range_error_share * query.range_m) ** 2,
-    )
+@numba.njit(nogil=True, error_model="numpy")
+def asked(query, frequency, numbers):  # type: ignore[no-untyped-def]
+    """A query laid out: label, xy_m, z_m, range_m, ray, log_size and score of QueryObjects, beside the frequency of
+    PlaceIndex."""
+    label, xy_m, z_m, range_m, ray, log_size, score = query
+    look, sharpness = np.empty((len(label), 3)), np.empty((len(label), 3))
+    known, unknown, range_variance = np.empty(len(label)), np.empty(len(label)), np.empty(len(label))
+    span = numbers.height_span_m, numbers.size_span_log, numbers.size_span_log
+    for i in range(len(label)):
+        look[i, 0], look[i, 1], look[i, 2] = z_m[i], log_size[i, 0], log_size[i, 2]
+        height_variance = numbers.height_error_m**2 + (numbers.range_error_share * z_m[i]) ** 2
+        variance = 2 * height_variance, 2 * numbers.length_error_log**2, 2 * numbers.box_height_error_log**2
+        alike = np.log(max(score[i], numbers.least_score))
+        for part in range(3):
+            sharpness[i, part] = -0.5 / variance[part]
+            alike += np.log(span[part] / np.sqrt(2 * np.pi * variance[part]))
+        known[i] = alike + np.log(numbers.label_agreement / frequency[label[i]])
+        unknown[i] = alike + np.log(1 - numbers.label_agreement)
+        range_variance[i] = (numbers.range_error_share * range_m[i]) ** 2
+    return Asked(label, xy_m, ray, look, sharpness, known, unknown, range_variance)
 
 
 def numbers(rates: Rates, taken: Likelihood) -> Numbers:
@@ -101,4 +114,11 @@ def numbers(rates: Rates, taken: Likelihood) -> Numbers:
         float(np.log(rates.clutter)),
         float(np.log(taken.area_m2 / (2 * np.pi))),
         taken.unplaced_share,
+        rates.label_agreement,
+        rates.range_error_share,
+        rates.height_error_m,
+        rates.length_error_log,
+        rates.box_height_error_log,
+        taken.height_span_m,
+        taken.size_span_log,
     )

@@ -19,7 +19,7 @@ from salframe.framework.slots import slot
 from salframe.graphs.graph import SaliencyGraph, without_positions
 from salframe.graphs.packing import graph_from_arrays
 from salframe.graphs.scene_index import SceneIndex
-from salframe.localization.answers import Localization, LocalizationStatus, RankedPlace
+from salframe.localization.answers import Localization, LocalizationStatus, ranked_places
 from salframe.localization.evidence import Evidence
 from salframe.localization.localizer import Description
 from salframe.localization.map_parts import SavedFrames
@@ -31,7 +31,7 @@ from salframe.panoramas.panorama import Panorama
 from salframe_graphs import compilation
 from salframe_graphs.localizer import SaliencyGraphLocalizer
 from salframe_graphs.places import search
-from salframe_graphs.places.evidence import EVIDENCE, Weights, label_evidence, shipped_weights
+from salframe_graphs.places.evidence import EVIDENCE, Weights, shipped_weights
 from salframe_graphs.places.likelihood import Poses
 from salframe_graphs.places.merging import gather_places
 from salframe_graphs.places.outline import BINS, MapOutlines, free_outline, pack_outline, unpack_outline
@@ -74,13 +74,13 @@ def _over_shipped(part: str, shipped: Callable[[], Settings], value: Any) -> Any
 @dataclass(frozen=True, eq=False)
 class _Hypotheses:
     """H hypotheses of where a query is: name (H,), of ShownPlaces; evidence (H, F), as in EVIDENCE. The first C have
-    poses, with shares (C, n, m) of the query's objects."""
+    poses; share, as of Found: what of the query's objects each of these explains."""
 
     query: QueryObjects
     name: np.ndarray
     evidence: np.ndarray
     poses: Poses
-    share: np.ndarray
+    share: Callable[[int], np.ndarray]
 
 
 class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
@@ -197,6 +197,8 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
         outline_m (S, BINS)."""
         self._places, self._frames_m = places, T_world_pano[:, :, 3].copy()
         self._scenes = self._new_scene_index() if len(places) > self.config.candidates else None
+        regions = self._regions.places if self._regions else ()
+        self._name_of = np.array([*(places.number.get(place, -1) for place in regions), -1])  # -1 of none
         poses = T_world_pano[places.padded]
         yaw_rad = np.arctan2(poses[..., 1, 0], poses[..., 0, 0])
         seen_from = np.concatenate([poses[..., :2, 3], yaw_rad[..., None]], -1)
@@ -230,20 +232,19 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
         order = np.lexsort((first, -score))
         names, score, posed = names[order], score[order], posed[order]
         frames = self._frames_of(names, found.poses, posed)
-        places = tuple(
-            RankedPlace(frame.id, self._places.names[name], value)
-            for frame, name, value in zip(frames, names.tolist(), score.tolist(), strict=True)
-        )
+        ids, bears = [frame.id for frame in frames], [self._places.names[name] for name in names.tolist()]
+        places = ranked_places(ids, bears, score.tolist())
         if self._positioner is None:
             return Localization(places, frames[0].T_world_pano, LocalizationStatus.OK)
-        if posed[0] < 0 or (found.share[posed[0]].sum(1) > 0.5).sum() < LEAST_EXPLAINED:
+        share = found.share(posed[0]) if posed[0] >= 0 else np.zeros((0, 0))
+        if (share.sum(1) > 0.5).sum() < LEAST_EXPLAINED:
             return Localization(places, None, LocalizationStatus.NO_POSE)
         best = found.poses.take(posed[:1])
         pose, covariance = self._searching.settle(
-            found.query, self._place_index, self._rates, best, found.share[posed[0]], LEAST_COVARIANCE_M
+            found.query, self._place_index, self._rates, best, share, LEAST_COVARIANCE_M
         )
-        stood = self._frames_of(names[:1], pose, np.zeros(1, int))[0].T_world_pano
-        T_world_query = pose_2d(pose.shift_m[0, 0], pose.shift_m[0, 1], pose.yaw_rad[0], stood[2, 3])
+        camera_z_m = frames[0].T_world_pano[2, 3]
+        T_world_query = pose_2d(pose.shift_m[0, 0], pose.shift_m[0, 1], pose.yaw_rad[0], camera_z_m)
         return Localization(places, T_world_query, LocalizationStatus.OK, covariance)
 
     def answer(self, description: Description) -> Localization:
@@ -282,7 +283,9 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
         here, name = kept[found.poses.place], self._places.name
         poses = replace(found.poses, place=here)
         stands = self._names_at(here, poses)
-        alone = ranked[~np.isin(name[ranked], stands)]
+        stood = np.zeros(len(self._places.names), bool)
+        stood[stands] = True
+        alone = ranked[~stood[name[ranked]]]
         rows = np.concatenate([here, alone])
         evidence = np.zeros((len(rows), len(EVIDENCE)))
         likelihood, outline, panorama = evidence[:, 0], evidence[:, 1], evidence[:, 2]
@@ -293,9 +296,8 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
         if outline_m is not None:
             posed = self._outlines, outline_m, here, poses.shift_m, poses.yaw_rad
             outline[: len(here)] = self._searching.outline_ratio(*posed)
-        like = self._panorama_scores(query)
-        panorama[:] = [like.get(number, 0.0) for number in name[rows].tolist()]
-        evidence[:, 3:] = label_evidence(asked.label, whole, rows)
+        panorama[:] = self._panorama_scores(query)[name[rows]]
+        evidence[:, 3:] = self._searching.label_evidence(asked.label, whole, rows)
         return _Hypotheses(asked, np.concatenate([stands, name[alone]]), evidence, poses, found.share)
 
     @property
@@ -313,30 +315,37 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
             return every, every
         asked = most if len(every) <= RANKED else max(most, RANKED)
         found = self._scenes.candidates(query, asked * self._places.padded.shape[1])
-        places, first = np.unique(self._places.place[found.scene], return_index=True)
-        places = places[np.argsort(first)]
+        places = np.array([*dict.fromkeys(self._places.place[found.scene].tolist())], int)
         return np.sort(places[:most]), every if len(every) <= RANKED else np.sort(places[:asked])
 
-    def _panorama_scores(self, query: SaliencyGraph) -> dict[int, float]:
-        """The score of the panorama that is most like a query, by the numbers of places' names, of those that have
-        any."""
-        matches = self._matcher.match(query, self._index, self.config.top_k)
-        if not matches:
-            return {}
-        matches = self._agreed(matches)
-        stood, seen = self._map_frames[matches[0].scene].T_world_pano, matches[0].T_scene_query
-        T_world_query = None if seen is None or not self.config.nearest_scene else stood @ seen
-        number = self._places.number
-        ranked = self._rank(matches, T_world_query)
-        return {number[best.place]: best.score for best in ranked if best.place in number}  # doorways are no places
+    def _panorama_scores(self, query: SaliencyGraph) -> np.ndarray:
+        """(P,) the score of the panorama that is most like a query, by the numbers of places' names, 0 of those that
+        have none."""
+        best_of = np.zeros(len(self._places.names))
+        ranked = self._matcher.rank(query, self._index, self.config.top_k)
+        if not len(ranked.scene):
+            return best_of
+        frames = [self._map_frames[scene] for scene in ranked.scene.tolist()]
+        T_world_query = np.array([frame.T_world_pano for frame in frames]) @ ranked.T_scene_query
+        score = ranked.score
+        if self.config.agreement:
+            score = self._searching.agreed(score, T_world_query, self.config.agreement, self.config.agreement_radius_m)
+        best = int(np.argmax(score))
+        if self.config.nearest_scene:
+            near = self._scene_near(frames[best], T_world_query[best])
+            if near is not None:
+                frames[best] = self._map_frames[near]  # a doorway is no place
+        for frame, value in sorted(zip(frames, score.tolist(), strict=True), key=lambda claim: claim[1]):
+            if frame.place in self._places.number:
+                best_of[self._places.number[frame.place]] = value  # the best comes last
+        return best_of
 
     def _places_of(self, xy_m: np.ndarray, frame: MapFrame) -> list[str | None]:
         """The places that positions (N, 2) which a frame sees lie in."""
-        return (
-            self._regions.at(xy_m, np.full(len(xy_m), frame.T_world_pano[2, 3]))
-            if self._regions
-            else [None] * len(xy_m)
-        )
+        if self._regions is None:
+            return [None] * len(xy_m)
+        numbers = self._regions.at(xy_m, np.full(len(xy_m), frame.T_world_pano[2, 3]))
+        return [self._regions.places[number] if number >= 0 else None for number in numbers.tolist()]
 
     def _names_at(self, places: np.ndarray, poses: Poses) -> np.ndarray:
         """(C,) the name of the place that each pose stands in: the region's where it is known and on the map, else that
@@ -345,13 +354,12 @@ class SaliencyPlacesLocalizer(SaliencyGraphLocalizer):
         if self._regions is None:
             return matched
         height_m = self._frames_m[self._places.frame[self._places.start[places]], 2]
-        stands = self._regions.at(poses.shift_m, height_m)
-        number = self._places.number
-        named = zip(stands, matched.tolist(), strict=True)
-        return np.array([k if name is None else number.get(name, k) for name, k in named], int)
+        stands = self._name_of[self._regions.at(poses.shift_m, height_m)]
+        return np.where(stands >= 0, stands, matched)
 
     def _frames_of(self, names: np.ndarray, poses: Poses, row: np.ndarray) -> list[MapFrame]:
         """Of each of some names (N,) the scene frame that is nearest to one of some poses, row (N,), the first where
         that is -1."""
         near_m = np.append(poses.shift_m, [[np.nan, np.nan]], 0)[row]
-        return [self._map_frames[number] for number in self._places.nearest(names, self._frames_m[:, :2], near_m)]
+        nearest = self._places.nearest(names, self._frames_m[:, :2], near_m)
+        return [self._map_frames[number] for number in nearest.tolist()]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -17,6 +16,8 @@ ERROR_LOG, STRAY, PEAK, MOST_SQUARED = 0.1, 0.15, 3.0, 50.0
 """Standard deviation of the logarithm of a range, the share of bins that do not fit, the ratio of one that does, and
 the square of standard deviations beyond which none is further off."""
 _LARGEST_M = 65.535
+_MIDDLES = np.array([(np.cos(azimuth), np.sin(azimuth)) for azimuth in (np.arange(BINS) + 0.5) * (2 * np.pi / BINS)])
+"""(BINS, 2): the directions of the bins' middles."""
 
 
 def free_outline(range_m: np.ndarray) -> np.ndarray:
@@ -41,7 +42,7 @@ def unpack_outline(outline_mm: np.ndarray) -> np.ndarray:
     return np.where(outline_mm > 0, outline_mm / np.float32(1000), np.float32(np.nan))
 
 
-def fit_outline(offset_m: np.ndarray, yaw_rad: np.ndarray, outline_m: np.ndarray) -> np.ndarray:
+def _fit(offset_m: np.ndarray, yaw_rad: np.ndarray, outline_m: np.ndarray) -> np.ndarray:
     """(P,) how well points (P, BINS, 2), relative to where an outline (P, BINS) was seen along yaw_rad (P, 1), lie on
     it."""
     x, y = offset_m[..., 0], offset_m[..., 1]
@@ -72,33 +73,32 @@ class MapOutlines:
         """(K, F) whether a frame has an outline."""
         return np.isfinite(self.range_m).any(2)
 
-    def ratio(
-        self,
-        query_m: np.ndarray,
-        place: np.ndarray,
-        shift_m: np.ndarray,
-        yaw_rad: np.ndarray,
-        fit: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray] = fit_outline,
-    ) -> np.ndarray:
+    def ratio(self, query_m: np.ndarray, place: np.ndarray, shift_m: np.ndarray, yaw_rad: np.ndarray) -> np.ndarray:
         """(C,) log likelihood ratio of a query's outline (BINS,) under C poses place (C,), shift_m (C, 2), yaw_rad
         (C,): the place's outlines seen from the pose and the query's from theirs, bin by bin, the best frame's sum. 0
-        where no frame has an outline. fit: as `fit_outline`."""
+        where no frame has an outline."""
         query_m, shift_m, yaw_rad = (a.astype(np.float32) for a in (query_m, shift_m, yaw_rad))
         row, frame = np.nonzero(self.known[place])
         seen = place[row], frame
         range_m, pose, here = self.range_m[seen], self.pose[seen], _corners(query_m, shift_m, yaw_rad)[row]
         forth = self.corners_m[seen] - shift_m[row, None]
-        total = fit(forth, yaw_rad[row, None], np.broadcast_to(query_m, range_m.shape))
-        total = total + fit(here - pose[:, None, :2], pose[:, 2:], range_m)
+        total = _fit(forth, yaw_rad[row, None], np.broadcast_to(query_m, range_m.shape))
+        total = total + _fit(here - pose[:, None, :2], pose[:, 2:], range_m)
         best = np.full(len(place), -np.inf, total.dtype)
         np.maximum.at(best, row, total)
         return np.where(np.isfinite(best), best, 0).astype(np.float64)
 
 
+def own_corners(outline_m: np.ndarray) -> np.ndarray:
+    """(..., BINS, 2) the outline's points from where it was seen."""
+    return outline_m[..., None] * _MIDDLES.astype(outline_m.dtype)
+
+
 def _corners(outline_m: np.ndarray, position_m: np.ndarray, yaw_rad: np.ndarray) -> np.ndarray:
     """(..., BINS, 2) the outline's points in the world."""
-    azimuth = (np.arange(BINS, dtype=yaw_rad.dtype) + 0.5) * (2 * np.pi / BINS) + yaw_rad[..., None]
-    return position_m[..., None, :] + outline_m[..., None] * np.stack([np.cos(azimuth), np.sin(azimuth)], -1)
+    x, y = np.moveaxis(own_corners(outline_m), -1, 0)
+    c, s = np.cos(yaw_rad)[..., None], np.sin(yaw_rad)[..., None]
+    return np.stack([c * x - s * y, s * x + c * y], -1) + position_m[..., None, :]  # type: ignore[no-any-return]
 
 
 def _bin(azimuth_rad: np.ndarray) -> np.ndarray:

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
+from salframe_graphs.agreement import agreed
+from salframe_graphs.places.evidence import label_evidence
 from salframe_graphs.places.hypotheses import best_poses
 from salframe_graphs.places.likelihood import PlaceLikelihood, Poses
 from salframe_graphs.places.outline import MapOutlines
 from salframe_graphs.places.place_index import PlaceIndex, QueryObjects
 from salframe_graphs.places.rates import Likelihood, Rates
 from salframe_graphs.verification import best_per_candidate
+
+__all__ = ["agreed", "label_evidence", "outline_ratio", "search", "settle"]
 
 SETTLING_STEPS = 6
 """So often the pose that is answered is fitted with what it explains unchanged."""
@@ -23,12 +28,12 @@ outline_ratio = MapOutlines.ratio
 @dataclass(frozen=True, eq=False)
 class Found:
     """The best pose of each of K places that has any: C poses, their place (C,) one of the K, ascending; score (C,)
-    float64 and share (C, n, m), how surely each query object is each of the place's. unplaced (K,): the score of each
-    place without a pose."""
+    float64; share, of the number of one of the poses: how surely each query object is each of the place's (n, m).
+    unplaced (K,): the score of each place without a pose."""
 
     poses: Poses
     score: np.ndarray
-    share: np.ndarray
+    share: Callable[[int], np.ndarray]
     unplaced: np.ndarray
 
 
@@ -40,7 +45,8 @@ def search(
     scorer = PlaceLikelihood(query, index, rates, likelihood)
     poses, score, share = scorer.refine(best_poses(query, index, scorer, refined))
     best = best_per_candidate(score, poses.place, 1)
-    return Found(poses.take(best), score[best].astype(np.float64), share[best], scorer.unplaced())
+    found = share[best]
+    return Found(poses.take(best), score[best].astype(np.float64), found.__getitem__, scorer.unplaced())
 
 
 def settle(

@@ -67,6 +67,6 @@ class ShownPlaces:
         found, begins = frame[ranges(start[names], count)], starts(count)[:-1]
         if len(found) > len(names):
             row = np.repeat(np.arange(len(names)), count)
-            away_m = np.nan_to_num(np.hypot(*(frames_m[found] - xy_m[row]).T))
-            begins = np.lexsort((away_m, row))[begins]
+            away_m = np.hypot(*(frames_m[found] - xy_m[row]).T)
+            begins = np.lexsort((np.where(np.isnan(away_m), 0, away_m), row))[begins]
         return found[begins]

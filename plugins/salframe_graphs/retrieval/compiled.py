@@ -17,33 +17,21 @@ def best_scenes(postings: Postings, asked: Asked, count: int) -> tuple[np.ndarra
     shared in full is passed over."""
     if not len(asked.label):
         return np.zeros(0, np.int64), np.zeros(0)
-    start, end = postings.start[asked.label], postings.start[asked.label + 1]
-    order = np.argsort(end - start, kind="stable")
-    rarity, first, last = postings.rarity[asked.label][order], asked.first[:-1][order], asked.first[1:][order]
-    worth = FULL * rarity * (last - first)
-    return _best(  # type: ignore[no-any-return]
-        (start[order], end[order]),
-        (first, last),
-        rarity,
-        np.ascontiguousarray(worth[::-1].cumsum()[::-1]),
-        (asked.appearance, asked.scale),
-        (CODE_LOW, CODE_STEP),
-        FULL,
-        postings.scene,
-        postings.code,
-        postings.weight,
-        asked.rarity,
-        count,
-    )
+    lists = postings.start, postings.rarity, postings.scene, postings.code, postings.weight
+    objects = asked.label, asked.appearance, asked.scale, asked.rarity
+    return _best(*lists, *objects, (CODE_LOW, CODE_STEP, FULL), count)  # type: ignore[no-any-return]
 
 
 @numba.njit(cache=True, nogil=True)
-def _best(lists, objects, rarity, rest, looks, codes, full, scene, code, weight, asked, count):  # type: ignore[no-untyped-def]
-    """Candidates gather until there are twice as many as wanted, then the lesser half goes. rest (J,): what the labels
-    from each on share at most."""
-    alike, (first, last) = _alike(*looks, *codes), objects
+def _best(start, rarity, scene, code, weight, label, appearance, scale, asked, constants, count):  # type: ignore[no-untyped-def]
+    """Candidates gather until there are twice as many as wanted, then the lesser half goes."""
+    low_code, step, full = constants
+    alike, first = _alike(appearance, scale, low_code, step), _by_length(label, start)
+    place, rest = np.empty(len(first), np.int64), np.zeros(len(first) + 1)  # what labels from each on share at most
+    for j in range(len(first) - 1, -1, -1):
+        own, objects = label[first[j, 0]], first[j, 1] - first[j, 0]
+        place[j], rest[j] = start[own], rest[j + 1] + full * rarity[own] * objects
     block = min(_BLOCK, len(weight))
-    place, end = lists[0].copy(), lists[1]
     shared, needed = np.zeros(block, np.int64), np.zeros(block)
     found, score = np.empty(2 * count, np.int64), np.empty(2 * count)
     held, least = 0, 0.0
@@ -53,9 +41,10 @@ def _best(lists, objects, rarity, rest, looks, codes, full, scene, code, weight,
         share = full * least / (1 + least) * (1 - 1e-9)
         for here in range(high - low):
             needed[here] = share * (asked + np.int64(weight[low + here]))
-        for j in range(len(end)):
-            own = alike[first[j] : last[j]]
-            place[j] = _add(shared, needed, low, high, place[j], end[j], scene, code, rarity[j], own, rest[j])
+        for j in range(len(first)):
+            own, like = label[first[j, 0]], alike[first[j, 0] : first[j, 1]]
+            end = start[own + 1]
+            place[j] = _add(shared, needed, low, high, place[j], end, scene, code, rarity[own], like, rest[j])
         for here in range(high - low):
             if shared[here] == 0 or shared[here] < needed[here]:
                 continue
@@ -72,15 +61,29 @@ def _best(lists, objects, rarity, rest, looks, codes, full, scene, code, weight,
 
 
 @numba.njit(nogil=True)
+def _by_length(label, start):  # type: ignore[no-untyped-def]
+    """(J, 2) the first and the last + 1 of the objects of each label, of labels (n,) in order, the shortest list
+    first."""
+    first, count = np.empty((len(label), 2), np.int64), 0
+    for i in range(len(label)):
+        if i == 0 or label[i] != label[i - 1]:
+            first[count, 0] = i
+            count += 1
+        first[count - 1, 1] = i + 1
+    length = np.array([start[label[i] + 1] - start[label[i]] for i in first[:count, 0]])
+    return first[:count][np.argsort(length, kind="mergesort")]
+
+
+@numba.njit(nogil=True, error_model="numpy")
 def _alike(appearance, scale, low, step):  # type: ignore[no-untyped-def]
-    """As of Asked."""
-    alike = np.empty((len(appearance), 3, 256), np.int64)
+    """As of Asked, in as many bits as the product of three takes."""
+    alike = np.full((len(appearance), 3, 256), 255, np.int32)
     for i in range(len(appearance)):
         for part in range(3):
             own = appearance[i, part]
-            for code in range(256):
-                apart = (own - (low[part] + step * code)) / scale[part]
-                alike[i, part, code] = 255 if np.isnan(own) else max(np.rint(255 / (1 + apart * apart)), 1.0)
+            for code in range(0 if np.isnan(own) else 256):
+                apart = (own - (low[part] + step * np.int32(code))) / scale[part]
+                alike[i, part, code] = np.int32(np.rint(max(255 / (1 + apart * apart), 1.0)))
     return alike
 
 
@@ -88,7 +91,7 @@ def _alike(appearance, scale, low, step):  # type: ignore[no-untyped-def]
 def _add(shared, needed, low, high, place, end, scene, code, rarity, alike, rest):  # type: ignore[no-untyped-def]
     """Add what a label's list shares with the query's objects to those of the scenes low to high that may still share
     as much as is needed; where the list goes on."""
-    most_of, count = np.zeros(len(alike), np.int64), len(alike)
+    most_of, count = np.zeros(len(alike), np.int32), len(alike)
     while place < end and scene[place] < high:
         here = scene[place]
         if shared[here - low] + rest < needed[here - low]:
@@ -96,7 +99,7 @@ def _add(shared, needed, low, high, place, end, scene, code, rarity, alike, rest
             continue
         there, of_asked = np.int64(0), np.int64(0)
         while place < end and scene[place] == here:
-            most = np.int64(0)
+            most = np.int32(0)
             for i in range(count):
                 likeness = alike[i, 0, code[place, 0]] * alike[i, 1, code[place, 1]] * alike[i, 2, code[place, 2]]
                 most = max(most, likeness)

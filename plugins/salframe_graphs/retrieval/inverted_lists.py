@@ -48,12 +48,5 @@ class InvertedLists(SceneIndex):
         """The query laid out beside the lists."""
         label = np.array([self._postings.labels.get(name, -1) for name in query.labels], int)
         order = np.argsort(label, kind="stable")[np.count_nonzero(label < 0) :]
-        label_of = label[order]
-        first = np.flatnonzero(np.append(True, label_of[1:] != label_of[:-1])[: len(order)])
-        return Asked(
-            label_of[first],
-            np.append(first, len(order)),
-            appearance(query)[order],
-            np.array([self.config.height_scale_m, *self.config.size_scale]),
-            int(self._postings.rarity[label].sum()),
-        )
+        scale = np.array([self.config.height_scale_m, *self.config.size_scale])
+        return Asked(label[order], appearance(query)[order], scale, int(self._postings.rarity[label].sum()))

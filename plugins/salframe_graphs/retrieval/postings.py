@@ -53,7 +53,7 @@ class Postings:
 
 def appearance(graph: SaliencyGraph) -> np.ndarray:
     """(N, 3) height over the camera, log length and log box height of a graph's nodes; NaN where not known."""
-    return np.column_stack([graph.centroid_m[:, 2], np.log(graph.size_m[:, [0, 2]])])
+    return np.concatenate([graph.centroid_m[:, 2:], np.log(graph.size_m[:, ::2])], 1)
 
 
 def write_postings(graphs: Iterable[SaliencyGraph], folder: Path) -> None:

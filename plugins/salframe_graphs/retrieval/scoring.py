@@ -14,14 +14,11 @@ FULL = 255**3
 
 @dataclass(frozen=True, eq=False)
 class Asked:
-    """A query's objects by label, the labels that the map has in any order.
-
-    label (J,) int64; first (J + 1,) int64: the objects of label j are first[j] to first[j + 1]; appearance (n, 3) as of
-    graphs, NaN where not known, and scale (3,), the difference that halves likeness; rarity: of all objects together.
-    """
+    """A query's n objects whose labels the map has: label (n,) int64, ascending; appearance (n, 3) as of graphs, NaN
+    where not known, and scale (3,), the difference that halves likeness; rarity: of all objects of the query
+    together."""
 
     label: np.ndarray
-    first: np.ndarray
     appearance: np.ndarray
     scale: np.ndarray
     rarity: int
@@ -43,8 +40,8 @@ def best_scenes(postings: Postings, asked: Asked, count: int) -> tuple[np.ndarra
     chairs in a scene do not share four with one that is asked, nor one with four.
     """
     shared, likeness_of = np.zeros(len(postings.weight), np.int64), asked.alike
-    for j, label in enumerate(asked.label.tolist()):
-        alike = likeness_of[asked.first[j] : asked.first[j + 1]]
+    for label in np.unique(asked.label).tolist():
+        alike = likeness_of[asked.label == label]
         listed = slice(*postings.start[label : label + 2])
         scene, code = postings.scene[listed], postings.code[listed]
         likeness = alike[:, 0, code[:, 0]] * alike[:, 1, code[:, 1]] * alike[:, 2, code[:, 2]]
