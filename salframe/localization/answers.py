@@ -23,7 +23,7 @@ SUM_TOLERANCE = 1e-6
 
 class RankedPlace(NamedTuple):
     """One answer of a localizer: the map frame, its place, a score (larger is better), and the probability that the
-    query is in this place, None from a localizer that has none."""
+    query is in this place, None from a localizer that has none. A named tuple: `_replace` gives another."""
 
     frame: str
     place: str

@@ -203,7 +203,7 @@ class Constant(Reader):
     name = "constant"
     def match(self, description):
         answer = super().match(description)
-        return replace(answer, places=tuple(replace(place, score=1.0) for place in answer.places))
+        return replace(answer, places=tuple(place._replace(score=1.0) for place in answer.places))
 
 @salframe.hookimpl
 def salframe_provides():

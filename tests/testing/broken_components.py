@@ -372,7 +372,7 @@ class Unordered(SaliencyGraphLocalizer):
 def weighed(answer, probabilities):
     """The answer with these probabilities of its first places, 0 of the others, and 0.1 of none of them."""
     padded = [*probabilities, *[0.0] * len(answer.places)]
-    places = [replace(place, probability=padded[i]) for i, place in enumerate(answer.places)]
+    places = [place._replace(probability=padded[i]) for i, place in enumerate(answer.places)]
     return replace(answer, places=tuple(places), not_here=0.1) if len(places) > 1 else answer
 
 
