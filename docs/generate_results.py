@@ -1,7 +1,7 @@
 """Draw the tables of docs/results.md from docs/results/*.json, which `salframe experiment` writes. Run it after that.
 
-A line `<!-- experiment: NAME -->` is followed by what is drawn, up to the line `<!-- drawn -->`; all else is written by
-hand.
+A line `<!-- experiment: NAME -->` is followed by what is drawn, up to the line `<!-- drawn -->`, and `<!-- hours -->`
+by how long all tables took, up to `<!-- /hours -->`; all else is written by hand.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from salframe.evaluation.tables import reported_table, to_markdown
 
 PAGE = Path(__file__).with_name("results.md")
 RESULTS = Path(__file__).with_name("results")
+HOURS = re.compile(r"(<!-- hours -->).*?(<!-- /hours -->)")
 BLOCK = re.compile(r"(<!-- experiment: ([\w-]+) -->\n).*?(<!-- drawn -->\n)", re.DOTALL)
 
 
@@ -65,8 +66,16 @@ def duration(seconds: float) -> str:
     return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} min"
 
 
+def hours() -> str:
+    """How long all tables took that were measured in one go, and how many are not among them."""
+    kept = [table for name in experiment_names() for table in read_results(RESULTS / f"{name}.json").whole.values()]
+    timed = [table.seconds for table in kept if table.seconds is not None]
+    return f"{sum(timed) / 3600:.1f} h together, {len(timed)} of {len(kept)} tables"
+
+
 def page(text: str) -> str:
     """The page with its tables drawn anew."""
+    text = HOURS.sub(lambda found: f"{found[1]}{hours()}{found[2]}", text)
     return BLOCK.sub(lambda found: f"{found[1]}\n{draw(found[2])}\n{found[3]}", text)
 
 

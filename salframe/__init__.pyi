@@ -45,6 +45,7 @@ from .graphs.detector import Detector as Detector
 from .graphs.graph import SaliencyGraph as SaliencyGraph
 from .graphs.matcher import GraphMatch as GraphMatch
 from .graphs.matcher import GraphMatcher as GraphMatcher
+from .graphs.matcher import RankedGraphs as RankedGraphs
 from .graphs.saliency import SaliencyModel as SaliencyModel
 from .graphs.scene_index import SceneCandidates as SceneCandidates
 from .graphs.scene_index import SceneIndex as SceneIndex

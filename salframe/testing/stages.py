@@ -14,7 +14,7 @@ import numpy as np
 from salframe.framework.columns import read_columns
 from salframe.graphs.detections import Detections
 from salframe.graphs.graph import SaliencyGraph, without_range
-from salframe.graphs.matcher import GraphMatch, GraphMatcher
+from salframe.graphs.matcher import GraphMatch, GraphMatcher, RankedGraphs
 from salframe.graphs.saliency import SaliencyModel
 from salframe.graphs.table import MappedGraphs, write_graphs
 from salframe.localization.positioner import PoseEstimate, PoseStatus, Positioner
@@ -83,6 +83,29 @@ class MatcherRules(Rules[GraphMatcher]):
             matches = self._match(checked, graphs[scene])
             received, expected = [match.scene for match in matches], f"the same graph, {scene}, first"
             expect(matches and matches[0].scene == scene, checked, received, expected)
+
+    def ranking_is_that_of_the_matches(self) -> None:
+        for scene, room in enumerate(ROOMS):
+            checked = f"rank of the {room.name} among {len(self._graphs)} graphs"
+            asked = self._graphs[scene], self._index, len(self._graphs)
+            ranked = attempt(checked, self._matcher.rank, *asked)
+            matches = attempt(checked, self._matcher.match, *asked)
+            expect(isinstance(ranked, RankedGraphs), checked, type(ranked).__name__, "RankedGraphs")
+            expect(
+                ranked.scene.tolist() == [match.scene for match in matches]
+                and np.allclose(ranked.score, [match.score for match in matches]),
+                checked,
+                f"scenes {ranked.scene.tolist()} with scores {ranked.score.tolist()}",
+                "those of `match`",
+            )
+            poses = [np.full((4, 4), np.nan) if m.T_scene_query is None else m.T_scene_query for m in matches]
+            fits = ranked.T_scene_query.shape == (len(matches), 4, 4)
+            expect(
+                fits and np.allclose(ranked.T_scene_query, np.reshape(poses, (-1, 4, 4)), equal_nan=True),
+                checked,
+                "other poses",
+                "those of `match`, (T, 4, 4), NaN where there is none",
+            )
 
     def index_and_match_leave_graphs_as_they_are(self) -> None:
         matcher, count = self._matcher, len(self._graphs)

@@ -238,6 +238,22 @@ class WorstFirst(TripletMatcher):
         return super().match(query, index, top_k)[::-1]
 
 
+class Contradicting(TripletMatcher):
+    """Broken."""
+
+    def rank(self, query, index, top_k):
+        ranked = super().rank(query, index, top_k)
+        return replace(ranked, score=ranked.score[::-1])
+
+
+class Displaced(TripletMatcher):
+    """Broken."""
+
+    def rank(self, query, index, top_k):
+        ranked = super().rank(query, index, top_k)
+        return replace(ranked, T_scene_query=ranked.T_scene_query + 1)
+
+
 class Misled(TripletMatcher):
     """Broken."""
 
@@ -509,6 +525,8 @@ BROKEN = [
     (Generous, "top_k = 1: received 2 matches, expected at most top_k = 1"),
     (WorstFirst, "received scores .* expected finite ones, best first"),
     (Misled, r"match of the bedroom among 5 graphs: received \[1.*the same graph, 0, first"),
+    (Contradicting, "rank of .* with scores .* expected those of `match`"),
+    (Displaced, "rank of .* received other poses, expected those of `match`"),
     (Hopeful, "match of a graph without objects: received 1 matches, expected an empty list"),
     (Inverse, "solve of 8 points without noise: received a pose .* m and .* deg off"),
     (Optimistic, "solve of no point: received a pose"),
