@@ -184,7 +184,7 @@ def test_the_same_histograms(rooms):
     every, chair = np.arange(len(table.labels)), table.vocabulary["chair"]
     for part in (batch, nodes):
         part.label[part.label == chair] = -1  # as those of a query that the map lacks
-    compiled = compilation.compiled("salframe_graphs.compiled")
+    compiled = compilation.compiled("salframe_graphs.compiled_features")
     for edges_m, hops in (((1.0, 2.0, 4.0), 0), ((1.0, 2.0, 4.0), 2), ((), 2)):
         plain = features.ring_hop_histograms(batch, table.adjacency(some), len(every), edges_m, hops)
         rows = plain.unit(np.arange(plain.width))
