@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from salframe.framework.config import Settings
+from salframe.framework.config import Settings, added
 from salframe.framework.defaults import default_of
 from salframe.framework.errors import NoRoute
 from salframe.framework.slots import slot
 from salframe.navigation.agent import Agent, Located
 from salframe.navigation.episodes import Episode, Site
 from salframe.navigation.guide import Guide
+from salframe.navigation.world import World
 from salframe.panoramas.geometry import pose_2d, pose_yaw
 
 SUCCESS_M = 0.5
@@ -44,6 +45,7 @@ class NavigationConfig(Settings):
     )
     turn_noise_deg: float = Field(2.0, ge=0, description="of the heading after a turn")
     length_noise: float = Field(0.05, ge=0, description="of a walk's length, a share of it")
+    slip_m: float = added(0.0, ge=0, description="a walk longer than this ends so far from where it would, any way")
     odometry_turn_noise_deg: float = Field(2.0, ge=0, description="of the turn that odometry tells of a move")
     odometry_length_noise: float = Field(0.05, ge=0, description="of the length that odometry tells, a share of it")
 
@@ -59,7 +61,7 @@ def walk(site: Site, look: Look, episode: Episode, config: NavigationConfig, see
     The agent is told its first heading, not its position.
     """
     world, guide = site
-    rng = np.random.default_rng([seed, 2, episode.number])
+    rng, slips = (np.random.default_rng([seed, stream, episode.number]) for stream in (2, 4))
     T = np.array(episode.start).reshape(4, 4)
     agent = Agent(guide, episode.goal, pose_yaw(T), config.arrival_m, np.random.default_rng([seed, 3, episode.number]))
     path, believed, localized = [_flat(T)], [], []
@@ -80,6 +82,8 @@ def walk(site: Site, look: Look, episode: Episode, config: NavigationConfig, see
             T,
             world.move(T, turn_rad, max(move.length_m * (1 + config.length_noise * length_noise), 0.0)),
         )
+        if move.length_m > config.slip_m > 0 and not stopped:
+            T = _slipped(world, T, slips.uniform(-np.pi, np.pi), config.slip_m)
         told = _odometry(
             before,
             T,
@@ -111,6 +115,13 @@ def walk(site: Site, look: Look, episode: Episode, config: NavigationConfig, see
         "believed": believed,
         "error": None,
     }
+
+
+def _slipped(world: World, T_world_pano: np.ndarray, bearing_rad: float, length_m: float) -> np.ndarray:
+    """The pose of an agent that slips, looking the same way; a wall ends it."""
+    slipped, _ = world.move(T_world_pano, bearing_rad, length_m)
+    x, y, z = slipped[:3, 3]
+    return pose_2d(x, y, pose_yaw(T_world_pano), z)
 
 
 def _odometry(before: np.ndarray, after: np.ndarray, turn_error_rad: float, scale: float) -> np.ndarray:

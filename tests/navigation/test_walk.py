@@ -135,6 +135,30 @@ def test_noise_is_that_of_the_seed_and_has_the_stated_size(site):
     assert turn_deg == pytest.approx(2.0, rel=0.25)
 
 
+def test_a_slip_is_as_long_as_stated_any_way_and_odometry_tells_of_it(site):
+    """From 2 m walked east the agent stands 0.4 m away, still looking east; the belief, moved by odometry, goes along.
+    A walk that is no longer than that does not slip."""
+    away = []
+    for number in range(40):
+        first = [True]
+        row = walk(
+            site,
+            lambda T, yaw_rad, first=first: Located(T, 1.0) if first and first.pop() else None,
+            episode(site, 1.5, 2.0, number=number),
+            NavigationConfig(**STILL, slip_m=0.4, budget=2),
+            0,
+        )
+        x, y, _, yaw_rad = row["path"][1]
+        away.append((x - 3.5, y - 2.0))
+        assert yaw_rad == pytest.approx(0.0, abs=1e-4)
+        np.testing.assert_allclose(row["believed"][1], row["path"][1], atol=2e-4)
+    np.testing.assert_allclose(np.hypot(*np.transpose(away)), 0.4, atol=0.02)
+    bearing = np.arctan2(*np.transpose(away)[::-1])
+    assert {int(np.floor(2 * one / np.pi)) for one in bearing} == {-2, -1, 0, 1}  # each quarter of the circle
+    short = walk(site, truly, episode(site, 6.7, 2.0), NavigationConfig(**STILL, slip_m=0.4), 0)
+    assert short["path"][-1][:2] == pytest.approx((7.0, 2.0), abs=1e-3)
+
+
 def test_odometry_has_the_stated_noise(site):
     """Never localized again, the belief drifts from the truth by the noise of odometry alone."""
     off = []
