@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from salframe.cli.options import DATA, DataDir, Json, split_names
+from salframe.cli.options import DATA, ENGINE, RUNS, DataDir, EngineName, Json, Runs, Workers, split_names, with_workers
 from salframe.cli.output import Bars, print_json, tell
 
 
@@ -19,7 +19,7 @@ def sensor(
     data_dir: DataDir = None,
     overrides: Annotated[
         list[str] | None,
-        typer.Option("--set", metavar="KEY.PATH=VALUE", help="Change a setting: data.KEY or detector.KEY."),
+        typer.Option("--set", metavar="KEY.PATH=VALUE", help="Change a setting: data.KEY, detector.KEY or engine.KEY."),
     ] = None,
     seeds: Annotated[
         str, typer.Option(help="Seeds of the data, comma-separated, all measured together; its own unless given.")
@@ -27,6 +27,9 @@ def sensor(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="FILE", help="Where the sensor model goes, as JSON.")
     ] = None,
+    runs: Runs = RUNS,
+    engine: EngineName = ENGINE,
+    workers: Workers = None,
     as_json: Json = False,
 ) -> None:
     """Measure a detector by the annotations of all panoramas: what it finds, what it calls it, what it makes up, how
@@ -40,7 +43,14 @@ def sensor(
         raise ConfigError(f"received the seed {wrong[0]!r}, expected whole numbers that are not negative")
     with Bars() as bars:
         measured = measure_sensor(
-            detector, split_names(data), data_dir, overrides or (), tuple(map(int, numbers)), progress=bars.update
+            detector,
+            split_names(data),
+            data_dir,
+            with_workers(overrides, workers),
+            tuple(map(int, numbers)),
+            engine=engine,
+            runs=runs,
+            progress=bars.update,
         )
     if output is not None:
         measured.write(output)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import platform
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import date
 from pathlib import Path
@@ -285,6 +285,8 @@ def _short(value: Any) -> Any:
     """A value with its numbers to DIGITS."""
     if isinstance(value, float):
         return float(f"{value:.{DIGITS}g}")
+    if isinstance(value, dict):
+        return {key: _short(one) for key, one in value.items()}
     return [_short(one) for one in value] if isinstance(value, list | tuple) else value
 
 
@@ -295,9 +297,15 @@ class _KeptRow(SimpleNamespace):
         return None
 
 
+def _kept_row(row: Mapping[str, Any]) -> _KeptRow:
+    overall, lines = row.get("overall") or {}, row.get("lines", {})
+    parts = {"overall": _KeptRow(**overall), "lines": {name: _KeptRow(**line) for name, line in lines.items()}}
+    return _KeptRow(**{**row, **parts})
+
+
 def kept_tables(study: TableStudy, kept: Kept) -> list[Table]:
     """The tables of what was kept."""
-    rows = [_KeptRow(**{**row, "overall": _KeptRow(**row.get("overall") or {})}) for row in kept.rows]
+    rows = [_kept_row(row) for row in kept.rows]
     return tables_of(study.task, rows, study.columns, leading_columns(rows, kept.settings))
 
 

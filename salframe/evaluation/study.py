@@ -19,7 +19,9 @@ from salframe.evaluation.reported import Reported
 from salframe.evaluation.request import Request, Resolved, Variant, resolve
 from salframe.evaluation.result import FORMAT, Result, Rows
 from salframe.evaluation.runner import pool, run_task
+from salframe.evaluation.running import RunningTask
 from salframe.evaluation.scale import ScaleTask
+from salframe.evaluation.sensor import SensorTask
 from salframe.evaluation.tables import METHOD, Table, tables_of
 from salframe.evaluation.task import MethodRow, Task
 from salframe.framework.config import Settings, read_yaml, validate
@@ -42,10 +44,10 @@ class StudiedMethod(Settings):
 class Study(Settings):
     """The content of a study's file. Keys of `set` and `vary` are dotted, as `--set` takes them."""
 
-    task: Literal["localization", "matching", "detection", "navigation", "scale"] = Field(
+    task: Literal["localization", "matching", "detection", "sensor", "navigation", "scale", "running"] = Field(
         "localization", description="what is measured"
     )
-    method: str | None = Field(None, description="the method to study; a detector where the task is detection")
+    method: str | None = Field(None, description="the method to study; a detector of the tasks detection and sensor")
     methods: tuple[str, ...] | dict[str, str | StudiedMethod] = Field(
         (), description="or several; by what they are called where they have settings of their own"
     )
@@ -76,7 +78,8 @@ class Study(Settings):
     @property
     def role(self) -> str:
         """What the methods are."""
-        return DetectionTask.role if self.task == "detection" else LocalizationTask.role
+        detecting = (DetectionTask.name, SensorTask.name)
+        return DetectionTask.role if self.task in detecting else LocalizationTask.role
 
     def variants(self) -> tuple[list[Variant], list[Mapping[str, Any]]]:
         """The methods with every combination of the settings that vary, and what these are for each. Raises ConfigError
@@ -220,7 +223,9 @@ def _resolve(study: Study, scenes: int, request: Request) -> tuple[Task[Any, Any
         return plan_navigation(request, study.episodes, study.positioning)
     if study.task == ScaleTask.name:
         return ScaleTask(scenes), resolve(request)
-    task = {task.name: task for task in (LocalizationTask, MatchingTask, DetectionTask)}[study.task]
+    task = {task.name: task for task in (LocalizationTask, MatchingTask, DetectionTask, SensorTask, RunningTask)}[
+        study.task
+    ]
     return task(), resolve(request, study.role)
 
 

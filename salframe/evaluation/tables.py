@@ -196,6 +196,18 @@ COLUMNS: dict[str, dict[str, Column]] = {
         "right": _overall("right", "right"),
         "ms": Column("ms", lambda row: fixed(row.ms, 0), cost=True),
     },
+    "sensor": {
+        "given": GIVEN,
+        "found": _rate("found %\n(95 %)", "found"),
+        "right": _rate("found by the\nright name %", "right"),
+        "false": _number("false objects\na panorama", "false_per_panorama", 1),
+        "bearing": Column("bearing\ndeg", lambda row: fixed(math.degrees(row.bearing_rad), 2)),
+        "range": Column("range\n%", lambda row: percent(row.range_share)),
+        "size": Column("size\n%", lambda row: fixed(row.size_log * 100, 0)),
+        "height": Column("height\ncm", lambda row: fixed(row.height_m * 100, 1)),
+        "objects": _count("objects", "objects"),
+        "panoramas": _count("panoramas", "panoramas"),
+    },
     "navigation": {
         "given": GIVEN,
         "success": _rate("SR %\n(95 %)", "success_rate"),
@@ -221,6 +233,18 @@ COLUMNS: dict[str, dict[str, Column]] = {
         "recall_both": _rate("R@1 %\nof the first 50", "recall_at_1_both"),
         "exhaustive": _rate("these by matching\nall scenes: R@1 %", "recall_at_1_exhaustive"),
     },
+    "running": {
+        "given": GIVEN,
+        "scenes": _count("scenes", "scenes"),
+        "bytes": Column("bytes\n/scene", lambda row: format_bytes(row.bytes_per_scene), cost=True),
+        "open": Column("open\nms", lambda row: two_digits(row.open_s * 1e3), cost=True),
+        "opened": Column("opened\nMB", lambda row: fixed(row.opened_mb, 0), cost=True),
+        "first": Column("first\nms", lambda row: two_digits(row.first_ms), cost=True),
+        "asked": Column("asked\nMB", lambda row: fixed(row.asked_mb, 0), cost=True),
+        "describe": Column("describe\nms", lambda row: two_digits(row.describe_ms), cost=True),
+        "median": Column("query\nmedian ms", lambda row: two_digits(row.query_median_ms), cost=True),
+        "p95": Column("query\np95 ms", lambda row: two_digits(row.query_p95_ms), cost=True),
+    },
 }
 """The columns of each task by name."""
 
@@ -230,8 +254,10 @@ USUAL: dict[str, Sequence[str]] = {
     "points": ("given", "mma_1", "mma_3", "mma_5", "matches", "unmatched", "pairs"),
     "nodes": ("given", "precision", "recall", "matches", "true", "pairs"),
     "detection": tuple(COLUMNS["detection"]),
+    "sensor": tuple(COLUMNS["sensor"]),
     "navigation": tuple(COLUMNS["navigation"]),
     "scale": tuple(COLUMNS["scale"]),
+    "running": tuple(COLUMNS["running"]),
 }
 """The columns that are shown unless others are asked for; matching has those of points and those of nodes."""
 WORTH = [
@@ -253,6 +279,8 @@ def tables_of(
     """The tables of a task's rows. `columns`: names of COLUMNS, those that are usual unless given; `leading`: what
     names the rows, text for each by heading, their method unless given. Raises KeyError on a name that is none."""
     leading = {METHOD: [row.method for row in rows]} if leading is None else leading
+    if task == "sensor":
+        return [_table(task, rows, columns or USUAL[task], leading), _alike_objects(rows, leading)]
     if columns:
         return [_table(task, rows, columns, leading)]
     if task == "matching":
@@ -269,6 +297,17 @@ def tables_of(
         by_task = _drawn([GIVEN, *map(_metric, scored[0].scores)], scored, _of(leading, rows, scored))
         tables.append(replace(by_task, title="by the task's own scorer: an upper bound, goals are known"))
     return tables
+
+
+def _alike_objects(rows: Sequence[Any], leading: Mapping[str, Sequence[str]]) -> Table:
+    """What detectors find of objects that are alike, beside what the model says that is fitted to it."""
+    cells = [
+        [*labels, name, str(line.objects), *map(percent, (line.found, line.modelled, line.right))]
+        for row, *labels in zip(rows, *leading.values(), strict=True)
+        for name, line in row.lines.items()
+    ]
+    headings = (*leading, "objects", "annotated", "found %", "the model\nsays %", "found by its\nright name %")
+    return Table(headings, cells, leading=len(leading) + 1, title="by size, range, what hides them, and label")
 
 
 def _metric(name: str) -> Column:

@@ -12,14 +12,15 @@ from salframe.evaluation.navigation import NavigationTask
 from salframe.evaluation.result import Result
 from salframe.evaluation.run import Run
 from salframe.evaluation.runner import conclude
+from salframe.evaluation.running import RunningTask
 from salframe.evaluation.scale import ScaleTask
+from salframe.evaluation.sensor import SensorTask
 from salframe.evaluation.task import Task
 from salframe.framework.errors import ConfigError
 from salframe.panoramas.opening import open_dataset
 
-TASKS: dict[str, type[Task[Any, Any]]] = {
-    task.name: task for task in (LocalizationTask, MatchingTask, DetectionTask, NavigationTask, ScaleTask)
-}
+ALL = (LocalizationTask, MatchingTask, DetectionTask, SensorTask, NavigationTask, ScaleTask, RunningTask)
+TASKS: dict[str, type[Task[Any, Any]]] = {task.name: task for task in ALL}
 
 
 def evaluate(directory: str | Path) -> Result[Any]:

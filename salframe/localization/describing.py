@@ -56,11 +56,12 @@ def _describe(method: str, data: str, frame: str) -> tuple[str, float]:
 @lru_cache(maxsize=1)
 def _open(method: str, data: str) -> tuple[Localizer, Cache, str, Mapping[str, MapFrame]]:
     """A localizer and the mapping frames of a data set, which a worker keeps from one frame to the next."""
-    dataset = open_dataset(_configured("dataset", data))
-    localizer: Localizer = registry().build("localizer", _configured("localizer", method))
+    dataset = open_dataset(read_config("dataset", data))
+    localizer: Localizer = registry().build("localizer", read_config("localizer", method))
     return localizer, Cache(), dataset.content_key, {frame.id: frame for frame in mapping_frames(dataset)}
 
 
-def _configured(role: str, content: str) -> Any:
+def read_config(role: str, content: str) -> Any:
+    """The configuration of a component in JSON text, as one process hands it to another."""
     settings = parse_json(content.encode())
     return validate(registry().get(role, settings["kind"]).Config, settings, settings["kind"])

@@ -12,6 +12,9 @@ from command_line import run
 from salframe_annotations.detector import AnnotationDetector
 from tiny_folder import write_tiny_folder
 
+from salframe.evaluation.experiment import run_experiment
+from salframe.evaluation.request import Request
+from salframe.evaluation.rows import LookRow
 from salframe.evaluation.sensor import measure_sensor
 from salframe.framework.errors import ConfigError, InputMissing, UnknownName
 from salframe.graphs.sensor import read_sensor
@@ -66,7 +69,7 @@ def test_what_a_detector_makes_up_and_calls_otherwise_is_counted(tiny, monkeypat
         return replace(found, labels=(*labels, "vase"), points_m=None, **joined)
 
     monkeypatch.setattr(AnnotationDetector, "detect", err)
-    sensor = measure_sensor("annotations", [tiny], settings=PERFECT).sensor
+    sensor = measure_sensor("annotations", [tiny], settings=PERFECT, engine="inline").sensor
     assert sensor.false_objects.per_panorama == 1
     assert sensor.false_objects.labels == {"vase": 6}
     assert sensor.false_objects.range_m == (9.0,) * 11
@@ -76,7 +79,7 @@ def test_what_a_detector_makes_up_and_calls_otherwise_is_counted(tiny, monkeypat
 
 
 def test_the_same_command_writes_the_same_file_and_looks_at_nothing_twice(tiny, tmp_path, monkeypatch):
-    arguments = ("sensor", "annotations", "--data", tiny, "--set", "detector.noise=uniform", "-o")
+    arguments = ("sensor", "annotations", "--data", tiny, "--set", "detector.noise=uniform", "--engine", "inline", "-o")
     first = run(*arguments, tmp_path / "first.json")
     assert first.code == 0, first.err
     assert "found %" in first.out
@@ -122,18 +125,64 @@ def test_panoramas_that_cannot_be_read_are_left_out_and_told(tmp_path):
     assert measured.notes[0].startswith("1 panorama(s) were left out, the first: ")
 
 
+def test_an_experiment_pools_looks_and_draws_what_it_keeps(tiny, tmp_path):
+    """Two folders with the same rooms as one measurement of both: 40 % missed, the same shares in every line."""
+    other = write_tiny_folder(tmp_path / "other")
+    missed = ('detector.noise={"missed": 0.4}', "detector.seed=3")
+    both = measure_sensor("annotations", [tiny, str(other)], settings=missed)
+    study = {
+        "title": "Two folders",
+        "task": "sensor",
+        "data": [tiny, str(other)],
+        "methods": {"half blind": {"method": "annotations", "set": {"noise": {"missed": 0.4}, "seed": 3}}},
+    }
+    file = tmp_path / "sensor.yaml"
+    file.write_text(json.dumps({"title": "Sensor", "question": "?", "tables": {"folders": study}}))
+    result = run_experiment(file, Request(), results=tmp_path / "results")
+    first, second = result.tables[0].kept.rows
+    assert (first["found"] + second["found"]) / 2 == pytest.approx(both.lines[0].found, abs=1e-5)
+    assert first["objects"] + second["objects"] == both.lines[0].objects
+    assert first["found_low"] <= first["found"] <= first["found_high"] < 1
+    assert first["false_per_panorama"] == 0 == pytest.approx(first["bearing_rad"], abs=1e-6)
+    shares, lines = result.tables[0].tables()
+    again, _ = run_experiment(file, Request(), results=tmp_path / "results").tables[0].tables()
+    assert [table.rows for table in result.tables[0].fresh.tables()] == [shares.rows, lines.rows]
+    assert again.rows == shares.rows
+    named = {row[1]: row for row in lines.rows if row[0] == tiny and row[2] == "all"}
+    assert named["half blind"][3:5] == [str(first["objects"]), f"{first['found'] * 100:.1f}"]
+
+
+def test_a_look_that_was_kept_in_part_is_refused():
+    nothing = {
+        name: [] for name in ("labels", "scores", "centroid_m", "size_m", "yaw_rad", "bearing", "solid_angle_sr")
+    }
+    row = {
+        "frame": "a",
+        "status": "ok",
+        "error": None,
+        "truth": nothing,
+        "found": nothing,
+        "range_m": [],
+        "hidden_share": [],
+    }
+    LookRow.model_validate(row)
+    for part, wrong in (("truth", None), ("found", {**nothing, "labels": ["vase"]}), ("range_m", [1.0])):
+        with pytest.raises(ValueError, match="expected"):
+            LookRow.model_validate({**row, part: wrong})
+
+
 def test_what_cannot_be_measured_is_told_in_one_line(tiny, tmp_path):
     bare = write_tiny_folder(tmp_path / "bare")
     content = json.loads((bare / "manifest.json").read_text())
     for frame in content["frames"]:
         del frame["range"]
     (bare / "manifest.json").write_text(json.dumps(content))
-    with pytest.raises(InputMissing, match=r"measured by annotations and range, and bare does not have range"):
+    with pytest.raises(InputMissing, match=r"measured by annotations and range, and folder does not have range"):
         measure_sensor("annotations", [str(bare)])
     with pytest.raises(UnknownName, match=r"unknown detector 'panosec'.* did you mean 'panoseg'"):
         measure_sensor("panosec", [tiny])
-    with pytest.raises(ConfigError, match=r"received the setting noise, expected data\.KEY or detector\.KEY"):
-        measure_sensor("annotations", [tiny], settings=["noise=none"])
+    with pytest.raises(ConfigError, match=r"received the setting noisy: unknown key 'noisy'.* did you mean 'noise'"):
+        measure_sensor("annotations", [tiny], settings=["noisy=none"])
     with pytest.raises(ConfigError, match=r"received the data 'tiny\d*' twice"):
         measure_sensor("annotations", [tiny, tiny])
     told = run("sensor", "annotations", "--data", tiny, "--seeds", "1,x")
