@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import runpy
 import shlex
@@ -83,3 +84,26 @@ def test_readme_is_short_and_its_make_targets_are_there():
     targets = re.findall(r"^([a-z]+):", (REPOSITORY / "Makefile").read_text(), re.MULTILINE)
     for page in ("README.md", "CONTRIBUTING.md", "docs/results.md"):
         assert set(re.findall(r"\bmake ([a-z]+)(?=`|  )", (REPOSITORY / page).read_text())) <= set(targets)
+
+
+def test_every_figure_on_photographs_is_one_that_the_script_printed():
+    """Of the tables of docs/how-to/segments.md; what is no figure are bounds on scores, and what views are like."""
+    page = (REPOSITORY / "docs" / "how-to" / "segments.md").read_text()
+    part = page.partition("## What it reaches on photographs")[2].partition("## In the loop")[0]
+    printed: set[str] = set()
+
+    def take(number: str) -> float:
+        value = float(number)
+        printed.update({f"{value * 100:.1f}", f"{value * 100:.0f}", f"{value:.2f}"})
+        return value
+
+    content = json.loads((REPOSITORY / "docs" / "photographs.json").read_text(), parse_float=take)
+    printed |= {str(row["objects"]) for one in content.values() for row in one.get("curve", ())}
+    printed |= {str(row["detected"]) for one in content.values() for row in one.get("objects", {}).values()}
+    for header, *rows in tables(part):
+        first = {"views": 2, "mean score": 0}.get(header[0], 1)
+        told = {number for row in rows for cell in row[first:] for number in re.findall(r"[0-9]+(?:\.[0-9]+)?", cell)}
+        if header[0] == "views":
+            told -= {row[-1] for row in rows}
+        assert told
+        assert told <= printed

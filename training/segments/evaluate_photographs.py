@@ -1,7 +1,9 @@
 """Measure detectors on photographs: `python -m training.segments.evaluate_photographs FOLDER --model FILE ...`.
 
 FOLDER holds rgb/, depth/ and labels13/ of NYU Depth v2, each view lifted to a partial panorama with its depth. Prints,
-for `segments` with each network and for `panoseg`: pixels, objects at three scores, the calibration and its curve.
+for `segments` with each network and for `panoseg`: pixels, objects at three scores, the calibration and its curve; and
+the pixels of one network by other views. docs/photographs.json is what `--json` printed, of which
+docs/how-to/segments.md has its figures.
 """
 
 from __future__ import annotations
@@ -42,9 +44,13 @@ from training.segments.photographs import View, read_views
 from training.segments.thirteen import CLASSES, class_of
 
 SCORES = (0.3, 0.5, 0.7)
+DIGITS = 5
+"""Figures are printed as JSON to so many decimals."""
 TURNS_DEG = (0.0, 30.0)
 """How the photograph lies to the views when pixels are counted, both together: in the middle of one of six, and between
 two."""
+VIEWS = ((3, 120, 512), (4, 100, 512), (6, 90, 512), (6, 75, 512), (8, 75, 512), (6, 90, 1024))
+"""What `--views` tries: how many views a panorama, how many degrees each, and rows of the panorama."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +66,7 @@ def main(
     folder: Annotated[Path, typer.Argument(help="the views: rgb/, depth/, labels13/")],
     model: Annotated[list[Path] | None, typer.Option(help="a network for `segments`; repeatable")] = None,
     height: Annotated[int, typer.Option(help="rows of the partial panoramas")] = 512,
+    by_views: Annotated[Path | None, typer.Option("--views", help="a network to try with other views too")] = None,
     overrides: Annotated[list[str] | None, typer.Option("--set", help="key=value, a setting of `segments`")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="all figures as JSON")] = False,
 ) -> None:
@@ -74,9 +81,31 @@ def main(
             config = configure("detector", "segments", {"model": str(path), **settings})
             figures[path.name] = measure(registry().build("detector", config), views, height)
         figures["panoseg"] = measure(PanoSegDetector(), views, height)
+        if by_views is not None:
+            figures["views"] = measure_views(by_views, views, settings)
     except SalframeError as error:
         raise SystemExit(f"error: {error}") from None
-    print(json.dumps(figures, indent=2)) if as_json else show(figures)
+    if not as_json:
+        show(figures)
+        return
+    short = json.loads(json.dumps(figures), parse_float=lambda text: round(float(text), DIGITS))
+    print(json.dumps(short, indent=1))
+
+
+def measure_views(model: Path, views: Sequence[View], settings: dict[str, Any]) -> dict[str, Any]:
+    """The pixels of `segments` with a network by VIEWS."""
+    found = {}
+    for number, fov_deg, height in VIEWS:
+        config = configure(
+            "detector", "segments", {**settings, "model": str(model), "views": number, "fov_deg": fov_deg}
+        )
+        detector = registry().build("detector", config)
+        pixels = np.sum([look(detector, view, view.panorama(height)).pixels for view in views], 0)
+        found[f"{number} of {fov_deg} deg, {height} rows"] = {
+            "accuracy": accuracy(pixels),
+            "mean_iou": mean_iou(pixels),
+        }
+    return found
 
 
 def measure(detector: Detector, views: Sequence[View], height: int) -> dict[str, Any]:
@@ -154,13 +183,14 @@ def shares(counts: Sequence[Counts]) -> dict[str, Any]:
         ("recall", "found", "parts"),
     ):
         own, of = (np.array([getattr(one, name) for one in counts]) for name in (right, number))
-        share = float(own.sum() / of.sum()) if of.sum() else float("nan")
-        figures[what] = [share, *(interval(own, of) if of.sum() else (share, share))]
+        figures[what] = [float(own.sum() / of.sum()), *interval(own, of)] if of.sum() else None
     return figures
 
 
 def show(figures: dict[str, Any]) -> None:
     """A few lines a detector."""
+    for name, one in figures.pop("views", {}).items():
+        print(f"{name}: accuracy {one['accuracy']:.3f}, mean IoU {one['mean_iou']:.3f}")
     for name, one in figures.items():
         print(f"\n{name}")
         for key in ("pixels", "pixels_one_structure"):
@@ -172,6 +202,7 @@ def show(figures: dict[str, Any]) -> None:
                 ", ".join(
                     f"{key} {row[key][0]:.3f} ({row[key][1]:.2f} to {row[key][2]:.2f})"
                     for key in ("named_precision", "covered_recall", "precision", "recall")
+                    if row[key]
                 ),
             )
         if "calibration" in one:
