@@ -87,8 +87,8 @@ class SensorMeasurement:
 class SensorRow(MethodRow):
     """A detector's line: over all panoramas, the share of the annotated objects that was found, and found by a right
     label, with 95 % intervals, of objects clustered by place; false objects a panorama; robust standard deviations of
-    the errors of what was found, as in `Errors`; lines: the same shares of objects that are alike, by what they are
-    called."""
+    the errors of what was found, as in `Errors`; lines: the same shares of objects of a size, a range, a hidden share, by
+    what they are called."""
 
     panoramas: int
     objects: int | None = None
@@ -296,7 +296,7 @@ def measure_sensor(
     }
     sensor = fit_sensor(seen, provenance)
     notes = (f"{len(failures)} panorama(s) were left out, the first: {failures[0]}",) if failures else ()
-    return SensorMeasurement(sensor, tuple(_tabulate(seen, sensor)), notes)
+    return SensorMeasurement(sensor, (*_tabulate(seen, sensor), *_by_label(seen, sensor)), notes)
 
 
 def _record(task: SensorTask, name: str, request: Request, resolved: Resolved, progress: Progress | None) -> Record:
@@ -312,7 +312,7 @@ def _record(task: SensorTask, name: str, request: Request, resolved: Resolved, p
 def _tabulate(seen: Observations, sensor: SensorModel) -> Iterator[FoundLine]:
     """How often objects of a size, a range, a hidden share were found, and how often the model says."""
     shown, found, right = seen.shown, seen.found, seen.right
-    modelled = sensor.found.probability(shown.labels, shown.solid_angle_sr, shown.range_m, shown.hidden_share)
+    modelled = _modelled(seen, sensor)
     apparent_deg = np.degrees(2 * np.sqrt(shown.solid_angle_sr / np.pi))
     splits = (
         ("{} deg across", apparent_deg, APPARENT_DEG),
@@ -325,8 +325,20 @@ def _tabulate(seen: Observations, sensor: SensorModel) -> Iterator[FoundLine]:
         between = [f"{low} to {high}" for low, high in pairwise(parts)]
         for number, name in enumerate([f"under {parts[0]}", *between, f"{parts[-1]} and more"]):
             yield _line(words.format(name), (bins == number) & np.isfinite(values), found, modelled, right)
-    for label, _ in Counter(shown.labels).most_common(COMMONEST):
-        yield _line(label, np.array([own == label for own in shown.labels]), found, modelled, right)
+
+
+def _by_label(seen: Observations, sensor: SensorModel) -> Iterator[FoundLine]:
+    """The same of the commonest labels."""
+    modelled = _modelled(seen, sensor)
+    for label, _ in Counter(seen.shown.labels).most_common(COMMONEST):
+        chosen = np.array([own == label for own in seen.shown.labels])
+        yield _line(label, chosen, seen.found, modelled, seen.right)
+
+
+def _modelled(seen: Observations, sensor: SensorModel) -> np.ndarray:
+    """(N,) how likely each object is found, as the model says."""
+    shown = seen.shown
+    return sensor.found.probability(shown.labels, shown.solid_angle_sr, shown.range_m, shown.hidden_share)
 
 
 def _line(by: str, chosen: np.ndarray, found: np.ndarray, modelled: np.ndarray, right: np.ndarray) -> FoundLine:

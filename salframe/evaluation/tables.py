@@ -307,7 +307,7 @@ def _alike_objects(rows: Sequence[Any], leading: Mapping[str, Sequence[str]]) ->
         for name, line in row.lines.items()
     ]
     headings = (*leading, "objects", "annotated", "found %", "the model\nsays %", "found by its\nright name %")
-    return Table(headings, cells, leading=len(leading) + 1, title="by size, range, what hides them, and label")
+    return Table(headings, cells, leading=len(leading) + 1, title="by size, range and what hides them")
 
 
 def _metric(name: str) -> Column:
