@@ -87,8 +87,8 @@ class SensorMeasurement:
 class SensorRow(MethodRow):
     """A detector's line: over all panoramas, the share of the annotated objects that was found, and found by a right
     label, with 95 % intervals, of objects clustered by place; false objects a panorama; robust standard deviations of
-    the errors of what was found, as in `Errors`; lines: the same shares of objects of a size, a range, a hidden share, by
-    what they are called."""
+    the errors of what was found, as in `Errors`; lines: the same shares of objects of a size, a range, a hidden
+    share, by what they are called."""
 
     panoramas: int
     objects: int | None = None
