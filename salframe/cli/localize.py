@@ -28,7 +28,7 @@ def build(
 ) -> None:
     """Build a map from a dataset's mapping frames."""
     from salframe.cli.output import Bars, tell
-    from salframe.evaluation.tables import format_bytes
+    from salframe.evaluation.columns import format_bytes
     from salframe.framework.installation import folder_bytes
     from salframe.localization.saved_map import build_map
 

@@ -115,7 +115,7 @@ def _columns(table: Table, chosen: Sequence[int]) -> Table:
 
 
 def _rich(table: Table) -> rich_table.Table:
-    from salframe.evaluation.tables import GIVEN
+    from salframe.evaluation.columns import GIVEN
 
     title = None if table.title is None else escape(table.title)
     drawn = rich_table.Table(
@@ -172,7 +172,7 @@ def _print_what_is_right(rows: Sequence[DetectionRow]) -> None:
 
 def print_sensor(measured: SensorMeasurement) -> None:
     """What a detector finds by size, range and what hides it, beside what the model says, and the rest in lines."""
-    from salframe.evaluation.tables import percent
+    from salframe.evaluation.columns import percent
 
     headings = ("objects", "annotated", "found %", "model %", "found by its\nright name %")
     rows = [
@@ -235,7 +235,7 @@ def _say(line: str, dim: bool = True) -> None:
 
 
 def _counts(counts: Counts) -> list[str]:
-    from salframe.evaluation.tables import percent
+    from salframe.evaluation.columns import percent
 
     numbers = (counts.annotated, counts.found, counts.right)
     return [percent(counts.precision), percent(counts.recall), *map(str, numbers)]

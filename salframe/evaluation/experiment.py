@@ -14,11 +14,12 @@ from typing import Any, Literal
 
 from pydantic import Field
 
+from salframe.evaluation.columns import COLUMNS
 from salframe.evaluation.reported import ReportedTable, read_reported
 from salframe.evaluation.request import Request
 from salframe.evaluation.run import MethodStatus, PieceStatus, Run, identity_of
 from salframe.evaluation.study import Arm, Study, StudyResult, leading_columns, plan, run_study
-from salframe.evaluation.tables import COLUMNS, Table, tables_of
+from salframe.evaluation.tables import Table, tables_of
 from salframe.framework.config import Settings, merge, read_yaml, validate
 from salframe.framework.errors import ConfigError, InputMissing, SalframeError, UnknownName, unknown
 from salframe.framework.files import read_model, write_json

@@ -8,22 +8,12 @@ from dataclasses import replace
 
 import pytest
 
+from salframe.evaluation.columns import COLUMNS, USUAL, format_bytes
 from salframe.evaluation.localization import LocalizationRow
 from salframe.evaluation.matching import MatchingRow
 from salframe.evaluation.reported import ReportedTable
 from salframe.evaluation.run import MethodStatus
-from salframe.evaluation.tables import (
-    COLUMNS,
-    USUAL,
-    Table,
-    format_bytes,
-    reported_table,
-    tables_of,
-    to_csv,
-    to_latex,
-    to_markdown,
-    without_detector,
-)
+from salframe.evaluation.tables import Table, reported_table, tables_of, to_csv, to_latex, to_markdown, without_detector
 
 
 def row(method: str, accuracy: float | None, **given) -> LocalizationRow:
