@@ -70,7 +70,7 @@ def hours() -> str:
     """How long all tables took that were measured in one go, and how many are not among them."""
     kept = [table for name in experiment_names() for table in read_results(RESULTS / f"{name}.json").whole.values()]
     timed = [table.seconds for table in kept if table.seconds is not None]
-    return f"{sum(timed) / 3600:.1f} h together, {len(timed)} of {len(kept)} tables"
+    return f"{sum(timed) / 3600:.1f} h, {len(timed)} of {len(kept)} tables"
 
 
 def page(text: str) -> str:

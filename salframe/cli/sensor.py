@@ -7,7 +7,19 @@ from typing import Annotated
 
 import typer
 
-from salframe.cli.options import DATA, ENGINE, RUNS, DataDir, EngineName, Json, Runs, Workers, split_names, with_workers
+from salframe.cli.options import (
+    DATA,
+    ENGINE,
+    RUNS,
+    DataDir,
+    EngineName,
+    Json,
+    Name,
+    Runs,
+    Workers,
+    split_names,
+    with_workers,
+)
 from salframe.cli.output import Bars, print_json, tell
 
 
@@ -27,6 +39,7 @@ def sensor(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="FILE", help="Where the sensor model goes, as JSON.")
     ] = None,
+    name: Name = None,
     runs: Runs = RUNS,
     engine: EngineName = ENGINE,
     workers: Workers = None,
@@ -48,6 +61,7 @@ def sensor(
             data_dir,
             with_workers(overrides, workers),
             tuple(map(int, numbers)),
+            name=name,
             engine=engine,
             runs=runs,
             progress=bars.update,
@@ -62,3 +76,5 @@ def sensor(
         tell(note)
     if output is not None:
         tell(f"sensor model: {output}")
+    if measured.crashed:
+        raise typer.Exit(1)

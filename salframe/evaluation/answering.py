@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -170,16 +171,22 @@ def answer_row(answer: Localization | None, describe_ms: float | None = None, qu
     }
 
 
+def memory_mb(field: Literal["VmRSS", "VmHWM"]) -> float | None:
+    """Memory (1e6 bytes) that this process holds, or most of what it has held so far; None elsewhere than on Linux."""
+    status = Path("/proc/self/status")
+    if not status.exists():
+        return None
+    lines = status.read_text(encoding="utf-8").splitlines()
+    return int(next(line.split()[1] for line in lines if line.startswith(field))) * 1024 / 1e6
+
+
 def peak_memory_mb() -> float | None:
     """Most memory (1e6 bytes) that this process has held so far; None in a process shared with other work, and on
     Windows."""
     if not in_worker():
         return None
-    status = Path("/proc/self/status")
-    if status.exists():  # on Linux, ru_maxrss of a started process begins at its parent's peak
-        lines = status.read_text(encoding="utf-8").splitlines()
-        kib = next(line.split()[1] for line in lines if line.startswith("VmHWM"))
-        return int(kib) * 1024 / 1e6
+    if (peak_mb := memory_mb("VmHWM")) is not None:  # ru_maxrss of a started process begins at its parent's peak
+        return peak_mb
     try:
         import resource
     except ImportError:  # Windows has none

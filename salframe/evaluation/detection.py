@@ -24,7 +24,7 @@ from salframe.graphs.detections import Detections
 from salframe.graphs.detector import Detector
 from salframe.graphs.vocabulary import common_label
 from salframe.panoramas.dataset import Dataset
-from salframe.panoramas.frames import QueryFrame
+from salframe.panoramas.frames import MapFrame, QueryFrame
 from salframe.panoramas.opening import Progress
 
 NEAR_M = 0.3
@@ -128,19 +128,21 @@ class DetectionTask(Task[QueryFrame, Survey[QueryFrame]]):
     def summarize(self, parts: Sequence[Part[Survey[QueryFrame]]], seed: int) -> tuple[DetectionRow, ...]:
         panoramas = sum(len(survey.pieces) for survey, _ in parts)
         places = [
-            f"{number}: {_place(survey.dataset, piece.id)}"
+            f"{number}: {place_of(survey.dataset, piece)}"
             for number, (survey, _) in enumerate(parts)
             for piece in survey.pieces
         ]
         return tuple(_summarize(records, panoramas, places, seed) for records in by_method(parts))
 
 
-def _place(dataset: Dataset, query: str) -> str:
-    """The place of a query, or what it is called itself where that is not known."""
+def place_of(dataset: Dataset, frame: MapFrame | QueryFrame) -> str:
+    """The place of a panorama, or what it is called itself where that is not known."""
+    if isinstance(frame, MapFrame):
+        return frame.place
     try:
-        return dataset.truth(query).place
+        return dataset.truth(frame.id).place
     except DataError:
-        return query
+        return frame.id
 
 
 class _Detecting(Worker[QueryFrame]):

@@ -177,6 +177,7 @@ class RunningLine(PieceRow):
     """What asking a saved map cost, and the map itself."""
 
     query: str
+    first: bool | None = None
     describe_ms: Amount | None = None
     query_ms: Amount | None = None
     scenes: Annotated[int, Field(gt=0)] | None = None
@@ -184,12 +185,11 @@ class RunningLine(PieceRow):
     open_s: Amount | None = None
     opened_mb: Amount | None = None
     asked_mb: Amount | None = None
-    first_ms: Amount | None = None
 
     @model_validator(mode="after")
     def _complete(self) -> RunningLine:
-        told = (self.describe_ms, self.query_ms, self.scenes, self.bytes, self.open_s, self.first_ms)
-        if self.status == PieceStatus.OK and None in told:
+        needed = (self.first, self.describe_ms, self.query_ms, self.scenes, self.bytes, self.open_s)
+        if self.status == PieceStatus.OK and None in needed:
             raise ValueError("a query was answered, expected its times and what its map cost")
         return self
 

@@ -32,7 +32,7 @@ from salframe.evaluation.run import (
     read_rows,
 )
 from salframe.evaluation.shares import Share, join_outcomes, join_shares, share_folders, split_work
-from salframe.evaluation.task import MethodRow, Record, Survey, Task
+from salframe.evaluation.task import MethodRow, Part, Record, Survey, Task
 from salframe.framework.auto import Choice
 from salframe.framework.config import ComponentConfig
 from salframe.framework.engine import Engine
@@ -230,11 +230,16 @@ def measure(
 
 def pool(task: Task[Any, Any], directories: Sequence[Path]) -> Sequence[MethodRow]:
     """The rows of several runs of a task as of one. Runs no method."""
-    parts = []
+    return task.summarize(records_of(task, directories), Run.load(directories[-1]).seed)
+
+
+def records_of(task: Task[Any, Any], directories: Sequence[Path]) -> list[Part[Any]]:
+    """What several runs of a task hold. Runs no method."""
+    parts: list[Part[Any]] = []
     for run in map(Run.load, directories):
         survey = task.survey(open_dataset(run.data()))
         parts.append((survey, [_record(task, run, label, survey) for label in run.labels]))
-    return task.summarize(parts, run.seed)
+    return parts
 
 
 def work_share(task: Task[Any, Any], directory: Path, label: str, limits: Limits, share: Share) -> Outcome:

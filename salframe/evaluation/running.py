@@ -5,42 +5,43 @@ from __future__ import annotations
 import shutil
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Future
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from salframe.evaluation.answering import memory_mb
 from salframe.evaluation.rows import RunningLine
 from salframe.evaluation.run import PieceStatus, Row, Run
 from salframe.evaluation.task import MethodRow, Part, Record, Survey, Task, Worker, by_method, check_needs, in_common
 from salframe.framework.cache import Cache
 from salframe.framework.config import ComponentConfig
-from salframe.framework.errors import DataError
+from salframe.framework.errors import DataError, InvalidAnswer, MethodFailed
 from salframe.framework.installation import folder_bytes
 from salframe.framework.processes import ProcessPool
 from salframe.framework.registry import registry
-from salframe.framework.worker import in_worker
+from salframe.localization.answers import Localization
 from salframe.localization.describing import read_config
 from salframe.localization.localizer import Localizer
 from salframe.localization.saved_map import open_map
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.frames import Fold, QueryFrame
+from salframe.panoramas.opening import open_dataset
 
 QUERIES = 100
-"""So many are asked at most."""
-COSTS = ("scenes", "bytes", "open_s", "opened_mb", "asked_mb", "first_ms")
-"""What is measured once, and stands in every row."""
+"""So many are asked at most, evenly spread over the fold's."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunningRow(MethodRow):
     """A method's line: of the saved map of the first fold, scenes, bytes_per_scene with its index and open_s, seconds
-    to open it in a process that never saw it; opened_mb and asked_mb, 1e6 bytes of resident memory that opening it and
-    the first query bring (None where the process is shared, and elsewhere than on Linux); first_ms, describing and
-    answering the first query; of all later ones, medians to describe and to answer, and the 95th percentile of the
-    latter."""
+    to open it in a process that has only imported salframe; opened_mb, 1e6 bytes of memory that this brings, and
+    asked_mb with the first query (None elsewhere than on Linux); first_ms, describing and answering the first query; of
+    all later ones, medians to describe and to answer, and the 95th percentile of the latter."""
 
     queries: int
     scenes: int | None = None
@@ -83,7 +84,8 @@ class RunningTask(Task[QueryFrame, RunningSurvey]):
         fold = next((fold for fold in dataset.folds() if fold.queries), None)
         if fold is None:
             raise DataError(f"{dataset.name} has no query, expected at least one")
-        return RunningSurvey(dataset, fold.queries[:QUERIES], fold=fold)
+        step = -(-len(fold.queries) // QUERIES)
+        return RunningSurvey(dataset, fold.queries[::step], fold=fold)
 
     def key(self, piece: QueryFrame) -> tuple[str]:
         return (piece.id,)
@@ -100,68 +102,98 @@ class RunningTask(Task[QueryFrame, RunningSurvey]):
 
 
 class _Asking(Worker[QueryFrame]):
-    """A map that is saved by another process, opened by this one, and asked."""
+    """A map that one process saves, and another opens and asks, which has done nothing before."""
 
     def __init__(self, method: ComponentConfig, survey: RunningSurvey, folder: Path) -> None:
-        self._method, self._survey = method, survey
+        self._contents = tuple(config.model_dump_json() for config in (method, survey.dataset.config))
+        self._scenes = len(survey.fold.mapping)
         folder.mkdir(parents=True, exist_ok=True)
+        for left in folder.glob("map-*"):  # of a process that was killed
+            shutil.rmtree(left, ignore_errors=True)
         self._folder = Path(tempfile.mkdtemp(prefix="map-", dir=folder))
+        self._program = ProcessPool(1)
         self._costs: Row = {}
 
     def prepare(self, piece: QueryFrame) -> None:
         if self._costs:
             return
-        saved, data = self._folder / "map", self._survey.dataset.config
-        with ProcessPool(1) as pool:
-            contents = (config.model_dump_json() for config in (self._method, data))
-            pool.submit(save_first_map, *contents, str(saved)).result()
-        before_mb, start = resident_mb(), time.perf_counter()
-        self._map = open_map(saved)
-        open_s, opened_mb = time.perf_counter() - start, resident_mb()
-        describe_ms, query_ms = self._ask(piece)
-        found = (len(self._survey.fold.mapping), folder_bytes(saved), open_s)
-        memory_mb = (_more(before_mb, opened_mb), _more(before_mb, resident_mb()))
-        self._costs = dict(zip(COSTS, (*found, *memory_mb, describe_ms + query_ms), strict=True))
+        saved, data = self._folder / "map", self._contents[1]
+        with ProcessPool(1) as builder:
+            _result(builder.submit(save_first_map, *self._contents, str(saved)))
+        opened = _result(self._program.submit(_open_program, data, str(saved)))
+        self._costs = {"scenes": self._scenes, "bytes": folder_bytes(saved), **opened}
 
     def work(self, piece: QueryFrame) -> Row:
-        describe_ms, query_ms = self._ask(piece)
-        asked = {"describe_ms": describe_ms, "query_ms": query_ms}
-        return {**asked, **self._costs, "status": PieceStatus.OK, "error": None}
+        asked = _result(self._program.submit(_ask_program, piece.id))
+        return {**self._costs, **asked, "status": PieceStatus.OK, "error": None}
 
     def close(self) -> None:
+        self._program.stop()
         shutil.rmtree(self._folder, ignore_errors=True)
 
-    def _ask(self, piece: QueryFrame) -> tuple[float, float]:
-        """Milliseconds to describe a query, and to answer it."""
-        panorama = piece.load()
-        description, seconds = self._map.describe_frame(QueryFrame(piece.id, lambda: panorama))
-        start = time.perf_counter()
-        self._map.answer(description)
-        return 1e3 * seconds, 1e3 * (time.perf_counter() - start)
+
+def _result(future: Future[Any]) -> Any:
+    """What a process made of its work, or what it raised. Raises MethodFailed where it died."""
+    try:
+        return future.result()
+    except BrokenProcessPool:
+        raise MethodFailed("the process that had its map died") from None
 
 
 def save_first_map(method: str, data: str, output: str) -> None:
-    """Save the map of a data set's first fold that has queries. method, data: configurations as JSON."""
-    dataset: Dataset = registry().build("dataset", read_config("dataset", data))
-    dataset.prepare(lambda done, total: None)
+    """Save the map of a data set's first fold that has queries. method, data: configurations as JSON. Raises
+    SalframeError as building and saving a map do."""
+    dataset = open_dataset(read_config("dataset", data))
     localizer: Localizer = registry().build("localizer", read_config("localizer", method))
     fold = RunningTask().survey(dataset).fold
     localizer.build(fold.mapping, Cache(), dataset.content_key, floors=dataset.floors())
     localizer.save(Path(output))
 
 
-def resident_mb() -> float | None:
-    """Memory (1e6 bytes) that this process holds; None in a process shared with other work, and elsewhere than on
-    Linux."""
-    status = Path("/proc/self/status")
-    if not in_worker() or not status.exists():
-        return None
-    lines = status.read_text(encoding="utf-8").splitlines()
-    return int(next(line.split()[1] for line in lines if line.startswith("VmRSS"))) * 1024 / 1e6
+@dataclass
+class _Program:
+    """What a program holds that asks a map: the map, the queries by id, its memory before (1e6 bytes), whether it has
+    answered."""
+
+    opened: Localizer
+    queries: Mapping[str, QueryFrame]
+    before_mb: float | None
+    asked: bool = False
 
 
-def _more(before_mb: float | None, after_mb: float | None) -> float | None:
-    return None if before_mb is None or after_mb is None else max(after_mb - before_mb, 0.0)
+_programs: list[_Program] = []
+"""Of this process, the one there is."""
+
+
+def _open_program(data: str, saved: str) -> Row:
+    """Open a saved map; what that costs."""
+    queries = {query.id: query for query in RunningTask().survey(open_dataset(read_config("dataset", data))).pieces}
+    before_mb, start = memory_mb("VmRSS"), time.perf_counter()
+    opened = open_map(saved)
+    open_s = time.perf_counter() - start
+    _programs[:] = [_Program(opened, queries, before_mb)]
+    return {"open_s": open_s, "opened_mb": _more(before_mb)}
+
+
+def _ask_program(query: str) -> Row:
+    """Ask the map; what that costs. Memory counts the panorama that is asked."""
+    (program,) = _programs
+    panorama = program.queries[query].load()
+    description, seconds = program.opened.describe_frame(QueryFrame(query, lambda: panorama))
+    start = time.perf_counter()
+    answer = program.opened.answer(description)
+    query_ms = 1e3 * (time.perf_counter() - start)
+    if not isinstance(answer, Localization):
+        raise InvalidAnswer(f"match gave {type(answer).__name__}, expected a Localization")
+    first, program.asked = not program.asked, True
+    cost = {"first": first, "describe_ms": 1e3 * seconds, "query_ms": query_ms}
+    return {**cost, "asked_mb": _more(program.before_mb)} if first else cost
+
+
+def _more(before_mb: float | None) -> float | None:
+    """Memory (1e6 bytes) that this process holds beyond what it held before."""
+    now_mb = memory_mb("VmRSS")
+    return None if before_mb is None or now_mb is None else max(now_mb - before_mb, 0.0)
 
 
 def _summarize(records: Sequence[Record], queries: int) -> RunningRow:
@@ -169,18 +201,27 @@ def _summarize(records: Sequence[Record], queries: int) -> RunningRow:
     rows = [row for record in records for row in record.rows if row is not None and row["status"] == PieceStatus.OK]
     if not rows or not all(record.done for record in records):
         return line
-    median_ms, p95_ms = np.percentile([row["query_ms"] for row in rows], [50, 95])
-    costs: dict[str, Any] = {name: float(np.median(known)) for name in COSTS if (known := _known(rows, name))}
+    if len(rows) < queries:
+        first = next(iter(line.errors.values()), "no answer")
+        line = replace(line, reason=f"{queries - len(rows)} of {queries} queries failed, the first: {first}")
+    later = [row for row in rows if not row["first"]] or rows
+    median_ms, p95_ms = np.percentile([row["query_ms"] for row in later], [50, 95])
+    firsts = [row for row in rows if row["first"]]
     return replace(
         line,
-        scenes=round(costs["scenes"]),
-        bytes_per_scene=costs["bytes"] / costs["scenes"],
-        **{name: cost for name, cost in costs.items() if name not in ("scenes", "bytes")},
-        describe_ms=float(np.median([row["describe_ms"] for row in rows])),
+        scenes=rows[0]["scenes"],
+        bytes_per_scene=rows[0]["bytes"] / rows[0]["scenes"],
+        open_s=_median(firsts, "open_s"),
+        opened_mb=_median(firsts, "opened_mb"),
+        asked_mb=_median(firsts, "asked_mb"),
+        first_ms=float(np.median([row["describe_ms"] + row["query_ms"] for row in firsts])) if firsts else None,
+        describe_ms=_median(later, "describe_ms"),
         query_median_ms=float(median_ms),
         query_p95_ms=float(p95_ms),
     )
 
 
-def _known(rows: Sequence[Row], name: str) -> list[float]:
-    return [row[name] for row in rows if row.get(name) is not None]
+def _median(rows: Sequence[Row], name: str) -> float | None:
+    """Of the rows that have it: one a process."""
+    known = [row[name] for row in rows if row.get(name) is not None]
+    return float(np.median(known)) if known else None

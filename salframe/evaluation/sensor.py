@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from salframe.evaluation.detection import place_of
+from salframe.evaluation.found_lines import FoundLine, by_label, by_sight
 from salframe.evaluation.metrics import bootstrap_interval
 from salframe.evaluation.request import Request, Resolved, Variant, resolve
 from salframe.evaluation.rows import LookRow
 from salframe.evaluation.run import MethodStatus, PieceStatus, Row, Run
-from salframe.evaluation.runner import measure, run_task
-from salframe.evaluation.sensor_fit import Look, Observations, fit_sensor, observe
+from salframe.evaluation.runner import records_of, run_task
+from salframe.evaluation.sensor_fit import Look, fit_sensor, observe
 from salframe.evaluation.task import MethodRow, Part, Record, Survey, Task, Worker, by_method, check_needs, in_common
 from salframe.framework.defaults import default_of
-from salframe.framework.errors import ConfigError, DataError, InputMissing, InvalidAnswer, MethodFailed
+from salframe.framework.errors import FRAME_ERRORS, ConfigError, DataError, InputMissing, InvalidAnswer, MethodFailed
 from salframe.framework.files import write_json
 from salframe.framework.identity import identity
 from salframe.framework.installation import installed_version
@@ -31,15 +31,10 @@ from salframe.graphs.sensor import SensorModel
 from salframe.graphs.sightings import Sightings, sightings
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.frames import MapFrame, QueryFrame
-from salframe.panoramas.opening import Progress, open_dataset
+from salframe.panoramas.opening import Progress
+from salframe.panoramas.panorama import Panorama
 
 Frame = MapFrame | QueryFrame
-APPARENT_DEG, RANGES_M, HIDDEN = (2, 4, 8, 16, 32), (2, 4, 6, 10), (0.1, 0.3, 0.6)
-"""Where the lines of the tables part: diameter of the disc of an object's solid angle, range, hidden share."""
-COMMONEST = 10
-"""So many labels have a line of their own."""
-ALL = "all"
-"""What the line of all objects is called."""
 PARTS: dict[str, tuple[int, ...]] = {
     "scores": (),
     "centroid_m": (3,),
@@ -51,25 +46,15 @@ PARTS: dict[str, tuple[int, ...]] = {
 """The arrays of Detections that are kept of a panorama, by the shape of an object's part."""
 
 
-@dataclass(frozen=True)
-class FoundLine:
-    """Objects that are alike: how many, and the shares of them that were found, that the model says, and that were
-    found by a right label; None of none."""
-
-    by: str
-    objects: int
-    found: float | None
-    modelled: float | None
-    right: float | None
-
-
 @dataclass(frozen=True, eq=False)
 class SensorMeasurement:
-    """A sensor model, the tables that show how well it fits, and what was left out, a line each."""
+    """A sensor model, the lines that show how well it fits, and what must be said of it, a note each; crashed: whether
+    the detector raised on some panorama, or its process died."""
 
     sensor: SensorModel
     lines: tuple[FoundLine, ...]
     notes: tuple[str, ...] = ()
+    crashed: bool = False
 
     def write(self, path: str | Path) -> None:
         """Write the sensor model as JSON; of one measurement always the same."""
@@ -85,12 +70,12 @@ class SensorMeasurement:
 
 @dataclass(frozen=True, kw_only=True)
 class SensorRow(MethodRow):
-    """A detector's line: over all panoramas, the share of the annotated objects that was found, and found by a right
-    label, with 95 % intervals, of objects clustered by place; false objects a panorama; robust standard deviations of
-    the errors of what was found, as in `Errors`; lines: the same shares of objects of a size, a range, a hidden
-    share, by what they are called."""
+    """A detector's line: over the panoramas that could be read, how many, the share of the annotated objects that was
+    found, and found by a right label, with 95 % intervals, of objects clustered by place; false objects a panorama;
+    robust standard deviations of the errors of what was found, as in `Errors`; lines: the same shares of objects of a
+    size, a range, a hidden share, by what they are called."""
 
-    panoramas: int
+    panoramas: int | None = None
     objects: int | None = None
     found: float | None = None
     found_low: float | None = None
@@ -144,14 +129,21 @@ class SensorTask(Task[Frame, Survey[Frame]]):
         check_needs(method, survey.dataset)
         return _Looking(method)
 
+    def failed(self, piece: Frame) -> Row:
+        """That nothing of it was found, where the panorama can be read at all."""
+        try:
+            truth, shown = _shown(piece.load())
+        except FRAME_ERRORS:
+            return {}
+        return _pack(Look(truth, shown, Detections.empty()))
+
     def summarize(self, parts: Sequence[Part[Survey[Frame]]], seed: int) -> tuple[SensorRow, ...]:
-        panoramas = sum(len(survey.pieces) for survey, _ in parts)
         places = [
-            f"{number}: {_place(survey.dataset, piece)}"
+            f"{number}: {place_of(survey.dataset, piece)}"
             for number, (survey, _) in enumerate(parts)
             for piece in survey.pieces
         ]
-        return tuple(_summarize(records, panoramas, places, seed) for records in by_method(parts))
+        return tuple(_summarize(records, places, seed) for records in by_method(parts))
 
 
 class _Looking(Worker[Frame]):
@@ -162,25 +154,17 @@ class _Looking(Worker[Frame]):
 
     def work(self, piece: Frame) -> Row:
         panorama = piece.load()
-        objects = annotated_objects(panorama)
+        truth, shown = _shown(panorama)
         found = self._detector.detect(panorama)
         if not isinstance(found, Detections):
             raise InvalidAnswer(f"detect gave {type(found).__name__}, expected Detections")
-        return {
-            **_pack(Look(as_detections(objects), sightings(panorama, objects), found)),
-            "status": PieceStatus.OK,
-            "error": None,
-        }
+        return {**_pack(Look(truth, shown, found)), "status": PieceStatus.OK, "error": None}
 
 
-def _place(dataset: Dataset, frame: Frame) -> str:
-    """The place of a panorama, or what it is called itself where that is not known."""
-    if isinstance(frame, MapFrame):
-        return frame.place
-    try:
-        return dataset.truth(frame.id).place
-    except DataError:
-        return frame.id
+def _shown(panorama: Panorama) -> tuple[Detections, Sightings]:
+    """The annotated objects of a panorama, and how each shows."""
+    objects = annotated_objects(panorama)
+    return as_detections(objects), sightings(panorama, objects)
 
 
 def _pack(look: Look) -> Row:
@@ -206,33 +190,38 @@ def _unpack(row: Row) -> Look:
 
 def _listed(values: np.ndarray) -> list[Any]:
     """An array as lists, None in the place of NaN."""
-    told = values.astype(object)
-    told[np.isnan(values)] = None
-    listed: list[Any] = told.tolist()
-    return listed
+    objects = values.astype(object)
+    objects[np.isnan(values)] = None
+    as_list: list[Any] = objects.tolist()
+    return as_list
 
 
 def _looks(records: Sequence[Record]) -> list[Look | None]:
-    """What the rows of a detector hold, in order; None of a panorama that could not be looked at."""
+    """What the rows of a detector hold, in order; None of a panorama that could not be read."""
     rows = [row for record in records for row in record.rows]
-    return [None if row is None or row["status"] != PieceStatus.OK else _unpack(row) for row in rows]
+    return [None if row is None or row.get("truth") is None else _unpack(row) for row in rows]
 
 
-def _summarize(records: Sequence[Record], panoramas: int, places: Sequence[str], seed: int) -> SensorRow:
+def _failures(records: Sequence[Record]) -> list[str]:
+    """In a line each, how many panoramas were left out, and on how many the detector failed."""
+    failed = [row for record in records for row in record.rows if row is not None and row["status"] != PieceStatus.OK]
+    unread, blind = ([row for row in failed if (row.get("truth") is None) == lacking] for lacking in (True, False))
+    words = {"were left out": unread, "count as not found, where the detector failed": blind}
+    return [f"{len(rows)} panorama(s) {what}, the first: {rows[0]['error']}" for what, rows in words.items() if rows]
+
+
+def _summarize(records: Sequence[Record], places: Sequence[str], seed: int) -> SensorRow:
     """A detector's line; places (P,): where each panorama was taken."""
-    line = SensorRow(**in_common(records), panoramas=panoramas)
+    line = SensorRow(**in_common(records))
     if not all(record.done for record in records):
         return line
-    looks = _looks(records)
-    usable = [(look, place) for look, place in zip(looks, places, strict=True) if look is not None]
-    if len(usable) < panoramas:
-        first = next(iter(line.errors.values()), "no answer")
-        line = replace(line, reason=f"{panoramas - len(usable)} panorama(s) left out, the first: {first}")
+    line = replace(line, reason="; ".join([*([line.reason] if line.reason else []), *_failures(records)]) or None)
+    usable = [(look, place) for look, place in zip(_looks(records), places, strict=True) if look is not None]
     seen = observe(look for look, _ in usable)
     if not len(seen.found):
-        return line
+        return replace(line, reason=line.reason or "no annotated object is in sight, expected at least one")
     sensor = fit_sensor(seen, {"salframe": installed_version("salframe"), "detector": {}, "data": {}})
-    whole, *_ = lines = list(_tabulate(seen, sensor))
+    whole, *parts = by_sight(seen, sensor)
     of_object = [place for look, place in usable for _ in look.truth.labels]
     bounds: dict[str, Any] = {}
     for name in ("found", "right"):
@@ -240,11 +229,12 @@ def _summarize(records: Sequence[Record], panoramas: int, places: Sequence[str],
         bounds |= {name: getattr(whole, name), f"{name}_low": low, f"{name}_high": high}
     return replace(
         line,
+        panoramas=len(usable),
         objects=whole.objects,
         **bounds,
         false_per_panorama=sensor.false_objects.per_panorama,
         **sensor.errors.model_dump(),
-        lines={line.by: line for line in lines if line.objects},
+        lines={part.by: part for part in (whole, *parts) if part.objects},
     )
 
 
@@ -255,6 +245,7 @@ def measure_sensor(
     settings: Sequence[str] = (),
     seeds: Sequence[int] = (),
     *,
+    name: str | None = None,
     engine: str | None = None,
     runs: str | Path = "runs",
     progress: Progress | None = None,
@@ -262,87 +253,59 @@ def measure_sensor(
     """Run a detector on all panoramas of data sets, mapping frames and queries, and measure it by their annotations.
 
     data: presets, data sets, YAML files or folders, the default one where there is none; settings: "data.KEY=value",
-    "detector.KEY=value" and "engine.KEY=value"; seeds: of the data sets, one after the other; engine, runs: as in a
-    Request. What was begun is resumed. Raises SalframeError on names and settings that are wrong, InputMissing where
+    "detector.KEY=value" and "engine.KEY=value"; seeds: of the data sets, one after the other; name, engine, runs: as in
+    a Request. What was begun is resumed. Raises SalframeError on names and settings that are wrong, InputMissing where
     the data lack annotations, range or what the detector needs, DataError where no panorama can be used.
     """
     task, method = SensorTask(), Variant(detector, name="detector", label=short_name(detector))
-    asked: dict[str, tuple[Request, Resolved]] = {}
+    requests: dict[str, tuple[Request, Resolved]] = {}
     for one in data or (default_of("data"),):
         for seed in seeds or (None,):
             given = (*settings, *([] if seed is None else [f"data.seed={seed}"]))
-            request = Request([method], one, data_dir, given, engine=engine, runs=Path(runs))
+            request = Request([method], one, data_dir, given, name, engine=engine, runs=Path(runs))
             resolved = resolve(request, task.role)
-            name = resolved.name if seed is None else f"{resolved.name} seed {seed}"
-            if name in asked:
-                raise ConfigError(f"received the data {name!r} twice, expected each once")
-            asked[name] = request, resolved
+            called = resolved.name if seed is None else f"{resolved.name} seed {seed}"
+            if called in requests:
+                raise ConfigError(f"received the data {called!r} twice, expected each once")
+            requests[called] = request, resolved
     ((_, config),) = resolved.methods.items()
     config.component.check(config)
     records: list[Record] = []
-    for number, (name, (request, resolved)) in enumerate(asked.items()):
-        if progress and len(asked) > 1:
-            progress("data sets", number, len(asked))
-        records.append(_record(task, name, request, resolved, progress))
+    notes: dict[str, None] = {}
+    for number, (called, (request, resolved)) in enumerate(requests.items()):
+        if progress and len(requests) > 1:
+            progress("data sets", number, len(requests))
+        try:
+            record, told = _look_at(task, request, resolved, progress)
+        except InputMissing as error:
+            raise InputMissing(f"{called}: {error}") from None
+        records.append(record)
+        notes |= dict.fromkeys(told)
     looks = [look for look in _looks(records) if look is not None]
-    failures = [str(row["error"]) for record in records for row in record.rows if row and row["error"]]
+    failures = _failures(records)
     if not looks:
-        raise DataError(f"no panorama of {', '.join(asked)} can be used; the first: {(*failures, 'there is none')[0]}")
+        raise DataError(f"no panorama of {', '.join(requests)} can be used; {(*failures, 'there is none')[0]}")
     seen = observe(looks)
     provenance = {
         "salframe": installed_version("salframe"),
         "detector": identity(config),
-        "data": {name: identity(resolved.data) for name, (_, resolved) in asked.items()},
+        "data": {called: identity(resolved.data) for called, (_, resolved) in requests.items()},
     }
     sensor = fit_sensor(seen, provenance)
-    notes = (f"{len(failures)} panorama(s) were left out, the first: {failures[0]}",) if failures else ()
-    return SensorMeasurement(sensor, (*_tabulate(seen, sensor), *_by_label(seen, sensor)), notes)
+    crashed = any(row["status"] == PieceStatus.CRASHED for record in records for row in record.rows if row is not None)
+    lines = (*by_sight(seen, sensor), *by_label(seen, sensor))
+    return SensorMeasurement(sensor, lines, (*notes, *failures), crashed)
 
 
-def _record(task: SensorTask, name: str, request: Request, resolved: Resolved, progress: Progress | None) -> Record:
-    """What a detector made of a data set. Raises InputMissing or MethodFailed where it did not end its work."""
-    run = Run.load(run_task(task, request, resolved, progress=progress).run)
-    _, (record,) = measure(task, run, task.survey(open_dataset(run.data())))
+def _look_at(
+    task: SensorTask, request: Request, resolved: Resolved, progress: Progress | None
+) -> tuple[Record, Sequence[str]]:
+    """What a detector made of a data set, and notes. Raises InputMissing or MethodFailed where it did not end its
+    work."""
+    result = run_task(task, request, resolved, progress=progress)
+    run = Run.load(result.run)
+    ((_, (record,)),) = records_of(task, [run.directory])
     if not record.done:
         unavailable = record.outcome.status is MethodStatus.UNAVAILABLE
-        raise (InputMissing if unavailable else MethodFailed)(f"{name}: {record.outcome.reason}")
-    return record
-
-
-def _tabulate(seen: Observations, sensor: SensorModel) -> Iterator[FoundLine]:
-    """How often objects of a size, a range, a hidden share were found, and how often the model says."""
-    shown, found, right = seen.shown, seen.found, seen.right
-    modelled = _modelled(seen, sensor)
-    apparent_deg = np.degrees(2 * np.sqrt(shown.solid_angle_sr / np.pi))
-    splits = (
-        ("{} deg across", apparent_deg, APPARENT_DEG),
-        ("{} m away", shown.range_m, RANGES_M),
-        ("{} of the outline hidden", shown.hidden_share, HIDDEN),
-    )
-    yield _line(ALL, np.ones(len(found), bool), found, modelled, right)
-    for words, values, parts in splits:
-        bins = np.digitize(values, parts)
-        between = [f"{low} to {high}" for low, high in pairwise(parts)]
-        for number, name in enumerate([f"under {parts[0]}", *between, f"{parts[-1]} and more"]):
-            yield _line(words.format(name), (bins == number) & np.isfinite(values), found, modelled, right)
-
-
-def _by_label(seen: Observations, sensor: SensorModel) -> Iterator[FoundLine]:
-    """The same of the commonest labels."""
-    modelled = _modelled(seen, sensor)
-    for label, _ in Counter(seen.shown.labels).most_common(COMMONEST):
-        chosen = np.array([own == label for own in seen.shown.labels])
-        yield _line(label, chosen, seen.found, modelled, seen.right)
-
-
-def _modelled(seen: Observations, sensor: SensorModel) -> np.ndarray:
-    """(N,) how likely each object is found, as the model says."""
-    shown = seen.shown
-    return sensor.found.probability(shown.labels, shown.solid_angle_sr, shown.range_m, shown.hidden_share)
-
-
-def _line(by: str, chosen: np.ndarray, found: np.ndarray, modelled: np.ndarray, right: np.ndarray) -> FoundLine:
-    count = int(chosen.sum())
-    if not count:
-        return FoundLine(by, 0, None, None, None)
-    return FoundLine(by, count, *(float(values[chosen].mean()) for values in (found, modelled, right)))
+        raise (InputMissing if unavailable else MethodFailed)(str(record.outcome.reason))
+    return record, result.notes

@@ -37,7 +37,8 @@ def tables_of(
     names the rows, text for each by heading, their method unless given. Raises KeyError on a name that is none."""
     leading = {METHOD: [row.method for row in rows]} if leading is None else leading
     if task == "sensor":
-        return [_table(task, rows, columns or USUAL[task], leading), _alike_objects(rows, leading)]
+        alike = [_alike_objects(rows, leading)] if any(row.lines for row in rows) else []
+        return [_table(task, rows, columns or USUAL[task], leading), *alike]
     if columns:
         return [_table(task, rows, columns, leading)]
     if task == "matching":

@@ -45,7 +45,11 @@ class NavigationConfig(Settings):
     )
     turn_noise_deg: float = Field(2.0, ge=0, description="of the heading after a turn")
     length_noise: float = Field(0.05, ge=0, description="of a walk's length, a share of it")
-    slip_m: float = added(0.0, ge=0, description="a walk longer than this ends so far from where it would, any way")
+    slip_m: float = added(
+        0.0,
+        ge=0,
+        description="a walk longer than this ends so far from where it would, any way, unless a wall is nearer",
+    )
     odometry_turn_noise_deg: float = Field(2.0, ge=0, description="of the turn that odometry tells of a move")
     odometry_length_noise: float = Field(0.05, ge=0, description="of the length that odometry tells, a share of it")
 
@@ -61,7 +65,8 @@ def walk(site: Site, look: Look, episode: Episode, config: NavigationConfig, see
     The agent is told its first heading, not its position.
     """
     world, guide = site
-    rng, slips = (np.random.default_rng([seed, stream, episode.number]) for stream in (2, 4))
+    rng = np.random.default_rng([seed, 2, episode.number])
+    slips = np.random.default_rng([seed, 4, episode.number])
     T = np.array(episode.start).reshape(4, 4)
     agent = Agent(guide, episode.goal, pose_yaw(T), config.arrival_m, np.random.default_rng([seed, 3, episode.number]))
     path, believed, localized = [_flat(T)], [], []
@@ -82,8 +87,10 @@ def walk(site: Site, look: Look, episode: Episode, config: NavigationConfig, see
             T,
             world.move(T, turn_rad, max(move.length_m * (1 + config.length_noise * length_noise), 0.0)),
         )
+        travelled_m += float(np.linalg.norm(T[:3, 3] - before[:3, 3]))
         if move.length_m > config.slip_m > 0 and not stopped:
-            T = _slipped(world, T, slips.uniform(-np.pi, np.pi), config.slip_m)
+            walked, T = T, _slipped(world, T, slips.uniform(-np.pi, np.pi), config.slip_m)
+            travelled_m += float(np.linalg.norm(T[:3, 3] - walked[:3, 3]))
         told = _odometry(
             before,
             T,
@@ -92,7 +99,6 @@ def walk(site: Site, look: Look, episode: Episode, config: NavigationConfig, see
         )
         agent.moved(told, stopped)
         collisions += stopped
-        travelled_m += float(np.linalg.norm(T[:3, 3] - before[:3, 3]))
         path.append(_flat(T))
     left_m = [_left(guide, np.array(pose[:3]), episode.goal) for pose in path]
     success = arrived and left_m[-1] <= SUCCESS_M

@@ -152,6 +152,8 @@ def test_a_slip_is_as_long_as_stated_any_way_and_odometry_tells_of_it(site):
         away.append((x - 3.5, y - 2.0))
         assert yaw_rad == pytest.approx(0.0, abs=1e-4)
         np.testing.assert_allclose(row["believed"][1], row["path"][1], atol=2e-4)
+        if len(row["path"]) == 2:
+            assert row["travelled_m"] == pytest.approx(2.0 + 0.4, abs=0.02)
     np.testing.assert_allclose(np.hypot(*np.transpose(away)), 0.4, atol=0.02)
     bearing = np.arctan2(*np.transpose(away)[::-1])
     assert {int(np.floor(2 * one / np.pi)) for one in bearing} == {-2, -1, 0, 1}  # each quarter of the circle

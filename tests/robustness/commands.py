@@ -73,7 +73,7 @@ COMMANDS = {
     "detection": Reader(
         "place", command("detection", "--detectors", "annotations", "--data", "./data", *_ASK), files="data/**/*"
     ),
-    "sensor": Reader("place", command("sensor", "annotations", "--data", "./data", "--json"), files="data/**/*"),
+    "sensor": Reader("place", command("sensor", "annotations", "--data", "./data", *_ASK), files="data/**/*"),
     "data info": Reader("place", command("data", "info", "./data", "--json"), files="data/**/*"),
     "build": Reader("place", command("build", "./data", "-o", "built", "--method", "objects"), files="data/**/*"),
     "localize": Reader(

@@ -60,7 +60,9 @@ JOBS = {
     ),
     "report": Job(("report", "done/*", "-o", "page.html"), "page.html"),
     "fit": Job(("fit", "reader", *ROOMS, "-o", "fitted.yaml"), "fitted.yaml"),
-    "sensor": Job(("sensor", "annotations", "--data", "./data", "-o", "sensor.json", "--json"), "sensor.json"),
+    "sensor": Job(
+        ("sensor", "annotations", "--data", "./data", "-o", "sensor.json", *INLINE), "sensor.json", look=RUNS
+    ),
     "build": Job(
         ("build", "rooms", "-o", "map", "--method", "reader"),
         look=("localize", "map", "query-1-0", "--data", "rooms", "--json"),
