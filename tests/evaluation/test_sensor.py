@@ -125,31 +125,68 @@ def test_panoramas_that_cannot_be_read_are_left_out_and_told(tmp_path):
     assert measured.notes[0].startswith("1 panorama(s) were left out, the first: ")
 
 
-def test_an_experiment_pools_looks_and_draws_what_it_keeps(tiny, tmp_path):
-    """Two folders with the same rooms as one measurement of both: 40 % missed, the same shares in every line."""
-    other = write_tiny_folder(tmp_path / "other")
-    missed = ('detector.noise={"missed": 0.4}', "detector.seed=3")
-    both = measure_sensor("annotations", [tiny, str(other)], settings=missed)
+def test_an_experiment_pools_seeds_as_one_measurement_of_both(tmp_path):
+    """And draws what it keeps as what it measured."""
+    rooms = {"data.rgb": False, "data.height": 64, "data.rooms": 4, "data.queries_per_room": 0}
+    blind = {"noise": {"missed": 0.4}, "seed": 3}
+    settings = [f"{key}={json.dumps(value)}" for key, value in rooms.items()]
+    both = measure_sensor(
+        "annotations",
+        ["house-6"],
+        settings=(*settings, 'detector.noise={"missed": 0.4}', "detector.seed=3"),
+        seeds=(1, 2),
+    )
     study = {
-        "title": "Two folders",
+        "title": "Two homes",
         "task": "sensor",
-        "data": [tiny, str(other)],
-        "methods": {"half blind": {"method": "annotations", "set": {"noise": {"missed": 0.4}, "seed": 3}}},
+        "data": "house-6",
+        "seeds": [1, 2],
+        "set": rooms,
+        "methods": {"half blind": {"method": "annotations", "set": blind}},
     }
     file = tmp_path / "sensor.yaml"
-    file.write_text(json.dumps({"title": "Sensor", "question": "?", "tables": {"folders": study}}))
-    result = run_experiment(file, Request(), results=tmp_path / "results")
-    first, second = result.tables[0].kept.rows
-    assert (first["found"] + second["found"]) / 2 == pytest.approx(both.lines[0].found, abs=1e-5)
-    assert first["objects"] + second["objects"] == both.lines[0].objects
-    assert first["found_low"] <= first["found"] <= first["found_high"] < 1
-    assert first["false_per_panorama"] == 0 == pytest.approx(first["bearing_rad"], abs=1e-6)
-    shares, lines = result.tables[0].tables()
-    again, _ = run_experiment(file, Request(), results=tmp_path / "results").tables[0].tables()
-    assert [table.rows for table in result.tables[0].fresh.tables()] == [shares.rows, lines.rows]
-    assert again.rows == shares.rows
-    named = {row[1]: row for row in lines.rows if row[0] == tiny and row[2] == "all"}
-    assert named["half blind"][3:5] == [str(first["objects"]), f"{first['found'] * 100:.1f}"]
+    file.write_text(json.dumps({"title": "Sensor", "question": "?", "tables": {"homes": study}}))
+    table = run_experiment(file, Request(), results=tmp_path / "results").tables[0]
+    (row,) = table.kept.rows
+    lines = {line.by: line for line in both.lines}
+    assert row["objects"] == lines["all"].objects == both.sensor.provenance.objects
+    assert row["panoramas"] == both.sensor.provenance.panoramas
+    assert row["false_per_panorama"] == 0
+    for name, line in row["lines"].items():
+        assert (line["objects"], line["found"]) == (lines[name].objects, pytest.approx(lines[name].found, abs=1e-5))
+    assert 0 < row["found_low"] < row["found"] < row["found_high"] < 1
+    again = run_experiment(file, Request(), results=tmp_path / "results").tables[0]
+    assert again.fresh is None
+    assert [drawn.rows for drawn in again.tables()] == [drawn.rows for drawn in table.fresh.tables()]
+    assert [drawn.rows[0][0] for drawn in again.tables()] == ["half blind"] * 2
+
+
+def test_what_a_detector_fails_on_counts_as_not_found_and_is_told(tiny, monkeypatch):
+    detect = AnnotationDetector.detect
+
+    def fail(self, panorama):
+        if panorama.id == "kitchen-query":
+            raise RuntimeError("no light")
+        return detect(self, panorama)
+
+    whole = measure_sensor("annotations", [tiny], settings=PERFECT, engine="inline", runs="light")
+    monkeypatch.setattr(AnnotationDetector, "detect", fail)
+    measured = measure_sensor("annotations", [tiny], settings=PERFECT, engine="inline", runs="dark")
+    assert measured.lines[0].objects == whole.lines[0].objects
+    assert measured.lines[0].found < 1 == whole.lines[0].found
+    assert measured.crashed
+    assert not whole.crashed
+    (note,) = measured.notes
+    assert note == ("1 panorama(s) count as not found, where the detector failed, the first: RuntimeError: no light")
+    told = run("sensor", "annotations", "--data", tiny, "--set", "detector.noise=none", "--engine", "inline")
+    assert told.code == 1
+
+
+def test_several_workers_measure_the_same(tiny):
+    noisy = ("detector.noise=panoseg",)
+    alone = measure_sensor("annotations", [tiny], settings=noisy, runs="alone")
+    shared = measure_sensor("annotations", [tiny], settings=(*noisy, "engine.workers=2"), runs="shared")
+    assert alone.to_json() == shared.to_json()
 
 
 def test_a_look_that_was_kept_in_part_is_refused():
