@@ -15,10 +15,11 @@ from salframe.panoramas.floors import FloorMasks
 from salframe_house.assets import Catalogue
 from salframe_house.furnish import draw_item, furnish
 from salframe_house.furniture import object_mesh
-from salframe_house.layout import WALL_M, Door, Layout, Room, Window, plan_layout
+from salframe_house.layout import WALL_M, Door, Layout, Room, Window
 from salframe_house.mesh import Mesh
 from salframe_house.mobility import appears, mobile_first
 from salframe_house.placement import PlacedObject, RoomPlan
+from salframe_house.planning import plan_layout
 from salframe_house.scene import Light, Material, Scene
 from salframe_house.shell import shell_mesh, window_light
 

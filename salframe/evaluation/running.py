@@ -61,7 +61,7 @@ class RunningRow(MethodRow):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RunningSurvey(Survey[QueryFrame]):
-    """The first queries of a data set's first fold."""
+    """Queries of a data set's first fold that has some."""
 
     fold: Fold
 
@@ -205,7 +205,6 @@ def _summarize(records: Sequence[Record], queries: int) -> RunningRow:
         first = next(iter(line.errors.values()), "no answer")
         line = replace(line, reason=f"{queries - len(rows)} of {queries} queries failed, the first: {first}")
     later = [row for row in rows if not row["first"]] or rows
-    median_ms, p95_ms = np.percentile([row["query_ms"] for row in later], [50, 95])
     firsts = [row for row in rows if row["first"]]
     return replace(
         line,
@@ -216,8 +215,8 @@ def _summarize(records: Sequence[Record], queries: int) -> RunningRow:
         asked_mb=_median(firsts, "asked_mb"),
         first_ms=float(np.median([row["describe_ms"] + row["query_ms"] for row in firsts])) if firsts else None,
         describe_ms=_median(later, "describe_ms"),
-        query_median_ms=float(median_ms),
-        query_p95_ms=float(p95_ms),
+        query_median_ms=_median(later, "query_ms"),
+        query_p95_ms=float(np.percentile([row["query_ms"] for row in later], 95)),
     )
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from salframe_house.furniture import CLASSES, object_mesh
-from salframe_house.layout import ROOM_KINDS
 from salframe_house.mesh import MeshBuilder, circle
+from salframe_house.planning import ROOM_KINDS
 from salframe_house.recipes import RECIPES
 from salframe_house.scene import Material
 from salframe_house.textures import TEXTURES
