@@ -1,6 +1,7 @@
 """The method: volumetric saliency, graph matching, positioning, and the localizer made of them."""
 
 import salframe
+from salframe_graphs.geometric import GeometricMatcher
 from salframe_graphs.localizer import SaliencyGraphLocalizer
 from salframe_graphs.places.localizer import SaliencyPlacesLocalizer
 from salframe_graphs.positioning import LeastSquaresPositioner, RobustPositioner
@@ -16,6 +17,7 @@ def salframe_provides():
         UniformSaliency,
         RandomSaliency,
         InvertedLists,
+        GeometricMatcher,
         TripletMatcher,
         RobustPositioner,
         LeastSquaresPositioner,

@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from salframe_graphs.verification import Verified
+from salframe_graphs.node_pairs import NodePairs
+from salframe_graphs.verification import VerifiedPoses
 
 GRID_M, HALVINGS = 0.5, 3
 """Distance between the positions tried first, and how often it is halved around the best."""
@@ -17,61 +18,77 @@ _BLOCK = 16  # candidates at a time: more take memory and save no time
 def verify_bearings(
     bearing: np.ndarray,
     map_m: np.ndarray,
+    pairs: NodePairs,
     similarity: np.ndarray,
     weights: np.ndarray,
     tolerance: tuple[float, float],
-    largest_shift_m: float,
-) -> Verified:
-    """Positions on a grid around each map frame, each with the heading that most alike nodes vote for, scored by how
-    near the map nodes lie to the rays of the query's.
+    max_shift_m: float,
+) -> VerifiedPoses:
+    """Find the pose of each candidate that explains most directions, on a grid of positions around each map frame.
 
-    bearing (n, 3) unit vectors in the query frame; map_m (K, m, 3) metres; similarity (K, n, m), 0 where two nodes
-    cannot be the same; weights (n,); tolerance: metres, and a share of the map node's distance. Both cameras are taken
-    to be upright and equally high, so that elevations tell distance. Positions within largest_shift_m of the map frame
-    are tried; where fewer than two nodes are explained there is no pose.
+    Each position has the heading that most similar nodes vote for, and is scored by how near the map nodes lie to the
+    rays of the query's nodes. Both cameras are taken to be upright and equally high, so that elevations tell distance.
+    A candidate of which fewer than two query nodes are explained has no pose.
+
+    Args:
+        bearing: (n, 3) unit vectors in the query frame.
+        map_m: (N, 3) metres, each in its map frame.
+        pairs: the node pairs that may be the same.
+        similarity: (P,) of each pair, over 0.
+        weights: (n,) of the query's nodes.
+        tolerance: metres, and a share of the map node's distance, at which two nodes cannot be the same.
+        max_shift_m: radius of the grid.
     """
-    most = int(largest_shift_m / GRID_M + 1e-9)
+    most = int(max_shift_m / GRID_M + 1e-9)
     steps = GRID_M * np.arange(-most, most + 1)
     grid_m = np.stack(np.meshgrid(steps, steps), -1).reshape(-1, 1, 2)
-    grid_m = grid_m[np.hypot(*grid_m[:, 0].T) <= largest_shift_m]
-    candidates = len(similarity)
-    result = Verified.none(similarity.shape)
-    for start in range(0, candidates, _BLOCK):
-        block = np.arange(start, min(start + _BLOCK, candidates))
-        block = block[similarity[block].any((1, 2))]
-        if len(block):
-            rays = _Rays(bearing, map_m[block], similarity[block], weights, tolerance)
-            yaw_rad, position_m, kernel = rays.best(grid_m)
-            posed = (kernel.max(2) > 0).sum(1) >= 2
-            found = block[posed]
-            result.yaw_rad[found], result.shift_m[found] = yaw_rad[posed], position_m[posed]
-            result.kernel[found] = kernel[posed]
+    grid_m = grid_m[np.hypot(*grid_m[:, 0].T) <= max_shift_m]
+    result = VerifiedPoses.none(pairs)
+    graphs = np.flatnonzero(pairs.segments.count)
+    for block in np.split(graphs, range(_BLOCK, len(graphs), _BLOCK)):
+        if not len(block):
+            continue
+        some, position = pairs.take(block)
+        rays = _Rays(bearing, map_m, some, similarity[position], weights, tolerance)
+        yaw_rad, position_m, kernel = rays.best(grid_m)
+        explained, graphs_of = some.best_per_query(kernel)
+        posed = graphs_of.sum((explained > 0).astype(np.int64)) >= 2
+        result.yaw_rad[block[posed]], result.shift_m[block[posed]] = yaw_rad[posed], position_m[posed]
+        result.kernel[position] = np.where(posed[some.graph], kernel, 0)
     return result
 
 
 class _Rays:
-    """The alike node pairs of K candidates, each with at least one: P pairs sorted by candidate, then query node.
+    """The similar node pairs of K candidates, each with at least one, P together.
 
     Single precision, and positions of all candidates at once: most of a query's time is spent in arrays (positions, P).
     """
 
-    def __init__(self, bearing, map_m, similarity, weights, tolerance) -> None:
-        self._shape = similarity.shape
-        self._pair = k, i, j = np.nonzero(similarity)
+    def __init__(
+        self,
+        bearing: np.ndarray,
+        map_m: np.ndarray,
+        pairs: NodePairs,
+        similarity: np.ndarray,
+        weights: np.ndarray,
+        tolerance: tuple[float, float],
+    ) -> None:
+        i = pairs.query
         value, weight, self._node_m = (
-            array.astype(np.float32) for array in (similarity[k, i, j], weights[i], map_m[k, j])
+            array.astype(np.float32) for array in (similarity, weights[i], map_m[pairs.node])
         )
-        self._candidate, self._value, self._weight, self._tolerance = k, value, weight, tolerance
+        self._num_graphs, self._candidate = pairs.num_graphs, pairs.graph
+        self._value, self._weight, self._tolerance = value, weight, tolerance
         self._azimuth_rad = np.arctan2(bearing[i, 1], bearing[i, 0]).astype(np.float32)
         self._up, self._out = bearing[i, 2].astype(np.float32), np.hypot(*bearing[i, :2].T).astype(np.float32)
-        self._starts = np.flatnonzero(np.diff(k, prepend=-1))
-        self._node_starts = np.flatnonzero(np.diff(k * self._shape[1] + i, prepend=-1))
+        self._starts = pairs.segments.start[:-1]
+        self._node_starts = pairs.first_of_query
         self._node_weight = weight[self._node_starts]
         self._first_node = np.searchsorted(self._node_starts, self._starts)
 
     def best(self, grid_m: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Heading (K,), position (K, 2) and kernel (K, n, m) of the best pose of each candidate; grid_m (G, 1, 2)."""
-        every = np.arange(self._shape[0])
+        """Heading (K,) and position (K, 2) of the best pose of each candidate, and kernel (P,); grid_m (G, 1, 2)."""
+        every = np.arange(self._num_graphs)
         position_m = np.repeat(grid_m, len(every), 1)
         support, yaw_rad, kernel = self._look(position_m)
         step_m = GRID_M
@@ -81,9 +98,8 @@ class _Rays:
             around = step_m * np.stack(np.meshgrid([0, -1, 1], [0, -1, 1]), -1).reshape(-1, 1, 2)
             position_m = position_m[best, every] + around
             support, yaw_rad, kernel = self._look(position_m, yaw_rad[best, every])
-        best, whole = support.argmax(0), np.zeros(self._shape)
-        whole[self._pair] = kernel[best[self._candidate], np.arange(len(self._candidate))]
-        return yaw_rad[best, every], position_m[best, every], whole
+        best = support.argmax(0)
+        return yaw_rad[best, every], position_m[best, every], kernel[best[self._candidate], np.arange(len(self._value))]
 
     def _look(self, position_m: np.ndarray, yaw_rad: np.ndarray | None = None):
         """Support (G, K), heading (G, K) and kernel (G, P) of positions (G, K, 2), from headings near yaw_rad (K,), or
@@ -111,7 +127,7 @@ class _Rays:
 
     def _vote(self, turn: np.ndarray, share: np.ndarray) -> np.ndarray:
         """(G, K) float32: the middle of the three bins of headings that most shares (G, P) fall into."""
-        bins, candidates = round(2 * np.pi / BIN_RAD), self._shape[0]
+        bins, candidates = round(2 * np.pi / BIN_RAD), self._num_graphs
         cell = (np.arange(len(turn))[:, None] * candidates + self._candidate) * bins
         cell = cell + np.floor(turn / BIN_RAD).astype(np.int64) % bins
         votes = np.bincount(cell.ravel(), share.ravel(), len(turn) * candidates * bins).reshape(-1, candidates, bins)

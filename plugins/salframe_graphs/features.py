@@ -1,98 +1,76 @@
-"""Structural features of nodes, comparable between graphs (method.md 3, step 2)."""
+"""Structural features of nodes that are comparable between graphs (docs/explanation/method.md)."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
 from salframe.graphs.graph import SaliencyGraph
-from salframe.graphs.table import GraphBatch, ranges, starts
-
-
-@dataclass(frozen=True, eq=False)
-class Histograms:
-    """Labels around N nodes: how many other nodes bear a label in a distance ring, then 1..hops edges away; `width`
-    columns, a block of all labels for each.
-
-    Of the counts over 0, node by node: start (N + 1,) int64, where each node's begin; column, count (E,); norm (N,)
-    float64, the length of each node's row.
-    """
-
-    start: np.ndarray
-    column: np.ndarray
-    count: np.ndarray
-    norm: np.ndarray
-    width: int
-
-    @classmethod
-    def joined(cls, parts: Sequence[Histograms]) -> Histograms:
-        """Those of several, at least one, one after the other."""
-        column, count, norm = (
-            np.concatenate([getattr(part, name) for part in parts]) for name in ("column", "count", "norm")
-        )
-        each = np.concatenate([np.diff(part.start) for part in parts])
-        return cls(starts(each), column, count, norm, parts[0].width)
-
-    def take(self, nodes: np.ndarray) -> Histograms:
-        """Those of some nodes, in this order."""
-        each = self.start[nodes + 1] - self.start[nodes]
-        entry = ranges(self.start[nodes], each)
-        return Histograms(starts(each), self.column[entry], self.count[entry], self.norm[nodes], self.width)
-
-    def unit(self, columns: np.ndarray) -> np.ndarray:
-        """(N, C) float64: some columns of the rows at length 1."""
-        place = np.full(self.width, -1)
-        place[columns] = np.arange(len(columns))
-        place, row = place[self.column], np.repeat(np.arange(len(self.norm)), np.diff(self.start))
-        used = place >= 0
-        found = np.zeros((len(self.norm), len(columns)))
-        found[row[used], place[used]] = self.count[used]
-        return found / np.maximum(self.norm, 1e-12)[:, None]
+from salframe.graphs.segments import Segments, ranges
+from salframe.graphs.table import GraphNodes
 
 
 def ring_hop_histograms(
-    batch: GraphBatch, adjacency: np.ndarray, labels: int, ring_edges_m: Sequence[float], hops: int
-) -> Histograms:
-    """The histograms of the nodes of a batch, one graph after the other, of (len(ring_edges_m) + hops) * labels
-    columns; nodes of label -1 are not counted.
+    nodes: GraphNodes, adjacency: np.ndarray, num_labels: int, ring_edges_m: Sequence[float], hops: int
+) -> np.ndarray:
+    """Count the labels around each node: in distance rings, then 1 to `hops` edges away.
 
-    adjacency (K, m, m) bool. Ring r holds the nodes nearer than ring_edges_m[r] and not nearer than the edge before.
+    Ring r holds the other nodes nearer than ring_edges_m[r] and not nearer than the edge before. Nodes of label -1 are
+    not counted.
+
+    Args:
+        nodes: K graphs of N nodes together.
+        adjacency: (K, m, m) bool, padded to the largest graph.
+        num_labels: number of labels of the vocabulary, L.
+        ring_edges_m: outer edges of the rings, ascending.
+        hops: number of edges.
+
+    Returns:
+        (N, (len(ring_edges_m) + hops) * L) float64, rows of length 1; a row without counts is 0.
     """
-    is_node, width = batch.is_node, (len(ring_edges_m) + hops) * labels
-    distance = np.sqrt(((batch.centroid_m[:, :, None, :2] - batch.centroid_m[:, None, :, :2]) ** 2).sum(3))
-    own = np.broadcast_to(np.eye(is_node.shape[1], dtype=bool), distance.shape)
-    rings = pairwise((0.0, *ring_edges_m))
-    blocks = [(distance >= low) & (distance < high) & ~own for low, high in rings]
-    step, reached, frontier = adjacency.astype(np.float32), own, own
-    for _ in range(hops):
+    is_node = np.arange(adjacency.shape[1]) < nodes.count[:, None]
+    x, y, label = np.zeros(is_node.shape), np.zeros(is_node.shape), np.full(is_node.shape, -1)
+    x[is_node], y[is_node], label[is_node] = nodes.centroid_m[:, 0], nodes.centroid_m[:, 1], nodes.label
+    apart_x, apart_y = x[:, :, None] - x[:, None], y[:, :, None] - y[:, None]
+    distance = np.sqrt(apart_x * apart_x + apart_y * apart_y)
+    itself = np.eye(is_node.shape[1], dtype=bool)
+    around = np.empty((len(ring_edges_m) + hops, *distance.shape), np.float32)
+    for block, (low, high) in zip(around, pairwise((0.0, *ring_edges_m)), strict=False):
+        block[:] = (distance >= low) & (distance < high) & ~itself
+    step, reached, frontier = adjacency.astype(np.float32), itself, itself
+    for block in around[len(ring_edges_m) :]:
         frontier = (frontier.astype(np.float32) @ step > 0) & ~reached
         reached = reached | frontier
-        blocks.append(frontier)
-    counted = is_node[:, :, None] & (batch.label >= 0)[:, None]
-    number = is_node.cumsum().reshape(is_node.shape) - 1
-    cells = []
-    for first, block in zip(range(0, width, max(labels, 1)), blocks, strict=False):
-        graph, node, other = np.nonzero(block & counted)
-        cells.append(number[graph, node] * width + first + batch.label[graph, other])
-    cell, count = np.unique(np.concatenate([np.zeros(0, np.int64), *cells]), return_counts=True)
-    row, column = np.divmod(cell, max(width, 1))
-    nodes = int(is_node.sum())
-    norm = np.sqrt(np.bincount(row, count.astype(np.float64) ** 2, nodes))
-    each = np.bincount(row, minlength=nodes)
-    return Histograms(starts(each), column.astype(np.int32), count.astype(np.int32), norm, width)
+        block[:] = frontier
+    bears = (label[:, :, None] == np.arange(num_labels)).astype(np.float32)
+    width = len(around) * num_labels
+    counts = (around @ bears).transpose(1, 2, 0, 3).reshape(*is_node.shape, width)[is_node].astype(np.float64)
+    norm = np.sqrt(np.einsum("nf,nf->n", counts, counts))
+    counts /= np.maximum(norm, 1e-12)[:, None]
+    return counts  # type: ignore[no-any-return]
+
+
+def feature_products(query: np.ndarray, features: Any, i: np.ndarray, row: np.ndarray) -> np.ndarray:
+    """Return the products of pairs of features, (P,): rows i of the query's (n, F) with rows of a csr_array (N, F)."""
+    length = np.diff(features.indptr)[row]
+    entry = ranges(features.indptr[row], length)
+    products = features.data[entry] * query[i.repeat(length), features.indices[entry]]
+    return Segments(length).sum(products)
 
 
 def node2vec(
     graphs: Sequence[SaliencyGraph], seed: int, size: int = 32, walks: int = 10, length: int = 8
 ) -> list[np.ndarray]:
-    """node2vec (Grover and Leskovec 2016, p = q = 1) trained jointly on several graphs, (N, size) float64 unit rows for
-    each.
+    """Train node2vec (Grover and Leskovec 2016, p = q = 1) jointly on several graphs.
 
     Every second token of a walk is the label of the node before it: labels are shared between graphs and tie their
-    embeddings together; embeddings of separately trained graphs are not comparable (method.md 3).
+    embeddings together; embeddings of separately trained graphs are not comparable.
+
+    Returns:
+        For each graph (N, size) float64, rows of length 1.
     """
     from gensim.models import Word2Vec
 

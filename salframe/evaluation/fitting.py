@@ -98,8 +98,7 @@ def fit_method(
     if "weights" in fields:
         chosen = _try(tunings, tries, tell)
         weights, before, after = _fit(tunings, chosen)
-        names = fields["weights"].annotation.model_fields  # type: ignore[union-attr]
-        found = {name: float(f"{value:.4g}") for name, value in zip(names, weights, strict=True)}
+        found = {name: float(f"{value:.4g}") for name, value in weights.items()}
         whole = tunings[0].localizer.config.model_dump(mode="json", include=chosen.keys())
         content = {**merge(whole, chosen), "weights": found}
         gain["evidence"] = {"before": before, "after": after}
@@ -185,7 +184,7 @@ def _try(tunings: Sequence[Tuning], tries: Sequence[str], tell: Tell) -> dict[st
     return best
 
 
-def _fit(tunings: Sequence[Tuning], changes: Mapping[str, Any]) -> tuple[np.ndarray, float, float]:
+def _fit(tunings: Sequence[Tuning], changes: Mapping[str, Any]) -> tuple[dict[str, float], float, float]:
     """Weights as of `fit_weights` of the queries whose place is on their map, under settings of matching."""
     asked: list[tuple[Evidence, str]] = []
     for tuning in tunings:

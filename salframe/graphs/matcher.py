@@ -46,6 +46,12 @@ class GraphMatcher(Role):
 
     role = "matcher"
 
+    @property
+    def estimates_scale(self) -> bool:
+        """Whether it takes all of a query's ranges to be off by one unknown factor, so that the query's positions are
+        not in metres."""
+        return False
+
     @abstractmethod
     def index(self, graphs: Sequence[SaliencyGraph]) -> Any:
         """Whatever makes matching against these graphs fast; handed back to `match`."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
@@ -23,6 +23,7 @@ from salframe.graphs.packing import (
     unpack_nodes,
 )
 from salframe.graphs.scene_index import SceneLookup
+from salframe.graphs.segments import Segments, ranges, starts
 
 _CHUNK = 1024
 """Labels of so many graphs are counted at once."""
@@ -30,8 +31,11 @@ _CHUNK = 1024
 
 @dataclass(frozen=True, eq=False)
 class GraphNodes:
-    """The nodes of K graphs, one graph's after the other's. count (K,) int64, nodes of each; label (N,) int64; scores,
-    saliency (N,), centroid_m, size_m (N, 3) float64."""
+    """The nodes of K graphs, one graph after the other: the flat layout that matching works on.
+
+    count: (K,) int64, number of nodes of each graph. label: (N,) int64, numbers of a vocabulary, -1 of a label that it
+    lacks. scores, saliency: (N,) float64. centroid_m, size_m: (N, 3) float64, in each graph's panorama frame.
+    """
 
     count: np.ndarray
     label: np.ndarray
@@ -40,35 +44,35 @@ class GraphNodes:
     centroid_m: np.ndarray
     size_m: np.ndarray
 
+    @classmethod
+    def of(cls, graph: SaliencyGraph, vocabulary: Mapping[str, int]) -> GraphNodes:
+        """Return the nodes of one graph, their labels numbered by a vocabulary."""
+        label = np.array([vocabulary.get(name, -1) for name in graph.labels], np.int64)
+        columns = (graph.scores, graph.saliency, graph.centroid_m, graph.size_m)
+        return cls(np.array([len(graph)]), label, *columns)
 
-@dataclass(frozen=True, eq=False)
-class GraphBatch:
-    """K graphs padded to the largest of them, m nodes. count (K,) int64, nodes of each; label (K, m) int64, -1 where
-    padded; scores, saliency (K, m), centroid_m (K, m, 3) float64, 0 where padded; size_m (K, m, 3) float64, 1 where
-    padded."""
+    def __len__(self) -> int:
+        return len(self.label)
 
-    count: np.ndarray
-    label: np.ndarray
-    scores: np.ndarray
-    saliency: np.ndarray
-    centroid_m: np.ndarray
-    size_m: np.ndarray
+    @cached_property
+    def segments(self) -> Segments:
+        """The graphs as groups of nodes."""
+        return Segments(self.count)
 
-    @property
-    def is_node(self) -> np.ndarray:
-        """(K, m) bool: not padded."""
-        return np.arange(self.label.shape[1]) < self.count[:, None]
+    @cached_property
+    def graph(self) -> np.ndarray:
+        """(N,) int64: the graph of each node."""
+        return np.arange(len(self.count)).repeat(self.count)
 
+    @cached_property
+    def range_m(self) -> np.ndarray:
+        """(N,) float64: distance of the centroids."""
+        return np.linalg.norm(self.centroid_m, axis=1)
 
-def starts(lengths: np.ndarray) -> np.ndarray:
-    """(N + 1,) int64: where each of N parts begins, and where the last ends."""
-    return np.concatenate([[0], lengths.cumsum(dtype=np.int64)])
-
-
-def ranges(first: np.ndarray, lengths: np.ndarray) -> np.ndarray:
-    """(sum of lengths,) int64: as many numbers as each length says, from each of `first` on."""
-    begins = starts(lengths)
-    return np.repeat(first - begins[:-1], lengths) + np.arange(begins[-1])
+    @cached_property
+    def log_size(self) -> np.ndarray:
+        """(N, 3) float64: logarithms of length, width and height."""
+        return np.log(self.size_m)
 
 
 def count_having(count: np.ndarray, label: np.ndarray, labels: int) -> np.ndarray:
@@ -129,20 +133,8 @@ class GraphTable(Sequence[SaliencyGraph]):
         """(B,) uint8: the bits of the edges of graphs (K,) as in `pack_graph`, graph by graph."""
         return self._edges[ranges(self._first_byte[graphs], _edge_bytes(self.sizes[graphs]))]
 
-    def batch(self, graphs: np.ndarray) -> GraphBatch:
-        """The graphs of these numbers (K,), padded."""
-        taken = self.take(graphs)
-        is_node = np.arange(taken.count.max(initial=0)) < taken.count[:, None]
-        padded = {}
-        for field in fields(taken)[1:]:
-            values = getattr(taken, field.name)
-            blank = {"label": -1, "size_m": 1}.get(field.name, 0)
-            padded[field.name] = np.full((*is_node.shape, *values.shape[1:]), blank, values.dtype)
-            padded[field.name][is_node] = values
-        return GraphBatch(taken.count, **padded)
-
     def adjacency(self, graphs: np.ndarray) -> np.ndarray:
-        """(K, m, m) bool, symmetric: which nodes of a batch of these graphs are in context."""
+        """Return which nodes of these graphs are in context, (K, m, m) bool, symmetric, padded to the largest graph."""
         count = self.sizes[graphs][:, None]
         most = count.max(initial=0)
         low, high = np.triu_indices(most, 1)

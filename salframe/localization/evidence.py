@@ -1,8 +1,8 @@
-"""What tells the places of a map apart, in parts, and the weights of these parts, fitted on tuning data."""
+"""What tells the places of a map apart, as named columns, and the weights of these columns, fitted on tuning data."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,52 +10,72 @@ import numpy as np
 from salframe.framework.errors import DataError
 
 RIDGE = 1e-3
-"""Weight of the squared weights, per answer and in units of a part's spread: without it parts that tell the places
+"""Weight of the squared weights, per answer and in units of a column's spread: without it columns that tell the places
 apart without an error have no best weights."""
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """H hypotheses of where a query was taken, several of which may name one place: places, H names; values (H, F)
-    float64, a column each of what speaks for them."""
+    """H hypotheses of where a query was taken, several of which may name the same place.
+
+    places: H names. values: by the name of each column, (H,) float64, what speaks for the hypotheses.
+    """
 
     places: Sequence[str]
-    values: np.ndarray
+    values: Mapping[str, np.ndarray]
 
-    def scores(self, weights: np.ndarray) -> dict[str, float]:
-        """The score of each place, of weights (F,): the logarithm of the summed exponentials of its hypotheses."""
-        found: dict[str, float] = {}
-        for place, score in zip(self.places, (self.values @ weights).tolist(), strict=True):
-            found[place] = float(np.logaddexp(found[place], score)) if place in found else score
-        return found
+    def scores(self, weights: Mapping[str, float]) -> np.ndarray:
+        """Return the score of each hypothesis, (H,): the weighted sum of its columns."""
+        total = np.zeros(len(self.places))
+        for name, values in self.values.items():
+            total += weights[name] * values
+        return total
+
+    def place_scores(self, weights: Mapping[str, float]) -> dict[str, float]:
+        """Return the score of each place: the logarithm of the summed exponentials of its hypotheses."""
+        scores: dict[str, float] = {}
+        for place, score in zip(self.places, self.scores(weights).tolist(), strict=True):
+            scores[place] = float(np.logaddexp(scores[place], score)) if place in scores else score
+        return scores
 
 
-def fit_weights(asked: Sequence[tuple[Evidence, str]]) -> tuple[np.ndarray, float, float]:
-    """Weights (F,) with which the softmax over the hypotheses of each query gives the true place most (maximal
-    likelihood, with a ridge), and the mean negative logarithm of its share with all hypotheses alike and with these.
+def fit_weights(samples: Sequence[tuple[Evidence, str]]) -> tuple[dict[str, float], float, float]:
+    """Fit weights with which the softmax over the hypotheses of each query gives the true place most.
 
-    asked: evidence, and the query's place; queries whose place no hypothesis names are left out. Raises DataError where
-    none is left.
+    Maximum likelihood with a ridge. Samples whose place no hypothesis names are left out.
+
+    Args:
+        samples: the evidence of each query, and the query's place. All have the same columns.
+
+    Returns:
+        The weight of each column, and the mean negative logarithm of the true place's share with equal hypotheses and
+        with these weights.
+
+    Raises:
+        DataError: no sample is left.
     """
     from scipy.optimize import minimize
 
-    known = [(one.values, np.array(one.places) == place) for one, place in asked if place in one.places]
+    known = [(one, np.array(one.places) == place) for one, place in samples if place in one.places]
     if not known:
-        raise DataError(f"received {len(asked)} answers, none of which ranks the query's place, expected some")
-    spread = np.concatenate([values - values.mean(0) for values, _ in known]).std(0)
+        raise DataError(f"received {len(samples)} answers, none of which ranks the query's place, expected some")
+    names = list(known[0][0].values)
+    columns = [(np.column_stack([one.values[name] for name in names]), is_true) for one, is_true in known]
+    spread = np.concatenate([values - values.mean(0) for values, _ in columns]).std(0)
     scale = np.where(spread > 0, spread, 1.0)
-    plain = [(values / scale, true) for values, true in known]
+    scaled = [(values / scale, is_true) for values, is_true in columns]
 
     def loss(weights: np.ndarray) -> tuple[float, np.ndarray]:
         total, slope = 0.0, np.zeros(len(weights))
-        for values, true in plain:
+        for values, is_true in scaled:
             score = values @ weights
-            share, of_true = (np.exp(part - np.logaddexp.reduce(part)) for part in (score, score[true]))
-            total += np.logaddexp.reduce(score) - np.logaddexp.reduce(score[true])
-            slope += share @ values - of_true @ values[true]
-        return total / len(plain) + RIDGE * weights @ weights, slope / len(plain) + 2 * RIDGE * weights
+            share, of_true = (np.exp(part - np.logaddexp.reduce(part)) for part in (score, score[is_true]))
+            total += np.logaddexp.reduce(score) - np.logaddexp.reduce(score[is_true])
+            slope += share @ values - of_true @ values[is_true]
+        return total / len(scaled) + RIDGE * weights @ weights, slope / len(scaled) + 2 * RIDGE * weights
 
     start = np.zeros(len(scale))
-    found = minimize(loss, start, jac=True, method="L-BFGS-B", options={"gtol": 1e-8})
-    after = loss(found.x)[0] - RIDGE * found.x @ found.x
-    return found.x / scale, float(loss(start)[0]), float(after)
+    result = minimize(loss, start, jac=True, method="L-BFGS-B", options={"gtol": 1e-8})
+    after = loss(result.x)[0] - RIDGE * result.x @ result.x
+    weights = dict(zip(names, (result.x / scale).tolist(), strict=True))
+    return weights, float(loss(start)[0]), float(after)

@@ -174,11 +174,10 @@ class Weighing(Reader):
 
     def evidence(self, description):
         near = -np.abs(self.rooms - (description["room"][0] + self.config.offset)) ** self.config.scales.b
-        return Evidence([frame.place for frame in self.frames], np.column_stack([near, np.ones(len(near))]))
+        return Evidence([frame.place for frame in self.frames], {"near": near, "same": np.ones(len(near))})
 
     def match(self, description):
-        weights = np.array([self.config.weights.near, self.config.weights.same])
-        places = rank_places(self.frames, self.evidence(description).values @ weights)
+        places = rank_places(self.frames, self.evidence(description).scores(self.config.weights.model_dump()))
         return Localization(places, None, LocalizationStatus.NO_POSE)
 
 @salframe.hookimpl

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from pydantic import ValidationError
-from salframe_graphs.triplet import TripletMatcher
+from salframe_graphs.geometric import GeometricMatcher
 from scipy.stats import binomtest
 
 from salframe.evaluation import scale
@@ -56,7 +56,7 @@ def test_what_a_map_costs_and_what_is_found_in_it(furnished, tmp_path, monkeypat
     # the index has another path in map.json
     assert one.bytes_per_scene == pytest.approx(folder_bytes(tmp_path / "map") / SCENES, rel=0.02)
     graphs = MappedGraphs(read_scenes(next((tmp_path / "map").glob("parts-*")))[0])
-    matcher = TripletMatcher(TripletMatcher.Config(most=None))
+    matcher = GeometricMatcher(GeometricMatcher.Config(most=None))
     index, rows = matcher.index(graphs), Run.load(result.runs[0]).rows("twenty", scale.ScaleTask.row)
     assert len({row["query"] for row in rows}) == 12
     expected = {

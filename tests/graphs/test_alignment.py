@@ -2,7 +2,15 @@
 
 import numpy as np
 from salframe_graphs.alignment import align
+from salframe_graphs.node_pairs import NodePairs
 from scipy.optimize import linear_sum_assignment
+
+
+def every_pair(graphs, query_nodes, graph_nodes):
+    """All pairs of the nodes of a query and of graphs of one size, and where each graph's nodes begin."""
+    graph, query, node = np.nonzero(np.ones((graphs, query_nodes, graph_nodes)))
+    first = np.arange(graphs) * graph_nodes
+    return NodePairs(query, node + first[graph], graph, graphs), first
 
 
 def test_pairs_are_those_of_greatest_total():
@@ -11,7 +19,8 @@ def test_pairs_are_those_of_greatest_total():
     similarity[similarity < 0.5] = 0
     kernel[kernel < rng.uniform(0.7, 1, (300, 1, 1))] = 0  # of some graphs nothing is explained, of others much
     by_kernel = shared = 0
-    for pairs, alike, explained in zip(align(similarity, kernel), similarity, kernel, strict=True):
+    aligned = align(*every_pair(300, 5, 7), similarity.ravel(), kernel.ravel())
+    for pairs, alike, explained in zip(aligned, similarity, kernel, strict=True):
         totals = [(value[linear_sum_assignment(value, maximize=True)], value) for value in (explained, alike)]
         (best, value) = totals[0] if (totals[0][0] > 0).sum() >= 2 else totals[1]
         by_kernel += value is explained
@@ -23,5 +32,5 @@ def test_pairs_are_those_of_greatest_total():
 
 
 def test_no_graph_and_no_pair():
-    assert align(np.zeros((0, 3, 4)), np.zeros((0, 3, 4))) == []
-    assert align(np.zeros((1, 3, 4)), np.zeros((1, 3, 4)))[0].shape == (0, 2)
+    assert align(*every_pair(0, 3, 4), np.zeros(0), np.zeros(0)) == []
+    assert align(*every_pair(1, 3, 4), np.zeros(12), np.zeros(12))[0].shape == (0, 2)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from salframe_graphs.bearings import verify_bearings
 from salframe_graphs.localizer import SaliencyGraphLocalizer
+from salframe_graphs.node_pairs import NodePairs
 from salframe_graphs.triplet import TripletMatcher
 
 from salframe.framework.errors import InputMissing
@@ -28,45 +29,54 @@ def directions(T_map_query, points_m):
     return seen / np.linalg.norm(seen, axis=-1, keepdims=True)
 
 
+def verified(bearing, map_m, similarity, max_shift_m):
+    """Poses (K, 4, 4) and kernels (K, n, m) of graphs of m nodes, map_m (K, m, 3), similarity (K, n, m)."""
+    graph, query, node = np.nonzero(similarity)
+    pairs = NodePairs(query, graph * map_m.shape[1] + node, graph, len(map_m))
+    value, weights = similarity[graph, query, node], np.ones(len(bearing))
+    found = verify_bearings(bearing, map_m.reshape(-1, 3), pairs, value, weights, TOLERANCE, max_shift_m)
+    kernel = np.zeros(similarity.shape)
+    kernel[graph, query, node] = found.kernel
+    return found.poses(), kernel
+
+
 def test_the_pose_of_a_room_of_unlike_objects():
     map_m = rooms(20)
     for k in range(20):
         rng = np.random.default_rng((1, k))
         truth = pose_2d(*rng.uniform(-2, 2, 2), rng.uniform(-np.pi, np.pi))
         similarity = np.eye(6)[None].repeat(20, 0)
-        found = verify_bearings(directions(truth, map_m[k]), map_m, similarity, np.ones(6), TOLERANCE, 6.0)
-        support = found.kernel.max(2).sum(1)
+        poses, kernel = verified(directions(truth, map_m[k]), map_m, similarity, 6.0)
+        support = kernel.max(2).sum(1)
         assert support.argmax() == k
-        shift_m, turn_rad = pose_errors(found.poses()[k], truth)
+        shift_m, turn_rad = pose_errors(poses[k], truth)
         assert shift_m < 0.15  # the grid's last step is 0.0625 m
         assert turn_rad < np.radians(5)
         assert support[k] > 0.9 * 6
 
 
-@pytest.mark.parametrize("largest_shift_m", [0.2, 0.6])
-def test_where_the_map_frame_stands_is_always_tried(largest_shift_m):
+@pytest.mark.parametrize("max_shift_m", [0.2, 0.6])
+def test_where_the_map_frame_stands_is_always_tried(max_shift_m):
     map_m = rooms(1)
-    found = verify_bearings(
-        directions(pose_2d(0, 0, 1.0), map_m[0]), map_m, np.eye(6)[None], np.ones(6), TOLERANCE, largest_shift_m
-    )
-    shift_m, turn_rad = pose_errors(found.poses()[0], pose_2d(0, 0, 1.0))
+    poses, _ = verified(directions(pose_2d(0, 0, 1.0), map_m[0]), map_m, np.eye(6)[None], max_shift_m)
+    shift_m, turn_rad = pose_errors(poses[0], pose_2d(0, 0, 1.0))
     assert (shift_m, turn_rad) == pytest.approx((0, 0), abs=1e-3)
 
 
 def test_candidates_do_not_change_one_another():
     map_m, similarity = rooms(40), np.eye(6)[None].repeat(40, 0)
     bearing = directions(pose_2d(0.5, 0.7, 1.0), map_m[3])
-    together = verify_bearings(bearing, map_m, similarity, np.ones(6), TOLERANCE, 4.0)
+    _, together = verified(bearing, map_m, similarity, 4.0)
     for k in (0, 17, 39):
-        alone = verify_bearings(bearing, map_m[k : k + 1], similarity[:1], np.ones(6), TOLERANCE, 4.0)
-        np.testing.assert_array_equal(alone.kernel[0], together.kernel[k])
+        _, alone = verified(bearing, map_m[k : k + 1], similarity[:1], 4.0)
+        np.testing.assert_array_equal(alone[0], together[k])
 
 
 def test_alike_objects_are_told_apart_by_where_they_are():
     map_m = rooms(1)
     truth = pose_2d(-0.6, 1.1, 2.2)
-    found = verify_bearings(directions(truth, map_m[0]), map_m, np.ones((1, 6, 6)), np.ones(6), TOLERANCE, 6.0)
-    assert found.kernel[0].argmax(1).tolist() == list(range(6))
+    _, kernel = verified(directions(truth, map_m[0]), map_m, np.ones((1, 6, 6)), 6.0)
+    assert kernel[0].argmax(1).tolist() == list(range(6))
 
 
 def test_a_mirrored_room_explains_less():
@@ -74,17 +84,15 @@ def test_a_mirrored_room_explains_less():
     mirrored = map_m * (1, -1, 1)
     bearing = directions(pose_2d(0.3, 0.2, 0.5), map_m[0])
     both = np.concatenate([map_m, mirrored])
-    found = verify_bearings(bearing, both, np.eye(6)[None].repeat(2, 0), np.ones(6), TOLERANCE, 6.0)
-    support = found.kernel.max(2).sum(1)
+    _, kernel = verified(bearing, both, np.eye(6)[None].repeat(2, 0), 6.0)
+    support = kernel.max(2).sum(1)
     assert support[1] < 0.7 * support[0]
 
 
 def test_one_direction_makes_no_pose():
-    found = verify_bearings(
-        directions(np.eye(4), rooms(1)[0, :1]), rooms(1)[:, :1], np.ones((1, 1, 1)), np.ones(1), TOLERANCE, 6.0
-    )
-    assert np.isnan(found.poses()[0]).all()
-    assert not found.kernel.any()
+    poses, kernel = verified(directions(np.eye(4), rooms(1)[0, :1]), rooms(1)[:, :1], np.ones((1, 1, 1)), 6.0)
+    assert np.isnan(poses[0]).all()
+    assert not kernel.any()
 
 
 def test_a_graph_without_range_has_bearings_and_shares_of_solid_angle():
@@ -161,7 +169,7 @@ def test_a_map_needs_range():
 
 def test_labels_alone_match_where_geometry_is_off():
     """`paper` and `usg` do not verify geometry: a query without range is matched by its labels."""
-    matcher = TripletMatcher(TripletMatcher.Config(geometry_score=0.0, similarity_score=0.0, triplet_score=1.0))
+    matcher = TripletMatcher(TripletMatcher.Config())
     map_m = rooms(3)
     graphs = [
         build_graph(

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from salframe_graphs.places.likelihood import Poses
 from salframe_graphs.places.outline import BINS, MapOutlines, free_outline, pack_outline, unpack_outline
 
 from salframe.panoramas.geometry import equirectangular_rays, wrap_angle
@@ -62,11 +63,11 @@ def test_the_true_pose_fits_best(turned):
     query = free_outline(seen_from(position, yaw))
     shifts = position + np.array([[0, 0], [0.6, 0], [0, 0.6], [-0.8, -0.8], [0, 0]])
     yaws = yaw + np.array([0, 0, 0, 0, np.pi / 2])
-    ratio = outlines.ratio(query, np.zeros(5, int), shifts, yaws)
+    ratio = outlines.ratio(query, Poses(np.zeros(5, int), shifts, yaws))
     assert ratio[0] > 100
     assert (ratio[0] > ratio[1:] + 30).all()
 
 
 def test_a_place_without_an_outline_is_not_judged_by_one():
     outlines = MapOutlines.of(np.full((1, 2, BINS), np.nan), np.zeros((1, 2, 3)))
-    assert outlines.ratio(walls(middles()), np.zeros(1, int), np.zeros((1, 2)), np.zeros(1)).tolist() == [0.0]
+    assert outlines.ratio(walls(middles()), Poses(np.zeros(1, int), np.zeros((1, 2)), np.zeros(1))).tolist() == [0.0]

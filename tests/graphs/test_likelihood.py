@@ -7,12 +7,13 @@ import pytest
 from salframe_graphs.places.hypotheses import best_poses
 from salframe_graphs.places.likelihood import PlaceLikelihood, Poses
 from salframe_graphs.places.merging import Place
-from salframe_graphs.places.place_index import index_places, lay_out_query
+from salframe_graphs.places.place_index import index_places
 from salframe_graphs.places.rates import Likelihood, shipped_rates
 from salframe_graphs.places.search import settle
 from scipy.stats import norm
 
 from salframe.graphs.graph import SaliencyGraph
+from salframe.graphs.table import GraphNodes
 from salframe.panoramas.geometry import invert_pose, pose_2d, transform_points
 
 RATES, LIKELIHOOD = shipped_rates(), Likelihood()
@@ -46,10 +47,9 @@ def query(labels, centroid_m, scores=1.0):
     )
 
 
-def scored(places, asked, rates=RATES):
+def scored(places, graph, rates=RATES):
     index = index_places(places, [np.zeros((1, 3))] * len(places), rates, LIKELIHOOD)
-    objects = lay_out_query(asked, index)
-    return objects, index, PlaceLikelihood(objects, index, rates, LIKELIHOOD)
+    return PlaceLikelihood(GraphNodes.of(graph, index.vocabulary), index, rates, LIKELIHOOD)
 
 
 def at(x_m, y_m, yaw_rad, k=0):
@@ -65,7 +65,7 @@ def found_by_hand(distance_m, log_saliency=0.0, sightings=1.0):
 def test_one_object_of_one_is_what_the_densities_say():
     """A bed 3 m ahead of the camera that lies 0.3 m further and 0.1 m aside, 0.05 m higher and 1.2 times as long."""
     asked = replace(query(["bed"], [[3, 0, 0]]), size_m=np.array([[1.2, 1.0, 1.0]]))
-    _, _, scorer = scored([place(["bed"], [[3.3, 0.1, 0.05]], log_saliency=0.7, sightings=2.0)], asked)
+    scorer = scored([place(["bed"], [[3.3, 0.1, 0.05]], log_saliency=0.7, sightings=2.0)], asked)
     score, share = scorer.score(at(0, 0, 0))
     along = np.sqrt(RATES.position_error_m**2 + (RATES.range_error_share * 3) ** 2 + 0.04)
     across = np.sqrt(RATES.position_error_m**2 + 0.04)
@@ -77,21 +77,21 @@ def test_one_object_of_one_is_what_the_densities_say():
     found = found_by_hand(np.hypot(3.3, 0.1), 0.7, 2.0)
     odds = found / (1 - found) * ratio / RATES.clutter
     assert score[0] == pytest.approx(np.log(1 + odds) + np.log(1 - found), abs=1e-4)
-    assert share[0, 0, 0] == pytest.approx(odds / (1 + odds), abs=1e-5)
+    assert share[0, 0] == pytest.approx(odds / (1 + odds), abs=1e-5)
 
 
 def test_an_object_that_is_missed_costs_its_probability():
     """Two places that differ in one object, which the query has not: the score differs by log(1 - P)."""
     asked = query(["bed"], [[3, 0, 0]])
     places = [place(["bed"], [[3, 0, 0]]), place(["bed", "bed"], [[3, 0, 0], [-4, -30, 0]], name="b")]
-    _, _, scorer = scored(places, asked)
+    scorer = scored(places, asked)
     one, two = (scorer.score(at(0, 0, 0, k))[0][0] for k in (0, 1))
     assert two - one == pytest.approx(np.log(1 - found_by_hand(np.hypot(4, 30))), abs=1e-4)
 
 
 def test_two_that_claim_one_object_share_its_odds():
     places = [place(["bed"], [[3, 0, 0]])]
-    one, two = (scored(places, query(["bed"] * n, [[3, 0, 0]] * n))[2].score(at(0, 0, 0))[0][0] for n in (1, 2))
+    one, two = (scored(places, query(["bed"] * n, [[3, 0, 0]] * n)).score(at(0, 0, 0))[0][0] for n in (1, 2))
     missed = np.log(1 - found_by_hand(3.0))
     odds = np.expm1(one - missed)
     claimed = 2 * odds / (1 + odds)
@@ -101,7 +101,7 @@ def test_two_that_claim_one_object_share_its_odds():
 def test_a_detector_that_is_not_sure_counts_less():
     places = [place(["bed"], [[3, 0, 0]])]
     sure, unsure = (
-        scored(places, query(["bed"], [[3, 0, 0]], scores))[2].score(at(0, 0, 0))[0][0] for scores in (1.0, 0.5)
+        scored(places, query(["bed"], [[3, 0, 0]], scores)).score(at(0, 0, 0))[0][0] for scores in (1.0, 0.5)
     )
     missed = np.log(1 - found_by_hand(3.0))
     assert np.expm1(unsure - missed) == pytest.approx(0.5 * np.expm1(sure - missed), rel=1e-3)
@@ -113,24 +113,25 @@ def test_the_true_pose_is_found_among_places_alike():
     rooms = [np.column_stack([rng.uniform(-2.5, 2.5, (8, 2)), rng.uniform(-1, 1, 8)]) for _ in range(6)]
     T = pose_2d(0.6, -0.3, 2.2)
     asked = query(LABELS, transform_points(invert_pose(T), rooms[3]))
-    objects, index, scorer = scored([place(LABELS, room, name=str(k)) for k, room in enumerate(rooms)], asked)
-    started = best_poses(objects, index, scorer, 3)
+    scorer = scored([place(LABELS, room, name=str(k)) for k, room in enumerate(rooms)], asked)
+    started = best_poses(scorer, 3)
     assert (np.diff(started.place) >= 0).all()
     assert np.bincount(started.place).max() <= 3
-    poses, score, share = scorer.refine(started)
+    poses, score = scorer.refine(started)
     best = int(score.argmax())
+    _, share = scorer.score(poses.take(np.array([best])))
     assert poses.place[best] == 3
     np.testing.assert_allclose([*poses.shift_m[best], poses.yaw_rad[best] % (2 * np.pi)], [0.6, -0.3, 2.2], atol=0.01)
-    assert (np.diag(share[best]) > 0.9).all()
+    assert (np.diag(share) > 0.9).all()
 
 
 def test_refinement_never_scores_less():
     rng = np.random.default_rng(1)
     room = np.column_stack([rng.uniform(-2.5, 2.5, (8, 2)), rng.uniform(-1, 1, 8)])
     seen = transform_points(invert_pose(pose_2d(0.4, 0.1, 1.0)), room) + rng.normal(0, 0.1, (8, 3))
-    _, _, scorer = scored([place(LABELS, room)], query(LABELS, seen))
+    scorer = scored([place(LABELS, room)], query(LABELS, seen))
     starts = Poses(np.zeros(30, int), rng.uniform(-1, 1, (30, 2)), rng.uniform(0, 6, 30))
-    before, (_, after, _) = scorer.score(starts)[0], scorer.refine(starts)
+    before, (_, after) = scorer.score(starts)[0], scorer.refine(starts)
     assert (after >= before).all()
     assert after.max() > before.max()
 
@@ -145,9 +146,9 @@ def test_the_pose_lies_within_its_covariance():
     found, expected = [], []
     for _ in range(300):
         seen = room + np.column_stack([rng.normal(0, 0.1, (8, 2)), np.zeros(8)])
-        objects, index, scorer = scored(places, query(LABELS, seen), rates)
-        refined, _, share = scorer.refine(at(0, 0, 0))
-        pose, covariance = settle(objects, index, rates, refined, share[0], 0.0)
+        scorer = scored(places, query(LABELS, seen), rates)
+        refined, _ = scorer.refine(at(0, 0, 0))
+        pose, covariance = settle(scorer, refined, scorer.score(refined)[1], 0.0)
         found.append([*pose.shift_m[0], pose.yaw_rad[0]])
         expected.append(np.diag(covariance))
     ratio = np.std(found, 0) / np.sqrt(np.mean(expected, 0))
@@ -162,7 +163,25 @@ def test_one_object_out_of_place_does_not_move_the_pose():
     moved = room.copy()
     moved[0, 0] += 0.4
     places = [replace(place(LABELS, moved), variance_m2=np.full(8, 1e-3))]
-    objects, index, scorer = scored(places, query(LABELS, room))
-    refined, _, _ = scorer.refine(at(0, 0, 0))
-    pose, _ = settle(objects, index, RATES, refined, np.eye(8), 0.0)
+    scorer = scored(places, query(LABELS, room))
+    refined, _ = scorer.refine(at(0, 0, 0))
+    pose, _ = settle(scorer, refined, np.eye(8), 0.0)
     assert np.hypot(*pose.shift_m[0]) < 0.4 / 8 / 3
+
+
+def test_places_are_scored_as_if_alone():
+    """Of several places, one of them without objects, the score of a pose is that in a map of the same vocabulary."""
+    rng = np.random.default_rng(5)
+    rooms = [np.column_stack([rng.uniform(-2.5, 2.5, (n, 2)), rng.uniform(-1, 1, n)]) for n in (8, 0, 5)]
+    places = [place(LABELS[: len(room)], room, name=str(k)) for k, room in enumerate(rooms)]
+    scorer = scored(places, query(LABELS, rooms[0]))
+    poses = Poses(np.array([0, 1, 2, 2]), rng.uniform(-0.1, 0.1, (4, 2)), rng.uniform(-0.1, 0.1, 4))
+    together, share = scorer.score(poses)
+    assert share.shape == (8, 8 + 5 + 5)
+    for row, k in enumerate(poses.place):
+        alone, _ = scorer.score(poses.take(np.array([row])))
+        assert together[row] == pytest.approx(alone[0], abs=1e-6)
+        one = PlaceLikelihood(scorer.query, scorer.index.take(np.array([k])), RATES, LIKELIHOOD)
+        moved = replace(poses.take(np.array([row])), place=np.array([0]))
+        assert together[row] == pytest.approx(one.score(moved)[0][0], abs=1e-5)
+        assert scorer.unplaced()[k] == pytest.approx(one.unplaced()[0], abs=1e-5)

@@ -4,11 +4,11 @@ import json
 
 import numpy as np
 import pytest
-from salframe_graphs import triplet
+from salframe_graphs import node_matcher
+from salframe_graphs.geometric import GeometricMatcher
 from salframe_graphs.localizer import SaliencyGraphLocalizer
 from salframe_graphs.places.localizer import SaliencyPlacesLocalizer
 from salframe_graphs.retrieval.inverted_lists import InvertedLists
-from salframe_graphs.triplet import TripletMatcher
 
 from salframe.framework.config import validate
 from salframe.framework.errors import DataError, InputMissing
@@ -16,6 +16,7 @@ from salframe.framework.identity import identity
 from salframe.framework.installation import folder_bytes
 from salframe.framework.presets import configure, settings
 from salframe.graphs.detections import Detections
+from salframe.graphs.matcher import GraphMatcher
 from salframe.localization.localizer import rank_places
 from salframe.localization.map_folder import write_map
 from salframe.panoramas.frames import FrameKind, MapFrame, QueryFrame
@@ -89,15 +90,15 @@ def test_saved_map_gives_the_same_answers(mapped, tmp_path):
 @pytest.mark.parametrize("few", [0, 1000])
 def test_a_saved_map_is_not_indexed_again(few, tmp_path, monkeypatch):
     """Nor are its graphs read but for those that are matched: candidates, whose features are those kept in memory."""
-    made = graph_localizer(matcher={"kind": "triplet", "most": 4})
+    made = graph_localizer(matcher={"most": 4})
     frames = [map_frame(i, pose_2d(6.0 * i, 0, 0.3 * i)) for i in range(12)]
     door = MapFrame("door", "door", pose_2d(3.0, 0, 0), FrameKind.TRANSITION, lambda: seen(5, np.eye(4), "door"))
     made.build([*frames[:6], door, *frames[6:]])
     made.save(tmp_path)
-    for role, hook in ((InvertedLists, "build"), (TripletMatcher, "index"), (SaliencyGraphLocalizer, "index")):
+    for role, hook in ((InvertedLists, "build"), (GeometricMatcher, "index"), (SaliencyGraphLocalizer, "index")):
         monkeypatch.setattr(role, hook, None)
-    monkeypatch.setattr(triplet, "_FEW", few)
-    again = graph_localizer(matcher={"kind": "triplet", "most": 4})
+    monkeypatch.setattr(node_matcher, "_MAX_PRECOMPUTED", few)
+    again = graph_localizer(matcher={"most": 4})
     again.load(tmp_path)
     for i in range(12):
         description = made.describe_frame(query(i, pose_2d(0.2, 0.3, 2.0)))[0]
@@ -110,8 +111,8 @@ def test_a_saved_map_is_not_indexed_again(few, tmp_path, monkeypatch):
 
 def test_a_matcher_that_keeps_no_index_indexes_anew(tmp_path, monkeypatch):
     """With the graphs as they were remembered."""
-    monkeypatch.delattr(TripletMatcher, "write_index")
-    monkeypatch.delattr(TripletMatcher, "open_index")
+    monkeypatch.setattr(GeometricMatcher, "write_index", GraphMatcher.write_index)
+    monkeypatch.setattr(GeometricMatcher, "open_index", GraphMatcher.open_index)
     made, again = graph_localizer(), graph_localizer()
     made.build([map_frame(i, pose_2d(6.0 * i, 0, 0.3 * i)) for i in range(3)])
     made.save(tmp_path)

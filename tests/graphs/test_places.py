@@ -8,7 +8,7 @@ import yaml
 from pydantic import ValidationError
 from salframe_graphs.localizer import SaliencyGraphLocalizer
 from salframe_graphs.places import localizer as places_localizer
-from salframe_graphs.places.evidence import EVIDENCE, label_evidence, shipped_weights
+from salframe_graphs.places.evidence import Weights, label_evidence, shipped_weights
 from salframe_graphs.places.localizer import OUTLINE, SaliencyPlacesLocalizer
 from salframe_graphs.places.merging import Place
 from salframe_graphs.places.outline import BINS
@@ -128,9 +128,10 @@ def test_a_map_opened_again_answers_alike(settings, tmp_path, monkeypatch):
         assert before.places == after.places
         np.testing.assert_array_equal(before.T_world_query, after.T_world_query)
         np.testing.assert_array_equal(before.covariance, after.covariance)
-        evidence = made.evidence(description).values
-        assert evidence[:, EVIDENCE.index("outline")].any()
-        np.testing.assert_array_equal(evidence, again.evidence(description).values)
+        evidence, other = (one.evidence(description).values for one in (made, again))
+        assert evidence["outline"].any()
+        for name in Weights.model_fields:
+            np.testing.assert_array_equal(evidence[name], other[name])
 
 
 def test_failing_is_a_status():
@@ -211,8 +212,8 @@ def test_evidence_of_labels_is_counted_by_rarity():
     asked = 3 * bed + once + never
     shared = np.array([2 * bed, bed + once])
     own = np.array([2 * bed + once, bed + once])
-    found = label_evidence(np.array([0, 0, 0, 2, 3]), index, np.arange(2))
-    np.testing.assert_allclose(found, np.column_stack([shared / asked, shared / (own + asked - shared)]))
+    found = label_evidence(np.array([0, 0, 0, 2, -1]), index, np.arange(2))
+    np.testing.assert_allclose(found, [shared / asked, shared / (own + asked - shared)])
 
 
 def test_each_part_of_the_evidence_is_what_it_says():
@@ -220,17 +221,17 @@ def test_each_part_of_the_evidence_is_what_it_says():
     query, _ = asked(["a"], 0.4)
     seen = made.describe_frame(query)[0]
     evidence = made.evidence(seen)
-    assert evidence.values.shape == (2, len(EVIDENCE))
-    assert set(evidence.places) == {"a", "b"}
-    parts = dict(zip(EVIDENCE, evidence.values[list(evidence.places).index("a")], strict=True))
+    assert evidence.values.keys() == Weights.model_fields.keys()
+    assert sorted(evidence.places) == ["a", "b"]
+    row = list(evidence.places).index("a")
+    parts = {name: values[row] for name, values in evidence.values.items()}
     single = SaliencyGraphLocalizer(SaliencyGraphLocalizer.Config(detector="annotations"))
     single.build(FRAMES)
     assert parts["panorama"] == single.match(seen).places[0].score
     assert parts["labels_found"] == parts["labels_shared"] == 1  # nothing else is in the room
     assert parts["outline"] == 0  # object lists have none
     scores = {place.place: place.score for place in made.match(seen).places}
-    weights = np.array([getattr(made.config.weights, name) for name in EVIDENCE])
-    assert scores == pytest.approx(dict(zip(evidence.places, evidence.values @ weights, strict=True)))
+    assert scores == pytest.approx(evidence.place_scores(made.config.weights.model_dump()))
 
 
 def test_places_whose_panoramas_are_less_like_the_query_are_not_matched():
@@ -245,7 +246,7 @@ def test_places_whose_panoramas_are_less_like_the_query_are_not_matched():
 
 
 def test_of_many_places_those_that_the_index_puts_first_are_ranked(monkeypatch):
-    monkeypatch.setattr(places_localizer, "RANKED", 1)
+    monkeypatch.setattr(places_localizer, "MAX_RANKED", 1)
     made = localizer(candidates=1)
     for room, x_m in (("a", 0.4), ("b", 5.5)):
         answer = made.localize(asked([room], x_m)[0])
@@ -255,7 +256,7 @@ def test_of_many_places_those_that_the_index_puts_first_are_ranked(monkeypatch):
 @pytest.mark.parametrize("scale", [0.0, 0.3])
 def test_without_sure_range_it_answers_as_single_panoramas_do(scale):
     """Of bearings alone, and where ranges may be off by a factor."""
-    matcher = {"kind": "triplet", "largest_scale_error": scale}
+    matcher = {"kind": "geometric", "largest_scale_error": scale}
     single = SaliencyGraphLocalizer(SaliencyGraphLocalizer.Config(detector="annotations", matcher=matcher))
     single.build(FRAMES)
     description = dict(single.describe(panorama("q", ["b"], pose_2d(5.5, 0, 0.4))))

@@ -49,19 +49,13 @@ def test_graphs_come_back_as_packing_rounds_them(graphs, mapped):
 
 
 @pytest.mark.parametrize("held", [True, False])
-def test_a_batch_holds_what_its_graphs_do(graphs, mapped, held):
+def test_adjacency_is_padded_to_the_largest_graph(graphs, mapped, held):
     table, numbers = HeldGraphs(graphs) if held else mapped, np.array([5, 0, 17, 3])
-    batch, linked = table.batch(numbers), table.adjacency(numbers)
-    assert batch.label.shape == (4, max(len(graphs[number]) for number in numbers))
-    for k, number in enumerate(numbers):
-        graph, nodes = table[int(number)], batch.count[k]
-        assert [table.labels[i] for i in batch.label[k, :nodes]] == list(graph.labels)
-        for name, empty in (("scores", 0), ("saliency", 0), ("centroid_m", 0), ("size_m", 1)):
-            np.testing.assert_array_equal(getattr(batch, name)[k, :nodes], getattr(graph, name))
-            assert (getattr(batch, name)[k, nodes:] == empty).all()
-        assert (batch.label[k, nodes:] == -1).all()
-        np.testing.assert_array_equal(linked[k, :nodes, :nodes], graph.adjacency)
-        assert not linked[k, nodes:].any()
+    linked = table.adjacency(numbers)
+    assert linked.shape[1] == max(len(graphs[number]) for number in numbers)
+    for graph, of_graph in zip((table[number] for number in numbers.tolist()), linked, strict=True):
+        np.testing.assert_array_equal(of_graph[: len(graph), : len(graph)], graph.adjacency)
+        assert not of_graph[len(graph) :].any()
 
 
 @pytest.mark.parametrize("held", [True, False])
@@ -88,7 +82,7 @@ def test_tables_of_no_graphs_and_of_empty_ones(tmp_path):
     write_graphs([empty, empty], tmp_path / "graphs")
     for table in (HeldGraphs([]), HeldGraphs([empty, empty]), MappedGraphs(read_columns(tmp_path / "graphs"))):
         every = np.arange(len(table))
-        assert table.batch(every).label.shape == (len(table), 0)
+        assert len(table.take(every)) == 0
         assert table.adjacency(every).shape == (len(table), 0, 0)
         assert table.having.tolist() == []
     assert len(table) == 2

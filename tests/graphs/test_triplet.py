@@ -5,12 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from salframe_graphs import triplet
+from salframe_graphs import node_matcher
 from salframe_graphs.agreement import agree
-from salframe_graphs.features import node2vec, ring_hop_histograms
+from salframe_graphs.features import feature_products, node2vec, ring_hop_histograms
+from salframe_graphs.geometric import GeometricMatcher
+from salframe_graphs.node_pairs import NodePairs
 from salframe_graphs.retrieval.inverted_lists import InvertedLists
 from salframe_graphs.triplet import TripletMatcher
 from salframe_graphs.verification import ScaleBound, verify
+from scipy.sparse import random_array
 
 from salframe.framework.columns import read_columns
 from salframe.framework.config import validate
@@ -18,7 +21,7 @@ from salframe.framework.errors import ConfigError, RequirementMissing
 from salframe.graphs.detections import Detections
 from salframe.graphs.graph import GraphConfig, SaliencyGraph, build_graph, without_range
 from salframe.graphs.matcher import GraphMatch
-from salframe.graphs.table import HeldGraphs, MappedGraphs, write_graphs
+from salframe.graphs.table import GraphNodes, HeldGraphs, MappedGraphs, write_graphs
 from salframe.panoramas.frames import MapFrame
 from salframe.panoramas.geometry import invert_pose, pose_2d, pose_errors, transform_points
 
@@ -47,7 +50,16 @@ def graph_of(detections, T=None):
 
 
 def matcher(**settings):
+    return GeometricMatcher(GeometricMatcher.Config(**settings))
+
+
+def triplets(**settings):
     return TripletMatcher(TripletMatcher.Config(**settings))
+
+
+def kept(one, query, graphs):
+    """The numbers of the graphs that a matcher ranks."""
+    return {match.scene for match in one.match(query, one.index(graphs), len(graphs))}
 
 
 @pytest.fixture(scope="module")
@@ -55,28 +67,38 @@ def rooms():
     return [room(seed) for seed in range(30)]
 
 
-def test_jaccard_is_that_of_multisets(rooms):
+def test_candidates_are_those_of_a_large_jaccard_index_of_multisets(rooms):
     """Against collections.Counter, whose & and | are the intersection and union of multisets."""
-    graphs = [graph_of(r) for r in rooms]
-    one = matcher(rarity=False)
-    index = one.index(graphs)
-    query = graph_of(room(99, nodes=11))
-    known = np.array([index.graphs.vocabulary.get(label, -1) for label in query.labels])
-    found = one._jaccard(query.labels, known, np.ones(len(known)), index, np.arange(30))
-    asked = Counter(query.labels)
-    expected = [(asked & Counter(g.labels)).total() / (asked | Counter(g.labels)).total() for g in graphs]
-    np.testing.assert_allclose(found, expected)
+    graphs, query = [graph_of(r) for r in rooms], graph_of(room(99, nodes=11))
+    labels = Counter(query.labels)
+    jaccard = [(labels & Counter(g.labels)).total() / (labels | Counter(g.labels)).total() for g in graphs]
+    for share in (0.3, 0.6, 0.9):
+        expected = {number for number, value in enumerate(jaccard) if value >= share * max(jaccard)}
+        assert kept(matcher(rarity=False, keep=share, least_similarity=0.0), query, graphs) == expected
+        assert kept(triplets(rarity=False, keep=share), query, graphs) == expected
+
+
+def test_rare_labels_count_more(rooms):
+    """With smooth inverse document frequency, by hand."""
+    graphs, query = [graph_of(r) for r in rooms], graph_of(room(99, nodes=11, labels=(*LABELS, "stranger")))
+    having = Counter(label for graph in graphs for label in set(graph.labels))
+    rarity = {label: np.log(31 / (1 + having[label])) + 1 for label in (*LABELS, "stranger")}
+    labels = Counter(query.labels)
+
+    def weigh(counter):
+        return sum(rarity[label] * number for label, number in counter.items())
+
+    jaccard = [weigh(labels & Counter(g.labels)) / weigh(labels | Counter(g.labels)) for g in graphs]
+    expected = {number for number, value in enumerate(jaccard) if value >= 0.7 * max(jaccard)}
+    assert kept(matcher(keep=0.7), query, graphs) == expected
 
 
 def test_set_jaccard_ignores_numbers(rooms):
-    graphs = [graph_of(r) for r in rooms]
-    one = matcher(rarity=False, labels="set")
-    index = one.index(graphs)
-    query = graph_of(room(99, nodes=11, labels=(*LABELS, "stranger")))
-    known = np.array([index.graphs.vocabulary.get(label, -1) for label in query.labels])
-    found = one._jaccard(query.labels, known, np.ones(len(known)), index, np.arange(30))
-    asked = set(query.labels)
-    np.testing.assert_allclose(found, [len(asked & set(g.labels)) / len(asked | set(g.labels)) for g in graphs])
+    graphs, query = [graph_of(r) for r in rooms], graph_of(room(99, nodes=11, labels=(*LABELS, "stranger")))
+    labels = set(query.labels)
+    jaccard = [len(labels & set(g.labels)) / len(labels | set(g.labels)) for g in graphs]
+    expected = {number for number, value in enumerate(jaccard) if value >= 0.8 * max(jaccard)}
+    assert kept(triplets(rarity=False, labels="set", keep=0.8), query, graphs) == expected
 
 
 def test_a_moved_room_is_found_with_its_nodes_and_pose(rooms):
@@ -149,13 +171,13 @@ def test_triplet_score_by_hand():
     }
     query = SaliencyGraph(**base, edges=np.array([[0, 1], [1, 2]]))
     reference = SaliencyGraph(**base, edges=np.array([[0, 1], [0, 2]]))
-    settings = {"structure_weight": 0.0, "similarity_score": 0.0, "geometry_score": 0.0, "triplet_score": 1.0}
+    settings = {"structure_weight": 0.0}
     ab, bc = np.sqrt(0.15), np.sqrt(0.06)
     for normalise, expected in ((True, ab / (ab + bc)), (False, ab)):
-        one = matcher(**settings, normalise=normalise)
+        one = triplets(**settings, normalise=normalise)
         assert one.match(query, one.index([reference]), 1)[0].score == pytest.approx(expected)
     edgeless = SaliencyGraph(**base, edges=np.zeros((0, 2), int))
-    one = matcher(**settings)
+    one = triplets(**settings)
     assert one.match(edgeless, one.index([reference]), 1)[0].score == pytest.approx(1.0)
 
 
@@ -193,8 +215,7 @@ def test_nodes_of_score_zero_count_nothing():
 def histograms(table):
     """(N, F) the structural features of all nodes of a table."""
     every = np.arange(len(table))
-    found = ring_hop_histograms(table.batch(every), table.adjacency(every), len(table.labels), (1.0, 2.0, 4.0), 2)
-    return found.unit(np.arange(found.width))
+    return ring_hop_histograms(table.take(every), table.adjacency(every), len(table.labels), (1.0, 2.0, 4.0), 2)
 
 
 def test_ring_and_hop_histograms_by_hand():
@@ -224,16 +245,23 @@ def test_node2vec_is_seeded_and_joint():
     assert similarity[same_label].mean() > similarity[~same_label].mean()
 
 
+def every_pair(nodes):
+    """All pairs of the nodes of a query and of one graph of that many nodes."""
+    query, node = np.nonzero(np.ones((nodes, nodes)))
+    return NodePairs(query, node, np.zeros(nodes * nodes, int), 1)
+
+
 def test_verification_ignores_outliers():
     rng = np.random.default_rng(3)
     reference = rng.uniform(-3, 3, (1, 9, 2))
     T = pose_2d(0.7, -0.2, 1.1)
     query = transform_points(invert_pose(T), np.column_stack([reference[0], np.zeros(9)]))[:, :2]
     query[:3] = rng.uniform(-3, 3, (3, 2))
-    found = verify(query, reference, np.ones((1, 9, 9)), np.full((1, 9, 9), 0.3), np.full(9, 1 / 9), 4.0)
+    given = query, reference[0], every_pair(9), np.ones(81), np.full(81, 0.3), np.full(9, 1 / 9)
+    found = verify(*given, 4.0)
     assert pose_errors(found.poses()[0], T) == pytest.approx((0, 0), abs=0.05)
-    np.testing.assert_allclose(found.kernel[0, range(3, 9), range(3, 9)], 1, atol=0.05)
-    far = verify(query, reference, np.ones((1, 9, 9)), np.full((1, 9, 9), 0.3), np.full(9, 1 / 9), 0.1)
+    np.testing.assert_allclose(found.kernel.reshape(9, 9)[range(3, 9), range(3, 9)], 1, atol=0.05)
+    far = verify(*given, 0.1)
     assert np.isnan(far.poses()[0]).all()
 
 
@@ -243,21 +271,22 @@ def test_a_bounded_scale_is_estimated_with_the_pose(factor):
     reference = np.random.default_rng(2).uniform(-3, 3, (9, 3)) * (1, 1, 0.4)
     truth = pose_2d(1.0, -0.5, 2.0)
     query = transform_points(invert_pose(truth), reference) * factor
-    bound = ScaleBound(0.3, query[:, 2], reference[None, :, 2], 0.2)
-    tolerance = np.full((1, 9, 9), 0.2)
-    found = verify(query[:, :2], reference[None, :, :2], np.ones((1, 9, 9)), tolerance, np.ones(9), 6.0, bound)
+    bound = ScaleBound(0.3, query[:, 2], reference[:, 2], 0.2)
+    given = query[:, :2], reference[:, :2], every_pair(9), np.ones(81), np.full(81, 0.2), np.ones(9), 6.0
+    found = verify(*given, bound)
     assert pose_errors(found.poses()[0], truth) == pytest.approx((0, 0), abs=1e-6)
-    np.testing.assert_allclose(np.diag(found.kernel[0]), 1, atol=1e-5)
-    rigid = verify(query[:, :2], reference[None, :, :2], np.ones((1, 9, 9)), tolerance, np.ones(9), 6.0)
-    assert (np.diag(rigid.kernel[0]).sum() > 8.99) == (factor == 1.0)
+    np.testing.assert_allclose(np.diag(found.kernel.reshape(9, 9)), 1, atol=1e-5)
+    rigid = verify(*given)
+    assert (np.diag(rigid.kernel.reshape(9, 9)).sum() > 8.99) == (factor == 1.0)
 
 
 def test_a_scale_beyond_the_bound_is_not_estimated():
     reference = np.random.default_rng(2).uniform(-3, 3, (9, 3)) * (1, 1, 0.4)
-    bound = ScaleBound(0.1, reference[:, 2] * 0.6, reference[None, :, 2], None)
-    tolerance = np.full((1, 9, 9), 0.2)
-    found = verify(reference[:, :2] * 0.6, reference[None, :, :2], np.eye(9)[None], tolerance, np.ones(9), 6.0, bound)
-    assert found.kernel[0].max(1).sum() < 5
+    bound, itself = ScaleBound(0.1, reference[:, 2] * 0.6, reference[:, 2], None), np.arange(9)
+    pairs = NodePairs(itself, itself, np.zeros(9, int), 1)
+    query_xy = reference[:, :2] * 0.6
+    found = verify(query_xy, reference[:, :2], pairs, np.ones(9), np.full(9, 0.2), np.ones(9), 6.0, bound)
+    assert found.kernel.sum() < 5
 
 
 def test_a_match_tells_the_scale_that_the_positioner_uses(rooms):
@@ -288,7 +317,7 @@ def test_agreeing_matches_outvote_a_lone_one():
 def test_node2vec_without_gensim_says_how_to_get_it(monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(RequirementMissing, match=r"needs gensim, not installed: pip install 'salframe\[node2vec\]'"):
-        matcher(structure="node2vec")
+        triplets(structure="node2vec")
 
 
 def test_an_unweighted_graph_counts_triplets():
@@ -300,12 +329,11 @@ def test_an_unweighted_graph_counts_triplets():
         return SaliencyGraph(LABELS[:4], np.ones(4), saliency, centroid, np.ones((4, 3)), np.zeros(4), np.array(edges))
 
     query, reference = chain([(0, 1), (1, 2), (2, 3)]), chain([(0, 1), (1, 2)])
-    given = {"triplet_score": 1.0, "similarity_score": 0.0, "geometry_score": 0.0}
     shares = {"unit": 2 / 3, "saliency": (0.15**0.5 + 0.045**0.5) / (0.15**0.5 + 0.045**0.5 + 0.0075**0.5)}
     numbers = {"unit": 2, "saliency": 0.15**0.5 + 0.045**0.5}
     for normalise, expected in ((True, shares), (False, numbers)):
         for weights, score in expected.items():
-            one = matcher(edge_weights=weights, normalise=normalise, **given)
+            one = triplets(edge_weights=weights, normalise=normalise)
             assert one.match(query, one.index([reference]), 1)[0].score == pytest.approx(score)
 
 
@@ -354,28 +382,42 @@ def defined_histograms(graph, vocabulary):
     return rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-12)
 
 
-@pytest.mark.parametrize("mapped", [False, True])
-def test_structure_is_compared_as_defined(rooms, mapped, tmp_path, monkeypatch):
-    """Of graphs in memory, and of many on disk, whose features are computed for each query."""
-    monkeypatch.setattr(triplet, "_FEW", 10)
-    query = graph_of(rooms[7], pose_2d(0.3, -0.2, 1.0))
+def test_histograms_are_as_defined():
+    """Graphs of other sizes together, node by node; a label that the vocabulary lacks is not counted."""
     graphs = [graph_of(room(seed, nodes=3 + seed % 9)) for seed in range(30)]
-    one, table = matcher(), HeldGraphs(graphs)
-    if mapped:
-        write_graphs(graphs, tmp_path / "graphs")
-        table = MappedGraphs(read_columns(tmp_path / "graphs"))
-    index, candidates = one.index(table), np.array([2, 7, 11])
-    assert (index.structure is None) == mapped
-    batch, known = table.batch(candidates), np.array([table.vocabulary.get(label, -1) for label in query.labels])
-    found = one._rings(query, known, index, candidates, batch)
-    asked = defined_histograms(query, table.vocabulary)
-    for product, scene in zip(found, candidates, strict=True):
-        expected = asked @ defined_histograms(table[scene], table.vocabulary).T
-        np.testing.assert_allclose(product[:, : len(graphs[scene])], expected, atol=1e-12)
-        assert not product[:, len(graphs[scene]) :].any()
+    table = HeldGraphs(graphs)
+    expected = np.concatenate([defined_histograms(graph, table.vocabulary) for graph in graphs])
+    np.testing.assert_allclose(histograms(table), expected, atol=1e-12)
+    query = graph_of(room(7, labels=(*LABELS, "stranger")))
+    nodes = GraphNodes.of(query, table.vocabulary)
+    found = ring_hop_histograms(nodes, query.adjacency[None], len(table.labels), (1.0, 2.0, 4.0), 2)
+    np.testing.assert_allclose(found, defined_histograms(query, table.vocabulary), atol=1e-12)
+
+
+def test_products_of_features_are_those_of_matrices():
+    rng = np.random.default_rng(2)
+    query, features = rng.uniform(size=(4, 30)), random_array((9, 30), density=0.2, random_state=3, format="csr")
+    i, row = rng.integers(0, 4, 40), rng.integers(0, 9, 40)
+    expected = (query @ features.T.toarray())[i, row]
+    np.testing.assert_allclose(feature_products(query, features, i, row), expected, atol=1e-12)
+
+
+def test_graphs_on_disk_match_alike_whether_features_are_kept_or_not(rooms, tmp_path, monkeypatch):
+    graphs = [graph_of(room(seed, nodes=3 + seed % 9)) for seed in range(30)]
+    write_graphs(graphs, tmp_path / "graphs")
+    table, query = MappedGraphs(read_columns(tmp_path / "graphs")), graph_of(rooms[7], pose_2d(0.3, -0.2, 1.0))
+    one = matcher()
+    kept, scores = one.index(table), []
+    monkeypatch.setattr(node_matcher, "_MAX_PRECOMPUTED", 10)
+    anew = one.index(table)
+    assert kept.structure is not None
+    assert anew.structure is None
+    for index in (kept, anew):
+        scores.append([match.score for match in one.match(query, index, 30)])
+    assert scores[0] == pytest.approx(scores[1], abs=1e-12)
 
 
 @pytest.mark.parametrize("edges_m", [[2.0, 1.0], [0.0, 1.0], [1.0, 1.0]])
 def test_rings_that_do_not_widen_are_refused(edges_m):
     with pytest.raises(ConfigError, match=r"ring_edges_m.*expected edges above 0, each above the one before"):
-        validate(TripletMatcher.Config, {"kind": "triplet", "ring_edges_m": edges_m}, "matcher")
+        validate(GeometricMatcher.Config, {"kind": "geometric", "ring_edges_m": edges_m}, "matcher")

@@ -11,10 +11,10 @@ import numpy as np
 from pydantic import ConfigDict, field_validator
 from salframe_annotations.detector import AnnotationDetector
 from salframe_engines import Inline, Processes
+from salframe_graphs.geometric import GeometricMatcher
 from salframe_graphs.localizer import SaliencyGraphLocalizer
 from salframe_graphs.positioning import RobustPositioner
 from salframe_graphs.saliency import VolumetricSaliency
-from salframe_graphs.triplet import TripletMatcher
 from salframe_objects.localizer import ObjectSetLocalizer
 
 from salframe.framework.config import ComponentConfig, Settings, match_only
@@ -210,35 +210,35 @@ class Unprepared(VolumetricSaliency):
         return share / share.max() * share.max()
 
 
-class Beyond(TripletMatcher):
+class Beyond(GeometricMatcher):
     """Broken."""
 
     def match(self, query, index, top_k):
         return [replace(match, pairs=match.pairs + 1) for match in super().match(query, index, top_k)]
 
 
-class Polygamous(TripletMatcher):
+class Polygamous(GeometricMatcher):
     """Broken."""
 
     def match(self, query, index, top_k):
         return [replace(match, pairs=match.pairs * (0, 1)) for match in super().match(query, index, top_k)]
 
 
-class Generous(TripletMatcher):
+class Generous(GeometricMatcher):
     """Broken."""
 
     def match(self, query, index, top_k):
         return super().match(query, index, 5)
 
 
-class WorstFirst(TripletMatcher):
+class WorstFirst(GeometricMatcher):
     """Broken."""
 
     def match(self, query, index, top_k):
         return super().match(query, index, top_k)[::-1]
 
 
-class Contradicting(TripletMatcher):
+class Contradicting(GeometricMatcher):
     """Broken."""
 
     def rank(self, query, index, top_k):
@@ -246,7 +246,7 @@ class Contradicting(TripletMatcher):
         return replace(ranked, score=ranked.score[::-1])
 
 
-class Displaced(TripletMatcher):
+class Displaced(GeometricMatcher):
     """Broken."""
 
     def rank(self, query, index, top_k):
@@ -254,7 +254,7 @@ class Displaced(TripletMatcher):
         return replace(ranked, T_scene_query=ranked.T_scene_query + 1)
 
 
-class Misled(TripletMatcher):
+class Misled(GeometricMatcher):
     """Broken."""
 
     def match(self, query, index, top_k):
@@ -264,7 +264,7 @@ class Misled(TripletMatcher):
         ]
 
 
-class Hopeful(TripletMatcher):
+class Hopeful(GeometricMatcher):
     """Broken."""
 
     def match(self, query, index, top_k):
@@ -309,7 +309,7 @@ class Backward(RobustPositioner):
         return super().resect(-bearing, reference_m)
 
 
-class Rangeless(TripletMatcher):
+class Rangeless(GeometricMatcher):
     """Broken."""
 
     def match(self, query, index, top_k):
@@ -318,7 +318,7 @@ class Rangeless(TripletMatcher):
         ]
 
 
-class Shuffled(TripletMatcher):
+class Shuffled(GeometricMatcher):
     """Broken."""
 
     def open_index(self, graphs, folder):

@@ -179,7 +179,7 @@ class Settled(AnnotationDetector):
         share: float = match_only(1.0, gt=0.4, le=1)
         way: Literal["straight", "round"] = match_only("straight")
         limit: float | None = match_only(None)
-        matcher: slot("matcher", "triplet", match_only=True)
+        matcher: slot("matcher", "geometric", match_only=True)
         word: str = match_only("any")
         labels: UserFile | None = None
 

@@ -1,4 +1,4 @@
-"""What speaks for a place, and how it is weighed: each part measured by itself, their weights fitted on tuning data."""
+"""The columns of evidence for a place, and their weights, which are fitted on tuning data."""
 
 from __future__ import annotations
 
@@ -8,13 +8,15 @@ import numpy as np
 from pydantic import Field
 
 from salframe.framework.config import Settings, read_yaml, validate
+from salframe.graphs.segments import ranges
+from salframe_graphs.node_pairs import label_counts
 from salframe_graphs.places.place_index import PlaceIndex
 from salframe_graphs.places.rates import SHIPPED
 
 
 class Weights(Settings):
-    """What each part of the evidence adds to a place's score, for each unit of it. A place's share of the probability
-    is the softmax of the scores."""
+    """Weights of the columns of evidence in a place's score; the softmax of the scores gives the places' shares of
+    probability."""
 
     likelihood: float = Field(description="of the log likelihood ratio of place and pose (nats)")
     outline: float = Field(
@@ -25,28 +27,24 @@ class Weights(Settings):
     labels_shared: float = Field(description="of the Jaccard index of both multisets of labels, by rarity")
 
 
-EVIDENCE = tuple(Weights.model_fields)
-"""The parts of the evidence in the order of its columns."""
+def label_evidence(label: np.ndarray, index: PlaceIndex, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Compare the labels of a query with those of places.
 
+    Args:
+        label: (n,) the query's, numbers of the index's vocabulary, -1 of a label that it lacks; n > 0.
+        index: the places.
+        places: (K,) those to compare with.
 
-def label_evidence(label: np.ndarray, index: PlaceIndex, places: np.ndarray) -> np.ndarray:
-    """(K, 2) of places (K,): the share of the query's rare labels that each has, and the Jaccard index of both
-    multisets.
-
-    label (n,): those of the query, n > 0, as in QueryObjects.
+    Returns:
+        (K,) the share of the query's labels that each place has, and (K,) the Jaccard index of both multisets of
+        labels, both weighted by rarity.
     """
-    number = np.bincount(label)
-    asked = np.flatnonzero(number)
-    count = number[asked]
-    column = np.full(len(index.rarity), -1)
-    column[asked] = np.arange(len(asked))
-    there = index.label[places]
-    there = np.where(there >= 0, column[there], -1)
-    cell = np.nonzero(there >= 0)[0] * len(asked) + there[there >= 0]
-    counts = np.bincount(cell, minlength=len(places) * len(asked)).reshape(len(places), len(asked))
-    shared = np.minimum(counts, count) @ index.rarity[asked]
-    own = count @ index.rarity[asked]
-    return np.column_stack([shared / own, shared / (index.weight[places] + own - shared)])
+    each = index.count[places]
+    label_there = index.label[ranges(index.segments.start[places], each)]
+    used, number, counts = label_counts(label, len(index.vocabulary), label_there, each)
+    shared = np.minimum(counts, number) @ index.rarity[used]
+    whole = number @ index.rarity[used]
+    return shared / whole, shared / (index.weight[places] + whole - shared)
 
 
 @cache

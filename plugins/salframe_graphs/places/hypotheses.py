@@ -1,110 +1,89 @@
-"""Poses worth a look: two alike pairs of objects at the same distance give one."""
+"""Start poses of a query in each place, from two pairs of alike objects at the same distance."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from salframe.graphs.segments import Segments, pairs_within, ranges, run_starts, starts, top_per_group
 from salframe_graphs.places.likelihood import PlaceLikelihood, Poses
-from salframe_graphs.places.place_index import PlaceIndex, QueryObjects
-from salframe_graphs.verification import best_per_candidate, two_pairs
 
-MOST_PAIRS, MOST_HYPOTHESES = 40, 100
-"""Pairs of alike objects, and hypotheses made of two of them, that are looked at in each place."""
-LEAST_ALIKE = -2.0
-"""Log ratio of label, height and size below which two objects start no hypothesis."""
-LEAST_BASE_M, LONGEST_BASE_M, BASE_WORTH = 0.3, 4.0, 0.3
-"""Distance below which two objects say nothing of a heading, that above which more says no more, and what each metre
-between is worth beside what the pairs are."""
-LARGEST_SHIFT_M = 6.0
+MAX_PAIRS, MAX_HYPOTHESES = 40, 100
+"""Maximum numbers of pairs of alike objects, and of hypotheses made of two pairs, in each place."""
+MIN_LOG_RATIO = -2.0
+"""Log ratio of label, height and size below which two objects make no pair."""
+MIN_BASE_M, MAX_BASE_M, BASE_WORTH = 0.3, 4.0, 0.3
+"""Distance below which two objects do not tell a heading, the distance above which more does not help, and the value of
+a metre beside the log ratios of the pairs."""
+MAX_SHIFT_M = 6.0
 """A query this far from every scene frame of a place was not taken in it."""
 SLACK_SIGMAS = 2.0
+"""Two distances differ when they are this many standard deviations apart."""
 
 
-def best_poses(query: QueryObjects, index: PlaceIndex, scorer: PlaceLikelihood, kept: int) -> Poses:
-    """At most `kept` poses a place, sorted by place, then best first: two-point hypotheses scored by all alike pairs,
-    each object of the place as likely found as from its first camera."""
-    every, rates = np.arange(len(index.label)), scorer.rates
-    same = query.label[None, :, None] == index.label[:, None]
-    value = np.where(same, scorer.alike, -np.inf)
-    k, i, j = np.nonzero(value > LEAST_ALIKE)
-    ranked = np.sort(best_per_candidate(value[k, i, j], k, MOST_PAIRS))
-    k, i, j = k[ranked], i[ranked], j[ranked]
-    worth = value[k, i, j]
-    first, second = two_pairs(k, len(every))
-    keep = (i[first] != i[second]) & (j[first] != j[second])
-    first, second = first[keep], second[keep]
-    i1, i2, j1, j2, place = i[first], i[second], j[first], j[second], k[first]
-    base, base_there = query.xy_m[i2] - query.xy_m[i1], index.xy_m[place, j2] - index.xy_m[place, j1]
-    length, length_there = np.hypot(*base.T), np.hypot(*base_there.T)
-    noise = rates.position_error_m**2 + (rates.range_error_share * query.range_m) ** 2
-    slack = SLACK_SIGMAS * np.sqrt(noise[i1] + noise[i2] + index.variance_m2[place, j1] + index.variance_m2[place, j2])
-    fits = (np.abs(length - length_there) < slack) & (np.minimum(length, length_there) > LEAST_BASE_M)
-    rank = np.where(fits, worth[first] + worth[second] + BASE_WORTH * np.minimum(length, LONGEST_BASE_M), -np.inf)
-    chosen = np.sort(best_per_candidate(rank, place, MOST_HYPOTHESES))
-    place, i1, i2, j1, j2 = (array[chosen] for array in (place, i1, i2, j1, j2))
-    yaw = np.arctan2(base_there[chosen, 1], base_there[chosen, 0]) - np.arctan2(base[chosen, 1], base[chosen, 0])
-    c, s = np.cos(yaw), np.sin(yaw)
-    middle = (query.xy_m[i1] + query.xy_m[i2]) / 2
-    turned = np.stack([c * middle[:, 0] - s * middle[:, 1], s * middle[:, 0] + c * middle[:, 1]], 1)
-    shift = (index.xy_m[place, j1] + index.xy_m[place, j2]) / 2 - turned
-    near = np.sqrt(((index.cameras_m[place] - shift[:, None]) ** 2).sum(2)).min(1, initial=np.inf) < LARGEST_SHIFT_M
-    poses = Poses(place[near], shift[near], yaw[near])
-    support = _support(query, index, scorer, (k, i, j), poses)
-    return poses.take(best_per_candidate(support, poses.place, kept))
+def best_poses(scorer: PlaceLikelihood, max_poses: int) -> Poses:
+    """Return at most `max_poses` poses of each place, sorted by place, then best first.
 
-
-def _support(
-    query: QueryObjects,
-    index: PlaceIndex,
-    scorer: PlaceLikelihood,
-    pairs: tuple[np.ndarray, np.ndarray, np.ndarray],
-    poses: Poses,
-) -> np.ndarray:
-    """(C,) the part of the score that alike pairs (k, i, j), sorted by place, bring under poses sorted by place.
-
-    Single precision, and laid out (places, hypotheses, pairs): most of a query's time is spent here.
+    Two-point hypotheses are scored by all pairs of alike objects; each object of the place counts as if seen from the
+    place's first camera.
     """
-    k, i, j = pairs
-    places, rates = len(index.label), scorer.rates
+    index, xy_m, rates = scorer.index, scorer.xy_m, scorer.rates
+    i, j = np.nonzero(scorer.same_label & (scorer.log_ratio > MIN_LOG_RATIO))
+    worth, place = scorer.log_ratio[i, j], index.place[j]
+    order = np.lexsort((j, i, place))
+    if np.bincount(place, minlength=1).max() > MAX_PAIRS:
+        order = order[np.sort(top_per_group(worth[order], place[order], MAX_PAIRS))]
+    i, j, worth, place = i[order], j[order], worth[order], place[order]
+    first, second = pairs_within(starts(np.bincount(place, minlength=len(index))))
+    is_base = (i[first] != i[second]) & (j[first] != j[second])
+    first, second = first[is_base], second[is_base]
+    i1, i2, j1, j2 = i[first], i[second], j[first], j[second]
+    base, map_base = xy_m[i2] - xy_m[i1], index.xy_m[j2] - index.xy_m[j1]
+    length, map_length = np.hypot(*base.T), np.hypot(*map_base.T)
+    noise, variance = rates.position_error_m**2 + (rates.range_error_share * scorer.range_m) ** 2, index.variance_m2
+    slack = SLACK_SIGMAS * np.sqrt(noise[i1] + noise[i2] + variance[j1] + variance[j2])
+    fits = (np.abs(length - map_length) < slack) & (np.minimum(length, map_length) > MIN_BASE_M)
+    rank = np.where(fits, worth[first] + worth[second] + BASE_WORTH * np.minimum(length, MAX_BASE_M), -np.inf)
+    chosen = np.sort(top_per_group(rank, place[first], MAX_HYPOTHESES))
+    i1, i2, j1, j2, base, map_base = (values[chosen] for values in (i1, i2, j1, j2, base, map_base))
+    yaw = np.arctan2(map_base[:, 1], map_base[:, 0]) - np.arctan2(base[:, 1], base[:, 0])
+    c, s = np.cos(yaw), np.sin(yaw)
+    middle = (xy_m[i1] + xy_m[i2]) / 2
+    turned = np.array([c * middle[:, 0] - s * middle[:, 1], s * middle[:, 0] + c * middle[:, 1]]).T
+    shift = (index.xy_m[j1] + index.xy_m[j2]) / 2 - turned
+    poses = Poses(index.place[j1], shift, yaw)
+    away = index.cameras_m[poses.place] - shift[:, None]
+    near = (away * away).sum(2).min(1, initial=np.inf) < MAX_SHIFT_M**2
+    poses = poses.take(np.flatnonzero(near))
+    return poses.take(top_per_group(_support(scorer, i, j, poses), poses.place, max_poses))
+
+
+def _support(scorer: PlaceLikelihood, i: np.ndarray, j: np.ndarray, poses: Poses) -> np.ndarray:
+    """The part of the score that pairs of alike objects bring under poses, (C,); both are sorted by place.
+
+    Every pose is evaluated with the pairs of its place alone, in single precision: much of a query's time is spent
+    here.
+    """
     if not len(poses):
         return np.zeros(0)
-    column = np.arange(len(k)) - np.searchsorted(k, k)
-    row = np.arange(len(poses)) - np.searchsorted(poses.place, poses.place)
-    shape = (places, row.max() + 1, column.max() + 1)
-
-    def beside(values: np.ndarray, fill: float = 0.0) -> np.ndarray:
-        """Values of pairs (P,) as (places, 1, pairs)."""
-        laid = np.full((places, shape[2]), fill, np.float32)
-        laid[k, column] = values
-        return laid[:, None]
-
-    def below(values: np.ndarray) -> np.ndarray:
-        """Values of poses (C,) as (places, hypotheses, 1)."""
-        laid = np.zeros(shape[:2], np.float32)
-        laid[poses.place, row] = values
-        return laid[..., None]
-
-    across = index.variance_m2[k, j] + rates.position_error_m**2
-    along = across + (rates.range_error_share * query.range_m[i]) ** 2
-    logit = scorer.found_logit(np.arange(places), index.cameras_m[:, 0])[k, j]
-    peak = (
-        scorer.alike[k, i, j]
-        + logit
-        - np.log(rates.clutter)
-        + np.log(scorer.likelihood.area_m2 / (2 * np.pi))
-        - 0.5 * np.log(along * across)
-    )
+    index, place = scorer.index, scorer.index.place[j]
+    begin = starts(np.bincount(place, minlength=len(index)))
+    count = np.diff(begin)[poses.place]
+    pair = ranges(begin[poses.place], count)
+    along, across = scorer.exponents
+    columns = np.array([along[i, j], across[j], scorer.peak[i, j] + scorer.first_camera_logit[j]])
     origin = index.cameras_m[:, 0]  # single precision needs small numbers
-    local, moved = index.xy_m[k, j] - origin[k], poses.shift_m - origin[poses.place]
-    c, s = below(np.cos(poses.yaw_rad)), below(np.sin(poses.yaw_rad))
-    east, north = beside(local[:, 0]) - below(moved[:, 0]), beside(local[:, 1]) - below(moved[:, 1])
-    x = c * east + s * north - beside(query.xy_m[i, 0])
-    y = c * north - s * east - beside(query.xy_m[i, 1])
-    ray_x, ray_y = beside(query.ray[i, 0]), beside(query.ray[i, 1])
-    forth, side = x * ray_x + y * ray_y, y * ray_x - x * ray_y
-    exponent = forth * forth * beside(-0.5 / along) + side * side * beside(-0.5 / across)
-    odds = np.exp(np.minimum(exponent + beside(peak, -np.inf), 50))
-    owner = np.zeros((places, shape[2], len(query)), np.float32)
-    owner[k, column, i] = 1
-    support = np.log1p(odds @ owner).sum(2)
-    return support[poses.place, row]
+    local = (index.xy_m[j] - origin[place]).astype(np.float32)
+    shift = (poses.shift_m - origin[poses.place]).astype(np.float32)
+    c, s = np.cos(poses.yaw_rad).astype(np.float32), np.sin(poses.yaw_rad).astype(np.float32)
+    ray = scorer.ray.astype(np.float32)
+    across_ray = np.array([-ray[:, 1], ray[:, 0]]).T
+    turned = (c[:, None, None] * ray + s[:, None, None] * across_ray).reshape(-1, 2)
+    node = (np.arange(len(poses)) * len(ray)).repeat(count) + i[pair]
+    ray_x, ray_y = turned.take(node, 0).T
+    x, y = local.T.take(pair, 1) - shift.T.repeat(count, axis=1)
+    along, across, peak = columns.take(pair, 1)
+    forth, side = x * ray_x + y * ray_y - scorer.range_m.astype(np.float32)[i[pair]], y * ray_x - x * ray_y
+    odds = np.exp(np.minimum(forth * forth * along + side * side * across + peak, 50))
+    first = run_starts(node)
+    explained = np.log1p(np.add.reduceat(odds, first))
+    return Segments(np.bincount(node[first] // len(ray), minlength=len(poses))).sum(explained)

@@ -1,24 +1,29 @@
-"""The log likelihood ratio of a query's objects: those of a place seen from a pose, against clutter (method.md 3b)."""
+"""The log likelihood ratio of a query's objects: those of a place seen from a pose, against clutter
+(docs/explanation/method.md)."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from salframe_graphs.places.place_index import PlaceIndex, QueryObjects
+from salframe.graphs.segments import Segments, ranges
+from salframe.graphs.table import GraphNodes
+from salframe_graphs.places.place_index import PlaceIndex
 from salframe_graphs.places.rates import Likelihood, Rates
 
-NEAREST_M, REFERENCE_M = 0.5, 2.0
-"""Distance below which no object is found any better, and that at which `found_logit` holds."""
-LEAST_SCORE = 1e-3
-"""An object that its detector is not sure of at all counts so much."""
-MOST_LOGIT, MOST_LOG = 6.0, 50.0
-FAR_NATS = 30.0
-"""A pose whose score is so much below the best is not fitted: fitting raises scores by 0.7 in the median, 9 in one case
-of a hundred, and 21 at most (126 queries of `house-42`, seed 100)."""
+MIN_RANGE_M, REFERENCE_M = 0.5, 2.0
+"""Distance below which the probability of detection stays the same, and the distance at which `found_logit` holds."""
+MIN_SCORE = 1e-3
+"""Lower bound of a detector's score, so that its logarithm is finite."""
+MAX_LOGIT, MAX_LOG_RATIO = 6.0, 50.0
+"""Bounds of a detection logit and of a log ratio, so that exponentials stay finite."""
+MAX_GAIN_NATS = 30.0
+"""Poses whose score is this much below the best one are not refined: refinement raises a score by 0.7 in the median, by
+9 in one of a hundred cases, and by 21 at most (126 queries of `house-42`, seed 100)."""
 STEPS = 2
-"""So often a pose is fitted to what it explains, and what it explains looked for again."""
+"""Number of times a pose is fitted to the objects that it explains."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,133 +38,196 @@ class Poses:
         return len(self.place)
 
     def take(self, rows: np.ndarray) -> Poses:
-        """Those of these rows."""
+        """Return the poses of these rows."""
         return Poses(self.place[rows], self.shift_m[rows], self.yaw_rad[rows])
+
+
+@dataclass(frozen=True, eq=False)
+class _Columns:
+    """The objects of the places of C poses, one pose after the other: objects (T,) of the index, poses as groups."""
+
+    objects: np.ndarray
+    poses: Segments
+
+    def take(self, poses: np.ndarray) -> tuple[_Columns, np.ndarray]:
+        """Return the columns of some poses, and their positions among these."""
+        count = self.poses.count[poses]
+        position = ranges(self.poses.start[poses], count)
+        return _Columns(self.objects[position], Segments(count)), position
 
 
 class PlaceLikelihood:
     """Scores a query's objects against the places of a map.
 
     The score of place r and pose T is the sum over query objects i of
-    log(1 + sum_j o_j p(i | j, T) / (c p(i | clutter))) and over the place's objects j of log(1 - P_j), P_j the
-    probability that j is found from T, o_j = P_j / (1 - P_j), c
-    the rate of clutter. Query objects that claim the same object of the place share its odds.
+    log(1 + sum_j o_j p(i | j, T) / (c p(i | clutter))) and over the place's objects j of log(1 - P_j), where P_j is the
+    probability that j is detected from T, o_j = P_j / (1 - P_j), and c is the rate of clutter. Query objects that claim
+    the same object of the place share its odds.
+
+    log_ratio: (n, M) float32, log ratio of label, height and size of query objects i and map objects j.
     """
 
-    def __init__(self, query: QueryObjects, index: PlaceIndex, rates: Rates, likelihood: Likelihood) -> None:
-        self._query, self._index, self.rates, self.likelihood = query, index, rates, likelihood
-        self.alike = self._alike()
-        self._along, self._across = self._variances()
-        self._log_spread = np.log(self._along * self._across)
+    def __init__(self, query: GraphNodes, index: PlaceIndex, rates: Rates, likelihood: Likelihood) -> None:
+        """query: one graph, its labels numbered by the index's vocabulary, with known positions."""
+        self.query, self.index, self.rates, self.likelihood = query, index, rates, likelihood
+        self.xy_m = query.centroid_m[:, :2]
+        self.range_m = np.hypot(*self.xy_m.T)
+        self.ray = self.xy_m / np.maximum(self.range_m, 1e-9)[:, None]
+        self.same_label = query.label[:, None] == index.label
+        self.log_ratio = self._log_ratio()
+        self._across = index.variance_m2 + rates.position_error_m**2
+        self._along = self._across + ((rates.range_error_share * self.range_m) ** 2)[:, None]
+        self._minus_log_clutter = float(-np.log(rates.clutter))
 
-    def _alike(self) -> np.ndarray:
-        """(K, n, m) float32: log ratio of label, height and size, of an object that is there; -inf of padding. An
-        object that is one with probability s, else clutter, has 1 + s x the ratio of one that is."""
-        query, index, rates, taken = self._query, self._index, self.rates, self.likelihood
-        same = query.label[None, :, None] == index.label[:, None]
-        frequency = index.frequency[query.label][None, :, None]
-        ratio = np.where(same, np.log(rates.label_agreement / frequency), np.log(1 - rates.label_agreement))
-        ratio += np.log(np.maximum(query.score, LEAST_SCORE))[:, None]
-        height_m2 = rates.height_error_m**2 + (rates.range_error_share * query.z_m) ** 2
-        ratio += log_normal(query.z_m[:, None] - index.z_m[:, None], 2 * height_m2[:, None]) + np.log(
-            taken.height_span_m
-        )
-        for axis, error in ((0, rates.length_error_log), (2, rates.box_height_error_log)):
-            apart = query.log_size[:, None, axis] - index.log_size[:, None, :, axis]
-            ratio += log_normal(apart, 2 * error**2) + np.log(taken.size_span_log)
-        return np.where((index.label >= 0)[:, None], np.maximum(ratio, -MOST_LOG), -np.inf).astype(np.float32)
+    def _log_ratio(self) -> np.ndarray:
+        """The log ratio of an object that is there; one that is there with probability s has 1 + s x the ratio.
 
-    def found_logit(self, place: np.ndarray, position_m: np.ndarray) -> np.ndarray:
-        """(C, m) float32: logit that each object of place (C,) is found from position_m (C, 2); of padding too."""
-        away = self._index.xy_m[place] - position_m[:, None]
-        distance = np.maximum(np.sqrt((away**2).sum(2)), NEAREST_M)
-        logit = self._index.found_logit[place] + self.rates.found_per_distance * np.log(distance / REFERENCE_M)
-        return np.clip(logit, -MOST_LOGIT, MOST_LOGIT).astype(np.float32)
+        Normal densities of height, log length and log box height are quadratic forms of the map object's values, so
+        that a product of matrices evaluates all of them.
+        """
+        query, rates, likelihood = self.query, self.rates, self.likelihood
+        look = np.array([query.centroid_m[:, 2], query.log_size[:, 0], query.log_size[:, 2]]).T
+        variance = np.empty_like(look)
+        variance[:, 0] = 2 * (rates.height_error_m**2 + (rates.range_error_share * look[:, 0]) ** 2)
+        variance[:, 1:] = 2 * rates.length_error_log**2, 2 * rates.box_height_error_log**2
+        span = np.array([likelihood.height_span_m, likelihood.size_span_log, likelihood.size_span_log])
+        constant = (np.log(span) - 0.5 * (look**2 / variance + np.log(2 * np.pi * variance))).sum(1)
+        constant += np.log(np.maximum(query.scores, MIN_SCORE))
+        alike = np.concatenate([look / variance, -0.5 / variance, constant[:, None]], 1) @ self.index.appearance
+        same = np.log(rates.label_agreement / self.index.frequency[query.label])[:, None]
+        alike += np.where(self.same_label, same, np.log(1 - rates.label_agreement))
+        return np.maximum(alike, -MAX_LOG_RATIO).astype(np.float32)
 
-    def missed(self, place: np.ndarray, logit: np.ndarray) -> np.ndarray:
-        """(C,) log probability that no object of place (C,) is found, from logit (C, m)."""
-        return -np.where(self._index.label[place] >= 0, np.log1p(np.exp(logit)), 0).sum(1)
+    @cached_property
+    def peak(self) -> np.ndarray:
+        """(n, M) float32: log odds of a query and a map object that coincide, but for the logit of detection."""
+        at_peak = np.log(self.likelihood.area_m2 / (2 * np.pi)) - 0.5 * np.log(self._along * self._across)
+        return (self.log_ratio + at_peak + self._minus_log_clutter).astype(np.float32)
+
+    @cached_property
+    def exponents(self) -> tuple[np.ndarray, np.ndarray]:
+        """(n, M) and (M,) float32: factors of a squared deviation along the query object's ray and across it."""
+        return (-0.5 / self._along).astype(np.float32), (-0.5 / self._across).astype(np.float32)
+
+    def variances(self, objects: slice) -> tuple[np.ndarray, np.ndarray]:
+        """Return the variances of a deviation along the ray, (n, m), and across it, (m,), of some map objects."""
+        return self._along[:, objects], self._across[objects]
+
+    def found_logit(self, objects: np.ndarray, away_m: np.ndarray) -> np.ndarray:
+        """Return the logit of detecting map objects (T,) at offsets away_m (2, T), (T,) float32."""
+        distance = np.maximum(np.hypot(*away_m), MIN_RANGE_M)
+        logit = self.index.found_logit[objects] + self.rates.found_per_distance * np.log(distance / REFERENCE_M)
+        return np.minimum(np.maximum(logit, -MAX_LOGIT), MAX_LOGIT).astype(np.float32)
+
+    @cached_property
+    def _rays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Unit vectors along (n, 2) and across (n, 2) the rays of the query's objects, and ranges (n, 1), float32."""
+        x, y = self.ray.T
+        return np.array([x, y], np.float32).T, np.array([-y, x], np.float32).T, self.range_m.astype(np.float32)[:, None]
+
+    @cached_property
+    def first_camera_logit(self) -> np.ndarray:
+        """(M,) float32: the logit of detecting each object from the first camera of its place."""
+        index = self.index
+        return self.found_logit(np.arange(len(index.label)), (index.xy_m - index.cameras_m[:, 0][index.place]).T)
 
     def unplaced(self) -> np.ndarray:
-        """(K,) the score of each place without a pose: positions are left out, and what an object counts is lowered."""
-        every = np.arange(len(self._index.label))
-        logit = self.found_logit(every, self._index.cameras_m[:, 0])
-        odds = self._odds(self.alike + logit[:, None])
-        return np.log1p(self.likelihood.unplaced_share * odds.sum(2)).sum(1) + self.missed(every, logit)
+        """Return the score of each place without a pose, (K,): positions are left out, and an object counts less."""
+        columns = _Columns(np.arange(len(self.index.label)), self.index.segments)
+        odds = np.exp(np.minimum(self.log_ratio + self.first_camera_logit + self._minus_log_clutter, MAX_LOG_RATIO))
+        _, total = _share_odds(odds, columns)
+        score = np.log1p(self.likelihood.unplaced_share * total).sum(0)
+        return (score + _missed(self.first_camera_logit, columns)).astype(np.float64)
 
     def score(self, poses: Poses) -> tuple[np.ndarray, np.ndarray]:
-        """(C,) scores of poses, and (C, n, m) how surely each query object is each of the place's."""
-        x, y = self._apart(poses)
-        along, across = self._along[poses.place], self._across[poses.place]
-        ray = self._query.ray.astype(np.float32)[None, :, None]
-        forth, side = x * ray[..., 0] + y * ray[..., 1], y * ray[..., 0] - x * ray[..., 1]
-        at = np.log(self.likelihood.area_m2 / (2 * np.pi)) - 0.5 * (
-            forth * forth / along + side * side / across + self._log_spread[poses.place]
-        )
-        logit = self.found_logit(poses.place, poses.shift_m)
-        odds = self._odds(self.alike[poses.place] + at + logit[:, None])
-        total = 1 + odds.sum(2)
-        return np.log(total).sum(1) + self.missed(poses.place, logit), odds / total[..., None]
+        """Return the scores of poses (C,), and how surely each query object is each object of the pose's place.
 
-    def refine(self, poses: Poses) -> tuple[Poses, np.ndarray, np.ndarray]:
-        """Poses fitted to what they explain, with their scores and shares as of `score`; no worse than before. Those
-        that are far worse than the best stay as they are."""
-        score, share = self.score(poses)
-        near = np.flatnonzero(score >= score.max(initial=-np.inf) - FAR_NATS)
-        best, score_best, share_best = poses.take(near), score[near], share[near]
-        for _ in range(STEPS):
-            fitted = self._fit(best, share_best)
-            again, share_again = self.score(fitted)
-            better = again > score_best
+        The shares are (n, T), the objects of the places one pose after the other.
+        """
+        columns = self._columns(poses)
+        score, odds, total = self._evaluate(poses, columns)
+        return score, odds / columns.poses.spread(total)
+
+    def refine(self, poses: Poses) -> tuple[Poses, np.ndarray]:
+        """Return poses fitted to what they explain, and their scores (C,); no score is lower than before.
+
+        Poses that score far below the best one stay as they are.
+        """
+        columns = self._columns(poses)
+        score, odds, total = self._evaluate(poses, columns)
+        near = np.flatnonzero(score >= score.max(initial=-np.inf) - MAX_GAIN_NATS)
+        columns, position = columns.take(near)
+        best, best_score = poses.take(near), score[near]
+        share = odds[:, position] / columns.poses.spread(total[:, near])
+        for step in range(STEPS):
+            fitted = self._fit(best, columns, share)
+            fitted_score, odds, total = self._evaluate(fitted, columns)
+            is_better = fitted_score > best_score
             best = Poses(
                 best.place,
-                np.where(better[:, None], fitted.shift_m, best.shift_m),
-                np.where(better, fitted.yaw_rad, best.yaw_rad),
+                np.where(is_better[:, None], fitted.shift_m, best.shift_m),
+                np.where(is_better, fitted.yaw_rad, best.yaw_rad),
             )
-            score_best = np.where(better, again, score_best)
-            share_best = np.where(better[:, None, None], share_again, share_best)
+            best_score = np.where(is_better, fitted_score, best_score)
+            if step + 1 < STEPS:
+                share = np.where(columns.poses.spread(is_better), odds / columns.poses.spread(total), share)
         shift_m, yaw_rad = poses.shift_m.copy(), poses.yaw_rad.copy()
-        shift_m[near], yaw_rad[near] = best.shift_m, best.yaw_rad
-        score[near], share[near] = score_best, share_best
-        return Poses(poses.place, shift_m, yaw_rad), score, share
+        shift_m[near], yaw_rad[near], score[near] = best.shift_m, best.yaw_rad, best_score
+        return Poses(poses.place, shift_m, yaw_rad), score
 
-    def _odds(self, log_odds: np.ndarray) -> np.ndarray:
-        """(C, n, m) odds against clutter that query objects are a place's; where several claim one, they share its
-        odds."""
-        odds = np.exp(np.minimum(log_odds - np.log(self.rates.clutter), MOST_LOG))
-        claimed = (odds / (1 + odds.sum(2, keepdims=True))).sum(1, keepdims=True)
-        return odds / np.maximum(claimed, 1)
+    def _columns(self, poses: Poses) -> _Columns:
+        count = self.index.count[poses.place]
+        return _Columns(ranges(self.index.segments.start[poses.place], count), Segments(count))
 
-    def _apart(self, poses: Poses) -> tuple[np.ndarray, np.ndarray]:
-        """(C, n, m) float32: from query object to map object, along the axes of the query's frame."""
-        away = (self._index.xy_m[poses.place] - poses.shift_m[:, None]).astype(np.float32)
-        c, s = (turn(poses.yaw_rad).astype(np.float32)[:, None] for turn in (np.cos, np.sin))
-        query = self._query.xy_m.astype(np.float32)[None, :, None]
-        x = (c * away[..., 0] + s * away[..., 1])[:, None] - query[..., 0]
-        y = (c * away[..., 1] - s * away[..., 0])[:, None] - query[..., 1]
-        return x, y
+    def _evaluate(self, poses: Poses, columns: _Columns) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The scores of poses (C,), the odds (n, T) of each pair, and 1 + their sum for each query object (n, C)."""
+        objects = columns.objects
+        pose = np.array([poses.shift_m[:, 0], poses.shift_m[:, 1], np.cos(poses.yaw_rad), np.sin(poses.yaw_rad)])
+        pose = columns.poses.spread(pose)
+        away, (c, s) = self.index.xy_m.T[:, objects] - pose[:2], pose[2:]
+        logit = self.found_logit(objects, away)
+        turned = np.array([c * away[0] + s * away[1], c * away[1] - s * away[0]], np.float32)
+        ray, normal, range_m = self._rays
+        forth = ray @ turned
+        forth -= range_m  # the query object lies on its own ray
+        side = normal @ turned
+        along, across = self.exponents
+        log_odds = forth
+        log_odds *= forth
+        log_odds *= along.take(objects, 1)
+        side *= side
+        side *= across[objects]
+        log_odds += side
+        log_odds += self.peak.take(objects, 1)
+        log_odds += logit
+        odds, total = _share_odds(np.exp(np.minimum(log_odds, MAX_LOG_RATIO, out=log_odds), out=log_odds), columns)
+        total = 1 + total
+        return (np.log(total).sum(0) + _missed(logit, columns)).astype(np.float64), odds, total
 
-    def _variances(self) -> tuple[np.ndarray, np.ndarray]:
-        """(K, n, m) float32 of the difference of two centroids, along the query object's ray and across it."""
-        there = self._index.variance_m2[:, None]
-        across = there + self.rates.position_error_m**2
-        along = across + ((self.rates.range_error_share * self._query.range_m) ** 2)[None, :, None]
-        return along.astype(np.float32), np.broadcast_to(across, along.shape).astype(np.float32)
-
-    def _fit(self, poses: Poses, share: np.ndarray) -> Poses:
-        """Poses (C,) fitted in closed form to shares (C, n, m), pairs weighted by their certainty."""
-        weight = share / self._along[poses.place]
-        total = np.maximum(weight.sum((1, 2)), 1e-12)[:, None]
-        query, there = self._query.xy_m, self._index.xy_m[poses.place]
-        middle = (weight.sum(2) @ query) / total
-        middle_there = (weight.sum(1)[:, None] @ there)[:, 0] / total
-        spread = query.T @ weight @ there - total[:, :, None] * middle[:, :, None] * middle_there[:, None]
-        yaw = np.arctan2(spread[:, 0, 1] - spread[:, 1, 0], spread[:, 0, 0] + spread[:, 1, 1])
+    def _fit(self, poses: Poses, columns: _Columns, share: np.ndarray) -> Poses:
+        """Poses fitted in closed form to shares (n, T), pairs weighted by their certainty."""
+        objects = columns.objects
+        weight = share / self._along[:, objects]
+        by_query, by_object = columns.poses.sum(weight), weight.sum(0)
+        total = np.maximum(by_query.sum(0), 1e-12)
+        there = self.index.xy_m[objects].T
+        middle = (self.xy_m.T @ by_query) / total
+        middle_there = columns.poses.sum(by_object * there) / total
+        products = (self.xy_m.T @ weight)[:, None] * there  # query axis, map axis
+        spread = columns.poses.sum(products) - total * middle[:, None] * middle_there
+        yaw = np.arctan2(spread[0, 1] - spread[1, 0], spread[0, 0] + spread[1, 1])
         c, s = np.cos(yaw), np.sin(yaw)
-        moved = np.stack([c * middle[:, 0] - s * middle[:, 1], s * middle[:, 0] + c * middle[:, 1]], 1)
-        return Poses(poses.place, middle_there - moved, yaw)
+        moved = np.array([c * middle[0] - s * middle[1], s * middle[0] + c * middle[1]])
+        return Poses(poses.place, (middle_there - moved).T, yaw)
 
 
-def log_normal(off: np.ndarray, variance: np.ndarray | float) -> np.ndarray:
-    """Logarithm of the normal density of a deviation."""
-    return -0.5 * (off**2 / variance + np.log(2 * np.pi * variance))
+def _share_odds(odds: np.ndarray, columns: _Columns) -> tuple[np.ndarray, np.ndarray]:
+    """Odds (n, T) after query objects that claim the same map object share them, and their sums (n, C)."""
+    certainty = columns.poses.spread(1 / (1 + columns.poses.sum(odds)))
+    odds /= np.maximum(np.einsum("it,it->t", odds, certainty), 1)
+    return odds, columns.poses.sum(odds)
+
+
+def _missed(logit: np.ndarray, columns: _Columns) -> np.ndarray:
+    """Log probability that no object is detected, (C,), of logits (T,)."""
+    return -columns.poses.sum(np.log1p(np.exp(logit)))

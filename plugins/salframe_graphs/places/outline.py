@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from salframe.panoramas.geometry import equirectangular_rays
+from salframe_graphs.places.likelihood import Poses
 
 BINS = 72
 LOWEST_M, HIGHEST_M = 0.35, 0.8
@@ -73,17 +74,22 @@ class MapOutlines:
         """(K, F) whether a frame has an outline."""
         return np.isfinite(self.range_m).any(2)
 
-    def ratio(self, query_m: np.ndarray, place: np.ndarray, shift_m: np.ndarray, yaw_rad: np.ndarray) -> np.ndarray:
-        """(C,) log likelihood ratio of a query's outline (BINS,) under C poses place (C,), shift_m (C, 2), yaw_rad
-        (C,): the place's outlines seen from the pose and the query's from theirs, bin by bin, the best frame's sum. 0
-        where no frame has an outline."""
-        query_m, shift_m, yaw_rad = (a.astype(np.float32) for a in (query_m, shift_m, yaw_rad))
+    def ratio(self, query_m: np.ndarray, poses: Poses) -> np.ndarray:
+        """Return the log likelihood ratio of a query's outline under poses, (C,): 0 where no frame has an outline.
+
+        The place's outlines are seen from the pose and the query's from theirs, bin by bin; the sum of the frame that
+        fits best counts.
+        query_m: (BINS,) metres, NaN where not known.
+        """
+        place = poses.place
+        query_m, shift_m, yaw_rad = (a.astype(np.float32) for a in (query_m, poses.shift_m, poses.yaw_rad))
         row, frame = np.nonzero(self.known[place])
-        seen = place[row], frame
-        range_m, pose, here = self.range_m[seen], self.pose[seen], _corners(query_m, shift_m, yaw_rad)[row]
-        forth = self.corners_m[seen] - shift_m[row, None]
-        total = _fit(forth, yaw_rad[row, None], np.broadcast_to(query_m, range_m.shape))
-        total = total + _fit(here - pose[:, None, :2], pose[:, 2:], range_m)
+        map_m, pose = self.range_m[place[row], frame], self.pose[place[row], frame]
+        forth = self.corners_m[place[row], frame] - shift_m[row, None]
+        back = _corners(query_m, shift_m, yaw_rad)[row] - pose[:, None, :2]
+        heading = np.concatenate([yaw_rad[row], pose[:, 2]])[:, None]
+        expected = np.concatenate([np.broadcast_to(query_m, map_m.shape), map_m])
+        total = _fit(np.concatenate([forth, back]), heading, expected).reshape(2, -1).sum(0)
         best = np.full(len(place), -np.inf, total.dtype)
         np.maximum.at(best, row, total)
         return np.where(np.isfinite(best), best, 0).astype(np.float64)

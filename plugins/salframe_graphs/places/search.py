@@ -1,82 +1,84 @@
-"""The best pose of a query in each place, and the pose that is answered (method.md 3b)."""
+"""The best pose of a query in each place, and the pose that is answered (docs/explanation/method.md)."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from salframe_graphs.agreement import agreed
-from salframe_graphs.places.evidence import label_evidence
+from salframe.graphs.segments import top_per_group
+from salframe.graphs.table import GraphNodes
 from salframe_graphs.places.hypotheses import best_poses
 from salframe_graphs.places.likelihood import PlaceLikelihood, Poses
-from salframe_graphs.places.outline import MapOutlines
-from salframe_graphs.places.place_index import PlaceIndex, QueryObjects
+from salframe_graphs.places.place_index import PlaceIndex
 from salframe_graphs.places.rates import Likelihood, Rates
-from salframe_graphs.verification import best_per_candidate
-
-__all__ = ["agreed", "label_evidence", "outline_ratio", "search", "settle"]
 
 SETTLING_STEPS = 6
-"""So often the pose that is answered is fitted with what it explains unchanged."""
+"""Number of reweighted fits of the pose that is answered."""
+MIN_SHARE = 1e-7
+"""Pairs whose share is below this do not pull at the pose."""
 
-outline_ratio = MapOutlines.ratio
-"""How well outlines of free space fit poses."""
+_RIDGE = 1e-6 * np.eye(3)
+"""Added to the information matrix, so that it can be inverted."""
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
-    """The best pose of each of K places that has any: C poses, their place (C,) one of the K, ascending; score (C,)
-    float64; share, of the number of one of the poses: how surely each query object is each of the place's (n, m).
-    unplaced (K,): the score of each place without a pose."""
+class SearchResult:
+    """The best pose of each place of an index that has any: C poses, their places ascending, and score (C,) float64."""
 
+    scorer: PlaceLikelihood
     poses: Poses
     score: np.ndarray
-    share: Callable[[int], np.ndarray]
-    unplaced: np.ndarray
 
 
-def search(
-    query: QueryObjects, index: PlaceIndex, places: np.ndarray, rates: Rates, likelihood: Likelihood, refined: int
-) -> Found:
-    """What a query finds in places (K,) of an index, so many of the best hypotheses refined in each."""
-    index = index.take(places)
+def search(query: GraphNodes, index: PlaceIndex, rates: Rates, likelihood: Likelihood, max_poses: int) -> SearchResult:
+    """Return the best pose of a query in each place of an index, of `max_poses` that are refined in each."""
     scorer = PlaceLikelihood(query, index, rates, likelihood)
-    poses, score, share = scorer.refine(best_poses(query, index, scorer, refined))
-    best = best_per_candidate(score, poses.place, 1)
-    found = share[best]
-    return Found(poses.take(best), score[best].astype(np.float64), found.__getitem__, scorer.unplaced())
+    poses, score = scorer.refine(best_poses(scorer, max_poses))
+    best = top_per_group(score, poses.place, 1)
+    return SearchResult(scorer, poses.take(best), score[best])
 
 
-def settle(
-    query: QueryObjects, index: PlaceIndex, rates: Rates, pose: Poses, share: np.ndarray, least_m: float
-) -> tuple[Poses, np.ndarray]:
-    """One pose in a place of an index, fitted to its shares (n, m) with ranges as uncertain as they are and directions
-    as certain, and its first-order covariance (3, 3) (x, y, yaw) in the world's axes; least_m is added an axis.
+def settle(scorer: PlaceLikelihood, pose: Poses, share: np.ndarray, min_deviation_m: float) -> tuple[Poses, np.ndarray]:
+    """Fit one pose to the objects that it explains.
 
-    Errors are taken to be Cauchy's, fitted by reweighting: what is visible of an object moves with the viewpoint, of
-    some by far more than of most.
+    Errors are taken to be Cauchy distributed and fitted by reweighting: the visible part of an object moves with the
+    viewpoint, that of some objects far more than that of most.
+
+    Args:
+        scorer: likelihood of the query in the places of an index.
+        pose: one pose.
+        share: (n, m) how surely each query object is each object of the pose's place.
+        min_deviation_m: standard deviation added to each axis.
+
+    Returns:
+        The pose, and its first-order covariance (3, 3) of x, y, yaw in the axes of the world (m, rad).
     """
-    objects = slice(share.shape[1])
-    there, variance = (values[pose.place[0], objects] for values in (index.xy_m, index.variance_m2))
-    across = np.broadcast_to(variance + rates.position_error_m**2, share.shape)
-    along = across + ((rates.range_error_share * query.range_m) ** 2)[:, None]
-    variances = [some.astype(np.float32).astype(np.float64) for some in (along, across)]
+    own = slice(*scorer.index.segments.start[pose.place[0] : pose.place[0] + 2])
+    i, j = np.nonzero(share > MIN_SHARE)
+    along, across = scorer.variances(own)
+    along, across, share = along[i, j], across[j], share[i, j].astype(np.float64)
+    weight, off, slope = np.empty(2 * len(i)), np.empty(2 * len(i)), np.zeros((3, 2 * len(i)))
+    forth, side = off[: len(i)], off[len(i) :]  # along the turned rays, and across them
+    x, y = scorer.index.xy_m[own][j].T
+    query_x, query_y = scorer.xy_m[i].T
+    ray_x, ray_y = scorer.ray[i].T
+    slope[2, len(i) :] = scorer.range_m[i]  # turning moves an object across its ray
+    shift_m, yaw_rad = pose.shift_m[0], float(pose.yaw_rad[0])
     for _ in range(SETTLING_STEPS):
-        c, s = np.cos(pose.yaw_rad[0]), np.sin(pose.yaw_rad[0])
-        turn = np.array([[c, -s], [s, c]])
-        ray, moved = query.ray @ turn.T, query.xy_m @ turn.T
-        apart = there[None] - (moved + pose.shift_m)[:, None]
-        axes = (ray, np.stack([-ray[:, 1], ray[:, 0]], 1))
-        off = [(apart @ axis[:, :, None])[..., 0] for axis in axes]
-        kept = share / (1 + sum(o**2 / of for o, of in zip(off, variances, strict=True)))
-        information, pull = 1e-6 * np.eye(3), np.zeros(3)
-        for axis, o, of in zip(axes, off, variances, strict=True):
-            slope = np.column_stack([axis, axis[:, 1] * moved[:, 0] - axis[:, 0] * moved[:, 1]])
-            weight = kept / of
-            information += (slope * weight.sum(1)[:, None]).T @ slope
-            pull += slope.T @ (weight * o).sum(1)
-        step = np.linalg.solve(information, pull)
-        pose = Poses(pose.place, pose.shift_m + step[:2], pose.yaw_rad + step[2])
-    return pose, np.linalg.inv(information) + np.diag([least_m**2, least_m**2, 0.0])
+        c, s = np.cos(yaw_rad), np.sin(yaw_rad)
+        turned_x, turned_y = c * ray_x - s * ray_y, s * ray_x + c * ray_y
+        apart_x = x - (c * query_x - s * query_y) - shift_m[0]
+        apart_y = y - (s * query_x + c * query_y) - shift_m[1]
+        forth[:] = apart_x * turned_x + apart_y * turned_y
+        side[:] = apart_y * turned_x - apart_x * turned_y
+        kept = share / (1 + forth * forth / along + side * side / across)
+        weight[: len(i)], weight[len(i) :] = kept / along, kept / across
+        slope[0, : len(i)], slope[0, len(i) :] = turned_x, -turned_y
+        slope[1, : len(i)], slope[1, len(i) :] = turned_y, turned_x
+        weighted = slope * weight
+        information = weighted @ slope.T + _RIDGE
+        step = np.linalg.solve(information, weighted @ off)
+        shift_m, yaw_rad = shift_m + step[:2], yaw_rad + step[2]
+    covariance = np.linalg.inv(information) + np.diag([min_deviation_m**2, min_deviation_m**2, 0.0])
+    return Poses(pose.place, shift_m[None], np.array([yaw_rad])), covariance

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from salframe.graphs.table import ranges, starts
+from salframe.graphs.segments import ranges, starts
 from salframe_graphs.places.merging import Place
 
 

@@ -108,8 +108,7 @@ class _Method:
         self._cache, self._known = Cache(), dict[str, Description]()
         self._describer = digest(localizer.describe_identity())[:8]
         weights = getattr(localizer.config, "weights", None)
-        self._parts = list(type(weights).model_fields) if isinstance(weights, BaseModel) else []
-        self._weights = np.array([getattr(weights, part) for part in self._parts], float)
+        self._weights: dict[str, float] = weights.model_dump() if isinstance(weights, BaseModel) else {}
         self._frames: dict[str, MapFrame] = {}
 
     def take(self, fold: Fold) -> None:
@@ -122,7 +121,7 @@ class _Method:
                 continue
             usable[frame.id] = frame
         self._frames = usable
-        if self._parts and usable:
+        if self._weights and usable:
             known = [self._known[id] for id in usable]
             self._localizer.take_map(known, list(usable.values()), self._dataset.floors())
 
@@ -141,7 +140,7 @@ class _Method:
                 query["objects"][self._describer] = _points(matches.query_m, description)
                 frame_objects = self._found.frames[reference.id]["objects"]
                 frame_objects[self._describer] = _points(matches.reference_m, self._known[reference.id])
-        evidence = self._localizer.evidence(description) if self._parts else None
+        evidence = self._localizer.evidence(description) if self._weights else None
         return {
             "describer": self._describer,
             "references": pairs,
@@ -182,19 +181,19 @@ class _Method:
     def _weigh(self, evidence: Evidence, row: Row, truth: Truth, correct: bool) -> Json | None:
         """What speaks for the place that was answered, and for the true one, or the runner-up where that is the same:
         of each the best hypothesis."""
-        scores = evidence.scores(self._weights)
+        scores = evidence.place_scores(self._weights)
         answer = row["places"][0][1] if row["places"] else None
         other = truth.place if not correct else next((name for _, name, _ in row["places"][1:]), None)
         shown = [name for name in dict.fromkeys((answer, other)) if name in scores]
         if not shown:
             return None
-        values = evidence.values @ self._weights
+        values = evidence.scores(self._weights)
         places = []
         for name in shown:
             best = max((k for k, place in enumerate(evidence.places) if place == name), key=lambda k: values[k])
-            parts = numbers(evidence.values[best], 3)
+            parts = numbers(np.array([evidence.values[name][best] for name in self._weights]), 3)
             places.append({"place": name, "values": parts, "score": round(scores[name], 3)})
-        return {"parts": self._parts, "weights": numbers(self._weights, 3), "places": places}
+        return {"parts": [*self._weights], "weights": numbers(np.array([*self._weights.values()]), 3), "places": places}
 
 
 def describe_objects(description: Mapping[str, np.ndarray]) -> Json | None:

@@ -109,10 +109,10 @@ class Weigher(Localizer):
         room = int(description["room"])
         room = room - 1 if room == self.config.mistaken else room
         apart = np.abs(np.arange(len(PLACES)) - room)
-        return np.column_stack([4.0 - apart, 0.5 * apart])
+        return {"near": 4.0 - apart, "far": 0.5 * apart}
 
     def _scores(self, description):
-        return self._values(description) @ np.array([self.config.weights.near, self.config.weights.far])
+        return self.evidence(description).scores(self.config.weights.model_dump())
 
 
 @salframe.hookimpl

@@ -1,0 +1,158 @@
+"""The matcher `geometric`: nodes of two graphs that are alike, and that one pose brings together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from pydantic import Field
+
+from salframe.graphs.graph import SaliencyGraph, without_range
+from salframe.graphs.matcher import GraphMatch, RankedGraphs
+from salframe_graphs.alignment import align
+from salframe_graphs.bearings import verify_bearings
+from salframe_graphs.node_matcher import Candidates, GraphIndex, NodeMatcher, NodeMatcherConfig
+from salframe_graphs.node_pairs import NodePairs, shared_weight
+from salframe_graphs.verification import ScaleBound, VerifiedPoses, verify
+
+
+@dataclass(frozen=True, eq=False)
+class _Ranking:
+    """The best candidates, T of them, best first, positions in `found`; score (K,) of all candidates; the pairs that
+    are similar enough with their similarity (P,), and what was verified."""
+
+    found: Candidates
+    best: np.ndarray
+    score: np.ndarray
+    pairs: NodePairs
+    similarity: np.ndarray
+    verified: VerifiedPoses
+
+
+class GeometricMatcher(NodeMatcher):
+    """Candidates by their labels, nodes alike in height, size and surroundings, and verification by one pose.
+
+    The score is the Jaccard index over similar nodes and, weighted, that over the nodes which one pose brings together.
+    """
+
+    name = "geometric"
+    version = "1"
+
+    class Config(NodeMatcherConfig):
+        similarity_score: float = Field(1.0, ge=0, description="weight in the score of the similar nodes")
+        geometry_score: float = Field(
+            2.0, ge=0, description="weight in the score of the nodes consistent with one pose; 0: no verification"
+        )
+        tolerance_m: float = Field(
+            0.3, gt=0, description="verification: distance at which two nodes cannot be one, at no range"
+        )
+        tolerance_share: float = Field(
+            0.05, ge=0, description="verification: added tolerance, a share of the nodes' ranges"
+        )
+        largest_scale_error: float = Field(
+            0.0,
+            ge=0,
+            lt=1,
+            description="verification: all of a query's ranges may be off by one factor, up to this share, which is "
+            "estimated with the pose; 0: they are right, as a sensor's are",
+        )
+        largest_shift_m: float = Field(
+            6.0, gt=0, description="verification: a query this far from a map frame is not matched to it"
+        )
+
+    @property
+    def estimates_scale(self) -> bool:
+        return bool(self.config.largest_scale_error)
+
+    def match(self, query: SaliencyGraph, index: GraphIndex, top_k: int) -> list[GraphMatch]:
+        ranking = self._rank(query, index, top_k)
+        if ranking is None:
+            return []
+        found, best = ranking.found, ranking.best
+        pairs, position = ranking.pairs.take(best)
+        kernel = ranking.verified.kernel[position]
+        aligned = align(pairs, found.nodes.segments.start[best], ranking.similarity[position], kernel)
+        poses = ranking.verified.poses()[best]
+        return [
+            GraphMatch(scene, score, nodes, pose if np.isfinite(pose).all() else None, self._scale(found, row, nodes))
+            for scene, score, row, nodes, pose in zip(
+                found.graphs[best].tolist(), ranking.score[best].tolist(), best.tolist(), aligned, poses, strict=True
+            )
+        ]
+
+    def rank(self, query: SaliencyGraph, index: GraphIndex, top_k: int) -> RankedGraphs:
+        ranking = self._rank(query, index, top_k)
+        if ranking is None:
+            return RankedGraphs(np.zeros(0, np.int64), np.zeros(0), np.zeros((0, 4, 4)))
+        best = ranking.best
+        return RankedGraphs(ranking.found.graphs[best], ranking.score[best], ranking.verified.poses()[best])
+
+    def _shortlist(self, graph: SaliencyGraph, index: GraphIndex) -> np.ndarray:
+        # Heights and sizes are off by the factor that ranges are off by: the scene index must not rely on them.
+        plain = without_range(graph) if self.estimates_scale and not graph.bearings_only else graph
+        return super()._shortlist(plain, index)
+
+    def _rank(self, query: SaliencyGraph, index: GraphIndex, top_k: int) -> _Ranking | None:
+        found = self._candidates(query, index)
+        if found is None:
+            return None
+        value = self._similarity(found, index)
+        score = np.zeros(len(found.graphs))
+        if self.config.similarity_score:
+            shared = shared_weight(found.pairs, value, found.weight, found.nodes, found.node_weight)
+            score += self.config.similarity_score * shared
+        pairs, value = found.pairs.keep((value > 0) & (value >= self.config.least_similarity), value)
+        verified = VerifiedPoses.none(pairs)
+        if self.config.geometry_score:
+            verified = self._verify(found, pairs, value)
+            shared = shared_weight(pairs, verified.kernel, found.weight, found.nodes, found.node_weight)
+            score += self.config.geometry_score * shared
+        best = np.lexsort((-found.jaccard, -score))[:top_k]
+        return _Ranking(found, best, score, pairs, value, verified)
+
+    def _similarity(self, found: Candidates, index: GraphIndex) -> np.ndarray:
+        """(P,) similarity of each pair of nodes, 0 to 1; always 1 of a query without range, which has labels alone."""
+        if found.graph.bearings_only:
+            return np.ones(len(found.pairs))
+        value = self._attribute_similarity(found, self.config.largest_scale_error)
+        if self._has_rings:
+            weight = self.config.structure_weight
+            value *= (1 + weight * self._ring_products(found, index)) / (1 + weight)
+        return value
+
+    def _verify(self, found: Candidates, pairs: NodePairs, similarity: np.ndarray) -> VerifiedPoses:
+        query, there, config = found.query, found.nodes, self.config
+        if found.graph.bearings_only:
+            tolerance = config.tolerance_m, config.tolerance_share
+            bearing = found.graph.bearing
+            return verify_bearings(
+                bearing, there.centroid_m, pairs, similarity, found.weight, tolerance, config.largest_shift_m
+            )
+        ranges_m = np.hypot(query.range_m[pairs.query], there.range_m[pairs.node])
+        return verify(
+            query.centroid_m[:, :2],
+            there.centroid_m[:, :2],
+            pairs,
+            similarity,
+            config.tolerance_m + config.tolerance_share * ranges_m,
+            found.weight,
+            config.largest_shift_m,
+            self._scale_bound(found),
+        )
+
+    def _scale_bound(self, found: Candidates) -> ScaleBound | None:
+        """What is known of the scale of the query's ranges; None where they are taken to be right, or unknown."""
+        if not self.estimates_scale or found.graph.bearings_only:
+            return None
+        heights = found.query.centroid_m[:, 2], found.nodes.centroid_m[:, 2]
+        return ScaleBound(self.config.largest_scale_error, *heights, self.config.height_scale_m)
+
+    def _scale(self, found: Candidates, row: int, nodes: np.ndarray) -> float:
+        """The factor that gives the query's aligned nodes the spread of those of candidate `row`, within the bound."""
+        bound = self._scale_bound(found)
+        if bound is None or len(nodes) < 2:
+            return 1.0
+        own = found.query.centroid_m[nodes[:, 0], :2]
+        there = found.nodes.centroid_m[found.nodes.segments.start[row] + nodes[:, 1], :2]
+        spread, map_spread = (float(np.linalg.norm(np.std(some, axis=0))) for some in (own, there))
+        return float(bound.clip(map_spread / max(spread, 1e-9)))

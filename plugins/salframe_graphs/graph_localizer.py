@@ -1,0 +1,74 @@
+"""Localizers that describe a panorama by its saliency graph: detector, saliency model and graph."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from salframe.framework.cache import Cache
+from salframe.framework.config import ComponentConfig
+from salframe.framework.errors import InputMissing
+from salframe.framework.registry import registry
+from salframe.framework.slots import slot
+from salframe.graphs.graph import REACH_M, GraphConfig, SaliencyGraph, build_graph
+from salframe.graphs.packing import graph_from_arrays, graph_to_arrays, pack_graph, unpack_graph
+from salframe.localization.localizer import Description, Localizer, range_slot
+from salframe.panoramas.frames import MapFrame, QueryFrame
+from salframe.panoramas.panorama import Panorama
+
+
+class GraphLocalizerConfig(ComponentConfig):
+    """Settings of the stages that make a saliency graph."""
+
+    range: range_slot()  # type: ignore[valid-type]
+    detector: slot("detector", "auto")  # type: ignore[valid-type]
+    saliency: slot("saliency", "volumetric")  # type: ignore[valid-type]
+    graph: GraphConfig = GraphConfig.model_validate({})
+
+
+class GraphLocalizer(Localizer):
+    """Base of localizers whose description of a panorama is its saliency graph."""
+
+    uses: ClassVar[frozenset[str]] = frozenset({"range"})
+
+    def __init__(self, config: ComponentConfig | None = None) -> None:
+        super().__init__(config)
+        self._detector = registry().build("detector", self.config.detector)
+        self._saliency = registry().build("saliency", self.config.saliency)
+
+    @property
+    def needs(self) -> frozenset[str]:
+        needs: frozenset[str] = self._detector.needs
+        return needs
+
+    def graph(self, panorama: Panorama) -> SaliencyGraph:
+        """Return the 360-degree saliency graph of a panorama, of bearings only where it has no range."""
+        detections = self._detector.detect(panorama)
+        return build_graph(detections, self._saliency.score(detections), self.config.graph)
+
+    def describe(self, panorama: Panorama) -> Description:
+        return graph_to_arrays(self.graph(panorama))
+
+    def describe_frame(
+        self, frame: MapFrame | QueryFrame, cache: Cache | None = None, dataset: str = ""
+    ) -> tuple[Description, float]:
+        """As of every localizer; a mapping frame without range raises InputMissing too."""
+        description, seconds = super().describe_frame(frame, cache, dataset)
+        if isinstance(frame, MapFrame) and graph_from_arrays(description).bearings_only:
+            raise InputMissing(
+                f"a map needs range, which {frame.id} does not have: map with range, ask without; "
+                "labels alone are enough for 'objects'"
+            )
+        return description, seconds
+
+    def pack(self, description: Description) -> Description:
+        return pack_graph(description)
+
+    def unpack(self, packed: Description) -> Description:
+        return unpack_graph(packed)
+
+    def count_objects(self, description: Description) -> int:
+        return len(description["labels"])
+
+    def note(self, description: Description) -> str | None:
+        count = graph_from_arrays(description).out_of_reach
+        return f"{count} object(s) further than {REACH_M} m left out" if count else None

@@ -1,0 +1,236 @@
+"""What graph matchers share that compare nodes of the same label: candidates by labels, and node similarity."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import AfterValidator, Field
+
+from salframe.framework.array_files import map_array
+from salframe.framework.config import ComponentConfig
+from salframe.framework.errors import DataError
+from salframe.framework.files import reading
+from salframe.framework.registry import registry
+from salframe.framework.slots import slot
+from salframe.graphs.graph import SaliencyGraph
+from salframe.graphs.matcher import GraphMatcher
+from salframe.graphs.scene_index import SceneIndex, SceneLookup
+from salframe.graphs.table import GraphNodes, GraphTable, HeldGraphs, MappedGraphs
+from salframe_graphs.features import feature_products, ring_hop_histograms
+from salframe_graphs.node_pairs import NodePairs, label_counts
+
+_CHUNK = 64
+"""Number of graphs whose structural features are computed at once."""
+_MAX_PRECOMPUTED = 1000
+"""Maximum number of graphs on disk whose structural features are computed when they are opened; of more graphs, those
+of the candidates are computed for each query."""
+_RARITY, _SCENES = "rarity.npy", "scenes"
+
+
+def _ascending(edges_m: tuple[float, ...]) -> tuple[float, ...]:
+    if any(low >= high for low, high in pairwise((0.0, *edges_m))):
+        raise ValueError("expected edges above 0, each above the one before")
+    return edges_m
+
+
+class NodeMatcherConfig(ComponentConfig):
+    """Settings of candidates and of node similarity."""
+
+    rarity: bool = Field(
+        True, description="weigh labels by smooth inverse document frequency over the map, ln((1 + S) / (1 + s)) + 1"
+    )
+    confidence: bool = Field(True, description="a node counts in the score as much as its detector is sure of it")
+    keep: float = Field(
+        0.25, ge=0, le=1, description="candidates: Jaccard index at least this share of the best (paper: 0.6)"
+    )
+    most: int | None = Field(
+        100, ge=1, description="candidates at most, the first of the scene index; null: all (as in the paper)"
+    )
+    scene_index: slot("scene-index", "inverted-lists")  # type: ignore[valid-type]
+    height_scale_m: float | None = Field(
+        0.2, gt=0, description="difference in height that halves node similarity; null: height ignored"
+    )
+    size_scale: tuple[float, float] | None = Field(
+        (0.8, 0.5), description="log ratios of box length and box height that halve node similarity; null: size ignored"
+    )
+    ring_edges_m: Annotated[tuple[float, ...], AfterValidator(_ascending)] = Field(
+        (1.0, 2.0, 4.0), description="outer edges of the distance rings around a node, ascending"
+    )
+    hops: int = Field(2, ge=0, description="context hops around a node whose labels are counted")
+    structure_weight: float = Field(
+        0.3, ge=0, description="weight of the structural feature in node similarity (label: 1)"
+    )
+    least_similarity: float = Field(0.1, ge=0, le=1, description="node pairs below this similarity are rejected")
+
+
+@dataclass(frozen=True, eq=False)
+class GraphIndex:
+    """The graphs of a map, laid out for matching.
+
+    scenes: the index that candidates are looked up in, None where every graph is one. rarity: (L + 1,) inverse document
+    frequency of each label, the last one that of a label which the map lacks. structure: csr_array of the structural
+    features of all nodes, None where those of candidates are computed for each query.
+    """
+
+    graphs: GraphTable
+    scenes: SceneLookup | None
+    rarity: np.ndarray
+    structure: Any
+
+
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """K graphs of a map that a query is compared with.
+
+    query: the query's nodes, labels numbered by the map's vocabulary. weight: (n,) of the query's nodes. graphs: (K,)
+    numbers in the map, ascending. jaccard: (K,) Jaccard index of the labels. nodes: the graphs' nodes. node_weight:
+    (N,). pairs: the node pairs of the same label.
+    """
+
+    graph: SaliencyGraph
+    query: GraphNodes
+    weight: np.ndarray
+    graphs: np.ndarray
+    jaccard: np.ndarray
+    nodes: GraphNodes
+    node_weight: np.ndarray
+
+    @cached_property
+    def pairs(self) -> NodePairs:
+        """The node pairs of the same label."""
+        return NodePairs.of_same_label(self.query.label, self.nodes)
+
+
+class NodeMatcher(GraphMatcher):
+    """Base of matchers that take candidates by their labels and compare nodes of the same label; their Config is a
+    NodeMatcherConfig."""
+
+    def index(self, graphs: Sequence[SaliencyGraph]) -> GraphIndex:
+        table = graphs if isinstance(graphs, GraphTable) else HeldGraphs(graphs)
+        scenes = table.scenes
+        if scenes is None and self._looks_up(table):
+            scenes = self._new_scene_index()
+            scenes.take(table)
+        return GraphIndex(table, scenes, self._rarity(table), self._structure_of_all(table))
+
+    def write_index(self, graphs: Sequence[SaliencyGraph], folder: Path) -> None:
+        table = graphs if isinstance(graphs, GraphTable) else HeldGraphs(graphs)
+        folder.mkdir(parents=True)
+        np.save(folder / _RARITY, self._rarity(table))
+        if self._looks_up(table):
+            self._new_scene_index().build(table, folder / _SCENES)
+
+    def open_index(self, graphs: MappedGraphs, folder: Path) -> GraphIndex:
+        with reading(folder / _RARITY, "an array of numpy"):
+            rarity = np.array(map_array(folder / _RARITY))
+        if rarity.shape != (len(graphs.labels) + 1,) or rarity.dtype != np.float64:
+            raise DataError(f"{folder / _RARITY} is {rarity.dtype} {rarity.shape}, expected a number for each label")
+        scenes = graphs.scenes
+        if scenes is None and self._looks_up(graphs):
+            scenes = self._new_scene_index()
+            scenes.open(folder / _SCENES)
+        return GraphIndex(graphs, scenes, rarity, self._structure_of_all(graphs))
+
+    def _looks_up(self, table: GraphTable) -> bool:
+        """Whether there are more graphs than candidates."""
+        return self.config.most is not None and len(table) > self.config.most
+
+    def _new_scene_index(self) -> SceneIndex:
+        made: SceneIndex = registry().build(SceneIndex.role, self.config.scene_index)
+        return made
+
+    def _rarity(self, table: GraphTable) -> np.ndarray:
+        """(L + 1,) as in GraphIndex; 1 of each label where rarity is off."""
+        if not self.config.rarity:
+            return np.ones(len(table.labels) + 1)
+        having = np.append(table.having, 0)
+        rarity: np.ndarray = np.log((1 + len(table)) / (1 + having)) + 1
+        return rarity
+
+    @property
+    def _has_rings(self) -> bool:
+        """Whether nodes have structural features that do not depend on the query."""
+        return self.config.structure_weight > 0
+
+    def _structure_of_all(self, table: GraphTable) -> Any:
+        if not self._has_rings or not len(table) or (isinstance(table, MappedGraphs) and len(table) > _MAX_PRECOMPUTED):
+            return None
+        from scipy.sparse import csr_array, vstack
+
+        by_size = np.argsort(table.sizes, kind="stable")  # graphs of one size pad one another least
+        chunks = np.split(by_size, range(_CHUNK, len(table), _CHUNK))
+        rows = [csr_array(self._structure(table, chunk)) for chunk in chunks]
+        return vstack(rows, format="csr")[np.argsort(table.nodes(by_size))]
+
+    def _structure(self, table: GraphTable, graphs: np.ndarray) -> np.ndarray:
+        """(N, F) structural features of the nodes of some graphs."""
+        nodes, adjacency = table.take(graphs), table.adjacency(graphs)
+        return ring_hop_histograms(nodes, adjacency, len(table.labels), self.config.ring_edges_m, self.config.hops)
+
+    def _candidates(self, graph: SaliencyGraph, index: GraphIndex) -> Candidates | None:
+        """Return the graphs worth comparing, None where the query has no label of the map."""
+        query = GraphNodes.of(graph, index.graphs.vocabulary)
+        if not (query.label >= 0).any():
+            return None
+        numbers = self._shortlist(graph, index)
+        nodes = index.graphs.take(numbers)
+        jaccard = self._label_jaccard(graph, query, nodes, index.rarity)
+        kept = (jaccard > 0) & (jaccard >= self.config.keep * jaccard.max(initial=0))
+        if not kept.all():
+            rows = kept[nodes.graph]
+            of_nodes = ("label", "scores", "saliency", "centroid_m", "size_m")
+            nodes = replace(nodes, count=nodes.count[kept], **{name: getattr(nodes, name)[rows] for name in of_nodes})
+        weight = self._sureness(query) * index.rarity[query.label]
+        node_weight = self._sureness(nodes) * index.rarity[nodes.label]
+        return Candidates(graph, query, weight, numbers[kept], jaccard[kept], nodes, node_weight)
+
+    def _shortlist(self, graph: SaliencyGraph, index: GraphIndex) -> np.ndarray:
+        """(K,) the graphs that the scene index puts first, all where there is none; ascending."""
+        if index.scenes is None:
+            return np.arange(len(index.graphs))
+        return np.sort(index.scenes.candidates(graph, self.config.most).scene)
+
+    def _label_jaccard(
+        self, graph: SaliencyGraph, query: GraphNodes, nodes: GraphNodes, rarity: np.ndarray
+    ) -> np.ndarray:
+        """(K,) Jaccard index of the multisets of labels, weighted by rarity."""
+        used, number, counts = label_counts(query.label, len(rarity) - 1, nodes.label, nodes.count)
+        shared = np.minimum(counts, number) @ rarity[used]
+        union = nodes.segments.sum(rarity[nodes.label]) + number @ rarity[used] - shared
+        return np.divide(shared, union, out=np.zeros(len(shared)), where=union > 0)
+
+    def _sureness(self, nodes: GraphNodes) -> np.ndarray:
+        """(N,) what each node counts before its label's rarity: its detector's score, or 1."""
+        return nodes.scores if self.config.confidence else np.ones(len(nodes))
+
+    def _ring_products(self, found: Candidates, index: GraphIndex) -> np.ndarray:
+        """(P,) products of the structural features of each pair of nodes."""
+        rings, table = (self.config.ring_edges_m, self.config.hops), index.graphs
+        query = ring_hop_histograms(found.query, found.graph.adjacency[None], len(table.labels), *rings)
+        if index.structure is not None:
+            rows = table.nodes(found.graphs)[found.pairs.node]
+            return feature_products(query, index.structure, found.pairs.query, rows)
+        features = self._structure(table, found.graphs)
+        return np.einsum("pf,pf->p", query[found.pairs.query], features[found.pairs.node])
+
+    def _attribute_similarity(self, found: Candidates, max_scale_error: float = 0.0) -> np.ndarray:
+        """(P,) similarity of the heights and sizes of each pair of nodes, 0 to 1; a factor of at most 1 +-
+        max_scale_error changes the query's heights."""
+        i, node, value = found.pairs.query, found.pairs.node, np.ones(len(found.pairs))
+        if self.config.height_scale_m is not None:
+            own = found.query.centroid_m[i, 2]
+            apart = own - found.nodes.centroid_m[node, 2]
+            if max_scale_error:
+                apart = np.maximum(np.abs(apart) - max_scale_error * np.abs(own), 0)
+            value /= 1 + (apart / self.config.height_scale_m) ** 2
+        if self.config.size_scale is not None:
+            for side, scale in zip((0, 2), self.config.size_scale, strict=True):
+                change = found.query.log_size[i, side] - found.nodes.log_size[node, side]
+                value /= 1 + (change / scale) ** 2
+        return value

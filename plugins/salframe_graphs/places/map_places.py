@@ -1,0 +1,143 @@
+"""The places of a map: their objects, frames, outlines of free space and regions, laid out for matching."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from salframe.framework.array_files import ArrayKind
+from salframe.framework.columns import Column, read_columns, write_columns
+from salframe.graphs.graph import SaliencyGraph
+from salframe.panoramas.floors import Regions
+from salframe.panoramas.frames import MapFrame
+from salframe_graphs.places.likelihood import Poses
+from salframe_graphs.places.merging import gather_places
+from salframe_graphs.places.outline import BINS, MapOutlines, unpack_outline
+from salframe_graphs.places.place_index import PLACE_COLUMNS, PlaceIndex, index_places, place_rows, read_places
+from salframe_graphs.places.rates import Likelihood, Rates
+from salframe_graphs.places.shown import ShownPlaces
+
+_PLACES = "places"
+"""Name of the columns of places, in the folder of a map's index."""
+_SHOWN_COLUMNS = {"name": ArrayKind("U", ()), "frames": ArrayKind("u", (None,))}
+
+
+@dataclass(frozen=True, eq=False)
+class MapPlaces:
+    """K places of a map of S frames.
+
+    shown: which places there are, and their scene frames. index: their objects. T_world_pano: (S, 3, 4) poses of the
+    frames. outlines: the outlines of free space of their scene frames. regions: the floor of each place, None where it
+    is not known.
+    """
+
+    shown: ShownPlaces
+    index: PlaceIndex
+    T_world_pano: np.ndarray
+    outlines: MapOutlines
+    regions: Regions | None
+
+    @classmethod
+    def gathered(
+        cls,
+        graphs: Sequence[SaliencyGraph],
+        frames: Sequence[MapFrame],
+        outlines_m: Sequence[np.ndarray | None],
+        regions: Regions | None,
+        rates: Rates,
+        likelihood: Likelihood,
+        merged: bool,
+    ) -> MapPlaces:
+        """Return the places of described frames; outlines_m (BINS,) of each frame where it has one."""
+
+        def place_of(xy_m: np.ndarray, frame: MapFrame) -> list[str | None]:
+            assert regions is not None
+            numbers = regions.at(xy_m, np.full(len(xy_m), frame.T_world_pano[2, 3]))
+            return [regions.places[number] if number >= 0 else None for number in numbers.tolist()]
+
+        places = gather_places(graphs, frames, rates, place_of if regions else None, merged)
+        T_world_pano = np.array([frame.T_world_pano[:3] for frame in frames])
+        cameras_m = [T_world_pano[list(place.frames), :, 3] for place in places]
+        index = index_places(places, cameras_m, rates, likelihood)
+        unknown = np.full(BINS, np.nan, np.float32)
+        outline_m = np.array([unknown if one is None else one for one in outlines_m])
+        shown = ShownPlaces.of(places)
+        return cls(shown, index, T_world_pano, _outlines(shown, outline_m, T_world_pano), regions)
+
+    def write(self, folder: Path) -> None:
+        """Write the places to a folder, without what the map keeps of frames."""
+        shown = self.shown
+        frames = np.split(shown.frame.astype(np.uint32), shown.start[1:-1])
+        rows = (
+            {"name": np.array(shown.names[name]), "frames": seen, **objects}
+            for name, seen, objects in zip(shown.name, frames, place_rows(self.index), strict=True)
+        )
+        write_columns(folder / _PLACES, rows)
+
+    @classmethod
+    def read(
+        cls, folder: Path, outline_mm: Column | None, num_frames: int, T_world_pano: np.ndarray, regions: Regions | None
+    ) -> MapPlaces:
+        """Return the places that `write` wrote; outline_mm: the packed outlines of the frames, where any has one."""
+        columns = read_columns(folder / _PLACES, {**_SHOWN_COLUMNS, **PLACE_COLUMNS}).columns
+        names, seen = columns["name"], columns["frames"]
+        shown = ShownPlaces(names.words or (), names.values.astype(int), seen.values.astype(int), seen.start)
+        outline_m = np.full((num_frames, BINS), np.nan, np.float32)
+        if outline_mm is not None:
+            outline_m[np.diff(outline_mm.start) > 0] = unpack_outline(outline_mm.values.reshape(-1, BINS))
+        index = read_places(columns, T_world_pano[shown.padded, :2, 3])
+        return cls(shown, index, T_world_pano, _outlines(shown, outline_m, T_world_pano), regions)
+
+    def __len__(self) -> int:
+        return len(self.shown)
+
+    @property
+    def names(self) -> Sequence[str]:
+        """The names of the places, each once."""
+        return self.shown.names
+
+    @property
+    def number(self) -> dict[str, int]:
+        """The number of each name."""
+        return self.shown.number
+
+    @cached_property
+    def _frames_m(self) -> np.ndarray:
+        """(S, 3) where the frames stand."""
+        return self.T_world_pano[:, :, 3].copy()
+
+    @cached_property
+    def _name_of_region(self) -> np.ndarray:
+        """(R + 1,) the name of each region's place, -1 of one that the map does not show; -1 last, for no region."""
+        regions = self.regions.places if self.regions else ()
+        return np.array([*(self.number.get(place, -1) for place in regions), -1])
+
+    def names_at(self, poses: Poses) -> np.ndarray:
+        """Return the name (C,) of the place that each pose stands in: the region's where it is known and on the map,
+        else that of the place that was matched."""
+        matched = self.shown.name[poses.place]
+        if self.regions is None:
+            return matched
+        height_m = self._frames_m[self.shown.frame[self.shown.start[poses.place]], 2]
+        stands = self._name_of_region[self.regions.at(poses.shift_m, height_m)]
+        return np.where(stands >= 0, stands, matched)
+
+    def nearest_frames(self, names: np.ndarray, poses: Poses, row: np.ndarray) -> list[int]:
+        """Return for each of some names (N,) its scene frame nearest to a pose, `row` (N,) of the poses; its first
+        frame where that is -1."""
+        near_m = np.append(poses.shift_m, [[np.nan, np.nan]], 0)[row]
+        nearest: list[int] = self.shown.nearest(names, self._frames_m[:, :2], near_m).tolist()
+        return nearest
+
+
+def _outlines(shown: ShownPlaces, outline_m: np.ndarray, T_world_pano: np.ndarray) -> MapOutlines:
+    """The outlines of the frames of each place, of all frames' outlines (S, BINS) and poses (S, 3, 4)."""
+    poses = T_world_pano[shown.padded]
+    yaw_rad = np.arctan2(poses[..., 1, 0], poses[..., 0, 0])
+    range_m = outline_m[shown.padded].astype(np.float64)
+    range_m[np.arange(range_m.shape[1]) >= np.diff(shown.start)[:, None]] = np.nan  # each frame counts once
+    return MapOutlines.of(range_m, np.concatenate([poses[..., :2, 3], yaw_rad[..., None]], -1))

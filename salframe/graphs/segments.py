@@ -1,0 +1,86 @@
+"""Arrays that hold the rows of several groups one after the other: a flat layout without padding."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+class Segments:
+    """N groups of consecutive columns, T together.
+
+    count: (N,) int64, number of columns of each group. start: (N + 1,) int64, where each group begins, and where the
+    last one ends.
+    """
+
+    def __init__(self, count: np.ndarray) -> None:
+        self.count, self.start = count, starts(count)
+        self._filled = None if count.all() else np.flatnonzero(count)
+        self._first = self.start[:-1] if self._filled is None else self.start[self._filled]
+
+    def __len__(self) -> int:
+        return len(self.count)
+
+    def sum(self, values: np.ndarray) -> np.ndarray:
+        """Return the sum of each group's columns, (..., N), 0 of an empty group; values (..., T)."""
+        return self._reduce(np.add, values)
+
+    def max(self, values: np.ndarray) -> np.ndarray:
+        """Return the maximum of each group's columns, (..., N), 0 of an empty group; values (..., T)."""
+        return self._reduce(np.maximum, values)
+
+    def spread(self, values: np.ndarray) -> np.ndarray:
+        """Return values of groups (..., N) repeated for each of their columns, (..., T)."""
+        return values.repeat(self.count, axis=-1)
+
+    def _reduce(self, function: np.ufunc, values: np.ndarray) -> np.ndarray:
+        reduced = function.reduceat(values, self._first, axis=-1) if len(self._first) else values[..., :0]
+        if self._filled is None:
+            return reduced  # type: ignore[no-any-return]
+        result = np.zeros((*values.shape[:-1], len(self)), values.dtype)
+        result[..., self._filled] = reduced
+        return result
+
+
+def starts(count: np.ndarray) -> np.ndarray:
+    """Return where each of N groups of these sizes begins, and where the last one ends, (N + 1,) int64."""
+    start = np.zeros(len(count) + 1, np.int64)
+    np.cumsum(count, out=start[1:])
+    return start
+
+
+def ranges(first: np.ndarray, count: np.ndarray) -> np.ndarray:
+    """Return first[i], first[i] + 1, ..., first[i] + count[i] - 1 of all groups i, (sum(count),) int64."""
+    start = starts(count)
+    return (first - start[:-1]).repeat(count) + np.arange(start[-1])
+
+
+def run_starts(*keys: np.ndarray) -> np.ndarray:
+    """Return the positions at which one of the keys (N,) differs from the position before, 0 among them."""
+    is_start = np.zeros(len(keys[0]), bool)
+    is_start[:1] = True
+    for key in keys:
+        is_start[1:] |= key[1:] != key[:-1]
+    return np.flatnonzero(is_start)
+
+
+def pairs_within(start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the positions a < b of every two rows of the same group, two arrays (P,) int64, group by group.
+
+    start: (N + 1,) as of Segments.
+    """
+    position = np.arange(start[-1])
+    later = start[1:].repeat(np.diff(start)) - position - 1
+    return position.repeat(later), ranges(position + 1, later)
+
+
+def top_per_group(value: np.ndarray, group: np.ndarray, count: int) -> np.ndarray:
+    """Return the positions of the `count` largest finite values of each group, sorted by group, then largest first.
+
+    Ties keep their order. value (N,) float; group (N,) int.
+    """
+    order = np.flatnonzero(np.isfinite(value))
+    order = order[np.lexsort((-value[order], group[order]))]
+    ranked = group[order]
+    begin = run_starts(ranked)
+    rank = np.arange(len(order)) - begin.repeat(np.diff(np.append(begin, len(order))))
+    return order[rank < count]
