@@ -50,6 +50,7 @@ REAL = {"matterport": ["--methods", "proposed,usg", "--data", "matterport-annota
 """Runs on data that may not be copied into the project."""
 RENAMED: Mapping[str, str] = {}
 """Row keys, statuses and method names of older versions, and what they are called today."""
+COUNTED = ("missing", "status", "place", "ranking", "pose", "probabilities")
 FIELDS = ("fold", "query", "status", "places", "pose", "probabilities", "not_here")
 
 
@@ -113,9 +114,9 @@ def compare(before: Path, after: Path) -> dict[str, dict[str, dict[str, Any]]]:
 
 
 def _differences(old: Sequence[Mapping[str, Any]], new: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Counts of queries whose status, first place, ranking, pose or probabilities differ, and the largest deviations."""
+    """Counts of queries whose status, first place, ranking, pose or probabilities differ; the largest deviations."""
     by_query = {(row["fold"], row["query"]): row for row in new}
-    counts = {name: 0 for name in ("missing", "status", "place", "ranking", "pose", "probabilities")}
+    counts = dict.fromkeys(COUNTED, 0)
     counts["missing"] = abs(len(old) - len(new))
     off = {"pose": 0.0, "probabilities": 0.0}
     examples = []
@@ -167,18 +168,16 @@ def main() -> int:
         record(given.salframe, given.folder, given.data_dir)
         return 0
     report = compare(given.before, given.after)
-    counted = ("missing", "status", "place", "ranking", "pose", "probabilities")
     if given.json:
         print(json.dumps(report, indent=1))
     else:
         for name, methods in report.items():
             for method, row in methods.items():
-                counts = ", ".join(f"{key} {row.get(key, 0)}" for key in counted)
+                counts = ", ".join(f"{key} {row.get(key, 0)}" for key in COUNTED)
                 deviation = {key: f"{value:.1e}" for key, value in row.get("max_deviation", {}).items()}
-                print(
-                    f"{name:20} {method:16} {row.get('queries', 0):5} queries: {counts}; {deviation} {row.get('examples', '')}"
-                )
-    return int(any(row.get(key) for methods in report.values() for row in methods.values() for key in counted))
+                examples = row.get("examples", "")
+                print(f"{name:20} {method:16} {row.get('queries', 0):5} queries: {counts}; {deviation} {examples}")
+    return int(any(row.get(key) for methods in report.values() for row in methods.values() for key in COUNTED))
 
 
 if __name__ == "__main__":
