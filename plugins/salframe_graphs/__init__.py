@@ -4,6 +4,8 @@ import salframe
 from salframe_graphs.localizer import SaliencyGraphLocalizer
 from salframe_graphs.places.localizer import SaliencyPlacesLocalizer
 from salframe_graphs.positioning import LeastSquaresPositioner, RobustPositioner
+from salframe_graphs.retrieval.by_size import BySize
+from salframe_graphs.retrieval.compiled_lists import CompiledLists
 from salframe_graphs.retrieval.inverted_lists import InvertedLists
 from salframe_graphs.saliency import RandomSaliency, UniformSaliency, VolumetricSaliency
 from salframe_graphs.triplet import TripletMatcher
@@ -16,6 +18,8 @@ def salframe_provides():
         UniformSaliency,
         RandomSaliency,
         InvertedLists,
+        CompiledLists,
+        BySize,
         TripletMatcher,
         RobustPositioner,
         LeastSquaresPositioner,

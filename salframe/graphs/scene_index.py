@@ -9,11 +9,12 @@ from abc import abstractmethod
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
 from salframe.framework.component import Role
+from salframe.framework.config import components_in
 from salframe.graphs.graph import SaliencyGraph
 
 
@@ -42,6 +43,12 @@ class SceneIndex(Role):
     role = "scene-index"
     word = "scene index"
 
+    @classmethod
+    def note(cls, config: Any, num_scenes: int) -> str | None:
+        """Return what a user should know about an index with this config of this many scenes; None where there is
+        nothing, which is the default."""
+        return None
+
     @abstractmethod
     def build(self, graphs: Iterable[SaliencyGraph], folder: Path) -> None:
         """Index a map's graphs, scenes 0, 1, 2, ..., into a new folder, which appears whole. The graphs come one by one
@@ -63,3 +70,13 @@ class SceneIndex(Role):
         weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
         self.build(graphs, folder / "index")
         self.open(folder / "index")
+
+
+def scene_index_notes(config: Any, num_scenes: int) -> list[str]:
+    """Return the notes of all scene indexes in a configuration, in its slots and those of its components, each once."""
+    notes: dict[str, None] = {}
+    for _, inner in components_in(config):
+        kind = inner.component
+        own = kind.note(inner, num_scenes) if issubclass(kind, SceneIndex) else None
+        notes |= dict.fromkeys([own] if own else scene_index_notes(inner, num_scenes))
+    return list(notes)

@@ -1,0 +1,56 @@
+"""The kernels of `compiled-lists`, with what numba compiles of them kept in salframe's cache folder."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import tempfile
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from salframe.framework.cache import cache_home
+
+_MODULE = "salframe_graphs.retrieval.kernels"
+_ENTRY_POINTS = ("scan_lists", "verify_scenes")
+
+
+def kernel_folder(source: Path) -> Path:
+    """Return the folder for what is compiled of a source file. Its name is the sha256 of the text, so that an edited
+    file never runs old code."""
+    return cache_home() / "kernels" / hashlib.sha256(source.read_bytes()).hexdigest()
+
+
+@cache
+def load_kernels() -> ModuleType:
+    """Import the kernels. They are compiled at their first call, or read from the cache folder; where that cannot be
+    written, each process compiles them in memory."""
+    kernels = importlib.import_module(_MODULE)
+    folder = kernel_folder(Path(str(kernels.__file__)))
+    if _is_writable(folder):
+        _keep_compiled(kernels, folder)
+    return kernels
+
+
+def _is_writable(folder: Path) -> bool:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return True
+    except OSError:
+        return False
+
+
+def _keep_compiled(kernels: ModuleType, folder: Path) -> None:
+    """Have numba keep the compiled kernels in a folder. Each function takes its folder from numba's global setting when
+    caching is enabled; the setting is restored for other users of numba."""
+    numba_config: Any = importlib.import_module("numba.core.config")
+    before, numba_config.CACHE_DIR = numba_config.CACHE_DIR, str(folder)
+    try:
+        for name in _ENTRY_POINTS:
+            getattr(kernels, name).enable_caching()
+    except RuntimeError:  # $NUMBA_CACHE_LOCATOR_CLASSES rules the folder out: compile in memory
+        pass
+    finally:
+        numba_config.CACHE_DIR = before
