@@ -24,7 +24,8 @@ POSITION_M = REACH_M * _FROM_MIDDLE * np.abs(_FROM_MIDDLE)
 errors are larger too."""
 RARITY_UNIT = 64
 """Rarity is an integer, in these parts of one, so that sums do not depend on their order."""
-_CHUNK = 1 << 17
+CHUNK = 1 << 17
+"""Number of objects to hold in memory while building."""
 _FORMAT = 1
 _INDEX, _LISTS, _SCENE, _CODE, _WEIGHT = "index.json", "lists.npy", "scene.npy", "code.npy", "weight.npy"
 _POSITION = "position.npy"
@@ -70,7 +71,7 @@ def appearance(graph: SaliencyGraph) -> np.ndarray:
 
 
 def write_postings(graphs: Iterable[SaliencyGraph], folder: Path, *, positions: bool) -> None:
-    """Write the postings of a stream of graphs to a folder, with positions if told. Memory holds _CHUNK objects."""
+    """Write the postings of a stream of graphs to a folder, with positions if told. Memory holds CHUNK objects."""
     labels: dict[str, int] = {}
     spool = folder / "objects.bin"
     scenes = _spool(graphs, labels, spool)
@@ -109,7 +110,7 @@ def _spool(graphs: Iterable[SaliencyGraph], labels: dict[str, int], spool: Path)
         for graph in graphs:
             waiting.append((scenes, graph))
             scenes, held = scenes + 1, held + len(graph)
-            if held >= _CHUNK:
+            if held >= CHUNK:
                 _objects(waiting, labels).tofile(file)
                 held, waiting = 0, []
         _objects(waiting, labels).tofile(file)
@@ -159,7 +160,7 @@ def _sort(spool: Path, folder: Path, scenes: int, labels: int, positions: bool) 
 
 
 def _chunks(spool: Path) -> Iterable[np.ndarray]:
-    """Yield spooled objects, _CHUNK at a time."""
+    """Yield spooled objects, CHUNK at a time."""
     with spool.open("rb") as file:
-        while len(chunk := np.fromfile(file, _OBJECT, _CHUNK)):
+        while len(chunk := np.fromfile(file, _OBJECT, CHUNK)):
             yield chunk
