@@ -1,5 +1,6 @@
 """Compiled lists against the definition, object by object, and against inverted lists."""
 
+import hashlib
 import os
 import subprocess
 import sys
@@ -158,14 +159,16 @@ def test_a_query_does_not_compile(folders, city):
 
 def test_the_key_of_the_kernels_is_their_text(tmp_path, monkeypatch):
     monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path / "cache"))
-    one, edited = tmp_path / "one.py", tmp_path / "edited.py"
+    one, edited, same_text = (tmp_path / name for name in ("one.py", "edited.py", "same.py"))
     one.write_text("LIMIT = 1\n")
     edited.write_text("LIMIT = 2\n")
+    same_text.write_text("LIMIT = 1\n")
     folder = kernel_cache.kernel_folder(one)
-    assert folder.parent.parent == tmp_path / "cache"
+    assert folder == tmp_path / "cache" / "kernels" / hashlib.sha256(b"LIMIT = 1\n").hexdigest()
     assert kernel_cache.kernel_folder(edited) != folder
-    edited.write_text("LIMIT = 1\n")
-    assert kernel_cache.kernel_folder(edited) == folder
+    assert kernel_cache.kernel_folder(same_text) == folder
+    one.write_text("LIMIT = 10\n")
+    assert kernel_cache.kernel_folder(one) != folder
 
 
 OPEN = """

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import importlib
 import tempfile
 from functools import cache
@@ -11,6 +10,7 @@ from types import ModuleType
 from typing import Any
 
 from salframe.framework.cache import cache_home
+from salframe.framework.files import file_sha256
 
 _MODULE = "salframe_graphs.retrieval.kernels"
 _ENTRY_POINTS = ("scan_lists", "verify_scenes")
@@ -19,7 +19,7 @@ _ENTRY_POINTS = ("scan_lists", "verify_scenes")
 def kernel_folder(source: Path) -> Path:
     """Return the folder for what is compiled of a source file. Its name is the sha256 of the text, so that an edited
     file never runs old code."""
-    return cache_home() / "kernels" / hashlib.sha256(source.read_bytes()).hexdigest()
+    return cache_home() / "kernels" / file_sha256(source)
 
 
 @cache
