@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -190,9 +191,24 @@ def hits(folder, cache):
     return [int(number) for number in done.stdout.split()]
 
 
-def test_a_second_process_does_not_compile_again(folders, tmp_path):
-    assert hits(folders / "compiled", tmp_path / "cache") == [0, 0, 1, 1]
-    assert hits(folders / "compiled", tmp_path / "cache") == [1, 1, 1, 1]
+@pytest.fixture(scope="module")
+def cache(folders, tmp_path_factory):
+    """A cache folder with the kernels as a process compiled them."""
+    cache = tmp_path_factory.mktemp("cache")
+    assert hits(folders / "compiled", cache) == [0, 0, 1, 1]
+    return cache
+
+
+def test_a_second_process_does_not_compile_again(folders, cache):
+    assert hits(folders / "compiled", cache) == [1, 1, 1, 1]
+
+
+def test_a_damaged_cache_is_replaced(folders, cache, tmp_path):
+    copied = shutil.copytree(cache, tmp_path / "cache")
+    for path in copied.rglob("*.nbc"):
+        path.write_bytes(path.read_bytes()[:50])
+    assert hits(folders / "compiled", copied)[2:] == [1, 1]
+    assert all(path.stat().st_size > 50 for path in copied.rglob("*.nbc"))
 
 
 def test_without_a_cache_folder_it_compiles_in_memory(folders):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,7 @@ from salframe.graphs.graph import SaliencyGraph
 from salframe.graphs.scene_index import SceneCandidates, SceneIndex
 from salframe_graphs.retrieval.index_query import FULL, IndexQuery
 from salframe_graphs.retrieval.inverted_lists import InvertedLists
-from salframe_graphs.retrieval.kernel_cache import load_kernels
+from salframe_graphs.retrieval.kernel_cache import compile_kernels, load_kernels
 from salframe_graphs.retrieval.postings import (
     CODE_LOW,
     CODE_STEP,
@@ -31,9 +30,6 @@ GEOMETRY_WEIGHT = 2.0
 """Weight of the Jaccard index of the objects that agree with one pose, beside that of the lists: 1."""
 MIN_SIMILARITY = 0.1
 """Minimum similarity of two objects that may be one."""
-MAX_WRITES = 3
-"""Maximum number of attempts to compile. numba raises once for each of the two kernels that it cannot write to a full
-disk, and has it compiled all the same."""
 _HEIGHT_M = CODE_LOW[0] + CODE_STEP * np.arange(256)
 
 
@@ -121,10 +117,7 @@ class CompiledLists(SceneIndex):
         labels = (next(iter(self._postings.labels)),)
         one, at = np.ones(1), np.zeros((1, 3))
         query = SaliencyGraph(labels, one, one, at, at + 1, 0 * one, np.zeros((0, 2), np.int64))
-        for _ in range(MAX_WRITES):
-            with suppress(OSError):
-                self.candidates(query, 1)
-                return
+        compile_kernels(lambda: self.candidates(query, 1))
 
 
 def _first(scores: np.ndarray, count: int) -> np.ndarray:

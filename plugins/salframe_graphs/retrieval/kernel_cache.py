@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import importlib
+import shutil
 import tempfile
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from types import ModuleType
@@ -27,10 +29,31 @@ def load_kernels() -> ModuleType:
     """Import the kernels. They are compiled at their first call, or read from the cache folder; where that cannot be
     written, each process compiles them in memory."""
     kernels = importlib.import_module(_MODULE)
-    folder = kernel_folder(Path(str(kernels.__file__)))
+    folder = _folder_of(kernels)
     if _is_writable(folder):
         _keep_compiled(kernels, folder)
     return kernels
+
+
+def compile_kernels(call: Callable[[], object]) -> None:
+    """Compile the kernels by a call that uses all of them, whatever the state of the cache folder.
+
+    numba raises OSError once for each kernel that it compiled and cannot write, as on a full disk; and any error where
+    the folder is damaged, which is then removed.
+    """
+    for _ in _ENTRY_POINTS:
+        try:
+            call()
+            return
+        except OSError:
+            continue
+        except Exception:
+            shutil.rmtree(_folder_of(load_kernels()), ignore_errors=True)
+    call()
+
+
+def _folder_of(kernels: ModuleType) -> Path:
+    return kernel_folder(Path(str(kernels.__file__)))
 
 
 def _is_writable(folder: Path) -> bool:
