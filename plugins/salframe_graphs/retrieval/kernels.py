@@ -28,11 +28,11 @@ def scan_lists(lists, labels, alike, totals, state, min_score, scenes, scores): 
         lists: scene (P,), code (P, 3) and weight (S,) of the map's `Postings`.
         labels: of the J labels of the query, the longest lists last: first (J,) and last (J,) number of its objects,
             end (J,) of its list, rarity (J,), and rest (J + 1,), the most that labels from each on can share.
-        alike: (n, 3, 256) int64, likeness of the query's objects to each code.
+        alike: (n, 3, 256) int32, likeness of the query's objects to each code.
         totals: the query's rarity, and what two equal objects share.
-        state: (2 + J,) int64, the next scene, the number of results, and the position in each list; updated.
-        min_score: scenes at or below this score are passed over.
-        scenes, scores: (C,) results, in the order of the map; C is at least BLOCK more than the number wanted.
+        state: (2 + J,) int64, updated: the next scene, the number of results, and the position in each list.
+        min_score: scenes at or below this score are skipped.
+        scenes, scores: (C,) results, in the order of the map; C is at least BLOCK more than the number of results.
     """
     scene, code, weight = lists
     first, last, end, rarity, rest = labels
@@ -81,7 +81,8 @@ def scan_lists(lists, labels, alike, totals, state, min_score, scenes, scores): 
 
 @_compile
 def _find(scene, low, high, wanted, step):  # type: ignore[no-untyped-def]
-    """The first position in scene[low:high], ascending, of a number of at least `wanted`, about `step` after low."""
+    """Return the first position in scene[low:high], ascending, of a number of at least `wanted`; a guess is `step` after
+    low."""
     near, far = low, low + step
     while far < high and scene[far] < wanted:
         step *= 2
@@ -98,8 +99,8 @@ def _find(scene, low, high, wanted, step):  # type: ignore[no-untyped-def]
 
 @_compile
 def verify_scenes(lists, labels, query, limits, scenes, explained):  # type: ignore[no-untyped-def]
-    """Fill in what the best pose of each scene explains (K,): the rarity of the objects that coincide under it, each
-    counted as much as it is alike and near; the lesser of both sides.
+    """Fill in what the best pose of each scene explains (K,): the sum of the rarities of the objects that coincide under
+    it, each times similarity and nearness; the smaller sum of both sides.
 
     Args:
         lists: scene (P,), code (P, 3) and position (P, 2) of the map's `Postings`, and what codes stand for: height_m
@@ -146,7 +147,7 @@ def verify_scenes(lists, labels, query, limits, scenes, explained):  # type: ign
 
 @_compile
 def _explain_best(pair, place, xy_m, weight, max_shift_m):  # type: ignore[no-untyped-def]
-    """What the pose that explains most of the query explains of a scene, 0 where there is no pose.
+    """Return what the pose that explains most of the query explains of a scene, 0 where there is no pose.
 
     Args:
         pair: (C, 2) numbers of an object of the query and one of the scene, ordered by that of the query.
@@ -209,7 +210,7 @@ def _explain_best(pair, place, xy_m, weight, max_shift_m):  # type: ignore[no-un
 
 @_compile
 def _of_scene(pair, near, weight):  # type: ignore[no-untyped-def]
-    """What is explained of a scene's objects, each by the nearest object of the query: near (C,) of pairs (C, 2)."""
+    """Return what is explained of a scene's objects, each by the nearest object of the query: near (C,), pair (C, 2)."""
     explained, nearest = 0.0, np.zeros(pair[:, 1].max() + 1)
     for c in range(len(pair)):
         rise = max(near[c] - nearest[pair[c, 1]], 0.0)
