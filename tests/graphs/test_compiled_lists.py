@@ -12,11 +12,12 @@ import pytest
 from salframe_graphs.retrieval import kernel_cache
 from salframe_graphs.retrieval.compiled_lists import GEOMETRY_WEIGHT, MAX_VERIFIED, CompiledLists
 from salframe_graphs.retrieval.inverted_lists import InvertedLists
+from salframe_graphs.retrieval.postings import POSITION_M
 from scene_scores import list_scores, pose_scores, refurnished, similarity, some_graph, turned
 
 from salframe.framework.errors import DataError
 from salframe.graphs.city import City
-from salframe.graphs.graph import without_range
+from salframe.graphs.graph import SaliencyGraph, without_range
 from salframe.panoramas.geometry import pose_2d, transform_points
 from salframe.testing.asking import same
 
@@ -75,6 +76,21 @@ def test_the_score_is_that_of_the_lists_and_of_the_best_pose(tmp_path):
         posed += np.count_nonzero(geometry > 0.05)
     assert posed > 200
     assert np.mean(differs) < 0.001  # rounded similarities decide between two poses, or are just below the minimum
+
+
+def test_an_object_of_the_scene_is_explained_once(tmp_path):
+    """The query has the scene's chair twice: of both sides the smaller sum counts, of the lists and under the pose."""
+    x_m, y_m = POSITION_M[[90, 170]]
+
+    def graph(*labels):
+        centroid_m = np.array([(x_m, y_m, 0.3) if label == "table" else (y_m, x_m, -0.2) for label in labels])
+        ones = np.ones(len(labels))
+        return SaliencyGraph(labels, ones, ones, centroid_m, np.ones((len(labels), 3)), ones, np.zeros((0, 2), int))
+
+    index = built(CompiledLists, [graph("table", "chair")], tmp_path / "index")
+    for query in (graph("table", "chair", "chair"), turned(graph("chair", "table", "chair"), np.random.default_rng(0))):
+        jaccard = 2 / (3 + 2 - 2)  # every label is in the only scene: rarity 1
+        assert index.candidates(query, 1).score == pytest.approx([jaccard + GEOMETRY_WEIGHT * jaccard])
 
 
 def test_of_the_same_objects_those_that_stand_alike_come_first(tmp_path):

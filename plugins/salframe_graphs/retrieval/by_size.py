@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Iterable
+from collections import deque
+from collections.abc import Iterable, Iterator
 from itertools import chain, islice
 from pathlib import Path
 from typing import Any
@@ -51,10 +52,10 @@ class BySize(SceneIndex):
 
     def build(self, graphs: Iterable[SaliencyGraph], folder: Path) -> None:
         stream = iter(graphs)
-        first = list(islice(stream, MAX_PLAIN + 1))
+        first = deque(islice(stream, MAX_PLAIN + 1))
         kind, _ = choose_scene_index(len(first))
         with new_folder(folder) as parts:
-            kind().build(chain(first, stream), parts / _INDEX)
+            kind().build(chain(_drain(first), stream), parts / _INDEX)
             write_json(parts / _CHOICE, {"kind": kind.name})
 
     def open(self, folder: Path) -> None:
@@ -68,3 +69,9 @@ class BySize(SceneIndex):
 
     def candidates(self, query: SaliencyGraph, count: int) -> SceneCandidates:
         return self._index.candidates(query, count)
+
+
+def _drain(graphs: deque[SaliencyGraph]) -> Iterator[SaliencyGraph]:
+    """Yield graphs in order, and keep none."""
+    while graphs:
+        yield graphs.popleft()

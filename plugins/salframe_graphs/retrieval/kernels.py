@@ -81,8 +81,8 @@ def scan_lists(lists, labels, alike, totals, state, min_score, scenes, scores): 
 
 @_compile
 def _find(scene, low, high, wanted, step):  # type: ignore[no-untyped-def]
-    """Return the first position in scene[low:high], ascending, of a number of at least `wanted`; a guess is `step` after
-    low."""
+    """Return the first position in scene[low:high], ascending, of a number of at least `wanted`; low + step is a
+    guess."""
     near, far = low, low + step
     while far < high and scene[far] < wanted:
         step *= 2
@@ -99,8 +99,8 @@ def _find(scene, low, high, wanted, step):  # type: ignore[no-untyped-def]
 
 @_compile
 def verify_scenes(lists, labels, query, limits, scenes, explained):  # type: ignore[no-untyped-def]
-    """Fill in what the best pose of each scene explains (K,): the sum of the rarities of the objects that coincide under
-    it, each times similarity and nearness; the smaller sum of both sides.
+    """Fill in what the best pose of each scene explains (K,): the sum of the rarities of the objects that coincide
+    under it, each times similarity and nearness; the smaller sum of both sides.
 
     Args:
         lists: scene (P,), code (P, 3) and position (P, 2) of the map's `Postings`, and what codes stand for: height_m
@@ -210,7 +210,7 @@ def _explain_best(pair, place, xy_m, weight, max_shift_m):  # type: ignore[no-un
 
 @_compile
 def _of_scene(pair, near, weight):  # type: ignore[no-untyped-def]
-    """Return what is explained of a scene's objects, each by the nearest object of the query: near (C,), pair (C, 2)."""
+    """Return what is explained of a scene's objects, each by its nearest object of the query; near (C,) of pairs."""
     explained, nearest = 0.0, np.zeros(pair[:, 1].max() + 1)
     for c in range(len(pair)):
         rise = max(near[c] - nearest[pair[c, 1]], 0.0)
