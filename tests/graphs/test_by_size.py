@@ -17,6 +17,7 @@ from scene_scores import some_graph
 
 from salframe.framework.errors import DataError, RequirementMissing
 from salframe.graphs.scene_index import scene_index_notes
+from salframe.localization.saved_map import build_map
 from salframe.testing.asking import same
 
 
@@ -63,6 +64,15 @@ def test_a_method_tells_the_note_once(localizer):
     named = localizer.Config(detector="annotations", matcher={"scene_index": "inverted-lists"})
     expected = 1 if localizer is SaliencyPlacesLocalizer else 0  # it has a slot of its own
     assert len(scene_index_notes(named, MAX_PLAIN + 1)) == expected
+
+
+def test_a_build_tells_the_note(tmp_path, monkeypatch, without_numba):
+    monkeypatch.setattr(by_size, "MAX_PLAIN", 3)
+    lines = []
+    settings = ["data.rgb=false", "data.height=64", "detector.kind=annotations"]
+    build_map("house-6", tmp_path / "map", "saliency-graph", overrides=settings, tell=lines.append)
+    note = "the map has over 3 panoramas: for faster queries pip install 'salframe[fast]' and build it again"
+    assert lines.count(note) == 1
 
 
 @pytest.mark.parametrize(("limit", "kind"), [(60, InvertedLists), (59, CompiledLists)])
