@@ -5,6 +5,8 @@ from salframe_graphs.geometric import GeometricMatcher
 from salframe_graphs.localizer import SaliencyGraphLocalizer
 from salframe_graphs.places.localizer import SaliencyPlacesLocalizer
 from salframe_graphs.positioning import LeastSquaresPositioner, RobustPositioner
+from salframe_graphs.retrieval.by_size import BySize
+from salframe_graphs.retrieval.compiled_lists import CompiledLists
 from salframe_graphs.retrieval.inverted_lists import InvertedLists
 from salframe_graphs.saliency import RandomSaliency, UniformSaliency, VolumetricSaliency
 from salframe_graphs.triplet import TripletMatcher
@@ -18,6 +20,8 @@ def salframe_provides():
         RandomSaliency,
         InvertedLists,
         GeometricMatcher,
+        CompiledLists,
+        BySize,
         TripletMatcher,
         RobustPositioner,
         LeastSquaresPositioner,

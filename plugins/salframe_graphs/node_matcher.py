@@ -52,7 +52,7 @@ class NodeMatcherConfig(ComponentConfig):
     most: int | None = Field(
         100, ge=1, description="candidates at most, the first of the scene index; null: all (as in the paper)"
     )
-    scene_index: slot("scene-index", "inverted-lists")  # type: ignore[valid-type]
+    scene_index: slot("scene-index", "by-size")  # type: ignore[valid-type]
     height_scale_m: float | None = Field(
         0.2, gt=0, description="difference in height that halves node similarity; null: height ignored"
     )

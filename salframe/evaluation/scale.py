@@ -137,7 +137,7 @@ class _Asking(Worker[int]):
         build_s, memory_mb = time.perf_counter() - start, peak_memory_mb()
         shutil.rmtree(self._folder / "stream")
         read_map(built, self._open)
-        self._ask(self._index, self._city.query(0))  # imports and compiles what there is to compile
+        self._ask(self._index, self._city.query(0))  # imports what the first query imports
         del self._index, self._frames
         built = built.rename(self._folder / "moved")  # so that hashes that are remembered are computed again
         start = time.perf_counter()

@@ -22,6 +22,7 @@ from salframe.framework.errors import DataError, InputMissing, describe_error
 from salframe.framework.identity import digest, identity
 from salframe.framework.registry import registry
 from salframe.framework.slots import slot
+from salframe.graphs.scene_index import scene_index_notes
 from salframe.localization.answers import Localization, NodeMatches, PointMatches, RankedPlace
 from salframe.localization.evidence import Evidence
 from salframe.localization.map_folder import read_map, write_map
@@ -203,10 +204,10 @@ class Localizer(Role):
         floors: Sequence[FloorMasks] = (),
     ) -> list[str]:
         """Describe the mapping frames and index them, on floors where they are known; what the user must know of the
-        descriptions. Raises DataError where there is no frame."""
+        descriptions and of the scene index. Raises DataError where there is no frame."""
         packed, notes = self._describe_all(frames, cache, dataset, progress)
         self._take_packed(packed, frames, floors)
-        return notes
+        return [*notes, *scene_index_notes(self.config, len(self._frames))]
 
     def extend(
         self,
@@ -220,7 +221,7 @@ class Localizer(Role):
         all, on what are its floors from now on; notes and errors as of `build`."""
         packed, notes = self._describe_all(frames, cache, dataset, progress)
         self._replace({frame.place for frame in frames}, packed, frames, floors)
-        return notes
+        return [*notes, *scene_index_notes(self.config, len(self._frames))]
 
     def remove(self, places: Collection[str], floors: Sequence[FloorMasks] = ()) -> None:
         """Forget the frames of some places of the map that it remembers, and index the others, on what are its floors

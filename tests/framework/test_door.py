@@ -32,6 +32,8 @@ ELSEWHERE = {
     "salframe/testing/declaration.py": {"loads"},  # of text that it has just written
     "plugins/salframe_graphs/places/localizer.py": {"open"},  # a method of that name
     "plugins/salframe_graphs/node_matcher.py": {"open"},  # a method of that name
+    "plugins/salframe_graphs/retrieval/by_size.py": {"open"},  # a method of that name
+    "plugins/salframe_graphs/retrieval/compiled_lists.py": {"open"},  # a method of that name
     "plugins/salframe_graphs/retrieval/postings.py": {"open", "fromfile", "open_memmap"},  # what it has just written
     "plugins/salframe_house/assets.py": {"ZipFile", "load_scene"},  # furniture, which trimesh reads
     "plugins/salframe_mesh/dataset.py": {"DictReader"},  # of text that came through the door

@@ -115,7 +115,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
             ge=1,
             description="places that are matched object by object: those whose panoramas the scene index puts first",
         )
-        scene_index: slot("scene-index", "inverted-lists", match_only=True)  # type: ignore[valid-type]
+        scene_index: slot("scene-index", "by-size", match_only=True)  # type: ignore[valid-type]
         merged: bool = match_only(
             True, description="gather the panoramas of a place into one graph; false: each by itself"
         )

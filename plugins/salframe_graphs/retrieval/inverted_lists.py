@@ -11,42 +11,33 @@ from salframe.framework.config import ComponentConfig, match_only
 from salframe.framework.files import new_folder
 from salframe.graphs.graph import SaliencyGraph
 from salframe.graphs.scene_index import SceneCandidates, SceneIndex
-from salframe_graphs import compilation
-from salframe_graphs.retrieval import scoring
-from salframe_graphs.retrieval.postings import appearance, read_postings, write_postings
-from salframe_graphs.retrieval.scoring import Asked
+from salframe_graphs.retrieval.index_query import IndexQuery
+from salframe_graphs.retrieval.postings import read_postings, write_postings
+from salframe_graphs.retrieval.scoring import best_scenes
 
 
 class InvertedLists(SceneIndex):
-    """Scenes by the Jaccard index of their objects and the query's, weighed by the rarity of labels: an object shares
-    as much as the most alike of its label is alike in height, length and box height. Compiled where numba is installed
-    (`salframe[fast]`), with the same candidates without."""
+    """Ranks scenes by the Jaccard index of their objects and the query's, weighted by the rarity of labels. An object
+    counts as much as the most similar object of its label matches it in height, length and box height."""
 
     name = "inverted-lists"
     version = "1"
 
     class Config(ComponentConfig):
-        height_scale_m: float = match_only(0.2, gt=0, description="difference in height that halves likeness")
+        height_scale_m: float = match_only(0.2, gt=0, description="difference in height that halves similarity")
         size_scale: tuple[float, float] = match_only(
-            (0.8, 0.5), description="log ratios of box length and box height that halve likeness"
+            (0.8, 0.5), description="log ratios of box length and box height that halve similarity"
         )
 
     def build(self, graphs: Iterable[SaliencyGraph], folder: Path) -> None:
         with new_folder(folder) as parts:
-            write_postings(graphs, parts)
+            write_postings(graphs, parts, positions=False)
 
     def open(self, folder: Path) -> None:
         self._postings = read_postings(folder)
 
     def candidates(self, query: SaliencyGraph, count: int) -> SceneCandidates:
-        best_scenes = (compilation.compiled("salframe_graphs.retrieval.compiled") or scoring).best_scenes
-        scene, score = best_scenes(self._postings, self._asked(query), max(count, 1))
+        half_at = np.array([self.config.height_scale_m, *self.config.size_scale])
+        scene, score = best_scenes(self._postings, IndexQuery.of(query, self._postings, half_at), max(count, 1))
         order = np.lexsort((scene, -score))[:count]
         return SceneCandidates(scene[order], score[order])
-
-    def _asked(self, query: SaliencyGraph) -> Asked:
-        """The query laid out beside the lists."""
-        label = np.array([self._postings.labels.get(name, -1) for name in query.labels], int)
-        order = np.argsort(label, kind="stable")[np.count_nonzero(label < 0) :]
-        scale = np.array([self.config.height_scale_m, *self.config.size_scale])
-        return Asked(label[order], appearance(query)[order], scale, int(self._postings.rarity[label].sum()))

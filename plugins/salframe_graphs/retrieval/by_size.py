@@ -1,0 +1,77 @@
+"""The scene index `by-size`: another one, chosen by the number of scenes and what is installed."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections import deque
+from collections.abc import Iterable, Iterator
+from itertools import chain, islice
+from pathlib import Path
+from typing import Any
+
+from salframe.framework.config import Settings
+from salframe.framework.errors import DataError
+from salframe.framework.files import new_folder, read_model, write_json
+from salframe.graphs.graph import SaliencyGraph
+from salframe.graphs.scene_index import SceneCandidates, SceneIndex
+from salframe_graphs.retrieval.compiled_lists import CompiledLists
+from salframe_graphs.retrieval.inverted_lists import InvertedLists
+
+MAX_PLAIN = 10_000
+"""Maximum number of scenes that inverted-lists answers in some 12 ms with matching."""
+_CHOICE, _INDEX = "choice.json", "index"
+_KINDS = {kind.name: kind for kind in (InvertedLists, CompiledLists)}
+
+
+def choose_scene_index(num_scenes: int) -> tuple[type[SceneIndex], str | None]:
+    """Return the scene index for a map of this many scenes, and a note for the user, None on a map of MAX_PLAIN."""
+    if num_scenes <= MAX_PLAIN:
+        return InvertedLists, None
+    size = f"the map has over {MAX_PLAIN:,} panoramas"
+    if importlib.util.find_spec("numba") is None:
+        return InvertedLists, f"{size}: for faster queries pip install 'salframe[fast]' and build it again"
+    return CompiledLists, f"{size}: its scene index is {CompiledLists.name}"
+
+
+class _Choice(Settings):
+    """choice.json: the scene index that was chosen when the map was built."""
+
+    kind: str
+
+
+class BySize(SceneIndex):
+    """Takes compiled-lists for a map of over 10,000 scenes where numba is installed, else inverted-lists, each with its
+    default settings. A map keeps the index that it was built with."""
+
+    name = "by-size"
+    version = "1"
+
+    @classmethod
+    def note(cls, config: Any, num_scenes: int) -> str | None:
+        return choose_scene_index(num_scenes)[1]
+
+    def build(self, graphs: Iterable[SaliencyGraph], folder: Path) -> None:
+        stream = iter(graphs)
+        first = deque(islice(stream, MAX_PLAIN + 1))
+        kind, _ = choose_scene_index(len(first))
+        with new_folder(folder) as parts:
+            kind().build(chain(_drain(first), stream), parts / _INDEX)
+            write_json(parts / _CHOICE, {"kind": kind.name})
+
+    def open(self, folder: Path) -> None:
+        if not (folder / _CHOICE).exists():
+            raise DataError(f"{folder} holds no scene index: build it with SceneIndex.build")
+        kind = read_model(folder / _CHOICE, _Choice).kind
+        if kind not in _KINDS:
+            raise DataError(f"{folder} has a scene index {kind!r}, expected one of {', '.join(_KINDS)}: build it again")
+        self._index = _KINDS[kind]()
+        self._index.open(folder / _INDEX)
+
+    def candidates(self, query: SaliencyGraph, count: int) -> SceneCandidates:
+        return self._index.candidates(query, count)
+
+
+def _drain(graphs: deque[SaliencyGraph]) -> Iterator[SaliencyGraph]:
+    """Yield graphs in order, and keep none."""
+    while graphs:
+        yield graphs.popleft()

@@ -1,0 +1,128 @@
+"""The scene index `compiled-lists`: inverted lists with positions, verified by two-point hypotheses, compiled."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from salframe.framework.config import match_only
+from salframe.framework.errors import DataError
+from salframe.framework.files import new_folder
+from salframe.graphs.graph import SaliencyGraph
+from salframe.graphs.scene_index import SceneCandidates, SceneIndex
+from salframe_graphs.retrieval.index_query import FULL, IndexQuery
+from salframe_graphs.retrieval.inverted_lists import InvertedLists
+from salframe_graphs.retrieval.kernel_cache import compile_kernels, load_kernels
+from salframe_graphs.retrieval.postings import (
+    CODE_LOW,
+    CODE_STEP,
+    POSITION_M,
+    RARITY_UNIT,
+    read_postings,
+    write_postings,
+)
+
+MAX_VERIFIED = 2000
+"""Maximum number of scenes to verify, the best by the lists."""
+GEOMETRY_WEIGHT = 2.0
+"""Weight of the Jaccard index of the objects that agree with one pose, beside that of the lists: 1."""
+MIN_SIMILARITY = 0.1
+"""Minimum similarity of two objects that may be one."""
+_HEIGHT_M = CODE_LOW[0] + CODE_STEP * np.arange(256)
+
+
+class CompiledLists(SceneIndex):
+    """Ranks scenes as inverted-lists does, then the best 2,000 by the objects that agree with one pose: two objects of
+    the query and two of the scene give a pose, and the best pose of each scene counts. For maps of over 10,000 scenes;
+    compiled by numba when a map is built or opened."""
+
+    name = "compiled-lists"
+    version = "1"
+    requires = ("numba",)
+    extra = "salframe[fast]"
+
+    class Config(InvertedLists.Config):
+        tolerance_m: float = match_only(0.3, gt=0, description="distance at which two objects at range 0 cannot be one")
+        tolerance_share: float = match_only(0.05, ge=0, description="added tolerance, a share of the objects' ranges")
+        max_shift_m: float = match_only(
+            6.0, gt=0, description="maximum distance of a query to the panorama of a scene; poses beyond do not count"
+        )
+
+    def build(self, graphs: Iterable[SaliencyGraph], folder: Path) -> None:
+        with new_folder(folder) as parts:
+            write_postings(graphs, parts, positions=True)
+        type(self)(self.config).open(folder)  # compiles, so that whoever opens the map does not wait
+
+    def open(self, folder: Path) -> None:
+        self._postings = read_postings(folder)
+        if self._postings.position is None:
+            raise DataError(f"{folder} has no positions of objects: build the scene index again")
+        if len(self._postings.scene):
+            self._compile()
+
+    def candidates(self, query: SaliencyGraph, count: int) -> SceneCandidates:
+        half_at = np.array([self.config.height_scale_m, *self.config.size_scale])
+        laid_out = IndexQuery.of(query, self._postings, half_at)
+        if not len(laid_out.node):
+            return SceneCandidates(np.zeros(0, np.int64), np.zeros(0))
+        scene, score = self._scan(laid_out, max(count, MAX_VERIFIED))
+        if not query.bearings_only:
+            best = np.sort(np.lexsort((scene, -score))[:MAX_VERIFIED])
+            # No verified scene falls behind one that is not: what is added is at least 0.
+            score[best] += GEOMETRY_WEIGHT * self._geometry(query, laid_out, scene[best])
+        order = np.lexsort((scene, -score))[:count]
+        return SceneCandidates(scene[order], score[order])
+
+    def _scan(self, query: IndexQuery, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return the best `count` scenes by the lists, in the order of the map, and their scores. Of equal scores the
+        lower numbers come first."""
+        kernels, postings = load_kernels(), self._postings
+        rarity = postings.rarity[query.label]
+        most = FULL * rarity * (query.last - query.first)
+        rest = np.append(np.cumsum(most[::-1])[::-1], 0)
+        lists = postings.scene, postings.code, postings.weight
+        labels = query.first, query.last, postings.start[query.label + 1], rarity, rest
+        scenes, scores = (np.empty(2 * count + kernels.BLOCK, kind) for kind in (np.int64, np.float64))
+        state = np.concatenate([[0, 0], postings.start[query.label]])
+        min_score = 0.0
+        while state[0] < len(postings.weight):
+            kernels.scan_lists(lists, labels, query.likeness, (query.rarity, FULL), state, min_score, scenes, scores)
+            found = int(state[1])
+            if found > count:
+                is_best = _first(scores[:found], count)
+                min_score = float(scores[:found][is_best].min())
+                scenes[:count], scores[:count] = scenes[:found][is_best], scores[:found][is_best]
+                state[1] = count
+        return scenes[: state[1]].copy(), scores[: state[1]].copy()
+
+    def _geometry(self, query: SaliencyGraph, laid_out: IndexQuery, scene: np.ndarray) -> np.ndarray:
+        """Return the Jaccard index (K,) of the objects that agree with the best pose of each scene (K,), ascending."""
+        postings = self._postings
+        start, end = postings.start[laid_out.label], postings.start[laid_out.label + 1]
+        lists = postings.scene, postings.code, postings.position, _HEIGHT_M, POSITION_M
+        labels = laid_out.first, laid_out.last, start, end, (end - start) / len(postings.weight)
+        weight = postings.rarity[laid_out.object_label] / RARITY_UNIT
+        xy_m = np.ascontiguousarray(query.centroid_m[laid_out.node, :2])
+        objects = xy_m, query.range_m[laid_out.node], weight, laid_out.likeness / 255
+        limits = self.config.tolerance_m, self.config.tolerance_share, self.config.max_shift_m, MIN_SIMILARITY
+        shared = np.zeros(len(scene))
+        load_kernels().verify_scenes(lists, labels, objects, limits, scene, shared)
+        whole = (laid_out.rarity + postings.weight[scene]) / RARITY_UNIT
+        return shared / (whole - shared)  # type: ignore[no-any-return]
+
+    def _compile(self) -> None:
+        """Compile the kernels, or read them from the cache, by a query of one object that is in the map."""
+        labels = (next(iter(self._postings.labels)),)
+        one, at = np.ones(1), np.zeros((1, 3))
+        query = SaliencyGraph(labels, one, one, at, at + 1, 0 * one, np.zeros((0, 2), np.int64))
+        compile_kernels(lambda: self.candidates(query, 1))
+
+
+def _first(scores: np.ndarray, count: int) -> np.ndarray:
+    """Return which scores (N,) bool are the `count` largest; of equal ones the first."""
+    least = np.partition(scores, len(scores) - count)[len(scores) - count]
+    is_best = scores > least
+    is_best[np.flatnonzero(scores == least)[: count - np.count_nonzero(is_best)]] = True
+    return is_best
