@@ -8,10 +8,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from salframe.framework.cache import Cache
 from salframe.framework.columns import Columns
 from salframe.framework.config import ComponentConfig, match_only
-from salframe.framework.errors import InputMissing
 from salframe.framework.registry import registry
 from salframe.framework.slots import slot
 from salframe.graphs.graph import REACH_M, GraphConfig, SaliencyGraph, build_graph
@@ -20,8 +18,8 @@ from salframe.graphs.packing import graph_from_arrays, graph_to_arrays, pack_gra
 from salframe.graphs.table import MappedGraphs
 from salframe.localization.answers import Localization, LocalizationStatus, NodeMatches, RankedPlace
 from salframe.localization.localizer import Description, Localizer, posterior_slot, range_slot, rank_places
-from salframe.localization.map_parts import SavedFrames
-from salframe.panoramas.frames import FrameKind, MapFrame, QueryFrame
+from salframe.localization.saved_frames import SavedFrames
+from salframe.panoramas.frames import FrameKind, MapFrame
 from salframe.panoramas.geometry import pose_2d, pose_yaw, wrap_angle
 from salframe.panoramas.panorama import Panorama
 from salframe_graphs.agreement import agree
@@ -82,17 +80,13 @@ class SaliencyGraphLocalizer(Localizer):
         detections = self._detector.detect(panorama)
         return build_graph(detections, self._saliency.score(detections), self.config.graph)
 
-    def describe_frame(
-        self, frame: MapFrame | QueryFrame, cache: Cache | None = None, dataset: str = ""
-    ) -> tuple[Description, float]:
-        """As of every localizer; a mapping frame without range raises InputMissing too."""
-        description, seconds = super().describe_frame(frame, cache, dataset)
-        if isinstance(frame, MapFrame) and graph_from_arrays(description).bearings_only:
-            raise InputMissing(
-                f"a map needs range, which {frame.id} does not have: map with range, ask without; "
-                "labels alone are enough for 'objects'"
-            )
-        return description, seconds
+    def unfit_for_map(self, description: Description) -> str | None:
+        if not graph_from_arrays(description).bearings_only:
+            return None
+        return (
+            "it has no range; build the map from panoramas with range, only queries may lack it, "
+            "or use the method 'objects', which needs labels alone"
+        )
 
     def count_objects(self, description: Description) -> int:
         return len(description["labels"])
