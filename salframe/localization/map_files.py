@@ -136,7 +136,8 @@ class MapParts:
 
 @contextmanager
 def write_map(directory: Path) -> Iterator[MapParts]:
-    """Write the parts of a map in a `with` block; they replace the map in `directory` when the block ends without error.
+    """Write the parts of a map in a `with` block; they replace the map in `directory` when the block ends without an
+    error.
 
     The parts lie in a sub-folder of their own, and map.json, which names it, is replaced in one step: whenever the
     process is killed, `directory` holds the old map or the new one. The next call removes what killed processes left.

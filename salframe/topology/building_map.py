@@ -1,4 +1,4 @@
-"""The map of a building in one folder: a localization map and a topological map, built together and queried together."""
+"""The map of a building in one folder: localization map and topological map, built and queried together."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ from salframe.evaluation.tasks import evaluate
 from salframe.framework.errors import ConfigError, DataError
 from salframe.framework.installation import folder_bytes
 from salframe.localization.answers import Localization, LocalizationStatus
-from salframe.localization.saved_map import build_map
+from salframe.topology.building_map import build_map
 
 
 def run(methods, *settings, engine="inline", **given):

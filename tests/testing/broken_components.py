@@ -338,9 +338,8 @@ class Stretched(Described):
 class Mixed(SaliencyGraphLocalizer):
     """Broken."""
 
-    def read_parts(self, parts):
-        super().read_parts(parts)
-        self.take_map([self.unpack(packed) for packed in self._packed[::-1]], self._frames)
+    def open_index(self, folder, packed, frames):
+        self.index([self.unpack(row) for row in packed[::-1]], frames)
 
 
 class North(SaliencyGraphLocalizer):

@@ -49,11 +49,18 @@ class Storeys(DooredRooms):
 
     name = "storeys"
 
+    class Config(DooredRooms.Config):
+        height_m: float = Field(3.0, description="height of the upper floor above the lower one")
+
     def floors(self):
         (floor,) = super().floors()
         return [
             floor,
-            replace(floor, z_m=3.0, regions={number: f"upper-{name}" for number, name in floor.regions.items()}),
+            replace(
+                floor,
+                z_m=self.config.height_m,
+                regions={number: f"upper-{name}" for number, name in floor.regions.items()},
+            ),
         ]
 
 
