@@ -535,7 +535,7 @@ BROKEN = [
     (Rangeless, r"match of a graph without range: received scores .*nan"),
     (Shuffled, "match after write_index and open_index: received another answer, expected that of `index`"),
     (Stretched, r"detect with annotations alone: received bearings of length \[2.0"),
-    (Mixed, "after save and load: received"),
+    (Mixed, "after save and open: received"),
     (North, "received a pose that moved .* rad off the turn"),
     (Scolding, "received ValueError: there is nothing here"),
     (Modest, "describe of a panorama with rgb alone: received InputMissing"),
