@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from salframe.topology.planner import Route
 
 app = typer.Typer(help="Build the map of a building, change it, draw it, and plan routes on it.", no_args_is_help=True)
-Map = Annotated[Path, typer.Argument(metavar="MAP", help="A map with a topology.")]
+TopologyMap = Annotated[Path, typer.Argument(metavar="MAP", help="A map with a topology.")]
 AnyMap = Annotated[Path, typer.Argument(metavar="MAP", help="A folder that holds a map.")]
 PlannerName = Annotated[str, typer.Option("--planner", help="How routes are planned: see `salframe plugins`.")]
 Heading = Annotated[
@@ -81,7 +81,7 @@ def merge(
 
 @app.command()
 def show(
-    map: Map,
+    map: TopologyMap,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="FILE.png", help="MAP/map.png unless given.")
     ] = None,
@@ -97,7 +97,7 @@ def show(
 
 @app.command()
 def route(
-    map: Map,
+    map: TopologyMap,
     start: Annotated[str, typer.Argument(metavar="FROM", help="A node or a place.")],
     goal: Annotated[str, typer.Argument(metavar="TO", help="A node or a place.")],
     planner: PlannerName = PLANNER,
@@ -123,7 +123,7 @@ def route(
 
 @app.command()
 def query(
-    map: Map,
+    map: AnyMap,
     frame: Annotated[
         str, typer.Argument(help="An image of a folder with a manifest.json; or with --data, the id of a frame.")
     ],

@@ -64,7 +64,8 @@ class LocalizationMap:
         cache and dataset are as in `describe_frame`; `tell` is called with the localizer's notes on the descriptions.
         Raises DataError without frames, InputMissing on frames that the localizer cannot use.
         """
-        built = cls(localizer, _describe_all(localizer, frames, cache, dataset, progress, tell), frames, floors)
+        packed = _describe_all(localizer, frames, cache, dataset, progress, tell)
+        built = cls(localizer, packed, list(frames), floors)
         built._index()
         return built
 
@@ -77,7 +78,8 @@ class LocalizationMap:
         floors: Sequence[FloorMasks] = (),
     ) -> LocalizationMap:
         """Index described reference frames, packed and unpacked as in a saved map."""
-        built = cls(localizer, [localizer.pack(description) for description in descriptions], frames, floors)
+        packed = [localizer.pack(description) for description in descriptions]
+        built = cls(localizer, packed, list(frames), floors)
         built._index()
         return built
 

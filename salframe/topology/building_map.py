@@ -19,7 +19,7 @@ from salframe.panoramas.panorama import Panorama
 from salframe.topology.build import build_topology
 from salframe.topology.planner import Route
 from salframe.topology.routes import HERE, find_route, with_position
-from salframe.topology.store import read_topology, write_topology
+from salframe.topology.store import TOPOLOGY, read_topology, write_topology
 from salframe.topology.topological_map import TopologicalMap, TopologySettings
 
 
@@ -105,8 +105,9 @@ class Whereabouts:
     """The answer of a map to a query.
 
     localization: the localizer's answer; node: the nearest node, off all floors and without a pose that of the frame
-    that answered; distance_m: distance to walk to the node, None without a pose; heading_rad: azimuth of the panorama's
-    x axis, None without a pose; route: the route to the goal where one was requested.
+    that answered, None in a map without topology; distance_m: distance to walk to the node, None without a pose;
+    heading_rad: azimuth of the panorama's x axis, None without a pose; route: the route to the goal where one was
+    requested.
     """
 
     localization: Localization
@@ -119,14 +120,16 @@ class Whereabouts:
 def ask_map(
     directory: str | Path, frame: MapFrame | QueryFrame | Panorama, goal: str | None = None, planner: str | None = None
 ) -> Whereabouts:
-    """Localize a query with a map that has a topology, find the nearest node, and plan the route to a node or place.
+    """Localize a query with a saved map, find the nearest node, and plan the route to a node or place.
 
     With a pose the route begins there, at the node `here`; without, at the node of the map frame that answered. Raises
-    DataError where the map lacks localizer or topology, UnknownName on a goal that is not on the map, NoRoute where
-    there is no route or the query is not localized.
+    DataError where the map has no localizer, or no topology to plan a route on; UnknownName on a goal that is not on
+    the map; NoRoute where there is no route or the query is not localized.
     """
-    localization, topology = read_map(Path(directory), _read_both)
+    localization, topology = read_map(Path(directory), partial(_read_both, needs_topology=goal is not None))
     answer = localization.localize(frame)
+    if topology is None:
+        return Whereabouts(answer, None, None, None if answer.T_world_query is None else pose_yaw(answer.T_world_query))
     answered = answer.places[0].frame if answer.status.names_a_place else None
     start = next((node.id for node in topology.nodes if answered in node.frames), None)
     if answer.T_world_query is not None:
@@ -151,6 +154,6 @@ def ask_map(
     return replace(found, route=find_route(topology, start, goal, planner))
 
 
-def _read_both(parts: MapParts) -> tuple[LocalizationMap, TopologicalMap]:
-    topology = read_topology(parts)
+def _read_both(parts: MapParts, needs_topology: bool) -> tuple[LocalizationMap, TopologicalMap | None]:
+    topology = read_topology(parts) if needs_topology or parts.has(TOPOLOGY) else None
     return LocalizationMap.read(parts), topology

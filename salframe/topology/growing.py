@@ -85,8 +85,9 @@ def remove_from_map(directory: str | Path, places: Iterable[str]) -> MapChange:
     """Remove places from the map in the folder `directory`: their frames, and their regions with the floor in them, so
     that no route leads there or through.
 
-    A topology is computed again from what stays. The map changes in one step. Raises UnknownName on a place that the
-    map does not have, ConfigError where none would stay, DataError where the folder holds no map with a method.
+    A topology is computed again from what stays, and dropped where no place with a floor stays. The map changes in one
+    step. Raises UnknownName on a place that the map does not have, ConfigError where none would stay, DataError where
+    the folder holds no map with a method.
     """
     removed = list(dict.fromkeys(places))
 
@@ -147,8 +148,12 @@ def _change(directory: Path, change: _Change) -> MapChange:
         known, topology = read_map(directory, _read)
         old, old_floors = known.frames, _floors(known, topology)
         floors = change(known, old_floors)
-        if topology is not None:
+        notes: tuple[str, ...] = ()
+        if topology is not None and floors:
             topology = build_topology(floors, known.frames, topology.parameters)
+            notes = topology.notes
+        elif topology is not None:
+            topology, notes = None, ("the map has no topology any more: none of its places has a floor",)
         BuildingMap(known, topology).write(parts)
     frames, kept, before = known.frames, set(old), {frame.place for frame in old}
     fresh = dict.fromkeys(frame.place for frame in frames if frame not in kept)
@@ -159,7 +164,7 @@ def _change(directory: Path, change: _Change) -> MapChange:
         removed=tuple(place for place in _places(old, old_floors) if place not in after),
         places=len({frame.place for frame in frames}),
         frames=len(frames),
-        notes=() if topology is None else topology.notes,
+        notes=notes,
     )
 
 

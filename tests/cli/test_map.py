@@ -164,6 +164,11 @@ def test_data_without_floors_give_a_map_without_topology(rooms):
     assert (done.code, done.err) == (0, "")
     assert done.out.endswith(", no topology\n")
     assert run("localize", "map", "query-1-0", "--data", "doored").code == 0
+    done = run("map", "query", "map", "query-1-0", "--data", "doored", "--json").json
+    assert (done["status"], done["node"], done["heading_deg"]) == ("ok", None, 0.0)
+    done = run("map", "query", "map", "query-1-0", "--data", "doored", "--to", "room-3")
+    assert (done.code, done.err.count("\n")) == (2, 1)
+    assert "map holds no topological map" in done.err
 
 
 def test_floors_without_a_topology_do_not_prevent_localization(rooms, tmp_path):

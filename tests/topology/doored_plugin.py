@@ -10,6 +10,7 @@ from pydantic import Field
 
 import salframe
 from salframe.localization.localizer import Localizer
+from salframe.panoramas.floors import without_places
 from salframe.panoramas.frames import Fold
 
 
@@ -33,6 +34,15 @@ class Maskless(DooredRooms):
 
     def floors(self):
         return []
+
+
+class HalfMasked(DooredRooms):
+    """Masks of the first room alone."""
+
+    name = "half-masked"
+
+    def floors(self):
+        return without_places(super().floors(), [f"room-{room}" for room in range(1, self.config.rooms)])
 
 
 class Frameless(DooredRooms):
@@ -111,4 +121,4 @@ class Sharp(Reader):
 
 @salframe.hookimpl
 def salframe_provides():
-    return [DooredRooms, Maskless, Frameless, Storeys, Upstairs, Crooked, Sharp]
+    return [DooredRooms, Maskless, HalfMasked, Frameless, Storeys, Upstairs, Crooked, Sharp]

@@ -186,6 +186,15 @@ def test_a_region_without_panoramas_is_removed_too(rooms):
     assert remove_from_map(map, ["upper-room-4"]).places == 7
 
 
+def test_a_map_whose_last_floor_is_removed_has_no_topology_any_more(rooms):
+    map = build("map", "half-masked")
+    assert [node.id for node in open_topology(map).nodes] == ["map-0"]
+    change = remove_from_map(map, ["room-0"])
+    assert change.places == 4
+    assert change.notes == ("the map has no topology any more: none of its places has a floor",)
+    assert content(map).keys() == content(build("plain", "maskless")).keys()
+
+
 def test_how_the_topology_was_made_stays(rooms):
     build_map("doored", "map", "reader", choose=True, overrides=("data.rooms=3",))
     add_to_map("map", "doored", overrides=("data.rooms=5",))
