@@ -40,12 +40,14 @@ class Query:
 class Answering(Worker[Query]):
     """A localizer that answers queries, fold by fold."""
 
+    _map: LocalizationMap
+    """The map of the fold that was prepared."""
+
     def __init__(self, localizer: Localizer, dataset: Dataset, todo: Sequence[Query], folder: Path) -> None:
         folds = {piece.fold.id: piece.fold for piece in todo}
         uses = Counter(frame.id for fold in folds.values() for frame in fold.mapping)
         uses.update(piece.frame.id for piece in todo)
         self._localizer, self._floors, self._fold = localizer, dataset.floors(), ""
-        self._map: LocalizationMap | None = None
         self._places: dict[str, str] = {}
         self._descriptions = _Descriptions(localizer, dataset.content_key, uses, folder / DESCRIPTIONS)
         self._measured = {row["fold"] for row in read_rows(folder / MAPS, MapLine)}
@@ -70,8 +72,6 @@ class Answering(Worker[Query]):
         except FRAME_ERRORS as error:
             self._unusable.append(str(error))
             raise
-        if self._map is None:
-            raise MethodFailed(f"no map was prepared for {piece.frame.id}")
         start = time.perf_counter()
         answer = self._map.answer(description)
         query_ms = (time.perf_counter() - start) * 1e3
