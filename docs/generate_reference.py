@@ -39,7 +39,7 @@ PYTHON = {
     "navigate": "navigate",
     "score": "score",
     "data render": "find_dataset",
-    "map build": "build_topological_map",
+    "map build": "build_map",
     "map add": "add_to_map",
     "map remove": "remove_from_map",
     "map merge": "merge_maps",
@@ -88,10 +88,11 @@ def _option(parameter: Any) -> tuple[str, str, str]:
 
 
 def _spelling(parameter: Any) -> list[str]:
-    """How an argument or option is written, an option's short form last."""
+    """How an argument or option is written, an option's short form or the flag that turns it off last."""
     if parameter.param_type_name == "argument":
         return [parameter.metavar or parameter.name.upper()]
-    return [f"{name} {parameter.metavar}" if parameter.metavar else name for name in parameter.opts]
+    names = [*parameter.opts, *parameter.secondary_opts]
+    return [f"{name} {parameter.metavar}" if parameter.metavar else name for name in names]
 
 
 def write_components() -> str:

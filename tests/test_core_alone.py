@@ -17,7 +17,8 @@ CODE = """
 import json, sys
 from pathlib import Path
 from salframe.framework.registry import registry
-from salframe.localization.saved_map import build_map, open_map
+from salframe.localization.map import open_map
+from salframe.topology.building_map import build_map
 from salframe.panoramas.opening import find_dataset, find_frame
 
 build_map("data", Path("map"), "reader")

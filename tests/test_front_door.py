@@ -19,6 +19,7 @@ from salframe.testing.rooms import PARTS, query_frames, query_truths
 DOOR = [
     "export_map", "fetch_weights", "score",
     "equirectangular_rays", "invert_pose", "pose_2d", "rays_to_pixels", "transform_points",
+    "BuildingMap", "LocalizationMap",
     "Annotations", "Cache", "Component", "ComponentConfig", "ConfigError", "Conformance", "DataError", "Dataset",
     "Detections", "Detector", "Engine", "FloorMasks", "Fold", "FrameKind", "GraphMatch", "GraphMatcher",
     "InputMissing", "InvalidAnswer", "Localization", "LocalizationStatus", "Localizer", "MapEdge", "MapFrame",
@@ -27,7 +28,7 @@ DOOR = [
     "Request", "RequirementMissing", "Result", "Role", "Route", "RuleResult", "RuleStatus", "SalframeError",
     "SaliencyGraph", "SaliencyModel", "SceneCandidates", "SceneIndex", "Scorer", "TopologicalMap", "Truth",
     "UnknownName", "UserFile", "Weights", "WeightsMissing",
-    "__version__", "ablate", "ask_map", "build_map", "build_topological_map", "check_component", "compare",
+    "__version__", "ablate", "ask_map", "build_map", "check_component", "compare",
     "detections_from_points", "directions", "draw_topology", "evaluate", "find_dataset", "find_frame", "find_route",
     "fit_method", "hookimpl", "mapping_frames", "match_only", "measure_detection", "measure_matching",
     "measure_sensor", "navigate", "open_map", "rank_places", "read_panorama", "open_topology", "show_objects",

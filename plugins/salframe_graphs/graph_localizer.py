@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from salframe.framework.cache import Cache
 from salframe.framework.config import ComponentConfig
-from salframe.framework.errors import InputMissing
 from salframe.framework.registry import registry
 from salframe.framework.slots import slot
 from salframe.graphs.graph import REACH_M, GraphConfig, SaliencyGraph, build_graph
 from salframe.graphs.packing import graph_from_arrays, graph_to_arrays, pack_graph, unpack_graph
 from salframe.localization.localizer import Description, Localizer, range_slot
-from salframe.panoramas.frames import MapFrame, QueryFrame
 from salframe.panoramas.panorama import Panorama
 
 
@@ -48,17 +45,13 @@ class GraphLocalizer(Localizer):
     def describe(self, panorama: Panorama) -> Description:
         return graph_to_arrays(self.graph(panorama))
 
-    def describe_frame(
-        self, frame: MapFrame | QueryFrame, cache: Cache | None = None, dataset: str = ""
-    ) -> tuple[Description, float]:
-        """As of every localizer; a mapping frame without range raises InputMissing too."""
-        description, seconds = super().describe_frame(frame, cache, dataset)
-        if isinstance(frame, MapFrame) and graph_from_arrays(description).bearings_only:
-            raise InputMissing(
-                f"a map needs range, which {frame.id} does not have: map with range, ask without; "
-                "labels alone are enough for 'objects'"
-            )
-        return description, seconds
+    def unfit_for_map(self, description: Description) -> str | None:
+        if not graph_from_arrays(description).bearings_only:
+            return None
+        return (
+            "it has no range; build the map from panoramas with range, only queries may lack it, "
+            "or use the method 'objects', which needs labels alone"
+        )
 
     def pack(self, description: Description) -> Description:
         return pack_graph(description)

@@ -11,7 +11,7 @@ from salframe.graphs.packing import graph_from_arrays
 from salframe.graphs.table import MappedGraphs
 from salframe.localization.answers import Localization, NodeMatches
 from salframe.localization.localizer import Description, posterior_slot
-from salframe.localization.map_parts import SavedFrames
+from salframe.localization.saved_frames import SavedFrames
 from salframe.panoramas.frames import MapFrame
 from salframe_graphs.graph_localizer import GraphLocalizer, GraphLocalizerConfig
 from salframe_graphs.panorama_matching import PanoramaMatching, PanoramaMatchingConfig

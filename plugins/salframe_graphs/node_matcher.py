@@ -111,6 +111,8 @@ class NodeMatcher(GraphMatcher):
     """Base of matchers that take candidates by their labels and compare nodes of the same label; their Config is a
     NodeMatcherConfig."""
 
+    uses_scene_index = True
+
     def index(self, graphs: Sequence[SaliencyGraph]) -> GraphIndex:
         table = graphs if isinstance(graphs, GraphTable) else HeldGraphs(graphs)
         scenes = table.scenes

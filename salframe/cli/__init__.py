@@ -12,6 +12,7 @@ from typer.core import TyperGroup
 
 import salframe
 from salframe.cli import (
+    build,
     cache,
     compare,
     data,
@@ -130,7 +131,7 @@ app.command()(matching.matching)
 app.command()(detection.detection)
 app.command()(fit.fit)
 app.command()(sensor.sensor)
-app.command()(localize.build)
+app.command()(build.build)
 app.command()(localize.localize)
 app.command()(show_objects.show_objects)
 app.command()(navigate.navigate)

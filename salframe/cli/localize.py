@@ -1,4 +1,4 @@
-"""build, localize: a map of places on disk, and one question to it."""
+"""localize: localize a panorama with a saved map."""
 
 from __future__ import annotations
 
@@ -8,42 +8,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from salframe.cli.options import ENGINE, MAP_METHOD, DataDir, EngineName, Json, Set, Workers, with_workers
+from salframe.cli.options import DataDir, Json, Set
 from salframe.cli.output import print_json
 
 if TYPE_CHECKING:
     from salframe.localization.answers import Localization
     from salframe.panoramas.frames import MapFrame, QueryFrame
     from salframe.panoramas.panorama import Panorama
-
-
-def build(
-    data: Annotated[str, typer.Argument(help="A dataset preset, a dataset, or a folder with a manifest.json.")],
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="MAP", help="Folder to write the map to.")],
-    method: Annotated[str, typer.Option(help="A preset or localizer.")] = MAP_METHOD,
-    data_dir: DataDir = None,
-    overrides: Set = None,
-    engine: EngineName = ENGINE,
-    workers: Workers = None,
-) -> None:
-    """Build a map from a dataset's mapping frames."""
-    from salframe.cli.output import Bars, tell
-    from salframe.evaluation.columns import format_bytes
-    from salframe.framework.installation import folder_bytes
-    from salframe.localization.saved_map import build_map
-
-    with Bars() as bars:
-        build_map(
-            data,
-            output,
-            method,
-            data_dir=data_dir,
-            overrides=with_workers(overrides, workers),
-            engine=engine,
-            progress=bars.update,
-            tell=tell,
-        )
-    print(f"{output}: {format_bytes(folder_bytes(output))}")
 
 
 def localize(
@@ -77,7 +48,7 @@ def localize(
     """Print where a panorama was taken, a frame or loose images: places, best first, and the pose."""
     from salframe.cli.output import Bars, tell_units
     from salframe.framework.errors import ConfigError
-    from salframe.localization.saved_map import open_map
+    from salframe.localization.map import open_map
     from salframe.panoramas.opening import open_frame
     from salframe.panoramas.shot import read_panorama
 
@@ -85,7 +56,7 @@ def localize(
     if loose == (frame is not None):
         received = "both a frame and images" if loose else "neither a frame nor images"
         raise ConfigError(f"received {received}, expected one of the two")
-    localizer = open_map(map)
+    opened = open_map(map)
     asked: Panorama | MapFrame | QueryFrame
     if frame is None:
         asked = read_panorama(rgb, range_image, instances, labels, range_unit_m=range_unit, z_depth=z_depth)
@@ -93,7 +64,7 @@ def localize(
         with Bars() as bars:
             asked = open_frame(frame, data, data_dir, overrides or (), bars.update)
     tell_units([asked])
-    answer = localizer.localize(asked)
+    answer = opened.localize(asked)
     tell_decided(map)
     if as_json:
         print_json(answer_json(answer))
@@ -106,7 +77,7 @@ def tell_decided(map: Path) -> None:
     from salframe.cli.output import tell
     from salframe.framework.config import components_in
     from salframe.framework.defaults import auto_order
-    from salframe.localization.saved_map import map_config
+    from salframe.localization.map import map_config
 
     for slot, inner in components_in(map_config(map)):
         if auto_order(inner.component.role):

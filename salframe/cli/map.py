@@ -1,4 +1,4 @@
-"""map build, add, remove, merge, show, route, query, export: the topological map of a building."""
+"""map build, add, remove, merge, show, route, query, export: the map of a building."""
 
 from __future__ import annotations
 
@@ -7,28 +7,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from salframe.cli.options import (
-    ENGINE,
-    MAP_METHOD,
-    PLANNER,
-    DataArgument,
-    DataDir,
-    EngineName,
-    Json,
-    Set,
-    Workers,
-    with_workers,
-)
+from salframe.cli.build import build
+from salframe.cli.options import ENGINE, PLANNER, DataArgument, DataDir, EngineName, Json, Set, Workers, with_workers
 from salframe.cli.output import print_json
 
 if TYPE_CHECKING:
     from salframe.topology.growing import MapChange
     from salframe.topology.planner import Route
 
-app = typer.Typer(
-    help="Make the topological map of a building, look at it, and ask it for the way.", no_args_is_help=True
-)
-Map = Annotated[Path, typer.Argument(metavar="MAP", help="A folder that `salframe map build` wrote.")]
+app = typer.Typer(help="Build the map of a building, change it, draw it, and plan routes on it.", no_args_is_help=True)
+TopologyMap = Annotated[Path, typer.Argument(metavar="MAP", help="A map with a topology.")]
 AnyMap = Annotated[Path, typer.Argument(metavar="MAP", help="A folder that holds a map.")]
 PlannerName = Annotated[str, typer.Option("--planner", help="How routes are planned: see `salframe plugins`.")]
 Heading = Annotated[
@@ -37,44 +25,7 @@ Heading = Annotated[
 ]
 
 
-@app.command()
-def build(
-    data: Annotated[
-        str,
-        typer.Argument(help="A dataset preset, a dataset, or a folder with a manifest.json; it must have floor masks."),
-    ],
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="MAP", help="Folder to write the map to.")],
-    method: Annotated[str, typer.Option(help="The preset or localizer that `map query` asks.")] = MAP_METHOD,
-    choose: Annotated[
-        bool,
-        typer.Option("--choose", help="Put one scene node where each region is widest, not where mapping frames are."),
-    ] = False,
-    data_dir: DataDir = None,
-    overrides: Set = None,
-    engine: EngineName = ENGINE,
-    workers: Workers = None,
-) -> None:
-    """Build a topological map from a dataset's floor masks, and the map of a method from its mapping frames."""
-    from salframe.cli.output import Bars, tell
-    from salframe.topology.place_map import build_topological_map
-    from salframe.topology.topological_map import NodeKind
-
-    with Bars() as bars:
-        made = build_topological_map(
-            data,
-            output,
-            method,
-            choose=choose,
-            data_dir=data_dir,
-            overrides=with_workers(overrides, workers),
-            engine=engine,
-            progress=bars.update,
-            tell=tell,
-        )
-    scenes = sum(node.kind is NodeKind.SCENE for node in made.nodes)
-    print(f"{output}: {scenes} scene nodes, {len(made.nodes) - scenes} transition nodes, {len(made.edges)} edges")
-    for note in made.notes:
-        print(f"  {note}")
+app.command()(build)
 
 
 @app.command()
@@ -130,7 +81,7 @@ def merge(
 
 @app.command()
 def show(
-    map: Map,
+    map: TopologyMap,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="FILE.png", help="MAP/map.png unless given.")
     ] = None,
@@ -146,7 +97,7 @@ def show(
 
 @app.command()
 def route(
-    map: Map,
+    map: TopologyMap,
     start: Annotated[str, typer.Argument(metavar="FROM", help="A node or a place.")],
     goal: Annotated[str, typer.Argument(metavar="TO", help="A node or a place.")],
     planner: PlannerName = PLANNER,
@@ -172,7 +123,7 @@ def route(
 
 @app.command()
 def query(
-    map: Map,
+    map: AnyMap,
     frame: Annotated[
         str, typer.Argument(help="An image of a folder with a manifest.json; or with --data, the id of a frame.")
     ],
@@ -190,7 +141,7 @@ def query(
     from salframe.cli.localize import answer_json, print_answer, tell_decided
     from salframe.cli.output import Bars, tell_units
     from salframe.panoramas.opening import open_frame
-    from salframe.topology.place_map import ask_map
+    from salframe.topology.building_map import ask_map
 
     with Bars() as bars:
         query_frame = open_frame(frame, data, data_dir, overrides or (), bars.update)

@@ -19,8 +19,9 @@ from salframe.framework.cache import Cache
 from salframe.framework.errors import FRAME_ERRORS, InvalidAnswer, MethodFailed, describe_error
 from salframe.framework.worker import in_worker
 from salframe.localization.answers import Localization
+from salframe.localization.describing import describe_frame
 from salframe.localization.localizer import Description, Localizer
-from salframe.localization.saved_map import map_bytes
+from salframe.localization.map import LocalizationMap
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.frames import Fold, MapFrame, QueryFrame
 
@@ -39,6 +40,9 @@ class Query:
 class Answering(Worker[Query]):
     """A localizer that answers queries, fold by fold."""
 
+    _map: LocalizationMap
+    """The map of the fold that was prepared."""
+
     def __init__(self, localizer: Localizer, dataset: Dataset, todo: Sequence[Query], folder: Path) -> None:
         folds = {piece.fold.id: piece.fold for piece in todo}
         uses = Counter(frame.id for fold in folds.values() for frame in fold.mapping)
@@ -55,7 +59,7 @@ class Answering(Worker[Query]):
         if piece.fold.id == self._fold:
             return
         try:
-            self._take_map(piece.fold)
+            self._map = self._index(piece.fold)
         except MethodFailed:
             raise
         except Exception as error:  # without its map a method can answer nothing
@@ -69,17 +73,15 @@ class Answering(Worker[Query]):
             self._unusable.append(str(error))
             raise
         start = time.perf_counter()
-        answer = self._localizer.answer(description)
+        answer = self._map.answer(description)
         query_ms = (time.perf_counter() - start) * 1e3
-        if not isinstance(answer, Localization):
-            raise InvalidAnswer(f"match gave {type(answer).__name__}, expected a Localization")
         for ranked in answer.places:
             if self._places.get(ranked.frame) != ranked.place:
                 raise InvalidAnswer(f"match gave {ranked}, expected a frame of the map and its place")
         return {**answer_row(answer, describe_ms, query_ms), "status": answer.status, "error": None}
 
-    def _take_map(self, fold: Fold) -> None:
-        """Index the fold's mapping frames; those that cannot be used are left out, and said so in the end."""
+    def _index(self, fold: Fold) -> LocalizationMap:
+        """Index the reference frames of a fold; `warning` reports those that cannot be used and are left out."""
         known, frames = [], []
         for frame in fold.mapping:
             try:
@@ -92,11 +94,12 @@ class Answering(Worker[Query]):
         if not frames:
             reasons = list(self._left_out.values())[:1]
             raise MethodFailed("; ".join([f"fold {fold.id} has no mapping frame that can be used", *reasons]))
-        self._localizer.take_map(known, frames, self._floors)
+        indexed = LocalizationMap.from_descriptions(self._localizer, known, frames, self._floors)
         self._places = {frame.id: frame.place for frame in frames}
         if fold.id not in self._measured:
             self._measured.add(fold.id)
-            self._maps.append({"fold": fold.id, "frames": len(frames), "bytes": map_bytes(self._localizer)})
+            self._maps.append({"fold": fold.id, "frames": len(frames), "bytes": indexed.num_bytes()})
+        return indexed
 
     def close(self) -> None:
         self._descriptions.close()
@@ -139,7 +142,7 @@ class _Descriptions:
         return found
 
     def _describe(self, frame: MapFrame | QueryFrame) -> tuple[Description, float]:
-        description, seconds = self._localizer.describe_frame(frame, self._cache, self._dataset)
+        description, seconds = describe_frame(self._localizer, frame, self._cache, self._dataset)
         if note := self._localizer.note(description):
             self.notes[frame.id] = f"{frame.id}: {note}"
         if frame.id not in self._recorded:

@@ -19,10 +19,12 @@ from salframe.framework.identity import digest, identity
 from salframe.framework.installation import installed_version
 from salframe.framework.presets import SUFFIXES, settings
 from salframe.framework.registry import registry
+from salframe.localization.describing import describe_frame
 from salframe.localization.evidence import Evidence, fit_weights
 from salframe.localization.localizer import Description, Localizer
+from salframe.localization.map import LocalizationMap
 from salframe.localization.posterior import Fit, ScoredAnswer, fit_posterior
-from salframe.localization.saved_map import Tell, prepare, silent
+from salframe.localization.preparing import Tell, prepare, silent
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.frames import MapFrame, QueryFrame
 from salframe.panoramas.opening import Progress
@@ -58,11 +60,12 @@ class Tuning:
             usable = [(frame, known) for frame in fold.mapping if (known := self.descriptions[frame.id]) is not None]
             if not usable:
                 raise DataError(f"fold {fold.id} has no mapping frame that {localizer.name} can use")
-            localizer.take_map([known for _, known in usable], [frame for frame, _ in usable], self.dataset.floors())
+            frames, described = [frame for frame, _ in usable], [known for _, known in usable]
+            fold_map = LocalizationMap.from_descriptions(localizer, described, frames, self.dataset.floors())
             for query, place, is_here in zip(fold.queries, places, here, strict=True):
                 seen = self.descriptions[query.id]
                 if seen is not None:
-                    yield localizer, seen, place, is_here
+                    yield fold_map.localizer, seen, place, is_here
 
 
 def fit_method(
@@ -156,7 +159,7 @@ def _describe(
         if progress:
             progress(f"{name} on {data}", done, len(frames))
         try:
-            descriptions[id] = localizer.describe_frame(frame, cache, dataset.content_key)[0]
+            descriptions[id] = describe_frame(localizer, frame, cache, dataset.content_key)[0]
         except FRAME_ERRORS:
             descriptions[id] = None
     return Tuning(data, dataset, localizer, descriptions)

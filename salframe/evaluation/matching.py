@@ -22,6 +22,7 @@ from salframe.framework.cache import Cache
 from salframe.framework.errors import DataError, InputMissing, InvalidAnswer, MethodUnavailable
 from salframe.graphs.annotated import annotated_objects
 from salframe.localization.answers import NodeMatches, PointMatches
+from salframe.localization.describing import describe_frame
 from salframe.localization.localizer import Localizer
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.frames import FrameKind, MapFrame, QueryFrame
@@ -136,7 +137,7 @@ class _Matching(Worker[FramePair]):
 
     def work(self, piece: FramePair) -> Row:
         query, reference = (
-            self._localizer.describe_frame(frame, self._cache, self._dataset)[0]
+            describe_frame(self._localizer, frame, self._cache, self._dataset)[0]
             for frame in (piece.query, piece.reference)
         )
         found = self._localizer.correspond(query, reference)

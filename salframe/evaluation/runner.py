@@ -51,7 +51,7 @@ from salframe.framework.files import alone, write_json
 from salframe.framework.identity import digest
 from salframe.framework.registry import registry
 from salframe.localization.describing import describe_frames
-from salframe.localization.map_folder import MAP_FORMAT
+from salframe.localization.map_files import MAP_FORMAT
 from salframe.panoramas.camera_height import units_note
 from salframe.panoramas.opening import Progress, mapping_frames, open_dataset, provided
 

@@ -20,14 +20,13 @@ from salframe.evaluation.run import PieceStatus, Row, Run
 from salframe.evaluation.task import MethodRow, Part, Record, Survey, Task, Worker, by_method, check_needs, in_common
 from salframe.framework.cache import Cache
 from salframe.framework.config import ComponentConfig
-from salframe.framework.errors import DataError, InvalidAnswer, MethodFailed
+from salframe.framework.errors import DataError, MethodFailed
 from salframe.framework.installation import folder_bytes
 from salframe.framework.processes import ProcessPool
 from salframe.framework.registry import registry
-from salframe.localization.answers import Localization
-from salframe.localization.describing import read_config
+from salframe.localization.describing import describe_frame, read_config
 from salframe.localization.localizer import Localizer
-from salframe.localization.saved_map import open_map
+from salframe.localization.map import LocalizationMap, open_map
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.frames import Fold, QueryFrame
 from salframe.panoramas.opening import open_dataset
@@ -146,8 +145,8 @@ def save_first_map(method: str, data: str, output: str) -> None:
     dataset = open_dataset(read_config("dataset", data))
     localizer: Localizer = registry().build("localizer", read_config("localizer", method))
     fold = RunningTask().survey(dataset).fold
-    localizer.build(fold.mapping, Cache(), dataset.content_key, floors=dataset.floors())
-    localizer.save(Path(output))
+    built = LocalizationMap.build(localizer, fold.mapping, Cache(), dataset.content_key, floors=dataset.floors())
+    built.save(output)
 
 
 @dataclass
@@ -155,7 +154,7 @@ class _Program:
     """What a program holds that asks a map: the map, the queries by id, its memory before (1e6 bytes), whether it has
     answered."""
 
-    opened: Localizer
+    opened: LocalizationMap
     queries: Mapping[str, QueryFrame]
     before_mb: float | None
     asked: bool = False
@@ -179,12 +178,10 @@ def _ask_program(query: str) -> Row:
     """Ask the map; what that costs. Memory counts the panorama that is asked."""
     (program,) = _programs
     panorama = program.queries[query].load()
-    description, seconds = program.opened.describe_frame(QueryFrame(query, lambda: panorama))
+    description, seconds = describe_frame(program.opened.localizer, QueryFrame(query, lambda: panorama))
     start = time.perf_counter()
-    answer = program.opened.answer(description)
+    program.opened.answer(description)
     query_ms = 1e3 * (time.perf_counter() - start)
-    if not isinstance(answer, Localization):
-        raise InvalidAnswer(f"match gave {type(answer).__name__}, expected a Localization")
     first, program.asked = not program.asked, True
     cost = {"first": first, "describe_ms": 1e3 * seconds, "query_ms": query_ms}
     return {**cost, "asked_mb": _more(program.before_mb)} if first else cost

@@ -20,8 +20,8 @@ from salframe.evaluation.run import PieceStatus, Row, Run
 from salframe.evaluation.task import MethodRow, Part, Record, Survey, Task, Worker, by_method, check_needs, in_common
 from salframe.framework.cache import Cache
 from salframe.framework.columns import read_columns
+from salframe.framework.config import ComponentConfig, components_in
 from salframe.framework.errors import DataError, MethodUnavailable
-from salframe.framework.identity import digest
 from salframe.framework.installation import folder_bytes
 from salframe.framework.registry import registry
 from salframe.graphs.city import City
@@ -30,9 +30,9 @@ from salframe.graphs.matcher import GraphMatch, GraphMatcher
 from salframe.graphs.packing import graph_from_arrays, graph_to_arrays, pack_graph
 from salframe.graphs.scene_index import SceneCandidates
 from salframe.graphs.table import MappedGraphs, write_graphs
+from salframe.localization.describing import describe_frame
 from salframe.localization.localizer import Localizer
-from salframe.localization.map_folder import read_map, write_map
-from salframe.localization.map_parts import INDEX, SCENES, read_scenes, write_method, write_scenes
+from salframe.localization.map_files import INDEX, SCENES, MapParts, read_map, write_map
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.frames import FrameKind, MapFrame
 from salframe.panoramas.geometry import pose_2d
@@ -107,10 +107,11 @@ class ScaleTask(Task[int, Survey[int]]):
         self, label: str, method: Localizer, survey: Survey[int], todo: Sequence[int], folder: Path
     ) -> Worker[int]:
         check_needs(method, survey.dataset)
-        if not hasattr(getattr(method.config, "matcher", None), "scene_index"):
+        matchers = [config for _, config in components_in(method.config) if issubclass(config.component, GraphMatcher)]
+        if not matchers or not matchers[0].component.uses_scene_index:
             raise MethodUnavailable("has no matcher that looks scenes up in an index")
         alone = set(survey.pieces[:EXHAUSTIVE])
-        return _Asking(method, survey.dataset, self.scenes, alone, folder)
+        return _Asking(method, matchers[0], survey.dataset, self.scenes, alone, folder)
 
     def summarize(self, parts: Sequence[Part[Survey[int]]], seed: int) -> tuple[ScaleRow, ...]:
         return tuple(_summarize(records, self.scenes) for records in by_method(parts))
@@ -119,11 +120,19 @@ class ScaleTask(Task[int, Survey[int]]):
 class _Asking(Worker[int]):
     """A localizer's matcher on a map on disk."""
 
-    def __init__(self, method: Localizer, dataset: Dataset, scenes: int, exhaustive: set[int], folder: Path) -> None:
+    def __init__(
+        self,
+        method: Localizer,
+        matcher: ComponentConfig,
+        dataset: Dataset,
+        scenes: int,
+        exhaustive: set[int],
+        folder: Path,
+    ) -> None:
         self._method, self._dataset, self._count, self._exhaustive = method, dataset, scenes, exhaustive
         folder.mkdir(parents=True, exist_ok=True)
         self._folder = Path(tempfile.mkdtemp(prefix="map-", dir=folder))
-        self._matcher: GraphMatcher = registry().build(GraphMatcher.role, method.config.matcher)
+        self._matcher: GraphMatcher = registry().build(GraphMatcher.role, matcher)
         self._costs: Row = {}
 
     def prepare(self, piece: int) -> None:
@@ -162,18 +171,19 @@ class _Asking(Worker[int]):
     def _build(self, graphs: Sequence[SaliencyGraph], folder: Path) -> None:
         """Save the map of graphs on disk to a new folder."""
         with write_map(folder) as parts:
-            write_method(parts, self._method.version, self._method.config, digest(self._method.describe_identity()))
-            write_scenes(parts, (pack_graph(graph_to_arrays(graph)) for graph in graphs), _frames(len(graphs)))
-            self._matcher.write_index(MappedGraphs(read_scenes(parts)[0]), parts / INDEX)
+            parts.write_method(self._method)
+            parts.write_scenes((pack_graph(graph_to_arrays(graph)) for graph in graphs), _frames(len(graphs)))
+            self._matcher.write_index(MappedGraphs(parts.read_scenes()[0]), parts.folder / INDEX)
 
-    def _open(self, parts: Path) -> None:
+    def _open(self, parts: MapParts) -> None:
         """Take in the map of these parts."""
-        packed, self._frames = read_scenes(parts)
-        self._index = self._matcher.open_index(MappedGraphs(packed), parts / INDEX)
+        packed, self._frames = parts.read_scenes()
+        self._index = self._matcher.open_index(MappedGraphs(packed), parts.folder / INDEX)
 
-    def _open_window(self, parts: Path) -> Any:
+    def _open_window(self, parts: MapParts) -> Any:
         """The map of these parts, of which all scenes of a window are matched."""
-        return self._matcher.open_index(MappedGraphs(read_columns(parts / SCENES), self._window), parts / INDEX)
+        graphs = MappedGraphs(parts.read_table(SCENES), self._window)
+        return self._matcher.open_index(graphs, parts.folder / INDEX)
 
     def _ask(self, index: Any, query: SaliencyGraph) -> tuple[int | None, np.ndarray | None]:
         """The scene that is the best match, and T_world_query (4, 4) if that has a pose."""
@@ -209,7 +219,7 @@ def rooms_of(method: Localizer, dataset: Dataset) -> tuple[SaliencyGraph, ...]:
     DataError where there is none."""
     cache = Cache()
     frames = {frame.id: frame for fold in dataset.folds() for frame in fold.mapping if frame.kind is FrameKind.SCENE}
-    described = (method.describe_frame(frame, cache, dataset.content_key)[0] for frame in frames.values())
+    described = (describe_frame(method, frame, cache, dataset.content_key)[0] for frame in frames.values())
     rooms = tuple(graph for one in described if len(graph := graph_from_arrays(one)) >= LEAST_OBJECTS)
     if not rooms:
         raise DataError(f"{dataset.name} has no scene frame with {LEAST_OBJECTS} objects, expected some")

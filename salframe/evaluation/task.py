@@ -17,6 +17,7 @@ from salframe.framework.config import components_in
 from salframe.framework.errors import InputMissing
 from salframe.framework.registry import registry
 from salframe.graphs.detector import Detector
+from salframe.localization.describing import estimates_range, required_parts
 from salframe.localization.localizer import Localizer
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.range_model import RangeModel
@@ -233,7 +234,7 @@ def count_statuses(statuses: Iterable[str]) -> dict[str, int]:
 
 def parts_needed(method: Any, dataset: Dataset) -> frozenset[str]:
     """What a method, a localizer or another component with `needs`, needs of the panoramas of a data set."""
-    return method.needs_of(dataset.provides) if isinstance(method, Localizer) else method.needs
+    return required_parts(method, dataset.provides) if isinstance(method, Localizer) else method.needs
 
 
 def parts_given(method: Component, dataset: Dataset) -> tuple[str, ...]:
@@ -245,7 +246,7 @@ def parts_given(method: Component, dataset: Dataset) -> tuple[str, ...]:
         if issubclass(inner.component, Detector):
             noise = inner.component.noise_in(inner, dataset.rendered)
             parts = [f"{part} + {noise} noise" if noise and part in inner.component.needs else part for part in parts]
-    estimates = isinstance(method, Localizer) and method.estimates(dataset.provides)
+    estimates = isinstance(method, Localizer) and estimates_range(method, dataset.provides)
     return (*parts, *([ESTIMATED_RANGE] if estimates else []))
 
 

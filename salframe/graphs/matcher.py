@@ -6,7 +6,7 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -45,6 +45,8 @@ class GraphMatcher(Role):
     """Finds a query graph among the graphs of a map."""
 
     role = "matcher"
+    uses_scene_index: ClassVar[bool] = False
+    """Whether it takes its candidates from a scene index, that of the graphs (`GraphTable.scenes`) where they have one."""
 
     @property
     def estimates_scale(self) -> bool:

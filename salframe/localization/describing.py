@@ -1,7 +1,8 @@
-"""Frames described by an engine: into the cache, from which whoever needs a description takes it."""
+"""Describe frames with a localizer: completed by the range model, cached, timed, and by the workers of an engine."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import lru_cache, partial
 from typing import Any
@@ -10,22 +11,88 @@ from salframe.framework.bounded import parse_json
 from salframe.framework.cache import Cache
 from salframe.framework.config import ComponentConfig, validate
 from salframe.framework.engine import Engine
-from salframe.framework.errors import FRAME_ERRORS
+from salframe.framework.errors import FRAME_ERRORS, InputMissing
 from salframe.framework.registry import registry
-from salframe.localization.localizer import Localizer
+from salframe.localization.localizer import Description, Localizer
 from salframe.panoramas.dataset import Dataset
-from salframe.panoramas.frames import MapFrame
+from salframe.panoramas.frames import MapFrame, QueryFrame
 from salframe.panoramas.opening import mapping_frames, open_dataset
+from salframe.panoramas.panorama import Panorama
+from salframe.panoramas.range_model import estimate_range
+
+
+def estimates_range(localizer: Localizer, provides: frozenset[str]) -> bool:
+    """Return whether the range of panoramas that provide these parts is estimated: they have no range, and the
+    localizer has a range model."""
+    return localizer.range_model is not None and "range" not in provides
+
+
+def required_parts(localizer: Localizer, provides: frozenset[str]) -> frozenset[str]:
+    """Return the parts that a localizer requires of panoramas that provide these parts: its `needs`, where range is
+    estimated with the needs of the range model in place of range."""
+    if localizer.range_model is None or not estimates_range(localizer, provides):
+        return localizer.needs
+    return (localizer.needs - {"range"}) | localizer.range_model.needs
+
+
+def check_parts(localizer: Localizer, panorama: Panorama, remedy: Callable[[], str] | None = None) -> None:
+    """Raise InputMissing where a panorama lacks a part that the localizer requires; the error ends with `remedy`."""
+    if missing := required_parts(localizer, panorama.provides) - panorama.provides:
+        reason = f"{localizer.name} needs {' and '.join(sorted(missing))}, which {panorama.id} does not have"
+        raise InputMissing(reason if remedy is None else f"{reason}: {remedy()}")
+
+
+def complete_panorama(
+    localizer: Localizer, panorama: Panorama, cache: Cache | None = None, cache_key: Mapping[str, str] | None = None
+) -> tuple[Panorama, float]:
+    """Return the panorama, with estimated range where it has none and the localizer has a range model, and the seconds
+    that the estimation took; cache and cache_key as in `estimate_range`. Raises InputMissing."""
+    check_parts(localizer, panorama)
+    if localizer.range_model is None or not estimates_range(localizer, panorama.provides):
+        return panorama, 0.0
+    return estimate_range(localizer.range_model, panorama, cache, cache_key)
+
+
+def describe_frame(
+    localizer: Localizer, frame: MapFrame | QueryFrame, cache: Cache | None = None, dataset: str = ""
+) -> tuple[Description, float]:
+    """Return the description of a frame, and the seconds that it took when it was computed, without loading.
+
+    With a cache, the frame's id and its `content`, or where it has none `dataset` (a content_key), identify the
+    panorama. Raises InputMissing also where a MapFrame cannot be a reference frame of this localizer; DataError.
+    """
+    described = _describe_cached(localizer, frame, cache, dataset)
+    if isinstance(frame, MapFrame) and (reason := localizer.unfit_for_map(described[0])):
+        raise InputMissing(f"{frame.id} cannot be a frame of the map: {reason}")
+    return described
+
+
+def _describe_cached(
+    localizer: Localizer, frame: MapFrame | QueryFrame, cache: Cache | None, dataset: str
+) -> tuple[Description, float]:
+    cache_key = {"dataset": frame.content or dataset, "frame": frame.id}
+    if cache is not None:
+        key = {**cache_key, "describe": localizer.describe_identity()}
+        known = cache.get(key)
+        if known is not None:
+            return known
+    panorama, estimate_s = complete_panorama(localizer, frame.load(), cache, cache_key)
+    start = time.perf_counter()
+    description = localizer.describe(panorama)
+    seconds = estimate_s + time.perf_counter() - start
+    if cache is not None:
+        cache.put(key, description, seconds)
+    return description, seconds
 
 
 def describe_frames(
     method: ComponentConfig, data: ComponentConfig, frames: Sequence[str], engine: Engine
 ) -> Iterator[tuple[str, float]]:
-    """Describe mapping frames of a prepared data set, by their ids, into the cache: each that is done, and the seconds
-    it took when it was computed.
+    """Describe reference frames of a prepared dataset, by their ids, into the cache with an engine; yield each frame
+    that is done and the seconds that it took when it was computed.
 
-    A frame that cannot be described is left out, and where the method itself fails, all that follow: who needs the
-    description will meet the same, and tell.
+    A frame that cannot be described is skipped, and where the method itself fails, all frames that follow: whoever
+    needs the description later gets the error.
     """
     settings = [config.model_dump_json() for config in (method, data)]
     for answer in engine.try_all(partial(_describe, *settings), frames):
@@ -38,8 +105,8 @@ def describe_frames(
 def describe_ahead(
     method: ComponentConfig, dataset: Dataset, progress: Callable[[int, int], None] | None = None
 ) -> None:
-    """Have the workers of a prepared data set's engine, where their number is set, describe its mapping frames into the
-    cache."""
+    """Describe the reference frames of a prepared dataset into the cache with the workers of its engine; do nothing
+    where the number of workers is not set."""
     if dataset.engine is None or not dataset.engine.isolates or dataset.engine.workers is None:
         return
     ids = [frame.id for frame in mapping_frames(dataset)]
@@ -50,18 +117,18 @@ def describe_ahead(
 
 def _describe(method: str, data: str, frame: str) -> tuple[str, float]:
     localizer, cache, content_key, frames = _open(method, data)
-    return frame, localizer.describe_frame(frames[frame], cache, content_key)[1]
+    return frame, describe_frame(localizer, frames[frame], cache, content_key)[1]
 
 
 @lru_cache(maxsize=1)
 def _open(method: str, data: str) -> tuple[Localizer, Cache, str, Mapping[str, MapFrame]]:
-    """A localizer and the mapping frames of a data set, which a worker keeps from one frame to the next."""
+    """Return a localizer and the reference frames of a dataset, which a worker keeps from one frame to the next."""
     dataset = open_dataset(read_config("dataset", data))
     localizer: Localizer = registry().build("localizer", read_config("localizer", method))
     return localizer, Cache(), dataset.content_key, {frame.id: frame for frame in mapping_frames(dataset)}
 
 
 def read_config(role: str, content: str) -> Any:
-    """The configuration of a component in JSON text, as one process hands it to another."""
+    """Return the configuration of a component from JSON text, as one process passes it to another."""
     settings = parse_json(content.encode())
     return validate(registry().get(role, settings["kind"]).Config, settings, settings["kind"])

@@ -10,9 +10,8 @@ import numpy as np
 
 from salframe.framework.files import atomic_path
 from salframe.localization.localizer import Description
-from salframe.localization.map_folder import read_map
-from salframe.localization.map_parts import read_scenes
-from salframe.localization.saved_map import read_unindexed
+from salframe.localization.map import LocalizationMap
+from salframe.localization.map_files import MapParts, read_map
 from salframe.panoramas.frames import MapFrame
 
 
@@ -36,10 +35,9 @@ def export_scenes(directory: Path, path: Path) -> None:
         pq.write_table(pa.table(columns), temporary)
 
 
-def _read_scenes(parts: Path) -> tuple[Sequence[MapFrame], list[Description]]:
-    localizer = read_unindexed(parts)
-    packed, frames = read_scenes(parts)
-    return frames, [localizer.unpack(row) for row in packed]
+def _read_scenes(parts: MapParts) -> tuple[Sequence[MapFrame], list[Description]]:
+    saved = LocalizationMap.read(parts, indexed=False)
+    return saved.frames, saved.descriptions()
 
 
 def _nested(arrays: Sequence[np.ndarray | None]):

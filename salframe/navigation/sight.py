@@ -7,9 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from salframe.framework.cache import Cache
-from salframe.framework.errors import FRAME_ERRORS, InvalidAnswer, MethodFailed
-from salframe.localization.answers import Localization, LocalizationStatus
+from salframe.framework.errors import FRAME_ERRORS, MethodFailed
+from salframe.localization.answers import LocalizationStatus
+from salframe.localization.describing import describe_frame
 from salframe.localization.localizer import Description, Localizer
+from salframe.localization.map import LocalizationMap
 from salframe.navigation.agent import Located
 from salframe.navigation.world import World
 from salframe.panoramas.floors import FloorMasks
@@ -45,6 +47,7 @@ class Sight:
         self._described: dict[str, Description | None] = {}
         self._left_out: list[str] = []
         self._frames: dict[str, MapFrame] = {}
+        self._map: LocalizationMap | None = None
 
     @property
     def warning(self) -> str | None:
@@ -58,11 +61,9 @@ class Sight:
     def look(self, world: World, T_world_pano: np.ndarray, yaw_rad: float) -> Located | None:
         """Where the localizer says that the agent is, None where it fails; `yaw_rad` is the heading where it gives no
         pose."""
-        self._take_map(world.mapping(T_world_pano), world.chart.map.floors)
+        known = self._map_of(world.mapping(T_world_pano), world.chart.map.floors)
         panorama = world.observe(T_world_pano)
-        answer = self._localizer.answer(self._localizer.describe_frame(QueryFrame(panorama.id, lambda: panorama))[0])
-        if not isinstance(answer, Localization):
-            raise InvalidAnswer(f"match gave {type(answer).__name__}, expected a Localization")
+        answer = known.answer(describe_frame(self._localizer, QueryFrame(panorama.id, lambda: panorama))[0])
         if not answer.status.names_a_place or not answer.places:
             return None
         best = answer.places[0]
@@ -72,22 +73,23 @@ class Sight:
         x, y, z = self._frames[best.frame].T_world_pano[:3, 3]
         return Located(pose_2d(x, y, yaw_rad, z), best.score, best.frame)
 
-    def _take_map(self, frames: Sequence[MapFrame], floors: Sequence[FloorMasks]) -> None:
-        """Hand the localizer these frames, described once each, and the floors that they stand on; those that cannot be
-        used are left out."""
+    def _map_of(self, frames: Sequence[MapFrame], floors: Sequence[FloorMasks]) -> LocalizationMap:
+        """Return the map of these frames, each of which is described once, on these floors; frames that cannot be used
+        are left out."""
         usable = [frame for frame in frames if self._describe(frame) is not None]
-        if [frame.id for frame in usable] == list(self._frames):
-            return
+        if self._map is not None and [frame.id for frame in usable] == list(self._frames):
+            return self._map
         if not usable:
             raise MethodFailed("; ".join(["no mapping frame can be used", *self._left_out[:1]]))
         self._frames = {frame.id: frame for frame in usable}
         known = [described for id in self._frames if (described := self._described[id]) is not None]
-        self._localizer.take_map(known, list(self._frames.values()), floors)
+        self._map = LocalizationMap.from_descriptions(self._localizer, known, usable, floors)
+        return self._map
 
     def _describe(self, frame: MapFrame) -> Description | None:
         if frame.id not in self._described:
             try:
-                self._described[frame.id] = self._localizer.describe_frame(frame, self._cache, self._dataset)[0]
+                self._described[frame.id] = describe_frame(self._localizer, frame, self._cache, self._dataset)[0]
             except FRAME_ERRORS as error:
                 self._described[frame.id] = None
                 self._left_out.append(f"{frame.id}: {error}")

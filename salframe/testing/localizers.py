@@ -11,7 +11,9 @@ import numpy as np
 
 from salframe.framework.identity import digest
 from salframe.localization.answers import Localization, LocalizationStatus
+from salframe.localization.describing import complete_panorama, required_parts
 from salframe.localization.localizer import Description, Localizer
+from salframe.localization.map import LocalizationMap
 from salframe.panoramas.frames import MapFrame
 from salframe.panoramas.geometry import pose_2d, pose_errors
 from salframe.panoramas.panorama import Panorama
@@ -33,17 +35,19 @@ class LocalizerRules(Rules[Localizer]):
         return map_frames()
 
     @cached_property
+    def _map(self) -> LocalizationMap:
+        """The map of the suite's rooms."""
+        return _build(f"build of {len(self._frames)} frames", self.make(), self._frames)
+
+    @property
     def _localizer(self) -> Localizer:
-        """One that holds the map of the suite's rooms."""
-        localizer = self.make()
-        attempt(f"build of {len(self._frames)} frames", localizer.build, self._frames)
-        return localizer
+        return self._map.localizer
 
     @cached_property
     def _answers(self) -> list[tuple[Panorama, Localization]]:
         """Queries, and what is answered to them."""
         queries = [frame.load() for frame in query_frames()]
-        return [(query, _answer(self._localizer, f"of the {query.id}", query, self._frames)) for query in queries]
+        return [(query, _answer(self._map, f"of the {query.id}", query, self._frames)) for query in queries]
 
     def answers_are_well_formed(self) -> None:
         check_needs(self._localizer.needs)
@@ -63,27 +67,26 @@ class LocalizerRules(Rules[Localizer]):
     def poses_turn_with_the_panorama(self) -> None:
         steps = 3 * turns(self._localizer.column_step)
         for (query, answer), columns in zip(self._answers, steps, strict=False):
-            _check_turn(self._localizer, query, answer, columns)
+            _check_turn(self._map, query, answer, columns)
 
     def little_to_see_is_no_error(self) -> None:
         odd = {"where nothing is seen": blind(PARTS), "of half a panorama": halved(self._answers[0][0])}
         for what, panorama in odd.items():
-            _answer(self._localizer, what, panorama, self._frames)
+            _answer(self._map, what, panorama, self._frames)
 
     def its_needs_are_enough(self) -> None:
-        parts = self._localizer.needs_of(frozenset())
+        parts = required_parts(self._localizer, frozenset())
         for frame in query_frames(parts)[:1]:
             what = f"of a panorama with {' and '.join(sorted(parts))} alone"
-            _answer(self._localizer, what, frame.load(), self._frames)
+            _answer(self._map, what, frame.load(), self._frames)
 
     def a_saved_map_answers_the_same(self) -> None:
         with tempfile.TemporaryDirectory() as directory:
-            attempt("save", self._localizer.save, Path(directory) / "map")
-            loaded = self.make()
-            attempt("load", loaded.load, Path(directory) / "map")
+            attempt("save", self._map.save, Path(directory) / "map")
+            opened = attempt("open", LocalizationMap.open, Path(directory) / "map", self.make())
             for query, answer in self._answers:
-                checked = f"match of the {query.id} after save and load"
-                again = attempt(checked, lambda query: loaded.answer(_describe(loaded, query)), query)
+                checked = f"match of the {query.id} after save and open"
+                again = attempt(checked, lambda query: opened.answer(_describe(opened.localizer, query)), query)
                 for field in ("status", "places", "T_world_query", "covariance", "not_here"):
                     before, after = getattr(answer, field), getattr(again, field)
                     expect(same(before, after, _ROUNDING), checked, f"{field} {after}", f"{before} as before")
@@ -97,20 +100,24 @@ class LocalizerRules(Rules[Localizer]):
             ("a frame where nothing is seen, and another", [nothing, first]),
             ("one frame where nothing is seen", [nothing]),
         ):
-            small = self.make()
-            attempt(f"build of {what}", small.build, few)
+            small = _build(f"build of {what}", self.make(), few)
             for query in (self._answers[0][0], blind(PARTS)):
                 _answer(small, f"of the {query.id} in a map of {what}", query, few)
 
 
+def _build(checked: str, localizer: Localizer, frames: Sequence[MapFrame]) -> LocalizationMap:
+    built: LocalizationMap = attempt(checked, LocalizationMap.build, localizer, frames)
+    return built
+
+
 def _describe(localizer: Localizer, panorama: Panorama) -> Description:
-    """The description of a panorama that is given its range where the localizer has a range model for it."""
-    return localizer.describe(localizer.complete(panorama)[0])
+    """Describe a panorama, with estimated range where it has none and the localizer has a range model."""
+    return localizer.describe(complete_panorama(localizer, panorama)[0])
 
 
-def _answer(localizer: Localizer, what: str, panorama: Panorama, frames: Sequence[MapFrame]) -> Localization:
+def _answer(known: LocalizationMap, what: str, panorama: Panorama, frames: Sequence[MapFrame]) -> Localization:
     """Describe and match, with every rule on the description and the answer checked."""
-    description: Description = ask(f"describe {what}", lambda seen: _describe(localizer, seen), panorama)
+    description: Description = ask(f"describe {what}", lambda seen: _describe(known.localizer, seen), panorama)
     arrays = all(isinstance(array, np.ndarray) and array.dtype != object for array in description.values())
     expect(
         arrays,
@@ -118,8 +125,7 @@ def _answer(localizer: Localizer, what: str, panorama: Panorama, frames: Sequenc
         {name: type(part).__name__ for name, part in description.items()},
         "arrays, none of dtype object",
     )
-    answer, checked = ask(f"match {what}", localizer.answer, description), f"match {what}"
-    expect(isinstance(answer, Localization), checked, type(answer).__name__, "Localization")
+    answer, checked = ask(f"match {what}", known.answer, description), f"match {what}"
     places, scores = [ranked.place for ranked in answer.places], [ranked.score for ranked in answer.places]
     expect(len(set(places)) == len(places), checked, f"the places {places}", "one entry a place")
     belongs = {(frame.id, frame.place) for frame in frames}
@@ -144,10 +150,11 @@ def _answer(localizer: Localizer, what: str, panorama: Panorama, frames: Sequenc
     return answer
 
 
-def _check_turn(localizer: Localizer, panorama: Panorama, before: Localization, columns: int) -> None:
+def _check_turn(known: LocalizationMap, panorama: Panorama, before: Localization, columns: int) -> None:
     """The same place, and a pose that differs by the turn alone."""
+    localizer = known.localizer
     checked, tolerance = f"match of the {panorama.id} rolled by {columns} columns", localizer.turn_tolerance_m
-    after = attempt(checked, lambda: localizer.answer(_describe(localizer, turned(panorama, columns))))
+    after = attempt(checked, lambda: known.answer(_describe(localizer, turned(panorama, columns))))
     mends = f"or column_step a multiple of its {localizer.column_step}"
     expect(
         after.status == before.status, checked, f"the status '{after.status}'", f"'{before.status}' as before, {mends}"

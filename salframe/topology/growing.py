@@ -1,5 +1,4 @@
-"""Maps that change by places: added, replaced, removed, taken from other maps. What is remembered of the others stays,
-no panorama of theirs is needed."""
+"""Change a saved map by places: add, replace and remove them, or merge maps. The map's panoramas are not needed."""
 
 from __future__ import annotations
 
@@ -12,27 +11,28 @@ from salframe.framework.cache import Cache
 from salframe.framework.errors import ConfigError, DataError, UnknownName, shorten, unknown
 from salframe.localization.describing import describe_ahead
 from salframe.localization.localizer import Localizer
-from salframe.localization.map_folder import read_map, write_map
-from salframe.localization.map_parts import read_method
-from salframe.localization.saved_map import Tell, read_unindexed, silent
+from salframe.localization.map import LocalizationMap
+from salframe.localization.map_files import MapParts, read_map, write_map
+from salframe.localization.preparing import Tell, silent
 from salframe.panoramas.camera_height import units_note
 from salframe.panoramas.floors import FloorMasks, join_floors, without_places
 from salframe.panoramas.frames import MapFrame
 from salframe.panoramas.opening import Progress, find_dataset, mapping_frames
 from salframe.topology.build import build_topology
-from salframe.topology.store import TOPOLOGY, read_topology, write_topology
+from salframe.topology.building_map import BuildingMap
+from salframe.topology.store import TOPOLOGY, read_topology
 from salframe.topology.topological_map import TopologicalMap
 
-_Change = Callable[[Localizer, Sequence[FloorMasks]], Sequence[FloorMasks]]
-"""What changes a localizer that remembers a map on some floors, and gives the floors of the changed map."""
+_Change = Callable[[LocalizationMap, Sequence[FloorMasks]], Sequence[FloorMasks]]
+"""A function that changes a map with these floors, and returns the floors of the changed map."""
 _Source = tuple[Path, Sequence[MapFrame]]
-"""Where frames come from, a map or data, and the frames."""
+"""A map or dataset, and its frames."""
 
 
 @dataclass(frozen=True)
 class MapChange:
-    """What became of a map: the places that were added, replaced and removed, how many places and mapping frames it has
-    now, and what the reader of its topology must know."""
+    """A change of a map: the places that were added, replaced and removed, the number of places and reference frames of
+    the changed map, and the notes of its topology."""
 
     added: tuple[str, ...]
     replaced: tuple[str, ...]
@@ -52,117 +52,110 @@ def add_to_map(
     progress: Progress | None = None,
     tell: Tell = silent,
 ) -> MapChange:
-    """Describe a data set's mapping frames as the map in the folder `directory` was, and add their places to it.
+    """Add the places of a dataset to the map in the folder `directory`, described as the map was.
 
-    A place that the map has is replaced: all its frames give way to the data set's. Panoramas of the map are not
-    described again. The data set's floors are laid over the map's (`join_floors`), and a topological map is made anew
-    from floors and frames. Data and map share one world frame. The map changes whole. data_dir, overrides and engine,
-    which describes too, are as of `find_dataset`. Raises DataError where the folder holds no map with a method, where a
-    frame has the id of another place's in the map, and on floors that cannot be joined; InputMissing on panoramas that
-    lack what the method needs.
+    A place that the map has is replaced: all its frames are removed. Panoramas of the map are not described again. The
+    dataset's floors are laid over the map's (`join_floors`), and a topology is computed again from floors and frames.
+    Data and map share one world frame. The map changes in one step. data_dir, overrides and engine, which describes
+    too, are as in `find_dataset`. Raises DataError where the folder holds no map with a method, where a frame has the
+    id of another place's in the map, and on floors that cannot be joined; InputMissing on panoramas that lack what the
+    method needs.
     """
     directory = Path(directory)
-    read_map(directory, read_method)  # what is no map is told before the data are prepared
+    read_map(directory, MapParts.read_config)  # reports a missing map before the data are prepared
     dataset = find_dataset(data, data_dir, overrides, progress, engine)
     frames = mapping_frames(dataset)
     if units := units_note(frames):
         tell(f"warning: {units}")
 
-    def add(localizer: Localizer, floors: Sequence[FloorMasks]) -> Sequence[FloorMasks]:
+    def add(known: LocalizationMap, floors: Sequence[FloorMasks]) -> Sequence[FloorMasks]:
         places = {frame.place for frame in frames}
-        staying = [frame for frame in localizer.mapped_frames if frame.place not in places]
+        staying = [frame for frame in known.frames if frame.place not in places]
         _check_ids([(directory, staying), (Path(data), frames)])
         joined = join_floors(floors, dataset.floors())
-        tracked = progress and partial(progress, localizer.name)
-        describe_ahead(localizer.config, dataset, tracked)
-        for note in localizer.extend(frames, Cache(), dataset.content_key, tracked, joined):
-            tell(note)
+        tracked = progress and partial(progress, known.localizer.name)
+        describe_ahead(known.localizer.config, dataset, tracked)
+        known.extend(frames, Cache(), dataset.content_key, floors=joined, progress=tracked, tell=tell)
         return joined
 
     return _change(directory, add)
 
 
 def remove_from_map(directory: str | Path, places: Iterable[str]) -> MapChange:
-    """Remove places from the map in the folder `directory`: what it remembers of their frames, and their regions with
-    the floor in them, so that no way leads there or through.
+    """Remove places from the map in the folder `directory`: their frames, and their regions with the floor in them, so
+    that no route leads there or through.
 
-    A topological map is made anew from what stays. The map changes whole. Raises UnknownName on a place that it does
-    not have, ConfigError where none would stay, DataError where the folder holds no map with a method.
+    A topology is computed again from what stays, and dropped where no place with a floor stays. The map changes in one
+    step. Raises UnknownName on a place that the map does not have, ConfigError where none would stay, DataError where
+    the folder holds no map with a method.
     """
     removed = list(dict.fromkeys(places))
 
-    def remove(localizer: Localizer, floors: Sequence[FloorMasks]) -> Sequence[FloorMasks]:
-        known = _places(localizer.mapped_frames, floors)
+    def remove(known: LocalizationMap, floors: Sequence[FloorMasks]) -> Sequence[FloorMasks]:
+        names = _places(known.frames, floors)
         for place in removed:
-            if place not in known:
-                raise UnknownName(unknown("place", place, list(known)))
-        if {frame.place for frame in localizer.mapped_frames} <= set(removed):
+            if place not in names:
+                raise UnknownName(unknown("place", place, names))
+        if {frame.place for frame in known.frames} <= set(removed):
             raise ConfigError(f"received all places of {directory} to remove, expected one to stay")
         rest = without_places(floors, removed)
-        localizer.remove(removed, rest)
+        known.remove(removed, rest)
         return rest
 
     return _change(Path(directory), remove)
 
 
 def merge_maps(directory: str | Path, others: Iterable[str | Path]) -> MapChange:
-    """Add the places of other maps, which stay as they are, to the map in the folder `directory`.
+    """Add the places of other maps, which do not change, to the map in the folder `directory`.
 
-    All are of one method and describe alike; what matters to matching only stays as in the first. All share one world
-    frame: where they have the same floor, masks are joined (`join_floors`), and floors at other heights are added.
-    A topological map is made anew from all; a map without topology stays one. The map changes whole. Raises DataError
-    where a folder holds no map with a method, where methods, settings or weights differ, where two maps have a place or
-    a frame of one name, and on floors that cannot be joined.
+    All maps are of one method and described alike; settings that matter to matching only stay those of the first. All
+    share one world frame: masks of the same floor are joined (`join_floors`), and floors at other heights are added. A
+    topology is computed again from all; a map without topology stays one. The map changes in one step. Raises
+    DataError where a folder holds no map with a method, where methods, settings or weights differ, where two maps have
+    a place or a frame of one name, and on floors that cannot be joined.
     """
     directory = Path(directory)
 
-    def merge(localizer: Localizer, floors: Sequence[FloorMasks]) -> Sequence[FloorMasks]:
-        frames, taken = [(directory, localizer.mapped_frames)], []
+    def merge(known: LocalizationMap, floors: Sequence[FloorMasks]) -> Sequence[FloorMasks]:
+        sources, added = [(directory, known.frames)], []
         for folder in map(Path, others):
-            other = read_map(folder, _read)
-            _check_alike(localizer, directory, other.localizer, folder)
-            _check_places(frames, other.localizer.mapped_frames, folder)
-            frames.append((folder, other.localizer.mapped_frames))
-            floors = join_floors(floors, other.floors)
-            taken.append(other.localizer)
-        _check_ids(frames)
-        localizer.merge(taken, floors)
+            other, topology = read_map(folder, _read)
+            _check_alike(known.localizer, directory, other.localizer, folder)
+            _check_places(sources, other.frames, folder)
+            sources.append((folder, other.frames))
+            floors = join_floors(floors, _floors(other, topology))
+            added.append(other)
+        _check_ids(sources)
+        known.merge(added, floors)
         return floors
 
     return _change(directory, merge)
 
 
-@dataclass(frozen=True)
-class _Parts:
-    """The parts of a map: its localizer, which remembers it, and its topology where it has one."""
-
-    localizer: Localizer
-    topology: TopologicalMap | None
-
-    @property
-    def floors(self) -> tuple[FloorMasks, ...]:
-        return self.localizer.floors if self.topology is None else self.topology.floors
+def _read(parts: MapParts) -> tuple[LocalizationMap, TopologicalMap | None]:
+    """Read a map that can be changed, and its topology. Raises DataError where it has no method."""
+    return LocalizationMap.read(parts, indexed=False), read_topology(parts) if parts.has(TOPOLOGY) else None
 
 
-def _read(parts: Path) -> _Parts:
-    return _Parts(read_unindexed(parts), read_topology(parts) if (parts / TOPOLOGY).exists() else None)
+def _floors(known: LocalizationMap, topology: TopologicalMap | None) -> tuple[FloorMasks, ...]:
+    return known.floors if topology is None else topology.floors
 
 
 def _change(directory: Path, change: _Change) -> MapChange:
     """Read a map, change it and write it, while no other process writes to it."""
-    read_map(directory, read_method)  # or write_map would make the folders above one that is not there
+    read_map(directory, MapParts.read_config)  # or write_map would create the folders above one that does not exist
     with write_map(directory) as parts:
-        known = read_map(directory, _read)
-        localizer, old, old_floors = known.localizer, known.localizer.mapped_frames, known.floors
-        floors = change(localizer, old_floors)
-        localizer.write_parts(parts)
+        known, topology = read_map(directory, _read)
+        old, old_floors = known.frames, _floors(known, topology)
+        floors = change(known, old_floors)
         notes: tuple[str, ...] = ()
-        if known.topology is not None:
-            topology = build_topology(floors, localizer.mapped_frames, known.topology.parameters)
-            write_topology(parts, topology)
+        if topology is not None and floors:
+            topology = build_topology(floors, known.frames, topology.parameters)
             notes = topology.notes
-    frames = localizer.mapped_frames
-    kept, before = set(old), {frame.place for frame in old}
+        elif topology is not None:
+            topology, notes = None, ("the map has no topology any more: none of its places has a floor",)
+        BuildingMap(known, topology).write(parts)
+    frames, kept, before = known.frames, set(old), {frame.place for frame in old}
     fresh = dict.fromkeys(frame.place for frame in frames if frame not in kept)
     after = _places(frames, floors)
     return MapChange(

@@ -8,12 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from salframe.framework.array_files import ArrayKind
-from salframe.framework.columns import Row, read_columns, write_columns
+from salframe.framework.columns import Row
 from salframe.framework.config import Settings
 from salframe.framework.errors import DataError
-from salframe.framework.files import read_model, reading, write_json
-from salframe.localization.map_folder import read_map
-from salframe.panoramas.floors import read_floors, write_floors
+from salframe.framework.files import reading
+from salframe.localization.map_files import MapParts, read_map
 from salframe.panoramas.geometry import wrap_angle
 from salframe.topology.topological_map import MapEdge, MapNode, NodeKind, TopologicalMap, TopologySettings
 
@@ -33,31 +32,32 @@ class _Saved(Settings):
 
 
 def open_topology(directory: str | Path) -> TopologicalMap:
-    """The topological map in a folder, identical to what was written. Raises DataError where the folder holds none, or
-    one that was edited or is not whole."""
+    """Return the topological map in a folder, identical to the one that was written. Raises DataError where the folder
+    holds none, or one that was edited or is not whole."""
     return read_map(Path(directory), read_topology)
 
 
-def write_topology(parts: Path, topology: TopologicalMap) -> None:
-    """Write a topological map to a folder with the parts of a map: topology.json (parameters, notes), nodes, edges,
-    floors.npz."""
-    write_json(parts / TOPOLOGY, {"parameters": topology.parameters.model_dump(), "notes": list(topology.notes)})
-    write_columns(parts / NODES, [_node_row(node) for node in topology.nodes])
-    write_columns(parts / EDGES, [_edge_row(edge) for edge in topology.edges])
-    write_floors(parts, topology.floors)
+def write_topology(parts: MapParts, topology: TopologicalMap) -> None:
+    """Write a topological map as parts of a map: topology.json (parameters, notes), nodes, edges, and the floors."""
+    parts.write_json(TOPOLOGY, {"parameters": topology.parameters.model_dump(), "notes": list(topology.notes)})
+    parts.write_table(NODES, map(_node_row, topology.nodes))
+    parts.write_table(EDGES, map(_edge_row, topology.edges))
+    parts.write_floors(topology.floors)
 
 
-def read_topology(parts: Path) -> TopologicalMap:
-    """The topological map that `write_topology` wrote. Raises DataError where it wrote none."""
-    if not (parts / TOPOLOGY).exists():
-        directory = parts.parent
-        raise DataError(f"{directory} holds no topological map: make one with salframe map build DATA -o {directory}")
-    saved = read_model(parts / TOPOLOGY, _Saved)
-    with reading(parts / NODES, "nodes of a map"):
-        nodes = tuple(_node(row) for row in read_columns(parts / NODES, _NODE))
-    edges = tuple(_edge(row) for row in read_columns(parts / EDGES, _EDGE))
-    _check_edges(parts / EDGES, nodes, edges)
-    return TopologicalMap(nodes, edges, read_floors(parts), saved.parameters, saved.notes)
+def read_topology(parts: MapParts) -> TopologicalMap:
+    """Return the topological map among the parts of a map. Raises DataError where there is none."""
+    if not parts.has(TOPOLOGY):
+        raise DataError(
+            f"{parts.folder.parent} holds no topological map: build it again, from data with floor masks and without "
+            "--no-topology"
+        )
+    saved = parts.read_json(TOPOLOGY, _Saved)
+    with reading(parts.folder / NODES, "nodes of a map"):
+        nodes = tuple(_node(row) for row in parts.read_table(NODES, _NODE))
+    edges = tuple(_edge(row) for row in parts.read_table(EDGES, _EDGE))
+    _check_edges(parts.folder / EDGES, nodes, edges)
+    return TopologicalMap(nodes, edges, parts.read_floors(), saved.parameters, saved.notes)
 
 
 def _check_edges(path: Path, nodes: Sequence[MapNode], edges: Sequence[MapEdge]) -> None:

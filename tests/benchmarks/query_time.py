@@ -16,15 +16,17 @@ import numpy as np
 from salframe_graphs import compilation
 
 from salframe.framework.cache import Cache
-from salframe.localization.localizer import Description, Localizer
-from salframe.localization.saved_map import prepare, silent
+from salframe.localization.describing import describe_frame
+from salframe.localization.localizer import Description
+from salframe.localization.map import LocalizationMap
+from salframe.localization.preparing import prepare, silent
 
 DATA, ROUNDS = ("house-42", "house-106"), 5
 SIDES = {"numpy": lambda module: None, "compiled": compilation.compiled}
 
 
-def asked(data: str, settings: Sequence[str] = ()) -> tuple[Localizer, list[Description]]:
-    """The localizer with its map taken, and the descriptions of the queries."""
+def asked(data: str, settings: Sequence[str] = ()) -> tuple[LocalizationMap, list[Description]]:
+    """Return the map and the descriptions of the queries."""
     if Path(data).is_dir():
         name, root, more = "matterport-annotations", data, ["data.one_map=true"]
     else:
@@ -32,25 +34,24 @@ def asked(data: str, settings: Sequence[str] = ()) -> tuple[Localizer, list[Desc
     _, dataset, localizer = prepare(name, "proposed", root, [*more, *settings], None, None, silent)
     fold, cache = dataset.folds()[0], Cache()
     known, queries = (
-        [localizer.describe_frame(frame, cache, dataset.content_key)[0] for frame in frames]
+        [describe_frame(localizer, frame, cache, dataset.content_key)[0] for frame in frames]
         for frames in (fold.mapping, fold.queries)
     )
-    localizer.take_map(known, fold.mapping, dataset.floors())
-    return localizer, queries
+    return LocalizationMap.from_descriptions(localizer, known, fold.mapping, dataset.floors()), queries
 
 
-def milliseconds(localizer: Localizer, queries: Sequence[Description]) -> dict[str, np.ndarray]:
+def milliseconds(known: LocalizationMap, queries: Sequence[Description]) -> dict[str, np.ndarray]:
     """(Q,) of each side."""
     best = {side: np.full(len(queries), np.inf) for side in SIDES}
     try:
         for side in SIDES:
             compilation.compiled = SIDES[side]
-            localizer.answer(queries[0])  # imports and compiles what there is to compile
+            known.answer(queries[0])  # imports and compiles what there is to compile
         for side in [*SIDES] * ROUNDS:
             compilation.compiled = SIDES[side]
             for number, query in enumerate(queries):
                 start = time.process_time()
-                localizer.answer(query)
+                known.answer(query)
                 best[side][number] = min(best[side][number], 1e3 * (time.process_time() - start))
     finally:
         compilation.compiled = SIDES["compiled"]
@@ -59,7 +60,7 @@ def milliseconds(localizer: Localizer, queries: Sequence[Description]) -> dict[s
 
 if __name__ == "__main__":
     for data in sys.argv[1:] or DATA:
-        localizer, queries = asked(data)
-        for side, ms in milliseconds(localizer, queries).items():
+        known, queries = asked(data)
+        for side, ms in milliseconds(known, queries).items():
             median, late = np.percentile(ms, [50, 95])
             print(f"{data}, {len(ms)} queries, {side}: {ms.mean():.2f} ms, {median:.2f}, {late:.2f}")

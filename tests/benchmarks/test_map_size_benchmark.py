@@ -11,6 +11,7 @@ from salframe_graphs.places.localizer import SaliencyPlacesLocalizer
 
 from salframe.framework import files
 from salframe.framework.installation import folder_bytes
+from salframe.localization.map import LocalizationMap
 from salframe.panoramas.frames import MapFrame
 
 pytestmark = pytest.mark.slow
@@ -35,33 +36,31 @@ def scenes(method):
 
 @pytest.fixture(scope="module", params=[42, 1000, 10_000])
 def mapped(request, method, scenes):
-    """A localizer that has taken the rooms over and over, on floors of their own."""
-    localizer, frames = new_localizer(method), []
+    """A map of the rooms over and over, on floors of their own."""
+    frames = []
     for number in range(request.param):
         storey, frame = number // 42, scenes[number % 42][1]
         pose = frame.T_world_pano + np.array([[0.0] * 4, [0.0] * 4, [0, 0, 0, 3.0 * storey], [0.0] * 4])
         frames.append(MapFrame(f"{storey}/{frame.id}", f"{storey}/{frame.place}", pose))
-    localizer.take_map([scenes[number % 42][0] for number in range(request.param)], frames)
-    return localizer
+    descriptions = [scenes[number % 42][0] for number in range(request.param)]
+    return LocalizationMap.from_descriptions(new_localizer(method), descriptions, frames)
 
 
 @pytest.mark.benchmark(timer=time.process_time)
 @pytest.mark.parametrize("indexed", [True, False])
 def test_bytes_and_seconds(benchmark, method, scenes, mapped, indexed, tmp_path):
     """The hashes of the parts are checked each time."""
-    mapped.save(tmp_path / "map", indexed=indexed)
-    count = len(mapped.mapped_frames)
+    mapped.save(tmp_path / "map", with_index=indexed)
+    count = len(mapped.frames)
     benchmark.extra_info["bytes_per_scene"] = round(folder_bytes(tmp_path / "map") / count, 1)
 
     def open_anew():
         files._hash.cache_clear()
-        opened = new_localizer(method)
-        opened.load(tmp_path / "map")
-        return opened
+        return LocalizationMap.open(tmp_path / "map", new_localizer(method))
 
     opened = benchmark.pedantic(open_anew, rounds=5, warmup_rounds=1)
     for number in (0, count - 1):
-        before, after = (one.match(scenes[number % 42][0]) for one in (mapped, opened))
+        before, after = (one.answer(scenes[number % 42][0]) for one in (mapped, opened))
         assert before.places == after.places
         np.testing.assert_array_equal(before.T_world_query, after.T_world_query)
     assert benchmark.extra_info["bytes_per_scene"] < (700 if method is SaliencyGraphLocalizer else 2000)

@@ -25,12 +25,12 @@ def built(request):
 
 
 def test_both_give_the_same_answers(built, monkeypatch):
-    localizer, queries = built
+    known, queries = built
     for query in queries:
         answers = []
         for side in SIDES.values():
             monkeypatch.setattr(compilation, "compiled", side)
-            answers.append(localizer.answer(query))
+            answers.append(known.answer(query))
         plain, fast = answers
         assert plain.status == fast.status
         assert [place.frame for place in plain.places] == [place.frame for place in fast.places]
@@ -55,6 +55,6 @@ def test_the_candidates_hold_what_matching_all_finds(data):
     """Of at most one query of 500 the first place is another."""
     answers = []
     for settings in ([], ["candidates=100000", "matcher.most=null"]):
-        localizer, queries = asked(data, settings)
-        answers.append([[place.place for place in localizer.answer(query).places[:1]] for query in queries])
+        known, queries = asked(data, settings)
+        answers.append([[place.place for place in known.answer(query).places[:1]] for query in queries])
     assert sum(one != other for one, other in zip(*answers, strict=True)) <= len(queries) / 500

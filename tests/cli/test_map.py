@@ -13,6 +13,8 @@ import pytest
 from command_line import run
 from PIL import Image
 
+from salframe.evaluation.columns import format_bytes
+from salframe.framework.installation import folder_bytes
 from salframe.framework.registry import registry
 from salframe.topology.store import open_topology
 
@@ -37,7 +39,8 @@ def built(rooms):
 
 def test_build_writes_both_maps_whole(built, tmp_path):
     assert (
-        built.out.splitlines()[0] == "map: 5 scene nodes, 4 transition nodes, 14 edges"
+        built.out.splitlines()[0] == f"map: {format_bytes(folder_bytes(tmp_path / 'map'))}, "
+        "5 scene nodes, 4 transition nodes, 14 edges"
     )  # frames and doors of a room, doors and doors
     (parts,) = (tmp_path / "map").glob("parts-*")
     assert sorted(path.name for path in (tmp_path / "map").iterdir()) == ["map.json", parts.name]
@@ -140,9 +143,52 @@ def test_show_and_export(built, tmp_path):
     assert [row["T_world_pano"][3::4] for row in rows] == [[4.0 * number, 0, 0, 1] for number in range(5)]
 
 
+def test_build_and_map_build_are_one_command(built, tmp_path):
+    def parts(directory):
+        return json.loads((tmp_path / directory / "map.json").read_text())["sha256"]
+
+    done = run("build", "doored", "-o", "other", "--method", "reader")
+    assert done.out.splitlines()[0] == built.out.splitlines()[0].replace("map: ", "other: ")
+    assert parts("other") == parts("map")
+    assert run("build", "doored", "-o", "other", "--method", "reader", "--no-topology").out.endswith(", no topology\n")
+    assert set(parts("map")) > set(parts("other"))
+    done = run("map", "route", "other", "room-0", "room-1")
+    assert (done.code, done.err) == (
+        2,
+        "error: other holds no topological map: build it again, from data with floor masks and without --no-topology\n",
+    )
+
+
+def test_data_without_floors_give_a_map_without_topology(rooms):
+    done = run("map", "build", "maskless", "-o", "map", "--method", "reader")
+    assert (done.code, done.err) == (0, "")
+    assert done.out.endswith(", no topology\n")
+    assert run("localize", "map", "query-1-0", "--data", "doored").code == 0
+    done = run("map", "query", "map", "query-1-0", "--data", "doored", "--json").json
+    assert (done["status"], done["node"], done["heading_deg"]) == ("ok", None, 0.0)
+    done = run("map", "query", "map", "query-1-0", "--data", "doored", "--to", "room-3")
+    assert (done.code, done.err.count("\n")) == (2, 1)
+    assert "map holds no topological map" in done.err
+
+
+def test_floors_without_a_topology_do_not_prevent_localization(rooms, tmp_path):
+    """Two floors at one height cannot be told apart."""
+    settings = "--method", "reader", "--set", "data.height_m=0"
+    done = run("map", "build", "storeys", "-o", "map", *settings)
+    assert done.code == 0
+    assert done.err == (
+        "warning: the map has no topology: two floors are at z = 0 m, expected a z_m of its own for each floor\n"
+    )
+    assert run("localize", "map", "query-1-0", "--data", "doored").code == 0
+    done = run("map", "build", "storeys", "-o", "chosen", *settings, "--choose")
+    assert (done.code, done.err.count("\n")) == (2, 1)
+    assert "two floors are at z = 0 m" in done.err
+    assert not (tmp_path / "chosen").exists()
+
+
 def test_a_dataset_without_frames_has_one_scene_node_a_region_and_no_localizer(rooms, tmp_path):
     done = run("map", "build", "frameless", "-o", "map", "--method", "reader")
-    assert done.out.splitlines()[0].startswith("map: 5 scene nodes, 4 transition nodes, ")
+    assert ", 5 scene nodes, 4 transition nodes, " in done.out.splitlines()[0]
     assert run("map", "route", "map", "room-0", "room-4", "--json").json["nodes"][0] == "room-0"
     done = run("map", "query", "map", "query-1-0", "--data", "doored")
     assert (done.code, done.err) == (2, "error: map has no localizer: it was built from data without mapping frames\n")
@@ -171,8 +217,12 @@ def test_floors_above_each_other_are_said_to_be_apart(rooms):
     ("arguments", "message"),
     [
         (
-            ["build", "maskless", "-o", "new", "--method", "reader"],
-            "maskless has no floor masks, expected a dataset that has",
+            ["build", "maskless", "-o", "new", "--method", "reader", "--choose"],
+            "maskless has no floor masks, expected a dataset with floor masks",
+        ),
+        (
+            ["build", "doored", "-o", "new", "--method", "reader", "--choose", "--no-topology"],
+            "received both choose and no topology, expected one of them",
         ),
         (
             ["build", "crooked", "-o", "new", "--method", "reader"],

@@ -18,6 +18,8 @@ from salframe.framework.defaults import defaults
 from salframe.framework.errors import InputMissing
 from salframe.framework.presets import configure, settings
 from salframe.framework.registry import registry
+from salframe.localization.describing import complete_panorama, describe_frame, required_parts
+from salframe.localization.map import LocalizationMap
 from salframe.panoramas.geometry import pose_errors
 from salframe.testing.rooms import EYE_M, map_frames, query_frames, query_truths
 
@@ -62,9 +64,9 @@ def test_panoramas_without_range_are_localized_by_the_estimated_one(network):
     """Map and queries without range; then a map with the true range, of which the estimate must not differ."""
     for frames in (list(map(without_range, map_frames())), map_frames()):
         method = localizer(network)
-        method.build(frames)
+        built = LocalizationMap.build(method, frames)
         for query in query_frames():
-            answer, truth = method.localize(without_range(query)), query_truths()[query.id]
+            answer, truth = built.localize(without_range(query)), query_truths()[query.id]
             assert answer.places[0].place == truth.place
             shift_m, turn_rad = pose_errors(answer.T_world_query, truth.T_world_pano)
             assert shift_m < 0.05
@@ -73,8 +75,8 @@ def test_panoramas_without_range_are_localized_by_the_estimated_one(network):
 
 def test_a_sensors_range_is_left_as_it_is(network):
     method, frame = localizer(network), query_frames()[0].load()
-    assert method.complete(frame) == (frame, 0.0)
-    estimated, seconds = method.complete(without_range(query_frames()[0]).load())
+    assert complete_panorama(method, frame) == (frame, 0.0)
+    estimated, seconds = complete_panorama(method, without_range(query_frames()[0]).load())
     assert (estimated.range_by, frame.range_by) == ("onnx-depth", None)
     assert seconds > 0
     assert np.nanmedian(np.abs(estimated.range_m / frame.range_m - 1)) < 0.01
@@ -82,11 +84,11 @@ def test_a_sensors_range_is_left_as_it_is(network):
 
 def test_what_is_needed_follows_what_is_there(network):
     method = localizer(network)
-    assert method.needs_of(frozenset({"rgb", "range", "annotations"})) == {"annotations"}
-    assert method.needs_of(frozenset({"rgb", "annotations"})) == {"annotations", "rgb"}
+    assert required_parts(method, frozenset({"rgb", "range", "annotations"})) == {"annotations"}
+    assert required_parts(method, frozenset({"rgb", "annotations"})) == {"annotations", "rgb"}
     colourless = without_range(query_frames({"range", "rgb", "annotations"})[0])
     with pytest.raises(InputMissing, match=r"saliency-graph needs rgb, which .* does not have"):
-        method.localize(type(colourless)(colourless.id, lambda: _without_colour(colourless.load())))
+        describe_frame(method, type(colourless)(colourless.id, lambda: _without_colour(colourless.load())))
 
 
 def _without_colour(panorama):

@@ -15,6 +15,7 @@ from salframe.framework.identity import identity
 from salframe.framework.presets import configure
 from salframe.framework.registry import registry
 from salframe.localization.localizer import Localizer
+from salframe.localization.map import LocalizationMap
 from salframe.panoramas.frames import MapFrame, QueryFrame
 from salframe.panoramas.geometry import (
     column_azimuth,
@@ -197,23 +198,25 @@ def test_without_range_labels_and_bearings_are_known(network, detector):
     share = registry().get("saliency", "volumetric")().score(found)
     np.testing.assert_allclose(share, found.solid_angle_sr / found.solid_angle_sr.sum())
     objects = localizer("objects", network)
-    objects.build(
+    built = LocalizationMap.build(
+        objects,
         [
             MapFrame(name, name, np.eye(4), load=lambda seen=seen: seen)
             for name, seen in (("kitchen", kitchen), ("lounge", lounge))
-        ]
+        ],
     )
-    assert objects.localize(QueryFrame("query", lambda: turned(lounge, 100))).places[0].place == "lounge"
-    with pytest.raises(InputMissing, match=r"a map needs range, which kitchen does not have: .* enough for 'objects'"):
-        localizer("saliency-graph", network).build([MapFrame("kitchen", "kitchen", np.eye(4), load=lambda: kitchen)])
+    assert built.localize(QueryFrame("query", lambda: turned(lounge, 100))).places[0].place == "lounge"
+    frames = [MapFrame("kitchen", "kitchen", np.eye(4), load=lambda: kitchen)]
+    with pytest.raises(InputMissing, match=r"kitchen cannot be a frame of the map: it has no range; .* 'objects'"):
+        LocalizationMap.build(localizer("saliency-graph", network), frames)
 
 
 def test_without_range_a_graph_is_localized_in_a_map_with_range(network):
     patches = ("red", -60, 0, 20, 20, 2.0), ("green", 90, 0, 20, 20, 2.5), ("blue", 170, 0, 20, 20, 1.5)
     graphs = localizer("saliency-graph", network)
-    graphs.build([MapFrame("kitchen", "kitchen", np.eye(4), load=lambda: scene(*patches)[0])])
+    built = LocalizationMap.build(graphs, [MapFrame("kitchen", "kitchen", np.eye(4), load=lambda: scene(*patches)[0])])
     seen = replace(turned(scene(*patches)[0], 100), range_m=None)
-    answer = graphs.localize(QueryFrame("query", lambda: seen))
+    answer = built.localize(QueryFrame("query", lambda: seen))
     assert answer.places[0].place == "kitchen"
     assert answer.heading_rad == pytest.approx(np.pi * 100 / HEIGHT, abs=np.radians(5))
 

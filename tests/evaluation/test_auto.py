@@ -18,7 +18,7 @@ from salframe.framework.defaults import auto_order
 from salframe.framework.errors import ConfigError, InputMissing, RequirementMissing, SalframeError
 from salframe.framework.presets import configure, configure_default
 from salframe.framework.registry import registry
-from salframe.localization.saved_map import map_config, open_map
+from salframe.localization.map import map_config, open_map
 
 REMARK = auto_order("detector")["panoseg"]
 BARE, NO_RANGE = "data.instances=false", "data.ranges=false"
@@ -122,7 +122,7 @@ def test_a_map_holds_what_it_became_and_opens_without_the_data(detectors):
     done = salframe("build", "furnished", "-o", "map", "--method", "objects")
     assert (done.code, done.err) == (0, "objects: auto took the detector annotations\n")
     assert map_config(Path("map")).detector.kind == "annotations"
-    assert open_map(Path("map")).config.detector.kind == "annotations"
+    assert open_map(Path("map")).localizer.config.detector.kind == "annotations"
     asked = salframe("localize", "map", "bedroom-query", "--data", "furnished")
     assert (asked.code, asked.err) == (0, "detector of the map: annotations\n")
     ABSENT.touch()

@@ -40,7 +40,7 @@ def test_the_map_that_is_opened_is_the_one_that_users_build(tiny, tmp_path):
     built = salframe.build_map(tiny, saved, "saliency-graph", overrides=SETTINGS)
     size = sum(file.stat().st_size for file in saved.rglob("*") if file.is_file())
     row = running(tiny, tmp_path / "runs").row("saliency-graph")
-    assert row.scenes == len(built.mapped_frames)
+    assert row.scenes == len(built.localization.frames)
     assert row.bytes_per_scene == pytest.approx(size / row.scenes, abs=1)
     assert row.queries == len(salframe.find_dataset(tiny).folds()[0].queries)
     assert min(row.open_s, row.first_ms, row.describe_ms) > 0

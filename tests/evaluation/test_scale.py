@@ -17,7 +17,8 @@ from salframe.framework.registry import registry
 from salframe.graphs.city import City
 from salframe.graphs.packing import graph_to_arrays
 from salframe.graphs.table import MappedGraphs
-from salframe.localization.map_parts import read_scenes
+from salframe.localization.map import LocalizationMap
+from salframe.localization.map_files import MapParts
 from salframe.panoramas.frames import MapFrame
 from salframe.panoramas.opening import configure_dataset, open_dataset
 
@@ -51,11 +52,11 @@ def test_what_a_map_costs_and_what_is_found_in_it(furnished, tmp_path, monkeypat
     method = registry().build("localizer", configure_default("localizer", "saliency-graph", [settings]))
     city = City(scale.SEED, scale.rooms_of(method, open_dataset(configure_dataset("furnished", None, [])[1])))
     described = [graph_to_arrays(graph) for graph in city.scenes(SCENES)]
-    method.take_map(described, [MapFrame(f"frame-{i}", f"room-{i}", np.eye(4)) for i in range(SCENES)])
-    method.save(tmp_path / "map")
+    frames = [MapFrame(f"frame-{i}", f"room-{i}", np.eye(4)) for i in range(SCENES)]
+    LocalizationMap.from_descriptions(method, described, frames).save(tmp_path / "map")
     # the index has another path in map.json
     assert one.bytes_per_scene == pytest.approx(folder_bytes(tmp_path / "map") / SCENES, rel=0.02)
-    graphs = MappedGraphs(read_scenes(next((tmp_path / "map").glob("parts-*")))[0])
+    graphs = MappedGraphs(MapParts(next((tmp_path / "map").glob("parts-*"))).read_scenes()[0])
     matcher = GeometricMatcher(GeometricMatcher.Config(most=None))
     index, rows = matcher.index(graphs), Run.load(result.runs[0]).rows("twenty", scale.ScaleTask.row)
     assert len({row["query"] for row in rows}) == 12

@@ -12,6 +12,7 @@ from salframe.graphs.boxes import detections_where_known
 from salframe.graphs.detections import Detections
 from salframe.graphs.graph import GraphConfig, build_graph
 from salframe.graphs.packing import graph_from_arrays, graph_to_arrays
+from salframe.localization.map import LocalizationMap
 from salframe.panoramas.frames import MapFrame, QueryFrame
 from salframe.panoramas.geometry import invert_pose, pose_2d, pose_errors, pose_yaw, transform_points, wrap_angle
 from salframe.testing.rooms import ROOMS, look, map_frames, query_frames, query_truths, stand
@@ -121,9 +122,9 @@ def test_nodes_without_range_are_left_out_beside_nodes_with():
 def test_rooms_without_range_in_a_map_with_range():
     """Instance images alone, in rooms of boxes: the place, and the pose but for what boxes hide of themselves."""
     localizer, truths = SaliencyGraphLocalizer(SaliencyGraphLocalizer.Config(detector="annotations")), query_truths()
-    localizer.build(map_frames())
+    built = LocalizationMap.build(localizer, map_frames())
     for frame in query_frames({"annotations"}):
-        answer = localizer.localize(frame)
+        answer = built.localize(frame)
         assert answer.status == "ok"
         assert answer.places[0].place == truths[frame.id].place
         shift_m, turn_rad = pose_errors(answer.T_world_query, truths[frame.id].T_world_pano)
@@ -142,8 +143,8 @@ def test_two_objects_give_place_and_heading():
         np.ones(2),
     )
     localizer = SaliencyGraphLocalizer(SaliencyGraphLocalizer.Config(detector="annotations"))
-    localizer.build(map_frames())
-    answer = localizer.match(graph_to_arrays(build_graph(pair, np.array([0.6, 0.4]), GraphConfig())))
+    built = LocalizationMap.build(localizer, map_frames())
+    answer = built.answer(graph_to_arrays(build_graph(pair, np.array([0.6, 0.4]), GraphConfig())))
     assert (answer.status, answer.places[0].place) == ("no-pose", room.name)
     heading_rad = 1.3 + pose_yaw(map_frames()[0].T_world_pano)
     assert abs(wrap_angle(answer.heading_rad - heading_rad)) < np.radians(0.1)
@@ -160,11 +161,11 @@ def test_a_map_needs_range():
     frame = MapFrame(
         "flat", "bedroom", stand(ROOMS[0]), load=lambda: look(ROOMS[0], "flat", stand(ROOMS[0]), {"annotations"})
     )
-    with pytest.raises(InputMissing, match="a map needs range, which flat does not have"):
-        SaliencyGraphLocalizer(SaliencyGraphLocalizer.Config(detector="annotations")).build([frame])
+    with pytest.raises(InputMissing, match="flat cannot be a frame of the map: it has no range"):
+        LocalizationMap.build(SaliencyGraphLocalizer(SaliencyGraphLocalizer.Config(detector="annotations")), [frame])
     localizer = SaliencyGraphLocalizer(SaliencyGraphLocalizer.Config(detector="annotations"))
-    localizer.build(map_frames())
-    assert localizer.localize(QueryFrame("flat", frame.load)).status == "ok"
+    built = LocalizationMap.build(localizer, map_frames())
+    assert built.localize(QueryFrame("flat", frame.load)).status == "ok"
 
 
 def test_labels_alone_match_where_geometry_is_off():

@@ -1,7 +1,5 @@
 """The localizer `saliency-graph` end to end on object lists, and how places are ranked."""
 
-import json
-
 import numpy as np
 import pytest
 from salframe_graphs import node_matcher
@@ -17,8 +15,10 @@ from salframe.framework.installation import folder_bytes
 from salframe.framework.presets import configure, settings
 from salframe.graphs.detections import Detections
 from salframe.graphs.matcher import GraphMatcher
+from salframe.localization.describing import describe_frame
 from salframe.localization.localizer import rank_places
-from salframe.localization.map_folder import write_map
+from salframe.localization.map import LocalizationMap
+from salframe.localization.map_files import write_map
 from salframe.panoramas.frames import FrameKind, MapFrame, QueryFrame
 from salframe.panoramas.geometry import invert_pose, pose_2d, pose_errors, transform_points
 from salframe.panoramas.panorama import Annotations, ObjectBoxes, Panorama
@@ -62,9 +62,7 @@ def graph_localizer(**settings):
 
 @pytest.fixture(scope="module")
 def mapped():
-    localizer = graph_localizer()
-    localizer.build([map_frame(i, pose_2d(6.0 * i, 0, 0.3 * i)) for i in range(12)])
-    return localizer
+    return LocalizationMap.build(graph_localizer(), [map_frame(i, pose_2d(6.0 * i, 0, 0.3 * i)) for i in range(12)])
 
 
 def test_place_and_pose(mapped):
@@ -79,8 +77,7 @@ def test_place_and_pose(mapped):
 
 def test_saved_map_gives_the_same_answers(mapped, tmp_path):
     mapped.save(tmp_path)
-    again = graph_localizer()
-    again.load(tmp_path)
+    again = LocalizationMap.open(tmp_path, graph_localizer())
     asked = query(4, pose_2d(0.2, 0.3, 2.0))
     before, after = mapped.localize(asked), again.localize(asked)
     assert before.places == after.places
@@ -93,16 +90,15 @@ def test_a_saved_map_is_not_indexed_again(few, tmp_path, monkeypatch):
     made = graph_localizer(matcher={"most": 4})
     frames = [map_frame(i, pose_2d(6.0 * i, 0, 0.3 * i)) for i in range(12)]
     door = MapFrame("door", "door", pose_2d(3.0, 0, 0), FrameKind.TRANSITION, lambda: seen(5, np.eye(4), "door"))
-    made.build([*frames[:6], door, *frames[6:]])
-    made.save(tmp_path)
+    built = LocalizationMap.build(made, [*frames[:6], door, *frames[6:]])
+    built.save(tmp_path)
     for role, hook in ((InvertedLists, "build"), (GeometricMatcher, "index"), (SaliencyGraphLocalizer, "index")):
         monkeypatch.setattr(role, hook, None)
     monkeypatch.setattr(node_matcher, "_MAX_PRECOMPUTED", few)
-    again = graph_localizer(matcher={"most": 4})
-    again.load(tmp_path)
+    again = LocalizationMap.open(tmp_path, graph_localizer(matcher={"most": 4}))
     for i in range(12):
-        description = made.describe_frame(query(i, pose_2d(0.2, 0.3, 2.0)))[0]
-        before, after = made.match(description), again.match(description)
+        description = describe_frame(made, query(i, pose_2d(0.2, 0.3, 2.0)))[0]
+        before, after = built.answer(description), again.answer(description)
         assert before.places == after.places
         assert before.places[0].place == f"room-{i}"
         np.testing.assert_array_equal(before.T_world_query, after.T_world_query)
@@ -113,12 +109,11 @@ def test_a_matcher_that_keeps_no_index_indexes_anew(tmp_path, monkeypatch):
     """With the graphs as they were remembered."""
     monkeypatch.setattr(GeometricMatcher, "write_index", GraphMatcher.write_index)
     monkeypatch.setattr(GeometricMatcher, "open_index", GraphMatcher.open_index)
-    made, again = graph_localizer(), graph_localizer()
-    made.build([map_frame(i, pose_2d(6.0 * i, 0, 0.3 * i)) for i in range(3)])
-    made.save(tmp_path)
-    again.load(tmp_path)
+    built = LocalizationMap.build(graph_localizer(), [map_frame(i, pose_2d(6.0 * i, 0, 0.3 * i)) for i in range(3)])
+    built.save(tmp_path)
+    again = LocalizationMap.open(tmp_path, graph_localizer())
     asked = query(2, pose_2d(0.2, 0.3, 2.0))
-    assert made.localize(asked).places == again.localize(asked).places
+    assert built.localize(asked).places == again.localize(asked).places
 
 
 def test_a_scene_is_a_few_hundred_bytes(mapped, tmp_path):
@@ -126,9 +121,7 @@ def test_a_scene_is_a_few_hundred_bytes(mapped, tmp_path):
     frames = [map_frame(i, pose_2d(6.0 * i, 0, 0.0)) for i in range(100)]
     sizes = []
     for count in (50, 100):
-        localizer = graph_localizer()
-        localizer.build(frames[:count])
-        localizer.save(tmp_path / str(count))
+        LocalizationMap.build(graph_localizer(), frames[:count]).save(tmp_path / str(count))
         sizes.append(folder_bytes(next((tmp_path / str(count)).glob("parts-*")) / "scenes"))
     assert (sizes[1] - sizes[0]) / 50 == pytest.approx(7 * 16 + 7 + 3, abs=0.1)
 
@@ -151,8 +144,7 @@ def test_failing_is_a_status(mapped):
         ).status
         == "no-match"
     )
-    picky = graph_localizer(min_score=10.0)
-    picky.build([map_frame(1, np.eye(4))])
+    picky = LocalizationMap.build(graph_localizer(min_score=10.0), [map_frame(1, np.eye(4))])
     answer = picky.localize(query(1))
     assert (answer.status, answer.places, answer.T_world_query) == ("low-score", (), None)
 
@@ -161,12 +153,12 @@ def test_bad_input_is_one_clear_line(mapped, tmp_path):
     with pytest.raises(InputMissing, match="saliency-graph needs annotations, which q does not have"):
         mapped.localize(QueryFrame("q", lambda: Panorama("q", range_m=np.ones((4, 8), np.float32))))
     with pytest.raises(DataError, match="at least one mapping frame"):
-        graph_localizer().build([])
+        LocalizationMap.build(graph_localizer(), [])
     with write_map(tmp_path) as parts:
         content = {"version": "0", "localizer": {"kind": "objects"}, "described_by": ""}
-        (parts / "method.json").write_text(json.dumps(content))
+        parts.write_json("method.json", content)
     with pytest.raises(DataError, match="made by objects 0, expected saliency-graph"):
-        graph_localizer().load(tmp_path)
+        LocalizationMap.open(tmp_path, graph_localizer())
 
 
 def test_a_doorway_match_answers_with_the_scene_at_the_pose():
@@ -184,9 +176,10 @@ def test_a_doorway_match_answers_with_the_scene_at_the_pose():
 
 def test_the_covariance_is_in_the_axes_of_the_world():
     """Of a map that stands turned by 90 degrees in the world, x and y change places."""
-    plain, turned = graph_localizer(), graph_localizer()
-    plain.build([map_frame(3, pose_2d(1, 2, 0.3))])
-    turned.build([map_frame(3, pose_2d(1, 2, 0.3 + np.pi / 2))])
+    plain, turned = (
+        LocalizationMap.build(graph_localizer(), [map_frame(3, pose_2d(1, 2, 0.3 + turn_rad))])
+        for turn_rad in (0, np.pi / 2)
+    )
     before, after = (made.localize(query(3, pose_2d(0.5, -0.4, 1.0))).covariance for made in (plain, turned))
     turn = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1.0]])
     np.testing.assert_allclose(after, turn @ before @ turn.T, atol=1e-12)

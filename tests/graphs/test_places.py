@@ -17,8 +17,9 @@ from salframe_graphs.places.rates import Likelihood, shipped_rates
 
 from salframe.framework.identity import identity
 from salframe.graphs.detections import unit_vectors
-from salframe.localization.map_folder import read_map
-from salframe.panoramas.floors import FloorMasks, read_floors
+from salframe.localization.describing import describe_frame
+from salframe.localization.map import LocalizationMap
+from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.frames import FrameKind, MapFrame, QueryFrame
 from salframe.panoramas.geometry import invert_pose, pose_2d, pose_errors, transform_points
 from salframe.panoramas.panorama import Annotations, ObjectBoxes, Panorama
@@ -69,8 +70,7 @@ def floor():
 
 def localizer(floors=(), **settings):
     made = SaliencyPlacesLocalizer(SaliencyPlacesLocalizer.Config(detector="annotations", **settings))
-    made.build(FRAMES, floors=floors)
-    return made
+    return LocalizationMap.build(made, FRAMES, floors=floors)
 
 
 def asked(rooms, x_m, y_m=0.0, yaw_rad=1.0):
@@ -109,21 +109,19 @@ def test_the_answer_names_the_scene_frame_nearest_to_the_pose():
 @pytest.mark.parametrize("settings", [{}, {"candidates": 1}, {"merged": False, "candidates": 2}])
 def test_a_map_opened_again_answers_alike(settings, tmp_path, monkeypatch):
     """Whose places are not merged again, and of whose frames some have outlines."""
-    made = localizer([floor()], **settings)
-    described = [made.describe_frame(frame)[0] for frame in FRAMES]
+    made = localizer([floor()], **settings).localizer
+    described = [describe_frame(made, frame)[0] for frame in FRAMES]
     outlines = RNG.uniform(1, 4, (2, BINS)).astype(np.float32)
     outlines[0, :9] = np.nan
     for number, outline in zip((0, 2), outlines, strict=True):
         described[number] = {**described[number], OUTLINE: outline}
-    made.take_map(described, FRAMES, [floor()])
-    made.save(tmp_path)
+    LocalizationMap.from_descriptions(made, described, FRAMES, [floor()]).save(tmp_path)
     for hook in ("index", "unpack"):
         monkeypatch.setattr(SaliencyPlacesLocalizer, hook, None)
     again = SaliencyPlacesLocalizer(SaliencyPlacesLocalizer.Config(detector="annotations", **settings))
-    again.load(tmp_path)
-    assert len(read_map(tmp_path, read_floors)) == 1
+    assert len(LocalizationMap.open(tmp_path, again).floors) == 1
     for rooms, x_m in ((["a"], 3.4), (["b"], 5.0)):
-        description = {**made.describe_frame(asked(rooms, x_m)[0])[0], OUTLINE: outlines[1]}
+        description = {**describe_frame(made, asked(rooms, x_m)[0])[0], OUTLINE: outlines[1]}
         before, after = (one.match(description) for one in (made, again))
         assert before.places == after.places
         np.testing.assert_array_equal(before.T_world_query, after.T_world_query)
@@ -217,17 +215,17 @@ def test_evidence_of_labels_is_counted_by_rarity():
 
 
 def test_each_part_of_the_evidence_is_what_it_says():
-    made = localizer()
+    made = localizer().localizer
     query, _ = asked(["a"], 0.4)
-    seen = made.describe_frame(query)[0]
+    seen = describe_frame(made, query)[0]
     evidence = made.evidence(seen)
     assert evidence.values.keys() == Weights.model_fields.keys()
     assert sorted(evidence.places) == ["a", "b"]
     row = list(evidence.places).index("a")
     parts = {name: values[row] for name, values in evidence.values.items()}
     single = SaliencyGraphLocalizer(SaliencyGraphLocalizer.Config(detector="annotations"))
-    single.build(FRAMES)
-    assert parts["panorama"] == single.match(seen).places[0].score
+    built = LocalizationMap.build(single, FRAMES)
+    assert parts["panorama"] == built.answer(seen).places[0].score
     assert parts["labels_found"] == parts["labels_shared"] == 1  # nothing else is in the room
     assert parts["outline"] == 0  # object lists have none
     scores = {place.place: place.score for place in made.match(seen).places}
@@ -258,13 +256,13 @@ def test_without_sure_range_it_answers_as_single_panoramas_do(scale):
     """Of bearings alone, and where ranges may be off by a factor."""
     matcher = {"kind": "geometric", "largest_scale_error": scale}
     single = SaliencyGraphLocalizer(SaliencyGraphLocalizer.Config(detector="annotations", matcher=matcher))
-    single.build(FRAMES)
+    built = LocalizationMap.build(single, FRAMES)
     description = dict(single.describe(panorama("q", ["b"], pose_2d(5.5, 0, 0.4))))
     if not scale:
         unknown = {name: np.full_like(description[name], np.nan) for name in ("centroid_m", "size_m", "yaw_rad")}
         bearing = unit_vectors(description["centroid_m"])
         description |= {**unknown, "edges": np.zeros((0, 2), np.int64), "bearing": bearing}
-    answer, expected = localizer(matcher=matcher).match(description), single.match(description)
+    answer, expected = localizer(matcher=matcher).answer(description), built.answer(description)
     assert answer.places == expected.places
     assert answer.places[0].place == "b"
 
@@ -272,10 +270,10 @@ def test_without_sure_range_it_answers_as_single_panoramas_do(scale):
 @pytest.mark.parametrize("made", [SaliencyPlacesLocalizer, SaliencyGraphLocalizer])
 def test_place_only_answers_with_the_pose_of_the_map_frame(made):
     made = made(made.Config(detector="annotations", positioner=None))
-    made.build(FRAMES)
+    built = LocalizationMap.build(made, FRAMES)
     pose = {frame.id: frame.T_world_pano for frame in FRAMES}
     for room, x_m in (("a", 0.7), ("b", 5.5)):
-        answer = made.localize(asked([room], x_m)[0])
+        answer = built.localize(asked([room], x_m)[0])
         assert (answer.status, answer.places[0].place, answer.covariance) == ("ok", room, None)
         np.testing.assert_array_equal(answer.T_world_query, pose[answer.places[0].frame])
 

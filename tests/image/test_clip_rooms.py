@@ -10,6 +10,7 @@ from salframe_image.clip import MEAN, STD, ClipRooms, room_type
 
 from salframe.framework.errors import InputMissing, WeightsMissing
 from salframe.framework.identity import identity
+from salframe.localization.map import LocalizationMap
 from salframe.panoramas.frames import FrameKind, MapFrame, QueryFrame
 from salframe.panoramas.panorama import Panorama
 
@@ -50,17 +51,17 @@ def folder(write_network, tmp_path):
 
 @pytest.fixture
 def build(folder):
-    """A localizer with a map of rooms, named as given and painted in one colour of COLOURS each."""
+    """A map of rooms, named as given and painted in one colour of COLOURS each."""
 
-    def make(rooms: dict[str, str], **settings) -> ClipRooms:
+    def make(rooms: dict[str, str], **settings) -> LocalizationMap:
         localizer = ClipRooms(ClipRooms.Config(checkpoint=folder, views=4, hfov_deg=80, **settings))
-        localizer.build(
+        return LocalizationMap.build(
+            localizer,
             [
                 MapFrame(place, place, np.eye(4), load=lambda colour=colour: painted(colour))
                 for place, colour in rooms.items()
-            ]
+            ],
         )
-        return localizer
 
     return make
 
@@ -90,8 +91,8 @@ def share(*colours: str, types: tuple[str, ...] = ("blue", "green", "red")) -> n
 ROOMS = {"red-01": "red", "green-01": "green", "blue-01": "blue", "green-02": "grey-blue"}
 
 
-def ask(localizer: ClipRooms, panorama: Panorama):
-    return localizer.match(localizer.describe(panorama))
+def ask(known: LocalizationMap, panorama: Panorama):
+    return known.answer(known.localizer.describe(panorama))
 
 
 def test_places_are_ranked_by_how_alike_their_room_types_are(build):
@@ -131,8 +132,9 @@ def test_room_types_are_those_of_scenes_unless_others_are_named(build, folder):
         MapFrame("2", "blue", np.eye(4)),
         MapFrame("3", "green-01", np.eye(4), FrameKind.TRANSITION),
     ]
-    localizer.index([localizer.describe(painted(colour)) for colour in ("red", "blue", "green")], frames)
-    scores = {ranked.place: ranked.score for ranked in ask(localizer, painted("blue")).places}
+    described = [localizer.describe(painted(colour)) for colour in ("red", "blue", "green")]
+    known = LocalizationMap.from_descriptions(localizer, described, frames)
+    scores = {ranked.place: ranked.score for ranked in ask(known, painted("blue")).places}
     assert scores["green-01"] == pytest.approx(
         np.sqrt(np.prod([share(c, types=("blue", "red")) for c in ("green", "blue")], 0)).sum(), abs=1e-2
     )

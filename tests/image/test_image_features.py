@@ -13,6 +13,7 @@ from salframe.framework.identity import identity
 from salframe.framework.presets import configure as configure_preset
 from salframe.framework.presets import settings
 from salframe.framework.registry import registry
+from salframe.localization.map import LocalizationMap
 from salframe.panoramas.frames import MapFrame, QueryFrame
 from salframe.panoramas.geometry import pose_2d, pose_yaw, wrap_angle
 from salframe.panoramas.panorama import Panorama
@@ -34,11 +35,10 @@ def configure(same_network):
 
 
 @pytest.fixture
-def localizer(configure):
-    made = ImageFeatures(configure())
+def known(configure):
     frames = [("hall", HALL, pose_2d(1, 2, 0.4, 1.5)), ("cellar", CELLAR, pose_2d(7, 2, -2, 1.5))]
-    made.build([map_frame(name, compass(colours, pose), pose) for name, colours, pose in frames])
-    return made
+    described = [map_frame(name, compass(colours, pose), pose) for name, colours, pose in frames]
+    return LocalizationMap.build(ImageFeatures(configure()), described)
 
 
 def map_frame(name, panorama, pose) -> MapFrame:
@@ -83,8 +83,8 @@ def mean_colours(panorama):
 
 
 @pytest.mark.parametrize("yaw_rad", [-2.9, -1.3, 0.0, 0.25, 0.4, 1.0, 3.1])
-def test_place_and_heading_are_found_and_the_position_is_the_map_frames(localizer, yaw_rad):
-    answer = localizer.localize(query(compass(HALL, pose_2d(1.6, 2.3, yaw_rad, 1.5))))
+def test_place_and_heading_are_found_and_the_position_is_the_map_frames(known, yaw_rad):
+    answer = known.localize(query(compass(HALL, pose_2d(1.6, 2.3, yaw_rad, 1.5))))
     assert answer.status == "ok"
     assert [place.place for place in answer.places] == ["hall", "cellar"]
     assert answer.places[0].score == pytest.approx(
@@ -94,30 +94,30 @@ def test_place_and_heading_are_found_and_the_position_is_the_map_frames(localize
     assert abs(wrap_angle(pose_yaw(answer.T_world_query) - yaw_rad)) < 0.02
 
 
-def test_what_was_not_seen_does_not_count(localizer):
+def test_what_was_not_seen_does_not_count(known):
     seen = np.zeros((HEIGHT, 2 * HEIGHT), bool)
     seen[:, : HEIGHT + HEIGHT // 2] = True  # azimuth from pi to -pi / 2
     partial = compass(HALL, pose_2d(0, 0, 1.0), seen)
-    features = localizer.describe(partial)["features"]
+    features = known.localizer.describe(partial)["features"]
     azimuth = np.arange(12) * 30
     np.testing.assert_array_equal(features.any(1), (azimuth <= 180) | (azimuth >= 270))
     hidden = Panorama("other colours there", np.where(seen[..., None], partial.rgb, 255 - partial.rgb), valid=seen)
     inside = azimuth[azimuth < 120] // 30  # views that end before what was not seen begins
-    np.testing.assert_array_equal(localizer.describe(hidden)["features"][inside], features[inside])
-    answer = localizer.localize(query(partial))
+    np.testing.assert_array_equal(known.localizer.describe(hidden)["features"][inside], features[inside])
+    answer = known.localize(query(partial))
     assert answer.places[0].place == "hall"
     assert abs(wrap_angle(pose_yaw(answer.T_world_query) - 1.0)) < 0.1
 
 
-def test_where_nothing_is_seen_there_is_no_answer(localizer):
+def test_where_nothing_is_seen_there_is_no_answer(known):
     nothing = compass(HALL, valid=np.zeros((HEIGHT, 2 * HEIGHT), bool))
-    answer = localizer.localize(query(nothing))
+    answer = known.localize(query(nothing))
     assert (answer.status, answer.places, answer.T_world_query) == ("no-features", (), None)
 
 
-def test_without_texture_there_is_a_place_and_no_heading(localizer):
+def test_without_texture_there_is_a_place_and_no_heading(known):
     plain = Panorama("plain", np.full((HEIGHT, 2 * HEIGHT, 3), (160, 130, 128), np.uint8))
-    answer = localizer.localize(query(plain))
+    answer = known.localize(query(plain))
     assert answer.status == "no-pose"
     assert answer.T_world_query is None
     assert len(answer.places) == 2
@@ -125,12 +125,13 @@ def test_without_texture_there_is_a_place_and_no_heading(localizer):
 
 def test_one_map_frame_is_enough(configure):
     localizer, pose = ImageFeatures(configure()), pose_2d(1, 2, 0.4)
-    localizer.build([map_frame("hall", compass(HALL, pose), pose)])
-    answer = localizer.localize(query(compass(HALL, pose_2d(0, 0, -0.8))))
+    built = LocalizationMap.build(localizer, [map_frame("hall", compass(HALL, pose), pose)])
+    answer = built.localize(query(compass(HALL, pose_2d(0, 0, -0.8))))
     assert abs(wrap_angle(pose_yaw(answer.T_world_query) + 0.8)) < 0.02
     plain = Panorama("plain", np.full((HEIGHT, 2 * HEIGHT, 3), 160, np.uint8))
-    localizer.build([map_frame("cell", plain, pose)])  # all views alike: nothing is left of them but their mean
-    assert localizer.localize(query(compass(HALL))).status == "no-pose"
+    # all views are alike: nothing is left of them but their mean
+    built = LocalizationMap.build(localizer, [map_frame("cell", plain, pose)])
+    assert built.localize(query(compass(HALL))).status == "no-pose"
 
 
 def test_the_parabola_meets_the_peak_between_two_angles():
@@ -141,9 +142,9 @@ def test_the_parabola_meets_the_peak_between_two_angles():
     assert peak_rad(np.array([4, 1, 0, 0, 0, 4.0])) == pytest.approx(-np.pi / 6)  # half-way before the first
 
 
-def test_a_panorama_without_colour_is_refused(localizer):
+def test_a_panorama_without_colour_is_refused(known):
     with pytest.raises(InputMissing, match="image needs rgb, which dark does not have"):
-        localizer.localize(query(Panorama("dark", range_m=np.ones((64, 128), np.float32))))
+        known.localize(query(Panorama("dark", range_m=np.ones((64, 128), np.float32))))
 
 
 def test_another_networks_layout_is_one_line(write_network, configure):

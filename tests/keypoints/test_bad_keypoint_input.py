@@ -16,6 +16,7 @@ from salframe.evaluation.localization import compare
 from salframe.evaluation.request import Request
 from salframe.framework.errors import RequirementMissing, WeightsMissing
 from salframe.framework.presets import configure, settings
+from salframe.localization.map import LocalizationMap
 from salframe.panoramas.frames import QueryFrame
 from salframe.panoramas.geometry import pose_2d, pose_errors
 from salframe.panoramas.panorama import Panorama
@@ -86,11 +87,13 @@ def test_a_query_without_texture_fails_and_the_others_do_not(tiny):
 def test_views_without_texture_leave_the_pose_to_the_others(rooms, configure):
     """Half of the query shows one even colour, as a near white wall would."""
     localizer = Keypoints(configure("sift", view_width_px=240, view_height_px=176))
-    localizer.build([room.map_frame(f"m{i}", np.eye(4), f"room {i}", height=256) for i, room in enumerate(rooms)])
+    built = LocalizationMap.build(
+        localizer, [room.map_frame(f"m{i}", np.eye(4), f"room {i}", height=256) for i, room in enumerate(rooms)]
+    )
     seen = rooms[1].panorama("query", QUERY, 256)
     rgb = seen.rgb.copy()
     rgb[:, :256] = 235
-    answer = localizer.localize(QueryFrame("query", lambda: Panorama("query", rgb)))
+    answer = built.localize(QueryFrame("query", lambda: Panorama("query", rgb)))
     assert (answer.status, answer.places[0].place) == ("ok", "room 1")
     assert pose_errors(answer.T_world_query, QUERY)[0] < 0.05
 

@@ -15,6 +15,8 @@ from salframe.framework.config import validate
 from salframe.framework.errors import ConfigError, RequirementMissing, UnknownName, WeightsMissing
 from salframe.framework.identity import identity
 from salframe.framework.registry import registry
+from salframe.localization.describing import describe_frame
+from salframe.localization.map import LocalizationMap
 from salframe.panoramas.frames import QueryFrame
 from salframe.panoramas.geometry import pose_2d, pose_errors
 from salframe.panoramas.panorama import Panorama
@@ -47,15 +49,14 @@ def make(configure):
 @pytest.fixture(scope="module")
 def sift(make, mapping):
     localizer = make()
-    localizer.build(mapping)
-    return localizer
+    return LocalizationMap.build(localizer, mapping)
 
 
 @pytest.mark.parametrize("kind", ["sift", "xfeat"])
 def test_the_room_is_found_and_the_pose_is_right_to_centimetres(make, kind, mapping, query):
     localizer = make(kind)
-    localizer.build(mapping)
-    answer = localizer.localize(query)
+    built = LocalizationMap.build(localizer, mapping)
+    answer = built.localize(query)
     assert answer.status == "ok"
     assert answer.places[0].place == "room 1"
     assert answer.places[0].score > 20 * answer.places[1].score
@@ -72,9 +73,8 @@ def test_the_same_query_has_the_same_answer(sift, query):
 
 def test_a_saved_map_answers_alike(make, sift, query, tmp_path):
     sift.save(tmp_path)
-    loaded = make()
-    loaded.load(tmp_path)
-    np.testing.assert_array_equal(loaded.localize(query).T_world_query, sift.localize(query).T_world_query)
+    opened = LocalizationMap.open(tmp_path, make())
+    np.testing.assert_array_equal(opened.localize(query).T_world_query, sift.localize(query).T_world_query)
 
 
 def test_only_the_map_needs_range(sift, rooms):
@@ -84,15 +84,17 @@ def test_only_the_map_needs_range(sift, rooms):
 
 def test_a_map_without_range_gives_the_place_and_no_pose(make, rooms, query):
     localizer = make()
-    localizer.build([room.map_frame(f"m{i}", np.eye(4), f"room {i}", with_range=False) for i, room in enumerate(rooms)])
-    answer = localizer.localize(query)
+    built = LocalizationMap.build(
+        localizer, [room.map_frame(f"m{i}", np.eye(4), f"room {i}", with_range=False) for i, room in enumerate(rooms)]
+    )
+    answer = built.localize(query)
     assert (answer.status, answer.T_world_query, answer.places[0].place) == ("no-pose", None, "room 1")
 
 
 def test_a_place_that_is_not_in_the_map_has_no_pose(make, sift, mapping, query):
     localizer = make()
-    localizer.build([mapping[0], mapping[2]])
-    answer = localizer.localize(query)
+    built = LocalizationMap.build(localizer, [mapping[0], mapping[2]])
+    answer = built.localize(query)
     assert answer.status == "no-pose"
     assert len(answer.places) == 2
 
@@ -105,11 +107,11 @@ def test_a_blank_panorama_has_no_features(sift):
 
 def test_frames_off_the_shortlist_are_ranked_but_not_matched(make, mapping, query):
     localizer = make(shortlist=1)
-    localizer.build(mapping)
+    built = LocalizationMap.build(localizer, mapping)
     matched = []
     match = localizer._matcher.match
     localizer._matcher.match = lambda seen, reference: matched.append(1) or match(seen, reference)
-    answer = localizer.localize(query)
+    answer = built.localize(query)
     assert len(matched) == 6
     assert answer.status == "ok"
     assert [place.score > 1 for place in answer.places] == [True, False, False]
@@ -131,10 +133,10 @@ def test_the_shortlist_may_be_made_by_something_else_than_sift(make, write_netwo
         settings = {"features": "loftr-compact", "shortlist_network": {"kind": "onnx", "model": same, "size_px": 32}}
     chosen = Keypoints.Config(view_width_px=320, view_height_px=240, shortlist=1, **settings)
     localizer = Keypoints(chosen)
-    localizer.build(mapping)
+    built = LocalizationMap.build(localizer, mapping)
     described = localizer.describe(query.load())
     assert ("global" in described) == (kind == "network")
-    answer = localizer.localize(query)
+    answer = built.localize(query)
     assert answer.status == "ok"
     assert answer.places[0].place == "room 1"
     assert pose_errors(answer.T_world_query, QUERY)[0] < 0.1
@@ -148,8 +150,8 @@ def test_exhaustive_matching_agrees_with_the_shortlist(make, rooms, query):
     answers = []
     for shortlist in (2, None):
         localizer = make(shortlist=shortlist, view_width_px=240, view_height_px=176)
-        localizer.build(mapping)
-        answers.append(localizer.localize(query))
+        built = LocalizationMap.build(localizer, mapping)
+        answers.append(built.localize(query))
     short, exhaustive = answers
     assert (short.status, short.places[0].place) == ("ok", "room 1")
     assert short.places[0] == exhaustive.places[0]
@@ -164,20 +166,22 @@ def test_exhaustive_matching_agrees_with_the_shortlist(make, rooms, query):
 def test_one_map_frame_with_and_without_range_and_a_blank_query(make, kind, rooms):
     localizer = make(kind, view_width_px=240, view_height_px=176)
     query = rooms[1].query(QUERY)
-    localizer.build([rooms[1].map_frame("m", pose_2d(0.1, 0.0, 0.3), "room 1")])
-    answer = localizer.localize(query)
+    built = LocalizationMap.build(localizer, [rooms[1].map_frame("m", pose_2d(0.1, 0.0, 0.3), "room 1")])
+    answer = built.localize(query)
     assert (answer.status, [place.place for place in answer.places]) == ("ok", ["room 1"])
     translation, rotation = pose_errors(answer.T_world_query, QUERY)
     assert translation < 0.02
     assert rotation < np.deg2rad(0.2)
     for value in (0, 90):
         blank = Panorama("blank", np.full((256, 512, 3), value, np.uint8))
-        answer = localizer.localize(QueryFrame("blank", lambda blank=blank: blank))
+        answer = built.localize(QueryFrame("blank", lambda blank=blank: blank))
         assert answer.status in ("no-features", "no-pose")
         assert answer.T_world_query is None
 
-    localizer.build([rooms[1].map_frame("m", pose_2d(0.1, 0.0, 0.3), "room 1", with_range=False)])
-    answer = localizer.localize(query)
+    built = LocalizationMap.build(
+        localizer, [rooms[1].map_frame("m", pose_2d(0.1, 0.0, 0.3), "room 1", with_range=False)]
+    )
+    answer = built.localize(query)
     assert (answer.status, answer.T_world_query, answer.places[0].place) == ("no-pose", None, "room 1")
 
 
@@ -214,12 +218,12 @@ def test_nothing_is_described_outside_the_part_that_was_seen(make, mapping):
 
 def test_descriptions_are_cached_by_what_they_depend_on(make, mapping, tmp_path):
     cache = Cache(tmp_path)
-    description, seconds = make().describe_frame(mapping[0], cache, "rooms")
-    again, remembered = make(min_inliers=20, shortlist=2).describe_frame(mapping[0], cache, "rooms")
+    description, seconds = describe_frame(make(), mapping[0], cache, "rooms")
+    again, remembered = describe_frame(make(min_inliers=20, shortlist=2), mapping[0], cache, "rooms")
     assert remembered == seconds
     np.testing.assert_array_equal(again["features"], description["features"])
     assert len(list(tmp_path.rglob("*.npz"))) == 1
-    make(features={"max_keypoints": 100}).describe_frame(mapping[0], cache, "rooms")
+    describe_frame(make(features={"max_keypoints": 100}), mapping[0], cache, "rooms")
     assert len(list(tmp_path.rglob("*.npz"))) == 2
 
 
@@ -312,8 +316,10 @@ def test_a_third_partys_matcher_is_found_and_used(monkeypatch, rooms):
         assert registry().failures == []
         localizer = Keypoints(Keypoints.Config(features={"kind": "corners", "count": 200}, min_inliers=15))
         assert conforms(registry().get("feature-matcher", "corners"))
-        localizer.build([room.map_frame(f"m{i}", np.eye(4), f"room {i}") for i, room in enumerate(rooms)])
-        answer = localizer.localize(rooms[1].query(pose_2d(0.05, 0.02, 0.1)))
+        built = LocalizationMap.build(
+            localizer, [room.map_frame(f"m{i}", np.eye(4), f"room {i}") for i, room in enumerate(rooms)]
+        )
+        answer = built.localize(rooms[1].query(pose_2d(0.05, 0.02, 0.1)))
     finally:
         registry.cache_clear()
     assert (answer.status, answer.places[0].place) == ("ok", "room 1")

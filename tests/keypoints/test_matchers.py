@@ -17,6 +17,7 @@ from salframe_keypoints.sift import Sift
 
 from salframe.framework.errors import ConfigError, RequirementMissing, WeightsMissing
 from salframe.framework.registry import registry
+from salframe.localization.map import LocalizationMap
 from salframe.panoramas.geometry import pose_2d
 from salframe.panoramas.perspective import ViewRig
 
@@ -151,8 +152,10 @@ class TestLoftrCheckpoint:
 
     def test_it_localizes(self, rooms, configure):
         localizer = Keypoints(configure("loftr", DISTILLED_SETTINGS))
-        localizer.build([room.map_frame(f"m{i}", np.eye(4), f"room {i}") for i, room in enumerate(rooms)])
-        answer = localizer.localize(rooms[1].query(pose_2d(0.4, -0.3, 2.0)))
+        built = LocalizationMap.build(
+            localizer, [room.map_frame(f"m{i}", np.eye(4), f"room {i}") for i, room in enumerate(rooms)]
+        )
+        answer = built.localize(rooms[1].query(pose_2d(0.4, -0.3, 2.0)))
         assert answer.status == "ok"
         assert answer.places[0].place == "room 1"
         assert np.linalg.norm(answer.T_world_query[:2, 3] - (0.4, -0.3)) < 0.15  # cells of 16 pixels, 3 deg

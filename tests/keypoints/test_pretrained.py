@@ -18,6 +18,7 @@ from salframe_keypoints.superpoint import SuperPointNearest
 from salframe.framework.cache import Cache
 from salframe.framework.errors import ConfigError, RequirementMissing, WeightsMissing
 from salframe.framework.registry import registry
+from salframe.localization.map import LocalizationMap
 from salframe.panoramas.frames import QueryFrame
 from salframe.panoramas.geometry import pose_2d
 from salframe.panoramas.panorama import Panorama
@@ -179,10 +180,12 @@ def test_efficient_loftrs_cells_are_matched_one_to_one_whatever_their_order():
 def test_a_localizer_of_the_matcher_builds_and_answers(name, checkpoints, configure, rooms, tmp_path):
     small = {"views": 3, "view_width_px": 128, "view_height_px": 96, "hypotheses": 20}
     localizer = Keypoints(configure(name, {"checkpoint": checkpoints / name, "max_keypoints": 32}, **small))
-    localizer.build([rooms[0].map_frame("m", np.eye(4), "room 0", height=64)], Cache(tmp_path), "rooms")
+    built = LocalizationMap.build(
+        localizer, [rooms[0].map_frame("m", np.eye(4), "room 0", height=64)], Cache(tmp_path), "rooms"
+    )
     blank = Panorama("blank", np.full((64, 128, 3), 90, np.uint8))
     for query in (rooms[0].query(np.eye(4), height=64), QueryFrame("blank", lambda: blank)):
-        answer = localizer.localize(query)
+        answer = built.localize(query)
         assert answer.status in ("ok", "no-pose", "no-features")  # random weights match at random
         assert answer.status == "no-features" or [place.place for place in answer.places] == ["room 0"]
 

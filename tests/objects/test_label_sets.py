@@ -7,6 +7,7 @@ from salframe_objects.localizer import ObjectSetLocalizer, SalientObjectsLocaliz
 from salframe.framework.identity import identity
 from salframe.framework.presets import configure, settings
 from salframe.graphs.detections import Detections
+from salframe.localization.map import LocalizationMap
 from salframe.panoramas.frames import MapFrame
 from salframe.panoramas.panorama import Annotations, ObjectBoxes, Panorama
 
@@ -40,11 +41,12 @@ QUERY = (("bed", 2.0), ("lamp", 1.0), ("cat", 1.0))
 def scores(localizer, query=QUERY):
     """The score of each room."""
     rooms = {"bedroom": BEDROOM, "office": OFFICE}
-    localizer.take_map(
+    known = LocalizationMap.from_descriptions(
+        localizer,
         [localizer.describe(seen(*room)) for room in rooms.values()],
         [MapFrame(name, name, np.eye(4)) for name in rooms],
     )
-    answer = localizer.match(localizer.describe(seen(*query)))
+    answer = known.answer(localizer.describe(seen(*query)))
     return answer.status, {ranked.place: ranked.score for ranked in answer.places}
 
 

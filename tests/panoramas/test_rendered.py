@@ -23,6 +23,7 @@ from salframe.framework.errors import DataError, SalframeError
 from salframe.framework.files import atomic_path
 from salframe.framework.identity import digest
 from salframe.localization.answers import Localization, LocalizationStatus
+from salframe.localization.describing import describe_frame
 from salframe.localization.localizer import Localizer
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.frames import FrameKind
@@ -366,5 +367,5 @@ def test_descriptions_are_shared_as_images_are(tmp_path: Path) -> None:
         data.prepare(lambda done, total: None)
         (fold,) = data.folds()
         for frame in (*fold.mapping, *fold.queries):
-            localizer.describe_frame(frame, store, data.content_key)
+            describe_frame(localizer, frame, store, data.content_key)
     assert described == ["hall/1", "door", "q", "q"]

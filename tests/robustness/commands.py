@@ -18,8 +18,8 @@ from small_map import write_small_map
 from salframe.evaluation.localization import compare
 from salframe.evaluation.request import Request
 from salframe.framework.errors import DataError
-from salframe.localization.saved_map import build_map
 from salframe.panoramas.geometry import pose_2d
+from salframe.topology.building_map import build_map
 
 _ASK = ("--engine", "inline", "--json")
 _RUN = "runs/sound-*"

@@ -26,13 +26,14 @@ from salframe.framework.cache import Cache
 from salframe.framework.files import file_sha256
 from salframe.framework.onnx import open_model
 from salframe.framework.presets import configure_default
-from salframe.localization.map_folder import MAP
-from salframe.localization.saved_map import build_map, open_map
+from salframe.localization.map import open_map
+from salframe.localization.map_files import MAP
 from salframe.navigation.episodes import read_asked
 from salframe.panoramas import images
 from salframe.panoramas.folder_format import Folder
 from salframe.panoramas.house_file import read_house
 from salframe.panoramas.shot import read_panorama
+from salframe.topology.building_map import build_map
 from salframe.topology.store import open_topology
 
 
@@ -69,8 +70,8 @@ def _run(root: Path) -> Any:
 
 
 def _map(root: Path) -> Any:
-    localizer = open_map(root)
-    return localizer.config, [frame.T_world_pano.tolist() for frame in localizer._frames]
+    opened = open_map(root)
+    return opened.localizer.config, [frame.T_world_pano.tolist() for frame in opened.frames]
 
 
 def _study(root: Path) -> Any:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from salframe.localization.map_folder import write_map
+from salframe.localization.map_files import write_map
 from salframe.panoramas.floors import FloorMasks
 from salframe.topology.store import write_topology
 from salframe.topology.topological_map import MapEdge, MapNode, NodeKind, TopologicalMap, TopologySettings

@@ -10,6 +10,7 @@ from pydantic import Field
 
 import salframe
 from salframe.localization.localizer import Localizer
+from salframe.panoramas.floors import without_places
 from salframe.panoramas.frames import Fold
 
 
@@ -35,6 +36,15 @@ class Maskless(DooredRooms):
         return []
 
 
+class HalfMasked(DooredRooms):
+    """Masks of the first room alone."""
+
+    name = "half-masked"
+
+    def floors(self):
+        return without_places(super().floors(), [f"room-{room}" for room in range(1, self.config.rooms)])
+
+
 class Frameless(DooredRooms):
     """No frames."""
 
@@ -49,11 +59,18 @@ class Storeys(DooredRooms):
 
     name = "storeys"
 
+    class Config(DooredRooms.Config):
+        height_m: float = Field(3.0, description="height of the upper floor above the lower one")
+
     def floors(self):
         (floor,) = super().floors()
         return [
             floor,
-            replace(floor, z_m=3.0, regions={number: f"upper-{name}" for number, name in floor.regions.items()}),
+            replace(
+                floor,
+                z_m=self.config.height_m,
+                regions={number: f"upper-{name}" for number, name in floor.regions.items()},
+            ),
         ]
 
 
@@ -104,4 +121,4 @@ class Sharp(Reader):
 
 @salframe.hookimpl
 def salframe_provides():
-    return [DooredRooms, Maskless, Frameless, Storeys, Upstairs, Crooked, Sharp]
+    return [DooredRooms, Maskless, HalfMasked, Frameless, Storeys, Upstairs, Crooked, Sharp]

@@ -20,15 +20,14 @@ from fake_plugin import Reader
 from killing import kill_at, killed, start
 
 from salframe.framework.cache import Cache
-from salframe.framework.columns import write_columns
 from salframe.framework.errors import ConfigError, DataError, UnknownName
 from salframe.framework.registry import registry
-from salframe.localization.map_folder import write_map
-from salframe.localization.saved_map import build_map, open_map
+from salframe.localization.map import open_map
+from salframe.localization.map_files import write_map
 from salframe.panoramas.frames import QueryFrame
 from salframe.panoramas.opening import find_dataset, find_frame
+from salframe.topology.building_map import ask_map, build_map
 from salframe.topology.growing import MapChange, add_to_map, merge_maps, remove_from_map
-from salframe.topology.place_map import ask_map, build_topological_map
 from salframe.topology.store import open_topology, write_topology
 
 HOUSE = "house-6", ("data.height=128", "data.queries_per_room=1")
@@ -41,8 +40,8 @@ def content(directory: Path) -> dict[str, str]:
 
 def answers(directory: Path, queries: Sequence[QueryFrame]) -> list[str]:
     """What a map answers, in every digit."""
-    localizer = open_map(directory)
-    return [str(localizer.localize(query)) for query in queries]
+    opened = open_map(directory)
+    return [str(opened.localize(query)) for query in queries]
 
 
 @pytest.fixture
@@ -91,7 +90,7 @@ def halves() -> tuple[list[str], list[str]]:
 )
 def test_a_map_that_grew_is_the_one_that_was_built_at_once(house, halves, method, overrides, tmp_path):
     first, second = halves
-    build = partial(build_topological_map, method=method, overrides=overrides)
+    build = partial(build_map, method=method, overrides=overrides)
     one, other, both = (house(name, places) for name, places in (("a", first), ("b", second), ("ab", first + second)))
     build(one, tmp_path / "a")
     build(other, tmp_path / "b")
@@ -117,13 +116,13 @@ def test_a_map_that_grew_is_the_one_that_was_built_at_once(house, halves, method
 
 
 def build(directory: str, data: str = "doored", *overrides: str) -> Path:
-    build_topological_map(data, directory, "reader", overrides=overrides)
+    build_map(data, directory, "reader", overrides=overrides)
     return Path(directory)
 
 
 def places(directory: Path) -> list[str]:
     """The places of a map, that of each node, in the order of its frames."""
-    return [frame.place for frame in open_map(directory).mapped_frames]
+    return [frame.place for frame in open_map(directory).frames]
 
 
 def test_places_of_the_same_name_are_replaced(rooms):
@@ -187,8 +186,17 @@ def test_a_region_without_panoramas_is_removed_too(rooms):
     assert remove_from_map(map, ["upper-room-4"]).places == 7
 
 
+def test_a_map_whose_last_floor_is_removed_has_no_topology_any_more(rooms):
+    map = build("map", "half-masked")
+    assert [node.id for node in open_topology(map).nodes] == ["map-0"]
+    change = remove_from_map(map, ["room-0"])
+    assert change.places == 4
+    assert change.notes == ("the map has no topology any more: none of its places has a floor",)
+    assert content(map).keys() == content(build("plain", "maskless")).keys()
+
+
 def test_how_the_topology_was_made_stays(rooms):
-    build_topological_map("doored", "map", "reader", choose=True, overrides=("data.rooms=3",))
+    build_map("doored", "map", "reader", choose=True, overrides=("data.rooms=3",))
     add_to_map("map", "doored", overrides=("data.rooms=5",))
     topology = open_topology("map")
     assert topology.parameters.choose
@@ -196,7 +204,7 @@ def test_how_the_topology_was_made_stays(rooms):
 
 
 def test_a_map_without_a_topology_stays_one(rooms):
-    build_map("doored", "plain", "reader", overrides=("data.rooms=3",))
+    build_map("doored", "plain", "reader", topology=False, overrides=("data.rooms=3",))
     assert add_to_map("plain", "maskless").notes == ()
     assert places(Path("plain")) == [f"room-{room}" for room in range(5)]
     merge_maps("plain", [build("above", "upstairs")])
@@ -221,7 +229,7 @@ def test_what_does_not_fit_is_one_line_and_changes_nothing(rooms):
     build("above", "upstairs")
     for sharpness in (1, 2):
         overrides = (f"sharpness={sharpness}",)
-        build_topological_map("upstairs", f"sharp-{sharpness}", "sharp", overrides=overrides)
+        build_map("upstairs", f"sharp-{sharpness}", "sharp", overrides=overrides)
     kept = {folder: content(folder) for folder in map(Path, ("map", "bare", "same", "above", "sharp-1", "sharp-2"))}
     at_zero, same_ids = "data.z_m=0", "data.rename_frames=false"
     for change, error, message in (
@@ -274,9 +282,9 @@ def test_a_map_that_holds_something_else_is_one_line(rooms):
     map = build("map")
     (old,) = map.glob("parts-*")
     with write_map(map) as parts:
-        shutil.copytree(old, parts, dirs_exist_ok=True)
-        shutil.rmtree(parts / "scenes")
-        write_columns(parts / "scenes", [{"hall": np.array(number)} for number in range(5)])
+        shutil.copytree(old, parts.folder, dirs_exist_ok=True)
+        shutil.rmtree(parts.folder / "scenes")
+        parts.write_table("scenes", [{"hall": np.array(number)} for number in range(5)])
     with pytest.raises(DataError, match=r"the map is not what reader wrote \(KeyError: 'room'\): build it again"):
         remove_from_map(map, ["room-1"])
 

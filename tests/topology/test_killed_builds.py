@@ -1,4 +1,4 @@
-"""`salframe build` and `salframe map build`, killed: the folder holds the old map or the new one, and builds go on."""
+"""`salframe build`, with and without topology, killed: the folder holds the old map or the new one."""
 
 from __future__ import annotations
 
@@ -18,18 +18,16 @@ from killing import kill_at, killed, start
 
 from salframe.framework.errors import DataError
 from salframe.framework.registry import registry
-from salframe.localization.saved_map import build_map, open_map
+from salframe.localization.map import open_map
 from salframe.panoramas.frames import QueryFrame
 from salframe.panoramas.opening import find_dataset, find_frame
-from salframe.topology.place_map import ask_map, build_topological_map
+from salframe.topology.building_map import ask_map, build_map
 
 NO_MAP = "holds no map: make one with salframe"
 
 
-BUILD, MAP_BUILD = build_map, build_topological_map
-"""What `salframe build` and `salframe map build` call."""
 EITHER = pytest.mark.parametrize(
-    "way", [pytest.param(BUILD, id="build"), pytest.param(MAP_BUILD, id="map build", marks=pytest.mark.slow)]
+    "topology", [pytest.param(False, id="no topology"), pytest.param(True, id="topology", marks=pytest.mark.slow)]
 )
 
 
@@ -37,7 +35,7 @@ EITHER = pytest.mark.parametrize(
 class Site:
     """A folder that maps of two buildings are written to by turns, and the question that they answer differently."""
 
-    way: Callable[..., object]
+    topology: bool
     folder: Path
     data: str
     method: str
@@ -45,12 +43,12 @@ class Site:
     question: QueryFrame
 
     def build(self, building: int) -> None:
-        self.way(self.data, self.folder, self.method, overrides=self.buildings[building])
+        build_map(self.data, self.folder, self.method, topology=self.topology, overrides=self.buildings[building])
 
     def ask(self) -> str:
         """What the map answers, in every digit; a topological map is asked for the nearest node too."""
         try:
-            if self.way is MAP_BUILD:
+            if self.topology:
                 return str(ask_map(self.folder, self.question))
             return str(open_map(self.folder).localize(self.question))
         except DataError as error:
@@ -82,7 +80,7 @@ def rooms(fakes, monkeypatch, tmp_path) -> Callable[..., Site]:
     registry.cache_clear()
     question = find_frame(find_dataset("doored"), "query-1-0")
     buildings = ("data.rooms=3",), ("data.rooms=5", "offset=1")
-    return lambda way: Site(way, tmp_path / "map", "doored", "reader", buildings, question)
+    return lambda topology: Site(topology, tmp_path / "map", "doored", "reader", buildings, question)
 
 
 def steps(site: Site, building: int) -> Iterator[int]:
@@ -99,8 +97,8 @@ def be_killed(step: int, site: Site, building: int) -> None:
 
 
 @EITHER
-def test_a_map_that_is_replaced_is_the_old_or_the_new_at_every_step(rooms, way):
-    site = rooms(way)
+def test_a_map_that_is_replaced_is_the_old_or_the_new_at_every_step(rooms, topology):
+    site = rooms(topology)
     new, old = site.answers()
     found = []
     for _ in steps(site, 0):
@@ -114,8 +112,8 @@ def test_a_map_that_is_replaced_is_the_old_or_the_new_at_every_step(rooms, way):
 
 
 @EITHER
-def test_a_first_build_that_is_killed_leaves_none_and_is_repeated(rooms, way):
-    site = rooms(way)
+def test_a_first_build_that_is_killed_leaves_none_and_is_repeated(rooms, topology):
+    site = rooms(topology)
     new, _ = site.answers()
     shutil.rmtree(site.folder)
     found = []
@@ -132,12 +130,12 @@ def test_a_first_build_that_is_killed_leaves_none_and_is_repeated(rooms, way):
 
 @pytest.mark.slow
 @EITHER
-def test_fifty_kills_at_any_time(way, tmp_path):
+def test_fifty_kills_at_any_time(topology, tmp_path):
     """Homes of 6 rooms by `proposed`: half of the kills at any time of the build, half while the map is being written;
     every fifth of a first build."""
     buildings = tuple(("data.rgb=false", f"data.seed={seed}") for seed in (1, 2))
     question = find_frame(find_dataset("house-6", overrides=buildings[0]), "query-0020")
-    site = Site(way, tmp_path / "map", "house-6", "proposed", buildings, question)
+    site = Site(topology, tmp_path / "map", "house-6", "proposed", buildings, question)
     answers, rng, seen = site.answers(), random.Random(0), Counter[str]()
     began = time.monotonic()
     site.build(1)

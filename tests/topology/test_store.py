@@ -14,7 +14,7 @@ from plans import block, frame, two_rooms
 from salframe_house.building import generate_building
 
 from salframe.framework.errors import ConfigError, DataError
-from salframe.localization.map_folder import write_map
+from salframe.localization.map_files import write_map
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.frames import FrameKind
 from salframe.topology.build import build_topology
@@ -74,7 +74,7 @@ def test_a_map_of_a_building_is_read_back_identical(tmp_path):
 def test_a_map_without_a_topology_is_one_line(tmp_path):
     with write_map(tmp_path):
         pass
-    with pytest.raises(DataError, match="holds no topological map: make one with salframe map build"):
+    with pytest.raises(DataError, match="holds no topological map: build it again, from data with floor masks"):
         open_topology(tmp_path)
 
 

@@ -22,8 +22,8 @@ from salframe.graphs.table import GraphNodes, MappedGraphs
 from salframe.localization.answers import Localization, LocalizationStatus, NodeMatches, ranked_places
 from salframe.localization.evidence import Evidence
 from salframe.localization.localizer import Description
-from salframe.localization.map_parts import SavedFrames
 from salframe.localization.posterior import Posterior, read_fitted
+from salframe.localization.saved_frames import SavedFrames
 from salframe.panoramas.floors import Regions
 from salframe.panoramas.frames import MapFrame
 from salframe.panoramas.geometry import pose_2d
@@ -211,12 +211,8 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         T_world_query = pose_2d(pose.shift_m[0, 0], pose.shift_m[0, 1], pose.yaw_rad[0], camera_z_m)
         return Localization(places, T_world_query, LocalizationStatus.OK, covariance)
 
-    def answer(self, description: Description) -> Localization:
-        """As of every localizer; without probabilities of a query whose positions in metres are not known, whose scores
-        are others than those that the posterior was fitted to."""
-        if self._is_scaleless(description):
-            return self.match(description)
-        return super().answer(description)
+    def fits_posterior(self, description: Description) -> bool:
+        return not self._is_scaleless(description)  # whose scores are not those that the posterior was fitted to
 
     def evidence(self, description: Description) -> Evidence | None:
         query = graph_from_arrays(description)

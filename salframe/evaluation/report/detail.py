@@ -23,8 +23,10 @@ from salframe.framework.registry import registry
 from salframe.graphs.graph import SaliencyGraph
 from salframe.graphs.packing import GRAPH_ARRAYS, graph_from_arrays
 from salframe.localization.answers import NodeMatches, PointMatches
+from salframe.localization.describing import describe_frame
 from salframe.localization.evidence import Evidence
 from salframe.localization.localizer import Description, Localizer
+from salframe.localization.map import LocalizationMap
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.frames import Fold, MapFrame, QueryFrame, Truth
 from salframe.panoramas.opening import Progress
@@ -123,7 +125,8 @@ class _Method:
         self._frames = usable
         if self._weights and usable:
             known = [self._known[id] for id in usable]
-            self._localizer.take_map(known, list(usable.values()), self._dataset.floors())
+            frames, floors = list(usable.values()), self._dataset.floors()
+            self._localizer = LocalizationMap.from_descriptions(self._localizer, known, frames, floors).localizer
 
     def look(self, query: Json, frame: QueryFrame, row: Row | None, truth: Truth, correct: bool) -> Json:
         """What is known of an answer; adds the query's objects, and the frames that it is matched with."""
@@ -149,9 +152,9 @@ class _Method:
 
     def _describe(self, frame: MapFrame | QueryFrame) -> Description:
         if isinstance(frame, QueryFrame):
-            return self._localizer.describe_frame(frame, self._cache, self._dataset.content_key)[0]
+            return describe_frame(self._localizer, frame, self._cache, self._dataset.content_key)[0]
         if frame.id not in self._known:
-            self._known[frame.id] = self._localizer.describe_frame(frame, self._cache, self._dataset.content_key)[0]
+            self._known[frame.id] = describe_frame(self._localizer, frame, self._cache, self._dataset.content_key)[0]
         return self._known[frame.id]
 
     def _references(self, row: Row | None, truth: Truth, correct: bool) -> Iterator[tuple[str, MapFrame]]:

@@ -10,18 +10,18 @@ from pathlib import Path
 import pytest
 
 from salframe.framework.errors import ConfigError, DataError
-from salframe.localization.map_folder import MAP, MAP_FORMAT, check_output, read_map, write_map
+from salframe.localization.map_files import MAP, MAP_FORMAT, MapParts, check_output, read_map, write_map
 
 
 def write(directory: Path, text: str) -> None:
     with write_map(directory) as parts:
-        (parts / "frames").mkdir()
-        (parts / "frames" / "ids.txt").write_text(text)
-        (parts / "scenes.txt").write_text(text)
+        (parts.folder / "frames").mkdir()
+        (parts.folder / "frames" / "ids.txt").write_text(text)
+        (parts.folder / "scenes.txt").write_text(text)
 
 
-def read(parts: Path) -> list[str]:
-    return [(parts / "frames" / "ids.txt").read_text(), (parts / "scenes.txt").read_text()]
+def read(parts: MapParts) -> list[str]:
+    return [(parts.folder / "frames" / "ids.txt").read_text(), (parts.folder / "scenes.txt").read_text()]
 
 
 def parts_of(directory: Path) -> Path:
@@ -51,7 +51,7 @@ def test_a_build_that_fails_changes_nothing(tmp_path, before):
 
     def fail():
         with write_map(tmp_path / "map") as parts:
-            (parts / "scenes.txt").write_text("two")
+            (parts.folder / "scenes.txt").write_text("two")
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -122,12 +122,12 @@ def test_a_map_that_is_replaced_while_it_is_read_is_read_anew(tmp_path):
     write(tmp_path / "map", "one")
     seen = []
 
-    def read_slowly(parts: Path) -> list[str]:
-        first = (parts / "frames" / "ids.txt").read_text()
+    def read_slowly(parts: MapParts) -> list[str]:
+        first = (parts.folder / "frames" / "ids.txt").read_text()
         if not seen:
             write(tmp_path / "map", "two")
         seen.append(first)
-        return [first, (parts / "scenes.txt").read_text()]
+        return [first, (parts.folder / "scenes.txt").read_text()]
 
     assert read_map(tmp_path / "map", read_slowly) == ["two", "two"]
     assert seen == ["one", "two"]
@@ -156,11 +156,11 @@ def test_what_a_killed_first_build_left_may_become_a_map(tmp_path):
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no lock of folders")
 def test_two_builds_into_one_folder_do_not_mix(tmp_path):
     with write_map(tmp_path / "map") as parts:
-        (parts / "scenes.txt").write_text("one")
+        (parts.folder / "scenes.txt").write_text("one")
         with pytest.raises(ConfigError, match=r"another process writes to .*map: wait for it, or name a new folder"):
             write(tmp_path / "map", "two")
-        (parts / "frames").mkdir()
-        (parts / "frames" / "ids.txt").write_text("one")
+        (parts.folder / "frames").mkdir()
+        (parts.folder / "frames" / "ids.txt").write_text("one")
     assert read_map(tmp_path / "map", read) == ["one", "one"]
     write(tmp_path / "map", "two")
     assert read_map(tmp_path / "map", read) == ["two", "two"]

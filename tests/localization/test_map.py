@@ -16,34 +16,34 @@ from salframe.framework.errors import ConfigError, DataError, InputMissing, Unkn
 from salframe.framework.identity import UserFile
 from salframe.framework.installation import folder_bytes
 from salframe.framework.registry import registry
+from salframe.localization.describing import describe_frame
 from salframe.localization.localizer import Localizer
-from salframe.localization.map_folder import write_map
-from salframe.localization.map_parts import METHOD, read_scenes, write_scenes
-from salframe.localization.saved_map import build_map, map_bytes, open_map
+from salframe.localization.map import LocalizationMap, open_map
+from salframe.localization.map_files import METHOD, MapParts, write_map
 from salframe.panoramas.frames import FrameKind, MapFrame, QueryFrame
 from salframe.panoramas.geometry import pose_2d
 from salframe.panoramas.opening import find_dataset, find_frame, mapping_frames
+from salframe.topology.building_map import build_map
 
 
 def edit(directory: Path, **changes) -> None:
     """Write the map again with another method.json."""
     (old,) = directory.glob("parts-*")
     with write_map(directory) as parts:
-        shutil.copytree(old, parts, dirs_exist_ok=True)
-        content = {**json.loads((parts / METHOD).read_text()), **changes}
-        (parts / METHOD).write_text(json.dumps(content))
+        shutil.copytree(old, parts.folder, dirs_exist_ok=True)
+        parts.write_json(METHOD, {**json.loads((old / METHOD).read_text()), **changes})
 
 
 @pytest.fixture
 def saved(fakes, tmp_path) -> Path:
-    build_map("rooms", tmp_path / "map", "reader", overrides=("data.rooms=3", "offset=1"))
+    build_map("rooms", tmp_path / "map", "reader", topology=False, overrides=("data.rooms=3", "offset=1"))
     return tmp_path / "map"
 
 
 def test_a_map_that_is_opened_again_answers_as_before(saved):
-    localizer = open_map(saved)
-    assert localizer.config.offset == 1
-    answer = localizer.localize(find_frame(find_dataset("rooms"), "query-1-0"))
+    opened = open_map(saved)
+    assert opened.localizer.config.offset == 1
+    answer = opened.localize(find_frame(find_dataset("rooms"), "query-1-0"))
     assert [place.place for place in answer.places] == ["room-2", "room-1", "room-0"]
     np.testing.assert_allclose(answer.T_world_query[:3, 3], [8.0, 0.0, 0.0])  # rooms are 4 m apart
 
@@ -71,10 +71,10 @@ def test_frames_that_stand_askew_are_refused(turn, tmp_path):
     frames = [MapFrame(f"map-{i}", "hall", pose) for i, pose in enumerate(poses)]
     for count in (2, 3):
         (parts := tmp_path / str(count)).mkdir()
-        write_scenes(parts, ({} for _ in range(count)), frames[:count])
-    assert len(read_scenes(tmp_path / "2")[1]) == 2
+        MapParts(parts).write_scenes(({} for _ in range(count)), frames[:count])
+    assert len(MapParts(tmp_path / "2").read_scenes()[1]) == 2
     with pytest.raises(DataError, match="the pose of map-2 is no rigid motion: build the map again"):
-        read_scenes(tmp_path / "3")
+        MapParts(tmp_path / "3").read_scenes()
 
 
 def test_poses_come_back_in_every_bit_level_and_tilted(tmp_path):
@@ -91,8 +91,8 @@ def test_poses_come_back_in_every_bit_level_and_tilted(tmp_path):
     ):
         frames = [MapFrame(f"map-{i}", "hall", pose) for i, pose in enumerate(poses)]
         (tmp_path / name).mkdir()
-        write_scenes(tmp_path / name, ({} for _ in frames), frames)
-        _, saved = read_scenes(tmp_path / name)
+        MapParts(tmp_path / name).write_scenes(({} for _ in frames), frames)
+        _, saved = MapParts(tmp_path / name).read_scenes()
         np.testing.assert_array_equal([frame.T_world_pano for frame in saved], poses)
         np.testing.assert_array_equal(saved.poses(), np.array(poses)[:, :3])
         assert len(np.load(tmp_path / name / "frames" / "pose.npy")) == numbers
@@ -101,10 +101,10 @@ def test_poses_come_back_in_every_bit_level_and_tilted(tmp_path):
 def test_a_pose_of_another_length_is_refused(saved):
     (old,) = saved.glob("parts-*")
     with write_map(saved) as parts:
-        shutil.copytree(old, parts, dirs_exist_ok=True)
-        table = (parts / "frames" / "columns.json").read_text()
-        (parts / "frames" / "columns.json").write_text(table.replace('"shape":[5]', '"shape":[4]'))
-        np.save(parts / "frames" / "pose.npy", np.zeros(4 * len(open_map(saved).frames)))
+        shutil.copytree(old, parts.folder, dirs_exist_ok=True)
+        table = parts.folder / "frames" / "columns.json"
+        table.write_text(table.read_text().replace('"shape":[5]', '"shape":[4]'))
+        np.save(parts.folder / "frames" / "pose.npy", np.zeros(4 * len(open_map(saved).frames)))
     with pytest.raises(DataError, match="frames has a pose of 4 numbers, expected 5 or 12"):
         open_map(saved)
 
@@ -113,7 +113,7 @@ def test_a_folder_of_something_else_is_not_overwritten(saved, tmp_path):
     (tmp_path / "photos").mkdir()
     build_map("rooms", tmp_path / "photos", "reader")  # an empty folder may become one
     build_map("rooms", saved, "reader")
-    assert open_map(saved).config.offset == 0
+    assert open_map(saved).localizer.config.offset == 0
     (tmp_path / "file").write_text("years")
     with pytest.raises(ConfigError, match="file holds something else than a map"):
         build_map("nowhere", tmp_path / "file", "reader")  # said before anything is opened
@@ -149,13 +149,11 @@ class Noting(Reader):
 
 def test_a_map_described_with_another_file_is_not_asked(fakes):
     Path("note.txt").write_text("one")
-    noting = Noting()
-    noting.build(mapping_frames(Rooms()))
-    noting.save(Path("map"))
-    Noting().load(Path("map"))
+    LocalizationMap.build(Noting(), mapping_frames(Rooms())).save("map")
+    LocalizationMap.open("map", Noting())
     Path("note.txt").write_text("two")
     with pytest.raises(DataError, match=r"was described with other .* files than noting has now: build it again"):
-        Noting().load(Path("map"))
+        LocalizationMap.open("map", Noting())
 
 
 def test_a_map_is_replaced_whole_or_not_at_all(saved, monkeypatch):
@@ -167,11 +165,11 @@ def test_a_map_is_replaced_whole_or_not_at_all(saved, monkeypatch):
 
     before = files()
     with monkeypatch.context() as patch:
-        patch.setattr("salframe.localization.map_parts.write_columns", interrupt)
+        patch.setattr("salframe.localization.map_files.write_columns", interrupt)
         with pytest.raises(KeyboardInterrupt):
             build_map("rooms", saved, "reader")
     assert files() == before
-    build_map("rooms", saved, "reader")
+    build_map("rooms", saved, "reader", topology=False)
     (parts,) = saved.glob("parts-*")
     assert {path.name for path in parts.iterdir()} == {"method.json", "frames", "scenes"}
 
@@ -187,12 +185,10 @@ def test_a_map_is_asked_as_it_is_stored(fakes):
             return {"room": packed["tens"] * np.int64(10)}
 
     rough, frames = Rough(), mapping_frames(Rooms())[:3]
-    rough.take_map([{"room": np.array([n, 0])} for n in (7, 23, 48)], frames)
+    built = LocalizationMap.from_descriptions(rough, [{"room": np.array([n, 0])} for n in (7, 23, 48)], frames)
     assert rough.rooms.tolist() == [0, 20, 40]
-    rough.save(Path("map"))
-    again = Rough()
-    again.load(Path("map"))
-    assert again.rooms.tolist() == [0, 20, 40]
+    built.save("map")
+    assert LocalizationMap.open("map", Rough()).localizer.rooms.tolist() == [0, 20, 40]
 
 
 class Indexed(Reader):
@@ -215,32 +211,28 @@ class Indexed(Reader):
 
 @pytest.fixture
 def indexed(fakes, tmp_path) -> Path:
-    indexed = Indexed()
-    indexed.build(mapping_frames(Rooms()))
-    indexed.save(tmp_path / "map")
+    LocalizationMap.build(Indexed(), mapping_frames(Rooms())).save(tmp_path / "map")
     return tmp_path / "map"
 
 
-def loaded(directory: Path, **settings) -> Indexed:
-    localizer = Indexed(Indexed.Config(**settings))
-    localizer.load(directory)
-    return localizer
+def opened(directory: Path, **settings) -> LocalizationMap:
+    return LocalizationMap.open(directory, Indexed(Indexed.Config(**settings)))
 
 
 def test_a_map_with_an_index_is_not_indexed_again(indexed):
-    again, query = loaded(indexed), find_frame(find_dataset("rooms"), "query-1-0")
-    assert again.indexings == 0
+    again, query = opened(indexed), find_frame(find_dataset("rooms"), "query-1-0")
+    assert again.localizer.indexings == 0
     assert [place.place for place in again.localize(query).places] == [f"room-{n}" for n in (1, 0, 2, 3, 4)]
-    assert (again.frames[-1].id, again.frames[-1]) == ("map-4", again.mapped_frames[-1])
+    assert (again.frames[-1].id, again.frames[-1]) == ("map-4", again.localizer.frames[-1])
     np.testing.assert_array_equal(again.frames[3].T_world_pano, Rooms()._map_frame(3).T_world_pano)
 
 
 def test_other_settings_than_those_of_the_index_index_anew(indexed):
-    assert loaded(indexed, offset=1).indexings == 1
+    assert opened(indexed, offset=1).localizer.indexings == 1
 
 
 def test_a_map_that_is_open_is_written_as_it_was_when_its_folder_is_gone(indexed, tmp_path):
-    again = loaded(indexed)
+    again = opened(indexed)
     before = json.loads((indexed / "map.json").read_text())["sha256"]
     shutil.rmtree(indexed)
     again.save(tmp_path / "copy")
@@ -252,20 +244,19 @@ def test_an_index_that_was_edited_is_refused(indexed):
     (rooms,) = indexed.rglob("rooms.npy")
     rooms.write_bytes(rooms.read_bytes()[:-1] + b"x")
     with pytest.raises(DataError, match=r"rooms\.npy is not what was written when the map was built"):
-        loaded(indexed)
+        opened(indexed)
 
 
 def test_what_a_map_takes_is_what_is_written(saved):
-    localizer = open_map(saved)
-    assert map_bytes(localizer) == folder_bytes(saved)
+    assert open_map(saved).num_bytes() == folder_bytes(saved)
     assert folder_bytes(saved) == sum(path.stat().st_size for path in saved.rglob("*") if path.is_file()) > 0
 
 
 def test_what_a_map_takes_is_told_without_its_index(indexed, tmp_path):
-    localizer = loaded(indexed)
-    localizer.save(tmp_path / "bare", indexed=False)
-    assert map_bytes(localizer) == folder_bytes(tmp_path / "bare") < folder_bytes(indexed)
-    assert loaded(tmp_path / "bare").indexings == 1
+    again = opened(indexed)
+    again.save(tmp_path / "bare", with_index=False)
+    assert again.num_bytes() == folder_bytes(tmp_path / "bare") < folder_bytes(indexed)
+    assert opened(tmp_path / "bare").localizer.indexings == 1
 
 
 def test_another_version_of_a_dataset_is_described_anew(fakes, monkeypatch):
@@ -287,14 +278,14 @@ def test_a_folder_without_a_map_is_one_line(fakes, tmp_path):
 
 def test_a_map_needs_a_frame(fakes):
     with pytest.raises(DataError, match="a map needs at least one mapping frame, received none"):
-        build_map("rooms", Path("map"), "reader", overrides=("data.rooms=0",))
+        build_map("rooms", Path("map"), "reader", topology=False, overrides=("data.rooms=0",))
     assert not Path("map").exists()
 
 
 def test_what_a_method_needs_is_named(fakes):
     localizer = registry().build("localizer", registry().get("localizer", "ranger").Config())
     with pytest.raises(InputMissing, match="ranger needs range, which map-0 does not have"):
-        localizer.build(mapping_frames(Rooms()))
+        LocalizationMap.build(localizer, mapping_frames(Rooms()))
 
 
 def test_descriptions_are_cached_by_data_frame_and_identity(fakes):
@@ -305,26 +296,26 @@ def test_descriptions_are_cached_by_data_frame_and_identity(fakes):
 
     (fold,) = Rooms().folds()
     frame, cache = seen(fold.queries[0]), Cache()
-    first, seconds = Reader().describe_frame(frame, cache, "data")
-    again, same_seconds = Reader().describe_frame(frame, cache, "data")
+    first, seconds = describe_frame(Reader(), frame, cache, "data")
+    again, same_seconds = describe_frame(Reader(), frame, cache, "data")
     assert looks == [frame.id]
     assert again["room"].tolist() == first["room"].tolist()
     assert same_seconds == seconds > 0
-    Reader().describe_frame(frame, cache, "other data")
-    Reader().describe_frame(seen(fold.queries[1]), cache, "data")
-    Reader().describe_frame(frame, None, "data")
+    describe_frame(Reader(), frame, cache, "other data")
+    describe_frame(Reader(), seen(fold.queries[1]), cache, "data")
+    describe_frame(Reader(), frame, None, "data")
     assert looks == [frame.id, frame.id, fold.queries[1].id, frame.id]
 
 
 def test_a_damaged_cache_entry_is_computed_again(fakes):
     frame, cache = mapping_frames(Rooms())[2], Cache()
-    Reader().describe_frame(frame, cache, "data")
+    describe_frame(Reader(), frame, cache, "data")
     (entry,) = cache.directory.rglob("*.npz")
     entry.write_bytes(entry.read_bytes()[:40])
-    assert Reader().describe_frame(frame, cache, "data")[0]["room"].tolist() == [2, 0]
+    assert describe_frame(Reader(), frame, cache, "data")[0]["room"].tolist() == [2, 0]
 
 
 def test_building_tells_how_far_it_is(fakes):
     told = []
-    Reader().build(mapping_frames(Rooms()), progress=lambda *call: told.append(call))
+    LocalizationMap.build(Reader(), mapping_frames(Rooms()), progress=lambda *call: told.append(call))
     assert told == [(done, 5) for done in range(6)]

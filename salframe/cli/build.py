@@ -1,0 +1,61 @@
+"""build, map build: build the map of a dataset."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from salframe.cli.options import ENGINE, MAP_METHOD, DataDir, EngineName, Set, Workers, with_workers
+
+if TYPE_CHECKING:
+    from salframe.topology.topological_map import TopologicalMap
+
+
+def build(
+    data: Annotated[str, typer.Argument(help="A dataset preset, a dataset, or a folder with a manifest.json.")],
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="MAP", help="Folder to write the map to.")],
+    method: Annotated[str, typer.Option(help="A preset or localizer.")] = MAP_METHOD,
+    topology: Annotated[
+        bool, typer.Option("--topology/--no-topology", help="Make the topology where there are floor masks.")
+    ] = True,
+    choose: Annotated[
+        bool, typer.Option("--choose", help="Put one scene node where each region is widest, not at reference frames.")
+    ] = False,
+    data_dir: DataDir = None,
+    overrides: Set = None,
+    engine: EngineName = ENGINE,
+    workers: Workers = None,
+) -> None:
+    """Build a map from the reference frames of a dataset and, where it has floor masks, their topology."""
+    from salframe.cli.output import Bars, tell
+    from salframe.evaluation.columns import format_bytes
+    from salframe.framework.installation import folder_bytes
+    from salframe.topology.building_map import build_map
+
+    with Bars() as bars:
+        built = build_map(
+            data,
+            output,
+            method,
+            topology=topology,
+            choose=choose,
+            data_dir=data_dir,
+            overrides=with_workers(overrides, workers),
+            engine=engine,
+            progress=bars.update,
+            tell=tell,
+        )
+    print(f"{output}: {format_bytes(folder_bytes(output))}, {_describe(built.topology)}")
+    for note in () if built.topology is None else built.topology.notes:
+        print(f"  {note}")
+
+
+def _describe(topology: TopologicalMap | None) -> str:
+    from salframe.topology.topological_map import NodeKind
+
+    if topology is None:
+        return "no topology"
+    scenes = sum(node.kind is NodeKind.SCENE for node in topology.nodes)
+    return f"{scenes} scene nodes, {len(topology.nodes) - scenes} transition nodes, {len(topology.edges)} edges"

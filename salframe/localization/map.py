@@ -1,0 +1,289 @@
+"""The class `LocalizationMap`: a localizer and the reference frames that it localizes queries with."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from salframe.framework.auto import instead_of
+from salframe.framework.cache import Cache
+from salframe.framework.config import ComponentConfig
+from salframe.framework.errors import DataError, InvalidAnswer, describe_error
+from salframe.framework.installation import folder_bytes
+from salframe.framework.registry import registry
+from salframe.graphs.scene_index import scene_index_notes
+from salframe.localization.answers import Localization
+from salframe.localization.describing import check_parts, describe_ahead, describe_frame
+from salframe.localization.localizer import Description, Localizer
+from salframe.localization.map_files import MapParts, read_map, write_map
+from salframe.localization.preparing import Tell, silent
+from salframe.panoramas.dataset import Dataset
+from salframe.panoramas.floors import FloorMasks
+from salframe.panoramas.frames import MapFrame, QueryFrame
+from salframe.panoramas.opening import mapping_frames
+from salframe.panoramas.panorama import Annotations, Panorama
+
+
+class LocalizationMap:
+    """A localizer with its reference frames, their packed descriptions, and the floors that it uses.
+
+    Create one with `build`, `from_descriptions` or `open`. The localizer holds the index of one map at a time: a map is
+    no longer usable when another map was created with the same localizer.
+    """
+
+    def __init__(
+        self,
+        localizer: Localizer,
+        packed: Sequence[Description],
+        frames: Sequence[MapFrame],
+        floors: Sequence[FloorMasks] = (),
+    ) -> None:
+        """Hold packed descriptions of frames without indexing them: such a map can be changed, merged and saved, but
+        does not answer."""
+        self.localizer = localizer
+        self._hold(packed, frames, floors)
+
+    @classmethod
+    def build(
+        cls,
+        localizer: Localizer,
+        frames: Sequence[MapFrame],
+        cache: Cache | None = None,
+        dataset: str = "",
+        *,
+        floors: Sequence[FloorMasks] = (),
+        progress: Callable[[int, int], None] | None = None,
+        tell: Tell = silent,
+    ) -> LocalizationMap:
+        """Describe reference frames and index them.
+
+        cache and dataset are as in `describe_frame`; `tell` is called with the localizer's notes on the descriptions.
+        Raises DataError without frames, InputMissing on frames that the localizer cannot use.
+        """
+        packed = _describe_all(localizer, frames, cache, dataset, progress, tell)
+        built = cls(localizer, packed, list(frames), floors)
+        built._index()
+        for note in scene_index_notes(localizer.config, len(frames)):
+            tell(note)
+        return built
+
+    @classmethod
+    def from_descriptions(
+        cls,
+        localizer: Localizer,
+        descriptions: Sequence[Description],
+        frames: Sequence[MapFrame],
+        floors: Sequence[FloorMasks] = (),
+    ) -> LocalizationMap:
+        """Index described reference frames, packed and unpacked as in a saved map."""
+        packed = [localizer.pack(description) for description in descriptions]
+        built = cls(localizer, packed, list(frames), floors)
+        built._index()
+        return built
+
+    @classmethod
+    def open(cls, directory: str | Path, localizer: Localizer | None = None) -> LocalizationMap:
+        """Open a saved map; where it has an index of the localizer's settings, nothing is indexed.
+
+        localizer: replaces the one with the saved settings, for other settings of matching. Raises DataError where
+        `directory` holds no map or one that was edited, cut short, or described in another way; UnknownName.
+        """
+        return read_map(Path(directory), partial(cls.read, localizer=localizer))
+
+    @classmethod
+    def read(cls, parts: MapParts, *, localizer: Localizer | None = None, indexed: bool = True) -> LocalizationMap:
+        """Read a map from its parts; with indexed=False only to change, merge or save it. Raises as `open`."""
+        localizer = localizer or registry().build(Localizer.role, parts.read_config())
+        parts.check_method(localizer)
+        packed, frames = parts.read_scenes()
+        opened = cls(localizer, packed, frames, parts.read_floors() if localizer.uses_floors else ())
+        if not indexed:
+            return opened
+        folder = parts.index_folder(localizer)
+        with _blaming(str(parts.folder), localizer):
+            if folder.exists():
+                localizer.open_index(folder, packed, frames)
+            else:
+                opened._index()
+        return opened
+
+    def save(self, directory: str | Path, *, with_index: bool = True) -> None:
+        """Write the map to a folder, in one step; it replaces a map in the folder, with its topology. Raises
+        ConfigError where the folder holds something else."""
+        with write_map(Path(directory)) as parts:
+            self.write(parts, with_index=with_index)
+
+    def write(self, parts: MapParts, *, with_index: bool = True) -> None:
+        """Write the parts of this map."""
+        parts.write_method(self.localizer)
+        parts.write_scenes(self._packed, self.frames)
+        if self.floors:
+            parts.write_floors(self.floors)
+        if with_index:
+            self.localizer.write_index(parts.index_folder(self.localizer))
+
+    def num_bytes(self) -> int:
+        """Return the size of the saved map without its index, which can be computed from the rest."""
+        with TemporaryDirectory() as folder:
+            self.save(Path(folder) / "map", with_index=False)
+            return folder_bytes(Path(folder))
+
+    def extend(
+        self,
+        frames: Sequence[MapFrame],
+        cache: Cache | None = None,
+        dataset: str = "",
+        *,
+        floors: Sequence[FloorMasks] = (),
+        progress: Callable[[int, int], None] | None = None,
+        tell: Tell = silent,
+    ) -> None:
+        """Describe more reference frames, which replace all frames of their places, and index the map. `floors` are
+        those of the changed map. Raises as `build`."""
+        packed = _describe_all(self.localizer, frames, cache, dataset, progress, tell)
+        self._replace({frame.place for frame in frames}, packed, frames, floors)
+        for note in scene_index_notes(self.localizer.config, len(self.frames)):
+            tell(note)
+
+    def remove(self, places: Collection[str], floors: Sequence[FloorMasks] = ()) -> None:
+        """Remove the frames of some places, and index the map. `floors` are those of the changed map."""
+        self._replace(places, [], [], floors)
+
+    def merge(self, others: Sequence[LocalizationMap], floors: Sequence[FloorMasks] = ()) -> None:
+        """Add the frames of maps that were described in the same way, and index the map. `floors` are those of the
+        changed map."""
+        packed = [row for other in others for row in other._packed]
+        self._replace((), packed, [frame for other in others for frame in other.frames], floors)
+
+    def localize(
+        self,
+        query: MapFrame | QueryFrame | Panorama | None = None,
+        *,
+        rgb: np.ndarray | None = None,
+        range_m: np.ndarray | None = None,
+        annotations: Annotations | None = None,
+    ) -> Localization:
+        """Localize a frame, a panorama, or the images of a panorama.
+
+        Args:
+            query: the frame or panorama.
+            rgb: (H, 2H, 3) uint8, equirectangular.
+            range_m: (H, 2H) float32, metres along the ray, NaN where unknown.
+            annotations: annotated objects.
+
+        Raises InputMissing where the localizer needs other parts, and names a detector that does not; DataError on
+        images that do not fit.
+        """
+        if query is None:
+            query = Panorama("the panorama", rgb, range_m, annotations=annotations)
+        elif any(image is not None for image in (rgb, range_m, annotations)):
+            raise DataError(f"received both {query.id} and images of another panorama, expected one of them")
+        if isinstance(query, Panorama):
+            panorama = query
+            check_parts(self.localizer, panorama, lambda: instead_of(self.localizer.config, panorama.provides))
+            query = QueryFrame(panorama.id, lambda: panorama)
+        return self.answer(describe_frame(self.localizer, query)[0])
+
+    def answer(self, description: Description) -> Localization:
+        """Localize a described query. Where the localizer has a posterior, the answer has its probabilities, unless
+        `match` gave some. Raises InvalidAnswer where `match` returns something else than a Localization."""
+        answer = self.localizer.match(description)
+        if not isinstance(answer, Localization):
+            raise InvalidAnswer(f"match gave {type(answer).__name__}, expected a Localization")
+        posterior = self.localizer.posterior
+        if posterior is None or answer.not_here is not None or not self.localizer.fits_posterior(description):
+            return answer
+        return posterior.apply(answer, self.localizer.count_objects(description))
+
+    def descriptions(self) -> list[Description]:
+        """Return the descriptions of all reference frames, unpacked."""
+        return [self.localizer.unpack(packed) for packed in self._packed]
+
+    def _hold(self, packed: Sequence[Description], frames: Sequence[MapFrame], floors: Sequence[FloorMasks]) -> None:
+        self._packed, self.frames = packed, frames
+        self.floors = self.localizer.floors = tuple(floors) if self.localizer.uses_floors else ()
+
+    def _index(self) -> None:
+        self.localizer.index(self.descriptions(), list(self.frames))
+
+    def _replace(
+        self,
+        places: Collection[str],
+        packed: Sequence[Description],
+        frames: Sequence[MapFrame],
+        floors: Sequence[FloorMasks],
+    ) -> None:
+        """Remove the frames of some places, add others at the end, and index the map."""
+        kept = [i for i, frame in enumerate(self.frames) if frame.place not in places]
+        self._hold([*(self._packed[i] for i in kept), *packed], [*(self.frames[i] for i in kept), *frames], floors)
+        with _blaming("the map", self.localizer):
+            self._index()
+
+
+def build_localization(
+    localizer: Localizer, dataset: Dataset, progress: Callable[[int, int], None] | None, tell: Tell
+) -> LocalizationMap:
+    """Build the map of a prepared dataset; the workers of its engine describe the frames first, where their number is
+    set. Raises as `LocalizationMap.build`."""
+    describe_ahead(localizer.config, dataset, progress)
+    frames, floors = mapping_frames(dataset), dataset.floors()
+    return LocalizationMap.build(
+        localizer, frames, Cache(), dataset.content_key, floors=floors, progress=progress, tell=tell
+    )
+
+
+def open_map(directory: str | Path) -> LocalizationMap:
+    """Open a saved map, ready to localize any number of panoramas.
+
+    Raises DataError where `directory` holds no map, or one that was edited or is not whole; UnknownName where its
+    localizer is not installed.
+    """
+    return LocalizationMap.open(directory)
+
+
+def map_config(directory: str | Path) -> ComponentConfig:
+    """Return the settings of a saved map's localizer, with the components that `auto` selected. Raises as
+    `open_map`."""
+    return read_map(Path(directory), MapParts.read_config)
+
+
+def _describe_all(
+    localizer: Localizer,
+    frames: Sequence[MapFrame],
+    cache: Cache | None,
+    dataset: str,
+    progress: Callable[[int, int], None] | None,
+    tell: Tell,
+) -> list[Description]:
+    """Return the packed descriptions of frames."""
+    if not frames:
+        raise DataError("a map needs at least one mapping frame, received none")
+    packed, notes = [], []
+    for done, frame in enumerate(frames):
+        if progress:
+            progress(done, len(frames))
+        description, _ = describe_frame(localizer, frame, cache, dataset)
+        packed.append(localizer.pack(description))
+        if note := localizer.note(description):
+            notes.append(f"{frame.id}: {note}")
+    if progress:
+        progress(len(frames), len(frames))
+    for note in notes:
+        tell(note)
+    return packed
+
+
+@contextmanager
+def _blaming(what: str, localizer: Localizer) -> Iterator[None]:
+    """Report errors on saved arrays that the localizer cannot index as a DataError on `what`: only the localizer knows
+    which arrays there must be."""
+    try:
+        yield
+    except (IndexError, KeyError, TypeError, ValueError) as error:
+        reason = describe_error(error)
+        raise DataError(f"{what} is not what {localizer.name} wrote ({reason}): build it again") from error

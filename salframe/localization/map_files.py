@@ -1,0 +1,219 @@
+"""The folder of a saved map. Only this module reads and writes it.
+
+`map.json` names a sub-folder and the sha256 of every file in it, the parts of the map: `method.json`, tables (`frames`,
+`scenes`, those of a topology), `floors.npz`, and the index of the localizer.
+"""
+
+from __future__ import annotations
+
+import os
+import secrets
+import shutil
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, Field
+
+from salframe.framework.array_files import ArrayKind
+from salframe.framework.columns import Columns, Row, read_columns, write_columns
+from salframe.framework.config import ComponentConfig, Settings, validate
+from salframe.framework.errors import ConfigError, DataError
+from salframe.framework.files import alone, file_sha256, naming, read_json, read_model, write_json
+from salframe.framework.identity import digest, identity
+from salframe.framework.registry import registry
+from salframe.localization.localizer import Localizer
+from salframe.localization.saved_frames import FRAME_COLUMNS, SavedFrames, frame_row
+from salframe.panoramas.floors import FLOORS, FloorMasks, read_floors, write_floors
+from salframe.panoramas.frames import MapFrame
+
+MAP, MAP_FORMAT = "map.json", 5
+METHOD, FRAMES, SCENES, INDEX = "method.json", "frames", "scenes", "index"
+_PARTS = "parts-"
+
+_Result = TypeVar("_Result")
+_Model = TypeVar("_Model", bound=BaseModel)
+
+
+class _Manifest(Settings):
+    """map.json: the sub-folder that holds the parts, and the sha256 of each file by its path in the sub-folder."""
+
+    format: int
+    parts: str = Field(pattern=r"^parts-[0-9a-f]{16}$")
+    sha256: dict[str, str]
+
+
+class _SavedMethod(Settings):
+    """method.json: version and settings of the localizer, and a digest of what its descriptions depend on."""
+
+    version: str
+    localizer: dict[str, Any]
+    described_by: str
+
+
+class MapParts:
+    """The parts of one map, in a folder of their own, to read or to write one by one."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def has(self, name: str) -> bool:
+        """Return whether there is a part of this name."""
+        return (self.folder / name).exists()
+
+    def write_json(self, name: str, content: Mapping[str, Any]) -> None:
+        """Write a part that is a JSON file."""
+        write_json(self.folder / name, content)
+
+    def read_json(self, name: str, model: type[_Model]) -> _Model:
+        """Read a part that is a JSON file. Raises DataError on content that the model does not allow."""
+        return read_model(self.folder / name, model)
+
+    def write_table(self, name: str, rows: Iterable[Row]) -> None:
+        """Write a part that is a table, row by row; memory holds only what `write_columns` says."""
+        write_columns(self.folder / name, rows)
+
+    def read_table(self, name: str, columns: Mapping[str, ArrayKind] | None = None) -> Columns:
+        """Map a part that is a table into memory. Raises DataError on other columns than these (None: any)."""
+        return read_columns(self.folder / name, columns)
+
+    def write_floors(self, floors: Sequence[FloorMasks]) -> None:
+        """Write the floors of the map."""
+        write_floors(self.folder, floors)
+
+    def read_floors(self) -> tuple[FloorMasks, ...]:
+        """Read the floors of the map; there are none where none were written. Raises DataError."""
+        return read_floors(self.folder) if self.has(FLOORS) else ()
+
+    def write_scenes(self, packed: Iterable[Row], frames: Iterable[MapFrame]) -> None:
+        """Write the reference frames without their panoramas, and the packed description of each."""
+        self.write_table(FRAMES, map(frame_row, frames))
+        self.write_table(SCENES, packed)
+
+    def read_scenes(self) -> tuple[Columns, SavedFrames]:
+        """Map packed descriptions and reference frames into memory. Raises DataError."""
+        packed, frames = self.read_table(SCENES), SavedFrames(self.read_table(FRAMES, FRAME_COLUMNS))
+        if len(packed) != len(frames):
+            raise DataError(f"{self.folder} has {len(packed)} scenes and {len(frames)} frames, expected as many")
+        return packed, frames
+
+    def write_method(self, localizer: Localizer) -> None:
+        """Write name, version and settings of the localizer that describes the map."""
+        settings, described_by = localizer.config.model_dump(mode="json"), digest(localizer.describe_identity())
+        self.write_json(METHOD, {"version": localizer.version, "localizer": settings, "described_by": described_by})
+
+    def read_config(self) -> ComponentConfig:
+        """Read the settings of the localizer. Raises DataError where the map has none, UnknownName, ConfigError."""
+        saved = self._read_method().localizer
+        if not isinstance(kind := saved.get("kind"), str):
+            raise DataError(f"{self.folder / METHOD} names no localizer: build the map again")
+        config: ComponentConfig = validate(registry().get(Localizer.role, kind).Config, saved, f"{self.folder.parent}:")
+        return config
+
+    def check_method(self, localizer: Localizer) -> None:
+        """Raise DataError unless this localizer describes panoramas as those of the map were described."""
+        saved, directory, name, version = self._read_method(), self.folder.parent, localizer.name, localizer.version
+        kind = saved.localizer.get("kind")
+        if (kind, saved.version) != (name, version):
+            raise DataError(
+                f"{directory} was made by {kind} {saved.version}, expected {name} {version}: build it again"
+            )
+        if saved.described_by != digest(localizer.describe_identity()):
+            raise DataError(
+                f"{directory} was described with other settings, weights or files than {name} has now: build it again"
+            )
+
+    def index_folder(self, localizer: Localizer) -> Path:
+        """Return the folder for the index of a localizer with these settings; it exists where one was written."""
+        return self.folder / f"{INDEX}-{digest(identity(localizer.config))[:16]}"
+
+    def _read_method(self) -> _SavedMethod:
+        if not self.has(METHOD):
+            raise DataError(f"{self.folder.parent} has no localizer: it was built from data without mapping frames")
+        return self.read_json(METHOD, _SavedMethod)
+
+
+@contextmanager
+def write_map(directory: Path) -> Iterator[MapParts]:
+    """Write the parts of a map in a `with` block; they replace the map in `directory` when the block ends without an
+    error.
+
+    The parts lie in a sub-folder of their own, and map.json, which names it, is replaced in one step: whenever the
+    process is killed, `directory` holds the old map or the new one. The next call removes what killed processes left.
+    Raises ConfigError where `directory` holds something else than a map, or another process writes to it.
+    """
+    check_output(directory)
+    existed = directory.exists()
+    directory.mkdir(parents=True, exist_ok=True)
+    with alone(directory, "name a new folder"), naming(directory):
+        yield from _replace_parts(directory, existed)
+
+
+def _replace_parts(directory: Path, existed: bool) -> Iterator[MapParts]:
+    folder = directory / f"{_PARTS}{secrets.token_hex(8)}"
+    folder.mkdir()
+    try:
+        yield MapParts(folder)
+        files = sorted(path for path in folder.rglob("*") if path.is_file())
+        sha256 = {path.relative_to(folder).as_posix(): file_sha256(path) for path in files}
+        write_json(folder / MAP, {"format": MAP_FORMAT, "parts": folder.name, "sha256": sha256})
+        os.replace(folder / MAP, directory / MAP)
+    finally:
+        _remove_other_parts(directory)
+        if not existed and not any(directory.iterdir()):
+            directory.rmdir()
+
+
+def read_map(directory: Path, read: Callable[[MapParts], _Result]) -> _Result:
+    """Return what `read` returns for the parts of a map; it is called again where the map was replaced meanwhile.
+
+    Raises DataError, in one line, where `directory` holds no map, one of another format, or one that was edited or is
+    not whole.
+    """
+    while True:
+        manifest = _read_manifest(directory)
+        try:
+            _check_files(directory / manifest.parts, manifest.sha256)
+            return read(MapParts(directory / manifest.parts))
+        except (DataError, OSError):
+            if _read_manifest(directory) == manifest:
+                raise
+
+
+def check_output(directory: Path) -> None:
+    """Raise ConfigError where a folder to write a map to holds something else than a map, or what is left of one."""
+    if not directory.exists() or (directory / MAP).exists():
+        return
+    if not directory.is_dir() or not all(path.name.startswith(_PARTS) for path in directory.iterdir()):
+        raise ConfigError(f"{directory} holds something else than a map: name a new folder, or remove it")
+
+
+def _read_manifest(directory: Path) -> _Manifest:
+    path = directory / MAP
+    if not path.exists():
+        raise DataError(f"{directory} holds no map: make one with salframe build DATA -o {directory}")
+    content = read_json(path)
+    if isinstance(content, Mapping) and content.get("format", MAP_FORMAT) != MAP_FORMAT:
+        raise DataError(f"{directory} has map format {content['format']}, expected {MAP_FORMAT}: build it again")
+    return read_model(path, _Manifest)
+
+
+def _check_files(folder: Path, sha256: Mapping[str, str]) -> None:
+    for name, expected in sha256.items():
+        path = folder / name
+        if not path.is_file():
+            raise DataError(f"{path} is missing: build the map again")
+        if file_sha256(path) != expected:
+            raise DataError(f"{path} is not what was written when the map was built: build the map again")
+
+
+def _remove_other_parts(directory: Path) -> None:
+    """Remove the parts that map.json does not name: of the map before, and of builds that did not end."""
+    try:
+        current = _read_manifest(directory).parts
+    except DataError:
+        current = None
+    for folder in directory.glob(f"{_PARTS}*"):
+        if folder.name != current:
+            shutil.rmtree(folder, ignore_errors=True)

@@ -1,0 +1,56 @@
+"""Prepare a method and a dataset by name, as map building and fitting need them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+
+from salframe.framework.auto import Choice
+from salframe.framework.config import parse_override
+from salframe.framework.defaults import default_of
+from salframe.framework.engine import open_engine
+from salframe.framework.presets import Overrides, configure, settings, short_name
+from salframe.framework.registry import registry
+from salframe.localization.localizer import Localizer
+from salframe.panoramas.camera_height import units_note
+from salframe.panoramas.dataset import Dataset
+from salframe.panoramas.opening import Progress, configure_dataset, mapping_frames, open_dataset, provided
+
+Tell = Callable[[str], None]
+"""Called with a line that the user must read, such as the component that `auto` selected, or a warning."""
+
+
+def silent(line: str) -> None:
+    """Ignore a line for the user."""
+
+
+def prepare(
+    data: str | Path | None,
+    method: str | None,
+    data_dir: str | Path | None,
+    overrides: Sequence[str],
+    engine: str | None,
+    progress: Progress | None,
+    tell: Tell,
+) -> tuple[str, Dataset, Localizer]:
+    """Return the short name of a method, the dataset, prepared by an engine, and the method's localizer.
+
+    overrides are for all of them. `tell` is called with what `auto` selected, and where ranges seem to be in a wrong
+    unit. Raises SalframeError.
+    """
+    requested = default_of("map_method") if method is None else method
+    name, content = short_name(requested), settings("localizer", requested)
+    scoped = Overrides(map(parse_override, overrides), {name: content}, role="localizer", scopes=("data", "engine"))
+    data_name, config = configure_dataset(data, data_dir, scoped.scopes["data"])
+    choice = Choice(data_name, partial(provided, config))
+    localizer: Localizer = registry().build(
+        "localizer", configure("localizer", name, content, scoped.methods[name], choice)
+    )
+    for note in choice.notes:
+        tell(f"{name}: {note}")
+    opened = open_engine(engine, scoped.scopes["engine"]) if engine or scoped.scopes["engine"] else None
+    dataset = open_dataset(config, progress and partial(progress, data_name), opened)
+    if units := units_note(mapping_frames(dataset)):
+        tell(f"warning: {units}")
+    return name, dataset, localizer

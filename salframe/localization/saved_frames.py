@@ -1,0 +1,107 @@
+"""The frames of a saved map: rows of a table, mapped into memory and read when needed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from salframe.framework.array_files import ArrayKind
+from salframe.framework.columns import Columns, Row
+from salframe.framework.errors import DataError
+from salframe.localization.answers import RIGID_TOLERANCE
+from salframe.panoramas.frames import FrameKind, MapFrame
+from salframe.panoramas.geometry import are_rotations
+
+_CHUNK = 1 << 14
+"""Number of poses that are checked at once."""
+_NAME = ArrayKind("U", ())
+FRAME_COLUMNS = {"id": _NAME, "place": _NAME, "kind": _NAME, "pose": ArrayKind("f", (None,))}
+"""The columns of a table of frames."""
+_LEVEL, _TILTED = 5, 12
+"""Numbers of a pose: x, y, z, cosine and sine of the yaw where it is turned about the vertical alone, as panoramas
+mostly are; else the upper rows of its matrix."""
+
+
+class SavedFrames(Sequence[MapFrame]):
+    """The S frames of a saved map, each created when it is first read; is_scene (S,) bool.
+
+    Raises DataError on an unknown kind, and on a pose that is not a rigid motion.
+    """
+
+    def __init__(self, rows: Columns) -> None:
+        """rows: a table that was written from `frame_row`."""
+        self._columns, self._rows, self._made = rows.columns, len(rows), dict[int, MapFrame]()
+        self._check(rows)
+        kinds = np.array(rows.columns["kind"].words)
+        self.is_scene = (kinds == FrameKind.SCENE)[rows.columns["kind"].values]
+
+    def poses(self, low: int = 0, high: int | None = None) -> np.ndarray:
+        """Return (high - low, 3, 4) float64, the upper rows of the poses of consecutive frames (default: of all)."""
+        high = len(self) if high is None else min(high, len(self))
+        numbers, start = self._columns["pose"].values, self._columns["pose"].start[low : high + 1]
+        first, is_level = start[:-1], np.diff(start) == _LEVEL
+        T_world_pano = np.zeros((len(first), 3, 4))
+        T_world_pano[is_level] = _level_poses(numbers[first[is_level, None] + np.arange(_LEVEL)])
+        T_world_pano[~is_level] = numbers[first[~is_level, None] + np.arange(_TILTED)].reshape(-1, 3, 4)
+        return T_world_pano
+
+    def __len__(self) -> int:
+        return self._rows
+
+    def __getitem__(self, number: Any) -> Any:
+        if isinstance(number, slice):
+            return [self[i] for i in range(len(self))[number]]
+        number = range(len(self))[number]
+        if number not in self._made:
+            T_world_pano = np.eye(4)
+            T_world_pano[:3] = self.poses(number, number + 1)[0]
+            id, place, kind = (self._columns[name][number].item() for name in ("id", "place", "kind"))
+            self._made[number] = MapFrame(id, place, T_world_pano, FrameKind(kind))
+        return self._made[number]
+
+    def _check(self, rows: Columns) -> None:
+        if not rows:
+            raise DataError(f"{rows.folder} holds no frame: build the map again")
+        if unknown := set(rows.columns["kind"].words or ()) - set(FrameKind):
+            raise DataError(f"{rows.folder} has frames of the kind {min(unknown)!r}: build the map again")
+        if lengths := set(np.diff(rows.columns["pose"].start).tolist()) - {_LEVEL, _TILTED}:
+            raise DataError(f"{rows.folder} has a pose of {min(lengths)} numbers, expected {_LEVEL} or {_TILTED}")
+        for low in range(0, len(self), _CHUNK):
+            if not (rigid := self._are_rigid(low, min(low + _CHUNK, len(self)))).all():
+                frame = self[low + int(np.argmin(rigid))].id
+                raise DataError(f"{rows.folder}: the pose of {frame} is no rigid motion: build the map again")
+
+    def _are_rigid(self, low: int, high: int) -> np.ndarray:
+        """Return (high - low,) bool, whether the pose of each of these frames is a rigid motion."""
+        numbers, start = self._columns["pose"].values, self._columns["pose"].start[low : high + 1]
+        first, is_level = start[:-1], np.diff(start) == _LEVEL
+        rigid, (cos, sin) = np.zeros(len(first), bool), (numbers[first[is_level] + axis] for axis in (3, 4))
+        rigid[is_level] = np.isclose(cos * cos + sin * sin, 1, atol=RIGID_TOLERANCE)
+        tilted = numbers[first[~is_level, None] + np.arange(_TILTED)].reshape(-1, 3, 4)
+        rigid[~is_level] = are_rotations(tilted[..., :3], RIGID_TOLERANCE)
+        return rigid
+
+
+def frame_row(frame: MapFrame) -> Row:
+    """Return the row of a frame in a table of frames; its panorama is not saved."""
+    return {
+        "id": np.array(frame.id),
+        "place": np.array(frame.place),
+        "kind": np.array(str(frame.kind)),
+        "pose": _pose_numbers(frame.T_world_pano[:3]),
+    }
+
+
+def _pose_numbers(T_world_pano: np.ndarray) -> np.ndarray:
+    """Return the numbers that restore the upper rows of a pose (3, 4) bit by bit."""
+    level = np.concatenate([T_world_pano[:, 3], T_world_pano[:2, 0]])
+    return level if np.array_equal(_level_poses(level[None])[0], T_world_pano) else T_world_pano.ravel()
+
+
+def _level_poses(numbers: np.ndarray) -> np.ndarray:
+    """Return (N, 3, 4), the upper rows of poses that are turned about the vertical alone, from their numbers (N, 5)."""
+    x, y, z, cos, sin = numbers.T
+    none, one = np.zeros(len(numbers)), np.ones(len(numbers))
+    return np.stack([cos, -sin, none, x, sin, cos, none, y, none, none, one, z], 1).reshape(-1, 3, 4)
