@@ -107,14 +107,20 @@ class ScaleTask(Task[int, Survey[int]]):
         self, label: str, method: Localizer, survey: Survey[int], todo: Sequence[int], folder: Path
     ) -> Worker[int]:
         check_needs(method, survey.dataset)
-        matchers = [config for _, config in components_in(method.config) if issubclass(config.component, GraphMatcher)]
-        if not matchers or not matchers[0].component.uses_scene_index:
-            raise MethodUnavailable("has no matcher that looks scenes up in an index")
         alone = set(survey.pieces[:EXHAUSTIVE])
-        return _Asking(method, matchers[0], survey.dataset, self.scenes, alone, folder)
+        return _Asking(method, _matcher_config(method), survey.dataset, self.scenes, alone, folder)
 
     def summarize(self, parts: Sequence[Part[Survey[int]]], seed: int) -> tuple[ScaleRow, ...]:
         return tuple(_summarize(records, self.scenes) for records in by_method(parts))
+
+
+def _matcher_config(method: Localizer) -> ComponentConfig:
+    """Return the settings of a localizer's graph matcher. Raises MethodUnavailable without one that uses a scene
+    index."""
+    for _, config in components_in(method.config):
+        if issubclass(config.component, GraphMatcher) and config.component.uses_scene_index:
+            return config
+    raise MethodUnavailable("has no matcher that looks scenes up in an index")
 
 
 class _Asking(Worker[int]):

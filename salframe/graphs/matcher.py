@@ -46,7 +46,7 @@ class GraphMatcher(Role):
 
     role = "matcher"
     uses_scene_index: ClassVar[bool] = False
-    """Whether it takes its candidates from a scene index, that of the graphs (`GraphTable.scenes`) where they have one."""
+    """Whether it takes candidates from a scene index: that of the graphs (`GraphTable.scenes`) where they have one."""
 
     @property
     def estimates_scale(self) -> bool:

@@ -1,66 +1,105 @@
-"""The time of a query of `proposed` after its graph, compiled by numba and not: `python tests/benchmarks/query_time.py
-[DATA ...]`, on a machine that does nothing else.
+"""Measure the time of a query of `proposed`, of one or several versions of salframe in turn.
 
-DATA is a data set, without colour, or the folder of the real buildings, of which one map is asked. All queries are
-asked of both sides in turn and the best of five counts for each, in processor time: mean, median and 95th percentile.
+    python tests/benchmarks/query_time.py [--data NAMES] [--data-dir DIR] [--rounds N] COMMAND [COMMAND ...]
+
+Each COMMAND is the `salframe` of an installed version, such as .venv/bin/salframe; the first one is measured where none
+is named. The versions run in turn, in one process and one thread each; a query's time is the best of its rounds, without
+describing its panorama. Printed are the mean, median, 95th percentile and maximum over the queries. `first` is the first
+query of a saved map in a fresh process, describing included, and `then` the same query asked again. Run it on a machine
+that does nothing else.
 """
 
 from __future__ import annotations
 
+import argparse
+import json
+import os
+import subprocess
 import sys
-import time
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from salframe_graphs import compilation
 
-from salframe.framework.cache import Cache
-from salframe.localization.describing import describe_frame
-from salframe.localization.localizer import Description
-from salframe.localization.map import LocalizationMap
-from salframe.localization.preparing import prepare, silent
-
-DATA, ROUNDS = ("house-42", "house-106"), 5
-SIDES = {"numpy": lambda module: None, "compiled": compilation.compiled}
-
-
-def asked(data: str, settings: Sequence[str] = ()) -> tuple[LocalizationMap, list[Description]]:
-    """Return the map and the descriptions of the queries."""
-    if Path(data).is_dir():
-        name, root, more = "matterport-annotations", data, ["data.one_map=true"]
-    else:
-        name, root, more = data, None, ["data.rgb=false", "data.seed=200"]
-    _, dataset, localizer = prepare(name, "proposed", root, [*more, *settings], None, None, silent)
-    fold, cache = dataset.folds()[0], Cache()
-    known, queries = (
-        [describe_frame(localizer, frame, cache, dataset.content_key)[0] for frame in frames]
-        for frames in (fold.mapping, fold.queries)
-    )
-    return LocalizationMap.from_descriptions(localizer, known, fold.mapping, dataset.floors()), queries
+HOUSES = ("house-12", "house-42", "house-106")
+REAL = "matterport-annotations"
+ONE_THREAD = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
+FIRST = """
+import json, sys, time
+from salframe import open_map
+from salframe.panoramas.opening import configure_dataset, open_dataset
+_, config = configure_dataset(sys.argv[1], sys.argv[2] or None, sys.argv[4:])
+query = open_dataset(config).folds()[0].queries[0]
+panorama = query.load()
+start = time.perf_counter()
+opened = open_map(sys.argv[3])
+seconds = [time.perf_counter() - start]
+for _ in range(2):
+    start = time.perf_counter()
+    opened.localize(panorama)
+    seconds.append(time.perf_counter() - start)
+print(json.dumps(seconds))
+"""
 
 
-def milliseconds(known: LocalizationMap, queries: Sequence[Description]) -> dict[str, np.ndarray]:
-    """(Q,) of each side."""
-    best = {side: np.full(len(queries), np.inf) for side in SIDES}
-    try:
-        for side in SIDES:
-            compilation.compiled = SIDES[side]
-            known.answer(queries[0])  # imports and compiles what there is to compile
-        for side in [*SIDES] * ROUNDS:
-            compilation.compiled = SIDES[side]
-            for number, query in enumerate(queries):
-                start = time.process_time()
-                known.answer(query)
-                best[side][number] = min(best[side][number], 1e3 * (time.process_time() - start))
-    finally:
-        compilation.compiled = SIDES["compiled"]
-    return best
+def settings(data: str) -> list[str]:
+    """Return the settings of a dataset."""
+    return ["data.one_map=true"] if data == REAL else ["data.rgb=false", "data.seed=200"]
+
+
+def query_ms(command: str, data: str, root: Sequence[str]) -> dict[str, float]:
+    """Return the milliseconds of each query of a run."""
+    with tempfile.TemporaryDirectory() as work:
+        sets = [word for setting in settings(data) for word in ("--set", setting)]
+        words = [command, "compare", "--methods", "proposed", "--data", data, *root, *sets, "--workers", "1"]
+        subprocess.run([*words, "--runs", work, "--json"], check=True, capture_output=True, env=_environment(), cwd=work)
+        (rows,) = Path(work).glob("*/methods/*/rows.jsonl")
+        lines = map(json.loads, rows.read_text(encoding="utf-8").splitlines())
+        return {f"{row['fold']} {row['query']}": row["query_ms"] for row in lines}
+
+
+def first_ms(command: str, data: str, root: Sequence[str]) -> tuple[float, float, float]:
+    """Return the milliseconds of opening a saved map, of the first query, and of the same query again."""
+    with tempfile.TemporaryDirectory() as work:
+        sets = [word for setting in settings(data) for word in ("--set", setting)]
+        built = [command, "build", data, *root, *sets, "-o", f"{work}/map"]
+        subprocess.run(built, check=True, capture_output=True, env=_environment(), cwd=work)
+        python = Path(command).with_name("python")
+        words = [str(python), "-c", FIRST, data, *root[1:] or [""], f"{work}/map", *settings(data)]
+        done = subprocess.run(words, check=True, capture_output=True, text=True, env=_environment(), cwd=work)
+        opening, first, then = (1e3 * seconds for seconds in json.loads(done.stdout))
+        return opening, first, then
+
+
+def _environment() -> dict[str, str]:
+    return {**os.environ, **ONE_THREAD}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--data", default=",".join(HOUSES), help="datasets, comma-separated")
+    parser.add_argument("--data-dir", help="folder of the Matterport annotations; adds one map of all its buildings")
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("commands", nargs="*", default=[str(Path(sys.executable).with_name("salframe"))])
+    options = parser.parse_args()
+    for data in [*options.data.split(","), *([REAL] if options.data_dir else [])]:
+        root = ["--data-dir", options.data_dir] if data == REAL else []
+        best: dict[str, dict[str, float]] = {}
+        for command in [*options.commands] * options.rounds:
+            for query, ms in query_ms(command, data, root).items():
+                known = best.setdefault(command, {})
+                known[query] = min(ms, known.get(query, np.inf))
+        for command in options.commands:
+            ms = np.array([*best[command].values()])
+            opening, first, then = first_ms(command, data, root)
+            median, late = np.percentile(ms, [50, 95])
+            print(
+                f"{data}, {len(ms)} queries, {command}: mean {ms.mean():.2f} ms, median {median:.2f}, p95 {late:.2f}, "
+                f"max {ms.max():.2f}; opening {opening:.0f}, first {first:.0f}, then {then:.0f}",
+                flush=True,
+            )
 
 
 if __name__ == "__main__":
-    for data in sys.argv[1:] or DATA:
-        known, queries = asked(data)
-        for side, ms in milliseconds(known, queries).items():
-            median, late = np.percentile(ms, [50, 95])
-            print(f"{data}, {len(ms)} queries, {side}: {ms.mean():.2f} ms, {median:.2f}, {late:.2f}")
+    main()
