@@ -2,11 +2,10 @@
 
     python tests/benchmarks/query_time.py [--data NAMES] [--data-dir DIR] [--rounds N] COMMAND [COMMAND ...]
 
-Each COMMAND is the `salframe` of an installed version, such as .venv/bin/salframe; the first one is measured where none
-is named. The versions run in turn, in one process and one thread each; a query's time is the best of its rounds, without
+Each COMMAND is the `salframe` of an installed version, such as .venv/bin/salframe; without any, this version is
+measured. The versions run in turn, in one process and one thread each. A query's time is the best of its rounds, without
 describing its panorama. Printed are the mean, median, 95th percentile and maximum over the queries. `first` is the first
-query of a saved map in a fresh process, describing included, and `then` the same query asked again. Run it on a machine
-that does nothing else.
+query of a saved map in a fresh process, describing included, and `then` the same query again. Run it on an idle machine.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ import numpy as np
 
 HOUSES = ("house-12", "house-42", "house-106")
 REAL = "matterport-annotations"
-ONE_THREAD = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 FIRST = """
 import json, sys, time
 from salframe import open_map
@@ -53,7 +52,8 @@ def query_ms(command: str, data: str, root: Sequence[str]) -> dict[str, float]:
     with tempfile.TemporaryDirectory() as work:
         sets = [word for setting in settings(data) for word in ("--set", setting)]
         words = [command, "compare", "--methods", "proposed", "--data", data, *root, *sets, "--workers", "1"]
-        subprocess.run([*words, "--runs", work, "--json"], check=True, capture_output=True, env=_environment(), cwd=work)
+        words += ["--runs", work, "--json"]
+        subprocess.run(words, check=True, capture_output=True, env=_environment(), cwd=work)
         (rows,) = Path(work).glob("*/methods/*/rows.jsonl")
         lines = map(json.loads, rows.read_text(encoding="utf-8").splitlines())
         return {f"{row['fold']} {row['query']}": row["query_ms"] for row in lines}
@@ -66,7 +66,7 @@ def first_ms(command: str, data: str, root: Sequence[str]) -> tuple[float, float
         built = [command, "build", data, *root, *sets, "-o", f"{work}/map"]
         subprocess.run(built, check=True, capture_output=True, env=_environment(), cwd=work)
         python = Path(command).with_name("python")
-        words = [str(python), "-c", FIRST, data, *root[1:] or [""], f"{work}/map", *settings(data)]
+        words = [str(python), "-c", FIRST, data, *(root[1:] or [""]), f"{work}/map", *settings(data)]
         done = subprocess.run(words, check=True, capture_output=True, text=True, env=_environment(), cwd=work)
         opening, first, then = (1e3 * seconds for seconds in json.loads(done.stdout))
         return opening, first, then

@@ -17,8 +17,8 @@ from scene_scores import some_graph
 
 from salframe.framework.errors import DataError, RequirementMissing
 from salframe.graphs.scene_index import scene_index_notes
-from salframe.topology.building_map import build_map
 from salframe.testing.asking import same
+from salframe.topology.building_map import build_map
 
 
 @pytest.fixture(scope="module")
