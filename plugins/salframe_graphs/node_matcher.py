@@ -27,7 +27,7 @@ from salframe_graphs.node_pairs import NodePairs, label_counts
 
 _CHUNK = 64
 """Number of graphs whose structural features are computed at once."""
-_MAX_PRECOMPUTED = 1000
+MAX_PRECOMPUTED = 1000
 """Maximum number of graphs on disk whose structural features are computed when they are opened; of more graphs, those
 of the candidates are computed for each query."""
 _RARITY, _SCENES = "rarity.npy", "scenes"
@@ -161,7 +161,7 @@ class NodeMatcher(GraphMatcher):
         return self.config.structure_weight > 0
 
     def _structure_of_all(self, table: GraphTable) -> Any:
-        if not self._has_rings or not len(table) or (isinstance(table, MappedGraphs) and len(table) > _MAX_PRECOMPUTED):
+        if not self._has_rings or not len(table) or (isinstance(table, MappedGraphs) and len(table) > MAX_PRECOMPUTED):
             return None
         from scipy.sparse import csr_array, vstack
 

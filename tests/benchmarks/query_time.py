@@ -3,9 +3,10 @@
     python tests/benchmarks/query_time.py [--data NAMES] [--data-dir DIR] [--rounds N] COMMAND [COMMAND ...]
 
 Each COMMAND is the `salframe` of an installed version, such as .venv/bin/salframe; without any, this version is
-measured. The versions run in turn, in one process and one thread each. A query's time is the best of its rounds, without
-describing its panorama. Printed are the mean, median, 95th percentile and maximum over the queries. `first` is the first
-query of a saved map in a fresh process, describing included, and `then` the same query again. Run it on an idle machine.
+measured. The versions run in turn, in one process and one thread each. A query's time is the best of its rounds,
+without describing its panorama. Printed are the mean, median, 95th percentile and maximum over the queries. `first` is
+the first query of a saved map in a fresh process, describing included, and `then` the same query again. Run it on an
+idle machine.
 """
 
 from __future__ import annotations

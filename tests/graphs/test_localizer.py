@@ -94,7 +94,7 @@ def test_a_saved_map_is_not_indexed_again(few, tmp_path, monkeypatch):
     built.save(tmp_path)
     for role, hook in ((InvertedLists, "build"), (GeometricMatcher, "index"), (SaliencyGraphLocalizer, "index")):
         monkeypatch.setattr(role, hook, None)
-    monkeypatch.setattr(node_matcher, "_MAX_PRECOMPUTED", few)
+    monkeypatch.setattr(node_matcher, "MAX_PRECOMPUTED", few)
     again = LocalizationMap.open(tmp_path, graph_localizer(matcher={"most": 4}))
     for i in range(12):
         description = describe_frame(made, query(i, pose_2d(0.2, 0.3, 2.0)))[0]

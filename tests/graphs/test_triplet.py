@@ -408,7 +408,7 @@ def test_graphs_on_disk_match_alike_whether_features_are_kept_or_not(rooms, tmp_
     table, query = MappedGraphs(read_columns(tmp_path / "graphs")), graph_of(rooms[7], pose_2d(0.3, -0.2, 1.0))
     one = matcher()
     kept, scores = one.index(table), []
-    monkeypatch.setattr(node_matcher, "_MAX_PRECOMPUTED", 10)
+    monkeypatch.setattr(node_matcher, "MAX_PRECOMPUTED", 10)
     anew = one.index(table)
     assert kept.structure is not None
     assert anew.structure is None
