@@ -72,7 +72,7 @@ class GeometricMatcher(NodeMatcher):
         pairs, position = ranking.pairs.take(best)
         kernel = ranking.verified.kernel[position]
         aligned = align(pairs, found.nodes.segments.start[best], ranking.similarity[position], kernel)
-        poses = ranking.verified.poses()[best]
+        poses = ranking.verified.poses(best)
         return [
             GraphMatch(scene, score, nodes, pose if np.isfinite(pose).all() else None, self._scale(found, row, nodes))
             for scene, score, row, nodes, pose in zip(
@@ -85,7 +85,7 @@ class GeometricMatcher(NodeMatcher):
         if ranking is None:
             return RankedGraphs(np.zeros(0, np.int64), np.zeros(0), np.zeros((0, 4, 4)))
         best = ranking.best
-        return RankedGraphs(ranking.found.graphs[best], ranking.score[best], ranking.verified.poses()[best])
+        return RankedGraphs(ranking.found.graphs[best], ranking.score[best], ranking.verified.poses(best))
 
     def _shortlist(self, graph: SaliencyGraph, index: GraphIndex) -> np.ndarray:
         # Heights and sizes are off by the factor that ranges are off by: the scene index must not rely on them.

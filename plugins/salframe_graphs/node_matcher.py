@@ -73,13 +73,15 @@ class NodeMatcherConfig(ComponentConfig):
 class GraphIndex:
     """The graphs of a map, laid out for matching.
 
-    scenes: the index that candidates are looked up in, None where every graph is one. rarity: (L + 1,) inverse document
-    frequency of each label, the last one that of a label which the map lacks. structure: csr_array of the structural
-    features of all nodes, None where those of candidates are computed for each query.
+    scenes: the index that candidates are looked up in, None where every graph is a candidate. nodes: those of all
+    graphs, None where candidates are looked up. rarity: (L + 1,) inverse document frequency of each label, the last one
+    that of a label which the map lacks. structure: csr_array of the structural features of all nodes, None where those
+    of candidates are computed for each query.
     """
 
     graphs: GraphTable
     scenes: SceneLookup | None
+    nodes: GraphNodes | None
     rarity: np.ndarray
     structure: Any
 
@@ -119,7 +121,7 @@ class NodeMatcher(GraphMatcher):
         if scenes is None and self._looks_up(table):
             scenes = self._new_scene_index()
             scenes.take(table)
-        return GraphIndex(table, scenes, self._rarity(table), self._structure_of_all(table))
+        return self._graph_index(table, scenes, self._rarity(table))
 
     def write_index(self, graphs: Sequence[SaliencyGraph], folder: Path) -> None:
         table = graphs if isinstance(graphs, GraphTable) else HeldGraphs(graphs)
@@ -137,7 +139,11 @@ class NodeMatcher(GraphMatcher):
         if scenes is None and self._looks_up(graphs):
             scenes = self._new_scene_index()
             scenes.open(folder / _SCENES)
-        return GraphIndex(graphs, scenes, rarity, self._structure_of_all(graphs))
+        return self._graph_index(graphs, scenes, rarity)
+
+    def _graph_index(self, table: GraphTable, scenes: SceneLookup | None, rarity: np.ndarray) -> GraphIndex:
+        nodes = table.take(np.arange(len(table))) if scenes is None else None
+        return GraphIndex(table, scenes, nodes, rarity, self._structure_of_all(table))
 
     def _looks_up(self, table: GraphTable) -> bool:
         """Whether there are more graphs than candidates."""
@@ -181,7 +187,7 @@ class NodeMatcher(GraphMatcher):
         if not (query.label >= 0).any():
             return None
         numbers = self._shortlist(graph, index)
-        nodes = index.graphs.take(numbers)
+        nodes = index.graphs.take(numbers) if index.nodes is None else index.nodes
         jaccard = self._label_jaccard(graph, query, nodes, index.rarity)
         kept = (jaccard > 0) & (jaccard >= self.config.keep * jaccard.max(initial=0))
         if not kept.all():

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from salframe.graphs.segments import pairs_within, ranges, run_starts, top_per_group
-from salframe.panoramas.geometry import poses_2d
+from salframe.panoramas.geometry import as_complex, poses_2d
 from salframe_graphs.node_pairs import NodePairs
 
 MAX_HYPOTHESES = 120
@@ -34,10 +34,10 @@ class VerifiedPoses:
         """Return no pose for any candidate, to be filled in."""
         return cls(np.full(pairs.num_graphs, np.nan), np.full((pairs.num_graphs, 2), np.nan), np.zeros(len(pairs)))
 
-    def poses(self) -> np.ndarray:
-        """Return the best pose of each candidate, query frame to map frame, (K, 4, 4); NaN where there is none."""
-        poses = poses_2d(self.shift_m, self.yaw_rad)
-        poses[np.isnan(self.yaw_rad)] = np.nan
+    def poses(self, candidates: np.ndarray) -> np.ndarray:
+        """Return the best pose of candidates (T,), query frame to map frame, (T, 4, 4); NaN where there is none."""
+        poses = poses_2d(self.shift_m[candidates], self.yaw_rad[candidates])
+        poses[np.isnan(self.yaw_rad[candidates])] = np.nan
         return poses
 
 
@@ -97,8 +97,9 @@ def verify(
     is_base = (i[first] != i[second]) & (node[first] != node[second])
     first, second = first[is_base], second[is_base]
     i1, i2, j1, j2 = i[first], i[second], node[first], node[second]
-    query_edge, map_edge = query_xy[i2] - query_xy[i1], map_xy[j2] - map_xy[j1]
-    query_length, map_length = np.hypot(*query_edge.T), np.hypot(*map_edge.T)
+    query, there = as_complex(query_xy), as_complex(map_xy)
+    query_edge, map_edge = query[i2] - query[i1], there[j2] - there[j1]
+    query_length, map_length = np.abs(query_edge), np.abs(map_edge)
     scale = np.ones(len(first))
     if scale_bound is not None:
         scale = scale_bound.clip(map_length / np.maximum(query_length, 1e-9))
@@ -108,25 +109,20 @@ def verify(
     rank = np.where(fits, similarity[first] + similarity[second] + worth, -np.inf)
     chosen = top_per_group(rank, pairs.graph[first], MAX_HYPOTHESES)
     i1, i2, j1, j2, scale, graph = (a[chosen] for a in (i1, i2, j1, j2, scale, pairs.graph[first]))
-    yaw = np.arctan2(map_edge[chosen, 1], map_edge[chosen, 0]) - np.arctan2(
-        query_edge[chosen, 1], query_edge[chosen, 0]
-    )
-    c, s = scale * np.cos(yaw), scale * np.sin(yaw)
-    x, y = ((query_xy[i1] + query_xy[i2]) / 2).T
-    shift = (map_xy[j1] + map_xy[j2]) / 2 - np.array([c * x - s * y, s * x + c * y]).T
-    near = np.flatnonzero(np.hypot(*shift.T) < max_shift_m)
+    turn = map_edge[chosen] * query_edge[chosen].conj()
+    turn *= scale / np.abs(turn)
+    shift = (there[j1] + there[j2]) / 2 - turn * (query[i1] + query[i2]) / 2
+    near = np.flatnonzero(np.abs(shift) < max_shift_m)
     if not len(near):
         return result
-    graph, c, s, shift, yaw, scale = (a[near] for a in (graph, c, s, shift, yaw, scale))
+    graph, turn, shift, scale = (a[near] for a in (graph, turn, shift, scale))
     # Single precision, and each hypothesis with the pairs of its own candidate: much of a query's time is spent here.
     count = pairs.segments.count[graph]
     pair, hypothesis = ranges(pairs.segments.start[graph], count), np.arange(len(graph)).repeat(count)
-    moved_x = (np.outer(c, query_xy[:, 0]) - np.outer(s, query_xy[:, 1]) + shift[:, :1]).astype(np.float32)
-    moved_y = (np.outer(s, query_xy[:, 0]) + np.outer(c, query_xy[:, 1]) + shift[:, 1:]).astype(np.float32)
-    row = hypothesis * len(query_xy) + i.take(pair)
-    there = map_xy.astype(np.float32)[node]
-    x = moved_x.ravel().take(row) - there[:, 0].take(pair)
-    y = moved_y.ravel().take(row) - there[:, 1].take(pair)
+    moved = (turn[:, None] * query + shift[:, None]).astype(np.complex64)
+    row = hypothesis * len(query) + i.take(pair)
+    off = moved.ravel().take(row) - there.astype(np.complex64)[node].take(pair)
+    x, y = off.real, off.imag
     sharpness = (1 / tolerance_m**2).astype(np.float32)
     kernel = np.maximum(1 - (x * x + y * y) * sharpness.take(pair), 0) * similarity.astype(np.float32).take(pair)
     if scale_bound is not None:
@@ -135,7 +131,8 @@ def verify(
     explained = np.maximum.reduceat(kernel, begin) * weights[i[pair[begin]]]
     support = np.bincount(hypothesis[begin], explained, len(graph))
     best = top_per_group(support, graph, 1)
-    result.yaw_rad[graph[best]], result.shift_m[graph[best]] = yaw[best], shift[best]
+    result.yaw_rad[graph[best]] = np.angle(turn[best])
+    result.shift_m[graph[best], 0], result.shift_m[graph[best], 1] = shift[best].real, shift[best].imag
     is_best = np.zeros(len(graph), bool)
     is_best[best] = True
     entry = np.flatnonzero(is_best[hypothesis])

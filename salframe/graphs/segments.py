@@ -82,5 +82,7 @@ def top_per_group(value: np.ndarray, group: np.ndarray, count: int) -> np.ndarra
     order = order[np.lexsort((-value[order], group[order]))]
     ranked = group[order]
     begin = run_starts(ranked)
+    if count == 1:
+        return order[begin]
     rank = np.arange(len(order)) - begin.repeat(np.diff(np.append(begin, len(order))))
     return order[rank < count]

@@ -6,6 +6,7 @@ Pixel centres lie at +0.5; azimuth grows to the left, counter-clockwise seen fro
 
 from __future__ import annotations
 
+import operator
 from functools import lru_cache
 
 import numpy as np
@@ -94,6 +95,12 @@ def poses_2d(xy_m: np.ndarray, yaw_rad: np.ndarray) -> np.ndarray:
     return poses
 
 
+def as_complex(xy: np.ndarray) -> np.ndarray:
+    """Return the first two coordinates of points (..., D) as complex numbers x + iy, (...), so that a product turns
+    them."""
+    return xy[..., 0] + 1j * xy[..., 1]  # type: ignore[no-any-return]
+
+
 def pose_yaw(pose: np.ndarray) -> float:
     """Yaw_rad of a (4, 4) pose: the azimuth of its x axis."""
     return float(np.arctan2(pose[1, 0], pose[0, 0]))
@@ -127,12 +134,14 @@ def pose_errors(estimate: np.ndarray, truth: np.ndarray) -> tuple[float, float]:
 
 
 def is_rigid(pose: object, tolerance: float = 1e-6) -> bool:
-    """Whether this is a (4, 4) rigid motion, its numbers within a tolerance."""
+    """Return whether this is a (4, 4) rigid motion, its numbers within a tolerance."""
     matrix = np.asarray(pose)
     if matrix.shape != (4, 4) or matrix.dtype.kind not in "iuf" or not np.isfinite(matrix).all():
         return False
-    found, rigid, turn = np.array(matrix, np.float64), np.eye(4), matrix[:3, :3]
-    found[:3, :3], found[:3, 3] = turn @ turn.T, 0
-    x, y, z = turn.tolist()
+    rows = matrix.tolist()  # lists: many times as fast as arrays this small
+    x, y, z = (row[:3] for row in rows[:3])
+    products = [sum(map(operator.mul, one, other)) for one in (x, y, z) for other in (x, y, z)]
+    found, rigid = [*products, *rows[3]], [1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1]
     determinant = sum(x[i] * (y[i - 2] * z[i - 1] - y[i - 1] * z[i - 2]) for i in range(3))
-    return bool((np.abs(found - rigid) <= tolerance + 1e-5 * rigid).all() and determinant > 0)
+    near = all(abs(one - expected) <= tolerance + 1e-5 * expected for one, expected in zip(found, rigid, strict=True))
+    return near and determinant > 0

@@ -28,8 +28,10 @@ ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_
 FIRST = """
 import json, sys, time
 from salframe import open_map
+from salframe.framework.config import nest, parse_override
 from salframe.panoramas.opening import configure_dataset, open_dataset
-_, config = configure_dataset(sys.argv[1], sys.argv[2] or None, sys.argv[4:])
+overrides = [nest(*parse_override(word.removeprefix("data."))) for word in sys.argv[4:]]
+_, config = configure_dataset(sys.argv[1], sys.argv[2] or None, overrides)
 query = open_dataset(config).folds()[0].queries[0]
 panorama = query.load()
 start = time.perf_counter()
@@ -84,14 +86,15 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("commands", nargs="*", default=[str(Path(sys.executable).with_name("salframe"))])
     options = parser.parse_args()
+    commands = [str(Path(command).absolute()) for command in options.commands]
     for data in [*options.data.split(","), *([REAL] if options.data_dir else [])]:
         root = ["--data-dir", options.data_dir] if data == REAL else []
         best: dict[str, dict[str, float]] = {}
-        for command in [*options.commands] * options.rounds:
+        for command in commands * options.rounds:
             for query, ms in query_ms(command, data, root).items():
                 known = best.setdefault(command, {})
                 known[query] = min(ms, known.get(query, np.inf))
-        for command in options.commands:
+        for command in commands:
             ms = np.array([*best[command].values()])
             opening, first, then = first_ms(command, data, root)
             median, late = np.percentile(ms, [50, 95])

@@ -117,9 +117,10 @@ def test_the_true_pose_is_found_among_places_alike():
     started = best_poses(scorer, 3)
     assert (np.diff(started.place) >= 0).all()
     assert np.bincount(started.place).max() <= 3
-    poses, score = scorer.refine(started)
-    best = int(score.argmax())
+    refined = scorer.refine(started)
+    poses, best = refined.poses, int(refined.score.argmax())
     _, share = scorer.score(poses.take(np.array([best])))
+    np.testing.assert_allclose(refined.share_of(best), share, atol=1e-6)
     assert poses.place[best] == 3
     np.testing.assert_allclose([*poses.shift_m[best], poses.yaw_rad[best] % (2 * np.pi)], [0.6, -0.3, 2.2], atol=0.01)
     assert (np.diag(share) > 0.9).all()
@@ -131,7 +132,7 @@ def test_refinement_never_scores_less():
     seen = transform_points(invert_pose(pose_2d(0.4, 0.1, 1.0)), room) + rng.normal(0, 0.1, (8, 3))
     scorer = scored([place(LABELS, room)], query(LABELS, seen))
     starts = Poses(np.zeros(30, int), rng.uniform(-1, 1, (30, 2)), rng.uniform(0, 6, 30))
-    before, (_, after) = scorer.score(starts)[0], scorer.refine(starts)
+    before, after = scorer.score(starts)[0], scorer.refine(starts).score
     assert (after >= before).all()
     assert after.max() > before.max()
 
@@ -147,7 +148,7 @@ def test_the_pose_lies_within_its_covariance():
     for _ in range(300):
         seen = room + np.column_stack([rng.normal(0, 0.1, (8, 2)), np.zeros(8)])
         scorer = scored(places, query(LABELS, seen), rates)
-        refined, _ = scorer.refine(at(0, 0, 0))
+        refined = scorer.refine(at(0, 0, 0)).poses
         pose, covariance = settle(scorer, refined, scorer.score(refined)[1], 0.0)
         found.append([*pose.shift_m[0], pose.yaw_rad[0]])
         expected.append(np.diag(covariance))
@@ -164,7 +165,7 @@ def test_one_object_out_of_place_does_not_move_the_pose():
     moved[0, 0] += 0.4
     places = [replace(place(LABELS, moved), variance_m2=np.full(8, 1e-3))]
     scorer = scored(places, query(LABELS, room))
-    refined, _ = scorer.refine(at(0, 0, 0))
+    refined = scorer.refine(at(0, 0, 0)).poses
     pose, _ = settle(scorer, refined, np.eye(8), 0.0)
     assert np.hypot(*pose.shift_m[0]) < 0.4 / 8 / 3
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from salframe.graphs.segments import Segments, ranges
 from salframe.graphs.table import GraphNodes
+from salframe.panoramas.geometry import as_complex
 from salframe_graphs.places.place_index import PlaceIndex
 from salframe_graphs.places.rates import Likelihood, Rates
 
@@ -56,6 +57,25 @@ class _Columns:
         return _Columns(self.objects[position], Segments(count)), position
 
 
+@dataclass(frozen=True, eq=False)
+class RefinedPoses:
+    """C poses with their scores (C,); of those that were refined, `near` (R,), how surely each query object is each
+    object of the pose's place: share (n, T), in columns of `refined`."""
+
+    poses: Poses
+    score: np.ndarray
+    near: np.ndarray
+    refined: Segments
+    share: np.ndarray
+
+    def share_of(self, pose: int) -> np.ndarray | None:
+        """Return the shares (n, m) of a pose, None of one that was not refined."""
+        row = int(np.searchsorted(self.near, pose))
+        if row == len(self.near) or self.near[row] != pose:
+            return None
+        return self.share[:, slice(*self.refined.start[row : row + 2])]
+
+
 class PlaceLikelihood:
     """Scores a query's objects against the places of a map.
 
@@ -65,14 +85,16 @@ class PlaceLikelihood:
     the same object of the place share its odds.
 
     log_ratio: (n, M) float32, log ratio of label, height and size of query objects i and map objects j.
+    position, ray: (n,) complex128, positions of the query's objects in its own frame, x + iy, and unit vectors to them.
+    range_m: (n,) their distances in the plane.
     """
 
     def __init__(self, query: GraphNodes, index: PlaceIndex, rates: Rates, likelihood: Likelihood) -> None:
         """query: one graph, its labels numbered by the index's vocabulary, with known positions."""
         self.query, self.index, self.rates, self.likelihood = query, index, rates, likelihood
-        self.xy_m = query.centroid_m[:, :2]
-        self.range_m = np.hypot(*self.xy_m.T)
-        self.ray = self.xy_m / np.maximum(self.range_m, 1e-9)[:, None]
+        self.position = as_complex(query.centroid_m)
+        self.range_m = np.abs(self.position)
+        self.ray = self.position / np.maximum(self.range_m, 1e-9)
         self.same_label = query.label[:, None] == index.label
         self.log_ratio = self._log_ratio()
         self._across = index.variance_m2 + rates.position_error_m**2
@@ -113,23 +135,24 @@ class PlaceLikelihood:
         """Return the variances of a deviation along the ray, (n, m), and across it, (m,), of some map objects."""
         return self._along[:, objects], self._across[objects]
 
-    def found_logit(self, objects: np.ndarray, away_m: np.ndarray) -> np.ndarray:
-        """Return the logit of detecting map objects (T,) at offsets away_m (2, T), (T,) float32."""
-        distance = np.maximum(np.hypot(*away_m), MIN_RANGE_M)
+    def found_logit(self, objects: np.ndarray, distance_m: np.ndarray) -> np.ndarray:
+        """Return the logit of detecting map objects (T,) from distances (T,), (T,) float32."""
+        distance = np.maximum(distance_m, MIN_RANGE_M)
         logit = self.index.found_logit[objects] + self.rates.found_per_distance * np.log(distance / REFERENCE_M)
         return np.minimum(np.maximum(logit, -MAX_LOGIT), MAX_LOGIT).astype(np.float32)
 
     @cached_property
     def _rays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Unit vectors along (n, 2) and across (n, 2) the rays of the query's objects, and ranges (n, 1), float32."""
-        x, y = self.ray.T
+        x, y = self.ray.real, self.ray.imag
         return np.array([x, y], np.float32).T, np.array([-y, x], np.float32).T, self.range_m.astype(np.float32)[:, None]
 
     @cached_property
     def first_camera_logit(self) -> np.ndarray:
         """(M,) float32: the logit of detecting each object from the first camera of its place."""
         index = self.index
-        return self.found_logit(np.arange(len(index.label)), (index.xy_m - index.cameras_m[:, 0][index.place]).T)
+        camera = as_complex(index.cameras_m[:, 0])
+        return self.found_logit(np.arange(len(index.label)), np.abs(index.position - camera[index.place]))
 
     def unplaced(self) -> np.ndarray:
         """Return the score of each place without a pose, (K,): positions are left out, and an object counts less."""
@@ -148,8 +171,8 @@ class PlaceLikelihood:
         score, odds, total = self._evaluate(poses, columns)
         return score, odds / columns.poses.spread(total)
 
-    def refine(self, poses: Poses) -> tuple[Poses, np.ndarray]:
-        """Return poses fitted to what they explain, and their scores (C,); no score is lower than before.
+    def refine(self, poses: Poses) -> RefinedPoses:
+        """Return poses fitted to what they explain; no score is lower than before.
 
         Poses that score far below the best one stay as they are.
         """
@@ -159,7 +182,7 @@ class PlaceLikelihood:
         columns, position = columns.take(near)
         best, best_score = poses.take(near), score[near]
         share = odds[:, position] / columns.poses.spread(total[:, near])
-        for step in range(STEPS):
+        for _ in range(STEPS):
             fitted = self._fit(best, columns, share)
             fitted_score, odds, total = self._evaluate(fitted, columns)
             is_better = fitted_score > best_score
@@ -169,11 +192,10 @@ class PlaceLikelihood:
                 np.where(is_better, fitted.yaw_rad, best.yaw_rad),
             )
             best_score = np.where(is_better, fitted_score, best_score)
-            if step + 1 < STEPS:
-                share = np.where(columns.poses.spread(is_better), odds / columns.poses.spread(total), share)
+            share = np.where(columns.poses.spread(is_better), odds / columns.poses.spread(total), share)
         shift_m, yaw_rad = poses.shift_m.copy(), poses.yaw_rad.copy()
         shift_m[near], yaw_rad[near], score[near] = best.shift_m, best.yaw_rad, best_score
-        return Poses(poses.place, shift_m, yaw_rad), score
+        return RefinedPoses(Poses(poses.place, shift_m, yaw_rad), score, near, columns.poses, share)
 
     def _columns(self, poses: Poses) -> _Columns:
         count = self.index.count[poses.place]
@@ -182,11 +204,10 @@ class PlaceLikelihood:
     def _evaluate(self, poses: Poses, columns: _Columns) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The scores of poses (C,), the odds (n, T) of each pair, and 1 + their sum for each query object (n, C)."""
         objects = columns.objects
-        pose = np.array([poses.shift_m[:, 0], poses.shift_m[:, 1], np.cos(poses.yaw_rad), np.sin(poses.yaw_rad)])
-        pose = columns.poses.spread(pose)
-        away, (c, s) = self.index.xy_m.T[:, objects] - pose[:2], pose[2:]
-        logit = self.found_logit(objects, away)
-        turned = np.array([c * away[0] + s * away[1], c * away[1] - s * away[0]], np.float32)
+        away = self.index.position[objects] - columns.poses.spread(as_complex(poses.shift_m))
+        logit = self.found_logit(objects, np.abs(away))
+        away *= columns.poses.spread(np.exp(-1j * poses.yaw_rad))
+        turned = np.array([away.real, away.imag], np.float32)
         ray, normal, range_m = self._rays
         forth = ray @ turned
         forth -= range_m  # the query object lies on its own ray
@@ -210,15 +231,13 @@ class PlaceLikelihood:
         weight = share / self._along[:, objects]
         by_query, by_object = columns.poses.sum(weight), weight.sum(0)
         total = np.maximum(by_query.sum(0), 1e-12)
-        there = self.index.xy_m[objects].T
-        middle = (self.xy_m.T @ by_query) / total
+        there = self.index.position[objects]
+        middle = (self.position @ by_query) / total
         middle_there = columns.poses.sum(by_object * there) / total
-        products = (self.xy_m.T @ weight)[:, None] * there  # query axis, map axis
-        spread = columns.poses.sum(products) - total * middle[:, None] * middle_there
-        yaw = np.arctan2(spread[0, 1] - spread[1, 0], spread[0, 0] + spread[1, 1])
-        c, s = np.cos(yaw), np.sin(yaw)
-        moved = np.array([c * middle[0] - s * middle[1], s * middle[0] + c * middle[1]])
-        return Poses(poses.place, (middle_there - moved).T, yaw)
+        products = columns.poses.sum((self.position.conj() @ weight) * there)
+        yaw = np.angle(products - total * middle.conj() * middle_there)
+        shift = middle_there - np.exp(1j * yaw) * middle
+        return Poses(poses.place, np.array([shift.real, shift.imag]).T, yaw)
 
 
 def _share_odds(odds: np.ndarray, columns: _Columns) -> tuple[np.ndarray, np.ndarray]:

@@ -202,8 +202,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
             return Localization(places, frames[0].T_world_pano, LocalizationStatus.OK)
         if posed[0] < 0:
             return Localization(places, None, LocalizationStatus.NO_POSE)
-        best = found.search.poses.take(posed[:1])
-        _, share = found.search.scorer.score(best)
+        best, share = found.search.poses.take(posed[:1]), found.search.share(int(posed[0]))
         if (share.sum(1) > 0.5).sum() < MIN_EXPLAINED:
             return Localization(places, None, LocalizationStatus.NO_POSE)
         pose, covariance = settle(found.search.scorer, best, share, MIN_DEVIATION_M)

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from salframe.panoramas.geometry import equirectangular_rays
+from salframe.panoramas.geometry import equirectangular_rays, wrap_angle
 from salframe_graphs.places.likelihood import Poses
 
 BINS = 72
@@ -44,10 +44,14 @@ def unpack_outline(outline_mm: np.ndarray) -> np.ndarray:
 
 
 def _fit(offset_m: np.ndarray, yaw_rad: np.ndarray, outline_m: np.ndarray) -> np.ndarray:
-    """(P,) how well points (P, BINS, 2), relative to where an outline (P, BINS) was seen along yaw_rad (P, 1), lie on
-    it."""
+    """How well points lie on outlines, (P,).
+
+    offset_m: (P, BINS, 2) points relative to where each outline was seen. yaw_rad: (P, 1) in [-pi, pi], the heading
+    there. outline_m: (P, BINS).
+    """
     x, y = offset_m[..., 0], offset_m[..., 1]
-    expected = np.take_along_axis(outline_m, _bin(np.arctan2(y, x) - yaw_rad), -1)
+    bins = _bin(np.arctan2(y, x) - yaw_rad)
+    expected = outline_m.ravel().take(bins + BINS * np.arange(len(bins))[:, None])
     with np.errstate(divide="ignore"):
         off = (0.5 / ERROR_LOG) * np.log((x * x + y * y) / (expected * expected))
     ratio = np.log(STRAY + (1 - STRAY) * PEAK * np.exp(-0.5 * np.minimum(off * off, MOST_SQUARED)))
@@ -87,7 +91,7 @@ class MapOutlines:
         map_m, pose = self.range_m[place[row], frame], self.pose[place[row], frame]
         forth = self.corners_m[place[row], frame] - shift_m[row, None]
         back = _corners(query_m, shift_m, yaw_rad)[row] - pose[:, None, :2]
-        heading = np.concatenate([yaw_rad[row], pose[:, 2]])[:, None]
+        heading = wrap_angle(np.concatenate([yaw_rad[row], pose[:, 2]]))[:, None].astype(np.float32)
         expected = np.concatenate([np.broadcast_to(query_m, map_m.shape), map_m])
         total = _fit(np.concatenate([forth, back]), heading, expected).reshape(2, -1).sum(0)
         best = np.full(len(place), -np.inf, total.dtype)
@@ -108,6 +112,8 @@ def _corners(outline_m: np.ndarray, position_m: np.ndarray, yaw_rad: np.ndarray)
 
 
 def _bin(azimuth_rad: np.ndarray) -> np.ndarray:
-    """The bin of azimuths; of one that is not known, 0."""
-    turn = np.nan_to_num(azimuth_rad) % (2 * np.pi)
-    return np.minimum((turn * (BINS / (2 * np.pi))).astype(np.int64), BINS - 1)
+    """The bins of azimuths in [-2 pi, 2 pi), int32; 0 of one that is not known."""
+    with np.errstate(invalid="ignore"):
+        number = np.floor(azimuth_rad * azimuth_rad.dtype.type(BINS / (2 * np.pi))).astype(np.int32)
+    number += BINS * (number < 0)
+    return np.minimum(np.maximum(number, 0), BINS - 1)

@@ -13,6 +13,7 @@ from salframe.framework.array_files import ArrayKind
 from salframe.framework.columns import Column, Row
 from salframe.graphs.segments import Segments, ranges
 from salframe.graphs.table import count_having
+from salframe.panoramas.geometry import as_complex
 from salframe_graphs.places.merging import Place
 from salframe_graphs.places.rates import Likelihood, Rates
 
@@ -61,6 +62,11 @@ class PlaceIndex:
     def place(self) -> np.ndarray:
         """(M,) int64: the place of each object."""
         return self.segments.spread(np.arange(len(self)))
+
+    @cached_property
+    def position(self) -> np.ndarray:
+        """(M,) complex128: the positions of the objects, x + iy."""
+        return as_complex(self.xy_m)
 
     @cached_property
     def weight(self) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from salframe.graphs.segments import top_per_group
 from salframe.graphs.table import GraphNodes
 from salframe_graphs.places.hypotheses import best_poses
-from salframe_graphs.places.likelihood import PlaceLikelihood, Poses
+from salframe_graphs.places.likelihood import PlaceLikelihood, Poses, RefinedPoses
 from salframe_graphs.places.place_index import PlaceIndex
 from salframe_graphs.places.rates import Likelihood, Rates
 
@@ -24,19 +25,29 @@ _RIDGE = 1e-6 * np.eye(3)
 
 @dataclass(frozen=True, eq=False)
 class SearchResult:
-    """The best pose of each place of an index that has any: C poses, their places ascending, and score (C,) float64."""
+    """The best pose of each place of an index that has any: C poses, their places ascending, and score (C,) float64.
+
+    best: (C,) their positions among the refined poses.
+    """
 
     scorer: PlaceLikelihood
     poses: Poses
     score: np.ndarray
+    refined: RefinedPoses
+    best: np.ndarray
+
+    def share(self, row: int) -> np.ndarray:
+        """Return how surely each query object is each object of the place, (n, m), under a pose (row of the C)."""
+        share = self.refined.share_of(int(self.best[row]))
+        return self.scorer.score(self.poses.take(np.array([row])))[1] if share is None else share
 
 
 def search(query: GraphNodes, index: PlaceIndex, rates: Rates, likelihood: Likelihood, max_poses: int) -> SearchResult:
     """Return the best pose of a query in each place of an index, of `max_poses` that are refined in each."""
     scorer = PlaceLikelihood(query, index, rates, likelihood)
-    poses, score = scorer.refine(best_poses(scorer, max_poses))
-    best = top_per_group(score, poses.place, 1)
-    return SearchResult(scorer, poses.take(best), score[best])
+    refined = scorer.refine(best_poses(scorer, max_poses))
+    best = top_per_group(refined.score, refined.poses.place, 1)
+    return SearchResult(scorer, refined.poses.take(best), refined.score[best], refined, best)
 
 
 def settle(scorer: PlaceLikelihood, pose: Poses, share: np.ndarray, min_deviation_m: float) -> tuple[Poses, np.ndarray]:
@@ -58,27 +69,24 @@ def settle(scorer: PlaceLikelihood, pose: Poses, share: np.ndarray, min_deviatio
     i, j = np.nonzero(share > MIN_SHARE)
     along, across = scorer.variances(own)
     along, across, share = along[i, j], across[j], share[i, j].astype(np.float64)
-    weight, off, slope = np.empty(2 * len(i)), np.empty(2 * len(i)), np.zeros((3, 2 * len(i)))
-    forth, side = off[: len(i)], off[len(i) :]  # along the turned rays, and across them
-    x, y = scorer.index.xy_m[own][j].T
-    query_x, query_y = scorer.xy_m[i].T
-    ray_x, ray_y = scorer.ray[i].T
-    slope[2, len(i) :] = scorer.range_m[i]  # turning moves an object across its ray
+    inverse = 1 / np.array([along, across])
+    position, query, ray = scorer.index.xy_m[own][j].T, scorer.position[i], scorer.ray[i]
+    # Columns: slopes of the deviation along each ray, of that across it, and the query object, all turned together.
+    base = np.concatenate([ray.real, -ray.imag, query.real, ray.imag, ray.real, query.imag]).reshape(2, -1)
+    slope = np.zeros((3, 2, len(i)))
+    slope[2, 1] = scorer.range_m[i]  # turning moves an object across its ray
     shift_m, yaw_rad = pose.shift_m[0], float(pose.yaw_rad[0])
     for _ in range(SETTLING_STEPS):
-        c, s = np.cos(yaw_rad), np.sin(yaw_rad)
-        turned_x, turned_y = c * ray_x - s * ray_y, s * ray_x + c * ray_y
-        apart_x = x - (c * query_x - s * query_y) - shift_m[0]
-        apart_y = y - (s * query_x + c * query_y) - shift_m[1]
-        forth[:] = apart_x * turned_x + apart_y * turned_y
-        side[:] = apart_y * turned_x - apart_x * turned_y
-        kept = share / (1 + forth * forth / along + side * side / across)
-        weight[: len(i)], weight[len(i) :] = kept / along, kept / across
-        slope[0, : len(i)], slope[0, len(i) :] = turned_x, -turned_y
-        slope[1, : len(i)], slope[1, len(i) :] = turned_y, turned_x
-        weighted = slope * weight
-        information = weighted @ slope.T + _RIDGE
-        step = np.linalg.solve(information, weighted @ off)
+        c, s = math.cos(yaw_rad), math.sin(yaw_rad)
+        turned = (np.array([[c, -s], [s, c]]) @ base).reshape(2, 3, -1)
+        slope[:2] = turned[:, :2]
+        apart = position - turned[:, 2] - shift_m[:, None]
+        off = apart[0] * slope[0] + apart[1] * slope[1]
+        squares = off * off * inverse
+        weight = share / (1 + squares[0] + squares[1]) * inverse
+        flat, weighted = slope.reshape(3, -1), (slope * weight).reshape(3, -1)
+        information = weighted @ flat.T + _RIDGE
+        step = np.linalg.solve(information, weighted @ off.ravel())
         shift_m, yaw_rad = shift_m + step[:2], yaw_rad + step[2]
     covariance = np.linalg.inv(information) + np.diag([min_deviation_m**2, min_deviation_m**2, 0.0])
     return Poses(pose.place, shift_m[None], np.array([yaw_rad])), covariance
