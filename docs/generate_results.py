@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from salframe.evaluation.experiment import (
+from salframe.evaluation.studies.experiment import (
     Experiment,
     Kept,
     TableStudy,
@@ -20,7 +20,7 @@ from salframe.evaluation.experiment import (
     read_results,
     reported_in,
 )
-from salframe.evaluation.tables import reported_table, to_markdown
+from salframe.evaluation.tables.table import reported_table, to_markdown
 
 PAGE = Path(__file__).with_name("results.md")
 RESULTS = Path(__file__).with_name("results")

@@ -7,7 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from salframe.evaluation import answering
+from salframe.evaluation.tasks.localization import answering
 
 WITHOUT_UNIX = """
 import sys

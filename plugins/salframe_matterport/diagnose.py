@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from salframe.evaluation.run import Run
+from salframe.evaluation.runs.run_folder import Run
 from salframe.framework.errors import DataError, SalframeError
 from salframe_matterport.bearings import direction
 from salframe_matterport.dataset import MatterportAnnotations

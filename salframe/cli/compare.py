@@ -49,7 +49,7 @@ def compare(
     as_json: Json = False,
 ) -> None:
     """Run methods on the same queries and print what they reach and cost. Run it again to resume."""
-    from salframe.evaluation.localization import compare as run
+    from salframe.evaluation.tasks.localization.task import compare as run
 
     request = make_request(
         methods,
@@ -85,7 +85,7 @@ def ablate(
     as_json: Json = False,
 ) -> None:
     """Run every combination of the values under `vary:` as a method of its own, in one table."""
-    from salframe.evaluation.study import ablate as run
+    from salframe.evaluation.studies.study import ablate as run
 
     request = make_request(
         data=data,
@@ -106,6 +106,6 @@ def evaluate(
     run: Annotated[Path, typer.Argument(help="A run folder.")], style: Style = "table", as_json: Json = False
 ) -> None:
     """Measure a run again from its recorded answers; runs no method."""
-    from salframe.evaluation.tasks import evaluate as measure
+    from salframe.evaluation.tasks.all import evaluate as measure
 
     show(lambda progress: measure(run), as_json, style)

@@ -45,7 +45,7 @@ def detection(
     """Detect objects in the query panoramas, and print precision and recall against their annotations. Run it again to
     resume.
     """
-    from salframe.evaluation.detection import measure_detection
+    from salframe.evaluation.tasks.detection.task import measure_detection
 
     request = make_request(
         detectors,

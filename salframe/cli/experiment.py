@@ -11,7 +11,7 @@ from salframe.cli.options import ENGINE, RUNS, DataDir, EngineName, Json, Runs, 
 from salframe.cli.output import TABLE, Bars, print_json
 
 if TYPE_CHECKING:
-    from salframe.evaluation.experiment import ExperimentResult
+    from salframe.evaluation.studies.experiment import ExperimentResult
 
 ALL = "all"
 
@@ -37,8 +37,8 @@ def experiment(
     again; what was cut off resumes. Tables on data that are not rendered need --data-dir.
     """
     from salframe.cli.tables import format_experiment, print_experiment, print_table
-    from salframe.evaluation.experiment import experiment_names, read_experiment, run_experiment
-    from salframe.evaluation.request import Request
+    from salframe.evaluation.runs.request import Request
+    from salframe.evaluation.studies.experiment import experiment_names, read_experiment, run_experiment
 
     if name is None:
         print_table(

@@ -41,7 +41,7 @@ def matching(
     """Match each query with the nearest map frame of its own place, and print how much of it is right. Run it again to
     resume.
     """
-    from salframe.evaluation.matching import measure_matching
+    from salframe.evaluation.tasks.matching.task import measure_matching
 
     request = make_request(
         methods,

@@ -64,8 +64,8 @@ def navigate(
     as_json: Json = False,
 ) -> None:
     """Send an agent from room to room with each method as its localizer. Run it again to resume."""
-    from salframe.evaluation.navigation import Positioning
-    from salframe.evaluation.navigation import navigate as run
+    from salframe.evaluation.tasks.navigation.task import Positioning
+    from salframe.evaluation.tasks.navigation.task import navigate as run
 
     source: int | str
     try:

@@ -10,7 +10,7 @@ import typer
 from salframe.framework.defaults import default_of
 
 if TYPE_CHECKING:
-    from salframe.evaluation.request import Request
+    from salframe.evaluation.runs.request import Request
 
 METHODS, MATCHING_METHODS, DETECTORS = (
     ",".join(default_of(key)) for key in ("methods", "matching_methods", "detectors")
@@ -85,8 +85,8 @@ def make_request(
     memory_mb: float | None = None,
 ) -> Request:
     """What the options that tasks share ask for; `methods` stand between commas."""
-    from salframe.evaluation.guard import Limits
-    from salframe.evaluation.request import Request
+    from salframe.evaluation.runs.limits import Limits
+    from salframe.evaluation.runs.request import Request
 
     return Request(
         methods=split_names(methods),

@@ -15,8 +15,8 @@ import typer
 if TYPE_CHECKING:
     from rich.progress import TaskID
 
-    from salframe.evaluation.result import Result
-    from salframe.evaluation.study import StudyResult
+    from salframe.evaluation.runs.result import Result
+    from salframe.evaluation.studies.study import StudyResult
     from salframe.panoramas.frames import MapFrame, QueryFrame
     from salframe.panoramas.opening import Progress
     from salframe.panoramas.panorama import Panorama

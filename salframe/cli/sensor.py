@@ -48,7 +48,7 @@ def sensor(
     """Measure a detector by the annotations of all panoramas: what it finds, what it calls it, what it makes up, how
     far off it is. The file is what `detector.noise` of the detector `annotations` takes. Run it again to resume."""
     from salframe.cli.tables import print_sensor
-    from salframe.evaluation.sensor import measure_sensor
+    from salframe.evaluation.tasks.sensor.task import measure_sensor
     from salframe.framework.errors import ConfigError
 
     numbers = split_names(seeds)

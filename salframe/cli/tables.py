@@ -13,13 +13,13 @@ from rich.console import Console
 from rich.markup import escape
 
 if TYPE_CHECKING:
-    from salframe.evaluation.detection import Counts, DetectionRow
-    from salframe.evaluation.experiment import ExperimentResult
-    from salframe.evaluation.reported import Reported, ReportedTable
-    from salframe.evaluation.result import Result
-    from salframe.evaluation.sensor import SensorMeasurement
-    from salframe.evaluation.study import StudyResult
-    from salframe.evaluation.tables import Table
+    from salframe.evaluation.runs.result import Result
+    from salframe.evaluation.studies.experiment import ExperimentResult
+    from salframe.evaluation.studies.study import StudyResult
+    from salframe.evaluation.tables.reported import Reported, ReportedTable
+    from salframe.evaluation.tables.table import Table
+    from salframe.evaluation.tasks.detection.task import Counts, DetectionRow
+    from salframe.evaluation.tasks.sensor.task import SensorMeasurement
 
 
 GIVEN_WIDTH = 22
@@ -45,7 +45,7 @@ def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
 def print_result(result: Result[Any] | StudyResult, classes: bool = False) -> None:
     """The tables of whatever task a result is of, what their columns do not say in notes below, and where it lies;
     `classes`: with a table of the classes of each detector."""
-    from salframe.evaluation.detection import DetectionRow
+    from salframe.evaluation.tasks.detection.task import DetectionRow
 
     for table in result.tables():
         print_measured(table)
@@ -115,7 +115,7 @@ def _columns(table: Table, chosen: Sequence[int]) -> Table:
 
 
 def _rich(table: Table) -> rich_table.Table:
-    from salframe.evaluation.columns import GIVEN
+    from salframe.evaluation.tables.columns import GIVEN
 
     title = None if table.title is None else escape(table.title)
     drawn = rich_table.Table(
@@ -137,7 +137,7 @@ def _rich(table: Table) -> rich_table.Table:
 
 def format_result(result: Result[Any] | StudyResult, style: str) -> str:
     """The tables of a result as "md", "latex" or "csv"; in the last all numbers in full."""
-    from salframe.evaluation.tables import reported_tables, to_csv, to_latex, to_markdown
+    from salframe.evaluation.tables.table import reported_tables, to_csv, to_latex, to_markdown
 
     if style == "csv":
         return to_csv(result.rows, getattr(result, "settings", ()))
@@ -148,7 +148,7 @@ def format_result(result: Result[Any] | StudyResult, style: str) -> str:
 def format_experiment(result: ExperimentResult, style: str) -> str:
     """The tables of an experiment as "md" or "latex", each under its title, those that papers report last, or as "csv":
     the measured alone, one after the other, all numbers in full."""
-    from salframe.evaluation.tables import reported_table, to_csv, to_latex, to_markdown
+    from salframe.evaluation.tables.table import reported_table, to_csv, to_latex, to_markdown
 
     if style == "csv":
         kept = ((table.name, table.kept) for table in result.tables if table.kept)
@@ -161,7 +161,7 @@ def format_experiment(result: ExperimentResult, style: str) -> str:
 
 
 def _print_what_is_right(rows: Sequence[DetectionRow]) -> None:
-    from salframe.evaluation.detection import NEAR_M
+    from salframe.evaluation.tasks.detection.task import NEAR_M
 
     _say(f"right: an annotated object of the same label has its centroid within {NEAR_M} m", dim=False)
     joined = {label: name for row in rows for label, name in row.joined.items()}
@@ -172,7 +172,7 @@ def _print_what_is_right(rows: Sequence[DetectionRow]) -> None:
 
 def print_sensor(measured: SensorMeasurement) -> None:
     """What a detector finds by size, range and what hides it, beside what the model says, and the rest in lines."""
-    from salframe.evaluation.columns import percent
+    from salframe.evaluation.tables.columns import percent
 
     headings = ("objects", "annotated", "found %", "model %", "found by its\nright name %")
     rows = [
@@ -210,7 +210,7 @@ def _commonest(counts: Mapping[str, int]) -> str:
 
 def _print_notes(result: Result[Any] | StudyResult) -> None:
     """What tables do not say: notes, reasons, and how often each failure occurred."""
-    from salframe.evaluation.tables import without_detector
+    from salframe.evaluation.tables.table import without_detector
 
     notes = list(result.notes)
     for row in result.rows:
@@ -235,7 +235,7 @@ def _say(line: str, dim: bool = True) -> None:
 
 
 def _counts(counts: Counts) -> list[str]:
-    from salframe.evaluation.columns import percent
+    from salframe.evaluation.tables.columns import percent
 
     numbers = (counts.annotated, counts.found, counts.right)
     return [percent(counts.precision), percent(counts.recall), *map(str, numbers)]

@@ -9,7 +9,7 @@ from command_line import run
 from rich.console import Console
 
 from salframe.cli import tables
-from salframe.evaluation.columns import COLUMNS, USUAL
+from salframe.evaluation.tables.columns import COLUMNS, USUAL
 
 
 def test_compare_prints_a_table(fakes):

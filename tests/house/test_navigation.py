@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from salframe.evaluation.navigation import Positioning, navigate
-from salframe.evaluation.request import Request
+from salframe.evaluation.runs.request import Request
+from salframe.evaluation.tasks.navigation.task import Positioning, navigate
 
 
 @pytest.mark.slow

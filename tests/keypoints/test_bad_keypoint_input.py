@@ -12,8 +12,8 @@ from conformance import conforms
 from salframe_keypoints.localizer import Keypoints
 from tiny_folder import write_tiny_folder
 
-from salframe.evaluation.localization import compare
-from salframe.evaluation.request import Request
+from salframe.evaluation.runs.request import Request
+from salframe.evaluation.tasks.localization.task import compare
 from salframe.framework.errors import RequirementMissing, WeightsMissing
 from salframe.framework.presets import configure, settings
 from salframe.localization.map import LocalizationMap

@@ -6,8 +6,8 @@ from salframe_matterport.dataset import MatterportAnnotations
 from salframe_matterport.diagnose import cause_of, main
 from salframe_matterport.scenes import Scene
 
-from salframe.evaluation.request import Resolved
-from salframe.evaluation.run import ROWS, Run
+from salframe.evaluation.runs.request import Resolved
+from salframe.evaluation.runs.run_folder import ROWS, Run
 from salframe.framework.registry import registry
 from salframe.panoramas.geometry import pose_2d
 

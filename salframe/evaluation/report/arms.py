@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from salframe.evaluation.report.view import RunView
-from salframe.evaluation.task import MethodRow
+from salframe.evaluation.runs.task import MethodRow
 from salframe.framework.settings import spell_value
 
 SEED = "seed"

@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from salframe.evaluation.report.arms import Arm, find_entries, name_arms
-from salframe.evaluation.report.figures import draw_figures
 from salframe.evaluation.report.page import render, write_page
-from salframe.evaluation.report.queries import OUTCOMES, list_sets
 from salframe.evaluation.report.summary import describe_run, list_notes
 from salframe.evaluation.report.tables import make_tables
 from salframe.evaluation.report.view import LocalizationView, NavigationView, RunView
-from salframe.evaluation.report.walks import list_walks
+from salframe.evaluation.tasks.localization.figures import draw_figures
+from salframe.evaluation.tasks.localization.queries import OUTCOMES, list_sets
+from salframe.evaluation.tasks.navigation.walks import list_walks
 from salframe.framework.files import write_text
 
 FIRST_SHOWN = 8

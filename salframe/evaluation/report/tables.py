@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from salframe.evaluation.columns import COLUMNS
 from salframe.evaluation.report.arms import Arm, short_key
-from salframe.evaluation.tables import Table, tables_of, without_detector
+from salframe.evaluation.tables.columns import COLUMNS
+from salframe.evaluation.tables.table import Table, tables_of, without_detector
 
 ABOUT = {
     "localization": "Accuracy, recalls and curves are over all queries: a failure counts as wrong and infinitely far; "

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from salframe.evaluation.metrics import Judged
-from salframe.evaluation.result import Result
-from salframe.evaluation.task import Record
+from salframe.evaluation.runs.result import Result
+from salframe.evaluation.runs.task import Record
+from salframe.evaluation.statistics import Judged
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.frames import Truth
 from salframe.topology.topological_map import TopologicalMap

@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import pytest
 
-from salframe.evaluation.localization import compare
-from salframe.evaluation.request import Request
+from salframe.evaluation.runs.request import Request
+from salframe.evaluation.tasks.localization.task import compare
 
 
 @pytest.fixture
