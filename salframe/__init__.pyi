@@ -1,21 +1,22 @@
 # What `import salframe` promises, each name from where it lives; __init__.py reads this file.
 from .evaluation.finished_runs import Report as Report
+from .evaluation.finished_runs import evaluate as evaluate
 from .evaluation.finished_runs import write_report as write_report
 from .evaluation.runs.limits import Limits as Limits
 from .evaluation.runs.request import Request as Request
 from .evaluation.runs.request import Variant as Variant
-from .evaluation.runs.result import Result as Result
+from .evaluation.runs.task import Result as Result
 from .evaluation.scorer import Scorer as Scorer
 from .evaluation.scorer import score as score
+from .evaluation.statistics import Estimate as Estimate
 from .evaluation.studies.experiment import run_experiment as run_experiment
 from .evaluation.studies.fitting import fit_method as fit_method
 from .evaluation.studies.study import ablate as ablate
-from .evaluation.tasks.all import evaluate as evaluate
 from .evaluation.tasks.detection.task import measure_detection as measure_detection
 from .evaluation.tasks.localization.task import compare as compare
 from .evaluation.tasks.matching.task import measure_matching as measure_matching
 from .evaluation.tasks.navigation.task import navigate as navigate
-from .evaluation.tasks.sensor.task import measure_sensor as measure_sensor
+from .evaluation.tasks.sensor.measurement import measure_sensor as measure_sensor
 from .framework.cache import Cache as Cache
 from .framework.component import Component as Component
 from .framework.component import Role as Role

@@ -117,7 +117,7 @@ SCRIPT = """
 import salframe
 
 result = salframe.compare(salframe.Request(methods=["reader"], data="rooms"))
-print(result.row("reader").accuracy)
+print(result.row("reader").accuracy.value)
 """
 
 

@@ -1,4 +1,4 @@
-"""The page of runs that are done: side by side, and with every query to look at."""
+"""What is done with finished runs: measure them again, and write the page that shows them side by side."""
 
 from __future__ import annotations
 
@@ -9,18 +9,27 @@ from pathlib import Path
 from typing import Any
 
 from salframe.evaluation.report.arms import Entry, find_entries, name_arms
-from salframe.evaluation.report.content import make_content
 from salframe.evaluation.report.page import write_page
-from salframe.evaluation.report.view import LocalizationView, RunView
-from salframe.evaluation.runs.result import Result
-from salframe.evaluation.runs.runner import measure
-from salframe.evaluation.runs.task import MethodRow, Survey, Task
+from salframe.evaluation.report.paged_task import PagedTask
+from salframe.evaluation.report.view import RunView
+from salframe.evaluation.runs.method_row import MethodRow
+from salframe.evaluation.runs.records import Survey
+from salframe.evaluation.runs.runner import conclude, measure
+from salframe.evaluation.runs.task import Result
 from salframe.evaluation.tasks.all import open_run
-from salframe.evaluation.tasks.localization.detail import Asked, find_details
-from salframe.evaluation.tasks.localization.pictures import make_islands
-from salframe.evaluation.tasks.localization.queries import group_views
 from salframe.framework.errors import ConfigError, DataError
 from salframe.panoramas.opening import Progress, open_dataset
+
+
+def evaluate(directory: str | Path) -> Result[Any]:
+    """Measure a run again from its rows and the data set's truth, and write its metrics and report. Runs no method.
+
+    Raises ConfigError where `directory` is no run, DataError where the data set is not the one the run was made on.
+    """
+    run, task = open_run(directory)
+    dataset = open_dataset(run.data())
+    run.bind(dataset.question_key)
+    return conclude(task, run, task.survey(dataset))
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,20 +62,15 @@ def write_report(
     tasks = sorted({view.result.task for view in views})
     if len(tasks) > 1:
         raise ConfigError(f"received runs of the tasks {' and '.join(tasks)}, expected runs of one task")
-    entries = find_entries(views)
+    entries, task = find_entries(views), opened[0].task
     arms = name_arms(views, entries, _pool(opened, entries))
-    content = make_content(views, arms)
-    compared = [view for view in views if isinstance(view, LocalizationView)]
-    sets = []
-    for group in group_views(compared):
-        survey = opened[group[0]].survey
-        asked = Asked(survey.dataset, [(piece.fold, piece.frame) for piece in survey.pieces])
-        sets.append((asked, find_details(asked, group, arms, compared, progress)))
-    notes = tuple(dict.fromkeys(note for _, found in sets for note in found.notes))
-    content |= {"pictures": bool(sets), "notes": [*content["notes"], *notes]}
+    content = task.content(views, arms)
+    islands = task.islands(views, arms, full, progress)
+    notes = () if islands is None else islands.notes
+    content |= {"pictures": islands is not None, "notes": [*content["notes"], *notes]}
     path = Path(output)
     try:
-        write_page(path, content, make_islands(sets, full, progress))
+        write_page(path, content, () if islands is None else islands.parts)
     except OSError as error:
         raise DataError(f"cannot write {path}: {error.strerror or error}") from None
     return Report(path, tuple(view.result for view in views), notes)
@@ -74,9 +78,9 @@ def write_report(
 
 @dataclass(frozen=True, eq=False)
 class _Opened:
-    task: Task[Any, Any]
+    task: PagedTask[Any, Any, Any, Any]
     survey: Survey[Any]
-    view: RunView
+    view: RunView[Any, Any]
 
 
 def _open(folder: Path, progress: Progress | None) -> _Opened:
@@ -84,10 +88,10 @@ def _open(folder: Path, progress: Progress | None) -> _Opened:
     dataset = open_dataset(run.data(), progress and partial(progress, run.directory.name))
     run.bind(dataset.question_key)
     survey = task.survey(dataset)
-    view = task.view(*measure(task, run, survey), survey)
-    if view is None:
+    if not isinstance(task, PagedTask):
         raise ConfigError(f"{folder} is a run of the task {task.name!r}, which has no page")
-    return _Opened(task, survey, view)
+    result, records = measure(task, run, survey)
+    return _Opened(task, survey, task.view(result, records, survey))
 
 
 def _pool(opened: Sequence[_Opened], entries: Sequence[tuple[Entry, ...]]) -> list[MethodRow]:

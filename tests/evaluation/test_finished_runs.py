@@ -7,12 +7,13 @@ import json
 import pytest
 from command_line import run as salframe
 
+from salframe.evaluation.finished_runs import evaluate
 from salframe.evaluation.runs.request import Request
-from salframe.evaluation.tasks.all import evaluate
 from salframe.evaluation.tasks.detection.task import measure_detection
 from salframe.evaluation.tasks.localization.task import compare
 from salframe.evaluation.tasks.matching.task import measure_matching
-from salframe.evaluation.tasks.navigation.task import Positioning, navigate
+from salframe.evaluation.tasks.navigation.options import Positioning
+from salframe.evaluation.tasks.navigation.task import navigate
 from salframe.framework.errors import ConfigError, DataError
 
 

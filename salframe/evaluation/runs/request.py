@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from salframe.evaluation.runs.limits import NO_LIMITS, Limits
+from salframe.evaluation.tables.text import list_methods
 from salframe.framework.auto import Choice
 from salframe.framework.config import ComponentConfig, nest, parse_override
 from salframe.framework.defaults import default_of
@@ -77,11 +78,6 @@ class Resolved:
     scopes: Mapping[str, Sequence[Mapping[str, Any]]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     asked_as: Mapping[str, str] = field(default_factory=dict)
-
-
-def list_methods(labels: Collection[str], of: Collection[str]) -> str:
-    """Labels of methods as text; more than three that are all there are, in a word."""
-    return f"all {len(labels)} methods" if len(labels) == len(of) > 3 else ", ".join(labels)
 
 
 def resolve(request: Request, role: str = "localizer", scopes: Sequence[str] = ()) -> Resolved:

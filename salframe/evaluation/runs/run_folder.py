@@ -2,40 +2,26 @@
 
 from __future__ import annotations
 
-import json
-import os
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from pathlib import Path
-from types import TracebackType
-from typing import Any
+from typing import Any, TypeVar
 from urllib.parse import quote
 
 import yaml
 
 from salframe.evaluation.runs.request import Resolved
+from salframe.evaluation.runs.rows import PieceRow, read_rows
 from salframe.framework.auto import Choice
 from salframe.framework.bounded import parse_yaml
 from salframe.framework.config import ComponentConfig, Settings, read_yaml, validate
-from salframe.framework.errors import ConfigError, DataError, InvalidAnswer, describe_error, shorten
-from salframe.framework.files import (
-    check_as,
-    naming,
-    read_as,
-    read_lines,
-    read_model,
-    whole_lines_bytes,
-    write_json,
-    write_text,
-)
+from salframe.framework.errors import ConfigError, DataError, describe_error, shorten
+from salframe.framework.files import read_as, read_model, write_json, write_text
 from salframe.framework.identity import digest, identity
 from salframe.framework.installation import environment
 from salframe.framework.registry import registry
-
-Row = dict[str, Any]
-"""What a method made of one piece of a task, as a line of rows.jsonl."""
 
 REQUEST, NOTES, METHODS = "request.yaml", "notes.json", "methods"
 """In a run folder: what was asked, what must be said of it, and a folder for each method."""
@@ -46,12 +32,6 @@ LONGEST = 200
 """Characters of a folder's name: file systems take 255 bytes."""
 
 
-class PieceStatus(StrEnum):
-    """How the work on one piece ended: done, or the piece cannot be used, or it broke the method."""
-
-    OK = "ok"
-    ERROR = "error"
-    CRASHED = "crashed"
 
 
 class MethodStatus(StrEnum):
@@ -61,6 +41,9 @@ class MethodStatus(StrEnum):
     UNAVAILABLE = "unavailable"
     CRASHED = "crashed"
     UNFINISHED = "unfinished"
+
+
+Kind = TypeVar("Kind", bound=PieceRow)
 
 
 @dataclass(frozen=True)
@@ -183,8 +166,8 @@ class Run:
             name = f"{name[: LONGEST - 17]}-{digest(label)[:16]}"
         return self.directory / METHODS / name
 
-    def rows(self, label: str, kind: Any = Row) -> list[Row]:
-        """What the method has made of its pieces so far, each of the type `kind`. Raises DataError on any other."""
+    def rows(self, label: str, kind: type[Kind]) -> list[Kind]:
+        """Return the rows that a method has so far. Raises DataError on a row that is none of `kind`."""
         return list(read_rows(self.folder(label) / ROWS, kind))
 
     def outcome(self, label: str) -> Outcome | None:
@@ -275,65 +258,7 @@ def _identity(folder: Path) -> _Identity:
         return _Identity()
 
 
-def read_rows(path: Path, kind: Any = Row) -> Iterator[Row]:
-    """The rows of a .jsonl file, each of the type `kind`; none where it is missing. What follows the last newline was
-    cut off by a kill, and is left out. Raises DataError."""
-    if not path.exists():
-        return
-    for number, row in enumerate(read_lines(path), 1):
-        check_as(row, kind, f"{path}, line {number} (remove it to have it asked again)")
-        yield row
 
 
-class RowWriter:
-    """Appends rows to a .jsonl file, each flushed at once; drops an unfinished last line first."""
-
-    def __init__(self, path: Path) -> None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        if path.exists():
-            os.truncate(path, whole_lines_bytes(path))
-        self._file = path.open("a", encoding="utf-8", newline="\n")
-
-    def append(self, row: Row) -> None:
-        """Append one row. Raises InvalidAnswer on NaN, which JSON has not."""
-        try:
-            text = json.dumps(row, allow_nan=False)
-        except ValueError:
-            raise InvalidAnswer(f"an answer holds a number that is not finite: {str(row)[:200]}") from None
-        with naming(Path(self._file.name)):
-            self._file.write(text + "\n")
-            self._file.flush()
-
-    def close(self) -> None:
-        """Append no more."""
-        self._file.close()
-
-    def __enter__(self) -> RowWriter:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self.close()
 
 
-class LineCounter:
-    """How many lines files have, reading only what was added since the last look."""
-
-    def __init__(self) -> None:
-        self._seen: dict[Path, tuple[int, int]] = {}
-
-    def count(self, path: Path) -> int:
-        """The lines that a file has by now; 0 where it is missing."""
-        offset, lines = self._seen.get(path, (0, 0))
-        try:
-            if path.stat().st_size < offset:  # another file by now
-                offset, lines = 0, 0
-            with path.open("rb") as file:
-                file.seek(offset)
-                added = file.read()
-        except FileNotFoundError:
-            return 0
-        whole = added.rfind(b"\n") + 1  # an unfinished line is read again: whoever resumes cuts it off
-        self._seen[path] = offset + whole, lines + added.count(b"\n")
-        return self._seen[path][1]

@@ -2,58 +2,38 @@
 
 from __future__ import annotations
 
+from salframe.evaluation.runs.task import AnyTask
+
 import threading
 import time
-import traceback
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from salframe.evaluation.runs.limits import Death, Guard, Limits
-from salframe.evaluation.tables.reported import Reported
+from salframe.evaluation.runs.limits import Death, Limits
+from salframe.evaluation.runs.method_row import MethodRow
+from salframe.evaluation.runs.records import Part, Record, Survey
 from salframe.evaluation.runs.request import Request, Resolved
-from salframe.evaluation.runs.result import Result
-from salframe.evaluation.runs.run_folder import (
-    CRASH_LOG,
-    DESCRIPTIONS,
-    ROWS,
-    LineCounter,
-    MethodStatus,
-    Outcome,
-    PieceStatus,
-    Row,
-    RowWriter,
-    Run,
-    identity_of,
-    read_rows,
-)
+from salframe.evaluation.runs.rows import DescriptionLine, LineCounter, PieceRow, PieceStatus, Row, RowWriter, read_rows
+from salframe.evaluation.runs.run_folder import DESCRIPTIONS, ROWS, MethodStatus, Outcome, Run, identity_of
 from salframe.evaluation.runs.shares import Share, join_outcomes, join_shares, share_folders, split_work
-from salframe.evaluation.runs.task import MethodRow, Part, Record, Survey, Task
-from salframe.framework.auto import Choice
+from salframe.evaluation.runs.task import Result, Task
+from salframe.evaluation.runs.work import work_share
+from salframe.evaluation.tables.reported import Reported
 from salframe.framework.config import ComponentConfig
 from salframe.framework.engine import Engine
-from salframe.framework.errors import (
-    FRAME_ERRORS,
-    ConfigError,
-    InputMissing,
-    MethodFailed,
-    MethodUnavailable,
-    RequirementMissing,
-    WeightsMissing,
-    WorkerDied,
-    describe_error,
-)
+from salframe.framework.errors import ConfigError, MethodFailed, WorkerDied, describe_error
 from salframe.framework.files import alone, write_json
 from salframe.framework.identity import digest
 from salframe.framework.registry import registry
 from salframe.localization.describing import describe_frames
 from salframe.localization.map_files import MAP_FORMAT
 from salframe.panoramas.camera_height import units_note
-from salframe.panoramas.opening import Progress, mapping_frames, open_dataset, provided
+from salframe.panoramas.opening import Progress, mapping_frames, open_dataset
 
 POLL_SECONDS = 0.5
 TRIES, DEATHS = 2, 3
@@ -63,7 +43,7 @@ Key = tuple[Any, ...]
 
 
 def run_task(
-    task: Task[Any, Any],
+    task: AnyTask,
     request: Request,
     resolved: Resolved,
     *,
@@ -83,7 +63,7 @@ def run_task(
 
 
 def _resume(
-    task: Task[Any, Any],
+    task: AnyTask,
     run: Run,
     known_as: Row,
     request: Request,
@@ -118,7 +98,7 @@ def _resume(
 class _Work:
     """What methods have to do in a run, and what has it done."""
 
-    task: Task[Any, Any]
+    task: AnyTask
     run: Run
     survey: Survey[Any]
     engine: Engine
@@ -162,7 +142,7 @@ class _Work:
     def _left(self, label: str, given_up: Collection[Key | None]) -> list[Key]:
         """What the pieces are known by that the method has not done and that are not given up."""
         rows = _by_key(self.task, self.run, label).items()
-        done = {key for key, row in rows if row["status"] != PieceStatus.CRASHED}
+        done = {key for key, row in rows if row.status != PieceStatus.CRASHED}
         return [key for key in map(self.task.key, self.survey.pieces) if key not in done and key not in given_up]
 
     def _answers(self, label: str, shares: Sequence[Share]) -> Iterator[Outcome | WorkerDied]:
@@ -177,7 +157,7 @@ class _Work:
 
     def _describe_maps(self, config: ComponentConfig, folder: Path) -> None:
         """Have the mapping frames described that are not known to be, and keep what each cost."""
-        known = {row["frame"] for row in read_rows(folder / DESCRIPTIONS)}
+        known = {row.frame for row in read_rows(folder / DESCRIPTIONS, DescriptionLine)}
         frames = [frame.id for frame in mapping_frames(self.survey.dataset) if frame.id not in known]
         with RowWriter(folder / DESCRIPTIONS) as costs:
             for frame, seconds in describe_frames(config, self.run.data(), frames, self.engine):
@@ -192,7 +172,7 @@ class _Work:
             rows.append({**known_by, **self.task.failed(piece), **crashed})
 
 
-def conclude(task: Task[Any, Any], run: Run, survey: Survey[Any], reported: tuple[Reported, ...] = ()) -> Result[Any]:
+def conclude(task: AnyTask, run: Run, survey: Survey[Any], reported: tuple[Reported, ...] = ()) -> Result[Any]:
     """The result of a run from its rows; writes its metrics and report, or notes that they cannot be written. Runs no
     method."""
     result, records = measure(task, run, survey, reported)
@@ -204,112 +184,54 @@ def conclude(task: Task[Any, Any], run: Run, survey: Survey[Any], reported: tupl
 
 
 def _write(
-    task: Task[Any, Any], run: Run, survey: Survey[Any], result: Result[Any], records: Sequence[Record]
+    task: AnyTask, run: Run, survey: Survey[Any], result: Result[Any], records: Sequence[Record[Any]]
 ) -> Path | None:
     """Write the metrics of a run and its page; the path of the page."""
-    for row, content in zip(result.rows, result.to_json()["rows"], strict=True):
-        write_json(run.folder(row.method) / "metrics.json", content)
+    for row in result.rows:
+        write_json(run.folder(row.method) / "metrics.json", row.to_json())
     task.write_files(run, survey, records)
-    view = task.view(result, records, survey)
-    if view is None:
-        return None
-    from salframe.evaluation.report.content import write_run_page
-
-    return write_run_page(view)
+    return task.write_page(result, records, survey)
 
 
 def measure(
-    task: Task[Any, Any], run: Run, survey: Survey[Any], reported: tuple[Reported, ...] = ()
-) -> tuple[Result[Any], list[Record]]:
+    task: AnyTask, run: Run, survey: Survey[Any], reported: tuple[Reported, ...] = ()
+) -> tuple[Result[Any], list[Record[Any]]]:
     """The result of a run from its rows, and these. Writes nothing."""
     records = [_record(task, run, label, survey) for label in run.labels]
     rows: Sequence[MethodRow] = task.summarize([(survey, records)], run.seed)
     told = (*run.notes(), *survey.notes)
-    return Result(task.name, run.directory, run.content, run.environment(), tuple(rows), None, told, reported), records
+    return Result(type(task), run.directory, run.content, run.environment(), tuple(rows), None, told, reported), records
 
 
-def pool(task: Task[Any, Any], directories: Sequence[Path]) -> Sequence[MethodRow]:
+def pool(task: AnyTask, directories: Sequence[Path]) -> Sequence[MethodRow]:
     """The rows of several runs of a task as of one. Runs no method."""
     return task.summarize(records_of(task, directories), Run.load(directories[-1]).seed)
 
 
-def records_of(task: Task[Any, Any], directories: Sequence[Path]) -> list[Part[Any]]:
+def records_of(task: AnyTask, directories: Sequence[Path]) -> list[Part[Any, Any]]:
     """What several runs of a task hold. Runs no method."""
-    parts: list[Part[Any]] = []
+    parts: list[Part[Any, Any]] = []
     for run in map(Run.load, directories):
         survey = task.survey(open_dataset(run.data()))
         parts.append((survey, [_record(task, run, label, survey) for label in run.labels]))
     return parts
 
 
-def work_share(task: Task[Any, Any], directory: Path, label: str, limits: Limits, share: Share) -> Outcome:
-    """Have one method of a run do its share, and keep what it makes of each piece; how that ended, whatever it
-    raises."""
-    run = Run.load(directory)
-    share.folder.mkdir(parents=True, exist_ok=True)
-    given: tuple[str, ...] = ()
-    guard = Guard(share.folder, limits)
-    try:
-        data = run.data()
-        config = run.method(label, task.role, Choice(data.kind, partial(provided, data)))
-        method = registry().build(task.role, config)
-        survey = task.survey(open_dataset(data))
-        given = task.given(label, method, survey.dataset)
-        keys = set(share.keys)
-        todo = [piece for piece in survey.pieces if task.key(piece) in keys]
-        with task.open(label, method, survey, todo, share.folder) as worker, RowWriter(share.folder / ROWS) as rows:
-            for piece in todo:
-                known_by = dict(zip(task.key_fields, task.key(piece), strict=True))
-                worker.prepare(piece)
-                with guard.watch(known_by):
-                    row = _attempt(task, worker.work, piece, share.folder)
-                rows.append({**known_by, **row})
-            outcome = Outcome(MethodStatus.DONE, worker.warning, given)
-    except (RequirementMissing, WeightsMissing, InputMissing, MethodUnavailable) as error:
-        return Outcome(MethodStatus.UNAVAILABLE, str(error), given)
-    except KeyboardInterrupt:
-        raise
-    except BaseException as error:  # a method is somebody else's code: whatever it raises costs its own row only
-        log_crash(share.folder, "the method")
-        return Outcome(MethodStatus.CRASHED, describe_error(error), given)
-    finally:
-        guard.close()
-    return outcome
-
-
-def _attempt(task: Task[Any, Any], work: Callable[[Any], Row], piece: Any, folder: Path) -> Row:
-    try:
-        return work(piece)
-    except MethodFailed:
-        raise
-    except FRAME_ERRORS as error:
-        return {**task.failed(piece), "status": PieceStatus.ERROR, "error": str(error)}
-    except Exception as error:  # a piece that breaks the method must not take the others with it
-        log_crash(folder, " ".join(map(str, task.key(piece))))
-        return {**task.failed(piece), "status": PieceStatus.CRASHED, "error": describe_error(error)}
-
-
-def log_crash(folder: Path, where: str) -> None:
-    """Keep the traceback of the exception that is being handled in the folder of a method or of its share."""
-    with (folder / CRASH_LOG).open("a", encoding="utf-8") as file:
-        file.write(f"{where}\n{traceback.format_exc()}\n")
-
-
-def _by_key(task: Task[Any, Any], run: Run, label: str) -> dict[Key, Row]:
+def _by_key(task: AnyTask, run: Run, label: str) -> dict[Key, PieceRow]:
     """Rows by what their piece is known by; of a piece asked again, the last."""
-    return {tuple(row.get(field) for field in task.key_fields): row for row in run.rows(label, task.row)}
+    return {tuple(getattr(row, field) for field in task.key_fields): row for row in run.rows(label, task.row)}
 
 
-def _finished(task: Task[Any, Any], run: Run, label: str, survey: Survey[Any]) -> bool:
+def _finished(task: AnyTask, run: Run, label: str, survey: Survey[Any]) -> bool:
     outcome = run.outcome(label)
     if outcome is None or outcome.status is not MethodStatus.DONE:
         return False
     rows = _by_key(task, run, label)
     keys = map(task.key, survey.pieces)
-    return all(key in rows and rows[key]["status"] != PieceStatus.CRASHED for key in keys)
+    return all(key in rows and rows[key].status != PieceStatus.CRASHED for key in keys)
 
 
-def _record(task: Task[Any, Any], run: Run, label: str, survey: Survey[Any]) -> Record:
+def _record(task: AnyTask, run: Run, label: str, survey: Survey[Any]) -> Record[Any]:
     known, outcome = _by_key(task, run, label), run.outcome(label)
     rows = tuple(known.get(task.key(piece)) for piece in survey.pieces)
     answered = len(rows) - rows.count(None)
@@ -321,7 +243,7 @@ def _record(task: Task[Any, Any], run: Run, label: str, survey: Survey[Any]) -> 
 
 
 @contextmanager
-def _watch(task: Task[Any, Any], run: Run, total: int, progress: Progress | None) -> Iterator[None]:
+def _watch(task: AnyTask, run: Run, total: int, progress: Progress | None) -> Iterator[None]:
     """Tell the progress of each method while the block runs, by the lines in its folder: whatever engine runs it."""
     if progress is None:
         yield

@@ -10,7 +10,8 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from salframe.evaluation.runs.run_folder import CRASH_LOG, DESCRIPTIONS, MAPS, ROWS, MethodStatus, Outcome, RowWriter, read_rows
+from salframe.evaluation.runs.rows import Row, RowWriter, read_rows
+from salframe.evaluation.runs.run_folder import CRASH_LOG, DESCRIPTIONS, MAPS, ROWS, MethodStatus, Outcome
 from salframe.framework.files import read_text, write_text
 
 SHARES = "shares"
@@ -58,9 +59,9 @@ def join_shares(folder: Path) -> None:
 
 def _append(source: Path, target: Path) -> None:
     """Append rows that are not there: each share tells of the map that it was given."""
-    known = set(map(json.dumps, read_rows(target)))
+    known = set(map(json.dumps, read_rows(target, Row)))
     with RowWriter(target) as rows:
-        for row in read_rows(source):
+        for row in read_rows(source, Row):
             if json.dumps(row) not in known:
                 rows.append(row)
 

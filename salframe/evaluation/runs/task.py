@@ -3,125 +3,35 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import Any, ClassVar, Generic, Self, TypeVar
 
-from salframe.evaluation.runs.rows import PieceRow
-from salframe.evaluation.runs.run_folder import ROWS, MethodStatus, Outcome, PieceStatus, Row, Run
-from salframe.framework.auto import needs_of, why_unfit
-from salframe.framework.component import Component
-from salframe.framework.config import components_in
-from salframe.framework.errors import InputMissing
-from salframe.framework.registry import registry
-from salframe.graphs.detector import Detector
-from salframe.localization.describing import estimates_range, required_parts
-from salframe.localization.localizer import Localizer
+from salframe.evaluation.runs.inputs import parts_given
+from salframe.evaluation.runs.method_row import MethodRow
+from salframe.evaluation.runs.records import Part, Piece, PieceRowT, Record, Surveyed
+from salframe.evaluation.runs.request import Request, Resolved, resolve
+from salframe.evaluation.runs.rows import PieceRow, Row
+from salframe.evaluation.runs.run_folder import ROWS, Run
+from salframe.evaluation.tables.columns import SEEDS, Column
+from salframe.evaluation.tables.reported import Reported
+from salframe.evaluation.tables.table import Table, draw_table
+from salframe.framework.config import Settings
 from salframe.panoramas.dataset import Dataset
-from salframe.panoramas.range_model import RangeModel
 
-Piece = TypeVar("Piece")
-Surveyed = TypeVar("Surveyed", bound="Survey[Any]")
-
-ORDER = ("annotations", "rgb", "range")
-"""In which the parts of panoramas are named."""
-ESTIMATED_RANGE = "estimated range"
-"""What a method is given whose range model estimates the range that a data set lacks."""
+LineT = TypeVar("LineT", bound=MethodRow)
+RESULT_FORMAT = 1
+"""Version of the layout of `to_json`: it changes whenever a key is renamed or has another meaning."""
 
 
-@dataclass(frozen=True, eq=False)
-class Survey(Generic[Piece]):
-    """A task on a data set: its pieces in the order of the table, and what must be said of those left out."""
-
-    dataset: Dataset
-    pieces: Sequence[Piece]
-    notes: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, kw_only=True)
-class MethodRow(ABC):
-    """A method's line in the table of a task; numbers are None where there is nothing to measure.
-
-    given: which parts of panoramas it was given, with the errors put into them, ESTIMATED_RANGE among them where it
-    was; available: whether it can run here; ended: how its work ended; reason: why it was not measured, or a warning;
-    status: how often each status occurred; errors: the first message of each status that has one; by_part: its first
-    figure on each data set, where it was asked on several.
-    """
-
-    method: str
-    given: tuple[str, ...] = ()
-    available: bool = True
-    ended: MethodStatus = MethodStatus.DONE
-    reason: str | None = None
-    status: Mapping[str, int] = field(default_factory=dict)
-    errors: Mapping[str, str] = field(default_factory=dict)
-    by_part: tuple[float, ...] = ()
+class TaskOptions(Settings):
+    """What a study sets of a task besides methods and data."""
 
     @property
-    @abstractmethod
-    def measured(self) -> bool:
-        """Whether the method has numbers."""
-
-    @property
-    def remark(self) -> str | None:
-        """What must be said beside its numbers: what it was given that was not measured, and why it was not measured
-        itself, or a warning."""
-        marks = [f"given {', '.join(self.given).replace('rgb', 'colour')}"] if ESTIMATED_RANGE in self.given else []
-        return "; ".join([*marks, *([self.reason] if self.reason else [])]) or None
-
-    @property
-    def crashed(self) -> bool:
-        """Whether the method raised or died, on a piece or altogether."""
-        return self.ended is MethodStatus.CRASHED or PieceStatus.CRASHED in self.status
-
-
-@dataclass(frozen=True, eq=False)
-class Record:
-    """What a run holds of a method: how it ended, its rows in the order of the pieces (None: none yet), its folder."""
-
-    label: str
-    outcome: Outcome
-    rows: tuple[Row | None, ...]
-    folder: Path
-
-    @property
-    def done(self) -> bool:
-        """Whether all of its work is done."""
-        return self.outcome.status is MethodStatus.DONE
-
-
-Part = tuple[Surveyed, Sequence[Record]]
-"""A task on a data set, and what each method made of it, in the order of the table."""
-
-
-def by_method(parts: Sequence[Part[Any]]) -> list[list[Record]]:
-    """The records of each method on every data set, in the order of the table."""
-    return [list(records) for records in zip(*(records for _, records in parts), strict=True)]
-
-
-def in_common(records: Sequence[Record]) -> dict[str, Any]:
-    """The fields of MethodRow, of what a method made of one data set or several."""
-    worst = max((record.outcome for record in records), key=lambda outcome: list(MethodStatus).index(outcome.status))
-    errors: dict[str, str] = {}
-    statuses: list[str] = []
-    for record in records:
-        for row in record.rows:
-            if row is not None and row.get("error"):
-                errors.setdefault(row["status"], row["error"])
-        if record.outcome.status in (MethodStatus.DONE, MethodStatus.CRASHED):
-            statuses += [PieceStatus.CRASHED if row is None else row["status"] for row in record.rows]
-    reasons = dict.fromkeys(record.outcome.reason for record in records if record.outcome.reason)
-    return {
-        "method": records[0].label,
-        "given": worst.given,
-        "available": worst.status is not MethodStatus.UNAVAILABLE,
-        "ended": worst.status,
-        "reason": "; ".join(reasons) or None,
-        "status": count_statuses(statuses),
-        "errors": errors,
-    }
+    def in_data_folder(self) -> bool:
+        """Whether they name files in the folder of the data."""
+        return False
 
 
 class Worker(ABC, Generic[Piece]):
@@ -154,23 +64,78 @@ class Worker(ABC, Generic[Piece]):
         self.close()
 
 
-class Task(ABC, Generic[Piece, Surveyed]):
-    """Something that methods are measured by. An instance says what is asked, and can be pickled.
+class Task(ABC, Generic[Piece, Surveyed, PieceRowT, LineT]):
+    """Something that methods are measured by. An instance says what is measured, and can be pickled.
 
-    `name` is known in run folders; `version` changes whenever rows of the same answers do; `role`: what its methods
-    are; `prefix`: of run folders without a name of their own; `counts`: what its pieces are called; `key_fields`: what
-    a piece is known by in rows; `row`: what must stand in one; `counted`: files whose lines tell how far a method is.
+    Attributes:
+        name: Name in run folders.
+        version: Changes whenever the rows of the same answers do.
+        role: Role of the methods.
+        prefix: Start of the names of run folders that have no name of their own.
+        counts: Word for its pieces.
+        key_fields: Fields of a row that identify its piece.
+        row: Type of the rows of rows.jsonl.
+        line: Type of a method's line in the table.
+        columns: Columns of the table by name.
+        usual: Names of the columns that are shown by default.
+        Options: Type of the options that studies set.
+        counted: Files whose numbers of lines are the progress of a method.
+        maps: Whether methods index the maps of the dataset's folds.
     """
 
     name: ClassVar[str]
     version: ClassVar[str] = "1"
     role: ClassVar[str] = "localizer"
     prefix: ClassVar[str] = ""
-    row: ClassVar[type[PieceRow]] = PieceRow
     counts: ClassVar[str]
     key_fields: ClassVar[tuple[str, ...]]
+    row: ClassVar[type[PieceRow]]
+    line: ClassVar[type[MethodRow]]
+    columns: ClassVar[Mapping[str, Column[Any]]]
+    usual: ClassVar[tuple[str, ...]]
+    Options: ClassVar[type[TaskOptions]] = TaskOptions
     counted: ClassVar[tuple[str, ...]] = (ROWS,)
     maps: ClassVar[bool] = False
+
+    @classmethod
+    def vary(cls, options: TaskOptions) -> list[tuple[dict[str, Any], TaskOptions]]:
+        """Return the options of each row of a study, with the settings that name the row; one row by default."""
+        return [({}, options)]
+
+    @classmethod
+    def plan(cls, request: Request, options: TaskOptions) -> tuple[Task[Any, Any, Any, Any], Resolved]:
+        """Return the task and the methods of a request. Raises SalframeError on wrong names and settings."""
+        return cls(), resolve(request, cls.role)
+
+    @classmethod
+    def tables(
+        cls, rows: Sequence[LineT], columns: Sequence[str] = (), leading: Mapping[str, Sequence[str]] | None = None
+    ) -> list[Table]:
+        """Return the tables of methods.
+
+        Args:
+            rows: A line for each method.
+            columns: Names of the columns; by default the usual ones, without per-seed ranges where there are none.
+            leading: Text of each row by heading, left of the columns; the method's label by default.
+        """
+        return [draw_table(cls.select_columns(rows, columns), rows, leading)]
+
+    @classmethod
+    def select_columns(cls, rows: Sequence[LineT], names: Sequence[str] = ()) -> list[Column[Any]]:
+        """Return the columns of these names; by default the usual ones."""
+        selected = [cls.columns[name] for name in names or cls.usual]
+        spread = bool(names) or any(row.by_part for row in rows)
+        return [column for column in selected if spread or column is not SEEDS]
+
+    @classmethod
+    def details(cls, rows: Sequence[LineT]) -> list[Table]:
+        """Return more tables, which are shown on request; none by default."""
+        return []
+
+    @classmethod
+    def legend(cls, rows: Sequence[LineT]) -> list[str]:
+        """Return notes on the columns of a table, one line each; none by default."""
+        return []
 
     def asks(self) -> dict[str, Any]:
         """What the task asks beyond the data set's own pieces, as JSON that `from_run` reads."""
@@ -182,7 +147,7 @@ class Task(ABC, Generic[Piece, Surveyed]):
 
     @classmethod
     @abstractmethod
-    def from_run(cls, run: Run) -> Task[Piece, Surveyed]:
+    def from_run(cls, run: Run) -> Self:
         """The task of a run folder."""
 
     @abstractmethod
@@ -214,56 +179,87 @@ class Task(ABC, Generic[Piece, Surveyed]):
         return {}
 
     @abstractmethod
-    def summarize(self, parts: Sequence[Part[Surveyed]], seed: int) -> Sequence[MethodRow]:
+    def summarize(self, parts: Sequence[Part[Surveyed, PieceRowT]], seed: int) -> Sequence[LineT]:
         """A line of the table for each method, in order: over one data set, or over several of one kind at once."""
 
-    def view(self, result: Any, records: Sequence[Record], survey: Surveyed) -> Any:
-        """What a page shows of a Result, a RunView; None where the task has no page."""
+    def write_page(self, result: Result[LineT], records: Sequence[Record[PieceRowT]], survey: Surveyed) -> Path | None:
+        """Write the page of a run into its folder and return its path; None, the default: the task has no page."""
         return None
 
-    def write_files(self, run: Run, survey: Surveyed, records: Sequence[Record]) -> None:
+    def write_files(self, run: Run, survey: Surveyed, records: Sequence[Record[PieceRowT]]) -> None:
         """Write what a run folder of this task holds beside rows, metrics and page."""
         return None
 
 
-def count_statuses(statuses: Iterable[str]) -> dict[str, int]:
-    """How often each status occurred, "ok" first, then by frequency."""
-    counts = Counter(map(str, statuses))
-    return dict(sorted(counts.items(), key=lambda entry: (entry[0] != PieceStatus.OK, -entry[1], entry[0])))
+AnyTask = Task[Any, Any, Any, Any]
+"""A task of any pieces and rows."""
 
 
-def parts_needed(method: Any, dataset: Dataset) -> frozenset[str]:
-    """What a method, a localizer or another component with `needs`, needs of the panoramas of a data set."""
-    return required_parts(method, dataset.provides) if isinstance(method, Localizer) else method.needs
+class Rows:
+    """Rows of methods, and whether they came to anything."""
+
+    rows: tuple[Any, ...]
+
+    @property
+    def measured(self) -> bool:
+        """Whether some method was measured."""
+        return any(row.measured for row in self.rows)
+
+    @property
+    def crashed(self) -> bool:
+        """Whether some method raised or died, on a piece or altogether."""
+        return any(row.crashed for row in self.rows)
 
 
-def parts_given(method: Component, dataset: Dataset) -> tuple[str, ...]:
-    """Which parts of a data set's panoramas a method is given: what it needs or uses, with the errors that a detector
-    puts into it, and range where it is estimated."""
-    used = method.uses & dataset.provides if isinstance(method, Localizer) else frozenset[str]()
-    parts = sorted(parts_needed(method, dataset) | used, key=ORDER.index)
-    for _, inner in components_in(method.config):
-        if issubclass(inner.component, Detector):
-            noise = inner.component.noise_in(inner, dataset.rendered)
-            parts = [f"{part} + {noise} noise" if noise and part in inner.component.needs else part for part in parts]
-    estimates = isinstance(method, Localizer) and estimates_range(method, dataset.provides)
-    return (*parts, *([ESTIMATED_RANGE] if estimates else []))
+@dataclass(frozen=True, eq=False)
+class Result(Rows, Generic[LineT]):
+    """A run and its table, a row a method.
 
+    kind: its task; request: what was asked, as the run folder keeps it; environment: the data's fingerprint, versions,
+    machine; report: the page to look at, None where the task draws none; notes: which method ran instead of another,
+    what was left out, a line each; reported: what papers report beside it.
+    """
 
-def check_needs(method: Component, dataset: Dataset) -> None:
-    """Raises InputMissing where a data set lacks what a method needs: whose need it is, and what would do without."""
-    absent = parts_needed(method, dataset) - dataset.provides
-    if not absent:
-        return
-    words = " and ".join(sorted(absent))
-    models = registry().names(RangeModel.role) if getattr(method.config, "range", method) is None else []
-    estimate = " or ".join(f"--set range.kind={name}" for name in models) if absent == {"range"} else ""
-    for slot, inner in components_in(method.config):
-        role = inner.component.role
-        if absent & needs_of(inner):
-            able = [n for n in registry().names(role) if why_unfit(registry().get(role, n), dataset.provides) is None]
-            hint = " or ".join(f"--set {slot}.kind={name}" for name in able)
-            advice = f"what can do without: {hint}" if able else f"no {role} at hand can do without"
-            advice += f"; what can estimate it: {estimate}" if estimate else ""
-            raise InputMissing(f"its {role} {inner.kind!r} needs {words}, which {dataset.name} does not have; {advice}")
-    raise InputMissing(f"needs {words}, which {dataset.name} does not have")
+    kind: type[AnyTask]
+    run: Path
+    request: Mapping[str, Any]
+    environment: Mapping[str, Any]
+    rows: tuple[LineT, ...]
+    report: Path | None = None
+    notes: tuple[str, ...] = ()
+    reported: tuple[Reported, ...] = ()
+
+    @property
+    def task(self) -> str:
+        """The name of the task."""
+        return self.kind.name
+
+    @property
+    def where(self) -> str:
+        """Where to look on."""
+        return f"run: {self.run}" if self.report is None else f"report: {self.report}"
+
+    def tables(self) -> list[Table]:
+        """The rows as tables."""
+        return self.kind.tables(self.rows)
+
+    def row(self, method: str) -> LineT:
+        """The row of a method by its label. Raises KeyError."""
+        return {row.method: row for row in self.rows}[method]
+
+    def to_json(self) -> dict[str, Any]:
+        """All of it; "format" numbers the layout."""
+        content: dict[str, Any] = {
+            "format": RESULT_FORMAT,
+            "task": self.task,
+            "run": str(self.run),
+            "report": None if self.report is None else str(self.report),
+            "request": dict(self.request),
+            "data_fingerprint": self.environment["dataset_fingerprint"],
+            "versions": {name: self.environment[name] for name in ("python", "packages", "plugins")},
+            "rows": [row.to_json() for row in self.rows],
+            "notes": list(self.notes),
+        }
+        if self.reported:
+            content["reported"] = [paper.model_dump(mode="json") for paper in self.reported]
+        return content

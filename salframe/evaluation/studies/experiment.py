@@ -2,42 +2,32 @@
 
 from __future__ import annotations
 
-import os
-import platform
 import shutil
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
-from datetime import date
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, Literal
 
 from pydantic import Field
 
 from salframe.evaluation.runs.request import Request
-from salframe.evaluation.runs.run_folder import MethodStatus, PieceStatus, Run, identity_of
-from salframe.evaluation.studies.study import Arm, Study, StudyResult, leading_columns, plan, run_study
-from salframe.evaluation.tables.columns import COLUMNS
+from salframe.evaluation.runs.run_folder import identity_of
+from salframe.evaluation.studies.kept import KEPT_FORMAT, Kept, has_ended, keep, kept_tables, read_results
+from salframe.evaluation.studies.study import PooledRuns, Study, StudyResult, plan, run_study
 from salframe.evaluation.tables.reported import ReportedTable, read_reported
-from salframe.evaluation.tables.table import Table, tables_of
+from salframe.evaluation.tables.table import Table
 from salframe.framework.config import Settings, merge, read_yaml, validate
 from salframe.framework.errors import ConfigError, InputMissing, SalframeError, UnknownName, unknown
-from salframe.framework.files import read_model, write_json
+from salframe.framework.files import write_json
 from salframe.framework.identity import digest, identity
 from salframe.framework.presets import SUFFIXES
 from salframe.framework.registry import registry
-from salframe.framework.version import __version__
 from salframe.panoramas.opening import Progress
 
 FOLDER = "experiments"
 """Of presets, that holds the experiments."""
 RESULTS = Path("docs") / "results"
 """Where results are kept unless somewhere else is named."""
-FORMAT: Literal[1] = 1
-DIGITS = 6
-"""Numbers are kept to so many significant digits."""
-NOT_KEPT = frozenset({"errors", "reason", "classes", "joined"})
-"""Fields of rows that may name what is in the data."""
 
 
 class TableStudy(Study):
@@ -60,34 +50,6 @@ class Experiment(Settings):
     tables: dict[str, TableStudy]
 
 
-class Kept(Settings):
-    """What came of a table. known_by: the hash of its settings and of the versions of its components; rows: the fields
-    of each row that name nothing of the data; settings: what varied for it; seconds: how long the work of all methods
-    took, None where some of it was resumed."""
-
-    known_by: str
-    date: str
-    version: str
-    machine: str
-    settings: tuple[dict[str, Any], ...]
-    rows: tuple[dict[str, Any], ...]
-    seconds: float | None = None
-
-    @property
-    def ended(self) -> bool:
-        """Whether every method did what it was asked: what crashed, or lacked something here, is measured again."""
-        done = (row.get("ended") == MethodStatus.DONE and PieceStatus.CRASHED not in row["status"] for row in self.rows)
-        return all(done)
-
-
-class Results(Settings):
-    """The file of an experiment's results: tables by name, of the whole measurement and of the quick one."""
-
-    format: Literal[1] = FORMAT
-    whole: dict[str, Kept] = Field({})
-    quick: dict[str, Kept] = Field({})
-
-
 @dataclass(frozen=True, eq=False)
 class TableResult:
     """A table of an experiment. kept: what came of it, now or before; skipped: why it was not measured; fresh: what was
@@ -101,7 +63,7 @@ class TableResult:
 
     def tables(self) -> list[Table]:
         """The rows as text."""
-        shown = [] if self.kept is None else kept_tables(self.study, self.kept)
+        shown = [] if self.kept is None else kept_tables(self.study, self.kept, self.study.columns)
         return [replace(table, title=", ".join(filter(None, (self.study.title, table.title)))) for table in shown]
 
 
@@ -125,7 +87,7 @@ class ExperimentResult:
         """What was kept of it, and what was skipped."""
         kept = {table.name: table.kept.model_dump(mode="json") for table in self.tables if table.kept}
         skipped = {table.name: table.skipped for table in self.tables if table.skipped}
-        return {"format": FORMAT, "experiment": self.name, "quick": self.quick, "tables": kept, "skipped": skipped}
+        return {"format": KEPT_FORMAT, "experiment": self.name, "quick": self.quick, "tables": kept, "skipped": skipped}
 
 
 def experiment_names() -> list[str]:
@@ -142,9 +104,9 @@ def read_experiment(name: str | Path) -> Experiment:
         raise UnknownName(unknown("experiment", str(name), experiment_names()))
     experiment: Experiment = validate(Experiment, read_yaml(path), f"{name}:")
     for table in experiment.tables.values():
-        absent = [column for column in table.columns if column not in COLUMNS[table.task]]
+        absent = [column for column in table.columns if column not in table.kind.columns]
         if absent:
-            raise ConfigError(f"{name}: {unknown('column', absent[0], list(COLUMNS[table.task]))}")
+            raise ConfigError(f"{name}: {unknown('column', absent[0], list(table.kind.columns))}")
     return experiment
 
 
@@ -186,7 +148,7 @@ def _table(
         request = _with_data(study, request)
         known_by = _known_by(plan(study, request))
         known = (one for one in (results.whole.get(name), results.quick.get(name)) if one and one.known_by == known_by)
-        there = [one for one in known if one.ended]
+        there = [one for one in known if has_ended(study, one)]
         if there and not force:
             kept = there[0]
         else:
@@ -218,7 +180,7 @@ def _with_data(study: Study, request: Request) -> Request:
     """The request with its folder of data where the study's data is in a folder, otherwise without. Raises InputMissing
     where there is none."""
     without = replace(request, data_dir=None)
-    if request.data_dir is not None and isinstance(study.episodes, str):
+    if request.data_dir is not None and study.options.in_data_folder:
         return request  # its episodes are in the folder too
     configs = [resolved.data for arm in plan(study, without) for _, _, resolved in arm.runs]
     if not any(getattr(config, "root", "") is None for config in configs):
@@ -228,7 +190,7 @@ def _with_data(study: Study, request: Request) -> Request:
     return request
 
 
-def _known_by(arms: Sequence[Arm]) -> str:
+def _known_by(arms: Sequence[PooledRuns]) -> str:
     """The hash of all that a table depends on but for the content of folders."""
     runs = []
     for arm in arms:
@@ -252,67 +214,6 @@ def in_quick(study: TableStudy, where: str) -> TableStudy | None:
         over["methods"] = {name: content["methods"][name] for name in over["methods"]}
         del content["methods"]
     return validate(TableStudy, merge(content, over), f"{where}: quick")
-
-
-def keep(result: StudyResult, known_by: str) -> Kept:
-    """What is kept of a table: numbers and what they are of, but no word of the data."""
-    rows = []
-    for row in result.rows:
-        content = {key: _short(value) for key, value in asdict(row).items() if key not in NOT_KEPT}
-        rows.append({**content, "measured": row.measured})
-    machine = f"{os.cpu_count()} cores, {platform.machine()}"
-    told = tuple(dict(given) for given in result.settings)
-    today = date.today().isoformat()
-    return Kept(
-        known_by=known_by,
-        date=today,
-        version=__version__,
-        machine=machine,
-        settings=told,
-        rows=tuple(rows),
-        seconds=_short(_spent(result.runs)),
-    )
-
-
-def _spent(directories: Sequence[Path]) -> float | None:
-    """How long the work of all methods of some runs took; None where some of it was resumed, or has not ended."""
-    runs = [Run.load(directory) for directory in directories]
-    outcomes = [run.outcome(label) for run in runs for label in run.labels]
-    spent = [outcome.seconds for outcome in outcomes if outcome and outcome.seconds is not None]
-    return sum(spent) if len(spent) == len(outcomes) else None
-
-
-def _short(value: Any) -> Any:
-    """A value with its numbers to DIGITS."""
-    if isinstance(value, float):
-        return float(f"{value:.{DIGITS}g}")
-    if isinstance(value, dict):
-        return {key: _short(one) for key, one in value.items()}
-    return [_short(one) for one in value] if isinstance(value, list | tuple) else value
-
-
-class _KeptRow(SimpleNamespace):
-    """A row that was kept. Fields that came later are None."""
-
-    def __getattr__(self, name: str) -> None:
-        return None
-
-
-def _kept_row(row: Mapping[str, Any]) -> _KeptRow:
-    overall, lines = row.get("overall") or {}, row.get("lines", {})
-    parts = {"overall": _KeptRow(**overall), "lines": {name: _KeptRow(**line) for name, line in lines.items()}}
-    return _KeptRow(**{**row, **parts})
-
-
-def kept_tables(study: TableStudy, kept: Kept) -> list[Table]:
-    """The tables of what was kept."""
-    rows = [_kept_row(row) for row in kept.rows]
-    return tables_of(study.task, rows, study.columns, leading_columns(rows, kept.settings))
-
-
-def read_results(file: Path) -> Results:
-    """The results in a file, none where there is no such file. Raises DataError on another content."""
-    return read_model(file, Results) if file.exists() else Results()
 
 
 def reported_in(experiment: Experiment) -> tuple[tuple[str, ReportedTable], ...]:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from salframe.evaluation.runs.task import check_needs
+from salframe.evaluation.runs.inputs import check_needs
 from salframe.framework.cache import Cache
 from salframe.framework.config import merge, nest, parse_override, validate
 from salframe.framework.errors import FRAME_ERRORS, ConfigError, DataError

@@ -5,33 +5,27 @@ from __future__ import annotations
 import itertools
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
-from pydantic import Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
-from salframe.evaluation.runs.request import Request, Resolved, Variant, resolve
-from salframe.evaluation.runs.result import FORMAT, Result, Rows
+from salframe.evaluation.runs.method_row import MethodRow
+from salframe.evaluation.runs.request import Request, Resolved, Variant
 from salframe.evaluation.runs.runner import pool, run_task
-from salframe.evaluation.runs.task import MethodRow, Task
+from salframe.evaluation.runs.task import RESULT_FORMAT, AnyTask, Result, Rows, TaskOptions
 from salframe.evaluation.tables.reported import Reported
-from salframe.evaluation.tables.table import METHOD, Table, tables_of
-from salframe.evaluation.tasks.detection.task import DetectionTask
-from salframe.evaluation.tasks.localization.task import LocalizationTask
-from salframe.evaluation.tasks.matching.task import MatchingTask
-from salframe.evaluation.tasks.navigation.task import Positioning, plan_navigation
-from salframe.evaluation.tasks.running.task import RunningTask
-from salframe.evaluation.tasks.scale.task import ScaleTask
-from salframe.evaluation.tasks.sensor.task import SensorTask
+from salframe.evaluation.tables.table import METHOD, Table
+from salframe.evaluation.tasks.all import DEFAULT, find_task
 from salframe.framework.config import Settings, read_yaml, validate
-from salframe.framework.errors import ConfigError, unknown
+from salframe.framework.errors import ConfigError, UnknownName, unknown
 from salframe.framework.presets import settings, short_name
 from salframe.framework.registry import registry
 from salframe.framework.settings import spell_value
 from salframe.panoramas.opening import Progress
 
-DATA, ARM, SEED, SCENES = "data", "arm", "data.seed", "scenes"
+DATA, ARM, SEED = "data", "arm", "data.seed"
 
 
 class StudiedMethod(Settings):
@@ -42,11 +36,12 @@ class StudiedMethod(Settings):
 
 
 class Study(Settings):
-    """The content of a study's file. Keys of `set` and `vary` are dotted, as `--set` takes them."""
+    """The content of a study's file, with the options of its task. Keys of `set` and `vary` are dotted, as `--set`
+    takes them."""
 
-    task: Literal["localization", "matching", "detection", "sensor", "navigation", "scale", "running"] = Field(
-        "localization", description="what is measured"
-    )
+    model_config = ConfigDict(extra="allow")
+
+    task: str = Field(DEFAULT, description="what is measured")
     method: str | None = Field(None, description="the method to study; a detector of the tasks detection and sensor")
     methods: tuple[str, ...] | dict[str, str | StudiedMethod] = Field(
         (), description="or several; by what they are called where they have settings of their own"
@@ -60,26 +55,42 @@ class Study(Settings):
     arms: dict[str, dict[str, Any]] = Field(
         {}, description="settings of the data that go together, by what they are called; a row each"
     )
-    episodes: int | str = Field(100, description="navigation: how many are drawn in each data set, or TASK:SPLIT")
-    positioning: Positioning = Field(Positioning.ON, description="navigation: with poses, without, or both and more")
-    scenes: tuple[int, ...] = Field((), description="scale: how many the map has, a row each")
 
     @model_validator(mode="after")
     def _check(self) -> Study:
         if (self.method is None) == (not self.methods):
             raise ValueError("expected either method or methods")
         empty = [key for key, values in self.vary.items() if not values]
-        if (self.task == "scale") != bool(self.scenes):
-            raise ValueError("expected scenes of the task scale, and of no other")
         if empty:
             raise ValueError(f"vary.{', '.join(empty)} holds no value, expected at least one")
+        try:
+            kind = self.kind
+        except UnknownName as error:
+            raise ValueError(str(error)) from None
+        known = [*type(self).model_fields, *kind.Options.model_fields]
+        absent = [key for key in self.model_extra or {} if key not in known]
+        if absent:
+            raise ValueError(f"unknown key {absent[0]} (known: {', '.join(known)})")
+        try:
+            validate(kind.Options, self.model_extra or {}, self.task)
+        except ConfigError as error:
+            raise ValueError(str(error)) from None
         return self
+
+    @property
+    def kind(self) -> type[AnyTask]:
+        """The task."""
+        return find_task(self.task)
+
+    @property
+    def options(self) -> TaskOptions:
+        """The options of the task."""
+        return self.kind.Options.model_validate(self.model_extra or {})
 
     @property
     def role(self) -> str:
         """What the methods are."""
-        detecting = (DetectionTask.name, SensorTask.name)
-        return DetectionTask.role if self.task in detecting else LocalizationTask.role
+        return self.kind.role
 
     def variants(self) -> tuple[list[Variant], list[Mapping[str, Any]]]:
         """The methods with every combination of the settings that vary, and what these are for each. Raises ConfigError
@@ -126,13 +137,18 @@ class StudyResult(Rows):
     by key, the data set under "data" where there are several, an arm under "arm". runs: the folders; report: the page
     of a single one."""
 
-    task: str
+    kind: type[AnyTask]
     runs: tuple[Path, ...]
     rows: tuple[Any, ...]
     settings: tuple[Mapping[str, Any], ...]
     notes: tuple[str, ...] = ()
     reported: tuple[Reported, ...] = ()
     report: Path | None = None
+
+    @property
+    def task(self) -> str:
+        """The name of the task."""
+        return self.kind.name
 
     @property
     def where(self) -> str:
@@ -143,21 +159,24 @@ class StudyResult(Rows):
 
     def tables(self) -> list[Table]:
         """The rows as tables, a column for each setting that varies."""
-        return tables_of(self.task, self.rows, (), leading_columns(self.rows, self.settings))
+        return self.kind.tables(self.rows, (), leading_columns(self.kind, self.rows, self.settings))
 
     def to_json(self) -> dict[str, Any]:
         """All of it; "format" numbers the layout."""
-        rows = [{"settings": dict(given), **asdict(row)} for given, row in zip(self.settings, self.rows, strict=True)]
+        rows = [{"settings": dict(given), **row.to_json()} for given, row in zip(self.settings, self.rows, strict=True)]
         runs = [str(run) for run in self.runs]
-        return {"format": FORMAT, "task": self.task, "runs": runs, "rows": rows, "notes": list(self.notes)}
+        return {"format": RESULT_FORMAT, "task": self.task, "runs": runs, "rows": rows, "notes": list(self.notes)}
 
 
-def leading_columns(rows: Sequence[Any], settings: Sequence[Mapping[str, Any]]) -> dict[str, list[str]]:
+def leading_columns(
+    kind: type[AnyTask], rows: Sequence[MethodRow], settings: Sequence[Mapping[str, Any]]
+) -> dict[str, list[str]]:
     """What names the rows of a study: the settings of the data, the method, its settings; a blank where one is not
     varied."""
     keys = list(dict.fromkeys(key for given in settings for key in given))
     told = {key: [spell_value(given[key]) if key in given else "" for given in settings] for key in keys}
-    of_data = {key: texts for key, texts in told.items() if key in (DATA, ARM, SCENES) or key.startswith(f"{DATA}.")}
+    names = (DATA, ARM, *kind.Options.model_fields)
+    of_data = {key: texts for key, texts in told.items() if key in names or key.startswith(f"{DATA}.")}
     methods = {METHOD: [_name(row.method) for row in rows]}
     return {**of_data, **methods, **{key: texts for key, texts in told.items() if key not in of_data}}
 
@@ -189,14 +208,14 @@ def ablate(file: str | Path, request: Request, *, progress: Progress | None = No
 
 
 @dataclass(frozen=True, eq=False)
-class Arm:
+class PooledRuns:
     """Runs whose rows are pooled, a request each with what it is resolved to; settings: those of the data that vary."""
 
-    runs: Sequence[tuple[Task[Any, Any], Request, Resolved]]
+    runs: Sequence[tuple[AnyTask, Request, Resolved]]
     settings: Mapping[str, Any]
 
 
-def plan(study: Study, request: Request) -> list[Arm]:
+def plan(study: Study, request: Request) -> list[PooledRuns]:
     """The runs of a study. Raises ConfigError on keys that nobody has."""
     of_data = study.varied(of_data=True)
     called = list(study.arms.items()) or [("", {})]
@@ -204,29 +223,20 @@ def plan(study: Study, request: Request) -> list[Arm]:
     variants, _ = study.variants()
     arms = []
     varied = (study.vary[key] for key in of_data)
-    for name, (arm, together), scenes, *values in itertools.product(names, called, study.scenes or (0,), *varied):
+    options = study.kind.vary(study.options)
+    for name, (arm, together), (varied_options, option), *values in itertools.product(names, called, options, *varied):
         chosen = dict(zip(of_data, values, strict=True))
         runs = []
         for seed in [{SEED: seed} for seed in study.seeds] or [{}]:
             given = {**study.set, **together, **chosen, **seed}
             fixed = [f"{key}={json.dumps(value)}" for key, value in given.items()]
             asked = replace(request, methods=variants, data=name, settings=(*fixed, *request.settings))
-            runs.append((*_resolve(study, scenes, asked), asked))
+            task, resolved = study.kind.plan(asked, option)
+            runs.append((task, asked, resolved))
         told = {**({DATA: name} if len(names) > 1 else {}), **({ARM: arm} if study.arms else {})}
-        told |= {**({SCENES: scenes} if study.scenes else {}), **chosen}
-        arms.append(Arm([(task, asked, resolved) for task, resolved, asked in runs], told))
+        told |= {**varied_options, **chosen}
+        arms.append(PooledRuns(runs, told))
     return arms
-
-
-def _resolve(study: Study, scenes: int, request: Request) -> tuple[Task[Any, Any], Resolved]:
-    if study.task == "navigation":
-        return plan_navigation(request, study.episodes, study.positioning)
-    if study.task == ScaleTask.name:
-        return ScaleTask(scenes), resolve(request)
-    task = {task.name: task for task in (LocalizationTask, MatchingTask, DetectionTask, SensorTask, RunningTask)}[
-        study.task
-    ]
-    return task(), resolve(request, study.role)
 
 
 def run_study(study: Study, request: Request, *, progress: Progress | None = None) -> StudyResult:
@@ -253,4 +263,4 @@ def run_study(study: Study, request: Request, *, progress: Progress | None = Non
     notes = dict.fromkeys(note for result in results for note in result.notes)
     report = results[0].report if count == 1 else None
     runs = tuple(result.run for result in results)
-    return StudyResult(study.task, runs, tuple(rows), tuple(told), tuple(notes), report=report)
+    return StudyResult(study.kind, runs, tuple(rows), tuple(told), tuple(notes), report=report)

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from pydantic import Field, model_validator
 
+from salframe.evaluation.tables.table import Table
 from salframe.framework.config import Settings, read_yaml, validate
 from salframe.framework.registry import registry
 
@@ -38,3 +41,14 @@ def read_reported() -> tuple[Reported, ...]:
     known = registry()
     paths = [known.find_preset("reported", name) for name in known.list_presets("reported")]
     return tuple(validate(Reported, read_yaml(path), f"{path.name}:") for path in paths if path is not None)
+
+
+def reported_tables(papers: Sequence[Reported]) -> list[Table]:
+    """What papers report, a table each."""
+    return [reported_table(part) for paper in papers for part in paper.tables]
+
+
+def reported_table(part: ReportedTable) -> Table:
+    """A table of a paper."""
+    rows = [[method, *(f"{number:g}" for number in numbers)] for method, numbers in part.rows.items()]
+    return Table(("reported, not measured", *part.figures), rows, title=part.title)

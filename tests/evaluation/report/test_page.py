@@ -95,7 +95,7 @@ def test_the_accuracy_figure_is_drawn_to_scale(comparison):
     figure = ElementTree.parse(comparison.run / "accuracy.svg").getroot()
     names = {"s": "http://www.w3.org/2000/svg"}
     widths = [float(bar.get("width")) for bar in figure.findall("s:rect", names)]
-    accuracy = [row.accuracy for row in comparison.rows if row.measured]
+    accuracy = [row.accuracy.value for row in comparison.rows if row.measured]
     assert widths == pytest.approx([400 * value for value in accuracy], abs=0.05)
     assert "reader" in [text.text for text in figure.findall("s:text", names)]
 

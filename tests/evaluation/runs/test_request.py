@@ -12,7 +12,8 @@ from command_line import run as salframe
 from salframe.evaluation.tasks.detection.task import measure_detection
 from salframe.evaluation.tasks.localization.task import compare
 from salframe.evaluation.tasks.matching.task import measure_matching
-from salframe.evaluation.tasks.navigation.task import Positioning, navigate
+from salframe.evaluation.tasks.navigation.task import navigate
+from salframe.evaluation.tasks.navigation.options import Positioning
 from salframe.evaluation.runs.request import Request, resolve
 from salframe.evaluation.studies.study import ablate
 from salframe.framework.errors import ConfigError, UnknownName
@@ -110,10 +111,10 @@ def test_a_stand_in_that_cannot_be_built_as_it_is_set(faults, presets, offset):
     result = compare(request("fancy", "reader", settings=(f"fancy.offset={offset}",)))
     if offset == 100:
         assert "it runs as it is, for it cannot take what was set: an offset of 100 is too far" in result.notes[0]
-        assert [row.accuracy for row in result.rows] == [1.0, 1.0]
+        assert [row.accuracy.value for row in result.rows] == [1.0, 1.0]
     else:
         assert (result.rows[0].reason, result.rows[0].accuracy) == ("SystemExit: 101", None)
-        assert result.rows[1].accuracy == 1.0
+        assert result.rows[1].accuracy.value == 1.0
 
 
 def test_a_stand_in_that_was_asked_for_too_stays_as_it_was_asked_for(stand_ins):
@@ -142,7 +143,7 @@ def test_a_stand_in_is_told_in_the_table_in_json_and_in_the_report(stand_ins):
 def test_a_stand_in_is_ablated(stand_ins):
     Path("offsets.yaml").write_text(yaml.safe_dump({"method": "fancy", "data": "rooms", "vary": {"offset": [0, 1]}}))
     result = ablate(Path("offsets.yaml"), Request((), engine="inline"))
-    assert {row.method: row.accuracy for row in result.rows} == {"plain[offset=0]": 1.0, "plain[offset=1]": 0.2}
+    assert {row.method: row.accuracy.value for row in result.rows} == {"plain[offset=0]": 1.0, "plain[offset=1]": 0.2}
     assert [given["offset"] for given in result.settings] == [0, 1]
     assert result.notes == (f"plain, not fancy: {MISSING}",)
 
@@ -161,7 +162,7 @@ def test_methods_that_users_named_keep_their_names_where_another_stands_in(stand
 def test_a_stand_in_matches(furnished, presets):
     presets({"fancy": {"kind": "weightless", "otherwise": "plain"}, "plain": {"kind": "points"}})
     result = measure_matching(request("fancy", data="furnished"))
-    assert [(row.method, row.mma_1) for row in result.rows] == [("plain", 1.0)]
+    assert [(row.method, row.mma_1.value) for row in result.rows] == [("plain", 1.0)]
     assert result.notes == (f"plain, not fancy: {MISSING}",)
 
 
@@ -170,7 +171,7 @@ def test_a_stand_in_walks(apartment, presets):
     asked = request("fancy", data="apartment")
     result = navigate(asked, episodes=2, positioning=Positioning.BOTH)
     assert [row.method for row in result.rows] == ["plain", "plain without positioning"]
-    assert result.rows[0].success_rate == 1.0
+    assert result.rows[0].success_rate.value == 1.0
     note = f"plain, not fancy: {MISSING}"
     assert result.notes == (note,)
     assert note in html.unescape(result.report.read_text())

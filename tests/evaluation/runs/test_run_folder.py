@@ -8,8 +8,11 @@ import yaml
 
 from salframe.evaluation.tasks.localization.answering import answer_row
 from salframe.evaluation.runs.request import Resolved
-from salframe.evaluation.runs.rows import AnswerRow
-from salframe.evaluation.runs.run_folder import LineCounter, MethodStatus, Outcome, RowWriter, Run, read_rows
+from salframe.evaluation.tasks.localization.rows import AnswerRow
+from salframe.evaluation.runs.run_folder import MethodStatus, Outcome, Run
+from salframe.evaluation.runs.rows import read_rows
+from salframe.evaluation.runs.rows import RowWriter
+from salframe.evaluation.runs.rows import LineCounter
 from salframe.framework.errors import ConfigError, DataError, InvalidAnswer
 from salframe.framework.installation import environment
 from salframe.framework.presets import configure, settings

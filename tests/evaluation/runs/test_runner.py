@@ -33,7 +33,7 @@ def test_a_method_that_exits_costs_its_own_row(faults, where, engine):
     assert (faulty.ended, faulty.reason) == (MethodStatus.CRASHED, "SystemExit: the network wants to leave")
     assert (faulty.accuracy, faulty.status) == (None, {"crashed": 6})
     assert "the network wants to leave" in (result.run / "methods" / "faulty" / "crash.log").read_text()
-    assert rows["reader"].accuracy == 1.0
+    assert rows["reader"].accuracy.value == 1.0
     assert result.crashed
     assert result.measured
 
@@ -46,7 +46,7 @@ def test_whatever_else_a_method_raises_costs_its_own_row(faults, where, what, en
     rows, result = run(["faulty", "reader"], f"where={where}", f"what={what}", engine=engine)
     message = {"generator": "GeneratorExit: no more", "value": "ValueError: this is too much"}[what]
     assert (rows["faulty"].reason, rows["faulty"].accuracy) == (message, None)
-    assert rows["reader"].accuracy == 1.0
+    assert rows["reader"].accuracy.value == 1.0
     assert result.crashed
 
 
@@ -54,13 +54,13 @@ def test_whatever_else_a_method_raises_costs_its_own_row(faults, where, what, en
 def test_a_method_that_cannot_be_looked_at_costs_its_own_row(faults, where, message):
     rows, result = run(["faulty", "reader"], f"where={where}")
     assert (rows["faulty"].ended, rows["faulty"].reason) == (MethodStatus.CRASHED, f"ValueError: {message}")
-    assert rows["reader"].accuracy == 1.0
+    assert rows["reader"].accuracy.value == 1.0
     assert result.crashed
 
 
 def test_an_exception_costs_the_query_alone(faults):
     rows, _ = run(["faulty"], "where=match", "what=value")
-    assert (rows["faulty"].ended, rows["faulty"].accuracy) == (MethodStatus.DONE, 0.0)
+    assert (rows["faulty"].ended, rows["faulty"].accuracy.value) == (MethodStatus.DONE, 0.0)
     assert rows["faulty"].status == {"crashed": 6}
     assert rows["faulty"].errors == {"crashed": "ValueError: this is too much"}
 
@@ -108,7 +108,7 @@ def test_nonsense_costs_its_own_row(faults, answer, message):
     assert re.match(message, rows["nonsense"].reason), rows["nonsense"].reason
     assert "\n" not in rows["nonsense"].reason
     assert not rows["nonsense"].measured
-    assert rows["reader"].accuracy == 1.0
+    assert rows["reader"].accuracy.value == 1.0
     assert result.crashed
 
 
@@ -157,7 +157,7 @@ def test_the_seed_of_the_intervals_is_no_reason_to_ask_again(fakes, asked):
     asked.clear()
     _, result = run(["reader"], seed=1)
     assert asked == []
-    assert result.rows[0].accuracy == 1.0
+    assert result.rows[0].accuracy.value == 1.0
 
 
 @pytest.mark.parametrize("settings", [("offset=1",), ("data.queries=1",), ("data.leave_one_out=true",)])
@@ -223,7 +223,7 @@ def test_the_folders_of_odd_labels_stay_inside_the_run(faults):
         Path(name).write_text("kind: reader\n")
     rows, result = run(["...yaml", "..yaml", "a b.yaml"])
     assert list(rows) == ["..", ".", "a b"]
-    assert all(row.accuracy == 1.0 for row in rows.values())
+    assert all(row.accuracy.value == 1.0 for row in rows.values())
     found = {path.parent.resolve() for path in Path().rglob("outcome.json")}
     assert len(found) == 3
     assert all(folder.parent == result.run.resolve() / "methods" for folder in found)

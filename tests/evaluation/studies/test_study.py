@@ -26,7 +26,7 @@ def test_every_combination_of_every_method_is_a_row(fakes):
     vary = {"offset": [0, -1], "wrong_from": [99, 2]}
     file = write(methods=["reader", "greedy"], data="rooms", set={"data.rooms": 4}, vary=vary)
     result = ablate(file, Request((), engine="inline"))
-    accuracy = {row.method: row.accuracy for row in result.rows}
+    accuracy = {row.method: row.accuracy.value for row in result.rows}
     # one too few is right in room 0 alone; from room 2 on one too many is right in the last room alone
     by_choice = {"0,wrong_from=99": 1.0, "0,wrong_from=2": 0.75, "-1,wrong_from=99": 0.25, "-1,wrong_from=2": 0.5}
     expected = {
@@ -41,7 +41,7 @@ def test_the_request_overrules_the_file(fakes):
     file = write(method="reader", data="rooms", set={"data.rooms": 4, "refuse_in": 0}, vary={"offset": [0]})
     given = Request((), settings=("data.rooms=2", "refuse_in=1"), name="mine", engine="inline")
     result = ablate(file, given)
-    assert (result.rows[0].queries, result.rows[0].accuracy) == (4, 0.5)
+    assert (result.rows[0].queries, result.rows[0].accuracy.value) == (4, 0.5)
     assert read_yaml(result.runs[0] / "request.yaml")["methods"]["reader[offset=0]"]["refuse_in"] == 1
     assert result.runs[0].name.startswith("mine-")
 
@@ -49,7 +49,7 @@ def test_the_request_overrules_the_file(fakes):
 def test_values_that_look_like_paths_stay_inside_the_run(faults):
     vary = {"note": ["../../elsewhere", "/etc/elsewhere", "..", "deep/" * 60]}
     result = ablate(write(method="noted", data="rooms", vary=vary), Request((), engine="inline"))
-    assert [row.accuracy for row in result.rows] == [1.0] * 4
+    assert [row.accuracy.value for row in result.rows] == [1.0] * 4
     folders = {path.parent.resolve() for path in Path().rglob("outcome.json")}
     assert len(folders) == 4
     assert all(folder.parent == result.runs[0].resolve() / "methods" for folder in folders)
@@ -67,7 +67,7 @@ def test_data_varies_too_and_every_row_says_how(fakes):
     """One off, a reader is right in the first room alone; a key of one method's is not varied of the other."""
     file = write(methods=["reader", "greedy"], data="rooms", vary={"data.rooms": [2, 4], "reader.offset": [0, -1]})
     result = ablate(file, INLINE)
-    told = [(row.method, row.queries, row.accuracy) for row in result.rows]
+    told = [(row.method, row.queries, row.accuracy.value) for row in result.rows]
     assert told == [
         (label, 2 * rooms, share)
         for rooms in (2, 4)
@@ -84,7 +84,7 @@ def test_runs_of_several_data_sets_are_pooled(fakes):
     """One off, a reader is right in the first room alone: in half of two rooms, in a quarter of four."""
     alone = [ablate(write(method="reader", data="rooms", set={"data.rooms": n, "offset": -1}), INLINE) for n in (2, 4)]
     (row,) = pool(LocalizationTask(), [result.runs[0] for result in alone])
-    assert (row.queries, row.accuracy, row.by_part) == (12, pytest.approx(1 / 3), (0.5, 0.25))
+    assert (row.queries, row.accuracy.value, row.by_part) == (12, pytest.approx(1 / 3), (0.5, 0.25))
 
 
 def test_seeds_are_one_row_with_their_spread(fakes):
@@ -97,7 +97,7 @@ def test_seeds_are_one_row_with_their_spread(fakes):
 def test_methods_by_name_have_settings_of_their_own(fakes):
     methods = {"right": "reader", "one off": {"method": "reader", "set": {"offset": -1}}}
     result = ablate(write(methods=methods, data="rooms", set={"data.rooms": 4}), INLINE)
-    assert {row.method: row.accuracy for row in result.rows} == {"right": 1.0, "one off": 0.25}
+    assert {row.method: row.accuracy.value for row in result.rows} == {"right": 1.0, "one off": 0.25}
 
 
 def test_a_shipped_ablation_is_read_by_its_name():

@@ -10,7 +10,8 @@ from command_line import run
 
 from salframe.evaluation.runs.request import Request
 from salframe.evaluation.tables.reported import Reported, read_reported
-from salframe.evaluation.tasks.localization.task import LocalizationRow, compare
+from salframe.evaluation.tasks.localization.table import LocalizationRow
+from salframe.evaluation.tasks.localization.task import compare
 from salframe.framework.config import validate
 from salframe.framework.errors import ConfigError
 

@@ -5,83 +5,28 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-
+from salframe.evaluation.runs.inputs import check_needs
+from salframe.evaluation.runs.records import Part, Survey, by_method
 from salframe.evaluation.runs.request import Request, resolve
-from salframe.evaluation.runs.result import Result
-from salframe.evaluation.runs.rows import PanoramaRow
-from salframe.evaluation.runs.run_folder import PieceStatus, Row, Run
+from salframe.evaluation.runs.rows import PieceStatus, Row
+from salframe.evaluation.runs.run_folder import Run
 from salframe.evaluation.runs.runner import run_task
-from salframe.evaluation.runs.task import (
-    MethodRow,
-    Part,
-    Record,
-    Survey,
-    Task,
-    Worker,
-    by_method,
-    check_needs,
-    in_common,
-)
-from salframe.evaluation.statistics import bootstrap_interval, median
+from salframe.evaluation.runs.task import Result, Task, Worker
+from salframe.evaluation.tables.table import Table
+from salframe.evaluation.tasks.detection.judging import count_right, in_common_words, joined_labels
+from salframe.evaluation.tasks.detection.measures import summarize_detector
+from salframe.evaluation.tasks.detection.rows import PanoramaRow
+from salframe.evaluation.tasks.detection.table import COLUMNS, USUAL, DetectionRow, class_tables, what_is_right
 from salframe.framework.errors import FRAME_ERRORS, DataError, InputMissing, InvalidAnswer
 from salframe.graphs.annotated import annotated_detections
 from salframe.graphs.detections import Detections
 from salframe.graphs.detector import Detector
-from salframe.graphs.vocabulary import common_label
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.frames import MapFrame, QueryFrame
 from salframe.panoramas.opening import Progress
-
-NEAR_M = 0.3
-"""A detection is right where an annotated object of its label has its centroid this near."""
-
-
-@dataclass(frozen=True)
-class Counts:
-    """How many objects are annotated, how many were found, and how many of these are right.
-
-    precision: right ones among those found; recall: among those annotated; None where there is none.
-    """
-
-    annotated: int
-    found: int
-    right: int
-    precision: float | None = None
-    recall: float | None = None
-
-    @classmethod
-    def of(cls, annotated: int, found: int, right: int) -> Counts:
-        """The counts and what follows from them."""
-        precision, recall = right / found if found else None, right / annotated if annotated else None
-        return cls(annotated, found, right, precision, recall)
-
-
-@dataclass(frozen=True, kw_only=True)
-class DetectionRow(MethodRow):
-    """A detector's line: overall and by class (classes annotated or found, by common name), and median ms a panorama.
-
-    joined: the common name of each label, annotated or found, that is another word for it. `_low` and `_high`: 95 %
-    intervals of the overall shares, of panoramas clustered by place where it is known.
-    """
-
-    panoramas: int
-    overall: Counts | None = None
-    precision_low: float | None = None
-    precision_high: float | None = None
-    recall_low: float | None = None
-    recall_high: float | None = None
-    classes: dict[str, Counts] = field(default_factory=dict)
-    joined: dict[str, str] = field(default_factory=dict)
-    ms: float | None = None
-
-    @property
-    def measured(self) -> bool:
-        return self.overall is not None
 
 
 def measure_detection(request: Request, *, progress: Progress | None = None) -> Result[DetectionRow]:
@@ -94,7 +39,7 @@ def measure_detection(request: Request, *, progress: Progress | None = None) -> 
 
 
 @dataclass(frozen=True)
-class DetectionTask(Task[QueryFrame, Survey[QueryFrame]]):
+class DetectionTask(Task[QueryFrame, Survey[QueryFrame], PanoramaRow, DetectionRow]):
     """What is there in each query panorama?"""
 
     name = "detection"
@@ -104,6 +49,9 @@ class DetectionTask(Task[QueryFrame, Survey[QueryFrame]]):
     counts = "panoramas"
     key_fields = ("query",)
     row = PanoramaRow
+    line = DetectionRow
+    columns = COLUMNS
+    usual = USUAL
 
     @classmethod
     def from_run(cls, run: Run) -> DetectionTask:
@@ -135,14 +83,22 @@ class DetectionTask(Task[QueryFrame, Survey[QueryFrame]]):
         annotated = Counter(in_common_words(truth).labels)
         return {"annotated": annotated, "found": {}, "right": {}, "joined": joined_labels(truth), "ms": None}
 
-    def summarize(self, parts: Sequence[Part[Survey[QueryFrame]]], seed: int) -> tuple[DetectionRow, ...]:
+    def summarize(self, parts: Sequence[Part[Survey[QueryFrame], PanoramaRow]], seed: int) -> tuple[DetectionRow, ...]:
         panoramas = sum(len(survey.pieces) for survey, _ in parts)
         places = [
             f"{number}: {place_of(survey.dataset, piece)}"
             for number, (survey, _) in enumerate(parts)
             for piece in survey.pieces
         ]
-        return tuple(_summarize(records, panoramas, places, seed) for records in by_method(parts))
+        return tuple(summarize_detector(records, panoramas, places, seed) for records in by_method(parts))
+
+    @classmethod
+    def details(cls, rows: Sequence[DetectionRow]) -> list[Table]:
+        return class_tables(rows)
+
+    @classmethod
+    def legend(cls, rows: Sequence[DetectionRow]) -> list[str]:
+        return what_is_right(rows)
 
 
 def place_of(dataset: Dataset, frame: MapFrame | QueryFrame) -> str:
@@ -177,60 +133,3 @@ class _Detecting(Worker[QueryFrame]):
         counted = {"annotated": Counter(truth.labels), "found": Counter(found.labels)}
         counted["right"] = count_right(found, truth)
         return {**counted, "joined": joined, "ms": ms, "status": PieceStatus.OK, "error": None}
-
-
-def in_common_words(detections: Detections) -> Detections:
-    """The detections with labels of the vocabulary that detectors share."""
-    return replace(detections, labels=tuple(map(common_label, detections.labels)))
-
-
-def joined_labels(detections: Detections) -> dict[str, str]:
-    """The common name of each label that is another word for it."""
-    return {label: name for label in detections.labels if (name := common_label(label)) != label}
-
-
-def count_right(found: Detections, truth: Detections) -> Counter[str]:
-    """How many detections of each label are right: one to one with annotated objects of the label whose centroid lies
-    within NEAR_M, as many as can be.
-    """
-    from scipy.optimize import linear_sum_assignment
-    from scipy.spatial.distance import cdist
-
-    right = Counter[str]()
-    for label in set(found.labels) & set(truth.labels):
-        own, annotated = ([i for i, name in enumerate(side.labels) if name == label] for side in (found, truth))
-        # An unknown centroid is near nothing.
-        near = cdist(found.centroid_m[own], truth.centroid_m[annotated]) <= NEAR_M
-        right[label] = int(near[linear_sum_assignment(near, maximize=True)].sum())
-    return right
-
-
-def _summarize(records: Sequence[Record], panoramas: int, places: Sequence[str], seed: int) -> DetectionRow:
-    """A detector's line; places (P,): where each panorama was taken."""
-    line = DetectionRow(**in_common(records), panoramas=panoramas)
-    if not all(record.done for record in records):
-        return line
-    all_rows = [row for record in records for row in record.rows]
-    rows = [row for row in all_rows if row is not None]
-    good = [row for row in rows if row["status"] == PieceStatus.OK]
-    if len(good) < panoramas:
-        first = next(iter(line.errors.values()), "no answer")
-        line = replace(line, reason=f"{panoramas - len(good)} panorama(s) failed, the first: {first}")
-    if not good:
-        return line
-    # What a failure had to find was not found; a panorama that nobody could read tells nothing.
-    told = [(row, place) for row, place in zip(all_rows, places, strict=True) if row is not None and "annotated" in row]
-    counted, places = [row for row, _ in told], [place for _, place in told]
-    annotated, found, right = (
-        sum((Counter(row[key]) for row in counted), Counter[str]()) for key in ("annotated", "found", "right")
-    )
-    each = {key: np.array([sum(row[key].values()) for row in counted]) for key in ("annotated", "found", "right")}
-    for name, below in (("precision", "found"), ("recall", "annotated")):
-        if each[below].any():
-            low, high = bootstrap_interval(each["right"], places, seed, each[below])
-            bounds: dict[str, Any] = {f"{name}_low": low, f"{name}_high": high}
-            line = replace(line, **bounds)
-    classes = {label: Counts.of(annotated[label], found[label], right[label]) for label in sorted({*annotated, *found})}
-    overall = Counts.of(annotated.total(), found.total(), right.total())
-    joined = {label: name for row in counted for label, name in sorted(row["joined"].items())}
-    return replace(line, overall=overall, classes=classes, joined=joined, ms=median([row["ms"] for row in good]))

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
-from salframe.evaluation.runs.rows import DescriptionLine, MapLine
-from salframe.evaluation.runs.run_folder import DESCRIPTIONS, MAPS, Row, RowWriter, read_rows
+from salframe.evaluation.runs.memory import peak_memory_mb
+from salframe.evaluation.runs.rows import DescriptionLine, MapLine, Row, RowWriter, read_rows
+from salframe.evaluation.runs.run_folder import DESCRIPTIONS, MAPS
 from salframe.evaluation.runs.task import Worker
+from salframe.evaluation.tasks.localization.survey import Query
 from salframe.framework.cache import Cache
 from salframe.framework.errors import FRAME_ERRORS, InvalidAnswer, MethodFailed, describe_error
-from salframe.framework.worker import in_worker
 from salframe.localization.answers import Localization
 from salframe.localization.describing import describe_frame
 from salframe.localization.localizer import Description, Localizer
@@ -27,14 +25,6 @@ from salframe.panoramas.frames import Fold, MapFrame, QueryFrame
 
 TOP_PLACES = 10
 """So many places of an answer are kept."""
-
-
-@dataclass(frozen=True, eq=False)
-class Query:
-    """A query and the fold whose map it is asked of."""
-
-    fold: Fold
-    frame: QueryFrame
 
 
 class Answering(Worker[Query]):
@@ -50,7 +40,7 @@ class Answering(Worker[Query]):
         self._localizer, self._floors, self._fold = localizer, dataset.floors(), ""
         self._places: dict[str, str] = {}
         self._descriptions = _Descriptions(localizer, dataset.content_key, uses, folder / DESCRIPTIONS)
-        self._measured = {row["fold"] for row in read_rows(folder / MAPS, MapLine)}
+        self._measured = {row.fold for row in read_rows(folder / MAPS, MapLine)}
         self._maps = RowWriter(folder / MAPS)
         self._left_out: dict[str, str] = {}
         self._unusable: list[str] = []
@@ -121,7 +111,7 @@ class _Descriptions:
 
     def __init__(self, localizer: Localizer, dataset: str, uses: Counter[str], path: Path) -> None:
         self._localizer, self._dataset, self._cache, self._uses = localizer, dataset, Cache(), uses
-        self._recorded = {row["frame"] for row in read_rows(path, DescriptionLine)}
+        self._recorded = {row.frame for row in read_rows(path, DescriptionLine)}
         self._costs = RowWriter(path)
         self._found: dict[str, tuple[Description, float] | Exception] = {}
         self.notes: dict[str, str] = {}
@@ -172,27 +162,3 @@ def answer_row(answer: Localization | None, describe_ms: float | None = None, qu
         "describe_ms": describe_ms,
         "peak_memory_mb": peak_memory_mb(),
     }
-
-
-def memory_mb(field: Literal["VmRSS", "VmHWM"]) -> float | None:
-    """Memory (1e6 bytes) that this process holds, or most of what it has held so far; None elsewhere than on Linux."""
-    status = Path("/proc/self/status")
-    if not status.exists():
-        return None
-    lines = status.read_text(encoding="utf-8").splitlines()
-    return int(next(line.split()[1] for line in lines if line.startswith(field))) * 1024 / 1e6
-
-
-def peak_memory_mb() -> float | None:
-    """Most memory (1e6 bytes) that this process has held so far; None in a process shared with other work, and on
-    Windows."""
-    if not in_worker():
-        return None
-    if (peak_mb := memory_mb("VmHWM")) is not None:  # ru_maxrss of a started process begins at its parent's peak
-        return peak_mb
-    try:
-        import resource
-    except ImportError:  # Windows has none
-        return None
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak * (1 if sys.platform == "darwin" else 1024) / 1e6

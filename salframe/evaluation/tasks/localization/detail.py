@@ -13,9 +13,10 @@ from pydantic import BaseModel
 
 from salframe.evaluation.report.arms import Arm, Entry
 from salframe.evaluation.report.page import numbers
-from salframe.evaluation.report.view import LocalizationView
-from salframe.evaluation.runs.run_folder import Row, Run
+from salframe.evaluation.runs.run_folder import Run
 from salframe.evaluation.tasks.localization.queries import xy_yaw
+from salframe.evaluation.tasks.localization.rows import AnswerRow
+from salframe.evaluation.tasks.localization.view import LocalizationView
 from salframe.framework.cache import Cache
 from salframe.framework.errors import FRAME_ERRORS, SalframeError
 from salframe.framework.identity import digest
@@ -37,7 +38,7 @@ Json = dict[str, Any]
 
 
 @dataclass(frozen=True, eq=False)
-class Asked:
+class QuerySet:
     """A data set and what was asked of it: the fold and the frame of each query, in the order of a view's."""
 
     dataset: Dataset
@@ -59,7 +60,7 @@ class Details:
 
 
 def find_details(
-    asked: Asked,
+    asked: QuerySet,
     group: Sequence[int],
     arms: Sequence[Arm],
     views: Sequence[LocalizationView],
@@ -78,7 +79,13 @@ def find_details(
 
 
 def _look(
-    found: Details, asked: Asked, number: int, arm: Arm, entry: Entry, view: LocalizationView, progress: Progress | None
+    found: Details,
+    asked: QuerySet,
+    number: int,
+    arm: Arm,
+    entry: Entry,
+    view: LocalizationView,
+    progress: Progress | None,
 ) -> None:
     localizer: Localizer = registry().build("localizer", Run.load(view.result.run).method(arm.label, "localizer"))
     method = _Method(localizer, asked.dataset, found)
@@ -128,7 +135,7 @@ class _Method:
             frames, floors = list(usable.values()), self._dataset.floors()
             self._localizer = LocalizationMap.from_descriptions(self._localizer, known, frames, floors).localizer
 
-    def look(self, query: Json, frame: QueryFrame, row: Row | None, truth: Truth, correct: bool) -> Json:
+    def look(self, query: Json, frame: QueryFrame, row: AnswerRow | None, truth: Truth, correct: bool) -> Json:
         """What is known of an answer; adds the query's objects, and the frames that it is matched with."""
         description = self._describe(frame)
         objects = describe_objects(description)
@@ -157,16 +164,16 @@ class _Method:
             self._known[frame.id] = describe_frame(self._localizer, frame, self._cache, self._dataset.content_key)[0]
         return self._known[frame.id]
 
-    def _references(self, row: Row | None, truth: Truth, correct: bool) -> Iterator[tuple[str, MapFrame]]:
+    def _references(self, row: AnswerRow | None, truth: Truth, correct: bool) -> Iterator[tuple[str, MapFrame]]:
         """The map frame of the answer, and where that is wrong, the one of the true place that is ranked first or else
         stands nearest."""
-        places = row["places"] if row is not None else []
-        if places and places[0][0] in self._frames:
-            yield "answer", self._frames[places[0][0]]
+        places = row.places if row is not None else ()
+        if places and places[0].frame in self._frames:
+            yield "answer", self._frames[places[0].frame]
         own = [frame for frame in self._frames.values() if frame.place == truth.place]
         if correct or not own:
             return
-        ranked = [self._frames[id] for id, place, _ in places if place == truth.place and id in self._frames]
+        ranked = [self._frames[one.frame] for one in places if one.place == truth.place and one.frame in self._frames]
         if not ranked and truth.T_world_pano is not None:
             stood = truth.T_world_pano[:3, 3]
             own.sort(key=lambda frame: float(np.linalg.norm(frame.T_world_pano[:3, 3] - stood)))
@@ -181,12 +188,12 @@ class _Method:
         if objects is not None:
             shown["objects"][self._describer] = objects
 
-    def _weigh(self, evidence: Evidence, row: Row, truth: Truth, correct: bool) -> Json | None:
+    def _weigh(self, evidence: Evidence, row: AnswerRow, truth: Truth, correct: bool) -> Json | None:
         """What speaks for the place that was answered, and for the true one, or the runner-up where that is the same:
         of each the best hypothesis."""
         scores = evidence.place_scores(self._weights)
-        answer = row["places"][0][1] if row["places"] else None
-        other = truth.place if not correct else next((name for _, name, _ in row["places"][1:]), None)
+        answer = row.places[0].place if row.places else None
+        other = truth.place if not correct else row.places[1].place if len(row.places) > 1 else None
         shown = [name for name in dict.fromkeys((answer, other)) if name in scores]
         if not shown:
             return None

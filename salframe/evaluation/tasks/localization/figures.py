@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,9 +10,11 @@ import numpy as np
 
 from salframe.evaluation.report.arms import Arm
 from salframe.evaluation.report.page import numbers
-from salframe.evaluation.report.view import LocalizationView
-from salframe.evaluation.runs.run_folder import Row
-from salframe.evaluation.statistics import PLACED, Judged, accepted_above, reliability
+from salframe.evaluation.statistics import Estimate, accepted_above, reliability
+from salframe.evaluation.tasks.localization.judging import Judged
+from salframe.evaluation.tasks.localization.rows import PLACED, AnswerRow
+from salframe.evaluation.tasks.localization.table import LocalizationRow
+from salframe.evaluation.tasks.localization.view import LocalizationView
 from salframe.panoramas.frames import Truth
 
 Figure = dict[str, Any]
@@ -23,16 +25,20 @@ ERRORS = (
 )
 """Fields of Judged, what they are, and the range that is drawn."""
 HISTOGRAM_BINS = 24
+ERROR_BARS = {"type": "data", "symmetric": False}
 PERCENT = {"range": [0, 1.02], "tickformat": ".0%"}
 
 
 @dataclass(frozen=True, eq=False)
 class Answered:
-    """A measured arm by its position, and its answers over all of its seeds: rows, what is true, and both compared."""
+    """A measured arm by its position, its line and accuracy, and its answers over all of its seeds: rows, what is true,
+    and both compared."""
 
     number: int
     arm: Arm
-    rows: tuple[Row | None, ...]
+    line: LocalizationRow
+    accuracy: Estimate
+    rows: tuple[AnswerRow | None, ...]
     truths: tuple[Truth, ...]
     judged: Judged
 
@@ -41,11 +47,12 @@ def gather(arms: Sequence[Arm], views: Sequence[LocalizationView]) -> list[Answe
     """The measured arms, with their answers."""
     found = []
     for number, arm in enumerate(arms):
-        if arm.row.measured:
+        line = arm.row
+        if isinstance(line, LocalizationRow) and line.accuracy is not None:
             rows = tuple(row for run, method in arm.entries for row in views[run].records[method].rows)
             truths = tuple(truth for run, _ in arm.entries for truth in views[run].queries.truths)
             judged = [views[run].judged[method] for run, method in arm.entries]
-            found.append(Answered(number, arm, rows, truths, Judged.join(judged)))
+            found.append(Answered(number, arm, line, line.accuracy, rows, truths, Judged.join(judged)))
     return found
 
 
@@ -54,8 +61,8 @@ def draw_figures(arms: Sequence[Arm], views: Sequence[LocalizationView]) -> list
     answered = gather(arms, views)
     figures = [
         *_bars(answered),
-        *_costs(answered, "query_ms", "time of a query (ms)", "Accuracy against time"),
-        *_costs(answered, "bytes_per_scene", "bytes a scene", "Accuracy against memory"),
+        *_costs(answered, lambda row: row.query_ms, "time of a query (ms)", "Accuracy against time"),
+        *_costs(answered, lambda row: row.bytes_per_scene, "bytes a scene", "Accuracy against memory"),
         *_recalls(answered),
         *_error_curves(answered),
         *_histograms(answered),
@@ -69,16 +76,20 @@ def _bars(answered: Sequence[Answered]) -> Iterator[Figure]:
     """Accuracy with its interval, a bar an arm, the first at the top."""
     traces = []
     for one in answered:
-        row: Any = one.arm.row
-        ends = {"array": [row.accuracy_high - row.accuracy], "arrayminus": [row.accuracy - row.accuracy_low]}
         traces.append(
             {
                 "type": "bar",
                 "orientation": "h",
                 "arm": one.number,
-                "x": [row.accuracy],
+                "x": [one.accuracy.value],
                 "y": [one.arm.name],
-                "error_x": {"type": "data", "symmetric": False, "thickness": 1.2, "width": 3, **ends},
+                "error_x": {
+                    "type": "data",
+                    "symmetric": False,
+                    "thickness": 1.2,
+                    "width": 3,
+                    **_error_bars(one.accuracy),
+                },
                 "hovertemplate": "%{x:.1%}<extra>%{y}</extra>",
             }
         )
@@ -87,19 +98,25 @@ def _bars(answered: Sequence[Answered]) -> Iterator[Figure]:
         yield {"title": "Accuracy, 95 % interval", "data": traces, "layout": {**layout, "bargap": 0.35}}
 
 
-def _costs(answered: Sequence[Answered], field: str, axis: str, title: str) -> Iterator[Figure]:
+def _costs(
+    answered: Sequence[Answered], get: Callable[[LocalizationRow], float | None], axis: str, title: str
+) -> Iterator[Figure]:
     """Accuracy against what it costs, a point an arm."""
     traces: list[dict[str, Any]] = []
     for one in answered:
-        row: Any = one.arm.row
-        if getattr(row, field):
-            ends = {"array": [row.accuracy_high - row.accuracy], "arrayminus": [row.accuracy - row.accuracy_low]}
+        if cost := get(one.line):
             traces.append(
                 {
                     "arm": one.number,
-                    "x": [getattr(row, field)],
-                    "y": [row.accuracy],
-                    "error_y": {"type": "data", "symmetric": False, "thickness": 1, "width": 3, **ends},
+                    "x": [cost],
+                    "y": [one.accuracy.value],
+                    "error_y": {
+                        "type": "data",
+                        "symmetric": False,
+                        "thickness": 1,
+                        "width": 3,
+                        **_error_bars(one.accuracy),
+                    },
                     "mode": "markers+text" if len(answered) <= 8 else "markers",
                     "text": [one.arm.name],
                     "textposition": "top center",
@@ -113,6 +130,12 @@ def _costs(answered: Sequence[Answered], field: str, axis: str, title: str) -> I
         yield {"title": title, "data": traces, "layout": {"xaxis": x, "yaxis": {**PERCENT, "range": [0, 1.08]}}}
 
 
+def _error_bars(estimate: Estimate) -> dict[str, Any]:
+    if estimate.low is None or estimate.high is None:
+        return {}
+    return {"array": [estimate.high - estimate.value], "arrayminus": [estimate.value - estimate.low]}
+
+
 def _decades(values: Sequence[float]) -> list[float]:
     """The exponents between which some values lie, with room at both ends."""
     low, high = np.log10([min(values), max(values)])
@@ -124,7 +147,7 @@ def _recalls(answered: Sequence[Answered]) -> Iterator[Figure]:
     traces = []
     for one in answered:
         ranks = np.array([rank_of(row, truth.place) for row, truth in zip(one.rows, one.truths, strict=True)])
-        most = max((len(row["places"]) for row in one.rows if row), default=0)
+        most = max((len(row.places) for row in one.rows if row), default=0)
         k = np.arange(1, max(most, 1) + 1)
         share = (ranks[None] <= k[:, None]).mean(1)
         traces.append({"arm": one.number, "x": k.tolist(), "y": numbers(share, 4), "mode": "lines+markers"})
@@ -134,11 +157,11 @@ def _recalls(answered: Sequence[Answered]) -> Iterator[Figure]:
         yield {"title": "Recall of places", "data": traces, "layout": layout}
 
 
-def rank_of(row: Row | None, place: str) -> float:
+def rank_of(row: AnswerRow | None, place: str) -> float:
     """The rank of a place in an answer, 1 the first; infinite where it is not among its places, or it names none."""
-    if row is None or row["status"] not in PLACED:
+    if row is None or row.status not in PLACED:
         return np.inf
-    ranked = list(dict.fromkeys(name for _, name, _ in row["places"]))
+    ranked = list(dict.fromkeys(ranked.place for ranked in row.places))
     return ranked.index(place) + 1 if place in ranked else np.inf
 
 
@@ -200,7 +223,7 @@ def _reliability(answered: Sequence[Answered]) -> Iterator[Figure]:
     """How often answers are right beside the probability that they gave, of arms that give any."""
     traces: list[dict[str, Any]] = []
     for one in answered:
-        found = reliability(one.judged)
+        found = reliability(one.judged.confidence, one.judged.correct)
         if found is not None:
             counts = [f"{count} queries" for count in found.count]
             x, y = numbers(found.confidence, 4), numbers(found.frequency, 4)

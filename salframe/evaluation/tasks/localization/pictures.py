@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from salframe.evaluation.report.page import as_json, picture
-from salframe.evaluation.tasks.localization.detail import Asked, Details
+from salframe.evaluation.tasks.localization.detail import Details, QuerySet
 from salframe.framework.errors import FRAME_ERRORS
 from salframe.panoramas.frames import MapFrame, QueryFrame
 from salframe.panoramas.opening import Progress
@@ -20,7 +20,7 @@ FARTHEST_M = 8.0
 
 
 def make_islands(
-    sets: Sequence[tuple[Asked, Details]], full: bool, progress: Progress | None = None
+    sets: Sequence[tuple[QuerySet, Details]], full: bool, progress: Progress | None = None
 ) -> Iterator[tuple[str, str]]:
     """Ids and texts: of set s, q{s}-{i} is query i and f{s}-{j} map frame j, their panoramas pq and pf likewise; where
     a frame cannot be read it has none."""

@@ -9,9 +9,9 @@ import numpy as np
 
 from salframe.evaluation.report.arms import Arm
 from salframe.evaluation.report.page import floor_plan, number, numbers
-from salframe.evaluation.report.view import LocalizationView
-from salframe.evaluation.runs.run_folder import Row
-from salframe.evaluation.statistics import DENIALS, PLACED, Judged
+from salframe.evaluation.tasks.localization.judging import Judged
+from salframe.evaluation.tasks.localization.rows import DENIALS, PLACED, AnswerRow
+from salframe.evaluation.tasks.localization.view import LocalizationView
 from salframe.panoramas.geometry import pose_yaw
 
 RIGHT, WRONG, DENIED, NONE = "right", "wrong place", "not on the map", "no answer"
@@ -35,9 +35,7 @@ def list_sets(arms: Sequence[Arm], views: Sequence[LocalizationView]) -> list[di
             if run in group and views[run].records[method].done
         }
         truths = [truth.place for truth in view.queries.truths]
-        named = {
-            row["places"][0][1] for rows, _ in answers.values() for row in rows if row is not None and row["places"]
-        }
+        named = {row.places[0].place for rows, _ in answers.values() for row in rows if row is not None and row.places}
         places = sorted({*truths, *named})
         index = {place: position for position, place in enumerate(places)}
         sets.append(
@@ -66,42 +64,42 @@ def group_views(views: Sequence[LocalizationView]) -> list[list[int]]:
     return groups
 
 
-def _columns(rows: Sequence[Row | None], judged: Judged, index: dict[str, int]) -> dict[str, Any]:
+def _columns(rows: Sequence[AnswerRow | None], judged: Judged, index: dict[str, int]) -> dict[str, Any]:
     """A column for each thing that is known of an answer, a value a query."""
-    first = [row["places"][0] if row is not None and row["places"] else None for row in rows]
-    poses = [None if row is None or row["pose"] is None else np.reshape(row["pose"], (4, 4)) for row in rows]
+    first = [row.places[0] if row is not None and row.places else None for row in rows]
+    poses = [None if row is None else row.pose_matrix for row in rows]
     return {
         "outcome": [
             OUTCOMES.index(outcome_of(row, bool(right))) for row, right in zip(rows, judged.correct, strict=True)
         ],
-        "place": [None if one is None else index[one[1]] for one in first],
+        "place": [None if one is None else index[one.place] for one in first],
         "status": list(judged.statuses),
-        "error": [row["error"] if row is not None else None for row in rows],
+        "error": [row.error if row is not None else None for row in rows],
         "translation_m": numbers(judged.translation_m),
         "rotation_deg": numbers(judged.rotation_deg, 2),
         "pose": [None if pose is None else xy_yaw(pose) for pose in poses],
         "ranked": [_ranked(row) for row in rows],
-        "not_here": [None if row is None else number(row.get("not_here")) for row in rows],
-        "ms": [None if row is None else number(row["query_ms"], 1) for row in rows],
+        "not_here": [None if row is None else number(row.not_here) for row in rows],
+        "ms": [None if row is None else number(row.query_ms, 1) for row in rows],
     }
 
 
-def outcome_of(row: Row | None, correct: bool) -> str:
+def outcome_of(row: AnswerRow | None, correct: bool) -> str:
     """What became of a query, one of OUTCOMES."""
     if correct:
         return RIGHT
-    if row is not None and row["status"] in PLACED:
+    if row is not None and row.status in PLACED:
         return WRONG
-    return DENIED if row is not None and row["status"] in DENIALS else NONE
+    return DENIED if row is not None and row.status in DENIALS else NONE
 
 
-def _ranked(row: Row | None, most: int = 3) -> list[list[Any]]:
+def _ranked(row: AnswerRow | None, most: int = 3) -> list[list[Any]]:
     """The first places of an answer: place, score, and probability where there is one."""
     if row is None:
         return []
-    chances = row.get("probabilities") or [None] * len(row["places"])
-    places = zip(row["places"], chances, strict=False)
-    return [[place, number(score, 4), number(chance)] for (_, place, score), chance in list(places)[:most]]
+    probabilities = row.probabilities or [None] * len(row.places)
+    places = zip(row.places, probabilities, strict=False)
+    return [[one.place, number(one.score, 4), number(probability)] for one, probability in list(places)[:most]]
 
 
 def xy_yaw(pose: np.ndarray) -> list[float]:

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from salframe.evaluation.runs.task import Record
+from salframe.evaluation.runs.records import Record
 from salframe.evaluation.scorer import find_scorer
+from salframe.evaluation.tasks.navigation.rows import EpisodeRow
 from salframe.framework.config import ComponentConfig
 from salframe.framework.errors import InputMissing
 from salframe.framework.files import write_json
@@ -44,13 +45,13 @@ class Published:
         the task no episodes."""
         return tuple(find_scorer(self.task).episodes(self.split, self._root(data)))
 
-    def score(self, data: ComponentConfig, count: int, record: Record) -> Mapping[str, Any]:
+    def score(self, data: ComponentConfig, count: int, record: Record[EpisodeRow]) -> Mapping[str, Any]:
         """What the task's scorer makes of a method's answers to `count` episodes, which are written into its folder.
         What was not walked is answered as by an agent that stays."""
         walked: list[np.ndarray | None] = [None] * count
         for row in record.rows:
-            if row is not None and "path" in row:
-                walked[row["episode"]] = np.array(row["path"])
+            if row is not None and row.path is not None:
+                walked[row.episode] = np.array(row.path)
         scorer, root, file = find_scorer(self.task), self._root(data), record.folder / SUBMISSION
         write_json(file, scorer.submission(self.split, root, walked))
         return next(row for row in scorer.score(file, root) if row["split"] == self.split)

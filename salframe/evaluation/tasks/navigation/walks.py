@@ -9,11 +9,12 @@ import numpy as np
 
 from salframe.evaluation.report.arms import Arm
 from salframe.evaluation.report.page import floor_plan
-from salframe.evaluation.report.view import NavigationView
+from salframe.evaluation.tasks.navigation.rows import EpisodeRow
+from salframe.evaluation.tasks.navigation.view import NavigationView
 from salframe.topology.topological_map import TopologicalMap
 
 MARGIN_M = 1.0
-SHOWN = (
+SHOWN = {
     "episode",
     "world",
     "goal",
@@ -24,7 +25,8 @@ SHOWN = (
     "left_m",
     "panoramas",
     "collisions",
-)
+}
+"""Fields of an episode that a page shows."""
 
 
 def list_walks(arms: Sequence[Arm], views: Sequence[NavigationView]) -> list[dict[str, Any]]:
@@ -32,7 +34,9 @@ def list_walks(arms: Sequence[Arm], views: Sequence[NavigationView]) -> list[dic
     walks = []
     for run, view in enumerate(views):
         episodes = {
-            str(number): [_episode(row) for row in view.records[entry.method].rows if row is not None and "path" in row]
+            str(number): [
+                _episode(row) for row in view.records[entry.method].rows if row is not None and row.path is not None
+            ]
             for number, arm in enumerate(arms)
             for entry in arm.entries
             if entry.run == run
@@ -43,11 +47,11 @@ def list_walks(arms: Sequence[Arm], views: Sequence[NavigationView]) -> list[dic
     return walks
 
 
-def _episode(row: dict[str, Any]) -> dict[str, Any]:
+def _episode(row: EpisodeRow) -> dict[str, Any]:
     """What is shown of an episode; positions to centimetres."""
-    path = [[round(x, 2), round(y, 2)] for x, y, *_ in row["path"]]
-    believed = [None if one is None else [round(one[0], 2), round(one[1], 2)] for one in row["believed"]]
-    return {**{key: row[key] for key in SHOWN}, "path": path, "believed": believed}
+    path = [[round(x, 2), round(y, 2)] for x, y, *_ in row.path or ()]
+    believed = [None if one is None else [round(one[0], 2), round(one[1], 2)] for one in row.believed or ()]
+    return {**row.model_dump(include=SHOWN), "path": path, "believed": believed}
 
 
 def _plan(map: TopologicalMap) -> dict[str, Any]:

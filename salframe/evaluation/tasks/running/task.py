@@ -8,26 +8,19 @@ import time
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from salframe.evaluation.runs.rows import RunningLine
-from salframe.evaluation.runs.run_folder import PieceStatus, Row, Run
-from salframe.evaluation.runs.task import (
-    MethodRow,
-    Part,
-    Record,
-    Survey,
-    Task,
-    Worker,
-    by_method,
-    check_needs,
-    in_common,
-)
-from salframe.evaluation.tasks.localization.answering import memory_mb
+from salframe.evaluation.runs.inputs import check_needs
+from salframe.evaluation.runs.memory import memory_mb
+from salframe.evaluation.runs.records import Part, Survey, by_method
+from salframe.evaluation.runs.rows import PieceStatus, Row
+from salframe.evaluation.runs.run_folder import Run
+from salframe.evaluation.runs.task import Task, Worker
+from salframe.evaluation.tasks.running.measures import summarize_program
+from salframe.evaluation.tasks.running.rows import ProgramRow
+from salframe.evaluation.tasks.running.table import COLUMNS, USUAL, RunningRow
 from salframe.framework.cache import Cache
 from salframe.framework.config import ComponentConfig
 from salframe.framework.errors import DataError, MethodFailed
@@ -45,29 +38,6 @@ QUERIES = 100
 """So many are asked at most, evenly spread over the fold's."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class RunningRow(MethodRow):
-    """A method's line: of the saved map of the first fold, scenes, bytes_per_scene with its index and open_s, seconds
-    to open it in a process that has only imported salframe; opened_mb, 1e6 bytes of memory that this brings, and
-    asked_mb with the first query (None elsewhere than on Linux); first_ms, describing and answering the first query; of
-    all later ones, medians to describe and to answer, and the 95th percentile of the latter."""
-
-    queries: int
-    scenes: int | None = None
-    bytes_per_scene: float | None = None
-    open_s: float | None = None
-    opened_mb: float | None = None
-    asked_mb: float | None = None
-    first_ms: float | None = None
-    describe_ms: float | None = None
-    query_median_ms: float | None = None
-    query_p95_ms: float | None = None
-
-    @property
-    def measured(self) -> bool:
-        return self.query_median_ms is not None
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RunningSurvey(Survey[QueryFrame]):
     """Queries of a data set's first fold that has some."""
@@ -76,14 +46,17 @@ class RunningSurvey(Survey[QueryFrame]):
 
 
 @dataclass(frozen=True)
-class RunningTask(Task[QueryFrame, RunningSurvey]):
+class RunningTask(Task[QueryFrame, RunningSurvey, ProgramRow, RunningRow]):
     """How long do opening a map and asking it take, and how much memory?"""
 
     name = "running"
     prefix = "running-"
     counts = "queries"
     key_fields = ("query",)
-    row = RunningLine
+    row = ProgramRow
+    line = RunningRow
+    columns = COLUMNS
+    usual = USUAL
 
     @classmethod
     def from_run(cls, run: Run) -> RunningTask:
@@ -105,9 +78,9 @@ class RunningTask(Task[QueryFrame, RunningSurvey]):
         check_needs(method, survey.dataset)
         return _Asking(method.config, survey, folder)
 
-    def summarize(self, parts: Sequence[Part[RunningSurvey]], seed: int) -> tuple[RunningRow, ...]:
+    def summarize(self, parts: Sequence[Part[RunningSurvey, ProgramRow]], seed: int) -> tuple[RunningRow, ...]:
         queries = sum(len(survey.pieces) for survey, _ in parts)
-        return tuple(_summarize(records, queries) for records in by_method(parts))
+        return tuple(summarize_program(records, queries) for records in by_method(parts))
 
 
 class _Asking(Worker[QueryFrame]):
@@ -201,33 +174,3 @@ def _more(before_mb: float | None) -> float | None:
     """Memory (1e6 bytes) that this process holds beyond what it held before."""
     now_mb = memory_mb("VmRSS")
     return None if before_mb is None or now_mb is None else max(now_mb - before_mb, 0.0)
-
-
-def _summarize(records: Sequence[Record], queries: int) -> RunningRow:
-    line = RunningRow(**in_common(records), queries=queries)
-    rows = [row for record in records for row in record.rows if row is not None and row["status"] == PieceStatus.OK]
-    if not rows or not all(record.done for record in records):
-        return line
-    if len(rows) < queries:
-        first = next(iter(line.errors.values()), "no answer")
-        line = replace(line, reason=f"{queries - len(rows)} of {queries} queries failed, the first: {first}")
-    later = [row for row in rows if not row["first"]] or rows
-    firsts = [row for row in rows if row["first"]]
-    return replace(
-        line,
-        scenes=rows[0]["scenes"],
-        bytes_per_scene=rows[0]["bytes"] / rows[0]["scenes"],
-        open_s=_median(firsts, "open_s"),
-        opened_mb=_median(firsts, "opened_mb"),
-        asked_mb=_median(firsts, "asked_mb"),
-        first_ms=float(np.median([row["describe_ms"] + row["query_ms"] for row in firsts])) if firsts else None,
-        describe_ms=_median(later, "describe_ms"),
-        query_median_ms=_median(later, "query_ms"),
-        query_p95_ms=float(np.percentile([row["query_ms"] for row in later], 95)),
-    )
-
-
-def _median(rows: Sequence[Row], name: str) -> float | None:
-    """Of the rows that have it: one a process."""
-    known = [row[name] for row in rows if row.get(name) is not None]
-    return float(np.median(known)) if known else None

@@ -7,27 +7,23 @@ import shutil
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import Field
 
-from salframe.evaluation.runs.rows import ScaleLine
-from salframe.evaluation.runs.run_folder import PieceStatus, Row, Run
-from salframe.evaluation.runs.task import (
-    MethodRow,
-    Part,
-    Record,
-    Survey,
-    Task,
-    Worker,
-    by_method,
-    check_needs,
-    in_common,
-)
-from salframe.evaluation.statistics import proportion_interval
-from salframe.evaluation.tasks.localization.answering import peak_memory_mb
+from salframe.evaluation.runs.inputs import check_needs
+from salframe.evaluation.runs.memory import peak_memory_mb
+from salframe.evaluation.runs.records import Part, Survey, by_method
+from salframe.evaluation.runs.request import Request, Resolved, resolve
+from salframe.evaluation.runs.rows import PieceStatus, Row
+from salframe.evaluation.runs.run_folder import Run
+from salframe.evaluation.runs.task import Task, TaskOptions, Worker
+from salframe.evaluation.tasks.scale.measures import summarize_queries
+from salframe.evaluation.tasks.scale.rows import SceneRow
+from salframe.evaluation.tasks.scale.table import COLUMNS, USUAL, ScaleRow
 from salframe.framework.cache import Cache
 from salframe.framework.columns import read_columns
 from salframe.framework.config import ComponentConfig, components_in
@@ -57,37 +53,14 @@ WINDOW = 2000
 """So many scenes are matched at once where all are."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class ScaleRow(MethodRow):
-    """A method's line: seconds to save the map of scenes on disk and to open it, most memory while saving (1e6 bytes,
-    None where the process is shared), bytes a scene of the saved map, milliseconds of a query with the best's pose, the
-    share of queries whose scene is the best match, and of those that were also matched with all scenes, both shares,
-    each with Wilson's 95 % interval."""
+class ScaleOptions(TaskOptions):
+    """What a study of scale sets."""
 
-    scenes: int
-    build_s: float | None = None
-    build_memory_mb: float | None = None
-    bytes_per_scene: float | None = None
-    open_s: float | None = None
-    query_median_ms: float | None = None
-    query_p95_ms: float | None = None
-    recall_at_1: float | None = None
-    recall_at_1_low: float | None = None
-    recall_at_1_high: float | None = None
-    recall_at_1_both: float | None = None
-    recall_at_1_both_low: float | None = None
-    recall_at_1_both_high: float | None = None
-    recall_at_1_exhaustive: float | None = None
-    recall_at_1_exhaustive_low: float | None = None
-    recall_at_1_exhaustive_high: float | None = None
-
-    @property
-    def measured(self) -> bool:
-        return self.query_median_ms is not None
+    scenes: tuple[int, ...] = Field(min_length=1, description="numbers of scenes of the map, a row each")
 
 
 @dataclass(frozen=True)
-class ScaleTask(Task[int, Survey[int]]):
+class ScaleTask(Task[int, Survey[int], SceneRow, ScaleRow]):
     """Which of many scenes was seen again? They are made of the rooms of a data set (`City`); a piece is a scene's
     number."""
 
@@ -97,7 +70,22 @@ class ScaleTask(Task[int, Survey[int]]):
     prefix = "scale-"
     counts = "queries"
     key_fields = ("query",)
-    row = ScaleLine
+    row = SceneRow
+    line = ScaleRow
+    columns = COLUMNS
+    usual = USUAL
+    Options = ScaleOptions
+
+    @classmethod
+    def vary(cls, options: TaskOptions) -> list[tuple[dict[str, Any], TaskOptions]]:
+        scenes = options.scenes if isinstance(options, ScaleOptions) else ()
+        return [({"scenes": count}, ScaleOptions(scenes=(count,))) for count in scenes]
+
+    @classmethod
+    def plan(cls, request: Request, options: TaskOptions) -> tuple[ScaleTask, Resolved]:
+        if not isinstance(options, ScaleOptions) or len(options.scenes) != 1:
+            raise TypeError(f"received {options!r}, expected ScaleOptions with one number of scenes")
+        return cls(options.scenes[0]), resolve(request)
 
     def asks(self) -> dict[str, Any]:
         return {"scenes": self.scenes}
@@ -120,8 +108,8 @@ class ScaleTask(Task[int, Survey[int]]):
         alone = set(survey.pieces[:EXHAUSTIVE])
         return _Asking(method, _matcher_config(method), survey.dataset, self.scenes, alone, folder)
 
-    def summarize(self, parts: Sequence[Part[Survey[int]]], seed: int) -> tuple[ScaleRow, ...]:
-        return tuple(_summarize(records, self.scenes) for records in by_method(parts))
+    def summarize(self, parts: Sequence[Part[Survey[int], SceneRow]], seed: int) -> tuple[ScaleRow, ...]:
+        return tuple(summarize_queries(records, self.scenes) for records in by_method(parts))
 
 
 def _matcher_config(method: Localizer) -> ComponentConfig:
@@ -247,31 +235,3 @@ def _frames(count: int) -> Iterator[MapFrame]:
     for number in range(count):
         y, x = divmod(number, 1000)
         yield MapFrame(f"frame-{number}", f"room-{number}", pose_2d(10.0 * x, 10.0 * y, 0.0), FrameKind.SCENE)
-
-
-def _summarize(records: Sequence[Record], scenes: int) -> ScaleRow:
-    line = ScaleRow(**in_common(records), scenes=scenes)
-    rows = [row for record in records for row in record.rows if row is not None and row["status"] == PieceStatus.OK]
-    if not rows or not all(record.done for record in records):
-        return line
-    both = [row for row in rows if row["right_exhaustive"] is not None]
-    failed = sum(len(record.rows) for record in records) - len(rows)  # which are not right
-    median_ms, p95_ms = np.percentile([row["query_ms"] for row in rows], [50, 95])
-    return replace(
-        line,
-        **{name: rows[-1][name] for name in ("build_s", "build_memory_mb", "open_s")},
-        bytes_per_scene=rows[-1]["bytes"] / scenes,
-        query_median_ms=float(median_ms),
-        query_p95_ms=float(p95_ms),
-        **_recall("recall_at_1", [row["right"] for row in rows] + [False] * failed),
-        **_recall("recall_at_1_both", [row["right"] for row in both]),
-        **_recall("recall_at_1_exhaustive", [row["right_exhaustive"] for row in both]),
-    )
-
-
-def _recall(name: str, right: Sequence[bool]) -> dict[str, Any]:
-    """The share of queries, each of a scene of its own, that are right, and its interval; nothing of none."""
-    if not right:
-        return {}
-    low, high = proportion_interval(np.array(right), [str(number) for number in range(len(right))])
-    return {name: float(np.mean(right)), f"{name}_low": low, f"{name}_high": high}

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from salframe.evaluation.tasks.detection.task import NEAR_M
+from salframe.evaluation.tasks.detection.judging import NEAR_M
 from salframe.graphs.detections import Detections
 from salframe.graphs.sensor import Errors, FalseObjects, FoundModel, Provenance, SensorModel, quantiles
 from salframe.graphs.sightings import Sightings

@@ -15,7 +15,8 @@ from tiny_folder import write_tiny_folder
 
 from salframe.evaluation.runs.request import Request
 from salframe.evaluation.studies.experiment import run_experiment
-from salframe.evaluation.tasks.detection.task import count_right, measure_detection
+from salframe.evaluation.tasks.detection.judging import count_right
+from salframe.evaluation.tasks.detection.task import measure_detection
 from salframe.framework.errors import ConfigError
 from salframe.graphs.boxes import detections_from_points
 
@@ -64,8 +65,8 @@ def test_annotations_without_error_are_all_right_and_with_error_as_many_as_the_n
     assert half.overall.precision == 1
     assert half.overall.annotated == perfect.overall.annotated
     assert half.overall.recall == half.overall.found / half.overall.annotated < 1
-    assert 0 <= half.recall_low <= half.overall.recall <= half.recall_high < 1
-    assert (perfect.recall_low, perfect.recall_high) == (half.precision_low, half.precision_high) == (1, 1)
+    assert 0 <= half.recall.low <= half.overall.recall <= half.recall.high < 1
+    assert (perfect.recall.low, perfect.recall.high) == (half.precision.low, half.precision.high) == (1, 1)
     assert half.ms > 0
 
 

@@ -10,10 +10,11 @@ from pathlib import Path
 
 import pytest
 
+from salframe.evaluation.finished_runs import evaluate
 from salframe.evaluation.runs.request import Request
 from salframe.evaluation.runs.run_folder import Run
-from salframe.evaluation.tasks.all import evaluate
-from salframe.evaluation.tasks.localization.task import LocalizationRow, compare
+from salframe.evaluation.tasks.localization.table import LocalizationRow
+from salframe.evaluation.tasks.localization.task import compare
 from salframe.framework.errors import ConfigError, DataError
 from salframe.framework.installation import folder_bytes
 from salframe.localization.answers import Localization, LocalizationStatus
@@ -39,7 +40,7 @@ def test_rows_have_the_promised_numbers(fakes):
     rows, _, result = run(["reader"], "wrong_from=3")
     row = rows["reader"]
     assert isinstance(row, LocalizationRow)
-    assert (row.queries, row.accuracy, row.status) == (10, 0.8, {"ok": 10})
+    assert (row.queries, row.accuracy.value, row.status) == (10, 0.8, {"ok": 10})
     assert row.recall_at_5 == 1.0
     # queries stand 0.1 and 0.2 m from the map frame whose pose is answered
     assert row.median_translation_m == pytest.approx(0.15)
@@ -85,7 +86,7 @@ def test_a_method_that_crashes_does_not_stop_the_others(fakes):
     assert rows["unbuildable"].reason == "RuntimeError: no map for you"
     assert rows["unbuildable"].status == {"crashed": 10}
     assert rows["unbuildable"].accuracy is None
-    assert rows["reader"].accuracy == 1.0
+    assert rows["reader"].accuracy.value == 1.0
     assert result.crashed
     assert "no map for you" in (opened.folder("unbuildable") / "crash.log").read_text()
 
@@ -93,13 +94,13 @@ def test_a_method_that_crashes_does_not_stop_the_others(fakes):
 def test_a_process_that_dies_costs_its_own_row(fakes):
     rows, _, result = run(["suicidal", "reader"], engine="processes")
     assert "its process died" in rows["suicidal"].reason
-    assert rows["reader"].accuracy == 1.0
+    assert rows["reader"].accuracy.value == 1.0
     assert result.crashed
 
 
 def test_a_query_that_crashes_does_not_stop_the_others(fakes):
     rows, opened, result = run(["reader"], "fail_in=2")
-    assert rows["reader"].accuracy == 0.8
+    assert rows["reader"].accuracy.value == 0.8
     assert rows["reader"].status == {"ok": 8, "crashed": 2}
     assert answers(opened)["all", "query-2-0"]["error"] == "ValueError: this room is too much"
     assert "all query-2-0" in (opened.folder("reader") / "crash.log").read_text()
@@ -108,7 +109,7 @@ def test_a_query_that_crashes_does_not_stop_the_others(fakes):
 
 def test_a_refusal_is_a_failure(fakes):
     rows, _, result = run(["reader"], "refuse_in=1")
-    assert rows["reader"].accuracy == 0.8
+    assert rows["reader"].accuracy.value == 0.8
     assert rows["reader"].status == {"ok": 8, "low-score": 2}
     assert not result.crashed
 
@@ -122,7 +123,7 @@ def test_a_corrupt_query_is_an_error_of_its_own(fakes):
 
 def test_a_corrupt_mapping_frame_is_left_out_and_said_so(fakes):
     rows, _, _ = run(["reader"], "data.broken=[map-0]")
-    assert rows["reader"].accuracy == 0.8
+    assert rows["reader"].accuracy.value == 0.8
     assert rows["reader"].reason == "1 mapping frame(s) left out, the first: map-0.png is no image"
 
 
@@ -136,13 +137,13 @@ def test_leave_one_out_describes_each_frame_once(fakes):
     rows, opened, _ = run(["reader"], "data.leave_one_out=true", "wrong_from=3")
     lines = (opened.folder("reader") / "descriptions.jsonl").read_text().splitlines()
     assert len(lines) == len({row["frame"] for row in descriptions(opened)}) == 5 + 10
-    assert rows["reader"].accuracy == 0.8
+    assert rows["reader"].accuracy.value == 0.8
     assert len({fold for fold, _ in answers(opened)}) == 10
 
 
 def test_a_dataset_without_poses_has_no_pose_columns(fakes):
     rows, _, _ = run(["reader"], "data.posed=false")
-    assert rows["reader"].accuracy == 1.0
+    assert rows["reader"].accuracy.value == 1.0
     assert rows["reader"].median_translation_m is None
     assert rows["reader"].recall_1m_10deg is None
 
@@ -187,7 +188,7 @@ def test_a_method_that_was_unavailable_is_tried_again(fakes, monkeypatch):
     run(["weightless"])
     monkeypatch.setattr("fake_plugin.Weightless.check", classmethod(lambda cls, config: None))
     rows, _, _ = run(["weightless"])
-    assert rows["weightless"].accuracy == 1.0
+    assert rows["weightless"].accuracy.value == 1.0
 
 
 def test_a_changed_dataset_is_not_resumed(fakes, monkeypatch):
@@ -223,7 +224,7 @@ def test_a_kill_loses_no_finished_query(fakes, tmp_path):
     assert killed.count(b"\n") < 10, "the worker outlived its parent"
     rows, _, _ = run(["reader"], "sleep_s=0.12", engine="inline")
     assert found[0].read_bytes().startswith(killed[: killed.rfind(b"\n") + 1])
-    assert rows["reader"].accuracy == 1.0
+    assert rows["reader"].accuracy.value == 1.0
     assert found[0].read_bytes().count(b"\n") == 10
 
 
@@ -245,7 +246,7 @@ def test_evaluate_measures_again_from_the_answers(fakes):
     assert {row.method: row for row in evaluate(opened.directory).rows} == rows
     path = opened.folder("reader") / "rows.jsonl"
     path.write_text(path.read_text().replace('"status": "ok"', '"status": "low-score"', 1))
-    assert evaluate(opened.directory).rows[0].accuracy == pytest.approx(0.7)
+    assert evaluate(opened.directory).rows[0].accuracy.value == pytest.approx(0.7)
 
 
 @pytest.mark.parametrize(

@@ -9,13 +9,8 @@ from matching_plugin import STEP, turned_by
 
 from salframe.evaluation.runs.request import Request
 from salframe.evaluation.tasks.localization.task import compare
-from salframe.evaluation.tasks.matching.task import (
-    PIXEL_RAD,
-    check_matches,
-    measure_matching,
-    own_objects,
-    point_errors_px,
-)
+from salframe.evaluation.tasks.matching.judging import PIXEL_RAD, check_matches, own_objects, point_errors_px
+from salframe.evaluation.tasks.matching.task import measure_matching
 from salframe.framework.errors import DataError, InputMissing, InvalidAnswer
 from salframe.framework.presets import configure, settings
 from salframe.framework.registry import registry
@@ -141,13 +136,13 @@ def test_rows_of_points_and_of_nodes(furnished):
     rows, result = measure(["points", "nodes", "neither"], "points.off_px=2")
     points, nodes, neither = rows.values()
     assert (points.kind, points.pairs, points.matches_per_pair, points.pairs_without_match) == ("points", 2, 40, 0)
-    assert (points.mma_1, points.mma_5) == (0, 1)
+    assert (points.mma_1.value, points.mma_5.value) == (0, 1)
     assert (points.precision, points.recall) == (None, None)
     # 5 of 7 objects of the bedroom and of 6 of the kitchen are matched
-    assert (nodes.kind, nodes.matches_per_pair, nodes.precision) == ("nodes", 5, 1)
+    assert (nodes.kind, nodes.matches_per_pair, nodes.precision.value) == ("nodes", 5, 1)
     assert nodes.true_per_pair == 6.5
-    assert nodes.recall == pytest.approx((5 / 7 + 5 / 6) / 2)
-    assert (nodes.recall_low, nodes.recall_high) == pytest.approx((5 / 7, 5 / 6))
+    assert nodes.recall.value == pytest.approx((5 / 7 + 5 / 6) / 2)
+    assert (nodes.recall.low, nodes.recall.high) == pytest.approx((5 / 7, 5 / 6))
     assert nodes.mma_3 is None
     assert (neither.available, neither.reason) == (False, "matches neither points nor objects")
     assert result.measured
@@ -156,29 +151,33 @@ def test_rows_of_points_and_of_nodes(furnished):
 
 def test_crossed_nodes_are_wrong(furnished):
     rows, _ = measure(["nodes"], "crossed=true")
-    assert rows["nodes"].precision == pytest.approx(3 / 5)
-    assert rows["nodes"].recall == pytest.approx((3 / 7 + 3 / 6) / 2)
+    assert rows["nodes"].precision.value == pytest.approx(3 / 5)
+    assert rows["nodes"].recall.value == pytest.approx((3 / 7 + 3 / 6) / 2)
 
 
 def test_without_a_match_nothing_is_right(furnished):
     rows, _ = measure(["points", "nodes"], "count=0", "first=0")
-    assert (rows["points"].mma_5, rows["points"].pairs_without_match) == (0, 2)
-    assert (rows["nodes"].precision, rows["nodes"].recall) == (0, 0)
+    assert (rows["points"].mma_5.value, rows["points"].pairs_without_match) == (0, 2)
+    assert (rows["nodes"].precision.value, rows["nodes"].recall.value) == (0, 0)
 
 
 def test_a_pair_that_crashes_counts_as_wrong_and_is_asked_again(furnished):
     rows, result = measure(["points", "nodes"], "fail_after=1")
     points = rows["points"]
-    assert (points.mma_1, points.mma_1_low, points.mma_1_high) == (0.5, 0, 1)  # of two places, one of which may be both
+    assert (points.mma_1.value, points.mma_1.low, points.mma_1.high) == (
+        0.5,
+        0,
+        1,
+    )  # of two places, one of which may be both
     assert rows["points"].reason == "1 pair(s) failed, the first: ValueError: no more"
-    assert rows["nodes"].precision == 1
+    assert rows["nodes"].precision.value == 1
     assert result.crashed
     before = {path.parent.name: path.read_text() for path in result.run.glob("methods/*/rows.jsonl")}
     again, _ = measure(["points", "nodes"], "fail_after=1")
     after = {path.parent.name: path.read_text() for path in result.run.glob("methods/*/rows.jsonl")}
     assert after["nodes"] == before["nodes"]
     assert len(after["points"].splitlines()) == 3
-    assert again["points"].mma_1 == 1  # alone in its second run, the query that failed does not
+    assert again["points"].mma_1.value == 1  # alone in its second run, the query that failed does not
 
 
 def test_a_query_is_matched_with_the_nearest_scene_frame_of_its_place(furnished):
@@ -201,7 +200,7 @@ def test_data_that_tells_no_truth_is_refused(furnished):
         measure(["points"], "data.posed=false")
     rows, _ = measure(["nodes", "points"], "data.instances=false")
     assert rows["nodes"].reason == "needs annotations, which furnished does not have"
-    assert rows["points"].mma_1 == 1
+    assert rows["points"].mma_1.value == 1
 
 
 def test_a_comparison_of_the_same_name_is_another_run(furnished):
@@ -216,7 +215,7 @@ def test_a_comparison_of_the_same_name_is_another_run(furnished):
 def test_a_method_that_exits_costs_its_own_row(furnished, engine):
     rows, result = measure(["leaving", "points"], engine=engine)
     assert (rows["leaving"].reason, rows["leaving"].measured) == ("SystemExit: it leaves", False)
-    assert rows["points"].mma_1 == 1
+    assert rows["points"].mma_1.value == 1
     assert result.crashed
 
 
@@ -225,7 +224,7 @@ def test_what_is_no_match_costs_its_own_row(furnished):
     assert rows["confused"].reason == "correspond gave list, expected PointMatches, NodeMatches or None"
     assert not rows["confused"].measured
     assert result.crashed
-    assert rows["points"].mma_1 == 1
+    assert rows["points"].mma_1.value == 1
 
 
 def test_the_command_prints_two_tables_and_resumes(furnished):
@@ -245,4 +244,4 @@ def test_processes_measure_alike(furnished):
     inline, _ = measure(["nodes"])
     processes, _ = measure(["nodes"], "crossed=true", engine="processes")
     assert processes["nodes"].true_per_pair == inline["nodes"].true_per_pair
-    assert processes["nodes"].precision == pytest.approx(0.6)
+    assert processes["nodes"].precision.value == pytest.approx(0.6)

@@ -11,17 +11,13 @@ import pytest
 from command_line import run as salframe
 from scipy.stats import binomtest
 
+from salframe.evaluation.runs.records import Record
 from salframe.evaluation.runs.request import Request
 from salframe.evaluation.runs.run_folder import MethodStatus, Outcome
-from salframe.evaluation.runs.task import Record
-from salframe.evaluation.tasks.navigation.task import (
-    TRUE_PLACE,
-    NavigationRow,
-    NavigationSurvey,
-    NavigationTask,
-    Positioning,
-    navigate,
-)
+from salframe.evaluation.tasks.navigation.options import TRUE_PLACE, Positioning
+from salframe.evaluation.tasks.navigation.survey import NavigationSurvey
+from salframe.evaluation.tasks.navigation.table import NavigationRow
+from salframe.evaluation.tasks.navigation.task import NavigationTask, navigate
 from salframe.framework.errors import ConfigError
 from salframe.navigation.walk import NavigationConfig
 
@@ -42,8 +38,8 @@ def test_a_good_localizer_arrives(tmp_path):
     table, result = run(["seer"])
     row = table["seer"]
     assert isinstance(row, NavigationRow)
-    assert (row.episodes, row.success_rate, row.status) == (6, 1.0, {"arrived": 6})
-    assert row.spl > 0.9
+    assert (row.episodes, row.success_rate.value, row.status) == (6, 1.0, {"arrived": 6})
+    assert row.spl.value > 0.9
     assert [walked["episode"] for walked in rows(result)] == list(range(6))
     kept = (result.run / "methods" / "seer" / "metrics.json").read_text()
     assert json.loads(kept) == json.loads(json.dumps(result.to_json()["rows"][0]))
@@ -77,7 +73,10 @@ def test_without_positioning_the_place_is_all_it_has():
         assert walked["believed"][0][3] == walked["path"][0][3]  # the heading that it was told
     assert table["seer without positioning"].p_value is not None
     assert list(run(["seer"], positioning=Positioning.OFF)[0]) == ["seer without positioning"]
-    assert run(["seer"], "posed=false")[0]["seer"].success_rate == table["seer without positioning"].success_rate
+    assert (
+        run(["seer"], "posed=false")[0]["seer"].success_rate.value
+        == table["seer without positioning"].success_rate.value
+    )
 
 
 def test_beside_it_an_agent_is_told_its_true_place():
@@ -85,8 +84,8 @@ def test_beside_it_an_agent_is_told_its_true_place():
     table, result = run(["seer"], "blind=true", positioning=Positioning.ALL)
     assert list(table) == ["seer", "seer without positioning", TRUE_PLACE]
     assert [row.given for row in table.values()] == [("range",), ("range",), (TRUE_PLACE,)]
-    assert [row.success_rate for row in table.values()][:2] == [0.0, 0.0]
-    assert table[TRUE_PLACE].success_rate_3m > 0
+    assert [row.success_rate.value for row in table.values()][:2] == [0.0, 0.0]
+    assert table[TRUE_PLACE].success_rate_3m.value > 0
     nodes_m = [(1.0, 2.0), (3.0, 3.5), (7.0, 2.0), (4.075, 2.025)]  # the last is the doorway of the masks
     for walked in rows(result, TRUE_PLACE):
         assert tuple(walked["believed"][0][:2]) in nodes_m
@@ -98,7 +97,7 @@ def test_an_episode_that_crashes_costs_only_itself():
     Path("two.json").write_text(json.dumps(asked))
     table, result = run(["seer"], "crash_east_of_m=5.0", episodes=Path("two.json"))
     assert table["seer"].status == {"arrived": 1, "crashed": 1}
-    assert table["seer"].success_rate == 0.5
+    assert table["seer"].success_rate.value == 0.5
     assert rows(result)[1]["error"] == "ValueError: too far east"
     assert "too far east" in (result.run / "methods" / "seer" / "crash.log").read_text()
     assert result.crashed
@@ -119,7 +118,7 @@ def test_nonsense_and_an_exit_cost_the_method_its_row(monkeypatch, match, reason
     monkeypatch.setattr(Seer, "match", lambda self, seen: (answer if self.config.blind else match)(self, seen))
     table, result = run(["seer", "blind.yaml"], episodes=2)
     assert (table["seer"].reason, table["seer"].success_rate) == (reason, None)
-    assert table["blind"].success_rate == 0.0
+    assert table["blind"].success_rate.value == 0.0
     assert result.crashed
 
 
@@ -128,7 +127,7 @@ def test_a_method_that_cannot_run_keeps_its_row():
     assert not table["weightless"].available
     assert "salframe weights fetch weightless" in table["weightless"].reason
     assert table["weightless"].success_rate is None
-    assert table["seer"].success_rate == 1.0
+    assert table["seer"].success_rate.value == 1.0
 
 
 def test_the_settings_are_part_of_the_run():
@@ -223,10 +222,10 @@ def summarize(*methods):
 
 def test_means_and_intervals():
     (row,) = summarize(episodes([True] * 30 + [False] * 10))
-    assert (row.success_rate, row.spl, row.oracle_success_rate) == (0.75, 0.375, 1.0)
+    assert (row.success_rate.value, row.spl.value, row.oracle_success_rate.value) == (0.75, 0.375, 1.0)
     assert (row.path_m, row.panoramas, row.collisions) == (4.0, 3.0, 1.0)
     expected = binomtest(30, 40).proportion_ci(method="wilson")
-    assert (row.success_rate_low, row.success_rate_high) == pytest.approx((expected.low, expected.high))
+    assert (row.success_rate.low, row.success_rate.high) == pytest.approx((expected.low, expected.high))
 
 
 def test_a_crashed_episode_is_a_failure_and_has_no_length():
@@ -241,7 +240,7 @@ def test_a_crashed_episode_is_a_failure_and_has_no_length():
         **where,
     }
     (row,) = summarize((*episodes([True]), crashed))
-    assert (row.success_rate, row.path_m) == (0.5, 4.0)
+    assert (row.success_rate.value, row.path_m) == (0.5, 4.0)
     (row,) = summarize((crashed,))
     assert (row.success_rate, row.path_m) == (0.0, None)
 

@@ -12,11 +12,10 @@ import pytest
 from tiny_folder import write_tiny_folder
 
 import salframe
+from salframe.evaluation.runs.records import Record
 from salframe.evaluation.runs.request import Request, resolve
 from salframe.evaluation.runs.run_folder import MethodStatus, Outcome
 from salframe.evaluation.runs.runner import run_task
-from salframe.evaluation.runs.task import Record
-from salframe.evaluation.tables.table import tables_of
 from salframe.evaluation.tasks.running.task import RunningTask, _result
 from salframe.framework.errors import DataError, MethodFailed
 from salframe.framework.processes import ProcessPool
@@ -45,7 +44,7 @@ def test_the_map_that_is_opened_is_the_one_that_users_build(tiny, tmp_path):
     assert row.queries == len(salframe.find_dataset(tiny).folds()[0].queries)
     assert min(row.open_s, row.first_ms, row.describe_ms) > 0
     assert 0 < row.query_median_ms <= row.query_p95_ms
-    (table,) = tables_of("running", [row])
+    (table,) = RunningTask.tables([row])
     assert table.rows[0][:2] == ["saliency-graph", "annotations, range"]
     assert not list((tmp_path / "runs").rglob("map-*"))
 

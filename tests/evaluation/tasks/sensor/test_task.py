@@ -13,9 +13,9 @@ from salframe_annotations.detector import AnnotationDetector
 from tiny_folder import write_tiny_folder
 
 from salframe.evaluation.runs.request import Request
-from salframe.evaluation.runs.rows import LookRow
 from salframe.evaluation.studies.experiment import run_experiment
-from salframe.evaluation.tasks.sensor.task import measure_sensor
+from salframe.evaluation.tasks.sensor.measurement import measure_sensor
+from salframe.evaluation.tasks.sensor.rows import LookRow
 from salframe.framework.errors import ConfigError, InputMissing, UnknownName
 from salframe.graphs.sensor import read_sensor
 
