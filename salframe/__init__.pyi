@@ -57,12 +57,12 @@ from .localization.answers import NodeMatches as NodeMatches
 from .localization.answers import PointMatches as PointMatches
 from .localization.answers import RankedPlace as RankedPlace
 from .localization.localizer import Localizer as Localizer
-from .localization.localizer import rank_places as rank_places
 from .localization.map import LocalizationMap as LocalizationMap
 from .localization.map import open_map as open_map
 from .localization.positioner import PoseEstimate as PoseEstimate
 from .localization.positioner import PoseStatus as PoseStatus
 from .localization.positioner import Positioner as Positioner
+from .localization.ranking import rank_places as rank_places
 from .panoramas.dataset import Dataset as Dataset
 from .panoramas.floors import FloorMasks as FloorMasks
 from .panoramas.frames import Fold as Fold

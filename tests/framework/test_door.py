@@ -19,10 +19,11 @@ READS = {
 ELSEWHERE = {
     "salframe/evaluation/runs/limits.py": {"open", "read_text"},  # the log of what ended a worker
     "salframe/evaluation/runs/memory_watch.py": {"open"},  # /proc, and writes that log
-    "salframe/evaluation/tasks/localization/answering.py": {"read_text"},  # /proc/self/status
+    "salframe/evaluation/runs/memory.py": {"read_text"},  # /proc/self/status
     "salframe/evaluation/report/page.py": {"open", "read_text"},  # files of the package
-    "salframe/evaluation/runs/run_folder.py": {"open"},  # appends rows, and counts the lines of a file that grows
-    "salframe/evaluation/runs/runner.py": {"open"},  # a run, a task's worker, crash.log
+    "salframe/evaluation/runs/rows.py": {"open"},  # appends rows, and counts the lines of a file that grows
+    "salframe/evaluation/runs/runner.py": {"open"},  # a run
+    "salframe/evaluation/runs/work.py": {"open"},  # a task's worker, crash.log
     "salframe/framework/columns.py": {"open", "fromfile"},  # what it has just written
     "salframe/framework/defaults.py": {"read_bytes"},  # a file of the package
     "salframe/framework/onnx.py": {"InferenceSession"},  # of bytes that came through the door

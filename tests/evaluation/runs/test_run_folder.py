@@ -35,7 +35,7 @@ def open_run(runs, seed=0, **given):
 def test_a_row_cut_off_by_a_kill_is_dropped(tmp_path):
     path = tmp_path / "rows.jsonl"
     path.write_text('{"query": 1}\n{"query": 2}\n{"que')
-    assert list(read_rows(path)) == [{"query": 1}, {"query": 2}]
+    assert list(read_rows(path, dict)) == [{"query": 1}, {"query": 2}]
     with RowWriter(path) as rows:
         rows.append({"query": 3})
     assert [json.loads(line)["query"] for line in path.read_text().splitlines()] == [1, 2, 3]
@@ -45,13 +45,13 @@ def test_a_damaged_line_in_the_middle_is_an_error(tmp_path):
     path = tmp_path / "rows.jsonl"
     path.write_text('{"query": 1}\n{"que\n{"query": 3}\n')
     with pytest.raises(DataError, match="line 2"):
-        list(read_rows(path))
+        list(read_rows(path, dict))
 
 
 def test_rows_refuse_nan(tmp_path):
     with RowWriter(tmp_path / "rows.jsonl") as rows, pytest.raises(InvalidAnswer, match=r"not finite.*query_ms.*nan"):
         rows.append({"query_ms": float("nan")})
-    assert list(read_rows(tmp_path / "rows.jsonl")) == []
+    assert list(read_rows(tmp_path / "rows.jsonl", dict)) == []
 
 
 @pytest.mark.parametrize("side", [3, 6])
@@ -60,7 +60,9 @@ def test_a_covariance_on_the_floor_and_in_space_is_read_again(tmp_path, side):
     row = {"fold": "all", "query": "q", **answer_row(found), "status": "ok", "error": None}
     with RowWriter(tmp_path / "rows.jsonl") as rows:
         rows.append(row)
-    assert [read["covariance"] for read in read_rows(tmp_path / "rows.jsonl", AnswerRow)] == [np.eye(side).tolist()]
+    assert [np.array(read.covariance).tolist() for read in read_rows(tmp_path / "rows.jsonl", AnswerRow)] == [
+        np.eye(side).tolist()
+    ]
     with RowWriter(tmp_path / "rows.jsonl") as rows:
         rows.append({**row, "covariance": [[1.0, 0.0], [0.0, 1.0]]})
     with pytest.raises(DataError, match=r"a covariance is neither \(3, 3\) nor \(6, 6\)"):

@@ -15,6 +15,7 @@ from command_line import run as salframe
 from salframe.evaluation.tasks.localization.task import compare
 from salframe.evaluation.runs.request import Request
 from salframe.evaluation.runs.run_folder import MethodStatus, Run
+from salframe.evaluation.tasks.localization.rows import AnswerRow
 
 ENGINES = ("inline", "processes")
 
@@ -165,7 +166,7 @@ def test_another_setting_of_method_or_data_is_asked_anew(fakes, asked, settings)
     run(["reader"])
     asked.clear()
     _, result = run(["reader"], *settings)
-    assert len(asked) == len(Run.load(result.run).rows("reader")) > 0
+    assert len(asked) == len(Run.load(result.run).rows("reader", AnswerRow)) > 0
     assert result.notes == ()
 
 

@@ -12,6 +12,7 @@ from salframe.evaluation.tasks.localization.task import compare
 from salframe.evaluation.tasks.matching.task import measure_matching
 from salframe.evaluation.tasks.navigation.task import navigate
 from salframe.evaluation.runs.request import Request
+from salframe.evaluation.runs.rows import read_rows
 from salframe.evaluation.runs.run_folder import MethodStatus, Outcome, Run
 from salframe.evaluation.runs.shares import join_outcomes, join_shares, split_work
 
@@ -20,8 +21,8 @@ TIMES = {"query_ms", "describe_ms", "peak_memory_mb", "ms", "seconds"}
 
 
 def rows_of(result, label):
-    run = Run.load(result.run)
-    return [{key: value for key, value in row.items() if key not in TIMES} for row in run.rows(label)]
+    rows = read_rows(Run.load(result.run).folder(label) / "rows.jsonl", dict)
+    return [{key: value for key, value in row.items() if key not in TIMES} for row in rows]
 
 
 def described(result):

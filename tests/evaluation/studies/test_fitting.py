@@ -150,7 +150,7 @@ import salframe
 from salframe.framework.config import Settings, match_only
 from salframe.localization.answers import Localization, LocalizationStatus
 from salframe.localization.evidence import Evidence
-from salframe.localization.localizer import rank_places
+from salframe.localization.ranking import rank_places
 from fake_plugin import Reader
 
 class Weights(Settings):

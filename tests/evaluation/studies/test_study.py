@@ -58,7 +58,7 @@ def test_values_that_look_like_paths_stay_inside_the_run(faults):
 def test_a_variant_that_crashes_costs_its_own_row(faults):
     file = write(method="faulty", data="rooms", set={"what": "exit"}, vary={"where": ["nowhere", "match", "init"]})
     result = ablate(file, Request((), engine="inline"))
-    assert [row.accuracy for row in result.rows] == [1.0, None, None]
+    assert [row.accuracy and row.accuracy.value for row in result.rows] == [1.0, None, None]
     assert [row.reason for row in result.rows[1:]] == ["SystemExit: the network wants to leave"] * 2
     assert result.crashed
 

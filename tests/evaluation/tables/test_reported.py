@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import fields
 
 import pytest
 from command_line import run
@@ -37,7 +36,7 @@ def shipped(plugins):
 
 def test_json_holds_them_under_a_key_of_their_own(shipped):
     done = run("compare", "--methods", "reader", "--data", "rooms", "--engine", "inline", "--json", "--reported")
-    assert [tuple(row) for row in done.json["rows"]] == [tuple(field.name for field in fields(LocalizationRow))]
+    assert [list(row) for row in done.json["rows"]] == [list(LocalizationRow(method="reader", queries=10).to_json())]
     (paper,) = done.json["reported"]
     assert paper["tables"][1]["rows"]["SOVS"] == [0.82]
 

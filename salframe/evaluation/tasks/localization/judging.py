@@ -1,4 +1,4 @@
-"""Answers compared with the truth, query by query (docs/explanation/method.md#what-it-was-to-reach)."""
+"""Answers compared with the truth, query by query (docs/tutorials/first-comparison.md#read-the-table)."""
 
 from __future__ import annotations
 

@@ -5,11 +5,14 @@ import pytest
 
 from salframe.evaluation.runs.request import Request
 from salframe.evaluation.tasks.localization.figures import rank_of
+from salframe.evaluation.tasks.localization.rows import AnswerRow
 from salframe.evaluation.tasks.localization.task import compare
+from salframe.localization.answers import RankedPlace
 
 
 def answer(*places, status="ok"):
-    return {"status": status, "places": [[f"frame {place}", place, 1.0] for place in places], "pose": None}
+    ranked = [RankedPlace(f"frame {place}", place, 1.0) for place in places]
+    return AnswerRow.model_construct(status=status, places=ranked, pose=None)
 
 
 def test_the_rank_of_a_place_counts_each_place_once():

@@ -38,15 +38,22 @@ def answer(*places: str, pose=None, status="ok", query_ms=1.0, memory=10.0, scor
 
 
 def test_the_first_place_counts():
-    judged = judge([answer("kitchen"), answer("hall", "kitchen"), answer(), None], [TRUTH] * 4)
+    judged = judge([answer("kitchen"), answer("hall", "kitchen"), answer(status="no-match"), None], [TRUTH] * 4)
     assert judged.correct.tolist() == [True, False, False, False]
     assert judged.in_top_5.tolist() == [True, True, False, False]
-    assert judged.statuses == ("ok", "ok", "ok", "crashed")
+    assert judged.statuses == ("ok", "ok", "no-match", "crashed")
 
 
 def test_a_room_of_the_same_type_is_of_the_right_type():
     types = {"kitchen": "kitchen", "other kitchen": "kitchen", "hall": "hall"}
-    given = [answer("kitchen"), answer("other kitchen"), answer("hall"), answer("doorway"), answer(), None]
+    given = [
+        answer("kitchen"),
+        answer("other kitchen"),
+        answer("hall"),
+        answer("doorway"),
+        answer(status="no-match"),
+        None,
+    ]
     given += [answer("kitchen", status="low-score")]
     assert judge(given, [TRUTH] * 7, room_types=types).right_type.tolist() == [1, 1, 0, 0, 0, 0, 0]
     assert np.isnan(judge(given[:1], [TRUTH], room_types={"hall": "hall"}).right_type).all()

@@ -13,6 +13,7 @@ import pytest
 from salframe.evaluation.finished_runs import evaluate
 from salframe.evaluation.runs.request import Request
 from salframe.evaluation.runs.run_folder import Run
+from salframe.evaluation.tasks.localization.rows import AnswerRow
 from salframe.evaluation.tasks.localization.table import LocalizationRow
 from salframe.evaluation.tasks.localization.task import compare
 from salframe.framework.errors import ConfigError, DataError
@@ -29,7 +30,7 @@ def run(methods, *settings, engine="inline", **given):
 
 def answers(run: Run, label: str = "reader") -> dict:
     """A method's rows by (fold, query), the last of each."""
-    return {(row["fold"], row["query"]): row for row in run.rows(label)}
+    return {(row.fold, row.query): row for row in run.rows(label, AnswerRow)}
 
 
 def descriptions(run: Run, label: str = "reader") -> list[dict]:
@@ -102,7 +103,7 @@ def test_a_query_that_crashes_does_not_stop_the_others(fakes):
     rows, opened, result = run(["reader"], "fail_in=2")
     assert rows["reader"].accuracy.value == 0.8
     assert rows["reader"].status == {"ok": 8, "crashed": 2}
-    assert answers(opened)["all", "query-2-0"]["error"] == "ValueError: this room is too much"
+    assert answers(opened)["all", "query-2-0"].error == "ValueError: this room is too much"
     assert "all query-2-0" in (opened.folder("reader") / "crash.log").read_text()
     assert result.crashed
 
@@ -117,7 +118,7 @@ def test_a_refusal_is_a_failure(fakes):
 def test_a_corrupt_query_is_an_error_of_its_own(fakes):
     rows, opened, result = run(["reader"], "data.broken=[query-3-1]")
     assert rows["reader"].status == {"ok": 9, "error": 1}
-    assert answers(opened)["all", "query-3-1"]["error"] == "query-3-1.png is no image"
+    assert answers(opened)["all", "query-3-1"].error == "query-3-1.png is no image"
     assert not result.crashed
 
 
@@ -166,8 +167,8 @@ def test_resuming_asks_only_what_has_no_answer(fakes):
     path.write_text("".join(json.dumps(row) + "\n" for row in marked) + '{"query": "query-3-1", "fo')
     run(["reader"])
     again = list(answers(opened).values())
-    assert [row["query"] for row in again] == [row["query"] for row in rows]
-    assert [row["query_ms"] == 12345.0 for row in again] == [True] * 7 + [False] * 3
+    assert [row.query for row in again] == [row["query"] for row in rows]
+    assert [row.query_ms == 12345.0 for row in again] == [True] * 7 + [False] * 3
 
 
 def test_a_crashed_query_is_asked_again(fakes, monkeypatch):

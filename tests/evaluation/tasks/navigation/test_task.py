@@ -15,6 +15,7 @@ from salframe.evaluation.runs.records import Record
 from salframe.evaluation.runs.request import Request
 from salframe.evaluation.runs.run_folder import MethodStatus, Outcome
 from salframe.evaluation.tasks.navigation.options import TRUE_PLACE, Positioning
+from salframe.evaluation.tasks.navigation.rows import EpisodeRow
 from salframe.evaluation.tasks.navigation.survey import NavigationSurvey
 from salframe.evaluation.tasks.navigation.table import NavigationRow
 from salframe.evaluation.tasks.navigation.task import NavigationTask, navigate
@@ -196,19 +197,14 @@ def episodes(successes, **given):
         "success_3m": True,
         "travelled_m": 4.0,
         "panoramas": 3,
+        "collisions": 1,
+        "path": [],
+        "error": None,
+        "shortest_m": 2.0,
         **given,
     }
     return tuple(
-        {
-            "episode": i,
-            "world": "w",
-            "goal": f"room-{i}",
-            **ended,
-            "collisions": 1,
-            "path": [],
-            "success": success,
-            "spl": 0.5 * success,
-        }
+        EpisodeRow(episode=i, world="w", goal=f"room-{i}", **ended, success=success, spl=0.5 * success)
         for i, success in enumerate(successes)
     )
 
@@ -229,20 +225,13 @@ def test_means_and_intervals():
 
 
 def test_a_crashed_episode_is_a_failure_and_has_no_length():
-    where = {"episode": 1, "world": "w", "goal": "room-1"}
-    crashed = {
-        "status": "crashed",
-        "success": False,
-        "oracle": False,
-        "spl": 0.0,
-        "success_1m": False,
-        "success_3m": False,
-        **where,
-    }
+    failure = dict.fromkeys(("success", "oracle", "success_1m", "success_3m"), False)
+    where = {"episode": 1, "world": "w", "goal": "room-1", "shortest_m": 2.0}
+    crashed = EpisodeRow(status="crashed", error="ValueError: no", spl=0.0, **failure, **where)
     (row,) = summarize((*episodes([True]), crashed))
     assert (row.success_rate.value, row.path_m) == (0.5, 4.0)
     (row,) = summarize((crashed,))
-    assert (row.success_rate, row.path_m) == (0.0, None)
+    assert (row.success_rate.value, row.path_m) == (0.0, None)
 
 
 def test_significance_is_of_the_same_episodes():
@@ -256,6 +245,7 @@ def test_significance_is_of_the_same_episodes():
 def test_significance_is_clustered_by_goal():
     """Eight episodes to two rooms tell no more than two tosses."""
     first, second = (
-        [{**row, "goal": f"room-{row['episode'] % 2}"} for row in episodes([found] * 8)] for found in (True, False)
+        [row.model_copy(update={"goal": f"room-{row.episode % 2}"}) for row in episodes([found] * 8)]
+        for found in (True, False)
     )
     assert summarize(first, second)[1].p_value == pytest.approx(2 / 2**2)

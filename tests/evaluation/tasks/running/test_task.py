@@ -16,6 +16,7 @@ from salframe.evaluation.runs.records import Record
 from salframe.evaluation.runs.request import Request, resolve
 from salframe.evaluation.runs.run_folder import MethodStatus, Outcome
 from salframe.evaluation.runs.runner import run_task
+from salframe.evaluation.tasks.running.rows import ProgramRow
 from salframe.evaluation.tasks.running.task import RunningTask, _result
 from salframe.framework.errors import DataError, MethodFailed
 from salframe.framework.processes import ProcessPool
@@ -59,7 +60,8 @@ def test_memory_is_that_of_a_process_of_its_own(tiny, tmp_path, engine):
 
 def asked(query_ms, first=False, **given):
     costs = {"scenes": 4, "bytes": 1000, "open_s": 0.5, "status": "ok", "error": None}
-    return {"first": first, "describe_ms": 10.0, "query_ms": query_ms, **costs, **given}
+    query = {"query": "query", "first": first, "describe_ms": 10.0, "query_ms": query_ms}
+    return ProgramRow.model_validate({**query, **costs, **given})
 
 
 def summarize(*rows):
@@ -80,7 +82,7 @@ def test_the_first_question_of_each_process_stands_apart():
 
 
 def test_questions_that_failed_are_told():
-    failed = {"status": "error", "error": "no picture"}
+    failed = ProgramRow(query="query", status="error", error="no picture")
     row = summarize(asked(300.0, first=True), asked(2.0), failed)
     assert row.reason == "1 of 3 queries failed, the first: no picture"
     assert row.query_median_ms == 2.0

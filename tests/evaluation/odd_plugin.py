@@ -13,7 +13,8 @@ from salframe.graphs.graph import SaliencyGraph
 from salframe.graphs.packing import graph_from_arrays, graph_to_arrays
 from salframe.localization.answers import Localization, LocalizationStatus, NodeMatches
 from salframe.localization.evidence import Evidence
-from salframe.localization.localizer import Localizer, rank_places
+from salframe.localization.localizer import Localizer
+from salframe.localization.ranking import rank_places
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.frames import Fold, MapFrame, QueryFrame, Truth
