@@ -12,7 +12,7 @@ from salframe.evaluation.runs.run_folder import MethodStatus
 from salframe.evaluation.statistics import Estimate
 from salframe.evaluation.tables.formats import to_csv, to_latex, to_markdown
 from salframe.evaluation.tables.reported import ReportedTable, reported_table
-from salframe.evaluation.tables.table import Table
+from salframe.evaluation.tables.table import Table, split_table
 from salframe.evaluation.tables.text import format_bytes
 from salframe.evaluation.tasks.all import ALL
 from salframe.evaluation.tasks.localization.table import LocalizationRow
@@ -135,3 +135,12 @@ def test_it_is_told_where_no_detector_ran():
 @pytest.mark.parametrize(("size", "text"), [(None, "-"), (999, "999 B"), (1500, "1.5 kB"), (123456, "123 kB")])
 def test_bytes_are_decimal(size, text):
     assert format_bytes(size) == text
+
+
+def test_a_table_that_is_too_wide_is_split_with_costs_apart():
+    """Two columns fit beside the leading one; the best cell stays the best."""
+    table = Table(("m", "a", "b", "c", "$"), [["x", "1", "2", "3", "4"]], frozenset({(0, 3)}), frozenset({4}))
+    parts = split_table(table, lambda part: len(part.headings) <= 3)
+    assert [tuple(part.headings) for part in parts] == [("m", "a", "b"), ("m", "c"), ("m", "$")]
+    assert [set(part.best) for part in parts] == [set(), {(0, 1)}, set()]
+    assert split_table(table, lambda part: True) == [table]
