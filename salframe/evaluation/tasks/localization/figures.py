@@ -25,7 +25,6 @@ ERRORS = (
 )
 """Fields of Judged, what they are, and the range that is drawn."""
 HISTOGRAM_BINS = 24
-ERROR_BARS = {"type": "data", "symmetric": False}
 PERCENT = {"range": [0, 1.02], "tickformat": ".0%"}
 
 

@@ -41,8 +41,7 @@ class LocalizationRow(MethodRow):
     statistics.AT_RECALLS; average_precision, the area below precision against recall; roc_area of telling the two apart
     by the probability of being in the map, or the best score; accepted_absent, the share of them that passes the bound
     on it which 90 % of the right answers pass. calibration_error: the expected one, where the method has
-    probabilities. An Estimate has the interval of
-    queries clustered by place.
+    probabilities. An Estimate has the interval of queries clustered by place.
     """
 
     queries: int
