@@ -32,8 +32,6 @@ LONGEST = 200
 """Characters of a folder's name: file systems take 255 bytes."""
 
 
-
-
 class MethodStatus(StrEnum):
     """How a method's work ended."""
 
@@ -256,9 +254,3 @@ def _identity(folder: Path) -> _Identity:
         return read_model(folder / IDENTITY, _Identity)
     except DataError:
         return _Identity()
-
-
-
-
-
-
