@@ -9,18 +9,17 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from salframe.evaluation.experiment import (
+from salframe.evaluation.studies.experiment import (
     Experiment,
-    Kept,
     TableStudy,
     experiment_names,
     in_quick,
-    kept_tables,
     read_experiment,
-    read_results,
     reported_in,
 )
-from salframe.evaluation.tables import reported_table, to_markdown
+from salframe.evaluation.studies.kept import Kept, kept_tables, read_results
+from salframe.evaluation.tables.formats import to_markdown
+from salframe.evaluation.tables.reported import reported_table
 
 PAGE = Path(__file__).with_name("results.md")
 RESULTS = Path(__file__).with_name("results")
@@ -55,7 +54,7 @@ def _options(experiment: Experiment) -> str:
 def _table(study: TableStudy, kept: Kept, how: str) -> list[str]:
     took = "" if kept.seconds is None else f", {duration(kept.seconds)}"
     parts = [f"**{study.title}** ({kept.date}, {kept.machine}{took}{how})"]
-    for table in kept_tables(study, kept):
+    for table in kept_tables(study, kept, study.columns):
         parts += [f"*{table.title}*"] if table.title else []
         parts.append(to_markdown(table).rstrip())
     return parts

@@ -16,10 +16,10 @@ from salframe_house.frames import choose_frames
 from salframe_house.render import Renderer
 from salframe_house.rendering import buildings, frames_of, render_frame
 
-from salframe.evaluation.localization import compare
-from salframe.evaluation.reporting import write_report
-from salframe.evaluation.request import Request
-from salframe.evaluation.run import Run
+from salframe.evaluation.finished_runs import write_report
+from salframe.evaluation.runs.request import Request
+from salframe.evaluation.runs.run_folder import Run
+from salframe.evaluation.tasks.localization.task import compare
 from salframe.framework.presets import configure, settings
 from salframe.framework.registry import registry
 from salframe.graphs.detections import Detections

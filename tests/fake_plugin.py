@@ -19,7 +19,8 @@ from salframe.framework.config import ComponentConfig
 from salframe.framework.errors import DataError, WeightsMissing
 from salframe.framework.identity import digest
 from salframe.localization.answers import Localization, LocalizationStatus
-from salframe.localization.localizer import Description, Localizer, posterior_slot, rank_places
+from salframe.localization.localizer import Description, Localizer, posterior_slot
+from salframe.localization.ranking import rank_places
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.frames import Fold, MapFrame, QueryFrame, Truth

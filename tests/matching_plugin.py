@@ -7,7 +7,7 @@ import numpy as np
 from salframe_annotations.detector import AnnotationDetector
 
 import salframe
-from salframe.evaluation.matching import PIXEL_RAD
+from salframe.evaluation.tasks.matching.judging import PIXEL_RAD
 from salframe.framework.config import ComponentConfig
 from salframe.framework.errors import WeightsMissing
 from salframe.localization.answers import Localization, LocalizationStatus, NodeMatches, PointMatches

@@ -21,7 +21,7 @@ DOOR = [
     "equirectangular_rays", "invert_pose", "pose_2d", "rays_to_pixels", "transform_points",
     "BuildingMap", "LocalizationMap",
     "Annotations", "Cache", "Component", "ComponentConfig", "ConfigError", "Conformance", "DataError", "Dataset",
-    "Detections", "Detector", "Engine", "FloorMasks", "Fold", "FrameKind", "GraphMatch", "GraphMatcher",
+    "Detections", "Detector", "Engine", "Estimate", "FloorMasks", "Fold", "FrameKind", "GraphMatch", "GraphMatcher",
     "InputMissing", "InvalidAnswer", "Localization", "LocalizationStatus", "Localizer", "MapEdge", "MapFrame",
     "MapNode", "NoRoute", "NodeKind", "NodeMatches", "ObjectBoxes", "Panorama", "Planner", "PointMatches",
     "PoseEstimate", "PoseStatus", "Positioner", "Presets", "QueryFrame", "RangeModel", "RankedGraphs", "RankedPlace",
@@ -117,7 +117,7 @@ SCRIPT = """
 import salframe
 
 result = salframe.compare(salframe.Request(methods=["reader"], data="rooms"))
-print(result.row("reader").accuracy)
+print(result.row("reader").accuracy.value)
 """
 
 

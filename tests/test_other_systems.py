@@ -7,7 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from salframe.evaluation import answering
+from salframe.evaluation.runs import memory
 
 WITHOUT_UNIX = """
 import sys
@@ -40,10 +40,10 @@ def test_methods_are_compared_without_unix_modules_in_the_encoding_of_windows(tm
 
 
 def test_peak_memory_is_unknown_where_no_module_tells_it(monkeypatch, tmp_path):
-    monkeypatch.setattr(answering, "in_worker", lambda: True)
-    assert answering.peak_memory_mb() > 10
-    monkeypatch.setattr(answering, "Path", lambda _: tmp_path / "no proc")
-    by_resource = answering.peak_memory_mb()
+    monkeypatch.setattr(memory, "in_worker", lambda: True)
+    assert memory.peak_memory_mb() > 10
+    monkeypatch.setattr(memory, "Path", lambda _: tmp_path / "no proc")
+    by_resource = memory.peak_memory_mb()
     assert by_resource > 10
     monkeypatch.setitem(sys.modules, "resource", None)
-    assert answering.peak_memory_mb() is None
+    assert memory.peak_memory_mb() is None

@@ -11,7 +11,8 @@ import pytest
 import typer
 
 from salframe.cli import app
-from salframe.evaluation.experiment import experiment_names, read_experiment, read_results
+from salframe.evaluation.studies.experiment import experiment_names, read_experiment
+from salframe.evaluation.studies.kept import read_results
 from salframe.framework.presets import names
 
 REPOSITORY = Path(__file__).parent.parent

@@ -16,7 +16,8 @@ from salframe.framework.identity import UserFile
 from salframe.framework.onnx import open_model
 from salframe.framework.weights import Download, Weights, WeightsFile
 from salframe.localization.answers import Localization, LocalizationStatus
-from salframe.localization.localizer import Description, Localizer, rank_places
+from salframe.localization.localizer import Description, Localizer
+from salframe.localization.ranking import rank_places
 from salframe.panoramas.frames import MapFrame
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.perspective import ViewRig

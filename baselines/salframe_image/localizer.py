@@ -12,7 +12,8 @@ from salframe.framework.config import ComponentConfig
 from salframe.framework.registry import registry
 from salframe.framework.slots import slot
 from salframe.localization.answers import Localization, LocalizationStatus
-from salframe.localization.localizer import Description, Localizer, rank_places
+from salframe.localization.localizer import Description, Localizer
+from salframe.localization.ranking import rank_places
 from salframe.panoramas.frames import MapFrame
 from salframe.panoramas.geometry import pose_2d
 from salframe.panoramas.panorama import Panorama

@@ -13,7 +13,8 @@ from salframe.framework.errors import InputMissing
 from salframe.framework.registry import registry
 from salframe.framework.slots import slot
 from salframe.localization.answers import Localization, LocalizationStatus, PointMatches
-from salframe.localization.localizer import Description, Localizer, range_slot, rank_places
+from salframe.localization.localizer import Description, Localizer, range_slot
+from salframe.localization.ranking import rank_places
 from salframe.panoramas.frames import MapFrame
 from salframe.panoramas.geometry import sample_nearest
 from salframe.panoramas.panorama import Panorama

@@ -11,7 +11,8 @@ from pydantic import Field
 from salframe.framework.config import ComponentConfig, match_only
 from salframe.framework.errors import InputMissing
 from salframe.localization.answers import Localization, LocalizationStatus
-from salframe.localization.localizer import Description, Localizer, range_slot, rank_places
+from salframe.localization.localizer import Description, Localizer, range_slot
+from salframe.localization.ranking import rank_places
 from salframe.panoramas.frames import MapFrame
 from salframe.panoramas.geometry import pose_2d
 from salframe.panoramas.panorama import Panorama

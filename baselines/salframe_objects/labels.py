@@ -8,7 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from salframe.localization.answers import Localization, LocalizationStatus
-from salframe.localization.localizer import Description, Localizer, rank_places
+from salframe.localization.localizer import Description, Localizer
+from salframe.localization.ranking import rank_places
 from salframe.panoramas.frames import MapFrame
 
 

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from salframe.localization.answers import Localization, LocalizationStatus, NodeMatches
-from salframe.localization.localizer import Description, rank_places
+from salframe.localization.localizer import Description
+from salframe.localization.ranking import rank_places
 from salframe.panoramas.frames import MapFrame
 from salframe.panoramas.panorama import Panorama
 from salframe_objects.salient import SalientObjects

@@ -1,4 +1,4 @@
-"""One-to-one pairs of the nodes of two graphs (docs/explanation/method.md)."""
+"""One-to-one pairs of the nodes of two graphs (docs/explanation/method.md#node-similarity)."""
 
 from __future__ import annotations
 

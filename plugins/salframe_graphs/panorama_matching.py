@@ -15,8 +15,8 @@ from salframe.graphs.matcher import GraphMatch, GraphMatcher
 from salframe.graphs.packing import graph_from_arrays
 from salframe.graphs.table import MappedGraphs
 from salframe.localization.answers import Localization, LocalizationStatus, NodeMatches, RankedPlace
-from salframe.localization.localizer import rank_places
 from salframe.localization.positioner import Positioner
+from salframe.localization.ranking import rank_places
 from salframe.localization.saved_frames import SavedFrames
 from salframe.panoramas.frames import FrameKind, MapFrame
 from salframe.panoramas.geometry import pose_2d, pose_yaw, wrap_angle

@@ -1,4 +1,5 @@
-"""Where the query's frame lies in the map frame's, from matched nodes (method.md 4; paper section "Positioning")."""
+"""Where the query's frame lies in the map frame's, from matched nodes
+(docs/explanation/method.md#from-matched-nodes-to-a-pose; paper section "Positioning")."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Volumetric saliency (method.md 2; paper section "360-degree Saliency Graph")."""
+"""Volumetric saliency (docs/explanation/method.md#from-panorama-to-graph; paper section "360-degree Saliency
+Graph")."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Geometric verification of many candidate graphs at once (docs/explanation/method.md)."""
+"""Geometric verification of many candidate graphs at once (docs/explanation/method.md#verification)."""
 
 from __future__ import annotations
 

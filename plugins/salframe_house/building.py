@@ -101,8 +101,9 @@ class Building:
     def floor_masks(self, resolution_m: float = 0.05) -> FloorMasks:
         """Free floor, room labels (1 + index in `rooms`) and obstacles as seen from above.
 
-        Thresholds are floor; the labels of two rooms meet in the middle of theirs (method.md 1). Open door leaves are
-        no free floor. Obstacles are the footprints of all objects, save rugs, that begin below 1.5 m.
+        Thresholds are floor; the labels of two rooms meet in the middle of theirs
+        (docs/how-to/maps.md#what-the-map-is-made-of). Open door leaves are no free floor. Obstacles are the footprints
+        of all objects, save rugs, that begin below 1.5 m.
         """
         low, high = self._extent_m
         shape = tuple(np.ceil((high - low)[::-1] / resolution_m).astype(int))

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from salframe.evaluation.run import Run
+from salframe.evaluation.runs.run_folder import Run
+from salframe.evaluation.tasks.localization.rows import AnswerRow
 from salframe.framework.errors import DataError, SalframeError
 from salframe_matterport.bearings import direction
 from salframe_matterport.dataset import MatterportAnnotations
@@ -30,7 +31,7 @@ def diagnose(run: Run, method: str) -> dict[str, list[str]]:
     if not isinstance(config, MatterportAnnotations.Config):
         raise DataError(f"{run.directory} asked {config.kind}, expected {MatterportAnnotations.name}")
     dataset = MatterportAnnotations(config)
-    answers = {(row["fold"], row["query"]): row["places"] for row in run.rows(method)}
+    answers = {(row.fold, row.query): row.places for row in run.rows(method, AnswerRow)}
     scenes = dataset.scenes()
     wrong: dict[str, list[str]] = {cause: [] for cause in CAUSES}
     for fold in dataset.folds():
@@ -40,9 +41,9 @@ def diagnose(run: Run, method: str) -> dict[str, list[str]]:
             places = answers[fold.id, query.id]
             truth = dataset.truth(query.id)
             own = [scenes[frame.id] for frame in fold.mapping if frame.place == truth.place]
-            if not own or (places and places[0][1] == truth.place):  # not in the map, or right
+            if not own or (places and places[0].place == truth.place):  # not in the map, or right
                 continue
-            winning = [scenes[frame.id] for frame in fold.mapping if places and frame.place == places[0][1]]
+            winning = [scenes[frame.id] for frame in fold.mapping if places and frame.place == places[0].place]
             wrong[cause_of(scenes[query.id.removesuffix("/query")], own, winning)].append(query.id)
     return wrong
 

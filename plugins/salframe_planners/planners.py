@@ -1,4 +1,4 @@
-"""Shortest routes by scipy's graph algorithms (method.md 1)."""
+"""Shortest routes by scipy's graph algorithms (docs/how-to/maps.md#what-the-map-is-made-of)."""
 
 from __future__ import annotations
 

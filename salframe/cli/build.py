@@ -30,7 +30,7 @@ def build(
 ) -> None:
     """Build a map from the reference frames of a dataset and, where it has floor masks, their topology."""
     from salframe.cli.output import Bars, tell
-    from salframe.evaluation.columns import format_bytes
+    from salframe.evaluation.tables.text import format_bytes
     from salframe.framework.installation import folder_bytes
     from salframe.topology.building_map import build_map
 

@@ -18,7 +18,7 @@ def info(as_json: Json = False) -> None:
     """Tell where the cache is, how many entries it has, their size, and how large it may grow ($SALFRAME_CACHE_GB)."""
     from dataclasses import asdict
 
-    from salframe.evaluation.columns import format_bytes
+    from salframe.evaluation.tables.text import format_bytes
     from salframe.framework.cache import Cache
 
     state = Cache().state()
@@ -32,7 +32,7 @@ def info(as_json: Json = False) -> None:
 @app.command()
 def clear() -> None:
     """Remove all entries of the cache; what is asked for again is computed again."""
-    from salframe.evaluation.columns import format_bytes
+    from salframe.evaluation.tables.text import format_bytes
     from salframe.framework.cache import Cache
 
     before = Cache().clear()

@@ -31,7 +31,7 @@ def fit(
     probabilities of its places and of none of them, for which each query is asked of its map and of the map without its
     place. `--set posterior=FILE.yaml` and `--set weights=FILE.yaml` take what is written."""
     from salframe.cli.output import Bars, tell
-    from salframe.evaluation.fitting import fit_method
+    from salframe.evaluation.studies.fitting import fit_method
 
     with Bars() as bars:
         found = fit_method(

@@ -102,7 +102,7 @@ def _value(setting: Setting) -> str:
 
 def doctor(as_json: Json = False) -> None:
     """Check the installation: versions, plugins that failed to load, cache, weights. Exit 1 where a plugin failed."""
-    from salframe.evaluation.columns import format_bytes
+    from salframe.evaluation.tables.text import format_bytes
     from salframe.framework.installation import diagnose
 
     found = diagnose()

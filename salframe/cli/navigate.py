@@ -6,29 +6,25 @@ from typing import Annotated, Literal
 
 import typer
 
-from salframe.cli.options import (
-    DATA,
-    ENGINE,
-    METHODS,
-    RUNS,
-    DataDir,
-    EngineName,
-    Json,
-    Memory,
-    Methods,
-    Name,
-    Runs,
-    Style,
-    Timeout,
-    Workers,
-    make_request,
-)
+from salframe.cli.options import DATA, METHODS, CommonOptions, Methods, with_common_options
 from salframe.cli.output import show
 
+Worlds = Annotated[str, typer.Option(help="A dataset that can render, or says itself where to walk.")]
+NavigationSettings = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="KEY.PATH=VALUE",
+        help="Change a setting: navigation.KEY, data.KEY, engine.KEY, METHOD.KEY of one method, or KEY of every "
+        "method that has it.",
+    ),
+]
+NavigationSeed = Annotated[int, typer.Option(help="Seed of episodes, noise and confidence intervals.")]
 
+
+@with_common_options(data=(Worlds, DATA), overrides=(NavigationSettings, None), seed=(NavigationSeed, 0))
 def navigate(
     methods: Methods = METHODS,
-    data: Annotated[str, typer.Option(help="A dataset that can render, or says itself where to walk.")] = DATA,
     episodes: Annotated[
         str,
         typer.Option(
@@ -43,50 +39,21 @@ def navigate(
             "all: and an agent that is told its true place."
         ),
     ] = "on",
-    data_dir: DataDir = None,
-    overrides: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set",
-            metavar="KEY.PATH=VALUE",
-            help="Change a setting: navigation.KEY, data.KEY, engine.KEY, METHOD.KEY of one method, or KEY of every "
-            "method that has it.",
-        ),
-    ] = None,
-    name: Name = None,
-    runs: Runs = RUNS,
-    engine: EngineName = ENGINE,
-    workers: Workers = None,
-    seed: Annotated[int, typer.Option(help="Seed of episodes, noise and confidence intervals.")] = 0,
-    timeout: Timeout = None,
-    memory: Memory = None,
-    style: Style = "table",
-    as_json: Json = False,
+    *,
+    options: CommonOptions,
 ) -> None:
     """Send an agent from room to room with each method as its localizer. Run it again to resume."""
-    from salframe.evaluation.navigation import Positioning
-    from salframe.evaluation.navigation import navigate as run
+    from salframe.evaluation.tasks.navigation.options import Positioning
+    from salframe.evaluation.tasks.navigation.task import navigate as run
 
     source: int | str
     try:
         source = int(episodes)
     except ValueError:
         source = episodes
-    request = make_request(
-        methods,
-        data=data,
-        data_dir=data_dir,
-        overrides=overrides,
-        name=name,
-        runs=runs,
-        engine=engine,
-        workers=workers,
-        seed=seed,
-        timeout_s=timeout,
-        memory_mb=memory,
-    )
+    request = options.request(methods)
     show(
         lambda progress: run(request, episodes=source, positioning=Positioning(positioning), progress=progress),
-        as_json,
-        style,
+        options.as_json,
+        options.style,
     )

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import inspect
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, cast, get_type_hints
 
 import typer
 
 from salframe.framework.defaults import default_of
 
 if TYPE_CHECKING:
-    from salframe.evaluation.request import Request
+    from salframe.evaluation.runs.request import Request
 
+Command = TypeVar("Command", bound=Callable[..., None])
 METHODS, MATCHING_METHODS, DETECTORS = (
     ",".join(default_of(key)) for key in ("methods", "matching_methods", "detectors")
 )
@@ -70,32 +75,77 @@ def with_workers(overrides: list[str] | None, workers: int | None) -> tuple[str,
     return (*(overrides or ()), *(() if workers is None else (f"engine.workers={workers}",)))
 
 
-def make_request(
-    methods: str = "",
-    *,
-    data: str | None,
-    data_dir: Path | None,
-    overrides: list[str] | None,
-    name: str | None,
-    runs: Path,
-    engine: str,
-    workers: int | None,
-    seed: int = 0,
-    timeout_s: float | None = None,
-    memory_mb: float | None = None,
-) -> Request:
-    """What the options that tasks share ask for; `methods` stand between commas."""
-    from salframe.evaluation.guard import Limits
-    from salframe.evaluation.request import Request
+@dataclass(frozen=True, kw_only=True)
+class CommonOptions:
+    """Options of the commands that make runs."""
 
-    return Request(
-        methods=split_names(methods),
-        data=data,
-        data_dir=data_dir,
-        settings=with_workers(overrides, workers),
-        name=name,
-        seed=seed,
-        engine=engine,
-        runs=runs,
-        limits=Limits(timeout_s, memory_mb),
-    )
+    data: Data = DATA
+    data_dir: DataDir = None
+    overrides: Set = None
+    name: Name = None
+    runs: Runs = RUNS
+    engine: EngineName = ENGINE
+    workers: Workers = None
+    seed: Seed = 0
+    timeout: Timeout = None
+    memory: Memory = None
+    style: Style = "table"
+    as_json: Json = False
+
+    @property
+    def settings(self) -> tuple[str, ...]:
+        """Settings of `--set`, and that of `--workers`."""
+        return with_workers(self.overrides, self.workers)
+
+    def request(self, methods: str = "") -> Request:
+        """Return the request of these options; `methods` are separated by commas."""
+        from salframe.evaluation.runs.limits import Limits
+        from salframe.evaluation.runs.request import Request
+
+        return Request(
+            methods=split_names(methods),
+            data=self.data,
+            data_dir=self.data_dir,
+            settings=self.settings,
+            name=self.name,
+            seed=self.seed,
+            engine=self.engine,
+            runs=self.runs,
+            limits=Limits(self.timeout, self.memory),
+        )
+
+
+def with_common_options(without: Sequence[str] = (), **changed: tuple[Any, Any]) -> Callable[[Command], Command]:
+    """Return a decorator of a command that receives CommonOptions as its parameter `options`: the command line then
+    has an option for each of their fields.
+
+    Args:
+        without: Fields that the command has no option for; they keep their defaults.
+        changed: The type, with its help, and the default of fields that the command has another option for.
+    """
+    types = get_type_hints(CommonOptions, include_extras=True)
+    shown = {field.name: changed.get(field.name, (types[field.name], field.default)) for field in fields(CommonOptions)}
+    shown = {name: option for name, option in shown.items() if name not in without}
+
+    def decorate(command: Command) -> Command:
+        @wraps(command)
+        def run(**values: Any) -> Any:
+            common = {name: values.pop(name) for name in shown}
+            return command(**values, options=CommonOptions(**common))
+
+        own = inspect.signature(command, eval_str=True).parameters.values()
+        parameters: list[inspect.Parameter] = []
+        for parameter in own:
+            if parameter.name == "options":
+                parameters += [
+                    inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=kind)
+                    for name, (kind, default) in shown.items()
+                ]
+            else:
+                parameters.append(parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY))
+        run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+        run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+        del run.__wrapped__  # type: ignore[attr-defined]
+        return cast(Command, run)
+
+    return decorate

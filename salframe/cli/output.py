@@ -15,8 +15,8 @@ import typer
 if TYPE_CHECKING:
     from rich.progress import TaskID
 
-    from salframe.evaluation.result import Result
-    from salframe.evaluation.study import StudyResult
+    from salframe.evaluation.runs.task import Result
+    from salframe.evaluation.studies.study import StudyResult
     from salframe.panoramas.frames import MapFrame, QueryFrame
     from salframe.panoramas.opening import Progress
     from salframe.panoramas.panorama import Panorama
@@ -120,10 +120,10 @@ class Bars:
 
 
 def show(
-    run: Callable[[Progress], Result[Any] | StudyResult], as_json: bool, style: str = TABLE, *, classes: bool = False
+    run: Callable[[Progress], Result[Any] | StudyResult], as_json: bool, style: str = TABLE, *, details: bool = False
 ) -> None:
     """Run a task with its progress on stderr, print its tables in a style of `--format`, or JSON, on stdout; exit 1
-    where nothing was measured or something crashed. `classes`: as in `print_result`.
+    where nothing was measured or something crashed. `details`: print the tables of details too.
     """
     from salframe.cli.tables import format_result, print_result
 
@@ -132,7 +132,7 @@ def show(
     if as_json:
         print_json(result.to_json())
     elif style == TABLE:
-        print_result(result, classes)
+        print_result(result, details)
     else:
         print(format_result(result, style), end="")
     if result.crashed or not result.measured:

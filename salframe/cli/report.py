@@ -15,7 +15,7 @@ def report(
 ) -> None:
     """Write one HTML page of runs, side by side and with every query to look at. It needs no network."""
     from salframe.cli.output import Bars, tell
-    from salframe.evaluation.reporting import write_report
+    from salframe.evaluation.finished_runs import write_report
 
     with Bars() as bars:
         written = write_report(runs, output, full=full, progress=bars.update)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from rich import box
@@ -13,13 +11,12 @@ from rich.console import Console
 from rich.markup import escape
 
 if TYPE_CHECKING:
-    from salframe.evaluation.detection import Counts, DetectionRow
-    from salframe.evaluation.experiment import ExperimentResult
-    from salframe.evaluation.reported import Reported, ReportedTable
-    from salframe.evaluation.result import Result
-    from salframe.evaluation.sensor import SensorMeasurement
-    from salframe.evaluation.study import StudyResult
-    from salframe.evaluation.tables import Table
+    from salframe.evaluation.runs.task import Result
+    from salframe.evaluation.studies.experiment import ExperimentResult
+    from salframe.evaluation.studies.study import StudyResult
+    from salframe.evaluation.tables.reported import Reported, ReportedTable
+    from salframe.evaluation.tables.table import Table
+    from salframe.evaluation.tasks.sensor.measurement import SensorMeasurement
 
 
 GIVEN_WIDTH = 22
@@ -42,20 +39,15 @@ def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     _console().print(table)
 
 
-def print_result(result: Result[Any] | StudyResult, classes: bool = False) -> None:
-    """The tables of whatever task a result is of, what their columns do not say in notes below, and where it lies;
-    `classes`: with a table of the classes of each detector."""
-    from salframe.evaluation.detection import DetectionRow
-
+def print_result(result: Result[Any] | StudyResult, details: bool = False) -> None:
+    """Print the tables of a result, notes on them, and where it lies; `details`: with its tables of details."""
     for table in result.tables():
         print_measured(table)
-    detectors = [row for row in result.rows if isinstance(row, DetectionRow) and row.measured]
-    for row in detectors if classes else ():
-        headings = (row.method, "precision %", "recall %", "annotated", "found", "right")
-        print_table(headings, [[label, *_counts(counts)] for label, counts in row.classes.items()])
+    for table in result.kind.details(result.rows) if details else ():
+        print_table(table.headings, table.rows)
     _print_notes(result)
-    if detectors:
-        _print_what_is_right(detectors)
+    for line in result.kind.legend(result.rows):
+        _say(line, dim=False)
     print_reported(result.reported)
     _say(result.where, dim=False)
 
@@ -81,41 +73,19 @@ def print_experiment(result: ExperimentResult) -> None:
 def print_measured(table: Table) -> None:
     """A table of measured rows. Where it is too wide for the terminal, what the methods cost is a table of its own, and
     what is too wide then is another."""
+    from salframe.evaluation.tables.table import split_table
+
     console = _console()
-    for part in _parts(table, console):
-        console.print(_rich(part))
-
-
-def _parts(table: Table, console: Console) -> list[Table]:
-    """Tables with the rows of a table, each with as many of its columns as the terminal has room for."""
 
     def fits(part: Table) -> bool:
         return console.measure(_rich(part), options=console.options.update(width=1000)).maximum <= console.width
 
-    if fits(table):
-        return [table]
-    left, rest = list(range(table.leading)), range(table.leading, len(table.headings))
-    parts: list[Table] = []
-    for costs in (False, True):
-        taken: list[int] = []
-        for j in (j for j in rest if (j in table.costs) == costs):
-            if taken and not fits(_columns(table, [*left, *taken, j])):
-                parts.append(_columns(table, [*left, *taken]))
-                taken = []
-            taken.append(j)
-        parts += [_columns(table, [*left, *taken])] if taken else []
-    return parts
-
-
-def _columns(table: Table, chosen: Sequence[int]) -> Table:
-    """The chosen columns of a table."""
-    rows = [[row[j] for j in chosen] for row in table.rows]
-    best = frozenset((i, chosen.index(j)) for i, j in table.best if j in chosen)
-    return replace(table, headings=[table.headings[j] for j in chosen], rows=rows, best=best)
+    for part in split_table(table, fits):
+        console.print(_rich(part))
 
 
 def _rich(table: Table) -> rich_table.Table:
-    from salframe.evaluation.columns import GIVEN
+    from salframe.evaluation.tables.columns import GIVEN
 
     title = None if table.title is None else escape(table.title)
     drawn = rich_table.Table(
@@ -137,10 +107,11 @@ def _rich(table: Table) -> rich_table.Table:
 
 def format_result(result: Result[Any] | StudyResult, style: str) -> str:
     """The tables of a result as "md", "latex" or "csv"; in the last all numbers in full."""
-    from salframe.evaluation.tables import reported_tables, to_csv, to_latex, to_markdown
+    from salframe.evaluation.tables.formats import to_csv, to_latex, to_markdown
+    from salframe.evaluation.tables.reported import reported_tables
 
     if style == "csv":
-        return to_csv(result.rows, getattr(result, "settings", ()))
+        return to_csv([row.to_json() for row in result.rows], getattr(result, "settings", ()))
     draw = {"md": to_markdown, "latex": to_latex}[style]
     return "\n".join(map(draw, [*result.tables(), *reported_tables(result.reported)]))
 
@@ -148,7 +119,8 @@ def format_result(result: Result[Any] | StudyResult, style: str) -> str:
 def format_experiment(result: ExperimentResult, style: str) -> str:
     """The tables of an experiment as "md" or "latex", each under its title, those that papers report last, or as "csv":
     the measured alone, one after the other, all numbers in full."""
-    from salframe.evaluation.tables import reported_table, to_csv, to_latex, to_markdown
+    from salframe.evaluation.tables.formats import to_csv, to_latex, to_markdown
+    from salframe.evaluation.tables.reported import reported_table
 
     if style == "csv":
         kept = ((table.name, table.kept) for table in result.tables if table.kept)
@@ -160,65 +132,21 @@ def format_experiment(result: ExperimentResult, style: str) -> str:
     return "\n".join(above.format(title) + draw(table) for title, table in told)
 
 
-def _print_what_is_right(rows: Sequence[DetectionRow]) -> None:
-    from salframe.evaluation.detection import NEAR_M
-
-    _say(f"right: an annotated object of the same label has its centroid within {NEAR_M} m", dim=False)
-    joined = {label: name for row in rows for label, name in row.joined.items()}
-    if joined:
-        pairs = (f"{label} = {name}" for label, name in sorted(joined.items()))
-        _say(f"one label in the shared vocabulary: {', '.join(pairs)}")
-
-
 def print_sensor(measured: SensorMeasurement) -> None:
-    """What a detector finds by size, range and what hides it, beside what the model says, and the rest in lines."""
-    from salframe.evaluation.columns import percent
-
-    headings = ("objects", "annotated", "found %", "model %", "found by its\nright name %")
-    rows = [
-        [line.by, str(line.objects), *map(percent, (line.found, line.modelled, line.right))]
-        for line in measured.lines
-        if line.objects
-    ]
-    print_table(headings, rows)
-    sensor = measured.sensor
-    false, errors = sensor.false_objects, sensor.errors
-    renamed = {
-        f"{label} as {said}": count
-        for label, row in sensor.confusion.items()
-        for said, count in row.items()
-        if said != label
-    }
-    lines = [
-        f"called otherwise: {_commonest(renamed)}",
-        f"false objects: {false.per_panorama:.1f} a panorama: {_commonest(false.labels)}",
-        f"errors, robust standard deviation: bearing {math.degrees(errors.bearing_rad):.2f} deg, "
-        f"range {errors.range_share * 100:.1f} %, size {errors.size_log * 100:.0f} %, "
-        f"height {errors.height_m * 100:.1f} cm",
-        f"{sensor.provenance.panoramas} panoramas of {', '.join(sensor.provenance.data)}; model %: the mean of what "
-        "the fitted model says of the same objects",
-    ]
-    for line in lines:
+    """Print what a detector finds by size, range and occlusion, beside what the model says, and a summary."""
+    table = measured.table()
+    print_table(table.headings, table.rows)
+    for line in measured.summary():
         _say(line, dim=False)
-
-
-def _commonest(counts: Mapping[str, int]) -> str:
-    """The eight commonest of what was counted."""
-    order = sorted(counts.items(), key=lambda entry: (-entry[1], entry[0]))
-    return ", ".join(f"{name} {count}" for name, count in order[:8]) or "none"
 
 
 def _print_notes(result: Result[Any] | StudyResult) -> None:
     """What tables do not say: notes, reasons, and how often each failure occurred."""
-    from salframe.evaluation.tables import without_detector
-
     notes = list(result.notes)
     for row in result.rows:
         failures = ", ".join(f"{count} {status}" for status, count in row.status.items() if status != "ok")
         if remarks := "; ".join(part for part in (row.remark, failures) if part):
             notes.append(f"{row.method}: {remarks}")
-    if result.task == "localization" and (note := without_detector(result.rows)):
-        notes.append(note)
     for note in notes:
         _say(note)
 
@@ -232,13 +160,6 @@ def print_reported(papers: Sequence[Reported]) -> None:
 
 def _say(line: str, dim: bool = True) -> None:
     _console().print(line, style="dim" if dim else None, markup=False, highlight=False, soft_wrap=True)
-
-
-def _counts(counts: Counts) -> list[str]:
-    from salframe.evaluation.columns import percent
-
-    numbers = (counts.annotated, counts.found, counts.right)
-    return [percent(counts.precision), percent(counts.recall), *map(str, numbers)]
 
 
 def _reported(parts: Sequence[ReportedTable]) -> rich_table.Table:

@@ -21,7 +21,7 @@ def list_(as_json: Json = False) -> None:
     """List the weights that components use, their licence (and what they were trained on, where that has terms of its
     own), size and source, and whether they are at hand."""
     from salframe.cli.tables import print_table
-    from salframe.evaluation.columns import format_bytes
+    from salframe.evaluation.tables.text import format_bytes
     from salframe.framework.errors import failure_of
     from salframe.framework.registry import registry
     from salframe.framework.weights import list_weights

@@ -32,14 +32,14 @@ class Choice:
 
         Raises InputMissing that says why each cannot.
         """
-        component, remark = _first(role, self._provides() | added)
+        component, remark = first_fit(role, self._provides() | added)
         if component is None:
             raise InputMissing(f"no {role} of {AUTO!r} can run on {self._data}: {remark}")
         self._taken[role] = f"{AUTO} took the {role} {component.name}" + (f", which {remark}" if remark else "")
         return component
 
 
-def _first(role: str, provides: frozenset[str] | None) -> tuple[type[Component] | None, str]:
+def first_fit(role: str, provides: frozenset[str] | None) -> tuple[type[Component] | None, str]:
     """The first component in a role's order that can run on panoramas with these parts (None: whatever it needs), with
     what to say of it; None with the reasons where none can. Names that nobody brings are passed over."""
     reasons = []
@@ -68,17 +68,6 @@ def why_unfit(component: type[Component], provides: frozenset[str] | None) -> st
     return f"needs {' and '.join(sorted(absent))}, which the data does not have" if absent else None
 
 
-def instead_of(config: ComponentConfig, provides: frozenset[str]) -> str:
-    """What to do where a configured method needs more than panoramas of these parts have: build its map with another
-    component in each slot that needs too much, or give the parts."""
-    wanting = ((slot, inner.component.role) for slot, inner in components_in(config) if needs_of(inner) - provides)
-    taken = [(slot, component.name) for slot, role in wanting if (component := _first(role, provides)[0]) is not None]
-    absent = " and ".join(sorted(needs_of(config) - provides))
-    if not taken:
-        return f"give {absent} too, or build the map of another method"
-    return f"build the map with {' and '.join(f'{slot}.kind={name}' for slot, name in taken)}, or give {absent} too"
-
-
 def needs_of(config: ComponentConfig) -> frozenset[str]:
     """Which parts panoramas must have for a configured component: those that its class names in `needs`, and the needs
     of the components in its slots."""
@@ -103,7 +92,7 @@ class Undecided(Component):
     @classmethod
     def check(cls, config: ComponentConfig) -> None:
         """Raises RequirementMissing where nothing that it may become could run here, whatever the data."""
-        component, reasons = _first(cls.role, None)
+        component, reasons = first_fit(cls.role, None)
         if component is None:
             raise RequirementMissing(f"no {cls.role} of {AUTO!r} can run here: {reasons}")
 

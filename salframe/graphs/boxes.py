@@ -1,4 +1,5 @@
-"""From points to detections: centroids and upright minimum-area boxes (method.md 2)."""
+"""From points to detections: centroids and upright minimum-area boxes
+(docs/explanation/method.md#from-panorama-to-graph)."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""The 360-degree saliency graph G = (N, E, S): which objects become nodes, and which nodes are in context (method.md
-2)."""
+"""The 360-degree saliency graph G = (N, E, S): which objects become nodes, and which nodes are in context
+(docs/explanation/method.md#from-panorama-to-graph)."""
 
 from __future__ import annotations
 
@@ -22,7 +22,8 @@ rather than in the room."""
 
 @dataclass(frozen=True, eq=False)
 class SaliencyGraph:
-    """A place as a 360-degree saliency graph (method.md 2): salient objects and the context between them.
+    """A place as a 360-degree saliency graph (docs/explanation/method.md#from-panorama-to-graph): salient objects and
+    the context between them.
 
     labels: N names; scores (N,) float64 in [0, 1], the detector's; saliency (N,) float64, shares of volume; centroid_m,
     size_m (N, 3) and yaw_rad (N,) float64 in the panorama frame; edges (E, 2) int64 with edges[:, 0] < edges[:, 1];

@@ -1,4 +1,4 @@
-"""The role `matcher`: a query graph among the graphs of a map (method.md 3)."""
+"""The role `matcher`: a query graph among the graphs of a map (docs/explanation/method.md#from-graph-to-panorama)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The role `saliency`: how much an object stands out (method.md 2)."""
+"""The role `saliency`: how much an object stands out (docs/explanation/method.md#from-panorama-to-graph)."""
 
 from __future__ import annotations
 

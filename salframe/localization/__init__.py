@@ -1,1 +1,2 @@
-"""Where was a panorama taken? Localizers, their answers, positioning (method.md 3 and 4), and the map on disk."""
+"""Where was a panorama taken? Localizers, their answers, positioning
+(docs/explanation/method.md#from-graph-to-panorama), and the map on disk."""

@@ -7,9 +7,10 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import lru_cache, partial
 from typing import Any
 
+from salframe.framework.auto import first_fit, needs_of
 from salframe.framework.bounded import parse_json
 from salframe.framework.cache import Cache
-from salframe.framework.config import ComponentConfig, validate
+from salframe.framework.config import ComponentConfig, components_in, validate
 from salframe.framework.engine import Engine
 from salframe.framework.errors import FRAME_ERRORS, InputMissing
 from salframe.framework.registry import registry
@@ -40,6 +41,19 @@ def check_parts(localizer: Localizer, panorama: Panorama, remedy: Callable[[], s
     if missing := required_parts(localizer, panorama.provides) - panorama.provides:
         reason = f"{localizer.name} needs {' and '.join(sorted(missing))}, which {panorama.id} does not have"
         raise InputMissing(reason if remedy is None else f"{reason}: {remedy()}")
+
+
+def suggest_components(config: ComponentConfig, provides: frozenset[str]) -> str:
+    """Return what to do where a localizer needs more than panoramas of these parts have: build its map with other
+    components in its slots, or give the parts."""
+    wanting = ((slot, inner.component.role) for slot, inner in components_in(config) if needs_of(inner) - provides)
+    taken = [
+        (slot, component.name) for slot, role in wanting if (component := first_fit(role, provides)[0]) is not None
+    ]
+    absent = " and ".join(sorted(needs_of(config) - provides))
+    if not taken:
+        return f"give {absent} too, or build the map of another method"
+    return f"build the map with {' and '.join(f'{slot}.kind={name}' for slot, name in taken)}, or give {absent} too"
 
 
 def complete_panorama(

@@ -17,12 +17,12 @@ from salframe.framework.config import ComponentConfig, match_only
 from salframe.framework.identity import identity
 from salframe.framework.registry import registry
 from salframe.framework.slots import slot
-from salframe.localization.answers import Localization, NodeMatches, PointMatches, RankedPlace
+from salframe.localization.answers import Localization, NodeMatches, PointMatches
 from salframe.localization.evidence import Evidence
 from salframe.localization.posterior import Posterior, read_fitted
 from salframe.localization.saved_frames import SavedFrames
 from salframe.panoramas.floors import FloorMasks
-from salframe.panoramas.frames import FrameKind, MapFrame
+from salframe.panoramas.frames import MapFrame
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.range_model import RangeModel
 
@@ -146,28 +146,3 @@ class Localizer(Role):
         """Return the evidence that the scores of a described query consist of, in the order of the setting `weights`;
         None for methods without weights, and where a query has no evidence."""
         return None
-
-
-def rank_places(
-    frames: Sequence[MapFrame], scores: np.ndarray, T_world_query: np.ndarray | None = None
-) -> tuple[RankedPlace, ...]:
-    """The places of scored frames, best first, each by its best frame; ties keep the order of the map. scores (K,),
-    -inf: no candidate.
-
-    Where the best frame is a transition and the pose is known, the scene frame nearest to the pose comes first with
-    that score: a doorway lies between places, and the pose tells which of them the query stands in.
-    """
-    order = [int(i) for i in np.argsort(-scores, kind="stable") if np.isfinite(scores[i])]
-    value = scores.astype(np.float64)
-    if T_world_query is not None and order and frames[order[0]].kind is FrameKind.TRANSITION:
-        scenes = [i for i, frame in enumerate(frames) if frame.kind is FrameKind.SCENE]
-        if scenes:
-            nearest = min(
-                scenes, key=lambda i: float(np.linalg.norm(frames[i].T_world_pano[:3, 3] - T_world_query[:3, 3]))
-            )
-            value[nearest] = value[order[0]]
-            order = [nearest, *(i for i in order if i != nearest)]
-    ranked: dict[str, RankedPlace] = {}
-    for i in order:
-        ranked.setdefault(frames[i].place, RankedPlace(frames[i].id, frames[i].place, float(value[i])))
-    return tuple(ranked.values())

@@ -10,7 +10,6 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from salframe.framework.auto import instead_of
 from salframe.framework.cache import Cache
 from salframe.framework.config import ComponentConfig
 from salframe.framework.errors import DataError, InvalidAnswer, describe_error
@@ -18,7 +17,7 @@ from salframe.framework.installation import folder_bytes
 from salframe.framework.registry import registry
 from salframe.graphs.scene_index import scene_index_notes
 from salframe.localization.answers import Localization
-from salframe.localization.describing import check_parts, describe_ahead, describe_frame
+from salframe.localization.describing import check_parts, describe_ahead, describe_frame, suggest_components
 from salframe.localization.localizer import Description, Localizer
 from salframe.localization.map_files import MapParts, read_map, write_map
 from salframe.localization.preparing import Tell, silent
@@ -185,7 +184,7 @@ class LocalizationMap:
             raise DataError(f"received both {query.id} and images of another panorama, expected one of them")
         if isinstance(query, Panorama):
             panorama = query
-            check_parts(self.localizer, panorama, lambda: instead_of(self.localizer.config, panorama.provides))
+            check_parts(self.localizer, panorama, lambda: suggest_components(self.localizer.config, panorama.provides))
             query = QueryFrame(panorama.id, lambda: panorama)
         return self.answer(describe_frame(self.localizer, query)[0])
 

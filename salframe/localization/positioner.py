@@ -1,4 +1,5 @@
-"""The role `positioner`: where one graph's frame lies in another's (method.md 4)."""
+"""The role `positioner`: where one graph's frame lies in another's
+(docs/explanation/method.md#from-matched-nodes-to-a-pose)."""
 
 from __future__ import annotations
 

@@ -1,2 +1,2 @@
-"""Navigation in closed loop (method.md 6): look, localize, turn towards the next node, walk; walls and wrong answers
-are real."""
+"""Navigation in closed loop (docs/how-to/navigate.md#what-the-agent-knows-and-does): look, localize, turn towards the
+next node, walk; walls and wrong answers are real."""

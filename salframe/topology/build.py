@@ -1,4 +1,4 @@
-"""From floor masks and mapping frames to the topological map (method.md 1)."""
+"""From floor masks and mapping frames to the topological map (docs/how-to/maps.md#what-the-map-is-made-of)."""
 
 from __future__ import annotations
 

@@ -37,8 +37,8 @@ class FloorGrid:
     def label(self) -> np.ndarray:
         """Regions grown over the free floor that has none, each pixel to the region that is nearest to walk to.
 
-        So the labels of two regions meet in the middle of a threshold however thick the wall (method.md 1). Floor from
-        which no region can be reached keeps 0.
+        So the labels of two regions meet in the middle of a threshold however thick the wall
+        (docs/how-to/maps.md#what-the-map-is-made-of). Floor from which no region can be reached keeps 0.
         """
         from scipy import ndimage
         from scipy.sparse.csgraph import dijkstra

@@ -1,4 +1,4 @@
-"""The topological map T = (V, A) (method.md 1)."""
+"""The topological map T = (V, A) (docs/how-to/maps.md#what-the-map-is-made-of)."""
 
 from __future__ import annotations
 
@@ -69,10 +69,11 @@ class TopologySettings(Settings):
 
 @dataclass(frozen=True)
 class TopologicalMap:
-    """Scene and transition nodes and the edges between them (method.md 1), each edge once.
+    """Scene and transition nodes and the edges between them (docs/how-to/maps.md#what-the-map-is-made-of), each edge
+    once.
 
-    floors: the masks it was made from; parameters: what it was made with; notes: what its reader must know
-    (regions out of reach, edges that sight alone did not give, frames moved or left out), a line each.
+    floors: the masks it was made from; parameters: what it was made with; notes: what its reader must know (regions out
+    of reach, edges that sight alone did not give, frames moved or left out), a line each.
     """
 
     nodes: tuple[MapNode, ...]

@@ -1,4 +1,4 @@
-"""Where one walks from a region to the next (method.md 1)."""
+"""Where one walks from a region to the next (docs/how-to/maps.md#what-the-map-is-made-of)."""
 
 from __future__ import annotations
 

@@ -8,9 +8,9 @@ import pytest
 from salframe_annotations.detector import AnnotationDetector
 from tiny_folder import write_tiny_folder
 
-from salframe.evaluation.localization import compare
-from salframe.evaluation.request import Request
-from salframe.evaluation.run import MethodStatus
+from salframe.evaluation.runs.request import Request
+from salframe.evaluation.runs.run_folder import MethodStatus
+from salframe.evaluation.tasks.localization.task import compare
 from salframe.framework.errors import InputMissing
 from salframe.panoramas.geometry import equirectangular_rays
 from salframe.panoramas.panorama import VISIBLE_PIXELS, Annotations, ObjectBoxes, Panorama

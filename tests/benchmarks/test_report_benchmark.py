@@ -6,9 +6,9 @@ from __future__ import annotations
 import pytest
 from evaluation.report.browser import CHROMIUM, Page
 
-from salframe.evaluation.localization import compare
-from salframe.evaluation.reporting import write_report
-from salframe.evaluation.request import Request
+from salframe.evaluation.finished_runs import write_report
+from salframe.evaluation.runs.request import Request
+from salframe.evaluation.tasks.localization.task import compare
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is at hand")]
 

@@ -13,7 +13,7 @@ import pytest
 from command_line import run
 from PIL import Image
 
-from salframe.evaluation.columns import format_bytes
+from salframe.evaluation.tables.text import format_bytes
 from salframe.framework.installation import folder_bytes
 from salframe.framework.registry import registry
 from salframe.topology.store import open_topology

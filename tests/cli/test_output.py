@@ -146,7 +146,7 @@ def test_how_often_a_line_is_printed(clock, capsys, monkeypatch):
 
 def test_a_comparison_off_a_terminal_tells_how_far_it_is(fakes, monkeypatch):
     monkeypatch.setattr(output, "LINE_SECONDS", 0.0)
-    monkeypatch.setattr("salframe.evaluation.runner.POLL_SECONDS", 0.05)
+    monkeypatch.setattr("salframe.evaluation.runs.runner.POLL_SECONDS", 0.05)
     asked = ("compare", "--methods", "reader", "--data", "rooms", "--engine", "inline", "--set", "sleep_s=0.05")
     lines = run(*asked).err.splitlines()
     assert lines[0] == "rooms 5/5"

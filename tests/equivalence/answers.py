@@ -165,7 +165,7 @@ def main() -> int:
     comparing.add_argument("--json", action="store_true", help="print JSON")
     given = parser.parse_args()
     if given.command == "record":
-        record(given.salframe, given.folder, given.data_dir)
+        record(str(Path(given.salframe).absolute()), given.folder, given.data_dir)
         return 0
     report = compare(given.before, given.after)
     if given.json:

@@ -11,6 +11,8 @@ from typing import Any
 import pytest
 import yaml
 
+from salframe.evaluation.runs.request import Request
+from salframe.evaluation.tasks.localization.task import compare
 from salframe.framework.registry import registry
 
 TESTS = Path(__file__).parent.parent
@@ -93,3 +95,13 @@ def read():
         return json.loads(content), dict(islands)
 
     return of
+
+
+@pytest.fixture
+def odd(plugins):
+    """The run of `weigher` on `odd`, twice: as it comes, and taking no room for another."""
+    plugins("odd_plugin", "salframe_engines", folders=("evaluation",))
+    return [
+        compare(Request(("weigher",), "odd", settings=(f"mistaken={room}",), name=name, engine="inline")).run
+        for name, room in (("first", 1), ("second", 9))
+    ]

@@ -17,12 +17,13 @@ READS = {
 }  # fmt: skip
 """Names of methods that read a file, or what was read of one; `load` and `loads` of LIBRARIES do too."""
 ELSEWHERE = {
-    "salframe/evaluation/guard.py": {"open", "read_text"},  # the log of what ended a worker
-    "salframe/evaluation/memory_watch.py": {"open"},  # /proc, and writes that log
-    "salframe/evaluation/answering.py": {"read_text"},  # /proc/self/status
+    "salframe/evaluation/runs/limits.py": {"open", "read_text"},  # the log of what ended a worker
+    "salframe/evaluation/runs/memory_watch.py": {"open"},  # /proc, and writes that log
+    "salframe/evaluation/runs/memory.py": {"read_text"},  # /proc/self/status
     "salframe/evaluation/report/page.py": {"open", "read_text"},  # files of the package
-    "salframe/evaluation/run.py": {"open"},  # appends rows, and counts the lines of a file that grows
-    "salframe/evaluation/runner.py": {"open"},  # a run, a task's worker, crash.log
+    "salframe/evaluation/runs/rows.py": {"open"},  # appends rows, and counts the lines of a file that grows
+    "salframe/evaluation/runs/runner.py": {"open"},  # a run
+    "salframe/evaluation/runs/work.py": {"open"},  # a task's worker, crash.log
     "salframe/framework/columns.py": {"open", "fromfile"},  # what it has just written
     "salframe/framework/defaults.py": {"read_bytes"},  # a file of the package
     "salframe/framework/onnx.py": {"InferenceSession"},  # of bytes that came through the door

@@ -16,9 +16,9 @@ from salframe.framework.presets import configure, settings
 from salframe.graphs.detections import Detections
 from salframe.graphs.matcher import GraphMatcher
 from salframe.localization.describing import describe_frame
-from salframe.localization.localizer import rank_places
 from salframe.localization.map import LocalizationMap
 from salframe.localization.map_files import write_map
+from salframe.localization.ranking import rank_places
 from salframe.panoramas.frames import FrameKind, MapFrame, QueryFrame
 from salframe.panoramas.geometry import invert_pose, pose_2d, pose_errors, transform_points
 from salframe.panoramas.panorama import Annotations, ObjectBoxes, Panorama

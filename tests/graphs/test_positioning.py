@@ -1,4 +1,5 @@
-"""Positioners against poses that are known, and against the table of method.md 4."""
+"""Positioners against poses that are known, and against the table of
+docs/explanation/method.md#from-matched-nodes-to-a-pose."""
 
 import numpy as np
 import pytest
@@ -43,7 +44,8 @@ def test_se3_agrees_with_scipy():
 
 
 def test_all_pairs_equal_centred_least_squares():
-    """method.md 4: the N(N-1)/2 pair rows give the solution of the N mean-centred rows."""
+    """docs/explanation/method.md#from-matched-nodes-to-a-pose: the N(N-1)/2 pair rows give the solution of the N
+    mean-centred rows."""
     rng = np.random.default_rng(2)
     u, v = room(rng, 7)[:, :2], room(rng, 7)[:, :2]
     target = (u**2).sum(1) - (v**2).sum(1)
@@ -84,7 +86,7 @@ def test_nodes_without_saliency_weigh_alike():
 
 def simulate(positioner, nodes, noise_m, wrong, trials=400, seed=5):
     """Median translation (m) and rotation (deg) error, and the share within 0.5 m and 10 deg: the simulation of
-    method.md 4."""
+    docs/explanation/method.md#from-matched-nodes-to-a-pose."""
     rng = np.random.default_rng(seed)
     errors = []
     for _ in range(trials):

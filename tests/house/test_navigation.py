@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from salframe.evaluation.navigation import Positioning, navigate
-from salframe.evaluation.request import Request
+from salframe.evaluation.runs.request import Request
+from salframe.evaluation.tasks.navigation.options import Positioning
+from salframe.evaluation.tasks.navigation.task import navigate
 
 
 @pytest.mark.slow
@@ -17,7 +18,7 @@ def test_poses_bring_the_agent_to_its_goals(tmp_path: Path, monkeypatch: pytest.
     request = Request(("proposed",), "house-6", settings=settings, runs=tmp_path, engine="inline")
     navigation = navigate(request, episodes=10, positioning=Positioning.BOTH)
     posed, placed = navigation.rows
-    assert posed.success_rate >= 0.9
-    assert posed.spl >= 0.8
-    assert placed.success_rate < posed.success_rate
+    assert posed.success_rate.value >= 0.9
+    assert posed.spl.value >= 0.8
+    assert placed.success_rate.value < posed.success_rate.value
     assert navigation.report.exists()

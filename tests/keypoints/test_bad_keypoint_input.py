@@ -12,8 +12,8 @@ from conformance import conforms
 from salframe_keypoints.localizer import Keypoints
 from tiny_folder import write_tiny_folder
 
-from salframe.evaluation.localization import compare
-from salframe.evaluation.request import Request
+from salframe.evaluation.runs.request import Request
+from salframe.evaluation.tasks.localization.task import compare
 from salframe.framework.errors import RequirementMissing, WeightsMissing
 from salframe.framework.presets import configure, settings
 from salframe.localization.map import LocalizationMap
@@ -66,7 +66,7 @@ def test_a_map_without_range_gives_places_and_no_pose(tiny):
     edit_manifest(tiny, lambda frame: {key: value for key, value in frame.items() if key != "range"})
     row = run(tiny, ["sift"])["sift"]
     assert row.status == {"no-pose": 3}
-    assert row.accuracy == 1
+    assert row.accuracy.value == 1
     assert row.median_translation_m is None
 
 
@@ -74,14 +74,14 @@ def test_a_map_of_one_frame_answers_with_its_place(tiny):
     edit_manifest(tiny, lambda frame: frame if frame["role"] == "query" or frame["id"] == "kitchen-map" else None)
     row = run(tiny, ["sift"])["sift"]
     assert sum(row.status.values()) == 3
-    assert row.accuracy == pytest.approx(1 / 3)
+    assert row.accuracy.value == pytest.approx(1 / 3)
 
 
 def test_a_query_without_texture_fails_and_the_others_do_not(tiny):
     cv2.imwrite(str(tiny / "frames" / "lounge-query.rgb.png"), np.full((192, 384, 3), 128, np.uint8))
     row = run(tiny, ["sift"])["sift"]
     assert row.status["no-features"] == 1
-    assert row.accuracy == pytest.approx(2 / 3)
+    assert row.accuracy.value == pytest.approx(2 / 3)
 
 
 def test_views_without_texture_leave_the_pose_to_the_others(rooms, configure):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from salframe_keypoints.localizer import Keypoints
 
-from salframe.evaluation.matching import point_errors_px
+from salframe.evaluation.tasks.matching.judging import point_errors_px
 from salframe.panoramas.geometry import invert_pose, pose_2d
 from salframe.panoramas.panorama import Panorama
 

@@ -7,8 +7,8 @@ import pytest
 
 from salframe.framework.errors import DataError, InvalidAnswer
 from salframe.localization.answers import Localization, LocalizationStatus, NodeMatches, PointMatches, RankedPlace
-from salframe.localization.localizer import rank_places
 from salframe.localization.positioner import PoseEstimate, PoseStatus
+from salframe.localization.ranking import rank_places
 from salframe.panoramas.frames import FrameKind, MapFrame
 from salframe.panoramas.geometry import pose_2d
 

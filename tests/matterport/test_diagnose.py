@@ -6,8 +6,8 @@ from salframe_matterport.dataset import MatterportAnnotations
 from salframe_matterport.diagnose import cause_of, main
 from salframe_matterport.scenes import Scene
 
-from salframe.evaluation.request import Resolved
-from salframe.evaluation.run import ROWS, Run
+from salframe.evaluation.runs.request import Resolved
+from salframe.evaluation.runs.run_folder import ROWS, Run
 from salframe.framework.registry import registry
 from salframe.panoramas.geometry import pose_2d
 
@@ -67,8 +67,10 @@ def run(building, tmp_path):
     )
     run.folder("objects").mkdir(parents=True)
     places = {"a": "fake/region-0", "b": "fake/region-1"}
+    unknown = dict.fromkeys(("error", "pose", "query_ms", "describe_ms", "peak_memory_mb"))
+    answered = {"status": "no-pose", **unknown}
     rows = [
-        {"fold": f"fake/{v}", "query": f"fake/{v}/query", "places": [["fake/c", place, 1.0]]}
+        {"fold": f"fake/{v}", "query": f"fake/{v}/query", "places": [["fake/c", place, 1.0]], **answered}
         for v, place in places.items()
     ]
     (run.folder("objects") / ROWS).write_text("".join(json.dumps(row) + "\n" for row in rows))

@@ -12,8 +12,8 @@ from conformance import breaks, conforms
 from salframe_matterport.readers import connectivity_path
 from salframe_matterport.reverie import Reverie, read_episodes, walking_distances
 
-from salframe.evaluation.experiment import run_experiment
-from salframe.evaluation.request import Request
+from salframe.evaluation.runs.request import Request
+from salframe.evaluation.studies.experiment import run_experiment
 from salframe.framework.errors import DataError, UnknownName
 from salframe.framework.registry import registry
 

@@ -17,7 +17,8 @@ import salframe
 from salframe.framework.config import ComponentConfig
 from salframe.framework.errors import WeightsMissing
 from salframe.localization.answers import Localization, LocalizationStatus
-from salframe.localization.localizer import Description, Localizer, rank_places
+from salframe.localization.localizer import Description, Localizer
+from salframe.localization.ranking import rank_places
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.frames import Fold, FrameKind, MapFrame, QueryFrame, Truth

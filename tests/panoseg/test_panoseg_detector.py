@@ -12,7 +12,7 @@ from salframe_house.building import Building, generate_building
 from salframe_house.render import Renderer
 from salframe_panoseg.detector import PANOSEG, PanoSegDetector
 
-from salframe.evaluation.detection import count_right
+from salframe.evaluation.tasks.detection.judging import count_right
 from salframe.framework.errors import InputMissing, WeightsMissing
 from salframe.framework.identity import identity
 from salframe.framework.presets import configure

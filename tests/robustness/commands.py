@@ -15,8 +15,8 @@ from command_line import run, without_times
 from readers import Reader
 from small_map import write_small_map
 
-from salframe.evaluation.localization import compare
-from salframe.evaluation.request import Request
+from salframe.evaluation.runs.request import Request
+from salframe.evaluation.tasks.localization.task import compare
 from salframe.framework.errors import DataError
 from salframe.panoramas.geometry import pose_2d
 from salframe.topology.building_map import build_map

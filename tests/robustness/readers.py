@@ -18,10 +18,10 @@ from salframe_mesh.floors import read_rooms
 from small_map import write_small_map
 from tiny_folder import write_tiny_folder
 
-from salframe.evaluation.request import Request
-from salframe.evaluation.rows import AnswerRow
-from salframe.evaluation.run import Run
-from salframe.evaluation.study import plan, read_study
+from salframe.evaluation.runs.request import Request
+from salframe.evaluation.runs.run_folder import Run
+from salframe.evaluation.studies.study import plan, read_study
+from salframe.evaluation.tasks.localization.rows import AnswerRow
 from salframe.framework.cache import Cache
 from salframe.framework.files import file_sha256
 from salframe.framework.onnx import open_model

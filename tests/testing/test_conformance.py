@@ -99,8 +99,8 @@ def test_annotations_turn_exactly_under_heavy_noise():
 
 @pytest.mark.parametrize("structure", ["rings", slow("node2vec")])
 def test_the_papers_angles_do_not_turn_with_the_panorama(structure):
-    """The arccos loses the sign and the arithmetic mean wraps (method.md 4); without them the paper's localizer
-    conforms."""
+    """The arccos loses the sign and the arithmetic mean wraps
+    (docs/explanation/method.md#from-matched-nodes-to-a-pose); without them the paper's localizer conforms."""
     paper = merge(settings("localizer", "paper"), {"matcher": {"structure": structure}})
     config = configure("localizer", "paper", paper)
     breaks(r"rolled by 1 columns: received a pose that moved .* rad off the turn", config.component, config)

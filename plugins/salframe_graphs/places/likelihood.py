@@ -1,5 +1,5 @@
 """The log likelihood ratio of a query's objects: those of a place seen from a pose, against clutter
-(docs/explanation/method.md)."""
+(docs/explanation/method.md#the-likelihood-ratio)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The best pose of a query in each place, and the pose that is answered (docs/explanation/method.md)."""
+"""The best pose of a query in each place, and the pose that is answered (docs/explanation/method.md#pose)."""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from salframe.evaluation.report.view import RunView
-from salframe.evaluation.task import MethodRow
+from salframe.evaluation.runs.method_row import MethodRow
 from salframe.framework.settings import spell_value
 
 SEED = "seed"
@@ -35,7 +35,7 @@ class Arm:
     entries: tuple[Entry, ...]
 
 
-def find_entries(views: Sequence[RunView]) -> list[tuple[Entry, ...]]:
+def find_entries(views: Sequence[RunView[Any, Any]]) -> list[tuple[Entry, ...]]:
     """Where each method was run under the same settings on data that differ in their seed alone, in order. What two
     runs did alike on the same data counts once."""
     found: dict[str, dict[str, Entry]] = {}
@@ -49,7 +49,9 @@ def find_entries(views: Sequence[RunView]) -> list[tuple[Entry, ...]]:
     return [tuple(alike.values()) for alike in found.values()]
 
 
-def name_arms(views: Sequence[RunView], entries: Sequence[tuple[Entry, ...]], rows: Sequence[MethodRow]) -> list[Arm]:
+def name_arms(
+    views: Sequence[RunView[Any, Any]], entries: Sequence[tuple[Entry, ...]], rows: Sequence[MethodRow]
+) -> list[Arm]:
     """The arms of some runs, of `find_entries` and the row of each."""
     labels = [views[one[0].run].records[one[0].method].label for one in entries]
     bases = [label.partition("[")[0] for label in labels]
@@ -82,7 +84,7 @@ def _differ(key: str, group: Sequence[Mapping[str, Any]]) -> bool:
     return len({json.dumps(own.get(key), sort_keys=True) for own in group}) > 1
 
 
-def _settings_of(view: RunView, label: str) -> dict[str, Any]:
+def _settings_of(view: RunView[Any, Any], label: str) -> dict[str, Any]:
     """The settings of a method and of its data but for the seed, by dotted keys."""
     data = {key: value for key, value in view.data.items() if key != SEED}
     return {**flatten(view.result.request["methods"][label]), **flatten(data, "data.")}

@@ -14,10 +14,11 @@ from salframe.framework.registry import registry
 from salframe.framework.settings import spell_value
 
 
-def describe_run(view: RunView, role: str = "localizer") -> dict[str, Any]:
+def describe_run(view: RunView[Any, Any]) -> dict[str, Any]:
     """A run for JSON; `data`, `methods` by label, and `more` that was asked, in words; `versions`."""
     request, environment = view.result.request, view.result.environment
     asked = {key: value for key, value in request["task"].items() if key not in ("name", "version", "identity", "seed")}
+    role = view.result.kind.role
     versions = {
         "python": environment["python"],
         **environment["packages"],
@@ -66,7 +67,7 @@ def shorten(value: Any, longest: int = 60) -> str:
     return text if len(text) <= longest else f"{text[: longest - 1]}…"
 
 
-def list_notes(views: Sequence[RunView], arms: Sequence[Arm]) -> list[str]:
+def list_notes(views: Sequence[RunView[Any, Any]], arms: Sequence[Arm]) -> list[str]:
     """What must be said of some runs, a line each, each once: notes, why arms have no numbers, how often each failure
     occurred."""
     notes = [note for view in views for note in view.result.notes]

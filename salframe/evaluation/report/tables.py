@@ -6,22 +6,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from salframe.evaluation.columns import COLUMNS
 from salframe.evaluation.report.arms import Arm, short_key
-from salframe.evaluation.tables import Table, tables_of, without_detector
-
-ABOUT = {
-    "localization": "Accuracy, recalls and curves are over all queries: a failure counts as wrong and infinitely far; "
-    "intervals are of queries clustered by place. The median error is over the correctly localized queries that have a "
-    "pose. Times are medians when first computed, without loading images. p: exact paired test of the accuracy, "
-    "clustered by place, against the first measured method of the same run, after Holm.",
-    "navigation": "SR: the agent says that it has arrived and has at most 0.5 m to go. SPL: success times shortest way "
-    "along the map over the longer of that and the way walked. Rates are over all episodes. p: exact paired test of "
-    "SR, clustered by goal, against the first measured method of the same run, after Holm.",
-}
+from salframe.evaluation.runs.task import AnyTask
+from salframe.evaluation.tables.table import Table
 
 
-def make_tables(task: str, arms: Sequence[Arm]) -> dict[str, Any]:
+def make_tables(kind: type[AnyTask], arms: Sequence[Arm], about: str) -> dict[str, Any]:
     """The tables of arms of one task, for JSON: `usual`, `all`, which has every column, and `about` them."""
     keys = list(dict.fromkeys(key for arm in arms for key in arm.varied))
     bases = [arm.base for arm in arms]
@@ -30,12 +20,11 @@ def make_tables(task: str, arms: Sequence[Arm]) -> dict[str, Any]:
     if any(len(arm.entries) > 1 for arm in arms):
         leading["seeds"] = [str(len(arm.entries)) for arm in arms]
     rows = [replace(arm.row, method=arm.name) for arm in arms]
-    usual = [_as_json(table) for table in tables_of(task, rows, (), leading)]
-    timed = without_detector(rows) if task == "localization" else None
+    usual = [_as_json(table) for table in kind.tables(rows, (), leading)]
     return {
         "usual": usual,
-        "all": [_as_json(table) for table in tables_of(task, rows, list(COLUMNS[task]), leading)],
-        "about": [ABOUT[task], *([timed] if timed else [])],
+        "all": [_as_json(table) for table in kind.tables(rows, list(kind.columns), leading)],
+        "about": [about, *kind.legend(rows)],
     }
 
 

@@ -1,25 +1,21 @@
-"""What a page shows of a run: its result, its records, and what they were measured on."""
+"""What a page shows of a run: its result and its records."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Generic
 
-from salframe.evaluation.metrics import Judged
-from salframe.evaluation.result import Result
-from salframe.evaluation.task import Record
-from salframe.panoramas.floors import FloorMasks
-from salframe.panoramas.frames import Truth
-from salframe.topology.topological_map import TopologicalMap
+from salframe.evaluation.runs.records import PieceRowT, Record
+from salframe.evaluation.runs.task import LineT, Result
 
 
 @dataclass(frozen=True, eq=False)
-class RunView:
+class RunView(Generic[PieceRowT, LineT]):
     """A run of any task; `records` are in the order of the result's rows."""
 
-    result: Result[Any]
-    records: Sequence[Record]
+    result: Result[LineT]
+    records: Sequence[Record[PieceRowT]]
 
     @property
     def name(self) -> str:
@@ -31,27 +27,3 @@ class RunView:
         """The settings of the data set."""
         settings: Mapping[str, Any] = self.result.request["data"]
         return settings
-
-
-@dataclass(frozen=True, eq=False)
-class Queries:
-    """What was asked: ids, what is true of each, and the floors that they lie on."""
-
-    ids: Sequence[str]
-    truths: Sequence[Truth]
-    floors: Sequence[FloorMasks]
-
-
-@dataclass(frozen=True, eq=False)
-class LocalizationView(RunView):
-    """A comparison: its queries, and each method's answers to them, judged."""
-
-    queries: Queries
-    judged: Sequence[Judged]
-
-
-@dataclass(frozen=True, eq=False)
-class NavigationView(RunView):
-    """A navigation run: the map of each world by its id."""
-
-    maps: Mapping[str, TopologicalMap]

@@ -6,11 +6,11 @@ import pytest
 import yaml
 
 from evaluation.report.browser import CHROMIUM, Page
-from salframe.evaluation.localization import compare
-from salframe.evaluation.navigation import navigate
-from salframe.evaluation.reporting import write_report
-from salframe.evaluation.request import Request
-from salframe.evaluation.study import ablate
+from salframe.evaluation.finished_runs import write_report
+from salframe.evaluation.runs.request import Request
+from salframe.evaluation.studies.study import ablate
+from salframe.evaluation.tasks.localization.task import compare
+from salframe.evaluation.tasks.navigation.task import navigate
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is at hand")
 

@@ -1,0 +1,114 @@
+"""What is done with finished runs: measure them again, and write the page that shows them side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from salframe.evaluation.report.arms import Entry, find_entries, name_arms
+from salframe.evaluation.report.page import write_page
+from salframe.evaluation.report.paged_task import PagedTask
+from salframe.evaluation.report.view import RunView
+from salframe.evaluation.runs.method_row import MethodRow
+from salframe.evaluation.runs.records import Survey
+from salframe.evaluation.runs.runner import conclude, measure
+from salframe.evaluation.runs.task import Result
+from salframe.evaluation.tasks.all import open_run
+from salframe.framework.errors import ConfigError, DataError
+from salframe.panoramas.opening import Progress, open_dataset
+
+
+def evaluate(directory: str | Path) -> Result[Any]:
+    """Measure a run again from its rows and the data set's truth, and write its metrics and report. Runs no method.
+
+    Raises ConfigError where `directory` is no run, DataError where the data set is not the one the run was made on.
+    """
+    run, task = open_run(directory)
+    dataset = open_dataset(run.data())
+    run.bind(dataset.question_key)
+    return conclude(task, run, task.survey(dataset))
+
+
+@dataclass(frozen=True, eq=False)
+class Report:
+    """A page that was written: where, of which results, and notes: what could not be drawn."""
+
+    path: Path
+    results: tuple[Result[Any], ...]
+    notes: tuple[str, ...] = ()
+
+
+def write_report(
+    runs: Sequence[str | Path],
+    output: str | Path = "report.html",
+    *,
+    full: bool = False,
+    progress: Progress | None = None,
+) -> Report:
+    """Write a page of runs of one task to one HTML file that needs nothing else: side by side, the same method pooled
+    over runs that differ in the data's seed alone, and every query of a comparison to look at.
+
+    full: whole panoramas, not thumbnails. Describes what is not in the cache. Raises ConfigError where a folder is no
+    run or the runs are of several tasks, DataError where a data set is not the one a run was made on.
+    """
+    folders = list(dict.fromkeys(Path(run).resolve() for run in runs))
+    if not folders:
+        raise ConfigError("received no run, expected at least one")
+    opened = [_open(folder, progress) for folder in folders]
+    views = [one.view for one in opened]
+    tasks = sorted({view.result.task for view in views})
+    if len(tasks) > 1:
+        raise ConfigError(f"received runs of the tasks {' and '.join(tasks)}, expected runs of one task")
+    entries, task = find_entries(views), opened[0].task
+    arms = name_arms(views, entries, _pool(opened, entries))
+    content = task.content(views, arms)
+    islands = task.islands(views, arms, full, progress)
+    notes = () if islands is None else islands.notes
+    content |= {"pictures": islands is not None, "notes": [*content["notes"], *notes]}
+    path = Path(output)
+    try:
+        write_page(path, content, () if islands is None else islands.parts)
+    except OSError as error:
+        raise DataError(f"cannot write {path}: {error.strerror or error}") from None
+    return Report(path, tuple(view.result for view in views), notes)
+
+
+@dataclass(frozen=True, eq=False)
+class _Opened:
+    task: PagedTask[Any, Any, Any, Any]
+    survey: Survey[Any]
+    view: RunView[Any, Any]
+
+
+def _open(folder: Path, progress: Progress | None) -> _Opened:
+    run, task = open_run(folder)
+    dataset = open_dataset(run.data(), progress and partial(progress, run.directory.name))
+    run.bind(dataset.question_key)
+    survey = task.survey(dataset)
+    if not isinstance(task, PagedTask):
+        raise ConfigError(f"{folder} is a run of the task {task.name!r}, which has no page")
+    result, records = measure(task, run, survey)
+    return _Opened(task, survey, task.view(result, records, survey))
+
+
+def _pool(opened: Sequence[_Opened], entries: Sequence[tuple[Entry, ...]]) -> list[MethodRow]:
+    """The row of each arm; arms of the same runs are measured together, so that they are tested against the first."""
+    rows: dict[int, MethodRow] = {}
+    together: dict[tuple[int, ...], list[int]] = {}
+    for number, alike in enumerate(entries):
+        together.setdefault(tuple(entry.run for entry in alike), []).append(number)
+    for runs, numbers in together.items():
+        if len(runs) == 1:
+            known = opened[runs[0]].view.result.rows
+            rows |= {number: known[entries[number][0].method] for number in numbers}
+            continue
+        parts = [
+            (opened[run].survey, [opened[run].view.records[entries[number][k].method] for number in numbers])
+            for k, run in enumerate(runs)
+        ]
+        seed = opened[runs[0]].view.result.request["seed"]
+        rows |= dict(zip(numbers, opened[runs[0]].task.summarize(parts, seed), strict=True))
+    return [rows[number] for number in range(len(entries))]

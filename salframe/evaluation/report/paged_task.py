@@ -1,0 +1,68 @@
+"""Tasks whose runs have a page."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+from salframe.evaluation.report.arms import Arm, find_entries, name_arms
+from salframe.evaluation.report.content import make_content
+from salframe.evaluation.report.page import write_page
+from salframe.evaluation.report.view import RunView
+from salframe.evaluation.runs.records import Piece, PieceRowT, Record, Surveyed
+from salframe.evaluation.runs.task import LineT, Result, Task
+from salframe.panoramas.opening import Progress
+
+PAGE = "report.html"
+"""Name of the page in a run folder."""
+
+
+@dataclass(frozen=True, eq=False)
+class Islands:
+    """Parts of a page that are read when somebody looks at them: ids and texts, and notes on what could not be
+    drawn."""
+
+    parts: Iterator[tuple[str, str]]
+    notes: tuple[str, ...] = ()
+
+
+class PagedTask(Task[Piece, Surveyed, PieceRowT, LineT]):
+    """A task whose runs have a page. `about`: what the page says of the columns of its tables."""
+
+    about: ClassVar[str]
+
+    @abstractmethod
+    def view(
+        self, result: Result[LineT], records: Sequence[Record[PieceRowT]], survey: Surveyed
+    ) -> RunView[PieceRowT, LineT]:
+        """Return what the page shows of a run."""
+
+    @classmethod
+    def part(cls, views: Sequence[Any], arms: Sequence[Arm]) -> dict[str, Any]:
+        """Return the task's own part of the page of some views, as JSON; by default nothing.
+
+        Keys: "figures" (as in `figures.Figure`: title, data, layout), and those that the scripts of the page read.
+        """
+        return {}
+
+    @classmethod
+    def islands(
+        cls, views: Sequence[Any], arms: Sequence[Arm], full: bool, progress: Progress | None = None
+    ) -> Islands | None:
+        """Return what the page of some views shows of each piece; None, the default: nothing. `full`: whole panoramas,
+        not thumbnails."""
+        return None
+
+    @classmethod
+    def content(cls, views: Sequence[RunView[PieceRowT, LineT]], arms: Sequence[Arm]) -> dict[str, Any]:
+        """Return what the page of some views shows, as JSON."""
+        return {**make_content(views, arms, cls.about), **cls.part(views, arms)}
+
+    def write_page(self, result: Result[LineT], records: Sequence[Record[PieceRowT]], survey: Surveyed) -> Path:
+        view = self.view(result, records, survey)
+        path = result.run / PAGE
+        write_page(path, self.content([view], name_arms([view], find_entries([view]), result.rows)))
+        return path

@@ -1,0 +1,125 @@
+"""Rows of a run's .jsonl files: their common fields, and how they are read and appended."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from enum import StrEnum
+from pathlib import Path
+from types import TracebackType
+from typing import Annotated, Any, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from salframe.framework.errors import InvalidAnswer
+from salframe.framework.files import check_as, naming, read_lines, whole_lines_bytes
+
+Row = dict[str, Any]
+"""The JSON of a row, as it is written."""
+Count = Annotated[int, Field(ge=0, strict=True)]
+Amount = Annotated[float, Field(ge=0)]
+
+
+class PieceStatus(StrEnum):
+    """How the work on one piece ended: done, or the piece cannot be used, or it broke the method."""
+
+    OK = "ok"
+    ERROR = "error"
+    CRASHED = "crashed"
+
+
+class Line(BaseModel):
+    """Base of the rows of .jsonl files. Keys that a model does not declare are kept."""
+
+    model_config = ConfigDict(frozen=True, extra="allow", allow_inf_nan=False)
+
+
+class PieceRow(Line):
+    """What a method made of a piece of any task."""
+
+    status: str
+    error: str | None
+
+
+Content = TypeVar("Content", bound=Line | Row)
+
+
+class DescriptionLine(Line):
+    """What describing a frame cost."""
+
+    frame: str
+    ms: Amount
+
+
+class MapLine(Line):
+    """What the map of a fold takes."""
+
+    fold: str
+    frames: Annotated[int, Field(gt=0)]
+    bytes: Count
+
+
+def read_rows(path: Path, kind: type[Content]) -> Iterator[Content]:
+    """Yield the rows of a .jsonl file as `kind`; none where the file is missing.
+
+    Text after the last newline was cut off when a process was killed, and is left out. Raises DataError.
+    """
+    if not path.exists():
+        return
+    for number, row in enumerate(read_lines(path), 1):
+        yield check_as(row, kind, f"{path}, line {number} (remove it to have it asked again)")
+
+
+class RowWriter:
+    """Appends rows to a .jsonl file, each flushed at once; drops an unfinished last line first."""
+
+    def __init__(self, path: Path) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if path.exists():
+            os.truncate(path, whole_lines_bytes(path))
+        self._file = path.open("a", encoding="utf-8", newline="\n")
+
+    def append(self, row: Row) -> None:
+        """Append one row. Raises InvalidAnswer on NaN, which JSON has not."""
+        try:
+            text = json.dumps(row, allow_nan=False)
+        except ValueError:
+            raise InvalidAnswer(f"an answer holds a number that is not finite: {str(row)[:200]}") from None
+        with naming(Path(self._file.name)):
+            self._file.write(text + "\n")
+            self._file.flush()
+
+    def close(self) -> None:
+        """Append no more."""
+        self._file.close()
+
+    def __enter__(self) -> RowWriter:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+class LineCounter:
+    """How many lines files have, reading only what was added since the last look."""
+
+    def __init__(self) -> None:
+        self._seen: dict[Path, tuple[int, int]] = {}
+
+    def count(self, path: Path) -> int:
+        """The lines that a file has by now; 0 where it is missing."""
+        offset, lines = self._seen.get(path, (0, 0))
+        try:
+            if path.stat().st_size < offset:  # another file by now
+                offset, lines = 0, 0
+            with path.open("rb") as file:
+                file.seek(offset)
+                added = file.read()
+        except FileNotFoundError:
+            return 0
+        whole = added.rfind(b"\n") + 1  # an unfinished line is read again: whoever resumes cuts it off
+        self._seen[path] = offset + whole, lines + added.count(b"\n")
+        return self._seen[path][1]

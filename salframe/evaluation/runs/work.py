@@ -1,0 +1,80 @@
+"""The work of one method on its share of a task, in a process of its own."""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from salframe.evaluation.runs.limits import Guard, Limits
+from salframe.evaluation.runs.rows import PieceStatus, Row, RowWriter
+from salframe.evaluation.runs.run_folder import CRASH_LOG, ROWS, MethodStatus, Outcome, Run
+from salframe.evaluation.runs.shares import Share
+from salframe.evaluation.runs.task import AnyTask
+from salframe.framework.auto import Choice
+from salframe.framework.errors import (
+    FRAME_ERRORS,
+    InputMissing,
+    MethodFailed,
+    MethodUnavailable,
+    RequirementMissing,
+    WeightsMissing,
+    describe_error,
+)
+from salframe.framework.registry import registry
+from salframe.panoramas.opening import open_dataset, provided
+
+
+def work_share(task: AnyTask, directory: Path, label: str, limits: Limits, share: Share) -> Outcome:
+    """Have one method of a run do its share, and keep what it makes of each piece; how that ended, whatever it
+    raises."""
+    run = Run.load(directory)
+    share.folder.mkdir(parents=True, exist_ok=True)
+    given: tuple[str, ...] = ()
+    guard = Guard(share.folder, limits)
+    try:
+        data = run.data()
+        config = run.method(label, task.role, Choice(data.kind, partial(provided, data)))
+        method = registry().build(task.role, config)
+        survey = task.survey(open_dataset(data))
+        given = task.given(label, method, survey.dataset)
+        keys = set(share.keys)
+        todo = [piece for piece in survey.pieces if task.key(piece) in keys]
+        with task.open(label, method, survey, todo, share.folder) as worker, RowWriter(share.folder / ROWS) as rows:
+            for piece in todo:
+                known_by = dict(zip(task.key_fields, task.key(piece), strict=True))
+                worker.prepare(piece)
+                with guard.watch(known_by):
+                    row = _attempt(task, worker.work, piece, share.folder)
+                rows.append({**known_by, **row})
+            outcome = Outcome(MethodStatus.DONE, worker.warning, given)
+    except (RequirementMissing, WeightsMissing, InputMissing, MethodUnavailable) as error:
+        return Outcome(MethodStatus.UNAVAILABLE, str(error), given)
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # a method is somebody else's code: whatever it raises costs its own row only
+        log_crash(share.folder, "the method")
+        return Outcome(MethodStatus.CRASHED, describe_error(error), given)
+    finally:
+        guard.close()
+    return outcome
+
+
+def _attempt(task: AnyTask, work: Callable[[Any], Row], piece: Any, folder: Path) -> Row:
+    try:
+        return work(piece)
+    except MethodFailed:
+        raise
+    except FRAME_ERRORS as error:
+        return {**task.failed(piece), "status": PieceStatus.ERROR, "error": str(error)}
+    except Exception as error:  # a piece that breaks the method must not take the others with it
+        log_crash(folder, " ".join(map(str, task.key(piece))))
+        return {**task.failed(piece), "status": PieceStatus.CRASHED, "error": describe_error(error)}
+
+
+def log_crash(folder: Path, where: str) -> None:
+    """Keep the traceback of the exception that is being handled in the folder of a method or of its share."""
+    with (folder / CRASH_LOG).open("a", encoding="utf-8") as file:
+        file.write(f"{where}\n{traceback.format_exc()}\n")

@@ -1,0 +1,1 @@
+"""Several runs together: ablations, experiments and the fitting of parameters to tuning data."""

@@ -1,0 +1,217 @@
+"""Fit a method's numbers to tuning data: settings of matching, the weights of its evidence, and its posterior."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from salframe.evaluation.runs.inputs import check_needs
+from salframe.framework.cache import Cache
+from salframe.framework.config import merge, nest, parse_override, validate
+from salframe.framework.errors import FRAME_ERRORS, ConfigError, DataError
+from salframe.framework.files import write_text
+from salframe.framework.identity import digest, identity
+from salframe.framework.installation import installed_version
+from salframe.framework.presets import SUFFIXES, settings
+from salframe.framework.registry import registry
+from salframe.localization.describing import describe_frame
+from salframe.localization.evidence import Evidence, fit_weights
+from salframe.localization.localizer import Description, Localizer
+from salframe.localization.map import LocalizationMap
+from salframe.localization.posterior import Fit, ScoredAnswer, fit_posterior
+from salframe.localization.preparing import Tell, prepare, silent
+from salframe.panoramas.dataset import Dataset
+from salframe.panoramas.frames import MapFrame, QueryFrame
+from salframe.panoramas.opening import Progress
+
+HIDE = "data.hide_query_place=true"
+"""What is set of every tuning data set."""
+
+
+@dataclass(frozen=True, eq=False)
+class Tuning:
+    """A data set to tune on, the localizer that is tuned, and what it remembers of each frame, None of those that it
+    cannot use."""
+
+    name: str
+    dataset: Dataset
+    localizer: Localizer
+    descriptions: Mapping[str, Description | None]
+
+    def ask(
+        self, changes: Mapping[str, Any], absent: bool = True
+    ) -> Iterator[tuple[Localizer, Description, str, bool]]:
+        """The localizer with changes of matching laid on top, its map taken, and each description asked of that, with
+        its place and whether the map holds that; of maps that do not, only if `absent`."""
+        config = merge(self.localizer.config.model_dump(mode="json"), changes)
+        localizer: Localizer = type(self.localizer)(validate(type(self.localizer).Config, config, ""))
+        if localizer.describe_identity() != self.localizer.describe_identity():
+            raise ConfigError(f"received {dict(changes)} to try, expected settings that matter to matching only")
+        for fold in self.dataset.folds():
+            places = [self.dataset.truth(query.id).place for query in fold.queries]
+            here = [any(frame.place == place for frame in fold.mapping) for place in places]
+            if not (absent or any(here)):
+                continue
+            usable = [(frame, known) for frame in fold.mapping if (known := self.descriptions[frame.id]) is not None]
+            if not usable:
+                raise DataError(f"fold {fold.id} has no mapping frame that {localizer.name} can use")
+            frames, described = [frame for frame, _ in usable], [known for _, known in usable]
+            fold_map = LocalizationMap.from_descriptions(localizer, described, frames, self.dataset.floors())
+            for query, place, is_here in zip(fold.queries, places, here, strict=True):
+                seen = self.descriptions[query.id]
+                if seen is not None:
+                    yield fold_map.localizer, seen, place, is_here
+
+
+def fit_method(
+    method: str,
+    data: Sequence[str],
+    output: str | Path,
+    *,
+    tries: Sequence[str] = (),
+    data_dir: str | Path | None = None,
+    overrides: Sequence[str] = (),
+    progress: Progress | None = None,
+    tell: Tell = silent,
+) -> list[str]:
+    """Ask a method the queries of tuning data, and write what fits them best to a file that its settings of the same
+    names take, with where the numbers come from; what was found, lines to read.
+
+    In turn: settings of matching, of each in `tries` ("key.path=value,value") the value that gives the queries' places
+    most; the `weights` of a method that has evidence; and the `posterior`, for which each query is asked once more of
+    the map without its place. data: names of data sets, at least one; overrides: "key.path=value" each, as for a map.
+
+    Raises ConfigError where the method takes neither weights nor a posterior, on settings to try that are no settings
+    of matching, or where the file's name is none of YAML; and DataError where its scores tell nothing.
+    """
+    output = Path(output)
+    if output.suffix not in SUFFIXES:
+        raise ConfigError(f"received the file {output}, expected one that ends in {' or '.join(SUFFIXES)}")
+    if not data:
+        raise ConfigError("received no tuning data, expected at least one data set")
+    tunings = [_describe(one, method, data_dir, overrides, progress, tell) for one in data]
+    fields = type(tunings[0].localizer.config).model_fields
+    content: dict[str, Any] = {}
+    lines, gain = [], {}
+    if "weights" in fields:
+        chosen = _try(tunings, tries, tell)
+        weights, before, after = _fit(tunings, chosen)
+        found = {name: float(f"{value:.4g}") for name, value in weights.items()}
+        whole = tunings[0].localizer.config.model_dump(mode="json", include=chosen.keys())
+        content = {**merge(whole, chosen), "weights": found}
+        gain["evidence"] = {"before": before, "after": after}
+        lines.append(
+            f"weights: mean -ln(the share of the query's place) {after:.3f}, {before:.3f} where all places are alike"
+        )
+    elif tries:
+        raise ConfigError(f"{method} has no setting `weights`: there is no evidence to try settings by")
+    answers = [answer for tuning in tunings for answer in _scored(tuning, content)]
+    try:
+        fit = fit_posterior(answers)
+    except DataError as error:
+        raise DataError(f"{method} cannot be fitted: {error}") from None
+    gain |= {
+        "place": {"answers": fit.place_answers, "before": fit.place_nll_before, "after": fit.place_nll_after},
+        "here": {"answers": fit.answers, "before": fit.here_nll_before, "after": fit.here_nll_after},
+    }
+    tuned = tunings[-1].localizer
+    plain = tuned.config.model_copy(update={"posterior": None})
+    queries = {tuning.name: sum(len(fold.queries) for fold in tuning.dataset.folds()) for tuning in tunings}
+    provenance = {
+        "method": {"name": method, "localizer": tuned.name, "identity": digest(identity(plain))},
+        "data": [
+            {"name": tuning.name, "key": tuning.dataset.question_key, "queries": queries[tuning.name]}
+            for tuning in tunings
+        ],
+        "set": list(overrides),
+        "try": list(tries),
+        "mean_negative_log_likelihood": gain,
+        "salframe": installed_version("salframe"),
+    }
+    content = {**content, "posterior": fit.posterior.model_dump(mode="json"), "provenance": provenance}
+    write_text(output, yaml.safe_dump(content, sort_keys=False))
+    return [*lines, *_summary(fit)]
+
+
+def _describe(
+    data: str, method: str, data_dir: str | Path | None, overrides: Sequence[str], progress: Progress | None, tell: Tell
+) -> Tuning:
+    """A tuning data set with all its frames described."""
+    root = data_dir if data_dir and _takes_root(data) else None
+    name, dataset, localizer = prepare(data, method, root, [*overrides, HIDE], None, progress, tell)
+    if "posterior" not in type(localizer.config).model_fields:
+        raise ConfigError(
+            f"{name} is a {localizer.name!r}, which has no setting `posterior`: its answers cannot carry probabilities"
+        )
+    check_needs(localizer, dataset)
+    frames: dict[str, MapFrame | QueryFrame] = {}
+    for fold in dataset.folds():
+        frames.update({frame.id: frame for frame in fold.mapping})
+        frames.update({frame.id: frame for frame in fold.queries})
+    descriptions: dict[str, Description | None] = {}
+    cache = Cache()
+    for done, (id, frame) in enumerate(frames.items()):
+        if progress:
+            progress(f"{name} on {data}", done, len(frames))
+        try:
+            descriptions[id] = describe_frame(localizer, frame, cache, dataset.content_key)[0]
+        except FRAME_ERRORS:
+            descriptions[id] = None
+    return Tuning(data, dataset, localizer, descriptions)
+
+
+def _takes_root(data: str) -> bool:
+    """Whether a data set reads files of a folder that is named."""
+    if Path(data).is_dir():
+        return False
+    return "root" in registry().get("dataset", settings("dataset", data)["kind"]).Config.model_fields
+
+
+def _try(tunings: Sequence[Tuning], tries: Sequence[str], tell: Tell) -> dict[str, Any]:
+    """The settings that were tried and fit best, one after the other, those before at their best."""
+    best: dict[str, Any] = {}
+    least = _fit(tunings, best)[2] if tries else 0.0
+    for text in tries:
+        path, values = parse_override(text.replace("=", "=[", 1) + "]")
+        for value in values:
+            changed = merge(best, nest(path, value))
+            loss = _fit(tunings, changed)[2]
+            tell(f"{'.'.join(path)}={value}: {loss:.4f}, best so far {least:.4f}")
+            if loss < least:
+                best, least = changed, loss
+    return best
+
+
+def _fit(tunings: Sequence[Tuning], changes: Mapping[str, Any]) -> tuple[dict[str, float], float, float]:
+    """Weights as of `fit_weights` of the queries whose place is on their map, under settings of matching."""
+    asked: list[tuple[Evidence, str]] = []
+    for tuning in tunings:
+        for localizer, seen, place, here in tuning.ask(changes, absent=False):
+            if here and (evidence := localizer.evidence(seen)) is not None:
+                asked.append((evidence, place))
+    return fit_weights(asked)
+
+
+def _scored(tuning: Tuning, changes: Mapping[str, Any]) -> Iterator[ScoredAnswer]:
+    """The scores of the answers that rank places, and what is true of them."""
+    for localizer, seen, place, here in tuning.ask(changes):
+        answer = localizer.match(seen)
+        if answer.places:
+            names = [ranked.place for ranked in answer.places]
+            scores = np.array([ranked.score for ranked in answer.places], np.float64)
+            position = names.index(place) if place in names else None
+            yield ScoredAnswer(scores, position, here, localizer.count_objects(seen))
+
+
+def _summary(fit: Fit) -> list[str]:
+    return [
+        f"temperature {fit.posterior.temperature:.4g}: of {fit.place_answers} answers that rank the query's place, "
+        f"mean -ln(its share of the places) {fit.place_nll_after:.3f}, {fit.place_nll_before:.3f} at temperature 1",
+        f"head: of {fit.answers} answers, the query's place in the map or not, mean -ln(probability of what is so) "
+        f"{fit.here_nll_after:.3f}, {fit.here_nll_before:.3f} knowing only how many are",
+    ]

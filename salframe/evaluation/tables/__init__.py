@@ -1,0 +1,1 @@
+"""Results as text: columns, tables, their formats, and figures that papers report."""

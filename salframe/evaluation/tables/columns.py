@@ -1,0 +1,110 @@
+"""Columns of tables: a heading, and the text and the number of a row's cell."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Generic, Protocol, TypeVar
+
+from salframe.evaluation.statistics import Estimate
+from salframe.evaluation.tables.text import NONE, fixed, format_bytes, interval, percent, two_digits
+
+
+class TableRow(Protocol):
+    """What every row of a table has: the label and the input of a method, and whether it was measured."""
+
+    @property
+    def method(self) -> str: ...
+    @property
+    def given(self) -> tuple[str, ...]: ...
+    @property
+    def by_part(self) -> tuple[float, ...]: ...
+    @property
+    def measured(self) -> bool: ...
+
+
+RowT = TypeVar("RowT", bound=TableRow, contravariant=True)
+
+
+@dataclass(frozen=True)
+class Column(Generic[RowT]):
+    """A column of a table.
+
+    Args:
+        heading: Text above it; a line break may be printed as a space.
+        cell: Returns the text of a row.
+        value: Returns the number by which rows are ranked; None: no row of this column is the best.
+        largest: Whether the largest number is the best, or the smallest.
+        cost: Whether it shows what a method costs.
+        unmeasured: Whether rows that were not measured have a text too.
+    """
+
+    heading: str
+    cell: Callable[[RowT], str]
+    value: Callable[[RowT], float | None] | None = None
+    largest: bool = True
+    cost: bool = False
+    unmeasured: bool = False
+
+
+GIVEN: Column[TableRow] = Column(
+    "given", lambda row: ", ".join(row.given).replace("rgb", "colour") or NONE, unmeasured=True
+)
+"""The input of a method."""
+SEEDS: Column[TableRow] = Column("of each\nseed %", lambda row: _spread(row.by_part))
+"""The per-seed range of the first figure."""
+
+
+def _spread(shares: Sequence[float]) -> str:
+    return f"{min(shares) * 100:.0f}-{max(shares) * 100:.0f}" if shares else NONE
+
+
+def share_column(heading: str, get: Callable[[RowT], float | None], *, largest: bool = True) -> Column[RowT]:
+    """Return a column of shares as percent."""
+    return Column(heading, lambda row: percent(get(row)), get, largest)
+
+
+def rate_column(heading: str, get: Callable[[RowT], Estimate | None]) -> Column[RowT]:
+    """Return a column of shares as percent with their intervals."""
+    return Column(heading, lambda row: interval(get(row)), _value_of(get))
+
+
+def area_column(heading: str, get: Callable[[RowT], Estimate | None]) -> Column[RowT]:
+    """Return a column of areas below a curve with their intervals."""
+
+    def cell(row: RowT) -> str:
+        area = get(row)
+        if area is None or area.low is None or area.high is None:
+            return fixed(None if area is None else area.value, 3)
+        return f"{area.value:.3f} ({area.low:.2f}-{area.high:.2f})"
+
+    return Column(heading, cell, _value_of(get))
+
+
+def number_column(heading: str, get: Callable[[RowT], float | None], digits: int) -> Column[RowT]:
+    """Return a column of numbers with this number of decimals."""
+    return Column(heading, lambda row: fixed(get(row), digits))
+
+
+def count_column(heading: str, get: Callable[[RowT], int | None]) -> Column[RowT]:
+    """Return a column of counts."""
+    return Column(heading, lambda row: str(get(row)))
+
+
+def cost_column(heading: str, get: Callable[[RowT], float | None], digits: int | None = None) -> Column[RowT]:
+    """Return a column of costs, with this number of decimals; None: two significant digits."""
+    return Column(heading, lambda row: two_digits(get(row)) if digits is None else fixed(get(row), digits), cost=True)
+
+
+def bytes_column(heading: str, get: Callable[[RowT], float | None]) -> Column[RowT]:
+    """Return a column of sizes in bytes."""
+    return Column(heading, lambda row: format_bytes(get(row)), cost=True)
+
+
+def p_value_column(get: Callable[[RowT], float | None]) -> Column[RowT]:
+    """Return the column of adjusted p-values, empty where there is no test."""
+    return Column("p\n(Holm)", lambda row: "" if (p := get(row)) is None else f"{p:.2g}")
+
+
+def _value_of(get: Callable[[RowT], Estimate | None]) -> Callable[[RowT], float | None]:
+    return lambda row: None if (estimate := get(row)) is None else estimate.value

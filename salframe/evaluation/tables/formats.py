@@ -1,0 +1,62 @@
+"""Tables as Markdown, LaTeX and CSV."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from salframe.evaluation.tables.table import Table
+
+
+def to_markdown(table: Table) -> str:
+    """A table in Markdown, the best cells bold."""
+    lines = [f"| {' | '.join(_inline(heading) for heading in table.headings)} |", f"|{'---|' * len(table.headings)}"]
+    for i, row in enumerate(table.rows):
+        cells = [f"**{text}**" if (i, j) in table.best else text for j, text in enumerate(map(_inline, row))]
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
+
+
+def _inline(text: str) -> str:
+    return text.replace("\n", " ").replace("|", "\\|")
+
+
+_LATEX = str.maketrans(
+    {
+        **{mark: f"\\{mark}" for mark in "&%$#_{}"},
+        "\\": r"\textbackslash{}",
+        "~": r"\textasciitilde{}",
+        "^": r"\textasciicircum{}",
+        "°": r"\textdegree{}",
+        "\n": " ",
+    }
+)
+
+
+def to_latex(table: Table) -> str:
+    """A table in LaTeX for the package booktabs, the best cells bold."""
+    columns = "l" * table.leading + "r" * (len(table.headings) - table.leading)
+    lines = [rf"\begin{{tabular}}{{{columns}}}", r"\toprule"]
+    lines += [" & ".join(text.translate(_LATEX) for text in table.headings) + r" \\", r"\midrule"]
+    for i, row in enumerate(table.rows):
+        cells = (text.translate(_LATEX) for text in row)
+        marked = (rf"\textbf{{{text}}}" if (i, j) in table.best else text for j, text in enumerate(cells))
+        lines.append(" & ".join(marked) + r" \\")
+    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"]) + "\n"
+
+
+def to_csv(rows: Sequence[Mapping[str, Any]], leading: Sequence[Mapping[str, Any]] = ()) -> str:
+    """Return all numbers of rows (as JSON) in full, one column per key; `leading`: further columns before them."""
+    names = [name for name, value in (rows[0] if rows else {}).items() if not isinstance(value, dict)]
+    out = io.StringIO()
+    before = list(dict.fromkeys(key for one in leading for key in one))
+    writer = csv.DictWriter(out, [*before, *names], extrasaction="ignore", lineterminator="\n")
+    writer.writeheader()
+    for number, row in enumerate(rows):
+        joined = {
+            key: "; ".join(map(str, value)) if isinstance(value, tuple | list) else value for key, value in row.items()
+        }
+        writer.writerow({**(leading[number] if leading else {}), **joined})
+    return out.getvalue()

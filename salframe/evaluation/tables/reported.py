@@ -1,0 +1,54 @@
+"""Figures that papers report, as data with their source: shown beside a comparison, never among its rows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from pydantic import Field, model_validator
+
+from salframe.evaluation.tables.table import Table
+from salframe.framework.config import Settings, read_yaml, validate
+from salframe.framework.registry import registry
+
+
+class ReportedTable(Settings):
+    """One table of a paper, as printed: `rows` holds a number for each of `figures`, by method."""
+
+    title: str
+    figures: tuple[str, ...] = Field(min_length=1)
+    rows: dict[str, tuple[float, ...]]
+
+    @model_validator(mode="after")
+    def _check(self) -> ReportedTable:
+        for method, numbers in self.rows.items():
+            if len(numbers) != len(self.figures):
+                raise ValueError(
+                    f"{self.title}, {method}: received {len(numbers)} numbers, expected {len(self.figures)}"
+                )
+        return self
+
+
+class Reported(Settings):
+    """The tables of one paper: `source` names it, `note` says on what the figures were obtained."""
+
+    source: str
+    note: str
+    tables: tuple[ReportedTable, ...]
+
+
+def read_reported() -> tuple[Reported, ...]:
+    """What collections of presets hold in reported/, a paper a file, by file name. Raises ConfigError."""
+    known = registry()
+    paths = [known.find_preset("reported", name) for name in known.list_presets("reported")]
+    return tuple(validate(Reported, read_yaml(path), f"{path.name}:") for path in paths if path is not None)
+
+
+def reported_tables(papers: Sequence[Reported]) -> list[Table]:
+    """What papers report, a table each."""
+    return [reported_table(part) for paper in papers for part in paper.tables]
+
+
+def reported_table(part: ReportedTable) -> Table:
+    """A table of a paper."""
+    rows = [[method, *(f"{number:g}" for number in numbers)] for method, numbers in part.rows.items()]
+    return Table(("reported, not measured", *part.figures), rows, title=part.title)

@@ -1,0 +1,1 @@
+"""The task `detection`: precision and recall of detectors against annotations."""

@@ -1,0 +1,25 @@
+"""A row of the task `detection`: what a detector found in one panorama."""
+
+from __future__ import annotations
+
+from pydantic import model_validator
+
+from salframe.evaluation.runs.rows import Amount, Count, PieceRow, PieceStatus
+
+
+class PanoramaRow(PieceRow):
+    """What a detector found in a panorama."""
+
+    query: str
+    annotated: dict[str, Count] | None = None
+    found: dict[str, Count] | None = None
+    right: dict[str, Count] | None = None
+    joined: dict[str, str] | None = None
+    ms: Amount | None = None
+
+    @model_validator(mode="after")
+    def _complete(self) -> PanoramaRow:
+        counted = (self.annotated, self.found, self.right, self.joined)
+        if None in counted and (self.status == PieceStatus.OK or any(part is not None for part in counted)):
+            raise ValueError("a panorama has some of annotated, found, right and joined, expected all of them")
+        return self

@@ -1,0 +1,111 @@
+"""The table of the task `detection`: its lines and columns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Self
+
+from salframe.evaluation.runs.method_row import MethodRow
+from salframe.evaluation.statistics import Estimate
+from salframe.evaluation.tables.columns import GIVEN, Column, cost_column, rate_column
+from salframe.evaluation.tables.table import Table
+from salframe.evaluation.tables.text import NONE, percent
+from salframe.evaluation.tasks.detection.judging import NEAR_M
+
+SHARES = ("precision", "recall")
+"""Estimates whose values the JSON of a line has in `overall`."""
+
+
+@dataclass(frozen=True)
+class Counts:
+    """How many objects are annotated, how many were found, and how many of these are right.
+
+    precision: right ones among those found; recall: among those annotated; None where there is none.
+    """
+
+    annotated: int
+    found: int
+    right: int
+    precision: float | None = None
+    recall: float | None = None
+
+    @classmethod
+    def of(cls, annotated: int, found: int, right: int) -> Counts:
+        """The counts and what follows from them."""
+        precision, recall = right / found if found else None, right / annotated if annotated else None
+        return cls(annotated, found, right, precision, recall)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DetectionRow(MethodRow):
+    """A detector's line: overall and by class (classes annotated or found, by common name), and median ms a panorama.
+
+    joined: the common name of each label, annotated or found, that is another word for it. precision and
+    recall: the overall shares, with the intervals of panoramas clustered by place where it is known.
+    """
+
+    panoramas: int
+    overall: Counts | None = None
+    precision: Estimate | None = None
+    recall: Estimate | None = None
+    classes: dict[str, Counts] = field(default_factory=dict)
+    joined: dict[str, str] = field(default_factory=dict)
+    ms: float | None = None
+
+    @classmethod
+    def from_json(cls, content: Mapping[str, Any], where: object = "a row") -> Self:
+        overall = content.get("overall") or {}
+        return super().from_json({**content, **{name: overall.get(name) for name in SHARES}}, where)
+
+    def to_json(self) -> dict[str, Any]:
+        """As of every row, but the values of precision and recall are in `overall` alone."""
+        return {name: value for name, value in super().to_json().items() if name not in SHARES}
+
+    @property
+    def measured(self) -> bool:
+        return self.overall is not None
+
+
+def _overall(row: DetectionRow, get: Callable[[Counts], int]) -> str:
+    return NONE if row.overall is None else str(get(row.overall))
+
+
+COLUMNS: dict[str, Column[DetectionRow]] = {
+    "given": GIVEN,
+    "precision": rate_column("precision %\n(95 %)", lambda row: row.precision),
+    "recall": rate_column("recall %\n(95 %)", lambda row: row.recall),
+    "annotated": Column("annotated", lambda row: _overall(row, lambda counts: counts.annotated)),
+    "found": Column("found", lambda row: _overall(row, lambda counts: counts.found)),
+    "right": Column("right", lambda row: _overall(row, lambda counts: counts.right)),
+    "ms": cost_column("ms", lambda row: row.ms, 0),
+}
+USUAL = tuple(COLUMNS)
+
+
+def class_tables(rows: Sequence[DetectionRow]) -> list[Table]:
+    """Return a table of the classes of each detector that was measured."""
+    return [
+        Table(
+            (row.method, "precision %", "recall %", "annotated", "found", "right"),
+            [
+                [label, percent(one.precision), percent(one.recall), *map(str, (one.annotated, one.found, one.right))]
+                for label, one in row.classes.items()
+            ],
+        )
+        for row in rows
+        if row.measured
+    ]
+
+
+def what_is_right(rows: Sequence[DetectionRow]) -> list[str]:
+    """Return what counts as right, and which labels count as one."""
+    measured = [row for row in rows if row.measured]
+    if not measured:
+        return []
+    joined = {label: name for row in measured for label, name in row.joined.items()}
+    pairs = ", ".join(f"{label} = {name}" for label, name in sorted(joined.items()))
+    return [
+        f"right: an annotated object of the same label has its centroid within {NEAR_M} m",
+        *([f"one label in the shared vocabulary: {pairs}"] if joined else []),
+    ]

@@ -1,0 +1,135 @@
+"""The task `detection`: which of the annotated objects a detector finds, and which of its objects are there."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from salframe.evaluation.runs.inputs import check_needs
+from salframe.evaluation.runs.records import Part, Survey, by_method
+from salframe.evaluation.runs.request import Request, resolve
+from salframe.evaluation.runs.rows import PieceStatus, Row
+from salframe.evaluation.runs.run_folder import Run
+from salframe.evaluation.runs.runner import run_task
+from salframe.evaluation.runs.task import Result, Task, Worker
+from salframe.evaluation.tables.table import Table
+from salframe.evaluation.tasks.detection.judging import count_right, in_common_words, joined_labels
+from salframe.evaluation.tasks.detection.measures import summarize_detector
+from salframe.evaluation.tasks.detection.rows import PanoramaRow
+from salframe.evaluation.tasks.detection.table import COLUMNS, USUAL, DetectionRow, class_tables, what_is_right
+from salframe.framework.errors import FRAME_ERRORS, DataError, InputMissing, InvalidAnswer
+from salframe.graphs.annotated import annotated_detections
+from salframe.graphs.detections import Detections
+from salframe.graphs.detector import Detector
+from salframe.panoramas.dataset import Dataset
+from salframe.panoramas.frames import MapFrame, QueryFrame
+from salframe.panoramas.opening import Progress
+
+
+def measure_detection(request: Request, *, progress: Progress | None = None) -> Result[DetectionRow]:
+    """Run detectors, the request's methods, on the query panoramas of a data set, and count what is right.
+
+    Labels are compared in the vocabulary that detectors share (`common_label`), for each has its own words. The truth
+    are the annotated objects (`count_right`). Raises SalframeError on names and settings that are wrong.
+    """
+    return run_task(DetectionTask(), request, resolve(request, "detector"), progress=progress)
+
+
+@dataclass(frozen=True)
+class DetectionTask(Task[QueryFrame, Survey[QueryFrame], PanoramaRow, DetectionRow]):
+    """What is there in each query panorama?"""
+
+    name = "detection"
+    version = "2"
+    role = "detector"
+    prefix = "detection-"
+    counts = "panoramas"
+    key_fields = ("query",)
+    row = PanoramaRow
+    line = DetectionRow
+    columns = COLUMNS
+    usual = USUAL
+
+    @classmethod
+    def from_run(cls, run: Run) -> DetectionTask:
+        return cls()
+
+    def survey(self, dataset: Dataset) -> Survey[QueryFrame]:
+        if "annotations" not in dataset.provides:
+            raise InputMissing(f"detection is measured by annotations, which {dataset.name} does not have")
+        frames = {frame.id: frame for fold in dataset.folds() for frame in fold.queries}
+        if not frames:
+            raise DataError(f"{dataset.name} has no query, expected at least one")
+        return Survey(dataset, list(frames.values()))
+
+    def key(self, piece: QueryFrame) -> tuple[str]:
+        return (piece.id,)
+
+    def open(
+        self, label: str, method: Detector, survey: Survey[QueryFrame], todo: Sequence[QueryFrame], folder: Path
+    ) -> Worker[QueryFrame]:
+        check_needs(method, survey.dataset)
+        return _Detecting(method)
+
+    def failed(self, piece: QueryFrame) -> Row:
+        """What there was to find, where the panorama can be read at all."""
+        try:
+            truth = annotated_detections(piece.load())
+        except FRAME_ERRORS:
+            return {}
+        annotated = Counter(in_common_words(truth).labels)
+        return {"annotated": annotated, "found": {}, "right": {}, "joined": joined_labels(truth), "ms": None}
+
+    def summarize(self, parts: Sequence[Part[Survey[QueryFrame], PanoramaRow]], seed: int) -> tuple[DetectionRow, ...]:
+        panoramas = sum(len(survey.pieces) for survey, _ in parts)
+        places = [
+            f"{number}: {place_of(survey.dataset, piece)}"
+            for number, (survey, _) in enumerate(parts)
+            for piece in survey.pieces
+        ]
+        return tuple(summarize_detector(records, panoramas, places, seed) for records in by_method(parts))
+
+    @classmethod
+    def details(cls, rows: Sequence[DetectionRow]) -> list[Table]:
+        return class_tables(rows)
+
+    @classmethod
+    def legend(cls, rows: Sequence[DetectionRow]) -> list[str]:
+        return what_is_right(rows)
+
+
+def place_of(dataset: Dataset, frame: MapFrame | QueryFrame) -> str:
+    """The place of a panorama, or what it is called itself where that is not known."""
+    if isinstance(frame, MapFrame):
+        return frame.place
+    try:
+        return dataset.truth(frame.id).place
+    except DataError:
+        return frame.id
+
+
+class _Detecting(Worker[QueryFrame]):
+    """A detector that looks at panoramas; the first is looked at twice, so that no first call is timed."""
+
+    def __init__(self, detector: Detector) -> None:
+        self._detector, self._warm = detector, False
+
+    def work(self, piece: QueryFrame) -> Row:
+        panorama = piece.load()
+        if not self._warm:
+            self._detector.detect(panorama)
+            self._warm = True
+        start = time.perf_counter()
+        found = self._detector.detect(panorama)
+        ms = (time.perf_counter() - start) * 1e3
+        if not isinstance(found, Detections):
+            raise InvalidAnswer(f"detect gave {type(found).__name__}, expected Detections")
+        truth = annotated_detections(panorama)
+        joined = joined_labels(truth) | joined_labels(found)
+        truth, found = in_common_words(truth), in_common_words(found)
+        counted = {"annotated": Counter(truth.labels), "found": Counter(found.labels)}
+        counted["right"] = count_right(found, truth)
+        return {**counted, "joined": joined, "ms": ms, "status": PieceStatus.OK, "error": None}

@@ -1,0 +1,1 @@
+"""The task `localization`: the place and pose of every query of a dataset."""

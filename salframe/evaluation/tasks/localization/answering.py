@@ -1,0 +1,164 @@
+"""A localizer at work on queries, fold by fold: what it answers, and what that costs."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from salframe.evaluation.runs.memory import peak_memory_mb
+from salframe.evaluation.runs.rows import DescriptionLine, MapLine, Row, RowWriter, read_rows
+from salframe.evaluation.runs.run_folder import DESCRIPTIONS, MAPS
+from salframe.evaluation.runs.task import Worker
+from salframe.evaluation.tasks.localization.survey import Query
+from salframe.framework.cache import Cache
+from salframe.framework.errors import FRAME_ERRORS, InvalidAnswer, MethodFailed, describe_error
+from salframe.localization.answers import Localization
+from salframe.localization.describing import describe_frame
+from salframe.localization.localizer import Description, Localizer
+from salframe.localization.map import LocalizationMap
+from salframe.panoramas.dataset import Dataset
+from salframe.panoramas.frames import Fold, MapFrame, QueryFrame
+
+TOP_PLACES = 10
+"""So many places of an answer are kept."""
+
+
+class Answering(Worker[Query]):
+    """A localizer that answers queries, fold by fold."""
+
+    _map: LocalizationMap
+    """The map of the fold that was prepared."""
+
+    def __init__(self, localizer: Localizer, dataset: Dataset, todo: Sequence[Query], folder: Path) -> None:
+        folds = {piece.fold.id: piece.fold for piece in todo}
+        uses = Counter(frame.id for fold in folds.values() for frame in fold.mapping)
+        uses.update(piece.frame.id for piece in todo)
+        self._localizer, self._floors, self._fold = localizer, dataset.floors(), ""
+        self._places: dict[str, str] = {}
+        self._descriptions = _Descriptions(localizer, dataset.content_key, uses, folder / DESCRIPTIONS)
+        self._measured = {row.fold for row in read_rows(folder / MAPS, MapLine)}
+        self._maps = RowWriter(folder / MAPS)
+        self._left_out: dict[str, str] = {}
+        self._unusable: list[str] = []
+
+    def prepare(self, piece: Query) -> None:
+        if piece.fold.id == self._fold:
+            return
+        try:
+            self._map = self._index(piece.fold)
+        except MethodFailed:
+            raise
+        except Exception as error:  # without its map a method can answer nothing
+            raise MethodFailed(describe_error(error)) from error
+        self._fold = piece.fold.id
+
+    def work(self, piece: Query) -> Row:
+        try:
+            description, describe_ms = self._descriptions.take(piece.frame)
+        except FRAME_ERRORS as error:
+            self._unusable.append(str(error))
+            raise
+        start = time.perf_counter()
+        answer = self._map.answer(description)
+        query_ms = (time.perf_counter() - start) * 1e3
+        for ranked in answer.places:
+            if self._places.get(ranked.frame) != ranked.place:
+                raise InvalidAnswer(f"match gave {ranked}, expected a frame of the map and its place")
+        return {**answer_row(answer, describe_ms, query_ms), "status": answer.status, "error": None}
+
+    def _index(self, fold: Fold) -> LocalizationMap:
+        """Index the reference frames of a fold; `warning` reports those that cannot be used and are left out."""
+        known, frames = [], []
+        for frame in fold.mapping:
+            try:
+                description, _ = self._descriptions.take(frame)
+            except FRAME_ERRORS as error:
+                self._left_out[frame.id] = str(error)
+            else:
+                known.append(description)
+                frames.append(frame)
+        if not frames:
+            reasons = list(self._left_out.values())[:1]
+            raise MethodFailed("; ".join([f"fold {fold.id} has no mapping frame that can be used", *reasons]))
+        indexed = LocalizationMap.from_descriptions(self._localizer, known, frames, self._floors)
+        self._places = {frame.id: frame.place for frame in frames}
+        if fold.id not in self._measured:
+            self._measured.add(fold.id)
+            self._maps.append({"fold": fold.id, "frames": len(frames), "bytes": indexed.num_bytes()})
+        return indexed
+
+    def close(self) -> None:
+        self._descriptions.close()
+        self._maps.close()
+
+    @property
+    def warning(self) -> str | None:
+        problems = {
+            "mapping frame(s) left out": list(self._left_out.values()),
+            "query frame(s) that cannot be used": self._unusable,
+            "frame(s) described in part": list(self._descriptions.notes.values()),
+        }
+        parts = [f"{len(reasons)} {what}, the first: {reasons[0]}" for what, reasons in problems.items() if reasons]
+        return "; ".join(parts) or None
+
+
+class _Descriptions:
+    """Describes each frame once, keeps it in memory until its last use, and records what it cost."""
+
+    def __init__(self, localizer: Localizer, dataset: str, uses: Counter[str], path: Path) -> None:
+        self._localizer, self._dataset, self._cache, self._uses = localizer, dataset, Cache(), uses
+        self._recorded = {row.frame for row in read_rows(path, DescriptionLine)}
+        self._costs = RowWriter(path)
+        self._found: dict[str, tuple[Description, float] | Exception] = {}
+        self.notes: dict[str, str] = {}
+
+    def take(self, frame: MapFrame | QueryFrame) -> tuple[Description, float]:
+        """The description and the milliseconds it took when it was computed. Raises one of FRAME_ERRORS on a frame that
+        cannot be used.
+        """
+        if frame.id not in self._found:
+            try:
+                self._found[frame.id] = self._describe(frame)
+            except FRAME_ERRORS as error:
+                self._found[frame.id] = error
+        self._uses[frame.id] -= 1
+        found = self._found[frame.id] if self._uses[frame.id] else self._found.pop(frame.id)
+        if isinstance(found, Exception):
+            raise found
+        return found
+
+    def _describe(self, frame: MapFrame | QueryFrame) -> tuple[Description, float]:
+        description, seconds = describe_frame(self._localizer, frame, self._cache, self._dataset)
+        if note := self._localizer.note(description):
+            self.notes[frame.id] = f"{frame.id}: {note}"
+        if frame.id not in self._recorded:
+            self._recorded.add(frame.id)
+            self._costs.append({"frame": frame.id, "ms": seconds * 1e3})
+        return description, seconds * 1e3
+
+    def close(self) -> None:
+        self._costs.close()
+
+
+def answer_row(answer: Localization | None, describe_ms: float | None = None, query_ms: float | None = None) -> Row:
+    """What is kept of an answer; `pose` is T_world_query, 16 numbers row by row, `heading` its heading_rad,
+    `probabilities` those of `places`, in their order."""
+    places = answer.places[:TOP_PLACES] if answer else ()
+    pose = answer.T_world_query if answer else None
+    covariance = answer.covariance if answer else None
+    probabilities = [float(place.probability) for place in places if place.probability is not None]
+    return {
+        "places": [[place.frame, place.place, float(place.score)] for place in places],
+        "pose": None if pose is None else np.asarray(pose, float).ravel().tolist(),
+        "heading": answer.heading_rad if answer else None,
+        "probabilities": probabilities or None,
+        "not_here": None if answer is None or answer.not_here is None else float(answer.not_here),
+        "covariance": None if covariance is None else np.asarray(covariance, float).tolist(),
+        "query_ms": query_ms,
+        "describe_ms": describe_ms,
+        "peak_memory_mb": peak_memory_mb(),
+    }

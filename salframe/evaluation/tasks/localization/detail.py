@@ -1,0 +1,245 @@
+"""What can be looked at of each query: the objects that a method described, what it matched with the map's panoramas,
+and what its scores are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel
+
+from salframe.evaluation.report.arms import Arm, Entry
+from salframe.evaluation.report.page import numbers
+from salframe.evaluation.runs.run_folder import Run
+from salframe.evaluation.tasks.localization.queries import xy_yaw
+from salframe.evaluation.tasks.localization.rows import AnswerRow
+from salframe.evaluation.tasks.localization.view import LocalizationView
+from salframe.framework.cache import Cache
+from salframe.framework.errors import FRAME_ERRORS, SalframeError
+from salframe.framework.identity import digest
+from salframe.framework.registry import registry
+from salframe.graphs.graph import SaliencyGraph
+from salframe.graphs.packing import GRAPH_ARRAYS, graph_from_arrays
+from salframe.localization.answers import NodeMatches, PointMatches
+from salframe.localization.describing import describe_frame
+from salframe.localization.evidence import Evidence
+from salframe.localization.localizer import Description, Localizer
+from salframe.localization.map import LocalizationMap
+from salframe.panoramas.dataset import Dataset
+from salframe.panoramas.frames import Fold, MapFrame, QueryFrame, Truth
+from salframe.panoramas.opening import Progress
+
+POINTS_SHOWN = 60
+"""So many matches of points at most are drawn of a pair of panoramas, spread evenly over all."""
+Json = dict[str, Any]
+
+
+@dataclass(frozen=True, eq=False)
+class QuerySet:
+    """A data set and what was asked of it: the fold and the frame of each query, in the order of a view's."""
+
+    dataset: Dataset
+    queries: Sequence[tuple[Fold, QueryFrame]]
+
+
+@dataclass(eq=False)
+class Details:
+    """What is known of the queries of one data set.
+
+    queries: for each its frame, the objects by describer, and what is known of each arm's answer; frames: those of the
+    map that answers speak of, by id, with their objects by describer; notes: what could not be looked at.
+    """
+
+    queries: list[Json]
+    frames: dict[str, Json] = field(default_factory=dict)
+    map_frames: dict[str, MapFrame] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+
+
+def find_details(
+    asked: QuerySet,
+    group: Sequence[int],
+    arms: Sequence[Arm],
+    views: Sequence[LocalizationView],
+    progress: Progress | None = None,
+) -> Details:
+    """Look at the answers of all arms to the queries of the runs in a group, which are on the same data."""
+    found = Details([{"objects": {}, "arms": {}} for _ in asked.queries])
+    for number, arm in enumerate(arms):
+        for entry in arm.entries:
+            if entry.run in group and views[entry.run].records[entry.method].done:
+                try:
+                    _look(found, asked, number, arm, entry, views[entry.run], progress)
+                except SalframeError as error:
+                    found.notes.append(f"{arm.name}: its answers cannot be looked at: {error}")
+    return found
+
+
+def _look(
+    found: Details,
+    asked: QuerySet,
+    number: int,
+    arm: Arm,
+    entry: Entry,
+    view: LocalizationView,
+    progress: Progress | None,
+) -> None:
+    localizer: Localizer = registry().build("localizer", Run.load(view.result.run).method(arm.label, "localizer"))
+    method = _Method(localizer, asked.dataset, found)
+    rows, truths, judged = view.records[entry.method].rows, view.queries.truths, view.judged[entry.method]
+    numbered = enumerate(asked.queries)
+    for _, queries in groupby(numbered, key=lambda one: one[1][0].id):
+        fold: Fold | None = None
+        for i, (fold_of_query, frame) in queries:
+            if progress:
+                progress(arm.name, i, len(rows))
+            if fold is None:
+                fold = fold_of_query
+                method.take(fold)
+            try:
+                found.queries[i]["arms"][str(number)] = method.look(
+                    found.queries[i], frame, rows[i], truths[i], bool(judged.correct[i])
+                )
+            except FRAME_ERRORS:
+                continue
+    if progress:
+        progress(arm.name, len(rows), len(rows))
+
+
+class _Method:
+    """A localizer and what it remembers of the frames of a data set."""
+
+    def __init__(self, localizer: Localizer, dataset: Dataset, found: Details) -> None:
+        self._localizer, self._dataset, self._found = localizer, dataset, found
+        self._cache, self._known = Cache(), dict[str, Description]()
+        self._describer = digest(localizer.describe_identity())[:8]
+        weights = getattr(localizer.config, "weights", None)
+        self._weights: dict[str, float] = weights.model_dump() if isinstance(weights, BaseModel) else {}
+        self._frames: dict[str, MapFrame] = {}
+
+    def take(self, fold: Fold) -> None:
+        """Index a fold's map, where that is needed to say what scores are made of."""
+        usable = {}
+        for frame in fold.mapping:
+            try:
+                self._describe(frame)
+            except FRAME_ERRORS:
+                continue
+            usable[frame.id] = frame
+        self._frames = usable
+        if self._weights and usable:
+            known = [self._known[id] for id in usable]
+            frames, floors = list(usable.values()), self._dataset.floors()
+            self._localizer = LocalizationMap.from_descriptions(self._localizer, known, frames, floors).localizer
+
+    def look(self, query: Json, frame: QueryFrame, row: AnswerRow | None, truth: Truth, correct: bool) -> Json:
+        """What is known of an answer; adds the query's objects, and the frames that it is matched with."""
+        description = self._describe(frame)
+        objects = describe_objects(description)
+        if objects is not None:
+            query["objects"][self._describer] = objects
+        pairs = []
+        for kind, reference in self._references(row, truth, correct):
+            matches = self._localizer.correspond(description, self._known[reference.id])
+            pairs.append({"kind": kind, "frame": reference.id, **_matched(matches)})
+            self._show(reference)
+            if isinstance(matches, NodeMatches) and objects is None:
+                query["objects"][self._describer] = _points(matches.query_m, description)
+                frame_objects = self._found.frames[reference.id]["objects"]
+                frame_objects[self._describer] = _points(matches.reference_m, self._known[reference.id])
+        evidence = self._localizer.evidence(description) if self._weights else None
+        return {
+            "describer": self._describer,
+            "references": pairs,
+            "evidence": None if evidence is None or row is None else self._weigh(evidence, row, truth, correct),
+        }
+
+    def _describe(self, frame: MapFrame | QueryFrame) -> Description:
+        if isinstance(frame, QueryFrame):
+            return describe_frame(self._localizer, frame, self._cache, self._dataset.content_key)[0]
+        if frame.id not in self._known:
+            self._known[frame.id] = describe_frame(self._localizer, frame, self._cache, self._dataset.content_key)[0]
+        return self._known[frame.id]
+
+    def _references(self, row: AnswerRow | None, truth: Truth, correct: bool) -> Iterator[tuple[str, MapFrame]]:
+        """The map frame of the answer, and where that is wrong, the one of the true place that is ranked first or else
+        stands nearest."""
+        places = row.places if row is not None else ()
+        if places and places[0].frame in self._frames:
+            yield "answer", self._frames[places[0].frame]
+        own = [frame for frame in self._frames.values() if frame.place == truth.place]
+        if correct or not own:
+            return
+        ranked = [self._frames[one.frame] for one in places if one.place == truth.place and one.frame in self._frames]
+        if not ranked and truth.T_world_pano is not None:
+            stood = truth.T_world_pano[:3, 3]
+            own.sort(key=lambda frame: float(np.linalg.norm(frame.T_world_pano[:3, 3] - stood)))
+        yield "truth", (ranked or own)[0]
+
+    def _show(self, frame: MapFrame) -> None:
+        shown = self._found.frames.setdefault(
+            frame.id, {"id": frame.id, "place": frame.place, "pose": xy_yaw(frame.T_world_pano), "objects": {}}
+        )
+        self._found.map_frames[frame.id] = frame
+        objects = describe_objects(self._known[frame.id])
+        if objects is not None:
+            shown["objects"][self._describer] = objects
+
+    def _weigh(self, evidence: Evidence, row: AnswerRow, truth: Truth, correct: bool) -> Json | None:
+        """What speaks for the place that was answered, and for the true one, or the runner-up where that is the same:
+        of each the best hypothesis."""
+        scores = evidence.place_scores(self._weights)
+        answer = row.places[0].place if row.places else None
+        other = truth.place if not correct else row.places[1].place if len(row.places) > 1 else None
+        shown = [name for name in dict.fromkeys((answer, other)) if name in scores]
+        if not shown:
+            return None
+        values = evidence.scores(self._weights)
+        places = []
+        for name in shown:
+            best = max((k for k, place in enumerate(evidence.places) if place == name), key=lambda k: values[k])
+            parts = numbers(np.array([evidence.values[name][best] for name in self._weights]), 3)
+            places.append({"place": name, "values": parts, "score": round(scores[name], 3)})
+        return {"parts": [*self._weights], "weights": numbers(np.array([*self._weights.values()]), 3), "places": places}
+
+
+def describe_objects(description: Mapping[str, np.ndarray]) -> Json | None:
+    """The objects of a described saliency graph, for JSON; None of a description that holds none.
+
+    labels; saliency; box: x, y, z, length, width, height in metres and yaw in radians, or bearing, where that alone is
+    known; edges.
+    """
+    if not description.keys() >= GRAPH_ARRAYS:
+        return None
+    graph: SaliencyGraph = graph_from_arrays(description)
+    objects = {"labels": list(graph.labels), "saliency": numbers(graph.saliency), "edges": graph.edges.tolist()}
+    if graph.bearings_only:
+        return {**objects, "bearing": numbers(graph.bearing)}
+    return {**objects, "box": numbers(np.column_stack([graph.centroid_m, graph.size_m, graph.yaw_rad]), 2)}
+
+
+def _points(centroid_m: np.ndarray, description: Mapping[str, np.ndarray]) -> Json:
+    """Objects of which positions alone are known, by name where the description has one for each."""
+    names = [str(name) for name in description.get("labels", ())]
+    if len(names) != len(centroid_m):
+        names = [""] * len(centroid_m)
+    nowhere = np.zeros((len(centroid_m), 4))
+    return {"labels": names, "saliency": None, "edges": [], "box": numbers(np.column_stack([centroid_m, nowhere]), 2)}
+
+
+def _matched(matches: NodeMatches | PointMatches | None) -> Json:
+    """Pairs of objects by their positions, or azimuth and elevation in both panoramas of matched points."""
+    if isinstance(matches, NodeMatches):
+        return {"pairs": matches.pairs.tolist()}
+    if matches is None:
+        return {}
+    kept = np.unique(np.linspace(0, len(matches.query) - 1, POINTS_SHOWN).astype(int))[: len(matches.query)]
+    angles = [angle[kept] for one in (matches.query, matches.reference) for angle in _angles(one)]
+    return {"points": numbers(np.column_stack(angles)), "matched": len(matches.query)}
+
+
+def _angles(bearing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return np.arctan2(bearing[:, 1], bearing[:, 0]), np.arcsin(np.clip(bearing[:, 2], -1, 1))

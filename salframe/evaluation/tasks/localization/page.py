@@ -1,0 +1,48 @@
+"""The part of a page that the task `localization` writes: figures, queries and their details."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from salframe.evaluation.report.arms import Arm
+from salframe.evaluation.report.page import render
+from salframe.evaluation.report.paged_task import Islands
+from salframe.evaluation.tasks.localization.detail import QuerySet, find_details
+from salframe.evaluation.tasks.localization.figures import draw_figures
+from salframe.evaluation.tasks.localization.pictures import make_islands
+from salframe.evaluation.tasks.localization.queries import OUTCOMES, group_views, list_sets
+from salframe.evaluation.tasks.localization.table import LocalizationRow
+from salframe.evaluation.tasks.localization.view import LocalizationView
+from salframe.framework.files import write_text
+from salframe.panoramas.opening import Progress
+
+ACCURACY = "accuracy.svg"
+"""Name of the picture of the accuracy, for print, in a run folder."""
+
+
+def make_part(views: Sequence[LocalizationView], arms: Sequence[Arm]) -> dict[str, Any]:
+    """Return figures and queries of some runs, as JSON."""
+    return {"outcomes": OUTCOMES, "figures": draw_figures(arms, views), "sets": list_sets(arms, views)}
+
+
+def make_islands_of_views(
+    views: Sequence[LocalizationView], arms: Sequence[Arm], full: bool, progress: Progress | None
+) -> Islands:
+    """Return every query with its panoramas, the objects in them, and what was matched. Describes what is not in the
+    cache."""
+    sets = []
+    for group in group_views(views):
+        survey = views[group[0]].survey
+        asked = QuerySet(survey.dataset, [(piece.fold, piece.frame) for piece in survey.pieces])
+        sets.append((asked, find_details(asked, group, arms, views, progress)))
+    notes = tuple(dict.fromkeys(note for _, found in sets for note in found.notes))
+    return Islands(make_islands(sets, full, progress), notes)
+
+
+def write_accuracy(folder: Path, rows: Sequence[LocalizationRow]) -> None:
+    """Write the accuracy of the measured methods as a picture for print."""
+    measured = [row for row in rows if row.measured]
+    if measured:
+        write_text(folder / ACCURACY, render("accuracy.svg.jinja", rows=measured))

@@ -1,0 +1,107 @@
+"""What was asked of a data set and what each arm answered, as columns that a page filters and lists."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from salframe.evaluation.report.arms import Arm
+from salframe.evaluation.report.page import floor_plan, number, numbers
+from salframe.evaluation.tasks.localization.judging import Judged
+from salframe.evaluation.tasks.localization.rows import DENIALS, PLACED, AnswerRow
+from salframe.evaluation.tasks.localization.view import LocalizationView
+from salframe.panoramas.geometry import pose_yaw
+
+RIGHT, WRONG, DENIED, NONE = "right", "wrong place", "not on the map", "no answer"
+OUTCOMES = (RIGHT, WRONG, DENIED, NONE)
+"""What became of a query: its place was named, or its absence from the map seen; another place was named; it was taken
+to be off the map though it is on it; no place was named."""
+
+
+def list_sets(arms: Sequence[Arm], views: Sequence[LocalizationView]) -> list[dict[str, Any]]:
+    """The queries of each data set, for JSON, with the answers of the arms that were asked them.
+
+    Runs on the same data share their queries. `places` are what truths and answers are positions in.
+    """
+    sets: list[dict[str, Any]] = []
+    for group in group_views(views):
+        view = views[group[0]]
+        answers = {
+            str(key): (views[run].records[method].rows, views[run].judged[method])
+            for key, arm in enumerate(arms)
+            for run, method in arm.entries
+            if run in group and views[run].records[method].done
+        }
+        truths = [truth.place for truth in view.queries.truths]
+        named = {row.places[0].place for rows, _ in answers.values() for row in rows if row is not None and row.places}
+        places = sorted({*truths, *named})
+        index = {place: position for position, place in enumerate(places)}
+        sets.append(
+            {
+                "name": view.name,
+                "places": places,
+                "ids": list(view.queries.ids),
+                "truth": [index[place] for place in truths],
+                "poses": [None if t.T_world_pano is None else xy_yaw(t.T_world_pano) for t in view.queries.truths],
+                "answers": {key: _columns(rows, judged, index) for key, (rows, judged) in answers.items()},
+                "floors": [floor_plan(floor) for floor in view.queries.floors],
+            }
+        )
+    return sets
+
+
+def group_views(views: Sequence[LocalizationView]) -> list[list[int]]:
+    """The positions of the runs in groups of the same data."""
+    groups: list[list[int]] = []
+    for run, view in enumerate(views):
+        alike = next((group for group in groups if views[group[0]].data == view.data), None)
+        if alike is None:
+            groups.append([run])
+        else:
+            alike.append(run)
+    return groups
+
+
+def _columns(rows: Sequence[AnswerRow | None], judged: Judged, index: dict[str, int]) -> dict[str, Any]:
+    """A column for each thing that is known of an answer, a value a query."""
+    first = [row.places[0] if row is not None and row.places else None for row in rows]
+    poses = [None if row is None else row.pose_matrix for row in rows]
+    return {
+        "outcome": [
+            OUTCOMES.index(outcome_of(row, bool(right))) for row, right in zip(rows, judged.correct, strict=True)
+        ],
+        "place": [None if one is None else index[one.place] for one in first],
+        "status": list(judged.statuses),
+        "error": [row.error if row is not None else None for row in rows],
+        "translation_m": numbers(judged.translation_m),
+        "rotation_deg": numbers(judged.rotation_deg, 2),
+        "pose": [None if pose is None else xy_yaw(pose) for pose in poses],
+        "ranked": [_ranked(row) for row in rows],
+        "not_here": [None if row is None else number(row.not_here) for row in rows],
+        "ms": [None if row is None else number(row.query_ms, 1) for row in rows],
+    }
+
+
+def outcome_of(row: AnswerRow | None, correct: bool) -> str:
+    """What became of a query, one of OUTCOMES."""
+    if correct:
+        return RIGHT
+    if row is not None and row.status in PLACED:
+        return WRONG
+    return DENIED if row is not None and row.status in DENIALS else NONE
+
+
+def _ranked(row: AnswerRow | None, most: int = 3) -> list[list[Any]]:
+    """The first places of an answer: place, score, and probability where there is one."""
+    if row is None:
+        return []
+    probabilities = row.probabilities or [None] * len(row.places)
+    places = zip(row.places, probabilities, strict=False)
+    return [[one.place, number(one.score, 4), number(probability)] for one, probability in list(places)[:most]]
+
+
+def xy_yaw(pose: np.ndarray) -> list[float]:
+    """x and y in metres and the azimuth in radians of a pose (4, 4)."""
+    return [round(float(value), 3) for value in (*pose[:2, 3], pose_yaw(pose))]

@@ -1,0 +1,47 @@
+"""A row of the task `localization`: the answer to one query."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from salframe.evaluation.runs.rows import Amount, PieceRow
+from salframe.localization.answers import LocalizationStatus, RankedPlace
+
+PLACED = tuple(status for status in LocalizationStatus if status.names_a_place)
+DENIALS = tuple(status for status in LocalizationStatus if status.denies_the_map)
+
+
+class AnswerRow(PieceRow):
+    """An answer to a query."""
+
+    fold: str
+    query: str
+    places: tuple[RankedPlace, ...]
+    pose: Annotated[tuple[float, ...], Field(min_length=16, max_length=16)] | None
+    heading: float | None = None
+    probabilities: tuple[float, ...] | None = None
+    not_here: float | None = None
+    covariance: tuple[tuple[float, ...], ...] | None = None
+    query_ms: Amount | None
+    describe_ms: Amount | None
+    peak_memory_mb: Amount | None
+
+    @property
+    def pose_matrix(self) -> np.ndarray | None:
+        """The pose (4, 4)."""
+        return None if self.pose is None else np.reshape(self.pose, (4, 4))
+
+    @model_validator(mode="after")
+    def _complete(self) -> AnswerRow:
+        if self.status in PLACED and not self.places:
+            raise ValueError(f"an answer of status {self.status} has no place, expected one")
+        if self.covariance is not None:
+            sides = {len(self.covariance), *map(len, self.covariance)}
+            if sides not in ({3}, {6}):
+                raise ValueError("a covariance is neither (3, 3) nor (6, 6)")
+        if len(self.probabilities or ()) != (0 if self.not_here is None else len(self.places)):
+            raise ValueError("an answer has not_here or probabilities, expected both, one for each place, or none")
+        return self

@@ -1,0 +1,41 @@
+"""The queries of a data set, and what is true of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from salframe.evaluation.runs.records import Survey
+from salframe.panoramas.frames import Fold, FrameKind, QueryFrame, Truth
+
+
+@dataclass(frozen=True, eq=False)
+class Query:
+    """A query and the fold whose map it is asked of."""
+
+    fold: Fold
+    frame: QueryFrame
+
+
+@dataclass(frozen=True, eq=False)
+class LocalizationSurvey(Survey[Query]):
+    """The queries of a data set."""
+
+    def truths(self) -> tuple[Truth, ...]:
+        """What is true of each query, in order. Only who measures asks."""
+        return tuple(self.dataset.truth(piece.frame.id) for piece in self.pieces)
+
+    def doorways(self) -> frozenset[str]:
+        """The places of the maps that are no scene."""
+        folds = {piece.fold.id: piece.fold for piece in self.pieces}.values()
+        frames = [frame for fold in folds for frame in fold.mapping]
+        scenes = {frame.place for frame in frames if frame.kind is FrameKind.SCENE}
+        return frozenset(frame.place for frame in frames) - scenes
+
+    def present(self) -> np.ndarray:
+        """(Q,) bool: whether the map that a query is asked of has its place."""
+        folds = {piece.fold.id: piece.fold for piece in self.pieces}
+        places = {id: {frame.place for frame in fold.mapping} for id, fold in folds.items()}
+        paired = zip(self.pieces, self.truths(), strict=True)
+        return np.array([truth.place in places[piece.fold.id] for piece, truth in paired], bool)

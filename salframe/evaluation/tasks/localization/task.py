@@ -1,0 +1,134 @@
+"""The task `localization`: every query of a data set asked of every method; accuracy, pose error and cost."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from salframe.evaluation.report.arms import Arm
+from salframe.evaluation.report.paged_task import Islands, PagedTask
+from salframe.evaluation.runs.inputs import check_needs
+from salframe.evaluation.runs.records import Part, Record
+from salframe.evaluation.runs.request import Request, resolve
+from salframe.evaluation.runs.rows import Row
+from salframe.evaluation.runs.run_folder import DESCRIPTIONS, ROWS, Run
+from salframe.evaluation.runs.runner import run_task
+from salframe.evaluation.runs.task import Result, Worker
+from salframe.evaluation.tables.reported import read_reported
+from salframe.evaluation.tables.table import Table
+from salframe.evaluation.tasks.localization.answering import Answering, answer_row
+from salframe.evaluation.tasks.localization.measures import judge_records, summarize_methods
+from salframe.evaluation.tasks.localization.page import make_islands_of_views, make_part, write_accuracy
+from salframe.evaluation.tasks.localization.rows import AnswerRow
+from salframe.evaluation.tasks.localization.survey import LocalizationSurvey, Query
+from salframe.evaluation.tasks.localization.table import (
+    ABOUT,
+    COLUMNS,
+    USUAL,
+    LocalizationRow,
+    describe_times_note,
+    out_of_map_tables,
+)
+from salframe.evaluation.tasks.localization.view import LocalizationView, Queries
+from salframe.framework.errors import DataError
+from salframe.localization.localizer import Localizer
+from salframe.panoramas.dataset import Dataset
+from salframe.panoramas.opening import Progress
+
+
+def compare(request: Request, *, reported: bool = False, progress: Progress | None = None) -> Result[LocalizationRow]:
+    """Run methods on the queries of a data set and measure them; a run that was begun is resumed.
+
+    `reported` adds what papers report beside the rows. Raises SalframeError on names and settings that are wrong,
+    before anything runs.
+    """
+    papers = read_reported() if reported else ()
+    return run_task(LocalizationTask(), request, resolve(request), progress=progress, reported=papers)
+
+
+@dataclass(frozen=True)
+class LocalizationTask(PagedTask[Query, LocalizationSurvey, AnswerRow, LocalizationRow]):
+    """Where was each query taken?"""
+
+    name = "localization"
+    counts = "queries"
+    key_fields = ("fold", "query")
+    row = AnswerRow
+    line = LocalizationRow
+    columns = COLUMNS
+    usual = USUAL
+    about = ABOUT
+    counted = (ROWS, DESCRIPTIONS)
+    maps = True
+
+    @classmethod
+    def from_run(cls, run: Run) -> LocalizationTask:
+        return cls()
+
+    def survey(self, dataset: Dataset) -> LocalizationSurvey:
+        queries = [Query(fold, frame) for fold in dataset.folds() for frame in fold.queries]
+        if not queries:
+            raise DataError(f"{dataset.name} has no query, expected at least one")
+        found = LocalizationSurvey(dataset, queries)
+        absent = int((~found.present()).sum())
+        note = f"{absent} of {len(queries)} queries are asked of a map without their place, where not-here is right"
+        return replace(found, notes=(note,)) if absent else found
+
+    def key(self, piece: Query) -> tuple[str, str]:
+        return piece.fold.id, piece.frame.id
+
+    def total(self, survey: LocalizationSurvey) -> int:
+        folds = survey.dataset.folds()
+        mapped = {frame.id for fold in folds for frame in fold.mapping}
+        return len(mapped | {frame.id for fold in folds for frame in fold.queries}) + len(survey.pieces)
+
+    def open(
+        self, label: str, method: Localizer, survey: LocalizationSurvey, todo: Sequence[Query], folder: Path
+    ) -> Worker[Query]:
+        check_needs(method, survey.dataset)
+        return Answering(method, survey.dataset, todo, folder)
+
+    def failed(self, piece: Query) -> Row:
+        return answer_row(None)
+
+    def summarize(self, parts: Sequence[Part[LocalizationSurvey, AnswerRow]], seed: int) -> tuple[LocalizationRow, ...]:
+        return summarize_methods(parts, seed)
+
+    @classmethod
+    def tables(
+        cls,
+        rows: Sequence[LocalizationRow],
+        columns: Sequence[str] = (),
+        leading: Mapping[str, Sequence[str]] | None = None,
+    ) -> list[Table]:
+        return [*super().tables(rows, columns, leading), *([] if columns else out_of_map_tables(rows, leading))]
+
+    @classmethod
+    def legend(cls, rows: Sequence[LocalizationRow]) -> list[str]:
+        return describe_times_note(rows)
+
+    def view(
+        self, result: Result[LocalizationRow], records: Sequence[Record[AnswerRow]], survey: LocalizationSurvey
+    ) -> LocalizationView:
+        ids = [piece.frame.id for piece in survey.pieces]
+        queries = Queries(ids, survey.truths(), survey.dataset.floors())
+        return LocalizationView(result, records, survey, queries, judge_records(survey, records))
+
+    @classmethod
+    def part(cls, views: Sequence[LocalizationView], arms: Sequence[Arm]) -> dict[str, Any]:
+        return make_part(views, arms)
+
+    @classmethod
+    def islands(
+        cls, views: Sequence[LocalizationView], arms: Sequence[Arm], full: bool, progress: Progress | None = None
+    ) -> Islands:
+        return make_islands_of_views(views, arms, full, progress)
+
+    def write_page(
+        self, result: Result[LocalizationRow], records: Sequence[Record[AnswerRow]], survey: LocalizationSurvey
+    ) -> Path:
+        path = super().write_page(result, records, survey)
+        write_accuracy(path.parent, result.rows)
+        return path

@@ -1,0 +1,74 @@
+"""From the rows of methods to their lines in the table."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from salframe.evaluation.runs.records import Record, in_common
+from salframe.evaluation.runs.rows import PieceStatus
+from salframe.evaluation.statistics import Estimate, estimate_mean
+from salframe.evaluation.tasks.matching.judging import THRESHOLDS_PX
+from salframe.evaluation.tasks.matching.rows import PairRow
+from salframe.evaluation.tasks.matching.table import MatchingRow
+
+
+def summarize_pairs(records: Sequence[Record[PairRow]], places: Sequence[str], seed: int) -> MatchingRow:
+    """A method's line; places (P,): those of the pairs. A pair that failed counts as one in which nothing was right."""
+    pairs = len(places)
+    line = MatchingRow(**in_common(records), pairs=pairs)
+    if not all(record.done for record in records):
+        return line
+    rows = [row for record in records for row in record.rows]
+    known = [row for row in rows if row is not None]
+    good, failed = ([row for row in known if (row.status == PieceStatus.OK) == ok] for ok in (True, False))
+    if failed:
+        line = replace(line, reason=f"{len(failed)} pair(s) failed, the first: {failed[0].error}")
+    if not good:
+        return line
+    if len({row.kind for row in good}) > 1:
+        return replace(line, reason="matched points in some pairs and nodes in others")
+    kind, matches = good[0].kind, sum(row.matches or 0 for row in good) / pairs
+    done = np.array([row is not None and row.status == PieceStatus.OK for row in rows])
+    shares, others = (_points if kind == "points" else _nodes)(good, done)
+    means: dict[str, Any] = {name: _mean(*share, places, seed) for name, share in shares.items()}
+    return replace(line, kind=kind, matches_per_pair=matches, **others, **means)
+
+
+Share = tuple[np.ndarray, np.ndarray]
+"""Of each of P pairs, failures among them, a share (P,) float64, and (P,) bool whether it counts."""
+
+
+def _points(rows: Sequence[PairRow], done: np.ndarray) -> tuple[dict[str, Share], dict[str, Any]]:
+    """Accuracy of a pair: the share of its judged matches within a threshold, 0 where there is none. done (P,) bool:
+    which pairs the rows are of."""
+    judged = np.array([row.judged for row in rows])
+    within = np.zeros((len(done), len(THRESHOLDS_PX)))
+    within[done] = np.array([row.within_px for row in rows]) / np.maximum(judged, 1)[:, None]
+    shares = {f"mma_{px}": (share, np.ones(len(done), bool)) for px, share in zip(THRESHOLDS_PX, within.T, strict=True)}
+    return shares, {"pairs_without_match": len(done) - int((judged > 0).sum())}
+
+
+def _nodes(rows: Sequence[PairRow], done: np.ndarray) -> tuple[dict[str, Share], dict[str, Any]]:
+    """Precision of a pair: the share of its matches that are right, 0 where there is none. Recall: the share of the
+    objects in both graphs that were matched; pairs whose graphs share no object have none. done (P,) bool: which pairs
+    the rows are of.
+    """
+    matches, correct, true = np.array([(row.matches, row.correct, row.true) for row in rows]).T
+    precision, recall = np.zeros((2, len(done)))
+    precision[done], recall[done] = correct / np.maximum(matches, 1), correct / np.maximum(true, 1)
+    shared = np.ones(len(done), bool)
+    shared[done] = true > 0
+    shares = {"precision": (precision, np.ones(len(done), bool)), "recall": (recall, shared)}
+    return shares, {"true_per_pair": float(true.sum() / len(done))}
+
+
+def _mean(share: np.ndarray, counts: np.ndarray, places: Sequence[str], seed: int) -> Estimate | None:
+    """Return the mean of the shares that count; None where none does."""
+    if not counts.any():
+        return None
+    chosen = np.flatnonzero(counts).tolist()
+    return estimate_mean(share[chosen], [places[i] for i in chosen], seed)

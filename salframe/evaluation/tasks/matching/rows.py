@@ -1,0 +1,29 @@
+"""A row of the task `matching`: what a method matched of one pair of frames."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import model_validator
+
+from salframe.evaluation.runs.rows import Count, PieceRow, PieceStatus
+
+
+class PairRow(PieceRow):
+    """What a method matched of a pair of frames."""
+
+    fold: str
+    query: str
+    kind: Literal["points", "nodes"] | None = None
+    matches: Count | None = None
+    judged: Count | None = None
+    within_px: tuple[Count, ...] | None = None
+    correct: Count | None = None
+    true: Count | None = None
+
+    @model_validator(mode="after")
+    def _complete(self) -> PairRow:
+        counted = (self.judged, self.within_px) if self.kind == "points" else (self.correct, self.true)
+        if self.status == PieceStatus.OK and None in (self.kind, self.matches, *counted):
+            raise ValueError("a pair that was matched has no count of matches, expected all of its kind")
+        return self

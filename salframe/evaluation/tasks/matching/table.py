@@ -1,0 +1,65 @@
+"""The table of the task `matching`: its lines and columns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from salframe.evaluation.runs.method_row import MethodRow
+from salframe.evaluation.statistics import Estimate
+from salframe.evaluation.tables.columns import GIVEN, Column, count_column, number_column, rate_column
+from salframe.evaluation.tables.table import Table, draw_table, select_leading
+
+
+@dataclass(frozen=True, kw_only=True)
+class MatchingRow(MethodRow):
+    """A method's line. `kind` is "points" (mma_1, mma_3, mma_5: mean matching accuracy; pairs_without_match) or "nodes"
+    (precision, recall, true_per_pair): the two are different quantities. All are means over the pairs of panoramas;
+    an Estimate has the interval of pairs clustered by place.
+    """
+
+    pairs: int
+    kind: str | None = None
+    matches_per_pair: float | None = None
+    mma_1: Estimate | None = None
+    mma_3: Estimate | None = None
+    mma_5: Estimate | None = None
+    pairs_without_match: int | None = None
+    precision: Estimate | None = None
+    recall: Estimate | None = None
+    true_per_pair: float | None = None
+
+    @property
+    def measured(self) -> bool:
+        return self.kind is not None
+
+
+COLUMNS: dict[str, Column[MatchingRow]] = {
+    "given": GIVEN,
+    "mma_1": rate_column("MMA@1 %\n(95 %)", lambda row: row.mma_1),
+    "mma_3": rate_column("MMA@3 %\n(95 %)", lambda row: row.mma_3),
+    "mma_5": rate_column("MMA@5 %\n(95 %)", lambda row: row.mma_5),
+    "precision": rate_column("precision %\n(95 %)", lambda row: row.precision),
+    "recall": rate_column("recall %\n(95 %)", lambda row: row.recall),
+    "matches": number_column("matches\na pair", lambda row: row.matches_per_pair, 1),
+    "true": number_column("true\na pair", lambda row: row.true_per_pair, 1),
+    "unmatched": count_column("pairs without\na match", lambda row: row.pairs_without_match),
+    "pairs": count_column("pairs", lambda row: row.pairs),
+}
+USUAL_BY_KIND: dict[str, tuple[str, ...]] = {
+    "points": ("given", "mma_1", "mma_3", "mma_5", "matches", "unmatched", "pairs"),
+    "nodes": ("given", "precision", "recall", "matches", "true", "pairs"),
+}
+"""Usual columns of methods that match points, and of methods that match objects."""
+USUAL = tuple(COLUMNS)
+
+
+def tables_by_kind(rows: Sequence[MatchingRow], leading: Mapping[str, Sequence[str]] | None = None) -> list[Table]:
+    """Return a table of the methods that match points, and one of those that match objects."""
+    tables = []
+    for kind, names in USUAL_BY_KIND.items():
+        selected = [row for row in rows if row.kind == kind]
+        if selected:
+            columns = [COLUMNS[name] for name in names]
+            tables.append(draw_table(columns, selected, select_leading(leading, rows, selected)))
+    return tables

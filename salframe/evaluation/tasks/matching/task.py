@@ -1,0 +1,148 @@
+"""The task `matching`: are the points, or the objects, that a method matches the same ones?"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from salframe.evaluation.runs.inputs import check_needs
+from salframe.evaluation.runs.records import Part, Survey, by_method
+from salframe.evaluation.runs.request import Request, resolve
+from salframe.evaluation.runs.rows import PieceStatus, Row
+from salframe.evaluation.runs.run_folder import Run
+from salframe.evaluation.runs.runner import run_task
+from salframe.evaluation.runs.task import Result, Task, Worker
+from salframe.evaluation.tables.table import Table
+from salframe.evaluation.tasks.matching.judging import check_matches
+from salframe.evaluation.tasks.matching.measures import summarize_pairs
+from salframe.evaluation.tasks.matching.rows import PairRow
+from salframe.evaluation.tasks.matching.table import COLUMNS, USUAL, MatchingRow, tables_by_kind
+from salframe.framework.cache import Cache
+from salframe.framework.errors import DataError, InputMissing, InvalidAnswer, MethodUnavailable
+from salframe.localization.answers import NodeMatches, PointMatches
+from salframe.localization.describing import describe_frame
+from salframe.localization.localizer import Localizer
+from salframe.panoramas.dataset import Dataset
+from salframe.panoramas.frames import FrameKind, MapFrame, QueryFrame
+from salframe.panoramas.geometry import invert_pose
+from salframe.panoramas.opening import Progress
+
+
+@dataclass(frozen=True, eq=False)
+class FramePair:
+    """A query of a fold, a mapping frame of the same place, and the true pose of the query in the frame's axes,
+    T_reference_query (4, 4).
+    """
+
+    fold: str
+    query: QueryFrame
+    reference: MapFrame
+    T_reference_query: np.ndarray
+
+
+def measure_matching(request: Request, *, progress: Progress | None = None) -> Result[MatchingRow]:
+    """Match each query with the scene frame of its own place that is nearest to it; a run that was begun is resumed.
+
+    Raises SalframeError on names and settings that are wrong, and where the data set tells no ranges or poses.
+    """
+    return run_task(MatchingTask(), request, resolve(request), progress=progress)
+
+
+@dataclass(frozen=True)
+class MatchingTask(Task[FramePair, Survey[FramePair], PairRow, MatchingRow]):
+    """What is the same in a query and in the nearest frame of its place?"""
+
+    name = "matching"
+    prefix = "matching-"
+    counts = "pairs"
+    key_fields = ("fold", "query")
+    row = PairRow
+    line = MatchingRow
+    columns = COLUMNS
+    usual = USUAL
+
+    @classmethod
+    def from_run(cls, run: Run) -> MatchingTask:
+        return cls()
+
+    def survey(self, dataset: Dataset) -> Survey[FramePair]:
+        if "range" not in dataset.provides:
+            raise InputMissing(f"matching accuracy needs panoramas with range, which {dataset.name} does not have")
+        pairs = choose_pairs(dataset)
+        left_out = sum(len(fold.queries) for fold in dataset.folds()) - len(pairs)
+        note = f"{left_out} queries left out: their place has no scene frame in the map"
+        return Survey(dataset, pairs, (note,) if left_out else ())
+
+    def key(self, piece: FramePair) -> tuple[str, str]:
+        return piece.fold, piece.query.id
+
+    def open(
+        self, label: str, method: Localizer, survey: Survey[FramePair], todo: Sequence[FramePair], folder: Path
+    ) -> Worker[FramePair]:
+        check_needs(method, survey.dataset)
+        return _Matching(method, survey.dataset.content_key)
+
+    def summarize(self, parts: Sequence[Part[Survey[FramePair], PairRow]], seed: int) -> tuple[MatchingRow, ...]:
+        places = [f"{part}: {pair.reference.place}" for part, (survey, _) in enumerate(parts) for pair in survey.pieces]
+        return tuple(summarize_pairs(records, places, seed) for records in by_method(parts))
+
+    @classmethod
+    def tables(
+        cls,
+        rows: Sequence[MatchingRow],
+        columns: Sequence[str] = (),
+        leading: Mapping[str, Sequence[str]] | None = None,
+    ) -> list[Table]:
+        return super().tables(rows, columns, leading) if columns else tables_by_kind(rows, leading)
+
+
+class _Matching(Worker[FramePair]):
+    """A localizer that matches pairs of panoramas."""
+
+    def __init__(self, localizer: Localizer, dataset: str) -> None:
+        self._localizer, self._dataset, self._cache = localizer, dataset, Cache()
+        self._kind: type[PointMatches | NodeMatches] | None = None
+
+    def work(self, piece: FramePair) -> Row:
+        query, reference = (
+            describe_frame(self._localizer, frame, self._cache, self._dataset)[0]
+            for frame in (piece.query, piece.reference)
+        )
+        found = self._localizer.correspond(query, reference)
+        if found is None:
+            raise MethodUnavailable("matches neither points nor objects")
+        if not isinstance(found, PointMatches | NodeMatches):
+            raise InvalidAnswer(f"correspond gave {type(found).__name__}, expected PointMatches, NodeMatches or None")
+        if self._kind not in (None, type(found)):
+            raise InvalidAnswer(f"correspond gave {type(found).__name__}, expected one kind of matches for all pairs")
+        self._kind = type(found)
+        row = check_matches(found, piece.query.load(), piece.reference.load(), piece.T_reference_query)
+        return {"reference": piece.reference.id, **row, "status": PieceStatus.OK, "error": None}
+
+
+def choose_pairs(dataset: Dataset) -> list[FramePair]:
+    """Each query with the nearest scene frame of its place. Raises DataError where there is none, or a query's true
+    pose is not known.
+    """
+    pairs = []
+    for fold in dataset.folds():
+        scenes: dict[str, list[MapFrame]] = {}
+        for frame in fold.mapping:
+            if frame.kind is FrameKind.SCENE:
+                scenes.setdefault(frame.place, []).append(frame)
+        for query in fold.queries:
+            truth = dataset.truth(query.id)
+            if truth.T_world_pano is None:
+                raise DataError(f"the true pose of {query.id} is not known, expected one for every query")
+            if truth.place in scenes:
+                at_m, near = truth.T_world_pano[:3, 3], scenes[truth.place]
+                distances_m = [float(np.linalg.norm(frame.T_world_pano[:3, 3] - at_m)) for frame in near]
+                reference = near[int(np.argmin(distances_m))]
+                T_reference_query = invert_pose(reference.T_world_pano) @ truth.T_world_pano
+                pairs.append(FramePair(fold.id, query, reference, T_reference_query))
+    if not pairs:
+        raise DataError(f"{dataset.name} has no query whose place has a scene frame, expected at least one")
+    return pairs

@@ -1,0 +1,37 @@
+"""A row of the task `navigation`: one episode of an agent."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field, model_validator
+
+from salframe.evaluation.runs.rows import Amount, Count, PieceRow
+
+Position = Annotated[tuple[float, ...], Field(min_length=4, max_length=4)]
+
+
+class EpisodeRow(PieceRow):
+    """What an agent did in an episode."""
+
+    episode: Count
+    world: str
+    goal: str
+    success: bool
+    oracle: bool
+    spl: float = Field(ge=0, le=1)
+    success_1m: bool
+    success_3m: bool
+    shortest_m: Amount
+    path: tuple[Position, ...] | None = None
+    believed: tuple[tuple[float, ...] | None, ...] | None = None
+    left_m: float | None = None
+    travelled_m: Amount | None = None
+    panoramas: Count | None = None
+    collisions: Count | None = None
+
+    @model_validator(mode="after")
+    def _complete(self) -> EpisodeRow:
+        if self.path is not None and None in (self.travelled_m, self.panoramas, self.collisions):
+            raise ValueError("an episode has a path, but not travelled_m, panoramas and collisions")
+        return self

@@ -1,0 +1,16 @@
+"""The episodes of a data set, and the worlds that they are walked in."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from salframe.evaluation.runs.records import Survey
+from salframe.navigation.episodes import Episode, Site
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class NavigationSurvey(Survey[Episode]):
+    """Episodes, and the worlds they are walked in by id."""
+
+    sites: Mapping[str, Site]

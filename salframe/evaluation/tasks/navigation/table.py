@@ -1,0 +1,87 @@
+"""The table of the task `navigation`: its lines and columns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from salframe.evaluation.runs.method_row import MethodRow
+from salframe.evaluation.statistics import Estimate
+from salframe.evaluation.tables.columns import (
+    GIVEN,
+    SEEDS,
+    Column,
+    number_column,
+    p_value_column,
+    rate_column,
+    share_column,
+)
+from salframe.evaluation.tables.table import Table, draw_table, select_leading
+from salframe.evaluation.tables.text import fixed
+
+
+@dataclass(frozen=True, kw_only=True)
+class NavigationRow(MethodRow):
+    """A method's line: rates over all episodes with their 95 % intervals, a crashed episode a failure; means over those
+    that ended; p_value of the exact paired test of success, clustered by goal, against the first measured method, and
+    p_adjusted, as by Holm over all that are tested so. scores: of episodes of a published task, the metrics
+    of its own scorer by name, means over the data sets where there are several.
+    """
+
+    episodes: int
+    success_rate: Estimate | None = None
+    oracle_success_rate: Estimate | None = None
+    spl: Estimate | None = None
+    success_rate_1m: Estimate | None = None
+    success_rate_3m: Estimate | None = None
+    path_m: float | None = None
+    panoramas: float | None = None
+    collisions: float | None = None
+    p_value: float | None = None
+    p_adjusted: float | None = None
+    scores: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def measured(self) -> bool:
+        return self.success_rate is not None
+
+
+def _value_column(heading: str, get: Callable[[NavigationRow], Estimate | None]) -> Column[NavigationRow]:
+    """Return a column of shares without their intervals."""
+    return share_column(heading, lambda row: None if (share := get(row)) is None else share.value)
+
+
+COLUMNS: dict[str, Column[NavigationRow]] = {
+    "given": GIVEN,
+    "success": rate_column("SR %\n(95 %)", lambda row: row.success_rate),
+    "seeds": SEEDS,
+    "oracle": _value_column("oracle\nSR %", lambda row: row.oracle_success_rate),
+    "spl": rate_column("SPL %\n(95 %)", lambda row: row.spl),
+    "success_1m": _value_column("SR within\n1 m %", lambda row: row.success_rate_1m),
+    "success_3m": _value_column("SR within\n3 m %", lambda row: row.success_rate_3m),
+    "path": number_column("path\nm", lambda row: row.path_m, 1),
+    "panoramas": number_column("panoramas", lambda row: row.panoramas, 1),
+    "collisions": number_column("collisions", lambda row: row.collisions, 1),
+    "p": p_value_column(lambda row: row.p_adjusted),
+}
+USUAL = tuple(COLUMNS)
+ABOUT = (
+    "SR: the agent says that it has arrived and has at most 0.5 m to go. SPL: success times shortest way "
+    "along the map over the longer of that and the way walked. Rates are over all episodes. p: exact paired test of "
+    "SR, clustered by goal, against the first measured method of the same run, after Holm."
+)
+"""What a page says of the columns."""
+
+
+def score_tables(rows: Sequence[NavigationRow], leading: Mapping[str, Sequence[str]] | None = None) -> list[Table]:
+    """Return the table of a published task's own metrics; none where the episodes are of none."""
+    scored = [row for row in rows if row.scores]
+    if not scored:
+        return []
+    columns: list[Column[NavigationRow]] = [GIVEN, *map(_score_column, scored[0].scores)]
+    title = "by the task's own scorer: an upper bound, goals are known"
+    return [draw_table(columns, scored, select_leading(leading, rows, scored), title)]
+
+
+def _score_column(name: str) -> Column[NavigationRow]:
+    return Column(name, lambda row: fixed(row.scores[name], 2), lambda row: row.scores[name])

@@ -1,0 +1,207 @@
+"""The task `navigation`: methods in closed loop, the same episodes and the same noise for all."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from salframe.evaluation.report.arms import Arm
+from salframe.evaluation.report.paged_task import PagedTask
+from salframe.evaluation.runs.inputs import check_needs
+from salframe.evaluation.runs.records import Part, Record
+from salframe.evaluation.runs.request import Request, Resolved, resolve
+from salframe.evaluation.runs.rows import Row
+from salframe.evaluation.runs.run_folder import Run
+from salframe.evaluation.runs.runner import run_task
+from salframe.evaluation.runs.task import Result, TaskOptions, Worker
+from salframe.evaluation.tables.table import Table
+from salframe.evaluation.tasks.navigation.measures import summarize_agents
+from salframe.evaluation.tasks.navigation.options import ARMS, TRUE_PLACE, WITHOUT, NavigationOptions, Positioning
+from salframe.evaluation.tasks.navigation.published import Published, find_published
+from salframe.evaluation.tasks.navigation.rows import EpisodeRow
+from salframe.evaluation.tasks.navigation.survey import NavigationSurvey
+from salframe.evaluation.tasks.navigation.table import ABOUT, COLUMNS, USUAL, NavigationRow, score_tables
+from salframe.evaluation.tasks.navigation.view import NavigationView
+from salframe.evaluation.tasks.navigation.walking import Walking
+from salframe.evaluation.tasks.navigation.walks import list_walks
+from salframe.framework.config import merge, validate
+from salframe.framework.errors import ConfigError
+from salframe.framework.files import write_json
+from salframe.framework.identity import settings_identity
+from salframe.localization.localizer import Localizer
+from salframe.navigation.episodes import Asked, Episode, Site, draw_episodes, place_episodes, read_asked
+from salframe.navigation.guide import Guide
+from salframe.navigation.sight import Sight
+from salframe.navigation.walk import LOOSER_M, NavigationConfig
+from salframe.navigation.world import open_worlds
+from salframe.panoramas.dataset import Dataset
+from salframe.panoramas.opening import Progress
+
+
+@dataclass(frozen=True)
+class NavigationTask(PagedTask[Episode, NavigationSurvey, EpisodeRow, NavigationRow]):
+    """Does the agent get there? `asked`: how many episodes to draw, or which to walk; `published`: the task that they
+    are of."""
+
+    config: NavigationConfig
+    asked: int | tuple[Asked, ...]
+    seed: int
+    published: Published | None = None
+
+    name = "navigation"
+    version = "2"
+    prefix = "navigate-"
+    counts = "episodes"
+    key_fields = ("episode",)
+    row = EpisodeRow
+    line = NavigationRow
+    columns = COLUMNS
+    usual = USUAL
+    about = ABOUT
+    Options = NavigationOptions
+    maps = True
+
+    def asks(self) -> dict[str, Any]:
+        asked = self.asked if isinstance(self.asked, int) else [one.model_dump(mode="json") for one in self.asked]
+        known = {"episodes": asked, "seed": self.seed, "settings": self.config.model_dump(mode="json")}
+        return {**known, **({"published": str(self.published)} if self.published else {})}
+
+    def identity(self) -> dict[str, Any]:
+        return {**self.asks(), "settings": settings_identity(self.config)}
+
+    @classmethod
+    def from_run(cls, run: Run) -> NavigationTask:
+        asked, config = run.task["episodes"], validate(NavigationConfig, run.task["settings"], "navigation")
+        given = asked if isinstance(asked, int) else tuple(Asked.model_validate(one) for one in asked)
+        return cls(config, given, run.task["seed"], find_published(run.task.get("published", "")))
+
+    def mode(self, label: str) -> str:
+        return next((mode for mode in (TRUE_PLACE, WITHOUT) if label.endswith(mode)), "")
+
+    def given(self, label: str, method: Localizer, dataset: Dataset) -> tuple[str, ...]:
+        return (TRUE_PLACE,) if label == TRUE_PLACE else super().given(label, method, dataset)
+
+    def survey(self, dataset: Dataset) -> NavigationSurvey:
+        sites = {world.id: Site(world, Guide(world.chart, self.config.planner)) for world in open_worlds(dataset)}
+        if isinstance(self.asked, int):
+            episodes, left_out = draw_episodes(sites, self.asked, self.seed)
+        else:
+            episodes, left_out = place_episodes(self.asked, sites, self.seed)
+        if self.published:
+            left_out.append(self.published.note)
+        # World by world: a localizer takes a world's map in once.
+        order = {world: number for number, world in enumerate(dict.fromkeys(one.world for one in episodes))}
+        pieces = sorted(episodes, key=lambda one: order[one.world])
+        return NavigationSurvey(dataset, pieces, tuple(left_out), sites=sites)
+
+    def key(self, piece: Episode) -> tuple[int]:
+        return (piece.number,)
+
+    def open(
+        self, label: str, method: Localizer, survey: NavigationSurvey, todo: Sequence[Episode], folder: Path
+    ) -> Worker[Episode]:
+        if label == TRUE_PLACE:
+            return Walking(None, survey.sites, self.config, self.seed)
+        check_needs(method, survey.dataset)
+        sight = Sight(method, survey.dataset.content_key, positioning=not self.mode(label))
+        return Walking(sight, survey.sites, self.config, self.seed)
+
+    def failed(self, piece: Episode) -> Row:
+        failure = {"success": False, "oracle": False, "spl": 0.0, **dict.fromkeys(LOOSER_M, False)}
+        return {"world": piece.world, "goal": piece.goal, **failure, "shortest_m": piece.shortest_m}
+
+    def summarize(self, parts: Sequence[Part[NavigationSurvey, EpisodeRow]], seed: int) -> tuple[NavigationRow, ...]:
+        return summarize_agents(parts, seed, self._scores)
+
+    def _scores(
+        self, parts: Sequence[Part[NavigationSurvey, EpisodeRow]], records: Sequence[Record[EpisodeRow]]
+    ) -> dict[str, float]:
+        """As in NavigationRow, of one method."""
+        if self.published is None or isinstance(self.asked, int):
+            return {}
+        paired = zip(parts, records, strict=True)
+        found = [self.published.score(part.dataset.config, len(self.asked), record) for (part, _), record in paired]
+        return {
+            name: float(np.mean([row[name] for row in found]))
+            for name, value in found[0].items()
+            if isinstance(value, float)
+        }
+
+    @classmethod
+    def tables(
+        cls,
+        rows: Sequence[NavigationRow],
+        columns: Sequence[str] = (),
+        leading: Mapping[str, Sequence[str]] | None = None,
+    ) -> list[Table]:
+        return [*super().tables(rows, columns, leading), *([] if columns else score_tables(rows, leading))]
+
+    @classmethod
+    def plan(cls, request: Request, options: TaskOptions) -> tuple[NavigationTask, Resolved]:
+        if not isinstance(options, NavigationOptions):
+            raise TypeError(f"received {type(options).__name__}, expected NavigationOptions")
+        return plan_navigation(request, options.episodes, options.positioning)
+
+    def view(
+        self, result: Result[NavigationRow], records: Sequence[Record[EpisodeRow]], survey: NavigationSurvey
+    ) -> NavigationView:
+        return NavigationView(result, records, survey, {id: site.world.chart.map for id, site in survey.sites.items()})
+
+    @classmethod
+    def part(cls, views: Sequence[NavigationView], arms: Sequence[Arm]) -> dict[str, Any]:
+        return {"walks": list_walks(arms, views)}
+
+    def write_files(self, run: Run, survey: NavigationSurvey, records: Sequence[Record[EpisodeRow]]) -> None:
+        episodes = sorted(survey.pieces, key=lambda episode: episode.number)
+        write_json(run.directory / "episodes.json", [asdict(episode) for episode in episodes])
+
+
+def navigate(
+    request: Request,
+    *,
+    episodes: int | str | Path = 100,
+    positioning: Positioning = Positioning.ON,
+    progress: Progress | None = None,
+) -> Result[NavigationRow]:
+    """Send an agent through a data set's buildings with each method as its localizer; a run that was begun is resumed.
+
+    `episodes`: how many to draw, a JSON file of them, or "TASK:SPLIT", those of a published task whose scorer has them
+    and whose files are in the data set's `root`: the agent is told their goals, and the answers of each method are
+    written in the task's form. Without `positioning` a method's poses are ignored: the agent
+    takes itself to stand at the node it is nearest to by the method's first place, and its heading from odometry alone;
+    the arm TRUE_PLACE does the same with the node that it is really nearest to, and has no method.
+    Settings "navigation.KEY" are for NavigationConfig; the request's seed is that of episodes, noise and intervals.
+    Raises SalframeError on names, settings and files that are wrong, InputMissing on a data set that cannot render,
+    before anything runs.
+    """
+    task, resolved = plan_navigation(request, episodes, positioning)
+    return run_task(task, request, resolved, progress=progress)
+
+
+def plan_navigation(
+    request: Request, episodes: int | str | Path, positioning: Positioning
+) -> tuple[NavigationTask, Resolved]:
+    """The task of a request, and its methods, one for each arm. Raises SalframeError as `navigate`."""
+    if isinstance(episodes, int) and episodes < 1:
+        raise ConfigError(f"received {episodes} episodes, expected at least 1")
+    resolved: Resolved = resolve(request, scopes=("navigation",))
+    content: dict[str, Any] = {}
+    for given in resolved.scopes["navigation"]:
+        content = merge(content, given)
+    positioning = Positioning(positioning)
+    arms = {label + arm: label for label in resolved.methods for arm in ARMS[positioning]}
+    methods = {arm: resolved.methods[label] for arm, label in arms.items()}
+    asked_as = {arm: resolved.asked_as[label] for arm, label in arms.items()}
+    if positioning is Positioning.ALL:  # a run folder knows labels with methods: the first stands for none
+        methods[TRUE_PLACE] = next(iter(resolved.methods.values()))
+    published = find_published(episodes)
+    if published:
+        asked: int | tuple[Asked, ...] = published.episodes(resolved.data)
+    else:
+        asked = episodes if isinstance(episodes, int) else read_asked(Path(episodes))
+    task = NavigationTask(validate(NavigationConfig, content, "navigation"), asked, request.seed, published)
+    return task, replace(resolved, methods=methods, asked_as=asked_as)

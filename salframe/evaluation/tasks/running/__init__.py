@@ -1,0 +1,1 @@
+"""The task `running`: the latency and memory of a saved map."""

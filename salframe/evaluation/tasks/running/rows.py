@@ -1,0 +1,30 @@
+"""A row of the task `running`: the cost of one query, and of its map."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field, model_validator
+
+from salframe.evaluation.runs.rows import Amount, Count, PieceRow, PieceStatus
+
+
+class ProgramRow(PieceRow):
+    """What asking a saved map cost, and the map itself."""
+
+    query: str
+    first: bool | None = None
+    describe_ms: Amount | None = None
+    query_ms: Amount | None = None
+    scenes: Annotated[int, Field(gt=0)] | None = None
+    bytes: Count | None = None
+    open_s: Amount | None = None
+    opened_mb: Amount | None = None
+    asked_mb: Amount | None = None
+
+    @model_validator(mode="after")
+    def _complete(self) -> ProgramRow:
+        needed = (self.first, self.describe_ms, self.query_ms, self.scenes, self.bytes, self.open_s)
+        if self.status == PieceStatus.OK and None in needed:
+            raise ValueError("a query was answered, expected its times and what its map cost")
+        return self

@@ -1,0 +1,46 @@
+"""The table of the task `running`: its lines and columns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from salframe.evaluation.runs.method_row import MethodRow
+from salframe.evaluation.tables.columns import GIVEN, Column, bytes_column, cost_column, count_column
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunningRow(MethodRow):
+    """A method's line: of the saved map of the first fold, scenes, bytes_per_scene with its index and open_s, seconds
+    to open it in a process that has only imported salframe; opened_mb, 1e6 bytes of memory that this brings, and
+    asked_mb with the first query (None elsewhere than on Linux); first_ms, describing and answering the first query; of
+    all later ones, medians to describe and to answer, and the 95th percentile of the latter."""
+
+    queries: int
+    scenes: int | None = None
+    bytes_per_scene: float | None = None
+    open_s: float | None = None
+    opened_mb: float | None = None
+    asked_mb: float | None = None
+    first_ms: float | None = None
+    describe_ms: float | None = None
+    query_median_ms: float | None = None
+    query_p95_ms: float | None = None
+
+    @property
+    def measured(self) -> bool:
+        return self.query_median_ms is not None
+
+
+COLUMNS: dict[str, Column[RunningRow]] = {
+    "given": GIVEN,
+    "scenes": count_column("scenes", lambda row: row.scenes),
+    "bytes": bytes_column("bytes\n/scene", lambda row: row.bytes_per_scene),
+    "open": cost_column("open\nms", lambda row: None if row.open_s is None else row.open_s * 1e3),
+    "opened": cost_column("opened\nMB", lambda row: row.opened_mb, 0),
+    "first": cost_column("first\nms", lambda row: row.first_ms),
+    "asked": cost_column("asked\nMB", lambda row: row.asked_mb, 0),
+    "describe": cost_column("describe\nms", lambda row: row.describe_ms),
+    "median": cost_column("query\nmedian ms", lambda row: row.query_median_ms),
+    "p95": cost_column("query\np95 ms", lambda row: row.query_p95_ms),
+}
+USUAL = tuple(COLUMNS)

@@ -1,0 +1,176 @@
+"""The task `running`: what a saved map costs a program that opens it once and asks it again and again."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+import time
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Future
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from salframe.evaluation.runs.inputs import check_needs
+from salframe.evaluation.runs.memory import memory_mb
+from salframe.evaluation.runs.records import Part, Survey, by_method
+from salframe.evaluation.runs.rows import PieceStatus, Row
+from salframe.evaluation.runs.run_folder import Run
+from salframe.evaluation.runs.task import Task, Worker
+from salframe.evaluation.tasks.running.measures import summarize_program
+from salframe.evaluation.tasks.running.rows import ProgramRow
+from salframe.evaluation.tasks.running.table import COLUMNS, USUAL, RunningRow
+from salframe.framework.cache import Cache
+from salframe.framework.config import ComponentConfig
+from salframe.framework.errors import DataError, MethodFailed
+from salframe.framework.installation import folder_bytes
+from salframe.framework.processes import ProcessPool
+from salframe.framework.registry import registry
+from salframe.localization.describing import describe_frame, read_config
+from salframe.localization.localizer import Localizer
+from salframe.localization.map import LocalizationMap, open_map
+from salframe.panoramas.dataset import Dataset
+from salframe.panoramas.frames import Fold, QueryFrame
+from salframe.panoramas.opening import open_dataset
+
+QUERIES = 100
+"""So many are asked at most, evenly spread over the fold's."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RunningSurvey(Survey[QueryFrame]):
+    """Queries of a data set's first fold that has some."""
+
+    fold: Fold
+
+
+@dataclass(frozen=True)
+class RunningTask(Task[QueryFrame, RunningSurvey, ProgramRow, RunningRow]):
+    """How long do opening a map and asking it take, and how much memory?"""
+
+    name = "running"
+    prefix = "running-"
+    counts = "queries"
+    key_fields = ("query",)
+    row = ProgramRow
+    line = RunningRow
+    columns = COLUMNS
+    usual = USUAL
+
+    @classmethod
+    def from_run(cls, run: Run) -> RunningTask:
+        return cls()
+
+    def survey(self, dataset: Dataset) -> RunningSurvey:
+        fold = next((fold for fold in dataset.folds() if fold.queries), None)
+        if fold is None:
+            raise DataError(f"{dataset.name} has no query, expected at least one")
+        step = -(-len(fold.queries) // QUERIES)
+        return RunningSurvey(dataset, fold.queries[::step], fold=fold)
+
+    def key(self, piece: QueryFrame) -> tuple[str]:
+        return (piece.id,)
+
+    def open(
+        self, label: str, method: Localizer, survey: RunningSurvey, todo: Sequence[QueryFrame], folder: Path
+    ) -> Worker[QueryFrame]:
+        check_needs(method, survey.dataset)
+        return _Asking(method.config, survey, folder)
+
+    def summarize(self, parts: Sequence[Part[RunningSurvey, ProgramRow]], seed: int) -> tuple[RunningRow, ...]:
+        queries = sum(len(survey.pieces) for survey, _ in parts)
+        return tuple(summarize_program(records, queries) for records in by_method(parts))
+
+
+class _Asking(Worker[QueryFrame]):
+    """A map that one process saves, and another opens and asks, which has done nothing before."""
+
+    def __init__(self, method: ComponentConfig, survey: RunningSurvey, folder: Path) -> None:
+        self._contents = tuple(config.model_dump_json() for config in (method, survey.dataset.config))
+        self._scenes = len(survey.fold.mapping)
+        folder.mkdir(parents=True, exist_ok=True)
+        for left in folder.glob("map-*"):  # of a process that was killed
+            shutil.rmtree(left, ignore_errors=True)
+        self._folder = Path(tempfile.mkdtemp(prefix="map-", dir=folder))
+        self._program = ProcessPool(1)
+        self._costs: Row = {}
+
+    def prepare(self, piece: QueryFrame) -> None:
+        if self._costs:
+            return
+        saved, data = self._folder / "map", self._contents[1]
+        with ProcessPool(1) as builder:
+            _result(builder.submit(save_first_map, *self._contents, str(saved)))
+        opened = _result(self._program.submit(_open_program, data, str(saved)))
+        self._costs = {"scenes": self._scenes, "bytes": folder_bytes(saved), **opened}
+
+    def work(self, piece: QueryFrame) -> Row:
+        asked = _result(self._program.submit(_ask_program, piece.id))
+        return {**self._costs, **asked, "status": PieceStatus.OK, "error": None}
+
+    def close(self) -> None:
+        self._program.stop()
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+
+def _result(future: Future[Any]) -> Any:
+    """What a process made of its work, or what it raised. Raises MethodFailed where it died."""
+    try:
+        return future.result()
+    except BrokenProcessPool:
+        raise MethodFailed("the process that had its map died") from None
+
+
+def save_first_map(method: str, data: str, output: str) -> None:
+    """Save the map of a data set's first fold that has queries. method, data: configurations as JSON. Raises
+    SalframeError as building and saving a map do."""
+    dataset = open_dataset(read_config("dataset", data))
+    localizer: Localizer = registry().build("localizer", read_config("localizer", method))
+    fold = RunningTask().survey(dataset).fold
+    built = LocalizationMap.build(localizer, fold.mapping, Cache(), dataset.content_key, floors=dataset.floors())
+    built.save(output)
+
+
+@dataclass
+class _Program:
+    """What a program holds that asks a map: the map, the queries by id, its memory before (1e6 bytes), whether it has
+    answered."""
+
+    opened: LocalizationMap
+    queries: Mapping[str, QueryFrame]
+    before_mb: float | None
+    asked: bool = False
+
+
+_programs: list[_Program] = []
+"""Of this process, the one there is."""
+
+
+def _open_program(data: str, saved: str) -> Row:
+    """Open a saved map; what that costs."""
+    queries = {query.id: query for query in RunningTask().survey(open_dataset(read_config("dataset", data))).pieces}
+    before_mb, start = memory_mb("VmRSS"), time.perf_counter()
+    opened = open_map(saved)
+    open_s = time.perf_counter() - start
+    _programs[:] = [_Program(opened, queries, before_mb)]
+    return {"open_s": open_s, "opened_mb": _more(before_mb)}
+
+
+def _ask_program(query: str) -> Row:
+    """Ask the map; what that costs. Memory counts the panorama that is asked."""
+    (program,) = _programs
+    panorama = program.queries[query].load()
+    description, seconds = describe_frame(program.opened.localizer, QueryFrame(query, lambda: panorama))
+    start = time.perf_counter()
+    program.opened.answer(description)
+    query_ms = 1e3 * (time.perf_counter() - start)
+    first, program.asked = not program.asked, True
+    cost = {"first": first, "describe_ms": 1e3 * seconds, "query_ms": query_ms}
+    return {**cost, "asked_mb": _more(program.before_mb)} if first else cost
+
+
+def _more(before_mb: float | None) -> float | None:
+    """Memory (1e6 bytes) that this process holds beyond what it held before."""
+    now_mb = memory_mb("VmRSS")
+    return None if before_mb is None or now_mb is None else max(now_mb - before_mb, 0.0)

@@ -1,0 +1,1 @@
+"""The task `scale`: the cost and recall of matching in a map of many scenes."""

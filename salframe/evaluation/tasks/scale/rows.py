@@ -1,0 +1,18 @@
+"""A row of the task `scale`: one query, and the costs of its map."""
+
+from __future__ import annotations
+
+from salframe.evaluation.runs.rows import Count, PieceRow
+
+
+class SceneRow(PieceRow):
+    """Whether a scene was found again, and what its map cost."""
+
+    query: Count
+    right: bool | None = None
+    right_exhaustive: bool | None = None
+    query_ms: float | None = None
+    build_s: float | None = None
+    build_memory_mb: float | None = None
+    bytes: Count | None = None
+    open_s: float | None = None

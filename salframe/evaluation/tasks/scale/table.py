@@ -1,0 +1,47 @@
+"""The table of the task `scale`: its lines and columns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from salframe.evaluation.runs.method_row import MethodRow
+from salframe.evaluation.statistics import Estimate
+from salframe.evaluation.tables.columns import GIVEN, Column, bytes_column, cost_column, rate_column
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScaleRow(MethodRow):
+    """A method's line: seconds to save the map of scenes on disk and to open it, most memory while saving (1e6 bytes,
+    None where the process is shared), bytes a scene of the saved map, milliseconds of a query with the best's pose, the
+    share of queries whose scene is the best match, and of those that were also matched with all scenes, both shares,
+    each with Wilson's 95 % interval."""
+
+    scenes: int
+    build_s: float | None = None
+    build_memory_mb: float | None = None
+    bytes_per_scene: float | None = None
+    open_s: float | None = None
+    query_median_ms: float | None = None
+    query_p95_ms: float | None = None
+    recall_at_1: Estimate | None = None
+    recall_at_1_both: Estimate | None = None
+    recall_at_1_exhaustive: Estimate | None = None
+
+    @property
+    def measured(self) -> bool:
+        return self.query_median_ms is not None
+
+
+COLUMNS: dict[str, Column[ScaleRow]] = {
+    "given": GIVEN,
+    "build": cost_column("build\ns", lambda row: row.build_s),
+    "memory": cost_column("building\nMB", lambda row: row.build_memory_mb, 0),
+    "bytes": bytes_column("bytes\n/scene", lambda row: row.bytes_per_scene),
+    "open": cost_column("open\ns", lambda row: row.open_s),
+    "median": cost_column("query\nmedian ms", lambda row: row.query_median_ms),
+    "p95": cost_column("query\np95 ms", lambda row: row.query_p95_ms),
+    "recall": rate_column("R@1 %\n(95 %)", lambda row: row.recall_at_1),
+    "recall_both": rate_column("R@1 %\nof the first 50", lambda row: row.recall_at_1_both),
+    "exhaustive": rate_column("these by matching\nall scenes: R@1 %", lambda row: row.recall_at_1_exhaustive),
+}
+USUAL = tuple(COLUMNS)

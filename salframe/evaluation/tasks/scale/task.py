@@ -1,0 +1,237 @@
+"""The task `scale`: what matching costs in a map of many scenes, and whether it finds what matching all of them
+does."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import Field
+
+from salframe.evaluation.runs.inputs import check_needs
+from salframe.evaluation.runs.memory import peak_memory_mb
+from salframe.evaluation.runs.records import Part, Survey, by_method
+from salframe.evaluation.runs.request import Request, Resolved, resolve
+from salframe.evaluation.runs.rows import PieceStatus, Row
+from salframe.evaluation.runs.run_folder import Run
+from salframe.evaluation.runs.task import Task, TaskOptions, Worker
+from salframe.evaluation.tasks.scale.measures import summarize_queries
+from salframe.evaluation.tasks.scale.rows import SceneRow
+from salframe.evaluation.tasks.scale.table import COLUMNS, USUAL, ScaleRow
+from salframe.framework.cache import Cache
+from salframe.framework.columns import read_columns
+from salframe.framework.config import ComponentConfig, components_in
+from salframe.framework.errors import DataError, MethodUnavailable
+from salframe.framework.installation import folder_bytes
+from salframe.framework.registry import registry
+from salframe.graphs.city import City
+from salframe.graphs.graph import SaliencyGraph
+from salframe.graphs.matcher import GraphMatch, GraphMatcher
+from salframe.graphs.packing import graph_from_arrays, graph_to_arrays, pack_graph
+from salframe.graphs.scene_index import SceneCandidates
+from salframe.graphs.table import MappedGraphs, write_graphs
+from salframe.localization.describing import describe_frame
+from salframe.localization.localizer import Localizer
+from salframe.localization.map_files import INDEX, SCENES, MapParts, read_map, write_map
+from salframe.panoramas.dataset import Dataset
+from salframe.panoramas.frames import FrameKind, MapFrame
+from salframe.panoramas.geometry import pose_2d
+
+QUERIES, EXHAUSTIVE = 200, 50
+"""So many scenes are asked for, and so many of them of all scenes one by one as well."""
+SEED = 3
+"""Of the city."""
+LEAST_OBJECTS = 3
+"""A room with fewer furnishes no scene."""
+WINDOW = 2000
+"""So many scenes are matched at once where all are."""
+
+
+class ScaleOptions(TaskOptions):
+    """What a study of scale sets."""
+
+    scenes: tuple[int, ...] = Field(min_length=1, description="numbers of scenes of the map, a row each")
+
+
+@dataclass(frozen=True)
+class ScaleTask(Task[int, Survey[int], SceneRow, ScaleRow]):
+    """Which of many scenes was seen again? They are made of the rooms of a data set (`City`); a piece is a scene's
+    number."""
+
+    scenes: int
+
+    name = "scale"
+    prefix = "scale-"
+    counts = "queries"
+    key_fields = ("query",)
+    row = SceneRow
+    line = ScaleRow
+    columns = COLUMNS
+    usual = USUAL
+    Options = ScaleOptions
+
+    @classmethod
+    def vary(cls, options: TaskOptions) -> list[tuple[dict[str, Any], TaskOptions]]:
+        scenes = options.scenes if isinstance(options, ScaleOptions) else ()
+        return [({"scenes": count}, ScaleOptions(scenes=(count,))) for count in scenes]
+
+    @classmethod
+    def plan(cls, request: Request, options: TaskOptions) -> tuple[ScaleTask, Resolved]:
+        if not isinstance(options, ScaleOptions) or len(options.scenes) != 1:
+            raise TypeError(f"received {options!r}, expected ScaleOptions with one number of scenes")
+        return cls(options.scenes[0]), resolve(request)
+
+    def asks(self) -> dict[str, Any]:
+        return {"scenes": self.scenes}
+
+    @classmethod
+    def from_run(cls, run: Run) -> ScaleTask:
+        return cls(int(run.task["scenes"]))
+
+    def survey(self, dataset: Dataset) -> Survey[int]:
+        numbers = np.random.default_rng(SEED).permutation(self.scenes)[:QUERIES]
+        return Survey(dataset, numbers.tolist())
+
+    def key(self, piece: int) -> tuple[int]:
+        return (piece,)
+
+    def open(
+        self, label: str, method: Localizer, survey: Survey[int], todo: Sequence[int], folder: Path
+    ) -> Worker[int]:
+        check_needs(method, survey.dataset)
+        alone = set(survey.pieces[:EXHAUSTIVE])
+        return _Asking(method, _matcher_config(method), survey.dataset, self.scenes, alone, folder)
+
+    def summarize(self, parts: Sequence[Part[Survey[int], SceneRow]], seed: int) -> tuple[ScaleRow, ...]:
+        return tuple(summarize_queries(records, self.scenes) for records in by_method(parts))
+
+
+def _matcher_config(method: Localizer) -> ComponentConfig:
+    """Return the settings of a localizer's graph matcher. Raises MethodUnavailable without one that uses a scene
+    index."""
+    for _, config in components_in(method.config):
+        if issubclass(config.component, GraphMatcher) and config.component.uses_scene_index:
+            return config
+    raise MethodUnavailable("has no matcher that looks scenes up in an index")
+
+
+class _Asking(Worker[int]):
+    """A localizer's matcher on a map on disk."""
+
+    def __init__(
+        self,
+        method: Localizer,
+        matcher: ComponentConfig,
+        dataset: Dataset,
+        scenes: int,
+        exhaustive: set[int],
+        folder: Path,
+    ) -> None:
+        self._method, self._dataset, self._count, self._exhaustive = method, dataset, scenes, exhaustive
+        folder.mkdir(parents=True, exist_ok=True)
+        self._folder = Path(tempfile.mkdtemp(prefix="map-", dir=folder))
+        self._matcher: GraphMatcher = registry().build(GraphMatcher.role, matcher)
+        self._costs: Row = {}
+
+    def prepare(self, piece: int) -> None:
+        if self._costs:
+            return
+        self._city = City(SEED, rooms_of(self._method, self._dataset))
+        write_graphs(self._city.scenes(self._count), self._folder / "stream")
+        built = self._folder / "map"
+        start = time.perf_counter()
+        self._build(MappedGraphs(read_columns(self._folder / "stream")), built)
+        build_s, memory_mb = time.perf_counter() - start, peak_memory_mb()
+        shutil.rmtree(self._folder / "stream")
+        read_map(built, self._open)
+        self._ask(self._index, self._city.query(0))  # imports what the first query imports
+        del self._index, self._frames
+        built = built.rename(self._folder / "moved")  # so that hashes that are remembered are computed again
+        start = time.perf_counter()
+        read_map(built, self._open)
+        open_s = time.perf_counter() - start
+        self._window = _Window(np.arange(0))
+        self._all = read_map(built, self._open_window)
+        self._costs = {"build_s": build_s, "build_memory_mb": memory_mb, "bytes": folder_bytes(built), "open_s": open_s}
+
+    def work(self, piece: int) -> Row:
+        query = self._city.query(piece)
+        start = time.perf_counter()
+        best, _ = self._ask(self._index, query)
+        query_ms = (time.perf_counter() - start) * 1e3
+        exhaustive = self._best_of_all(query) == piece if piece in self._exhaustive else None
+        found = {"right": best == piece, "right_exhaustive": exhaustive, "query_ms": query_ms}
+        return {**found, **self._costs, "status": PieceStatus.OK, "error": None}
+
+    def close(self) -> None:
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+    def _build(self, graphs: Sequence[SaliencyGraph], folder: Path) -> None:
+        """Save the map of graphs on disk to a new folder."""
+        with write_map(folder) as parts:
+            parts.write_method(self._method)
+            parts.write_scenes((pack_graph(graph_to_arrays(graph)) for graph in graphs), _frames(len(graphs)))
+            self._matcher.write_index(MappedGraphs(parts.read_scenes()[0]), parts.folder / INDEX)
+
+    def _open(self, parts: MapParts) -> None:
+        """Take in the map of these parts."""
+        packed, self._frames = parts.read_scenes()
+        self._index = self._matcher.open_index(MappedGraphs(packed), parts.folder / INDEX)
+
+    def _open_window(self, parts: MapParts) -> Any:
+        """The map of these parts, of which all scenes of a window are matched."""
+        graphs = MappedGraphs(parts.read_table(SCENES), self._window)
+        return self._matcher.open_index(graphs, parts.folder / INDEX)
+
+    def _ask(self, index: Any, query: SaliencyGraph) -> tuple[int | None, np.ndarray | None]:
+        """The scene that is the best match, and T_world_query (4, 4) if that has a pose."""
+        matches = self._matcher.match(query, index, 1)
+        if not matches:
+            return None, None
+        best = matches[0]
+        seen = best.T_scene_query
+        return best.scene, None if seen is None else self._frames[best.scene].T_world_pano @ seen
+
+    def _best_of_all(self, query: SaliencyGraph) -> int | None:
+        """The scene that is the best match of all, a window of them at a time."""
+        best = GraphMatch(-1, -np.inf, np.zeros((0, 2), np.int64))
+        for low in range(0, self._count, WINDOW):
+            self._window.scene = np.arange(low, min(low + WINDOW, self._count))
+            best = max([best, *self._matcher.match(query, self._all, 1)], key=lambda match: match.score)
+        return best.scene
+
+
+@dataclass
+class _Window:
+    """Scenes (W,) that are candidates of every query."""
+
+    scene: np.ndarray
+
+    def candidates(self, query: SaliencyGraph, count: int) -> SceneCandidates:
+        """All of them."""
+        return SceneCandidates(self.scene, np.zeros(len(self.scene)))
+
+
+def rooms_of(method: Localizer, dataset: Dataset) -> tuple[SaliencyGraph, ...]:
+    """The graphs of a data set's scene frames as a localizer describes them, of those with LEAST_OBJECTS. Raises
+    DataError where there is none."""
+    cache = Cache()
+    frames = {frame.id: frame for fold in dataset.folds() for frame in fold.mapping if frame.kind is FrameKind.SCENE}
+    described = (describe_frame(method, frame, cache, dataset.content_key)[0] for frame in frames.values())
+    rooms = tuple(graph for one in described if len(graph := graph_from_arrays(one)) >= LEAST_OBJECTS)
+    if not rooms:
+        raise DataError(f"{dataset.name} has no scene frame with {LEAST_OBJECTS} objects, expected some")
+    return rooms
+
+
+def _frames(count: int) -> Iterator[MapFrame]:
+    """Scenes side by side, ten metres apart, each a place of its own."""
+    for number in range(count):
+        y, x = divmod(number, 1000)
+        yield MapFrame(f"frame-{number}", f"room-{number}", pose_2d(10.0 * x, 10.0 * y, 0.0), FrameKind.SCENE)

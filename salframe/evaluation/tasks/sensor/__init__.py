@@ -1,0 +1,1 @@
+"""The task `sensor`: a detector measured against annotations, as a sensor model."""

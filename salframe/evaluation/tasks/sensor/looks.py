@@ -1,0 +1,81 @@
+"""What a detector found in a panorama beside its annotations, as arrays and as the row of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from salframe.evaluation.runs.records import Record
+from salframe.evaluation.runs.rows import PieceStatus, Row
+from salframe.evaluation.tasks.sensor.fitting import Look
+from salframe.evaluation.tasks.sensor.rows import LookRow, ObjectsLine
+from salframe.graphs.annotated import annotated_objects, as_detections
+from salframe.graphs.detections import Detections
+from salframe.graphs.sightings import Sightings, sightings
+from salframe.panoramas.panorama import Panorama
+
+PARTS: dict[str, tuple[int, ...]] = {
+    "scores": (),
+    "centroid_m": (3,),
+    "size_m": (3,),
+    "yaw_rad": (),
+    "bearing": (3,),
+    "solid_angle_sr": (),
+}
+"""The arrays of Detections that are kept of a panorama, by the shape of an object's part."""
+
+
+def annotated(panorama: Panorama) -> tuple[Detections, Sightings]:
+    """The annotated objects of a panorama, and how each shows."""
+    objects = annotated_objects(panorama)
+    return as_detections(objects), sightings(panorama, objects)
+
+
+def pack_look(look: Look) -> Row:
+    """What is kept of a look; None is what is not known."""
+    sides = {"truth": look.truth, "found": look.found}
+    packed: Row = {
+        name: {"labels": list(side.labels), **{part: _listed(getattr(side, part)) for part in PARTS}}
+        for name, side in sides.items()
+    }
+    return {**packed, "range_m": _listed(look.shown.range_m), "hidden_share": _listed(look.shown.hidden_share)}
+
+
+def unpack_look(row: LookRow) -> Look | None:
+    """Return what a row holds; None of a panorama that could not be read."""
+    if row.truth is None or row.found is None:
+        return None
+    truth, found = _unpack_objects(row.truth), _unpack_objects(row.found)
+    range_m, hidden_share = np.array(row.range_m, float), np.array(row.hidden_share, float)
+    return Look(truth, Sightings(truth.labels, truth.solid_angle_sr, range_m, hidden_share), found)
+
+
+def _unpack_objects(kept: ObjectsLine) -> Detections:
+    arrays: dict[str, Any] = {
+        part: np.array(getattr(kept, part), float).reshape(-1, *shape) for part, shape in PARTS.items()
+    }
+    return Detections(labels=kept.labels, **arrays)
+
+
+def _listed(values: np.ndarray) -> list[Any]:
+    """An array as lists, None in the place of NaN."""
+    objects = values.astype(object)
+    objects[np.isnan(values)] = None
+    as_list: list[Any] = objects.tolist()
+    return as_list
+
+
+def looks_of(records: Sequence[Record[LookRow]]) -> list[Look | None]:
+    """Return what the rows of a detector hold, in order; None of a panorama that could not be read."""
+    rows = [row for record in records for row in record.rows]
+    return [None if row is None else unpack_look(row) for row in rows]
+
+
+def failures_of(records: Sequence[Record[LookRow]]) -> list[str]:
+    """In a line each, how many panoramas were left out, and on how many the detector failed."""
+    failed = [row for record in records for row in record.rows if row is not None and row.status != PieceStatus.OK]
+    unread, blind = ([row for row in failed if (row.truth is None) == lacking] for lacking in (True, False))
+    words = {"were left out": unread, "count as not found, where the detector failed": blind}
+    return [f"{len(rows)} panorama(s) {what}, the first: {rows[0].error}" for what, rows in words.items() if rows]

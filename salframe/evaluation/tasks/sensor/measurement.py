@@ -1,0 +1,161 @@
+"""A detector measured against the annotations of whole data sets, as a sensor model."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from salframe.evaluation.runs.records import Record
+from salframe.evaluation.runs.request import Request, Resolved, Variant, resolve
+from salframe.evaluation.runs.rows import PieceStatus
+from salframe.evaluation.runs.run_folder import MethodStatus, Run
+from salframe.evaluation.runs.runner import records_of, run_task
+from salframe.evaluation.tables.table import Table
+from salframe.evaluation.tables.text import percent
+from salframe.evaluation.tasks.sensor.fitting import fit_sensor, observe
+from salframe.evaluation.tasks.sensor.found_lines import FoundLine, by_label, by_sight
+from salframe.evaluation.tasks.sensor.looks import failures_of, looks_of
+from salframe.evaluation.tasks.sensor.rows import LookRow
+from salframe.evaluation.tasks.sensor.task import SensorTask
+from salframe.framework.defaults import default_of
+from salframe.framework.errors import ConfigError, DataError, InputMissing, MethodFailed
+from salframe.framework.files import write_json
+from salframe.framework.identity import identity
+from salframe.framework.installation import installed_version
+from salframe.framework.presets import short_name
+from salframe.graphs.sensor import SensorModel
+from salframe.panoramas.opening import Progress
+
+
+@dataclass(frozen=True, eq=False)
+class SensorMeasurement:
+    """A sensor model, the lines that show how well it fits, and what must be said of it, a note each; crashed: whether
+    the detector raised on some panorama, or its process died."""
+
+    sensor: SensorModel
+    lines: tuple[FoundLine, ...]
+    notes: tuple[str, ...] = ()
+    crashed: bool = False
+
+    def write(self, path: str | Path) -> None:
+        """Write the sensor model as JSON; of one measurement always the same."""
+        write_json(Path(path), self.sensor.model_dump(mode="json"))
+
+    def table(self) -> Table:
+        """Return the lines beside what the model says of the same objects."""
+        headings = ("objects", "annotated", "found %", "model %", "found by its\nright name %")
+        cells = [
+            [line.by, str(line.objects), *map(percent, (line.found, line.modelled, line.right))]
+            for line in self.lines
+            if line.objects
+        ]
+        return Table(headings, cells)
+
+    def summary(self) -> list[str]:
+        """Return what the model says of labels, false objects and errors, one line each."""
+        sensor = self.sensor
+        false, errors = sensor.false_objects, sensor.errors
+        renamed = {
+            f"{label} as {said}": count
+            for label, row in sensor.confusion.items()
+            for said, count in row.items()
+            if said != label
+        }
+        return [
+            f"called otherwise: {_commonest(renamed)}",
+            f"false objects: {false.per_panorama:.1f} a panorama: {_commonest(false.labels)}",
+            f"errors, robust standard deviation: bearing {math.degrees(errors.bearing_rad):.2f} deg, "
+            f"range {errors.range_share * 100:.1f} %, size {errors.size_log * 100:.0f} %, "
+            f"height {errors.height_m * 100:.1f} cm",
+            f"{sensor.provenance.panoramas} panoramas of {', '.join(sensor.provenance.data)}; "
+            "model %: the mean of what the fitted model says of the same objects",
+        ]
+
+    def to_json(self) -> dict[str, Any]:
+        return {
+            "sensor": self.sensor.model_dump(mode="json"),
+            "lines": [asdict(line) for line in self.lines],
+            "notes": list(self.notes),
+        }
+
+
+def measure_sensor(
+    detector: str,
+    data: Sequence[str] = (),
+    data_dir: str | Path | None = None,
+    settings: Sequence[str] = (),
+    seeds: Sequence[int] = (),
+    *,
+    name: str | None = None,
+    engine: str | None = None,
+    runs: str | Path = "runs",
+    progress: Progress | None = None,
+) -> SensorMeasurement:
+    """Run a detector on all panoramas of data sets, mapping frames and queries, and measure it by their annotations.
+
+    data: presets, data sets, YAML files or folders, the default one where there is none; settings: "data.KEY=value",
+    "detector.KEY=value" and "engine.KEY=value"; seeds: of the data sets, one after the other; name, engine, runs: as in
+    a Request. What was begun is resumed. Raises SalframeError on names and settings that are wrong, InputMissing where
+    the data lack annotations, range or what the detector needs, DataError where no panorama can be used.
+    """
+    task, method = SensorTask(), Variant(detector, name="detector", label=short_name(detector))
+    requests: dict[str, tuple[Request, Resolved]] = {}
+    for one in data or (default_of("data"),):
+        for seed in seeds or (None,):
+            given = (*settings, *([] if seed is None else [f"data.seed={seed}"]))
+            request = Request([method], one, data_dir, given, name, engine=engine, runs=Path(runs))
+            resolved = resolve(request, task.role)
+            called = resolved.name if seed is None else f"{resolved.name} seed {seed}"
+            if called in requests:
+                raise ConfigError(f"received the data {called!r} twice, expected each once")
+            requests[called] = request, resolved
+    ((_, config),) = resolved.methods.items()
+    config.component.check(config)
+    records: list[Record[LookRow]] = []
+    notes: dict[str, None] = {}
+    for number, (called, (request, resolved)) in enumerate(requests.items()):
+        if progress and len(requests) > 1:
+            progress("data sets", number, len(requests))
+        try:
+            record, told = _look_at(task, request, resolved, progress)
+        except InputMissing as error:
+            raise InputMissing(f"{called}: {error}") from None
+        records.append(record)
+        notes |= dict.fromkeys(told)
+    looks = [look for look in looks_of(records) if look is not None]
+    failures = failures_of(records)
+    if not looks:
+        raise DataError(f"no panorama of {', '.join(requests)} can be used; {(*failures, 'there is none')[0]}")
+    seen = observe(looks)
+    provenance = {
+        "salframe": installed_version("salframe"),
+        "detector": identity(config),
+        "data": {called: identity(resolved.data) for called, (_, resolved) in requests.items()},
+    }
+    sensor = fit_sensor(seen, provenance)
+    crashed = any(row.status == PieceStatus.CRASHED for record in records for row in record.rows if row is not None)
+    lines = (*by_sight(seen, sensor), *by_label(seen, sensor))
+    return SensorMeasurement(sensor, lines, (*notes, *failures), crashed)
+
+
+def _look_at(
+    task: SensorTask, request: Request, resolved: Resolved, progress: Progress | None
+) -> tuple[Record[LookRow], Sequence[str]]:
+    """What a detector made of a data set, and notes. Raises InputMissing or MethodFailed where it did not end its
+    work."""
+    result = run_task(task, request, resolved, progress=progress)
+    run = Run.load(result.run)
+    ((_, (record,)),) = records_of(task, [run.directory])
+    if not record.done:
+        unavailable = record.outcome.status is MethodStatus.UNAVAILABLE
+        raise (InputMissing if unavailable else MethodFailed)(str(record.outcome.reason))
+    return record, result.notes
+
+
+def _commonest(counts: Mapping[str, int]) -> str:
+    """Return the eight most frequent names with their counts."""
+    order = sorted(counts.items(), key=lambda entry: (-entry[1], entry[0]))
+    return ", ".join(f"{name} {count}" for name, count in order[:8]) or "none"

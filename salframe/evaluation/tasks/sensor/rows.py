@@ -1,0 +1,50 @@
+"""A row of the task `sensor`: annotated and detected objects of one panorama."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field, model_validator
+
+from salframe.evaluation.runs.rows import Line, PieceRow, PieceStatus
+
+Vector = tuple[float | None, float | None, float | None]
+
+
+class ObjectsLine(Line):
+    """Objects of a panorama, a value of each list an object; None is what is not known."""
+
+    labels: tuple[str, ...]
+    scores: tuple[Annotated[float, Field(ge=0, le=1)], ...]
+    centroid_m: tuple[Vector, ...]
+    size_m: tuple[Vector, ...]
+    yaw_rad: tuple[float | None, ...]
+    bearing: tuple[Vector, ...]
+    solid_angle_sr: tuple[float | None, ...]
+
+    @model_validator(mode="after")
+    def _complete(self) -> ObjectsLine:
+        parts = (self.scores, self.centroid_m, self.size_m, self.yaw_rad, self.bearing, self.solid_angle_sr)
+        if any(len(part) != len(self.labels) for part in parts):
+            raise ValueError(f"expected a value for each of {len(self.labels)} labels in every list")
+        return self
+
+
+class LookRow(PieceRow):
+    """The annotated objects of a panorama, how each shows, and what a detector found there."""
+
+    frame: str
+    truth: ObjectsLine | None = None
+    found: ObjectsLine | None = None
+    range_m: tuple[float | None, ...] | None = None
+    hidden_share: tuple[float | None, ...] | None = None
+
+    @model_validator(mode="after")
+    def _complete(self) -> LookRow:
+        if self.status != PieceStatus.OK:
+            return self
+        if self.truth is None or self.found is None or self.range_m is None or self.hidden_share is None:
+            raise ValueError("a panorama was looked at, expected truth, found, range_m and hidden_share")
+        if not len(self.truth.labels) == len(self.range_m) == len(self.hidden_share):
+            raise ValueError("expected range_m and hidden_share of each annotated object")
+        return self

@@ -1,0 +1,102 @@
+"""The task `sensor`: a detector measured against the annotations of whole data sets, as a sensor model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from salframe.evaluation.runs.inputs import check_needs
+from salframe.evaluation.runs.records import Part, Survey, by_method
+from salframe.evaluation.runs.rows import PieceStatus, Row
+from salframe.evaluation.runs.run_folder import Run
+from salframe.evaluation.runs.task import Task, Worker
+from salframe.evaluation.tables.table import Table
+from salframe.evaluation.tasks.detection.task import place_of
+from salframe.evaluation.tasks.sensor.fitting import Look
+from salframe.evaluation.tasks.sensor.looks import annotated, pack_look
+from salframe.evaluation.tasks.sensor.measures import summarize_detector
+from salframe.evaluation.tasks.sensor.rows import LookRow
+from salframe.evaluation.tasks.sensor.table import COLUMNS, USUAL, SensorRow, alike_tables
+from salframe.framework.errors import FRAME_ERRORS, InputMissing, InvalidAnswer
+from salframe.graphs.detections import Detections
+from salframe.graphs.detector import Detector
+from salframe.panoramas.dataset import Dataset
+from salframe.panoramas.frames import MapFrame, QueryFrame
+
+Frame = MapFrame | QueryFrame
+
+
+@dataclass(frozen=True)
+class SensorTask(Task[Frame, Survey[Frame], LookRow, SensorRow]):
+    """What does a detector find in each panorama, map and queries, of what is annotated there?"""
+
+    name = "sensor"
+    role = "detector"
+    prefix = "sensor-"
+    counts = "panoramas"
+    key_fields = ("frame",)
+    row = LookRow
+    line = SensorRow
+    columns = COLUMNS
+    usual = USUAL
+
+    @classmethod
+    def from_run(cls, run: Run) -> SensorTask:
+        return cls()
+
+    def survey(self, dataset: Dataset) -> Survey[Frame]:
+        if absent := {"annotations", "range"} - dataset.provides:
+            lacks = f"{dataset.name} does not have {' and '.join(sorted(absent))}"
+            raise InputMissing(f"a sensor is measured by annotations and range, and {lacks}")
+        frames: dict[str, Frame] = {}
+        for fold in dataset.folds():
+            frames.update((frame.id, frame) for frame in fold.mapping)
+            frames.update((query.id, query) for query in fold.queries)
+        return Survey(dataset, list(frames.values()))
+
+    def key(self, piece: Frame) -> tuple[str]:
+        return (piece.id,)
+
+    def open(
+        self, label: str, method: Detector, survey: Survey[Frame], todo: Sequence[Frame], folder: Path
+    ) -> Worker[Frame]:
+        check_needs(method, survey.dataset)
+        return _Looking(method)
+
+    def failed(self, piece: Frame) -> Row:
+        """That nothing of it was found, where the panorama can be read at all."""
+        try:
+            truth, shown = annotated(piece.load())
+        except FRAME_ERRORS:
+            return {}
+        return pack_look(Look(truth, shown, Detections.empty()))
+
+    def summarize(self, parts: Sequence[Part[Survey[Frame], LookRow]], seed: int) -> tuple[SensorRow, ...]:
+        places = [
+            f"{number}: {place_of(survey.dataset, piece)}"
+            for number, (survey, _) in enumerate(parts)
+            for piece in survey.pieces
+        ]
+        return tuple(summarize_detector(records, places, seed) for records in by_method(parts))
+
+    @classmethod
+    def tables(
+        cls, rows: Sequence[SensorRow], columns: Sequence[str] = (), leading: Mapping[str, Sequence[str]] | None = None
+    ) -> list[Table]:
+        return [*super().tables(rows, columns, leading), *alike_tables(rows, leading)]
+
+
+class _Looking(Worker[Frame]):
+    """A detector that looks at panoramas."""
+
+    def __init__(self, detector: Detector) -> None:
+        self._detector = detector
+
+    def work(self, piece: Frame) -> Row:
+        panorama = piece.load()
+        truth, shown = annotated(panorama)
+        found = self._detector.detect(panorama)
+        if not isinstance(found, Detections):
+            raise InvalidAnswer(f"detect gave {type(found).__name__}, expected Detections")
+        return {**pack_look(Look(truth, shown, found)), "status": PieceStatus.OK, "error": None}

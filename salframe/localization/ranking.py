@@ -1,0 +1,39 @@
+"""From scored reference frames to ranked places (docs/explanation/method.md#doorways)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from salframe.localization.answers import RankedPlace
+from salframe.panoramas.frames import FrameKind, MapFrame
+
+
+def rank_places(
+    frames: Sequence[MapFrame], scores: np.ndarray, T_world_query: np.ndarray | None = None
+) -> tuple[RankedPlace, ...]:
+    """Return the places of scored frames, best first, each by its best frame; ties keep the order of the frames.
+
+    Where the best frame is a transition and the pose is known, the scene frame nearest to the pose comes first with
+    that score: a doorway lies between places, and the pose tells which of them the query stands in.
+
+    Args:
+        frames: The K reference frames.
+        scores: (K,) scores, larger is better; -inf: the frame is no candidate.
+        T_world_query: (4, 4) pose of the query; None where it is not known.
+    """
+    order = [int(i) for i in np.argsort(-scores, kind="stable") if np.isfinite(scores[i])]
+    value = scores.astype(np.float64)
+    if T_world_query is not None and order and frames[order[0]].kind is FrameKind.TRANSITION:
+        scenes = [i for i, frame in enumerate(frames) if frame.kind is FrameKind.SCENE]
+        if scenes:
+            nearest = min(
+                scenes, key=lambda i: float(np.linalg.norm(frames[i].T_world_pano[:3, 3] - T_world_query[:3, 3]))
+            )
+            value[nearest] = value[order[0]]
+            order = [nearest, *(i for i in order if i != nearest)]
+    ranked: dict[str, RankedPlace] = {}
+    for i in order:
+        ranked.setdefault(frames[i].place, RankedPlace(frames[i].id, frames[i].place, float(value[i])))
+    return tuple(ranked.values())

@@ -1,0 +1,60 @@
+"""Work that hangs, takes all memory or ends its process costs its own answer."""
+
+from __future__ import annotations
+
+import pytest
+
+from salframe.evaluation.runs.limits import Limits
+from salframe.evaluation.tasks.localization.task import compare
+from salframe.evaluation.runs.request import Request
+from salframe.framework.errors import ConfigError
+
+DIED = "its process died: killed, out of memory, or a fault in a library"
+LONG, LARGE = "took over 3 s, the limit of --timeout", "took over 450 MB, the limit of --memory"
+
+
+def ask(*settings: str, methods: tuple[str, ...] = ("deadly", "reader"), **limits: float):
+    given = ("data.rooms=3", "data.queries=1", *settings)
+    return compare(Request(methods, "rooms", settings=given, limits=Limits(**limits)))
+
+
+@pytest.mark.parametrize(
+    ("how", "reason"), [("exit", DIED), ("fault", DIED), ("hang", LONG), ("spin", LONG), ("hoard", LARGE)]
+)
+def test_a_query_that_ends_its_process_costs_itself(faults, how, reason):
+    limit = {"memory_mb": 450.0} if reason == LARGE else {"timeout_s": 3.0}
+    deadly, reader = ask(f"how={how}", **limit).rows
+    assert (deadly.status, deadly.errors) == ({"ok": 2, "crashed": 1}, {"crashed": reason})
+    assert deadly.accuracy.value == pytest.approx(2 / 3)
+    assert (reader.accuracy.value, reader.status) == (1.0, {"ok": 3})
+
+
+def test_what_a_process_died_of_is_tried_once_more(faults, tmp_path):
+    for when in ("init", "map", "query"):
+        (row,) = ask("how=exit-once", f"when={when}", methods=("deadly",)).rows
+        assert (row.accuracy.value, row.status) == (1.0, {"ok": 3})
+        (tmp_path / "died").unlink()
+
+
+def test_a_method_that_always_dies_is_given_up(faults):
+    deadly, reader = ask("data.rooms=5", "deadly.rooms=[0, 1, 2, 3, 4]").rows
+    assert (deadly.accuracy, deadly.reason) == (None, DIED)
+    assert deadly.crashed
+    assert reader.accuracy.value == 1.0
+
+
+def test_what_a_query_was_ended_for_is_asked_again_the_next_time(faults):
+    first = ask("how=hang", methods=("deadly",), timeout_s=1.0)
+    again = ask("how=hang", methods=("deadly",), timeout_s=1.0)
+    assert again.run == first.run
+    assert again.rows[0].status == {"ok": 2, "crashed": 1}
+
+
+def test_the_time_of_the_map_is_not_that_of_a_query(faults):
+    (row,) = ask("describe_s=2.0", methods=("slow",), timeout_s=3.0).rows
+    assert row.accuracy.value == 1.0
+
+
+def test_an_engine_without_processes_can_hold_no_limit(faults):
+    with pytest.raises(ConfigError, match="the engine 'inline' has no process a method"):
+        compare(Request(["reader"], "rooms", engine="inline", limits=Limits(timeout_s=1.0)))

@@ -1,0 +1,210 @@
+"""Experiments: measured once, kept, shown again."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+import yaml
+from command_line import run
+
+from salframe.evaluation.runs.request import Request
+from salframe.evaluation.studies.experiment import (
+    experiment_names,
+    in_quick,
+    read_experiment,
+    reported_in,
+    run_experiment,
+)
+from salframe.framework.errors import ConfigError, UnknownName
+
+ROOMS = {
+    "title": "Which room",
+    "data": "rooms",
+    "methods": {"right": "reader", "one off": {"method": "reader", "set": {"offset": -1}}},
+    "set": {"data.rooms": 4},
+    "columns": ["accuracy", "p"],
+    "quick": {"methods": ["one off"], "set": {"data.rooms": 2}},
+}
+REQUEST = Request(engine="inline")
+
+
+@pytest.fixture
+def rooms(plugins):
+    """Fake components, and the presets and reported tables that are shipped."""
+    plugins("fake_plugin", "salframe_engines", "salframe.configs")
+
+
+def write(**tables: object) -> Path:
+    content = {"title": "Rooms", "question": "Which?", "reported": ["Rooms in the building"], "tables": tables}
+    Path("rooms.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
+    return Path("rooms.yaml")
+
+
+def test_an_experiment_is_measured_once_and_kept(rooms):
+    file = write(first=ROOMS)
+    result = run_experiment(file, REQUEST, results="kept")
+    (table,) = result.tables
+    assert table.fresh is not None
+    kept = json.loads(Path("kept/rooms.json").read_text())["whole"]["first"]
+    assert [(row["method"], row["accuracy"]) for row in kept["rows"]] == [("right", 1.0), ("one off", 0.25)]
+    assert kept["rows"][1]["p_value"] == table.fresh.rows[1].p_value
+    assert 0 < kept["seconds"] < 600
+    again = run_experiment(file, REQUEST, results="kept")
+    assert again.tables[0].fresh is None
+    assert again.tables[0].kept == table.kept
+    assert list(map(list, again.tables[0].tables()[0].rows)) == list(map(list, table.tables()[0].rows))
+
+
+def test_what_is_there_is_measured_again_by_force(rooms):
+    file = write(first=ROOMS)
+    (measured,) = run_experiment(file, REQUEST, results="kept").tables
+    rows = {path: path.read_text() for path in Path("runs").glob("*/methods/*/rows.jsonl")}
+    for path, text in rows.items():
+        path.write_text(text.replace('"status": "ok"', '"status": "no-match"'))
+    (forced,) = run_experiment(file, REQUEST, results="kept", force=True).tables
+    assert (
+        [row["accuracy"] for row in forced.kept.rows] == [row["accuracy"] for row in measured.kept.rows] == [1.0, 0.25]
+    )
+    assert {path: len(path.read_text().splitlines()) for path in Path("runs").rglob("rows.jsonl")} == {
+        path: len(text.splitlines()) for path, text in rows.items()
+    }
+    assert all(run.is_dir() for run in forced.fresh.runs)
+
+
+def test_what_was_cut_off_when_measured_again_goes_on(rooms, monkeypatch):
+    file = write(first=ROOMS)
+    run_experiment(file, REQUEST, results="kept")
+    from fake_plugin import Reader
+
+    calls, match = [], Reader.match
+
+    def cut_off(self, description):
+        calls.append(1)
+        if len(calls) == 4:
+            raise KeyboardInterrupt
+        return match(self, description)
+
+    monkeypatch.setattr(Reader, "match", cut_off)
+    with pytest.raises(KeyboardInterrupt):
+        run_experiment(file, REQUEST, results="kept", force=True)
+    (table,) = run_experiment(file, REQUEST, results="kept", force=True).tables
+    assert len(calls) == 17  # the fourth of 16 was asked twice
+    assert [row["accuracy"] for row in table.kept.rows] == [1.0, 0.25]
+
+
+def test_another_setting_or_version_is_measured_again(rooms, monkeypatch):
+    run_experiment(write(first=ROOMS), REQUEST, results="kept")
+    changed = write(first={**ROOMS, "set": {"data.rooms": 5}}, second=ROOMS)
+    first, second = run_experiment(changed, REQUEST, results="kept").tables
+    assert first.fresh is not None
+    assert second.fresh is not None
+    assert first.kept.rows[0]["queries"] == 10
+    from fake_plugin import Reader
+
+    monkeypatch.setattr(Reader, "version", "another")
+    assert all(table.fresh is not None for table in run_experiment(changed, REQUEST, results="kept").tables)
+
+
+def test_the_quick_measurement_stands_beside_the_whole(rooms):
+    file = write(first=ROOMS, second={**ROOMS, "quick": False})
+    run_experiment(file, REQUEST, results="kept", quick=True)
+    run_experiment(file, REQUEST, results="kept")
+    kept = json.loads(Path("kept/rooms.json").read_text())
+    assert [row["method"] for row in kept["quick"]["first"]["rows"]] == ["one off"]
+    assert kept["quick"]["first"]["rows"][0]["accuracy"] == 0.5
+    assert set(kept["quick"]) == {"first"}
+    assert set(kept["whole"]) == {"first", "second"}
+
+
+def test_a_table_that_quick_does_not_change_is_measured_once(rooms):
+    file = write(first={**ROOMS, "quick": {}})
+    assert run_experiment(file, REQUEST, results="kept", quick=True).tables[0].fresh is not None
+    assert run_experiment(file, REQUEST, results="kept").tables[0].fresh is None
+    kept = json.loads(Path("kept/rooms.json").read_text())
+    assert kept["whole"] == kept["quick"]
+
+
+def test_a_table_of_which_a_method_crashed_is_measured_again(rooms):
+    file = write(first={**ROOMS, "quick": {}})
+    run_experiment(file, REQUEST, results="kept")
+    content = json.loads(Path("kept/rooms.json").read_text())
+    for row in content["whole"]["first"]["rows"]:
+        row["status"]["crashed"] = 1
+    Path("kept/rooms.json").write_text(json.dumps(content))
+    assert run_experiment(file, REQUEST, results="kept").tables[0].fresh is not None
+    assert run_experiment(file, REQUEST, results="kept").tables[0].fresh is None
+
+
+def test_what_is_kept_names_nothing_of_the_data(rooms):
+    broken = {**ROOMS, "methods": ["reader"], "set": {"data.rooms": 4, "data.broken": ["map-1", "query-2-0"]}}
+    run_experiment(write(first=broken), REQUEST, results="kept")
+    text = Path("kept/rooms.json").read_text()
+    assert "query-2" not in text.replace(json.dumps(["map-1", "query-2-0"]), "")
+    assert "map-1" not in text
+
+
+def test_a_table_that_is_wrong_costs_itself(rooms):
+    wrong = {**ROOMS, "vary": {"ofset": [1]}}
+    first, second = run_experiment(write(first=wrong, second=ROOMS), REQUEST, results="kept").tables
+    assert "unknown key 'ofset', did you mean 'offset'?" in first.skipped
+    assert second.fresh is not None
+
+
+def test_wrong_experiments_are_told(rooms):
+    with pytest.raises(UnknownName, match="unknown experiment 'roms', did you mean 'rooms'"):
+        read_experiment("roms")
+    with pytest.raises(ConfigError, match="first: quick: unknown method 'one of', did you mean 'one off'"):
+        run_experiment(write(first={**ROOMS, "quick": {"methods": ["one of"]}}), REQUEST, results="kept", quick=True)
+    with pytest.raises(ConfigError, match="unknown column 'acuracy'"):
+        read_experiment(write(first={**ROOMS, "columns": ["acuracy"]}))
+
+
+@pytest.mark.parametrize("name", experiment_names())
+def test_a_shipped_experiment_is_sound(name):
+    experiment = read_experiment(name)
+    reported_in(experiment)
+    for table, study in experiment.tables.items():
+        study.variants()
+        quick = in_quick(study, table)
+        if quick is not None:
+            quick.variants()
+    assert any(study.quick is not False for study in experiment.tables.values())
+
+
+def test_the_command_prints_measured_and_reported_apart(rooms):
+    done = run("experiment", str(write(first=ROOMS)), "--engine", "inline", "--results", "kept")
+    assert done.code == 0
+    measured, reported = done.out.split("reported, not measured")
+    assert "100.0 (68-100)" in measured
+    assert "106 rooms" in reported
+    assert done.out.rstrip().endswith("kept in kept/rooms.json")
+    told = run("experiment", "rooms.yaml", "--engine", "inline", "--results", "kept", "--json").json
+    assert told[0]["tables"]["first"]["rows"][0]["accuracy"] == 1.0
+
+
+@pytest.mark.parametrize(
+    ("style", "first", "row", "last"),
+    [
+        ("md", "**Which room**\n\n| method |", "| right | **100.0 (68-100)** | ", "**reported, not measured: Rooms"),
+        (
+            "latex",
+            "% Which room\n\\begin{tabular}",
+            "right & \\textbf{100.0 (68-100)} & ",
+            "% reported, not measured: Rooms",
+        ),
+        ("csv", "table,method,", "first,one off,", "0.25"),
+    ],
+)
+def test_the_command_prints_what_papers_take(rooms, style, first, row, last):
+    done = run("experiment", str(write(first=ROOMS)), "--engine", "inline", "--results", "kept", "--format", style)
+    assert done.code == 0
+    assert done.out.startswith(first)
+    assert row in done.out
+    assert last in done.out.partition(row)[2]
+
+
+def test_the_command_lists_experiments():
+    listed = run("experiment").out
+    assert all(name in listed for name in experiment_names())
