@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from salframe.evaluation.runs.method_row import MethodRow
-from salframe.evaluation.runs.records import Part, Record, Survey, by_method, in_common
 
 from salframe.evaluation.report.arms import Arm
 from salframe.evaluation.report.paged_task import PagedTask
 from salframe.evaluation.report.view import RunView
+from salframe.evaluation.runs.method_row import MethodRow
+from salframe.evaluation.runs.records import Part, Record, Survey, by_method, in_common
 from salframe.evaluation.runs.request import Request, resolve
 from salframe.evaluation.runs.rows import PieceRow, PieceStatus, Row
 from salframe.evaluation.runs.run_folder import Run

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from salframe.evaluation.runs.task import AnyTask
-
 import threading
 import time
 from collections import Counter
@@ -21,7 +19,7 @@ from salframe.evaluation.runs.request import Request, Resolved
 from salframe.evaluation.runs.rows import DescriptionLine, LineCounter, PieceRow, PieceStatus, Row, RowWriter, read_rows
 from salframe.evaluation.runs.run_folder import DESCRIPTIONS, ROWS, MethodStatus, Outcome, Run, identity_of
 from salframe.evaluation.runs.shares import Share, join_outcomes, join_shares, share_folders, split_work
-from salframe.evaluation.runs.task import Result, Task
+from salframe.evaluation.runs.task import AnyTask, Result
 from salframe.evaluation.runs.work import work_share
 from salframe.evaluation.tables.reported import Reported
 from salframe.framework.config import ComponentConfig

@@ -10,9 +10,9 @@ import yaml
 from auto_plugin import ABSENT
 from command_line import run as salframe
 
+from salframe.evaluation.runs.request import Request, resolve
 from salframe.evaluation.tasks.localization.task import compare
 from salframe.evaluation.tasks.navigation.task import navigate
-from salframe.evaluation.runs.request import Request, resolve
 from salframe.framework.auto import Choice
 from salframe.framework.defaults import auto_order
 from salframe.framework.errors import ConfigError, InputMissing, RequirementMissing, SalframeError

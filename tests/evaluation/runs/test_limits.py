@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from salframe.evaluation.runs.limits import Limits
-from salframe.evaluation.tasks.localization.task import compare
 from salframe.evaluation.runs.request import Request
+from salframe.evaluation.tasks.localization.task import compare
 from salframe.framework.errors import ConfigError
 
 DIED = "its process died: killed, out of memory, or a fault in a library"

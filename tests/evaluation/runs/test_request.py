@@ -9,13 +9,13 @@ import pytest
 import yaml
 from command_line import run as salframe
 
+from salframe.evaluation.runs.request import Request, resolve
+from salframe.evaluation.studies.study import ablate
 from salframe.evaluation.tasks.detection.task import measure_detection
 from salframe.evaluation.tasks.localization.task import compare
 from salframe.evaluation.tasks.matching.task import measure_matching
-from salframe.evaluation.tasks.navigation.task import navigate
 from salframe.evaluation.tasks.navigation.options import Positioning
-from salframe.evaluation.runs.request import Request, resolve
-from salframe.evaluation.studies.study import ablate
+from salframe.evaluation.tasks.navigation.task import navigate
 from salframe.framework.errors import ConfigError, UnknownName
 
 MISSING = "weightless.pth is not at hand: salframe weights fetch weightless"

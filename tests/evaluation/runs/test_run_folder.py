@@ -6,13 +6,11 @@ import numpy as np
 import pytest
 import yaml
 
-from salframe.evaluation.tasks.localization.answering import answer_row
 from salframe.evaluation.runs.request import Resolved
-from salframe.evaluation.tasks.localization.rows import AnswerRow
+from salframe.evaluation.runs.rows import LineCounter, RowWriter, read_rows
 from salframe.evaluation.runs.run_folder import MethodStatus, Outcome, Run
-from salframe.evaluation.runs.rows import read_rows
-from salframe.evaluation.runs.rows import RowWriter
-from salframe.evaluation.runs.rows import LineCounter
+from salframe.evaluation.tasks.localization.answering import answer_row
+from salframe.evaluation.tasks.localization.rows import AnswerRow
 from salframe.framework.errors import ConfigError, DataError, InvalidAnswer
 from salframe.framework.installation import environment
 from salframe.framework.presets import configure, settings

@@ -12,10 +12,10 @@ from pathlib import Path
 import pytest
 from command_line import run as salframe
 
-from salframe.evaluation.tasks.localization.task import compare
 from salframe.evaluation.runs.request import Request
 from salframe.evaluation.runs.run_folder import MethodStatus, Run
 from salframe.evaluation.tasks.localization.rows import AnswerRow
+from salframe.evaluation.tasks.localization.task import compare
 
 ENGINES = ("inline", "processes")
 

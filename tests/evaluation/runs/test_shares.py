@@ -8,13 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from salframe.evaluation.tasks.localization.task import compare
-from salframe.evaluation.tasks.matching.task import measure_matching
-from salframe.evaluation.tasks.navigation.task import navigate
 from salframe.evaluation.runs.request import Request
 from salframe.evaluation.runs.rows import read_rows
 from salframe.evaluation.runs.run_folder import MethodStatus, Outcome, Run
 from salframe.evaluation.runs.shares import join_outcomes, join_shares, split_work
+from salframe.evaluation.tasks.localization.task import compare
+from salframe.evaluation.tasks.matching.task import measure_matching
+from salframe.evaluation.tasks.navigation.task import navigate
 
 TIMES = {"query_ms", "describe_ms", "peak_memory_mb", "ms", "seconds"}
 """Fields that differ from run to run."""

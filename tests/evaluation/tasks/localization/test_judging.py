@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 import pytest
-from salframe.evaluation.runs.records import Record
 
+from salframe.evaluation.runs.records import Record
 from salframe.evaluation.runs.rows import RowWriter
 from salframe.evaluation.runs.run_folder import DESCRIPTIONS, MAPS, MethodStatus, Outcome
 from salframe.evaluation.statistics import estimate_proportion, reliability

@@ -9,9 +9,9 @@ from types import SimpleNamespace
 
 import pytest
 from command_line import run as salframe
-from salframe.evaluation.runs.records import Record
 from scipy.stats import binomtest
 
+from salframe.evaluation.runs.records import Record
 from salframe.evaluation.runs.request import Request
 from salframe.evaluation.runs.run_folder import MethodStatus, Outcome
 from salframe.evaluation.tasks.navigation.options import TRUE_PLACE, Positioning

@@ -9,10 +9,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from salframe.evaluation.runs.records import Record
 from tiny_folder import write_tiny_folder
 
 import salframe
+from salframe.evaluation.runs.records import Record
 from salframe.evaluation.runs.request import Request, resolve
 from salframe.evaluation.runs.run_folder import MethodStatus, Outcome
 from salframe.evaluation.runs.runner import run_task
