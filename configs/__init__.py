@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import salframe
 
 if TYPE_CHECKING:
-    from salframe.framework.registry import Presets
+    from salframe.framework.hookspecs import Presets
 
 
 @salframe.hookimpl
 def salframe_provides() -> list[Presets]:
-    from salframe.framework.registry import Presets  # the command line reads the defaults before it needs a registry
+    from salframe.framework.hookspecs import Presets  # the command line reads the defaults before it needs a registry
 
     return [Presets(Path(__file__).parent)]

@@ -12,11 +12,10 @@ import typer
 from salframe_panoseg.detector import PANOSEG
 
 from salframe.cli import app
-from salframe.framework.component import Component
-from salframe.framework.config import ComponentConfig
-from salframe.framework.presets import names, settings
-from salframe.framework.registry import registry
-from salframe.framework.settings import Setting, list_settings
+from salframe.framework.component import Component, ComponentConfig
+from salframe.framework.components.presets import names, settings
+from salframe.framework.components.registry import registry
+from salframe.framework.components.settings import Setting, list_settings
 
 REFERENCE = Path(__file__).with_name("reference")
 PACKAGE = "salframe"

@@ -16,12 +16,13 @@ from salframe_house.frames import choose_frames
 from salframe_house.render import Renderer
 from salframe_house.rendering import buildings, frames_of, render_frame
 
+from salframe.drawing.floor_picture import draw_topology
 from salframe.evaluation.finished_runs import write_report
 from salframe.evaluation.runs.request import Request
 from salframe.evaluation.runs.run_folder import Run
 from salframe.evaluation.tasks.localization.task import compare
-from salframe.framework.presets import configure, settings
-from salframe.framework.registry import registry
+from salframe.framework.components.presets import configure, settings
+from salframe.framework.components.registry import registry
 from salframe.graphs.detections import Detections
 from salframe.graphs.graph import SaliencyGraph
 from salframe.panoramas.floors import FloorMasks
@@ -29,7 +30,6 @@ from salframe.panoramas.geometry import pose_2d, rays_to_pixels
 from salframe.panoramas.opening import configure_dataset, find_dataset, mapping_frames
 from salframe.panoramas.panorama import Annotations, Panorama
 from salframe.topology.build import build_topology
-from salframe.topology.picture import draw_topology
 
 RIGHT, WRONG = "#0072b2", "#d55e00"
 IMAGES = Path(__file__).with_name("images")

@@ -1,4 +1,6 @@
 # What `import salframe` promises, each name from where it lives; __init__.py reads this file.
+from .drawing.floor_picture import draw_topology as draw_topology
+from .drawing.show_objects import show_objects as show_objects
 from .evaluation.finished_runs import Report as Report
 from .evaluation.finished_runs import evaluate as evaluate
 from .evaluation.finished_runs import write_report as write_report
@@ -17,12 +19,15 @@ from .evaluation.tasks.localization.task import compare as compare
 from .evaluation.tasks.matching.task import measure_matching as measure_matching
 from .evaluation.tasks.navigation.task import navigate as navigate
 from .evaluation.tasks.sensor.measurement import measure_sensor as measure_sensor
-from .framework.cache import Cache as Cache
 from .framework.component import Component as Component
+from .framework.component import ComponentConfig as ComponentConfig
 from .framework.component import Role as Role
-from .framework.config import ComponentConfig as ComponentConfig
-from .framework.config import match_only as match_only
-from .framework.engine import Engine as Engine
+from .framework.component import match_only as match_only
+from .framework.components.identity import UserFile as UserFile
+from .framework.components.installation import fetch_weights as fetch_weights
+from .framework.components.slots import slot as slot
+from .framework.components.slots import slots as slots
+from .framework.engines.engine import Engine as Engine
 from .framework.errors import ConfigError as ConfigError
 from .framework.errors import DataError as DataError
 from .framework.errors import InputMissing as InputMissing
@@ -32,14 +37,11 @@ from .framework.errors import RequirementMissing as RequirementMissing
 from .framework.errors import SalframeError as SalframeError
 from .framework.errors import UnknownName as UnknownName
 from .framework.errors import WeightsMissing as WeightsMissing
-from .framework.hooks import hookimpl as hookimpl
-from .framework.identity import UserFile as UserFile
-from .framework.installation import fetch_weights as fetch_weights
-from .framework.registry import Presets as Presets
-from .framework.slots import slot as slot
-from .framework.slots import slots as slots
+from .framework.files.cache import Cache as Cache
+from .framework.files.weights import Weights as Weights
+from .framework.hookspecs import Presets as Presets
+from .framework.hookspecs import hookimpl as hookimpl
 from .framework.version import __version__ as __version__
-from .framework.weights import Weights as Weights
 from .graphs.boxes import detections_from_points as detections_from_points
 from .graphs.detections import Detections as Detections
 from .graphs.detector import Detector as Detector
@@ -50,7 +52,6 @@ from .graphs.matcher import RankedGraphs as RankedGraphs
 from .graphs.saliency import SaliencyModel as SaliencyModel
 from .graphs.scene_index import SceneCandidates as SceneCandidates
 from .graphs.scene_index import SceneIndex as SceneIndex
-from .graphs.show import show_objects as show_objects
 from .localization.answers import Localization as Localization
 from .localization.answers import LocalizationStatus as LocalizationStatus
 from .localization.answers import NodeMatches as NodeMatches
@@ -94,7 +95,6 @@ from .topology.export import export_map as export_map
 from .topology.growing import add_to_map as add_to_map
 from .topology.growing import merge_maps as merge_maps
 from .topology.growing import remove_from_map as remove_from_map
-from .topology.picture import draw_topology as draw_topology
 from .topology.planner import Planner as Planner
 from .topology.planner import Route as Route
 from .topology.routes import directions as directions

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import salframe
 from salframe.evaluation.scorer import Scorer
-from salframe.framework.engine import Engine
+from salframe.framework.engines.engine import Engine
 from salframe.graphs.detector import Detector
 from salframe.graphs.matcher import GraphMatcher
 from salframe.graphs.saliency import SaliencyModel

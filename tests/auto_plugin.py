@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 import salframe
-from salframe.framework.config import ComponentConfig
+from salframe.framework.component import ComponentConfig
 from salframe.framework.errors import WeightsMissing
 from salframe.graphs.detections import Detections
 from salframe.graphs.detector import Detector

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field
 
 import salframe
-from salframe.framework.config import ComponentConfig
+from salframe.framework.component import ComponentConfig
 from salframe.framework.errors import DataError
 from salframe.graphs.boxes import detections_from_points
 from salframe.graphs.detections import Detections

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from salframe.framework.registry import registry
+from salframe.framework.components.registry import registry
 
 
 @pytest.fixture

@@ -15,9 +15,9 @@ import numpy as np
 from pydantic import Field
 
 import salframe
-from salframe.framework.config import ComponentConfig
+from salframe.framework.component import ComponentConfig
 from salframe.framework.errors import DataError, WeightsMissing
-from salframe.framework.identity import digest
+from salframe.framework.files.hashes import digest
 from salframe.localization.answers import Localization, LocalizationStatus
 from salframe.localization.localizer import Description, Localizer, posterior_slot
 from salframe.localization.ranking import rank_places

@@ -14,9 +14,9 @@ from fake_plugin import Reader
 from pydantic import Field
 
 import salframe
-from salframe.framework.config import ComponentConfig
+from salframe.framework.component import ComponentConfig
+from salframe.framework.components.identity import UserFile, identity
 from salframe.framework.errors import ConfigError, WeightsMissing
-from salframe.framework.identity import UserFile, identity
 from salframe.localization.answers import Localization, LocalizationStatus, RankedPlace
 
 ERRORS = {

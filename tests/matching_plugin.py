@@ -8,7 +8,7 @@ from salframe_annotations.detector import AnnotationDetector
 
 import salframe
 from salframe.evaluation.tasks.matching.judging import PIXEL_RAD
-from salframe.framework.config import ComponentConfig
+from salframe.framework.component import ComponentConfig
 from salframe.framework.errors import WeightsMissing
 from salframe.localization.answers import Localization, LocalizationStatus, NodeMatches, PointMatches
 from salframe.localization.localizer import Localizer

@@ -16,7 +16,7 @@ from salframe.panoramas.geometry import pose_2d
 CODE = """
 import json, sys
 from pathlib import Path
-from salframe.framework.registry import registry
+from salframe.framework.components.registry import registry
 from salframe.localization.map import open_map
 from salframe.topology.building_map import build_map
 from salframe.panoramas.opening import find_dataset, find_frame

@@ -18,7 +18,7 @@ from command_line import run
 
 import salframe
 from salframe.cli import app
-from salframe.framework.registry import registry
+from salframe.framework.components.registry import registry
 from salframe.panoramas.opening import find_dataset
 
 REPOSITORY = Path(__file__).parent.parent

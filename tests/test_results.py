@@ -13,7 +13,7 @@ import typer
 from salframe.cli import app
 from salframe.evaluation.studies.experiment import experiment_names, read_experiment
 from salframe.evaluation.studies.kept import read_results
-from salframe.framework.presets import names
+from salframe.framework.components.presets import names
 
 REPOSITORY = Path(__file__).parent.parent
 README = (REPOSITORY / "README.md").read_text()

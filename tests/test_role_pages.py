@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from conformance import conforms
 
-from salframe.framework.registry import registry
+from salframe.framework.components.registry import registry
 
 PAGES = Path(__file__).parent.parent / "docs" / "how-to" / "roles"
 ROLES = sorted(page.stem for page in PAGES.glob("*.md") if page.stem != "index")

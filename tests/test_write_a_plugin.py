@@ -14,7 +14,7 @@ from command_line import run
 from conformance import conforms
 from tiny_folder import write_tiny_folder
 
-from salframe.framework.registry import registry
+from salframe.framework.components.registry import registry
 from salframe.panoramas.frames import FrameKind, QueryFrame
 from salframe.testing.rooms import map_frames, query_frames
 

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from salframe.framework.config import ComponentConfig, match_only
+from salframe.framework.component import ComponentConfig, match_only
+from salframe.framework.components.identity import UserFile
 from salframe.framework.errors import WeightsMissing
-from salframe.framework.identity import UserFile
+from salframe.framework.files.weights import Download, Weights, WeightsFile
 from salframe.framework.onnx import open_model
-from salframe.framework.weights import Download, Weights, WeightsFile
 from salframe.localization.answers import Localization, LocalizationStatus
 from salframe.localization.localizer import Description, Localizer
 from salframe.localization.ranking import rank_places

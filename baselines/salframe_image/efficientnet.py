@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from salframe.framework.errors import RequirementMissing
-from salframe.framework.files import atomic_path
-from salframe.framework.weights import ByteProgress, Weights, WeightsFile, Wheel
+from salframe.framework.files.weights import ByteProgress, Weights, WeightsFile, Wheel
+from salframe.framework.files.writing import atomic_path
 
 STAGES = ((1, 1), (2, 2), (2, 2), (3, 2), (3, 1), (4, 2), (1, 1))
 """Blocks and stride of the first block, stage by stage (efficientnet_lite_builder.py of the authors); the rest is in

@@ -8,9 +8,9 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
-from salframe.framework.config import ComponentConfig
-from salframe.framework.registry import registry
-from salframe.framework.slots import slot
+from salframe.framework.component import ComponentConfig
+from salframe.framework.components.registry import registry
+from salframe.framework.components.slots import slot
 from salframe.localization.answers import Localization, LocalizationStatus
 from salframe.localization.localizer import Description, Localizer
 from salframe.localization.ranking import rank_places

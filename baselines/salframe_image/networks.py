@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from salframe.framework.config import ComponentConfig
+from salframe.framework.component import ComponentConfig
+from salframe.framework.components.identity import UserFile
 from salframe.framework.errors import WeightsMissing
-from salframe.framework.identity import UserFile
+from salframe.framework.files.weights import Download, Weights, WeightsFile
 from salframe.framework.onnx import open_model
-from salframe.framework.weights import Download, Weights, WeightsFile
 from salframe_image.efficientnet import EFFICIENTNET_LITE0
 from salframe_image.image_network import ImageNetwork
 from salframe_image.network_input import as_batch

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from salframe.framework.weights import Weights, WeightsFile
+from salframe.framework.files.weights import Weights, WeightsFile
 from salframe_keypoints.checkpoints import load_strictly, read_checkpoint
 from salframe_keypoints.disk import WHEEL
 from salframe_keypoints.feature_matcher import View

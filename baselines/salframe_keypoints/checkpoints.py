@@ -7,11 +7,11 @@ from typing import Any
 
 from pydantic import Field
 
-from salframe.framework.bounded import check_regular
-from salframe.framework.config import ComponentConfig
+from salframe.framework.component import ComponentConfig
+from salframe.framework.components.identity import UserFile
 from salframe.framework.errors import WeightsMissing
-from salframe.framework.identity import UserFile
-from salframe.framework.weights import Weights
+from salframe.framework.files.bounded import check_regular
+from salframe.framework.files.weights import Weights
 from salframe_keypoints.feature_matcher import FeatureMatcher
 
 LARGEST_BYTES = 1 << 32

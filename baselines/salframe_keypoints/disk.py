@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from salframe.framework.errors import WeightsMissing
-from salframe.framework.weights import Weights, WeightsFile, Wheel
+from salframe.framework.files.weights import Weights, WeightsFile, Wheel
 from salframe_keypoints.checkpoints import load_strictly, read_checkpoint
 from salframe_keypoints.feature_matcher import View
 from salframe_keypoints.networks import LightGlue, NetworkMatcher

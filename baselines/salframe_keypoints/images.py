@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from salframe.framework.config import match_only
+from salframe.framework.component import match_only
 from salframe.framework.errors import ConfigError, DataError
 from salframe_keypoints.checkpoints import TrainedMatcher
 from salframe_keypoints.feature_matcher import View

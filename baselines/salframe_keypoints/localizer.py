@@ -8,10 +8,10 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
-from salframe.framework.config import ComponentConfig, match_only
+from salframe.framework.component import ComponentConfig, match_only
+from salframe.framework.components.registry import registry
+from salframe.framework.components.slots import slot
 from salframe.framework.errors import InputMissing
-from salframe.framework.registry import registry
-from salframe.framework.slots import slot
 from salframe.localization.answers import Localization, LocalizationStatus, PointMatches
 from salframe.localization.localizer import Description, Localizer, range_slot
 from salframe.localization.ranking import rank_places

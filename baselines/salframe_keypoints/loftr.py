@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from salframe.framework.config import match_only, merge
+from salframe.framework.component import match_only
+from salframe.framework.config import merge
 from salframe.framework.errors import ConfigError, WeightsMissing
-from salframe.framework.weights import Download, Weights, WeightsFile
+from salframe.framework.files.weights import Download, Weights, WeightsFile
 from salframe_keypoints.checkpoints import load_strictly, read_checkpoint
 from salframe_keypoints.feature_matcher import View
 from salframe_keypoints.images import ImageMatcher, decode, require_multiples

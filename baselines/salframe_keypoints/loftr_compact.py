@@ -10,9 +10,9 @@ from typing import Literal
 
 import numpy as np
 
-from salframe.framework.config import match_only
+from salframe.framework.component import match_only
+from salframe.framework.files.weights import Shipped, Weights, WeightsFile
 from salframe.framework.onnx import open_model
-from salframe.framework.weights import Shipped, Weights, WeightsFile
 from salframe_keypoints.descriptors import unit_rows
 from salframe_keypoints.feature_matcher import View
 from salframe_keypoints.images import ImageMatcher, decode, require_multiples

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from salframe.framework.errors import DataError, WeightsMissing
-from salframe.framework.files import read_json
+from salframe.framework.files.reading import read_json
 
 
 @dataclass(frozen=True)

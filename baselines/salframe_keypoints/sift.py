@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 from pydantic import Field
 
-from salframe.framework.config import ComponentConfig
+from salframe.framework.component import ComponentConfig
 from salframe_keypoints.descriptors import DescriptorMatcher, unit_rows
 from salframe_keypoints.feature_matcher import View
 

@@ -8,7 +8,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from salframe.framework.config import ComponentConfig, match_only
+from salframe.framework.component import ComponentConfig, match_only
 from salframe.framework.errors import InputMissing
 from salframe.localization.answers import Localization, LocalizationStatus
 from salframe.localization.localizer import Description, Localizer, range_slot

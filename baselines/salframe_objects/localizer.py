@@ -7,9 +7,9 @@ from typing import Literal
 
 import numpy as np
 
-from salframe.framework.config import ComponentConfig, match_only
-from salframe.framework.registry import registry
-from salframe.framework.slots import slot
+from salframe.framework.component import ComponentConfig, match_only
+from salframe.framework.components.registry import registry
+from salframe.framework.components.slots import slot
 from salframe.localization.localizer import Description, posterior_slot, range_slot
 from salframe.panoramas.panorama import Panorama
 from salframe_objects.labels import WeightedLabels

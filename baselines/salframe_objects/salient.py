@@ -7,9 +7,9 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
-from salframe.framework.config import ComponentConfig
-from salframe.framework.registry import registry
-from salframe.framework.slots import slot
+from salframe.framework.component import ComponentConfig
+from salframe.framework.components.registry import registry
+from salframe.framework.components.slots import slot
 from salframe.graphs.detections import Detections
 from salframe.localization.localizer import Description, Localizer, posterior_slot, range_slot
 from salframe.panoramas.panorama import Panorama

@@ -11,9 +11,9 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field, field_validator
 
-from salframe.framework.config import ComponentConfig
+from salframe.framework.component import ComponentConfig
+from salframe.framework.components.identity import UserFile
 from salframe.framework.errors import InputMissing
-from salframe.framework.identity import UserFile
 from salframe.graphs.annotated import Annotated, as_detections, has_points, seen_objects
 from salframe.graphs.boxes import upright_box
 from salframe.graphs.detections import Detections

@@ -7,9 +7,9 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field
 
-from salframe.framework.config import ComponentConfig
+from salframe.framework.component import ComponentConfig
+from salframe.framework.components.identity import UserFile
 from salframe.framework.errors import ConfigError, InputMissing, WeightsMissing
-from salframe.framework.identity import UserFile
 from salframe.panoramas.camera_height import camera_height
 from salframe.panoramas.geometry import equirectangular_rays
 from salframe.panoramas.panorama import Panorama

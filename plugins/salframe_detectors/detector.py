@@ -8,12 +8,12 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from salframe.framework.config import ComponentConfig
+from salframe.framework.component import ComponentConfig
+from salframe.framework.components.identity import UserFile
+from salframe.framework.components.registry import registry
+from salframe.framework.components.slots import slot
 from salframe.framework.errors import ConfigError, InputMissing, WeightsMissing
-from salframe.framework.identity import UserFile
-from salframe.framework.registry import registry
-from salframe.framework.slots import slot
-from salframe.framework.weights import Weights
+from salframe.framework.files.weights import Weights
 from salframe.graphs.boxes import LEAST_POINTS, detections_where_known
 from salframe.graphs.detections import Detections, unit_vectors
 from salframe.graphs.detector import Detector

@@ -8,9 +8,9 @@ from math import lcm
 
 import numpy as np
 
-from salframe.framework.config import ComponentConfig
-from salframe.framework.registry import registry
-from salframe.framework.slots import slots
+from salframe.framework.component import ComponentConfig
+from salframe.framework.components.registry import registry
+from salframe.framework.components.slots import slots
 from salframe.graphs.detections import Detections
 from salframe.graphs.detector import Detector
 from salframe.graphs.vocabulary import common_label

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from salframe.framework.weights import Download, Weights, WeightsFile
+from salframe.framework.files.weights import Download, Weights, WeightsFile
 
 YOLOX_RELEASE = Download(("https://github.com/Megvii-BaseDetection/YOLOX/releases/download/0.1.1rc0",))
 

@@ -11,11 +11,11 @@ from loky import cpu_count
 
 import salframe
 from salframe.framework.component import Component
-from salframe.framework.engine import Engine
+from salframe.framework.engines.engine import Engine
+from salframe.framework.engines.process_pool import ProcessPool
+from salframe.framework.engines.worker import ONE_THREAD, work
+from salframe.framework.engines.worker_engine import WorkerEngine, WorkerProcess
 from salframe.framework.errors import WorkerDied
-from salframe.framework.processes import ProcessPool
-from salframe.framework.worker import ONE_THREAD, work
-from salframe.framework.workers import WorkerEngine, WorkerProcess
 
 
 class Inline(Engine):

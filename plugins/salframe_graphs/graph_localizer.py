@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from salframe.framework.config import ComponentConfig
-from salframe.framework.registry import registry
-from salframe.framework.slots import slot
+from salframe.framework.component import ComponentConfig
+from salframe.framework.components.registry import registry
+from salframe.framework.components.slots import slot
 from salframe.graphs.graph import REACH_M, GraphConfig, SaliencyGraph, build_graph
 from salframe.graphs.packing import graph_from_arrays, graph_to_arrays, pack_graph, unpack_graph
 from salframe.localization.localizer import Description, Localizer, range_slot

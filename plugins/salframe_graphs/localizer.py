@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from salframe.framework.columns import Columns
-from salframe.framework.config import ComponentConfig
+from salframe.framework.component import ComponentConfig
+from salframe.framework.files.columns import Columns
 from salframe.graphs.packing import graph_from_arrays
 from salframe.graphs.table import MappedGraphs
 from salframe.localization.answers import Localization, NodeMatches

@@ -12,12 +12,12 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import AfterValidator, Field
 
-from salframe.framework.array_files import map_array
-from salframe.framework.config import ComponentConfig
+from salframe.framework.component import ComponentConfig
+from salframe.framework.components.registry import registry
+from salframe.framework.components.slots import slot
 from salframe.framework.errors import DataError
-from salframe.framework.files import reading
-from salframe.framework.registry import registry
-from salframe.framework.slots import slot
+from salframe.framework.files.array_files import map_array
+from salframe.framework.files.reading import reading
 from salframe.graphs.graph import SaliencyGraph
 from salframe.graphs.matcher import GraphMatcher
 from salframe.graphs.scene_index import SceneIndex, SceneLookup

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from salframe.framework.config import ComponentConfig, match_only
-from salframe.framework.registry import registry
-from salframe.framework.slots import slot
+from salframe.framework.component import ComponentConfig, match_only
+from salframe.framework.components.registry import registry
+from salframe.framework.components.slots import slot
 from salframe.graphs.graph import SaliencyGraph
 from salframe.graphs.matcher import GraphMatch, GraphMatcher
 from salframe.graphs.packing import graph_from_arrays

@@ -8,7 +8,7 @@ import zlib
 import numpy as np
 from pydantic import Field
 
-from salframe.framework.config import ComponentConfig
+from salframe.framework.component import ComponentConfig
 from salframe.graphs.boxes import LEAST_SIDE_M
 from salframe.graphs.detections import Detections
 from salframe.graphs.saliency import SaliencyModel

@@ -14,8 +14,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from salframe.framework.bounded import check_regular
 from salframe.framework.errors import DataError, RequirementMissing
+from salframe.framework.files.bounded import check_regular
 from salframe_house.looks import GLASS
 from salframe_house.mesh import Mesh
 from salframe_house.object_class import Size

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from salframe.framework.config import added
-from salframe.framework.identity import UserFile, digest, identity
+from salframe.framework.component import added
+from salframe.framework.components.identity import UserFile, identity
+from salframe.framework.files.hashes import digest
 from salframe.navigation.world import NavigableDataset, World, floor_worlds
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.hidden_places import hide_query_place_setting

@@ -11,7 +11,7 @@ import numpy as np
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 
-from salframe.framework.worker import threads_allowed
+from salframe.framework.engines.worker import threads_allowed
 from salframe_house.scene import Scene
 
 _NOTHING = np.float32(1e30)  # embree's range where a ray hits nothing is 1e37

@@ -13,10 +13,9 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from salframe.framework.config import ComponentConfig, match_only
+from salframe.framework.component import ComponentConfig, match_only
 from salframe.framework.errors import DataError
-from salframe.framework.files import file_sha256
-from salframe.framework.identity import digest
+from salframe.framework.files.hashes import digest, file_sha256
 from salframe.navigation.world import NavigableDataset, World
 from salframe.panoramas.frames import Fold, MapFrame, QueryFrame, Truth
 from salframe.panoramas.geometry import pose_2d, pose_yaw

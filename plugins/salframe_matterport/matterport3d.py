@@ -12,10 +12,10 @@ from typing import Any, Literal, cast
 import numpy as np
 from pydantic import Field
 
-from salframe.framework.cache import cache_home
-from salframe.framework.config import ComponentConfig
+from salframe.framework.component import ComponentConfig
 from salframe.framework.errors import DataError
-from salframe.framework.identity import digest
+from salframe.framework.files.cache import cache_home
+from salframe.framework.files.hashes import digest
 from salframe.panoramas import images
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.folder_format import FrameEntry, image_names, is_written, write_panorama

@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import BaseModel, Field, StrictBool, model_validator
 
 from salframe.framework.errors import DataError
-from salframe.framework.files import read_as
+from salframe.framework.files.reading import read_as
 from salframe.panoramas.geometry import pose_2d
 
 

@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 
 from salframe.framework.errors import DataError
-from salframe.framework.files import read_text
+from salframe.framework.files.reading import read_text
 from salframe.panoramas import images
 from salframe.panoramas.geometry import is_rigid, pose_2d
 from salframe.panoramas.panorama import Panorama

@@ -18,7 +18,7 @@ from pydantic import BaseModel, Field
 
 from salframe.evaluation.scorer import Scorer
 from salframe.framework.errors import DataError, UnknownName, unknown
-from salframe.framework.files import read_as, read_json
+from salframe.framework.files.reading import read_as, read_json
 from salframe.navigation.episodes import Asked
 from salframe_matterport.readers import Number, boxes_path, connectivity_path, read_boxes, read_connectivity, read_ways
 

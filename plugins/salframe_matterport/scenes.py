@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from salframe.framework.errors import DataError
-from salframe.framework.identity import digest
+from salframe.framework.files.hashes import digest
 from salframe.panoramas.panorama import Annotations, ObjectBoxes
 from salframe_matterport.bearings import bearing, direction
 from salframe_matterport.readers import boxes_path, connectivity_path, read_boxes, read_connectivity

@@ -12,10 +12,10 @@ from typing import Literal, cast, get_args
 import numpy as np
 from pydantic import Field
 
-from salframe.framework.bounded import read_bytes
 from salframe.framework.errors import DataError
-from salframe.framework.files import read_text, reading
-from salframe.framework.identity import digest
+from salframe.framework.files.bounded import read_bytes
+from salframe.framework.files.hashes import digest
+from salframe.framework.files.reading import read_text, reading
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.hidden_places import hide_query_place_setting
 from salframe.panoramas.house_file import read_house

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 from pydantic import Field
 
-from salframe.framework.config import Settings
 from salframe.framework.errors import DataError
-from salframe.framework.files import read_as
+from salframe.framework.files.reading import read_as
+from salframe.framework.validation import Settings
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.house_file import read_house
 from salframe_mesh.mesh_file import Surface

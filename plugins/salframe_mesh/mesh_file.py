@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from salframe.framework.bounded import check_regular, read_start
+from salframe.framework.engines.process_pool import ProcessPool
 from salframe.framework.errors import DataError, RequirementMissing
-from salframe.framework.files import reading
-from salframe.framework.processes import ProcessPool
+from salframe.framework.files.bounded import check_regular, read_start
+from salframe.framework.files.reading import reading
 
 SUFFIXES = (".obj", ".glb", ".ply")
 _LARGEST_BYTES, _LONGEST_HEADER = 1 << 33, 1 << 16

@@ -8,12 +8,12 @@ from typing import Any, ClassVar
 import numpy as np
 from pydantic import Field
 
-from salframe.framework.config import ComponentConfig
+from salframe.framework.component import ComponentConfig
+from salframe.framework.components.identity import UserFile
 from salframe.framework.errors import InputMissing, WeightsMissing
-from salframe.framework.files import read_json
-from salframe.framework.identity import UserFile
+from salframe.framework.files.reading import read_json
+from salframe.framework.files.weights import Shipped, Weights, WeightsFile
 from salframe.framework.onnx import open_model
-from salframe.framework.weights import Shipped, Weights, WeightsFile
 from salframe.graphs.boxes import detections_from_points
 from salframe.graphs.detections import Detections
 from salframe.graphs.detector import Detector

@@ -14,11 +14,11 @@ from loky import cpu_count
 from pydantic import Field
 
 import salframe
-from salframe.framework.cache import cache_home
 from salframe.framework.component import Component
+from salframe.framework.engines.worker import ONE_THREAD, become_worker, work
+from salframe.framework.engines.worker_engine import WorkerEngine, WorkerProcess
 from salframe.framework.errors import ConfigError, RequirementMissing, WorkerDied, describe_error
-from salframe.framework.worker import ONE_THREAD, become_worker, work
-from salframe.framework.workers import WorkerEngine, WorkerProcess
+from salframe.framework.files.cache import cache_home
 
 QUIET = {
     "RAY_USAGE_STATS_ENABLED": "0",

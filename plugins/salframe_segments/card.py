@@ -8,9 +8,10 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
-from salframe.framework.config import Settings, read_yaml, validate
+from salframe.framework.config import read_yaml
 from salframe.framework.errors import WeightsMissing
-from salframe.framework.files import file_sha256
+from salframe.framework.files.hashes import file_sha256
+from salframe.framework.validation import Settings, validate
 
 SHIPPED = Path(__file__).with_name("cards")
 

@@ -10,10 +10,10 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from salframe.framework.config import ComponentConfig
+from salframe.framework.component import ComponentConfig
+from salframe.framework.components.identity import UserFile
 from salframe.framework.errors import InputMissing, WeightsMissing
-from salframe.framework.identity import UserFile
-from salframe.framework.weights import Link, Weights, WeightsFile
+from salframe.framework.files.weights import Link, Weights, WeightsFile
 from salframe.graphs.boxes import detections_where_known
 from salframe.graphs.detections import Detections
 from salframe.graphs.detector import Detector

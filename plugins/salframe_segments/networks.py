@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from salframe.framework.engines.worker import threads_allowed
 from salframe.framework.errors import WeightsMissing
-from salframe.framework.files import read_network
-from salframe.framework.worker import threads_allowed
+from salframe.framework.files.reading import read_network
 from salframe_segments.card import Card, Layout
 
 TFLITE = ".tflite"

@@ -31,7 +31,7 @@ from salframe.cli import (
     weights,
 )
 from salframe.cli.output import json_alone
-from salframe.framework.entry_points import COMMANDS, discover
+from salframe.framework.components.entry_points import COMMANDS, discover
 from salframe.framework.errors import SalframeError, describe_error
 
 
@@ -77,7 +77,7 @@ def _plugin_commands() -> dict[str, Any]:
     """The commands of plugins by name."""
     if not discover(COMMANDS):
         return {}  # and no registry is imported for `--help`
-    from salframe.framework.registry import load_commands
+    from salframe.framework.components.registry import load_commands
 
     commands, failures = load_commands()
     for failure in failures:

@@ -31,7 +31,7 @@ def build(
     """Build a map from the reference frames of a dataset and, where it has floor masks, their topology."""
     from salframe.cli.output import Bars, tell
     from salframe.evaluation.tables.text import format_bytes
-    from salframe.framework.installation import folder_bytes
+    from salframe.framework.components.installation import folder_bytes
     from salframe.topology.building_map import build_map
 
     with Bars() as bars:

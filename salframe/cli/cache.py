@@ -19,7 +19,7 @@ def info(as_json: Json = False) -> None:
     from dataclasses import asdict
 
     from salframe.evaluation.tables.text import format_bytes
-    from salframe.framework.cache import Cache
+    from salframe.framework.files.cache import Cache
 
     state = Cache().state()
     if as_json:
@@ -33,7 +33,7 @@ def info(as_json: Json = False) -> None:
 def clear() -> None:
     """Remove all entries of the cache; what is asked for again is computed again."""
     from salframe.evaluation.tables.text import format_bytes
-    from salframe.framework.cache import Cache
+    from salframe.framework.files.cache import Cache
 
     before = Cache().clear()
     print(f"{before.directory}: removed {before.entries} entries, {format_bytes(before.size_bytes)}")

@@ -14,9 +14,9 @@ app = typer.Typer(help="Look at datasets, and make the rendered ones.", no_args_
 def list_(as_json: Json = False) -> None:
     """List datasets and their presets."""
     from salframe.cli.tables import print_table
+    from salframe.framework.components.installation import list_components
+    from salframe.framework.components.presets import names, settings
     from salframe.framework.errors import SalframeError
-    from salframe.framework.installation import list_components
-    from salframe.framework.presets import names, settings
 
     summaries = {component.name: component.summary for component in list_components() if component.role == "dataset"}
     rows = []

@@ -12,12 +12,12 @@ from salframe.cli.options import Json
 from salframe.cli.output import print_json
 
 if TYPE_CHECKING:
-    from salframe.framework.settings import Setting
+    from salframe.framework.components.settings import Setting
 
 
 def methods(as_json: Json = False) -> None:
     """List what `--methods` takes, a line each: presets and localizers, whose they are, and what they lack to run."""
-    from salframe.framework.installation import list_names
+    from salframe.framework.components.installation import list_names
 
     found = list(list_names("localizer"))
     if as_json:
@@ -32,8 +32,8 @@ def methods(as_json: Json = False) -> None:
 def plugins(as_json: Json = False) -> None:
     """List every component: its role, name, version, package, and what it lacks to run; presets and commands too."""
     from salframe.cli.tables import print_table
-    from salframe.framework.installation import list_components
-    from salframe.framework.registry import load_commands, registry
+    from salframe.framework.components.installation import list_components
+    from salframe.framework.components.registry import load_commands, registry
 
     components = list(list_components())
     commands, broken = load_commands()
@@ -64,11 +64,11 @@ def show(
 ) -> None:
     """Show every setting of a preset or component: value, type and help. Settings of a slot's component follow it."""
     from salframe.cli.tables import print_table
+    from salframe.framework.components.installation import summary_of
+    from salframe.framework.components.presets import configure_default, names
+    from salframe.framework.components.registry import registry, unknown
+    from salframe.framework.components.settings import list_settings
     from salframe.framework.errors import UnknownName
-    from salframe.framework.installation import summary_of
-    from salframe.framework.presets import configure_default, names
-    from salframe.framework.registry import registry, unknown
-    from salframe.framework.settings import list_settings
 
     roles = registry().roles
     found = {role: configure_default(role, name) for role in roles if name in names(role)}
@@ -103,7 +103,7 @@ def _value(setting: Setting) -> str:
 def doctor(as_json: Json = False) -> None:
     """Check the installation: versions, plugins that failed to load, cache, weights. Exit 1 where a plugin failed."""
     from salframe.evaluation.tables.text import format_bytes
-    from salframe.framework.installation import diagnose
+    from salframe.framework.components.installation import diagnose
 
     found = diagnose()
     if as_json:

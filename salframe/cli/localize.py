@@ -75,8 +75,8 @@ def localize(
 def tell_decided(map: Path) -> None:
     """Tell what fills the slots of a map's localizer that are left to the data by default."""
     from salframe.cli.output import tell
-    from salframe.framework.config import components_in
-    from salframe.framework.defaults import auto_order
+    from salframe.framework.component import components_in
+    from salframe.framework.components.defaults import auto_order
     from salframe.localization.map import map_config
 
     for slot, inner in components_in(map_config(map)):

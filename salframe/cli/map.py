@@ -87,7 +87,7 @@ def show(
     ] = None,
 ) -> None:
     """Draw a map: floor, regions, nodes, edges with their lengths and azimuths."""
-    from salframe.topology.picture import draw_topology
+    from salframe.drawing.floor_picture import draw_topology
     from salframe.topology.store import open_topology
 
     output = output or map / "map.png"

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, cast, get_ty
 
 import typer
 
-from salframe.framework.defaults import default_of
+from salframe.framework.components.defaults import default_of
 
 if TYPE_CHECKING:
     from salframe.evaluation.runs.request import Request

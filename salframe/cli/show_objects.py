@@ -46,7 +46,7 @@ def show_objects(
     """Draw the objects that a detector finds in images: NAME.objects.png has outlines, labels and scores, the saliency
     graph from above, or without range the bearings, and a table. Exit 1 where an image could not be shown."""
     from salframe.cli.output import Bars
-    from salframe.graphs.show import show_objects
+    from salframe.drawing.show_objects import show_objects
 
     with Bars() as bars:
         shown = show_objects(

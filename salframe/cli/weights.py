@@ -22,9 +22,9 @@ def list_(as_json: Json = False) -> None:
     own), size and source, and whether they are at hand."""
     from salframe.cli.tables import print_table
     from salframe.evaluation.tables.text import format_bytes
+    from salframe.framework.components.installation import list_weights
+    from salframe.framework.components.registry import registry
     from salframe.framework.errors import failure_of
-    from salframe.framework.registry import registry
-    from salframe.framework.weights import list_weights
 
     rows = []
     for weights in list_weights(registry()):
@@ -42,9 +42,8 @@ def fetch(name: Name) -> None:
     """Download weights into salframe's cache, unless they are at hand, and verify them; their licence, and the terms of
     what they were trained on, are told on stderr."""
     from salframe.cli.output import Bars
-    from salframe.framework.installation import fetch_weights
-    from salframe.framework.registry import registry
-    from salframe.framework.weights import find_weights
+    from salframe.framework.components.installation import fetch_weights, find_weights
+    from salframe.framework.components.registry import registry
 
     typer.echo(f"{name}: {find_weights(name, registry()).terms}", err=True)
     with Bars() as bars:
@@ -56,8 +55,8 @@ def fetch(name: Name) -> None:
 @app.command()
 def where(name: Name) -> None:
     """Print the paths of weights that are at hand."""
-    from salframe.framework.registry import registry
-    from salframe.framework.weights import where as find
+    from salframe.framework.components.installation import where as find
+    from salframe.framework.components.registry import registry
 
     for path in find(name, registry()):
         print(path)

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from salframe.framework.component import Role
+from salframe.framework.components.registry import registry
 from salframe.framework.errors import InputMissing, InvalidAnswer
-from salframe.framework.registry import registry
 from salframe.navigation.episodes import Asked
 
 

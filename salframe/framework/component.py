@@ -6,11 +6,11 @@ import importlib.util
 from abc import ABC
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from salframe.framework.config import ComponentConfig, components_in
+from salframe.framework.component import ComponentConfig, components_in
 from salframe.framework.errors import RequirementMissing
 
 if TYPE_CHECKING:
-    from salframe.framework.weights import Weights
+    from salframe.framework.files.weights import Weights
 
 
 class Component(ABC):

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from salframe.framework.bounded import parse_yaml, read_bytes, why
 from salframe.framework.errors import ConfigError, SalframeError, describe_error, shorten
+from salframe.framework.files.bounded import parse_yaml, read_bytes, why
 
 if TYPE_CHECKING:
-    from salframe.framework.auto import Choice
     from salframe.framework.component import Component
+    from salframe.framework.components.auto import Choice
 
 ROLE = "role"
 """Key of a slot's `json_schema_extra`: the role of what it holds."""

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from salframe.framework.engines.worker import threads_allowed
 from salframe.framework.errors import WeightsMissing
-from salframe.framework.files import read_network
-from salframe.framework.worker import threads_allowed
+from salframe.framework.files.reading import read_network
 
 Shape = tuple[int | None, ...]
 """Lengths of a tensor's axes, the batch first; None for any length."""

@@ -11,8 +11,8 @@ import numpy as np
 from pydantic import Field
 
 from salframe.framework.arrays import check_array
-from salframe.framework.config import Settings
 from salframe.framework.errors import DataError
+from salframe.framework.validation import Settings
 from salframe.graphs.detections import Detections, unit_vectors
 
 REACH_M = 32.767

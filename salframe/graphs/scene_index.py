@@ -13,8 +13,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from salframe.framework.component import Role
-from salframe.framework.config import components_in
+from salframe.framework.component import Role, components_in
 from salframe.graphs.graph import SaliencyGraph
 
 

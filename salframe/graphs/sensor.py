@@ -11,9 +11,9 @@ from typing import Any, Final, Literal
 import numpy as np
 from pydantic import Field
 
-from salframe.framework.config import Settings
 from salframe.framework.errors import DataError
-from salframe.framework.files import read_json, read_model
+from salframe.framework.files.reading import read_json, read_model
+from salframe.framework.validation import Settings
 from salframe.graphs.vocabulary import common_label
 
 FORMAT: Final = "salframe sensor 1"

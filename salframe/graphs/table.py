@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from salframe.framework.columns import Columns, write_columns
 from salframe.framework.errors import DataError
+from salframe.framework.files.columns import Columns, write_columns
 from salframe.graphs.graph import SaliencyGraph
 from salframe.graphs.packing import (
     NODE,

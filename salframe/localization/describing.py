@@ -7,13 +7,14 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import lru_cache, partial
 from typing import Any
 
-from salframe.framework.auto import first_fit, needs_of
-from salframe.framework.bounded import parse_json
-from salframe.framework.cache import Cache
-from salframe.framework.config import ComponentConfig, components_in, validate
-from salframe.framework.engine import Engine
+from salframe.framework.component import ComponentConfig, components_in
+from salframe.framework.components.auto import first_fit, needs_of
+from salframe.framework.components.registry import registry
+from salframe.framework.engines.engine import Engine
 from salframe.framework.errors import FRAME_ERRORS, InputMissing
-from salframe.framework.registry import registry
+from salframe.framework.files.bounded import parse_json
+from salframe.framework.files.cache import Cache
+from salframe.framework.validation import validate
 from salframe.localization.localizer import Description, Localizer
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.frames import MapFrame, QueryFrame

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from salframe.framework.files import atomic_path
+from salframe.framework.files.writing import atomic_path
 from salframe.localization.localizer import Description
 from salframe.localization.map import LocalizationMap
 from salframe.localization.map_files import MapParts, read_map

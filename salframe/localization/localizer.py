@@ -11,12 +11,11 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from pydantic import BeforeValidator
 
-from salframe.framework.columns import Columns
-from salframe.framework.component import Role
-from salframe.framework.config import ComponentConfig, match_only
-from salframe.framework.identity import identity
-from salframe.framework.registry import registry
-from salframe.framework.slots import slot
+from salframe.framework.component import ComponentConfig, Role, match_only
+from salframe.framework.components.identity import identity
+from salframe.framework.components.registry import registry
+from salframe.framework.components.slots import slot
+from salframe.framework.files.columns import Columns
 from salframe.localization.answers import Localization, NodeMatches, PointMatches
 from salframe.localization.evidence import Evidence
 from salframe.localization.posterior import Posterior, read_fitted

@@ -10,11 +10,11 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from salframe.framework.cache import Cache
-from salframe.framework.config import ComponentConfig
+from salframe.framework.component import ComponentConfig
+from salframe.framework.components.installation import folder_bytes
+from salframe.framework.components.registry import registry
 from salframe.framework.errors import DataError, InvalidAnswer, describe_error
-from salframe.framework.installation import folder_bytes
-from salframe.framework.registry import registry
+from salframe.framework.files.cache import Cache
 from salframe.graphs.scene_index import scene_index_notes
 from salframe.localization.answers import Localization
 from salframe.localization.describing import check_parts, describe_ahead, describe_frame, suggest_components

@@ -16,13 +16,16 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, Field
 
-from salframe.framework.array_files import ArrayKind
-from salframe.framework.columns import Columns, Row, read_columns, write_columns
-from salframe.framework.config import ComponentConfig, Settings, validate
+from salframe.framework.component import ComponentConfig
+from salframe.framework.components.identity import identity
+from salframe.framework.components.registry import registry
 from salframe.framework.errors import ConfigError, DataError
-from salframe.framework.files import alone, file_sha256, naming, read_json, read_model, write_json
-from salframe.framework.identity import digest, identity
-from salframe.framework.registry import registry
+from salframe.framework.files.array_files import ArrayKind
+from salframe.framework.files.columns import Columns, Row, read_columns, write_columns
+from salframe.framework.files.hashes import digest, file_sha256
+from salframe.framework.files.reading import read_json, read_model
+from salframe.framework.files.writing import alone, naming, write_json
+from salframe.framework.validation import Settings, validate
 from salframe.localization.localizer import Localizer
 from salframe.localization.saved_frames import FRAME_COLUMNS, SavedFrames, frame_row
 from salframe.panoramas.floors import FLOORS, FloorMasks, read_floors, write_floors

@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from salframe.framework.config import Settings, merge, read_yaml
+from salframe.framework.config import merge, read_yaml
 from salframe.framework.errors import DataError
+from salframe.framework.validation import Settings
 from salframe.localization.answers import Localization, LocalizationStatus, ranked_places
 
 FEATURES = ("top_score", "top_probability", "margin", "log_objects")

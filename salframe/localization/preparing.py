@@ -6,12 +6,12 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
-from salframe.framework.auto import Choice
+from salframe.framework.components.auto import Choice
+from salframe.framework.components.defaults import default_of
+from salframe.framework.components.presets import Overrides, configure, settings, short_name
+from salframe.framework.components.registry import registry
 from salframe.framework.config import parse_override
-from salframe.framework.defaults import default_of
-from salframe.framework.engine import open_engine
-from salframe.framework.presets import Overrides, configure, settings, short_name
-from salframe.framework.registry import registry
+from salframe.framework.engines.engine import open_engine
 from salframe.localization.localizer import Localizer
 from salframe.panoramas.camera_height import units_note
 from salframe.panoramas.dataset import Dataset

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from salframe.framework.array_files import ArrayKind
-from salframe.framework.columns import Columns, Row
 from salframe.framework.errors import DataError
+from salframe.framework.files.array_files import ArrayKind
+from salframe.framework.files.columns import Columns, Row
 from salframe.localization.answers import RIGID_TOLERANCE
 from salframe.panoramas.frames import FrameKind, MapFrame
 from salframe.panoramas.geometry import are_rotations

@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from pydantic import Field
 
-from salframe.framework.config import Settings
 from salframe.framework.errors import DataError, NoRoute, UnknownName
-from salframe.framework.files import read_as
+from salframe.framework.files.reading import read_as
+from salframe.framework.validation import Settings
 from salframe.navigation.guide import Guide
 from salframe.navigation.world import World
 from salframe.topology.topological_map import NodeKind

@@ -8,9 +8,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from salframe.framework.config import ComponentConfig
+from salframe.framework.component import ComponentConfig
+from salframe.framework.components.registry import registry
 from salframe.framework.errors import NoRoute
-from salframe.framework.registry import registry
 from salframe.navigation.chart import Chart
 from salframe.topology.planner import Planner
 from salframe.topology.topological_map import MapEdge, MapNode, NodeKind, TopologicalMap

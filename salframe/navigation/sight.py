@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from salframe.framework.cache import Cache
 from salframe.framework.errors import FRAME_ERRORS, MethodFailed
+from salframe.framework.files.cache import Cache
 from salframe.localization.answers import LocalizationStatus
 from salframe.localization.describing import describe_frame
 from salframe.localization.localizer import Description, Localizer

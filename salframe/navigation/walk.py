@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from salframe.framework.config import Settings, added
-from salframe.framework.defaults import default_of
+from salframe.framework.component import added
+from salframe.framework.components.defaults import default_of
+from salframe.framework.components.slots import slot
 from salframe.framework.errors import NoRoute
-from salframe.framework.slots import slot
+from salframe.framework.validation import Settings
 from salframe.navigation.agent import Agent, Located
 from salframe.navigation.episodes import Episode, Site
 from salframe.navigation.guide import Guide

@@ -9,9 +9,10 @@ from typing import final
 import numpy as np
 
 from salframe.framework.component import Role
-from salframe.framework.engine import Engine
+from salframe.framework.components.identity import matching_settings
+from salframe.framework.engines.engine import Engine
 from salframe.framework.errors import InputMissing
-from salframe.framework.identity import digest, matching_settings
+from salframe.framework.files.hashes import digest
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.frames import Fold, Truth
 from salframe.panoramas.panorama import Panorama

@@ -9,10 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from salframe.framework.array_files import ArrayKind, check_arrays
 from salframe.framework.arrays import check_array
 from salframe.framework.errors import DataError
-from salframe.framework.files import read_arrays, write_arrays
+from salframe.framework.files.array_files import ArrayKind, check_arrays
+from salframe.framework.files.reading import read_arrays
+from salframe.framework.files.writing import write_arrays
 
 FLOORS = "floors.npz"
 _FLOOR = {

@@ -12,9 +12,11 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field, PositiveFloat, field_validator, model_validator
 
-from salframe.framework.config import Settings
 from salframe.framework.errors import DataError
-from salframe.framework.files import atomic_path, file_sha256, read_model, read_table, write_json
+from salframe.framework.files.hashes import file_sha256
+from salframe.framework.files.reading import read_model, read_table
+from salframe.framework.files.writing import atomic_path, write_json
+from salframe.framework.validation import Settings
 from salframe.panoramas import images
 from salframe.panoramas.dataset import MANIFEST
 from salframe.panoramas.floors import FloorMasks

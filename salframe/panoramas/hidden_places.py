@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from salframe.framework.config import match_only
+from salframe.framework.component import match_only
 from salframe.panoramas.floors import FloorMasks, find_floor
 from salframe.panoramas.frames import Fold, FrameKind, MapFrame, QueryFrame, Truth
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from salframe.framework.errors import DataError, one_line
-from salframe.framework.files import read_text
+from salframe.framework.files.reading import read_text
 
 _NAME_LENGTH = 32
 """Panoramas are named by 32 hexadecimal digits; a P line whose name is shorter is a portal."""

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from salframe.framework.errors import DataError
-from salframe.framework.files import atomic_path, read_image
+from salframe.framework.files.reading import read_image
+from salframe.framework.files.writing import atomic_path
 
 _PNG_COMPRESSION, _JPEG_QUALITY = 16, 1
 """cv2.IMWRITE_PNG_COMPRESSION, cv2.IMWRITE_JPEG_QUALITY: OpenCV is imported where it is used."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from pydantic import Field
 
-from salframe.framework.config import Settings
+from salframe.framework.validation import Settings
 from salframe.panoramas.geometry import pose_2d, transform_points
 from salframe.panoramas.panorama import Annotations, ObjectBoxes, Panorama
 

@@ -7,12 +7,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from salframe.framework.config import ComponentConfig, merge, parse_override
-from salframe.framework.defaults import default_of
-from salframe.framework.engine import Engine, open_engine
+from salframe.framework.component import ComponentConfig
+from salframe.framework.components.defaults import default_of
+from salframe.framework.components.presets import SUFFIXES, configure, names, nest_for, settings, short_name
+from salframe.framework.components.registry import registry
+from salframe.framework.config import merge, parse_override
+from salframe.framework.engines.engine import Engine, open_engine
 from salframe.framework.errors import DataError, UnknownName, unknown
-from salframe.framework.presets import SUFFIXES, configure, names, nest_for, settings, short_name
-from salframe.framework.registry import registry
 from salframe.panoramas.dataset import MANIFEST, Dataset
 from salframe.panoramas.folder import FolderDataset
 from salframe.panoramas.frames import MapFrame, QueryFrame

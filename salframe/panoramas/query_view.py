@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from salframe.framework.config import ComponentConfig, added
+from salframe.framework.component import ComponentConfig, added
+from salframe.framework.components.identity import settings_identity
 from salframe.framework.errors import InputMissing
-from salframe.framework.identity import digest, settings_identity
+from salframe.framework.files.hashes import digest
 from salframe.panoramas.frames import Fold, MapFrame, QueryFrame
 from salframe.panoramas.geometry import equirectangular_rays
 from salframe.panoramas.object_noise import AnnotationNoise, spoil_annotations

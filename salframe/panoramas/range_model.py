@@ -11,10 +11,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from salframe.framework.cache import Cache
 from salframe.framework.component import Role
+from salframe.framework.components.identity import identity
 from salframe.framework.errors import InputMissing, InvalidAnswer
-from salframe.framework.identity import identity
+from salframe.framework.files.cache import Cache
 from salframe.panoramas.geometry import peak_column
 from salframe.panoramas.panorama import Panorama
 

@@ -11,12 +11,14 @@ from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
 import numpy as np
 
-from salframe.framework.cache import cache_home
-from salframe.framework.config import ComponentConfig
-from salframe.framework.engine import open_engine
+from salframe.framework.component import ComponentConfig
+from salframe.framework.components.identity import identity
+from salframe.framework.engines.engine import open_engine
 from salframe.framework.errors import SalframeError, WorkerDied
-from salframe.framework.files import read_as, share_file, write_json
-from salframe.framework.identity import digest, identity
+from salframe.framework.files.cache import cache_home
+from salframe.framework.files.hashes import digest
+from salframe.framework.files.reading import read_as
+from salframe.framework.files.writing import share_file, write_json
 from salframe.panoramas.dataset import MANIFEST
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.folder import FolderDataset

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from salframe.framework.errors import DataError
-from salframe.framework.files import read_json
+from salframe.framework.files.reading import read_json
 from salframe.panoramas import images
 from salframe.panoramas.dataset import MANIFEST
 from salframe.panoramas.folder_format import IMAGE_KEYS, Folder

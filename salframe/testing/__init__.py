@@ -7,10 +7,10 @@ from collections.abc import Callable
 from pkgutil import resolve_name
 from typing import Any
 
-from salframe.framework.auto import Choice
-from salframe.framework.component import Component
-from salframe.framework.config import ComponentConfig, validate
-from salframe.framework.registry import registry
+from salframe.framework.component import Component, ComponentConfig
+from salframe.framework.components.auto import Choice
+from salframe.framework.components.registry import registry
+from salframe.framework.validation import validate
 from salframe.testing.asking import ConformanceError, DoesNotApply, expect
 from salframe.testing.datasets import DatasetRules
 from salframe.testing.declaration import check_config, check_declaration

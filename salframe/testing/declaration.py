@@ -6,11 +6,11 @@ import json
 
 from pydantic import ValidationError
 
-from salframe.framework import registry
-from salframe.framework.component import Component
-from salframe.framework.config import ComponentConfig
+from salframe.framework.component import Component, ComponentConfig
+from salframe.framework.components import registry
+from salframe.framework.components.identity import identity
 from salframe.framework.errors import SalframeError
-from salframe.framework.identity import digest, identity
+from salframe.framework.files.hashes import digest
 from salframe.testing.asking import ConformanceError, attempt, expect
 
 

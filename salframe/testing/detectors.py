@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from salframe.framework.identity import identity
+from salframe.framework.components.identity import identity
 from salframe.graphs.detections import Detections
 from salframe.graphs.detector import Detector
 from salframe.graphs.turning import turned_detections

@@ -6,7 +6,7 @@ import os
 from functools import cached_property
 from typing import Any
 
-from salframe.framework.engine import Engine
+from salframe.framework.engines.engine import Engine
 from salframe.framework.errors import WorkerDied
 from salframe.testing.asking import DoesNotApply, attempt, expect
 from salframe.testing.rules import Rules

@@ -14,9 +14,9 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
-from salframe.framework.component import Component
-from salframe.framework.config import ComponentConfig, holds_components
-from salframe.framework.identity import UserFile, digest, identity, matters_to_matching_only
+from salframe.framework.component import Component, ComponentConfig, holds_components
+from salframe.framework.components.identity import UserFile, identity, matters_to_matching_only
+from salframe.framework.files.hashes import digest
 from salframe.testing.asking import attempt, expect, same
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from salframe.framework.identity import digest
+from salframe.framework.files.hashes import digest
 from salframe.localization.answers import Localization, LocalizationStatus
 from salframe.localization.describing import complete_panorama, required_parts
 from salframe.localization.localizer import Description, Localizer

@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from salframe.framework.identity import identity
+from salframe.framework.components.identity import identity
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.range_model import RangeModel
 from salframe.testing.asking import ask, attempt, expect, same

@@ -11,7 +11,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from salframe.framework.columns import read_columns
+from salframe.framework.files.columns import read_columns
 from salframe.graphs.detections import Detections
 from salframe.graphs.graph import SaliencyGraph, without_range
 from salframe.graphs.matcher import GraphMatch, GraphMatcher, RankedGraphs

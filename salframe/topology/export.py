@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from salframe.framework.errors import ConfigError
-from salframe.framework.files import atomic_path, write_text
+from salframe.framework.files.writing import atomic_path, write_text
 from salframe.localization.export import export_scenes
 from salframe.topology.store import open_topology
 from salframe.topology.topological_map import TopologicalMap

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from salframe.framework.cache import Cache
 from salframe.framework.errors import ConfigError, DataError, UnknownName, shorten, unknown
+from salframe.framework.files.cache import Cache
 from salframe.localization.describing import describe_ahead
 from salframe.localization.localizer import Localizer
 from salframe.localization.map import LocalizationMap

@@ -9,9 +9,9 @@ from typing import cast
 
 import numpy as np
 
-from salframe.framework.defaults import default_of
+from salframe.framework.components.defaults import default_of
+from salframe.framework.components.registry import registry
 from salframe.framework.errors import DataError, NoRoute, UnknownName, unknown
-from salframe.framework.registry import registry
 from salframe.panoramas.floors import find_floor
 from salframe.panoramas.geometry import wrap_angle
 from salframe.topology.edges import joining_paths, make_edge

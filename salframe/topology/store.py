@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from salframe.framework.array_files import ArrayKind
-from salframe.framework.columns import Row
-from salframe.framework.config import Settings
 from salframe.framework.errors import DataError
-from salframe.framework.files import reading
+from salframe.framework.files.array_files import ArrayKind
+from salframe.framework.files.columns import Row
+from salframe.framework.files.reading import reading
+from salframe.framework.validation import Settings
 from salframe.localization.map_files import MapParts, read_map
 from salframe.panoramas.geometry import wrap_angle
 from salframe.topology.topological_map import MapEdge, MapNode, NodeKind, TopologicalMap, TopologySettings

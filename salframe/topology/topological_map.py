@@ -7,7 +7,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from salframe.framework.config import Settings
+from salframe.framework.validation import Settings
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.geometry import wrap_angle
 

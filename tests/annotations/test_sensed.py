@@ -10,10 +10,10 @@ import pytest
 from salframe_annotations.detector import MEASURED, AnnotationDetector, spoil
 from salframe_annotations.sensed import SENSORS, SensedNoise
 
-from salframe.framework.config import validate
+from salframe.framework.components.identity import identity
 from salframe.framework.errors import ConfigError, DataError
-from salframe.framework.files import file_sha256
-from salframe.framework.identity import identity
+from salframe.framework.files.hashes import file_sha256
+from salframe.framework.validation import validate
 from salframe.graphs.annotated import seen_objects
 from salframe.graphs.sensor import Errors, FalseObjects, FoundModel, Provenance, SensorModel, read_sensor
 from salframe.graphs.sightings import sightings

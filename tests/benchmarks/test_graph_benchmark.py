@@ -7,8 +7,8 @@ from salframe_house.building import change_building, generate_building
 from salframe_house.frames import choose_frames
 from salframe_house.render import Renderer
 
-from salframe.framework.presets import configure_default
-from salframe.framework.registry import registry
+from salframe.framework.components.presets import configure_default
+from salframe.framework.components.registry import registry
 from salframe.localization.describing import describe_frame
 from salframe.localization.localizer import Localizer
 from salframe.localization.map import LocalizationMap

@@ -9,8 +9,8 @@ from city import describe_rooms
 from salframe_graphs.localizer import SaliencyGraphLocalizer
 from salframe_graphs.places.localizer import SaliencyPlacesLocalizer
 
-from salframe.framework import files
-from salframe.framework.installation import folder_bytes
+from salframe.framework.components.installation import folder_bytes
+from salframe.framework.files import hashes
 from salframe.localization.map import LocalizationMap
 from salframe.panoramas.frames import MapFrame
 
@@ -55,7 +55,7 @@ def test_bytes_and_seconds(benchmark, method, scenes, mapped, indexed, tmp_path)
     benchmark.extra_info["bytes_per_scene"] = round(folder_bytes(tmp_path / "map") / count, 1)
 
     def open_anew():
-        files._hash.cache_clear()
+        hashes._hash.cache_clear()
         return LocalizationMap.open(tmp_path / "map", new_localizer(method))
 
     opened = benchmark.pedantic(open_anew, rounds=5, warmup_rounds=1)

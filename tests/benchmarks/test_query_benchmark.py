@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from salframe.framework.cache import Cache
+from salframe.framework.files.cache import Cache
 from salframe.localization.answers import Localization
 from salframe.localization.describing import describe_frame
 from salframe.localization.map import LocalizationMap

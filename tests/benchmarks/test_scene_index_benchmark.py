@@ -10,7 +10,7 @@ from city import city_of_houses
 from salframe_graphs.retrieval.compiled_lists import CompiledLists
 from salframe_graphs.retrieval.inverted_lists import InvertedLists
 
-from salframe.framework.installation import folder_bytes
+from salframe.framework.components.installation import folder_bytes
 
 pytestmark = pytest.mark.slow
 QUERIES, CANDIDATES = 200, 100

@@ -15,7 +15,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from salframe.evaluation.runs.request import Request, resolve
-from salframe.framework.engine import Engine, open_engine
+from salframe.framework.engines.engine import Engine, open_engine
 from salframe.localization.describing import describe_frames
 from salframe.panoramas.opening import configure_dataset, mapping_frames, open_dataset
 

@@ -16,7 +16,7 @@ import pytest
 from command_line import Result, run
 from tiny_folder import write_tiny_folder
 
-from salframe.framework.registry import registry
+from salframe.framework.components.registry import registry
 
 
 @pytest.fixture(scope="module")
@@ -205,7 +205,7 @@ BROKEN_PLUGINS = {
         "<class 'int'> is no component",
     ),
     "weights": (
-        "import salframe\nfrom salframe.framework.engine import Engine\n"
+        "import salframe\nfrom salframe.framework.engines.engine import Engine\n"
         "class E(Engine):\n    name, version = 'e', '1'\n    def weights(self): ...\n"
         "@salframe.hookimpl\ndef salframe_provides():\n    return [E]",
         "E.weights is function, expected a tuple",

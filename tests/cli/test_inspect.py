@@ -9,7 +9,7 @@ import pytest
 import yaml
 from command_line import run
 
-from salframe.framework.registry import registry
+from salframe.framework.components.registry import registry
 
 
 @pytest.fixture
@@ -21,7 +21,7 @@ def shipped(fakes, monkeypatch, tmp_path):
     (tmp_path / "presets" / "data").mkdir()
     (tmp_path / "presets" / "data" / "large.yaml").write_text("kind: rooms\nrooms: 50\n")
     (tmp_path / "shipped_presets.py").write_text(
-        "from pathlib import Path\nimport salframe\nfrom salframe.framework.registry import Presets\n"
+        "from pathlib import Path\nimport salframe\nfrom salframe.framework.components.registry import Presets\n"
         "@salframe.hookimpl\ndef salframe_provides():\n    return [Presets(Path(__file__).parent / 'presets')]\n"
     )
     monkeypatch.syspath_prepend(tmp_path)

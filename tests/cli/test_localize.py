@@ -11,7 +11,7 @@ from command_line import run
 from tiny_folder import write_tiny_folder
 
 from salframe.cli.localize import print_answer
-from salframe.framework.registry import registry
+from salframe.framework.components.registry import registry
 from salframe.localization.answers import Localization, RankedPlace
 from salframe.panoramas.images import write_color, write_ids
 from salframe.testing.rooms import query_frames, query_truths

@@ -8,7 +8,7 @@ import sys
 import pytest
 from command_line import run
 
-from salframe.framework.registry import registry
+from salframe.framework.components.registry import registry
 
 
 def modules_after(*arguments: str) -> set[str]:

@@ -14,8 +14,8 @@ from command_line import run
 from PIL import Image
 
 from salframe.evaluation.tables.text import format_bytes
-from salframe.framework.installation import folder_bytes
-from salframe.framework.registry import registry
+from salframe.framework.components.installation import folder_bytes
+from salframe.framework.components.registry import registry
 from salframe.topology.store import open_topology
 
 TOPOLOGY = Path(__file__).parent.parent / "topology"

@@ -14,7 +14,7 @@ import pytest
 from command_line import run
 
 from salframe.cli import output
-from salframe.framework.registry import registry
+from salframe.framework.components.registry import registry
 
 TESTS = Path(__file__).parent.parent
 SALFRAME = (sys.executable, "-c", "from salframe.cli import main; main()")

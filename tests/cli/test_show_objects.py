@@ -10,7 +10,7 @@ from command_line import run
 from PIL import Image
 from tiny_folder import write_tiny_folder
 
-from salframe.framework.registry import registry
+from salframe.framework.components.registry import registry
 from salframe.panoramas import images
 from salframe.panoramas.geometry import equirectangular_rays
 

@@ -13,11 +13,11 @@ from conformance import conforms
 from painted_plugin import without_range
 from painted_rooms import PLAIN, write_network
 
-from salframe.framework.auto import Choice
-from salframe.framework.defaults import defaults
+from salframe.framework.components.auto import Choice
+from salframe.framework.components.defaults import defaults
+from salframe.framework.components.presets import configure, settings
+from salframe.framework.components.registry import registry
 from salframe.framework.errors import InputMissing
-from salframe.framework.presets import configure, settings
-from salframe.framework.registry import registry
 from salframe.localization.describing import complete_panorama, describe_frame, required_parts
 from salframe.localization.map import LocalizationMap
 from salframe.panoramas.geometry import pose_errors

@@ -12,9 +12,9 @@ from salframe_depth import range_model
 from salframe_depth.range_model import OnnxDepth
 from salframe_depth.views import DepthRig
 
+from salframe.framework.components.identity import identity
+from salframe.framework.components.presets import configure
 from salframe.framework.errors import ConfigError, WeightsMissing
-from salframe.framework.identity import identity
-from salframe.framework.presets import configure
 from salframe.panoramas.geometry import equirectangular_rays
 from salframe.panoramas.panorama import Panorama
 from salframe.testing.rooms import EYE_M, ROOMS, halved, turned

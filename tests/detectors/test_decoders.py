@@ -11,8 +11,8 @@ from salframe_detectors.decoders import Yolov5
 from salframe_detectors.detection_decoder import DetectionDecoder, Found, Question
 from salframe_detectors.merging import suppress
 
+from salframe.framework.components.registry import registry
 from salframe.framework.errors import WeightsMissing
-from salframe.framework.registry import registry
 
 ASKED = Question(width_px=96, height_px=64, classes=3, min_score=0.25)
 BOXES = np.array([[10.0, 8.0, 30.0, 40.0], [50.0, 20.0, 90.0, 60.0]])

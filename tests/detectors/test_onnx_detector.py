@@ -10,10 +10,10 @@ from salframe_detectors.detector import OnnxDetector
 from salframe_detectors.zoo import COCO_80, ZOO
 from tiny_network import COLOURS, settings, write_network
 
+from salframe.framework.components.identity import identity
+from salframe.framework.components.presets import configure
+from salframe.framework.components.registry import registry
 from salframe.framework.errors import ConfigError, InputMissing, UnknownName, WeightsMissing
-from salframe.framework.identity import identity
-from salframe.framework.presets import configure
-from salframe.framework.registry import registry
 from salframe.localization.localizer import Localizer
 from salframe.localization.map import LocalizationMap
 from salframe.panoramas.frames import MapFrame, QueryFrame

@@ -12,12 +12,12 @@ from salframe_detectors.union import UnionDetector, unite
 from tiny_folder import write_tiny_folder
 from tiny_network import settings, write_network
 
-from salframe.framework.config import ComponentConfig, components_in
+from salframe.framework.component import ComponentConfig, components_in
+from salframe.framework.components.identity import identity
+from salframe.framework.components.presets import configure
+from salframe.framework.components.registry import registry
+from salframe.framework.components.settings import list_settings
 from salframe.framework.errors import ConfigError, WeightsMissing
-from salframe.framework.identity import identity
-from salframe.framework.presets import configure
-from salframe.framework.registry import registry
-from salframe.framework.settings import list_settings
 from salframe.graphs.detections import Detections
 from salframe.graphs.detector import Detector
 from salframe.graphs.turning import turned_detections
@@ -234,7 +234,7 @@ def test_what_is_no_list_of_detectors_is_refused_in_one_line(members, of, messag
 
 
 def test_auto_may_be_one_of_them(members):
-    from salframe.framework.auto import Choice
+    from salframe.framework.components.auto import Choice
 
     choice = Choice("mine", lambda: frozenset({"annotations"}))
     assert [one.kind for one in configure("detector", "union", {"of": ["auto", "listed"]}, (), choice).of] == [

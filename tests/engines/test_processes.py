@@ -15,9 +15,9 @@ import pytest
 from salframe_engines import Processes
 from work_items import answer
 
+from salframe.framework.engines.worker import ONE_THREAD
 from salframe.framework.errors import SalframeError, WorkerDied
-from salframe.framework.files import atomic_path
-from salframe.framework.worker import ONE_THREAD
+from salframe.framework.files.writing import atomic_path
 
 
 def sleep(marker: Path) -> None:

@@ -18,9 +18,9 @@ from salframe_ray import QUIET, Ray
 from work_items import answer
 
 import salframe
+from salframe.framework.components.registry import registry
+from salframe.framework.engines.worker import ONE_THREAD
 from salframe.framework.errors import ConfigError, RequirementMissing
-from salframe.framework.registry import registry
-from salframe.framework.worker import ONE_THREAD
 
 os.environ.update(QUIET)
 ray = pytest.importorskip("ray", reason="needs salframe[ray]")

@@ -13,14 +13,14 @@ import yaml
 
 from salframe.evaluation.runs.request import Request
 from salframe.evaluation.tasks.localization.task import compare
-from salframe.framework.registry import registry
+from salframe.framework.components.registry import registry
 
 TESTS = Path(__file__).parent.parent
 
 PRESETS = """
 from pathlib import Path
 import salframe
-from salframe.framework.registry import Presets
+from salframe.framework.hookspecs import Presets
 
 @salframe.hookimpl
 def salframe_provides():

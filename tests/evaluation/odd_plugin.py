@@ -8,7 +8,8 @@ from functools import partial
 import numpy as np
 
 import salframe
-from salframe.framework.config import ComponentConfig, Settings
+from salframe.framework.component import ComponentConfig
+from salframe.framework.validation import Settings
 from salframe.graphs.graph import SaliencyGraph
 from salframe.graphs.packing import graph_from_arrays, graph_to_arrays
 from salframe.localization.answers import Localization, LocalizationStatus, NodeMatches

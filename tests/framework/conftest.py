@@ -7,14 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from salframe.framework.entry_points import GROUP
+from salframe.framework.components.entry_points import GROUP
 
 HEAD = """
 from pathlib import Path
 import salframe
 from salframe.framework.component import Role
-from salframe.framework.config import ComponentConfig
-from salframe.framework.registry import Presets
+from salframe.framework.component import ComponentConfig
+from salframe.framework.hookspecs import Presets
 from salframe.graphs.saliency import SaliencyModel
 
 class Even(SaliencyModel):

@@ -5,21 +5,14 @@ from __future__ import annotations
 import pytest
 from pydantic import Field
 
-from salframe.framework.config import (
-    ComponentConfig,
-    Settings,
-    components_in,
-    merge,
-    nest,
-    parse_override,
-    read_yaml,
-    validate,
-)
-from salframe.framework.defaults import defaults
+from salframe.framework.component import ComponentConfig, components_in
+from salframe.framework.components.defaults import defaults
+from salframe.framework.components.identity import identity
+from salframe.framework.components.registry import registry
+from salframe.framework.components.slots import slot
+from salframe.framework.config import merge, nest, parse_override, read_yaml
 from salframe.framework.errors import ConfigError, UnknownName
-from salframe.framework.identity import identity
-from salframe.framework.registry import registry
-from salframe.framework.slots import slot
+from salframe.framework.validation import Settings, validate
 from salframe.graphs.saliency import SaliencyModel
 
 

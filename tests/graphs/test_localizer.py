@@ -8,11 +8,11 @@ from salframe_graphs.localizer import SaliencyGraphLocalizer
 from salframe_graphs.places.localizer import SaliencyPlacesLocalizer
 from salframe_graphs.retrieval.inverted_lists import InvertedLists
 
-from salframe.framework.config import validate
+from salframe.framework.components.identity import identity
+from salframe.framework.components.installation import folder_bytes
+from salframe.framework.components.presets import configure, settings
 from salframe.framework.errors import DataError, InputMissing
-from salframe.framework.identity import identity
-from salframe.framework.installation import folder_bytes
-from salframe.framework.presets import configure, settings
+from salframe.framework.validation import validate
 from salframe.graphs.detections import Detections
 from salframe.graphs.matcher import GraphMatcher
 from salframe.localization.describing import describe_frame

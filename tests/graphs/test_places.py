@@ -15,7 +15,7 @@ from salframe_graphs.places.outline import BINS
 from salframe_graphs.places.place_index import index_places
 from salframe_graphs.places.rates import Likelihood, shipped_rates
 
-from salframe.framework.identity import identity
+from salframe.framework.components.identity import identity
 from salframe.graphs.detections import unit_vectors
 from salframe.localization.describing import describe_frame
 from salframe.localization.map import LocalizationMap

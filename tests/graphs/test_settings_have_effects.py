@@ -7,10 +7,11 @@ import pytest
 from salframe_graphs.places.localizer import OUTLINE, SaliencyPlacesLocalizer
 from salframe_graphs.places.outline import BINS
 
-from salframe.framework.config import merge, validate
-from salframe.framework.identity import identity
-from salframe.framework.presets import configure, settings
-from salframe.framework.settings import list_settings
+from salframe.framework.components.identity import identity
+from salframe.framework.components.presets import configure, settings
+from salframe.framework.components.settings import list_settings
+from salframe.framework.config import merge
+from salframe.framework.validation import validate
 from salframe.graphs.detections import Detections, unit_vectors
 from salframe.graphs.graph import GraphConfig, build_graph
 from salframe.graphs.packing import graph_to_arrays

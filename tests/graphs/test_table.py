@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from salframe.framework.columns import read_columns, write_columns
 from salframe.framework.errors import DataError
+from salframe.framework.files.columns import read_columns, write_columns
 from salframe.graphs.graph import SaliencyGraph
 from salframe.graphs.packing import graph_from_arrays, graph_to_arrays, pack_graph, unpack_graph
 from salframe.graphs.table import HeldGraphs, MappedGraphs, write_graphs

@@ -15,9 +15,9 @@ from salframe_graphs.triplet import TripletMatcher
 from salframe_graphs.verification import ScaleBound, verify
 from scipy.sparse import random_array
 
-from salframe.framework.columns import read_columns
-from salframe.framework.config import validate
 from salframe.framework.errors import ConfigError, RequirementMissing
+from salframe.framework.files.columns import read_columns
+from salframe.framework.validation import validate
 from salframe.graphs.detections import Detections
 from salframe.graphs.graph import GraphConfig, SaliencyGraph, build_graph, without_range
 from salframe.graphs.matcher import GraphMatch

@@ -10,8 +10,8 @@ import pytest
 from salframe_house.dataset import House
 from salframe_house.rendering import buildings
 
+from salframe.framework.components.presets import configure, settings
 from salframe.framework.errors import ConfigError, DataError
-from salframe.framework.presets import configure, settings
 from salframe.panoramas.geometry import equirectangular_rays
 from salframe.panoramas.panorama import VISIBLE_PIXELS
 

@@ -12,7 +12,7 @@ from salframe_house.furniture import CLASSES
 from salframe_house.mobility import RATES, appears, mobile_first, rate_of
 from salframe_house.placement import PlacedObject
 
-from salframe.framework.identity import identity
+from salframe.framework.components.identity import identity
 
 
 def objects(**counts):

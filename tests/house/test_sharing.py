@@ -10,7 +10,7 @@ import pytest
 from salframe_engines import Inline
 from salframe_house.dataset import House
 
-from salframe.framework.identity import digest
+from salframe.framework.files.hashes import digest
 
 BASE = {"rooms": 4, "height": 64, "queries_per_room": 1}
 OTHERS = {

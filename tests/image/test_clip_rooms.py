@@ -8,8 +8,8 @@ from compass import HEIGHT
 from conformance import conforms
 from salframe_image.clip import MEAN, STD, ClipRooms, room_type
 
+from salframe.framework.components.identity import identity
 from salframe.framework.errors import InputMissing, WeightsMissing
-from salframe.framework.identity import identity
 from salframe.localization.map import LocalizationMap
 from salframe.panoramas.frames import FrameKind, MapFrame, QueryFrame
 from salframe.panoramas.panorama import Panorama

@@ -8,11 +8,11 @@ from salframe_image.localizer import ImageFeatures, peak_rad
 from salframe_image.network_input import as_batch
 from salframe_image.networks import EfficientNetLite0, OwnNetwork
 
+from salframe.framework.components.identity import identity
+from salframe.framework.components.presets import configure as configure_preset
+from salframe.framework.components.presets import settings
+from salframe.framework.components.registry import registry
 from salframe.framework.errors import InputMissing, WeightsMissing
-from salframe.framework.identity import identity
-from salframe.framework.presets import configure as configure_preset
-from salframe.framework.presets import settings
-from salframe.framework.registry import registry
 from salframe.localization.map import LocalizationMap
 from salframe.panoramas.frames import MapFrame, QueryFrame
 from salframe.panoramas.geometry import pose_2d, pose_yaw, wrap_angle

@@ -8,9 +8,10 @@ from salframe_keypoints.feature_matcher import FeatureMatcher
 from salframe_keypoints.localizer import Keypoints
 from scipy.ndimage import map_coordinates, zoom
 
-from salframe.framework.config import ComponentConfig, validate
+from salframe.framework.component import ComponentConfig
+from salframe.framework.components.registry import registry
 from salframe.framework.errors import RequirementMissing, WeightsMissing
-from salframe.framework.registry import registry
+from salframe.framework.validation import validate
 from salframe.panoramas.frames import MapFrame, QueryFrame
 from salframe.panoramas.geometry import equirectangular_rays
 from salframe.panoramas.panorama import Panorama

@@ -9,7 +9,7 @@ from salframe_keypoints.descriptors import DescriptorMatcher
 from salframe_keypoints.feature_matcher import View
 
 import salframe
-from salframe.framework.config import ComponentConfig
+from salframe.framework.component import ComponentConfig
 
 PATCH_PX = 17
 

@@ -14,8 +14,8 @@ from tiny_folder import write_tiny_folder
 
 from salframe.evaluation.runs.request import Request
 from salframe.evaluation.tasks.localization.task import compare
+from salframe.framework.components.presets import configure, settings
 from salframe.framework.errors import RequirementMissing, WeightsMissing
-from salframe.framework.presets import configure, settings
 from salframe.localization.map import LocalizationMap
 from salframe.panoramas.frames import QueryFrame
 from salframe.panoramas.geometry import pose_2d, pose_errors

@@ -10,11 +10,11 @@ from conformance import conforms
 from salframe_keypoints.localizer import Keypoints
 from salframe_keypoints.loftr_compact import FOLDER, STATE
 
-from salframe.framework.cache import Cache
-from salframe.framework.config import validate
+from salframe.framework.components.identity import identity
+from salframe.framework.components.registry import registry
 from salframe.framework.errors import ConfigError, RequirementMissing, UnknownName, WeightsMissing
-from salframe.framework.identity import identity
-from salframe.framework.registry import registry
+from salframe.framework.files.cache import Cache
+from salframe.framework.validation import validate
 from salframe.localization.describing import describe_frame
 from salframe.localization.map import LocalizationMap
 from salframe.panoramas.frames import QueryFrame

@@ -15,8 +15,8 @@ from salframe_keypoints.localizer import Keypoints
 from salframe_keypoints.networks import LightGlue
 from salframe_keypoints.sift import Sift
 
+from salframe.framework.components.registry import registry
 from salframe.framework.errors import ConfigError, RequirementMissing, WeightsMissing
-from salframe.framework.registry import registry
 from salframe.localization.map import LocalizationMap
 from salframe.panoramas.geometry import pose_2d
 from salframe.panoramas.perspective import ViewRig

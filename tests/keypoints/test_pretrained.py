@@ -15,9 +15,9 @@ from salframe_keypoints.feature_matcher import View
 from salframe_keypoints.localizer import Keypoints
 from salframe_keypoints.superpoint import SuperPointNearest
 
-from salframe.framework.cache import Cache
+from salframe.framework.components.registry import registry
 from salframe.framework.errors import ConfigError, RequirementMissing, WeightsMissing
-from salframe.framework.registry import registry
+from salframe.framework.files.cache import Cache
 from salframe.localization.map import LocalizationMap
 from salframe.panoramas.frames import QueryFrame
 from salframe.panoramas.geometry import pose_2d

@@ -10,7 +10,7 @@ from conformance import conforms
 from plain_room import EYE_M
 from salframe_lines.localizer import Lines
 
-from salframe.framework.identity import identity
+from salframe.framework.components.identity import identity
 from salframe.localization.map import LocalizationMap
 from salframe.panoramas.frames import MapFrame
 from salframe.panoramas.geometry import pose_2d, pose_errors

@@ -11,11 +11,11 @@ import pytest
 from fake_plugin import Reader, Rooms
 from scipy.spatial.transform import Rotation
 
-from salframe.framework.cache import Cache
+from salframe.framework.components.identity import UserFile
+from salframe.framework.components.installation import folder_bytes
+from salframe.framework.components.registry import registry
 from salframe.framework.errors import ConfigError, DataError, InputMissing, UnknownName
-from salframe.framework.identity import UserFile
-from salframe.framework.installation import folder_bytes
-from salframe.framework.registry import registry
+from salframe.framework.files.cache import Cache
 from salframe.localization.describing import describe_frame
 from salframe.localization.localizer import Localizer
 from salframe.localization.map import LocalizationMap, open_map

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from salframe.framework.config import validate
 from salframe.framework.errors import ConfigError, DataError
+from salframe.framework.validation import validate
 from salframe.localization.answers import Localization, RankedPlace
 from salframe.localization.posterior import (
     Head,

@@ -7,8 +7,8 @@ from salframe_matterport.dataset import MatterportAnnotations
 from salframe_matterport.readers import boxes_path
 from salframe_matterport.scenes import read_scenes
 
-from salframe.framework.config import validate
 from salframe.framework.errors import ConfigError, DataError
+from salframe.framework.validation import validate
 from salframe.panoramas.frames import QueryFrame
 from salframe.panoramas.geometry import pose_yaw, transform_points
 

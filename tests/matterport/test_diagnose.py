@@ -8,7 +8,7 @@ from salframe_matterport.scenes import Scene
 
 from salframe.evaluation.runs.request import Resolved
 from salframe.evaluation.runs.run_folder import ROWS, Run
-from salframe.framework.registry import registry
+from salframe.framework.components.registry import registry
 from salframe.panoramas.geometry import pose_2d
 
 OBJECTS = {

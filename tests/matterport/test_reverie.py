@@ -14,8 +14,8 @@ from salframe_matterport.reverie import Reverie, read_episodes, walking_distance
 
 from salframe.evaluation.runs.request import Request
 from salframe.evaluation.studies.experiment import run_experiment
+from salframe.framework.components.registry import registry
 from salframe.framework.errors import DataError, UnknownName
-from salframe.framework.registry import registry
 
 # A corridor a - b - c of 3 m and 4 m, a stair b - d of (0, 3, 4), 5 m, and e that no way leads to. f is not included.
 #   a --3-- b --4-- c

@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import Field
 
 import salframe
-from salframe.framework.config import ComponentConfig
+from salframe.framework.component import ComponentConfig
 from salframe.framework.errors import WeightsMissing
 from salframe.localization.answers import Localization, LocalizationStatus
 from salframe.localization.localizer import Description, Localizer

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from salframe.framework.registry import registry
+from salframe.framework.components.registry import registry
 from salframe.navigation.world import open_worlds
 
 HERE = Path(__file__).parent

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from salframe_objects.localizer import ObjectSetLocalizer, SalientObjectsLocalizer
 
-from salframe.framework.identity import identity
-from salframe.framework.presets import configure, settings
+from salframe.framework.components.identity import identity
+from salframe.framework.components.presets import configure, settings
 from salframe.graphs.detections import Detections
 from salframe.localization.map import LocalizationMap
 from salframe.panoramas.frames import MapFrame

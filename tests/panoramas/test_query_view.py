@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tiny_folder import write_tiny_folder
 
-from salframe.framework.config import ComponentConfig
+from salframe.framework.component import ComponentConfig
 from salframe.framework.errors import InputMissing
 from salframe.panoramas.folder import FolderDataset
 from salframe.panoramas.geometry import pixel_solid_angles

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from salframe.framework.cache import Cache
-from salframe.framework.config import ComponentConfig
+from salframe.framework.component import ComponentConfig
 from salframe.framework.errors import DataError, InputMissing, InvalidAnswer
+from salframe.framework.files.cache import Cache
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.range_model import RangeModel, estimate_range, from_bright_side
 

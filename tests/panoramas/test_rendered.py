@@ -17,11 +17,11 @@ import numpy as np
 import pytest
 from salframe_engines import Inline, Processes
 
-from salframe.framework.cache import Cache
-from salframe.framework.config import ComponentConfig
+from salframe.framework.component import ComponentConfig
 from salframe.framework.errors import DataError, SalframeError
-from salframe.framework.files import atomic_path
-from salframe.framework.identity import digest
+from salframe.framework.files.cache import Cache
+from salframe.framework.files.hashes import digest
+from salframe.framework.files.writing import atomic_path
 from salframe.localization.answers import Localization, LocalizationStatus
 from salframe.localization.describing import describe_frame
 from salframe.localization.localizer import Localizer

@@ -13,10 +13,10 @@ from salframe_house.render import Renderer
 from salframe_panoseg.detector import PANOSEG, PanoSegDetector
 
 from salframe.evaluation.tasks.detection.judging import count_right
+from salframe.framework.components.identity import identity
+from salframe.framework.components.presets import configure
+from salframe.framework.components.registry import registry
 from salframe.framework.errors import InputMissing, WeightsMissing
-from salframe.framework.identity import identity
-from salframe.framework.presets import configure
-from salframe.framework.registry import registry
 from salframe.graphs.detections import Detections
 from salframe.panoramas.geometry import pose_2d, transform_points, wrap_angle
 from salframe.panoramas.panorama import Annotations, Panorama

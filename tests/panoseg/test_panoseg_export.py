@@ -13,8 +13,8 @@ pytest.importorskip("onnxscript", reason="the network is exported by torch: salf
 from salframe_panoseg.classes import CHANNELS, HEIGHT  # noqa: E402
 from salframe_panoseg.detector import OUTPUTS  # noqa: E402
 
+from salframe.framework.files.hashes import file_sha256  # noqa: E402
 from salframe.framework.onnx import open_model  # noqa: E402
-from salframe.framework.weights import file_sha256  # noqa: E402
 from training.panoseg.export import DOUBT, doubled, export  # noqa: E402
 from training.panoseg.network import PanoSeg  # noqa: E402
 

@@ -22,10 +22,10 @@ from salframe.evaluation.runs.request import Request
 from salframe.evaluation.runs.run_folder import Run
 from salframe.evaluation.studies.study import plan, read_study
 from salframe.evaluation.tasks.localization.rows import AnswerRow
-from salframe.framework.cache import Cache
-from salframe.framework.files import file_sha256
+from salframe.framework.components.presets import configure_default
+from salframe.framework.files.cache import Cache
+from salframe.framework.files.hashes import file_sha256
 from salframe.framework.onnx import open_model
-from salframe.framework.presets import configure_default
 from salframe.localization.map import open_map
 from salframe.localization.map_files import MAP
 from salframe.navigation.episodes import read_asked

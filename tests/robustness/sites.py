@@ -21,7 +21,7 @@ from small_map import write_small_map
 from small_plugin import NUMBERS
 from tiny_folder import write_tiny_folder
 
-from salframe.framework.registry import registry
+from salframe.framework.components.registry import registry
 
 TESTS = Path(__file__).parent.parent
 PLUGINS = "fake_plugin,doored_plugin,small_plugin,salframe_engines,salframe_annotations,salframe_objects"

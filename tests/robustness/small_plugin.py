@@ -10,7 +10,7 @@ import numpy as np
 from fake_plugin import Reader
 
 import salframe
-from salframe.framework.weights import Download, Weights, WeightsFile
+from salframe.framework.files.weights import Download, Weights, WeightsFile
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.panorama import Annotations, Panorama
 from salframe.panoramas.rendered import FrameSpec, RenderedDataset

@@ -14,7 +14,8 @@ from command_line import run
 from tiny_folder import write_tiny_folder
 
 from salframe.framework.errors import DataError
-from salframe.framework.files import file_sha256, write_json
+from salframe.framework.files.hashes import file_sha256
+from salframe.framework.files.writing import write_json
 from salframe.panoramas.folder_format import Folder, write_objects
 from salframe.topology.store import open_topology
 

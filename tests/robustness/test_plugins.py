@@ -48,7 +48,7 @@ MODULES = {
         "localizer 'reader' of twin is already provided by fake_plugin",
     ),
     "careless": (
-        "from salframe.framework.config import ComponentConfig\nclass Careless(Reader):\n    name = 'careless'\n"
+        "from salframe.framework.component import ComponentConfig\nclass Careless(Reader):\n    name = 'careless'\n"
         "    class Config(ComponentConfig):\n        depth: int",
         "Careless",
         "Careless.Config has no default for depth, expected one for every setting",

@@ -13,10 +13,10 @@ from colour_network import COLOURS
 from command_line import run
 from salframe_segments import card, detector
 
+from salframe.framework.components.presets import configure
+from salframe.framework.components.registry import registry
 from salframe.framework.errors import RequirementMissing, WeightsMissing
-from salframe.framework.presets import configure
-from salframe.framework.registry import registry
-from salframe.framework.weights import Link, WeightsFile
+from salframe.framework.files.weights import Link, WeightsFile
 from salframe.panoramas.panorama import Panorama
 
 

@@ -9,9 +9,9 @@ from colour_network import COLOURS, write_card, write_network
 from conformance import conforms
 from salframe_segments.detector import SegmentsDetector
 
+from salframe.framework.components.identity import identity
+from salframe.framework.components.presets import configure
 from salframe.framework.errors import ConfigError, InputMissing, WeightsMissing
-from salframe.framework.identity import identity
-from salframe.framework.presets import configure
 from salframe.panoramas.geometry import column_azimuth, equirectangular_rays, row_elevation, wrap_angle
 from salframe.panoramas.panorama import Panorama
 from salframe.testing.rooms import turned

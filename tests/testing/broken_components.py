@@ -17,9 +17,10 @@ from salframe_graphs.positioning import RobustPositioner
 from salframe_graphs.saliency import VolumetricSaliency
 from salframe_objects.localizer import ObjectSetLocalizer
 
-from salframe.framework.config import ComponentConfig, Settings, match_only
+from salframe.framework.component import ComponentConfig, match_only
+from salframe.framework.components.identity import UserFile, identity
 from salframe.framework.errors import DataError, WorkerDied
-from salframe.framework.identity import UserFile, identity
+from salframe.framework.validation import Settings
 from salframe.graphs.detections import Detections
 from salframe.localization.positioner import PoseEstimate
 from salframe.panoramas.geometry import pose_2d

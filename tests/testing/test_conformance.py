@@ -16,13 +16,14 @@ from conformance import breaks, conforms
 from salframe_annotations.detector import AnnotationDetector
 from tiny_folder import write_tiny_folder
 
-from salframe.framework.component import Role
-from salframe.framework.config import Settings, match_only, merge
+from salframe.framework.component import Role, match_only
+from salframe.framework.components.identity import UserFile
+from salframe.framework.components.presets import configure, settings
+from salframe.framework.components.registry import registry
+from salframe.framework.components.slots import slot, slots
+from salframe.framework.config import merge
 from salframe.framework.errors import DataError
-from salframe.framework.identity import UserFile
-from salframe.framework.presets import configure, settings
-from salframe.framework.registry import registry
-from salframe.framework.slots import slot, slots
+from salframe.framework.validation import Settings
 from salframe.panoramas.geometry import rays_to_pixels
 from salframe.testing import ConformanceError
 from salframe.testing.identities import _user_files, another_config, check_files

@@ -19,9 +19,9 @@ import pytest
 from fake_plugin import Reader
 from killing import kill_at, killed, start
 
-from salframe.framework.cache import Cache
+from salframe.framework.components.registry import registry
 from salframe.framework.errors import ConfigError, DataError, UnknownName
-from salframe.framework.registry import registry
+from salframe.framework.files.cache import Cache
 from salframe.localization.map import open_map
 from salframe.localization.map_files import write_map
 from salframe.panoramas.frames import QueryFrame

@@ -16,8 +16,8 @@ from pathlib import Path
 import pytest
 from killing import kill_at, killed, start
 
+from salframe.framework.components.registry import registry
 from salframe.framework.errors import DataError
-from salframe.framework.registry import registry
 from salframe.localization.map import open_map
 from salframe.panoramas.frames import QueryFrame
 from salframe.panoramas.opening import find_dataset, find_frame

@@ -11,7 +11,7 @@ import pytest
 from salframe_matterport.habitat_maps import maps_path, read_floor
 from salframe_matterport.readers import connectivity_path, read_connectivity, read_regions, regions_path
 
-from salframe.framework.files import read_json
+from salframe.framework.files.reading import read_json
 from salframe.panoramas.frames import MapFrame
 from salframe.topology.build import build_topology
 

@@ -13,13 +13,13 @@ from PIL import Image
 from plans import block, frame, two_rooms
 from salframe_house.building import generate_building
 
+from salframe.drawing.floor_picture import draw_topology
 from salframe.framework.errors import ConfigError, DataError
 from salframe.localization.map_files import write_map
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.frames import FrameKind
 from salframe.topology.build import build_topology
 from salframe.topology.export import export_map
-from salframe.topology.picture import draw_topology
 from salframe.topology.store import open_topology, write_topology
 from salframe.topology.topological_map import TopologicalMap
 

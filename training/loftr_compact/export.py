@@ -12,7 +12,7 @@ from kornia.feature.loftr import loftr
 from salframe_keypoints.loftr_compact import FILES, FINE_STRIDE_PX, LARGEST_PX, STATE, STRIDE_PX
 from torch import Tensor, nn
 
-from salframe.framework.files import atomic_path
+from salframe.framework.files.writing import atomic_path
 
 OPSET = 18
 

@@ -10,10 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from salframe.framework.cache import cache_home
-from salframe.framework.files import read_arrays, write_arrays
-from salframe.framework.identity import digest
-from salframe.framework.processes import ProcessPool
+from salframe.framework.engines.process_pool import ProcessPool
+from salframe.framework.files.cache import cache_home
+from salframe.framework.files.hashes import digest
+from salframe.framework.files.reading import read_arrays
+from salframe.framework.files.writing import write_arrays
 from salframe.panoramas.geometry import pose_2d
 from training.loftr_compact.settings import Panoramas
 

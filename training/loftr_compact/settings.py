@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from salframe.framework.config import Settings
+from salframe.framework.validation import Settings
 
 
 class Panoramas(Settings):

@@ -18,7 +18,8 @@ from kornia.feature.loftr import loftr
 from torch.utils.data import DataLoader, Dataset
 
 from salframe.framework.errors import ConfigError
-from salframe.framework.files import atomic_path, read_json, write_json
+from salframe.framework.files.reading import read_json
+from salframe.framework.files.writing import atomic_path, write_json
 from training.loftr_compact.network import build, losses
 from training.loftr_compact.panoramas import Shot, read_rooms
 from training.loftr_compact.settings import Stage, Training

@@ -13,8 +13,8 @@ from salframe_panoseg.detector import OUTPUTS
 from torch import Tensor, nn
 from torch.nn import functional
 
-from salframe.framework.files import atomic_path, write_json
-from salframe.framework.weights import file_sha256
+from salframe.framework.files.hashes import file_sha256
+from salframe.framework.files.writing import atomic_path, write_json
 from training.panoseg.network import PanoSeg
 
 DOUBT = 4.0

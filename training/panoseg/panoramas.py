@@ -14,8 +14,9 @@ from salframe_house.building import generate_building
 from salframe_house.lighting import CONDITIONS
 from salframe_house.render import Renderer
 
-from salframe.framework.files import read_json, write_json
-from salframe.framework.processes import ProcessPool
+from salframe.framework.engines.process_pool import ProcessPool
+from salframe.framework.files.reading import read_json
+from salframe.framework.files.writing import write_json
 from salframe.panoramas.geometry import pose_2d
 from salframe.panoramas.images import read_color, read_ids, read_range, write_color, write_ids, write_range
 

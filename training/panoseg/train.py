@@ -27,9 +27,9 @@ from torch import Tensor
 from torch.nn import functional
 from torch.utils.data import DataLoader
 
-from salframe.framework.cache import cache_home
-from salframe.framework.files import atomic_path
-from salframe.framework.weights import file_sha256
+from salframe.framework.files.cache import cache_home
+from salframe.framework.files.hashes import file_sha256
+from salframe.framework.files.writing import atomic_path
 from training.panoseg.export import export
 from training.panoseg.network import PanoSeg
 from training.panoseg.panoramas import read_instances, render_panoramas

@@ -19,10 +19,10 @@ import typer
 from salframe_panoseg.detector import PanoSegDetector
 from salframe_segments.detector import SegmentsDetector
 
+from salframe.framework.components.presets import configure
+from salframe.framework.components.registry import registry
 from salframe.framework.config import merge, nest, parse_override
 from salframe.framework.errors import SalframeError
-from salframe.framework.presets import configure
-from salframe.framework.registry import registry
 from salframe.graphs.detections import Detections
 from salframe.graphs.detector import Detector
 from salframe.panoramas.geometry import rays_to_pixels

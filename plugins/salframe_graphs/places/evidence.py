@@ -7,7 +7,8 @@ from functools import cache
 import numpy as np
 from pydantic import Field
 
-from salframe.framework.config import Settings, read_yaml, validate
+from salframe.framework.config import read_yaml
+from salframe.framework.validation import Settings, validate
 from salframe.graphs.segments import ranges
 from salframe_graphs.node_pairs import label_counts
 from salframe_graphs.places.place_index import PlaceIndex

@@ -11,10 +11,12 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BeforeValidator, Field
 
-from salframe.framework.columns import Columns
-from salframe.framework.config import ComponentConfig, Settings, match_only, merge, read_yaml, validate
-from salframe.framework.registry import registry
-from salframe.framework.slots import slot
+from salframe.framework.component import ComponentConfig, match_only
+from salframe.framework.components.registry import registry
+from salframe.framework.components.slots import slot
+from salframe.framework.config import merge, read_yaml
+from salframe.framework.files.columns import Columns
+from salframe.framework.validation import Settings, validate
 from salframe.graphs.graph import SaliencyGraph, without_positions
 from salframe.graphs.packing import graph_from_arrays
 from salframe.graphs.scene_index import SceneIndex

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from salframe.framework.array_files import ArrayKind
-from salframe.framework.columns import Column, read_columns, write_columns
+from salframe.framework.files.array_files import ArrayKind
+from salframe.framework.files.columns import Column, read_columns, write_columns
 from salframe.graphs.graph import SaliencyGraph
 from salframe.panoramas.floors import Regions
 from salframe.panoramas.frames import MapFrame

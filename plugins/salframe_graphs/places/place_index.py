@@ -9,8 +9,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from salframe.framework.array_files import ArrayKind
-from salframe.framework.columns import Column, Row
+from salframe.framework.files.array_files import ArrayKind
+from salframe.framework.files.columns import Column, Row
 from salframe.graphs.segments import Segments, ranges
 from salframe.graphs.table import count_having
 from salframe.panoramas.geometry import as_complex

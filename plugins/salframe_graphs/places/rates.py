@@ -7,7 +7,8 @@ from pathlib import Path
 
 from pydantic import Field
 
-from salframe.framework.config import Settings, read_yaml, validate
+from salframe.framework.config import read_yaml
+from salframe.framework.validation import Settings, validate
 
 SHIPPED = Path(__file__).with_name("fitted.yaml")
 """What `salframe fit` wrote, on tuning data (training/places)."""

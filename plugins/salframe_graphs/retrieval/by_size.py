@@ -9,9 +9,10 @@ from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
-from salframe.framework.config import Settings
 from salframe.framework.errors import DataError
-from salframe.framework.files import new_folder, read_model, write_json
+from salframe.framework.files.reading import read_model
+from salframe.framework.files.writing import new_folder, write_json
+from salframe.framework.validation import Settings
 from salframe.graphs.graph import SaliencyGraph
 from salframe.graphs.scene_index import SceneCandidates, SceneIndex
 from salframe_graphs.retrieval.compiled_lists import CompiledLists

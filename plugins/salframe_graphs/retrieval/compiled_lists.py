@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from salframe.framework.config import match_only
+from salframe.framework.component import match_only
 from salframe.framework.errors import DataError
-from salframe.framework.files import new_folder
+from salframe.framework.files.writing import new_folder
 from salframe.graphs.graph import SaliencyGraph
 from salframe.graphs.scene_index import SceneCandidates, SceneIndex
 from salframe_graphs.retrieval.index_query import FULL, IndexQuery

@@ -11,8 +11,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from salframe.framework.cache import cache_home
-from salframe.framework.files import file_sha256
+from salframe.framework.files.cache import cache_home
+from salframe.framework.files.hashes import file_sha256
 
 _MODULE = "salframe_graphs.retrieval.kernels"
 _ENTRY_POINTS = ("scan_lists", "verify_scenes")

@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 from numpy.lib.format import open_memmap
 
-from salframe.framework.array_files import map_array
-from salframe.framework.config import Settings
 from salframe.framework.errors import DataError
-from salframe.framework.files import read_model, write_json
+from salframe.framework.files.array_files import map_array
+from salframe.framework.files.reading import read_model
+from salframe.framework.files.writing import write_json
+from salframe.framework.validation import Settings
 from salframe.graphs.graph import REACH_M, SaliencyGraph
 
 CODE_STEP = 0.025

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from salframe.evaluation.report.view import RunView
 from salframe.evaluation.runs.method_row import MethodRow
-from salframe.framework.settings import spell_value
+from salframe.framework.components.settings import spell_value
 
 SEED = "seed"
 """The setting of data that tells runs apart which are shown as one."""

@@ -13,7 +13,7 @@ import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from salframe.framework.files import atomic_path
+from salframe.framework.files.writing import atomic_path
 from salframe.panoramas.floors import FloorMasks
 
 FOLDER = Path(__file__).parent

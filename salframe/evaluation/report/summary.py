@@ -8,10 +8,11 @@ from typing import Any
 
 from salframe.evaluation.report.arms import Arm, flatten
 from salframe.evaluation.report.view import RunView
-from salframe.framework.config import ComponentConfig, validate
+from salframe.framework.component import ComponentConfig
+from salframe.framework.components.registry import registry
+from salframe.framework.components.settings import spell_value
 from salframe.framework.errors import SalframeError
-from salframe.framework.registry import registry
-from salframe.framework.settings import spell_value
+from salframe.framework.validation import validate
 
 
 def describe_run(view: RunView[Any, Any]) -> dict[str, Any]:

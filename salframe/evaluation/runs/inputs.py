@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from salframe.framework.auto import needs_of, why_unfit
-from salframe.framework.component import Component
-from salframe.framework.config import components_in
+from salframe.framework.component import Component, components_in
+from salframe.framework.components.auto import needs_of, why_unfit
+from salframe.framework.components.registry import registry
 from salframe.framework.errors import InputMissing
-from salframe.framework.registry import registry
 from salframe.graphs.detector import Detector
 from salframe.localization.describing import estimates_range, required_parts
 from salframe.localization.localizer import Localizer

@@ -15,7 +15,8 @@ from typing import Any
 from salframe.evaluation.runs import memory_watch
 from salframe.evaluation.runs.memory_watch import TOO_LARGE
 from salframe.framework.errors import WorkerDied
-from salframe.framework.files import read_json, write_json
+from salframe.framework.files.reading import read_json
+from salframe.framework.files.writing import write_json
 
 AT_WORK, LOG = "at-work.json", "watch.log"
 """In a method's folder: the piece that is being worked on, and what ended the process."""

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 from typing import Literal
 
-from salframe.framework.worker import in_worker
+from salframe.framework.engines.worker import in_worker
 
 
 def memory_mb(field: Literal["VmRSS", "VmHWM"]) -> float | None:

@@ -12,7 +12,7 @@ from salframe.evaluation.runs.inputs import ESTIMATED_RANGE
 from salframe.evaluation.runs.rows import PieceStatus
 from salframe.evaluation.runs.run_folder import MethodStatus
 from salframe.evaluation.statistics import Estimate
-from salframe.framework.files import check_as
+from salframe.framework.files.reading import check_as
 
 
 @dataclass(frozen=True, kw_only=True)

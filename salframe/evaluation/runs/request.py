@@ -10,12 +10,20 @@ from typing import Any
 
 from salframe.evaluation.runs.limits import NO_LIMITS, Limits
 from salframe.evaluation.tables.text import list_methods
-from salframe.framework.auto import Choice
-from salframe.framework.config import ComponentConfig, nest, parse_override
-from salframe.framework.defaults import default_of
+from salframe.framework.component import ComponentConfig
+from salframe.framework.components.auto import Choice
+from salframe.framework.components.defaults import default_of
+from salframe.framework.components.presets import (
+    Overrides,
+    configure,
+    configure_default,
+    otherwise,
+    settings,
+    short_name,
+)
+from salframe.framework.components.registry import registry
+from salframe.framework.config import nest, parse_override
 from salframe.framework.errors import ConfigError, InputMissing, RequirementMissing, WeightsMissing
-from salframe.framework.presets import Overrides, configure, configure_default, otherwise, settings, short_name
-from salframe.framework.registry import registry
 from salframe.panoramas.opening import configure_dataset, provided
 
 

@@ -13,7 +13,8 @@ from typing import Annotated, Any, TypeVar
 from pydantic import BaseModel, ConfigDict, Field
 
 from salframe.framework.errors import InvalidAnswer
-from salframe.framework.files import check_as, naming, read_lines, whole_lines_bytes
+from salframe.framework.files.reading import check_as, read_lines, whole_lines_bytes
+from salframe.framework.files.writing import naming
 
 Row = dict[str, Any]
 """The JSON of a row, as it is written."""

@@ -14,14 +14,18 @@ import yaml
 
 from salframe.evaluation.runs.request import Resolved
 from salframe.evaluation.runs.rows import PieceRow, read_rows
-from salframe.framework.auto import Choice
-from salframe.framework.bounded import parse_yaml
-from salframe.framework.config import ComponentConfig, Settings, read_yaml, validate
+from salframe.framework.component import ComponentConfig
+from salframe.framework.components.auto import Choice
+from salframe.framework.components.identity import identity
+from salframe.framework.components.installation import environment
+from salframe.framework.components.registry import registry
+from salframe.framework.config import read_yaml
 from salframe.framework.errors import ConfigError, DataError, describe_error, shorten
-from salframe.framework.files import read_as, read_model, write_json, write_text
-from salframe.framework.identity import digest, identity
-from salframe.framework.installation import environment
-from salframe.framework.registry import registry
+from salframe.framework.files.bounded import parse_yaml
+from salframe.framework.files.hashes import digest
+from salframe.framework.files.reading import read_as, read_model
+from salframe.framework.files.writing import write_json, write_text
+from salframe.framework.validation import Settings, validate
 
 REQUEST, NOTES, METHODS = "request.yaml", "notes.json", "methods"
 """In a run folder: what was asked, what must be said of it, and a folder for each method."""

@@ -22,12 +22,12 @@ from salframe.evaluation.runs.shares import Share, join_outcomes, join_shares, s
 from salframe.evaluation.runs.task import AnyTask, Result
 from salframe.evaluation.runs.work import work_share
 from salframe.evaluation.tables.reported import Reported
-from salframe.framework.config import ComponentConfig
-from salframe.framework.engine import Engine
+from salframe.framework.component import ComponentConfig
+from salframe.framework.components.registry import registry
+from salframe.framework.engines.engine import Engine
 from salframe.framework.errors import ConfigError, MethodFailed, WorkerDied, describe_error
-from salframe.framework.files import alone, write_json
-from salframe.framework.identity import digest
-from salframe.framework.registry import registry
+from salframe.framework.files.hashes import digest
+from salframe.framework.files.writing import alone, write_json
 from salframe.localization.describing import describe_frames
 from salframe.localization.map_files import MAP_FORMAT
 from salframe.panoramas.camera_height import units_note

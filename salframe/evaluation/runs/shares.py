@@ -12,7 +12,8 @@ from typing import Any
 
 from salframe.evaluation.runs.rows import Row, RowWriter, read_rows
 from salframe.evaluation.runs.run_folder import CRASH_LOG, DESCRIPTIONS, MAPS, ROWS, MethodStatus, Outcome
-from salframe.framework.files import read_text, write_text
+from salframe.framework.files.reading import read_text
+from salframe.framework.files.writing import write_text
 
 SHARES = "shares"
 """In a method's folder, while several workers are at it: a folder a share."""

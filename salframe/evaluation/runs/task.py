@@ -17,7 +17,7 @@ from salframe.evaluation.runs.run_folder import ROWS, Run
 from salframe.evaluation.tables.columns import SEEDS, Column
 from salframe.evaluation.tables.reported import Reported
 from salframe.evaluation.tables.table import Table, draw_table
-from salframe.framework.config import Settings
+from salframe.framework.validation import Settings
 from salframe.panoramas.dataset import Dataset
 
 LineT = TypeVar("LineT", bound=MethodRow)

@@ -13,7 +13,8 @@ from salframe.evaluation.runs.rows import PieceStatus, Row, RowWriter
 from salframe.evaluation.runs.run_folder import CRASH_LOG, ROWS, MethodStatus, Outcome, Run
 from salframe.evaluation.runs.shares import Share
 from salframe.evaluation.runs.task import AnyTask
-from salframe.framework.auto import Choice
+from salframe.framework.components.auto import Choice
+from salframe.framework.components.registry import registry
 from salframe.framework.errors import (
     FRAME_ERRORS,
     InputMissing,
@@ -23,7 +24,6 @@ from salframe.framework.errors import (
     WeightsMissing,
     describe_error,
 )
-from salframe.framework.registry import registry
 from salframe.panoramas.opening import open_dataset, provided
 
 

@@ -16,12 +16,14 @@ from salframe.evaluation.studies.kept import KEPT_FORMAT, Kept, has_ended, keep,
 from salframe.evaluation.studies.study import PooledRuns, Study, StudyResult, plan, run_study
 from salframe.evaluation.tables.reported import ReportedTable, read_reported
 from salframe.evaluation.tables.table import Table
-from salframe.framework.config import Settings, merge, read_yaml, validate
+from salframe.framework.components.identity import identity
+from salframe.framework.components.presets import SUFFIXES
+from salframe.framework.components.registry import registry
+from salframe.framework.config import merge, read_yaml
 from salframe.framework.errors import ConfigError, InputMissing, SalframeError, UnknownName, unknown
-from salframe.framework.files import write_json
-from salframe.framework.identity import digest, identity
-from salframe.framework.presets import SUFFIXES
-from salframe.framework.registry import registry
+from salframe.framework.files.hashes import digest
+from salframe.framework.files.writing import write_json
+from salframe.framework.validation import Settings, validate
 from salframe.panoramas.opening import Progress
 
 FOLDER = "experiments"

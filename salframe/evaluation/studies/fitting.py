@@ -11,14 +11,16 @@ import numpy as np
 import yaml
 
 from salframe.evaluation.runs.inputs import check_needs
-from salframe.framework.cache import Cache
-from salframe.framework.config import merge, nest, parse_override, validate
+from salframe.framework.components.identity import identity
+from salframe.framework.components.installation import installed_version
+from salframe.framework.components.presets import SUFFIXES, settings
+from salframe.framework.components.registry import registry
+from salframe.framework.config import merge, nest, parse_override
 from salframe.framework.errors import FRAME_ERRORS, ConfigError, DataError
-from salframe.framework.files import write_text
-from salframe.framework.identity import digest, identity
-from salframe.framework.installation import installed_version
-from salframe.framework.presets import SUFFIXES, settings
-from salframe.framework.registry import registry
+from salframe.framework.files.cache import Cache
+from salframe.framework.files.hashes import digest
+from salframe.framework.files.writing import write_text
+from salframe.framework.validation import validate
 from salframe.localization.describing import describe_frame
 from salframe.localization.evidence import Evidence, fit_weights
 from salframe.localization.localizer import Description, Localizer

@@ -15,8 +15,8 @@ from salframe.evaluation.runs.method_row import MethodRow
 from salframe.evaluation.runs.run_folder import MethodStatus, Run
 from salframe.evaluation.studies.study import Study, StudyResult, leading_columns
 from salframe.evaluation.tables.table import Table
-from salframe.framework.config import Settings
-from salframe.framework.files import read_model
+from salframe.framework.files.reading import read_model
+from salframe.framework.validation import Settings
 from salframe.framework.version import __version__
 
 KEPT_FORMAT: Literal[1] = 1

@@ -18,11 +18,12 @@ from salframe.evaluation.runs.task import RESULT_FORMAT, AnyTask, Result, Rows, 
 from salframe.evaluation.tables.reported import Reported
 from salframe.evaluation.tables.table import METHOD, Table
 from salframe.evaluation.tasks.all import DEFAULT, find_task
-from salframe.framework.config import Settings, read_yaml, validate
+from salframe.framework.components.presets import settings, short_name
+from salframe.framework.components.registry import registry
+from salframe.framework.components.settings import spell_value
+from salframe.framework.config import read_yaml
 from salframe.framework.errors import ConfigError, UnknownName, unknown
-from salframe.framework.presets import settings, short_name
-from salframe.framework.registry import registry
-from salframe.framework.settings import spell_value
+from salframe.framework.validation import Settings, validate
 from salframe.panoramas.opening import Progress
 
 DATA, ARM, SEED = "data", "arm", "data.seed"

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from pydantic import Field, model_validator
 
 from salframe.evaluation.tables.table import Table
-from salframe.framework.config import Settings, read_yaml, validate
-from salframe.framework.registry import registry
+from salframe.framework.components.registry import registry
+from salframe.framework.config import read_yaml
+from salframe.framework.validation import Settings, validate
 
 
 class ReportedTable(Settings):

@@ -13,11 +13,11 @@ from command_line import run as salframe
 from salframe.evaluation.runs.request import Request, resolve
 from salframe.evaluation.tasks.localization.task import compare
 from salframe.evaluation.tasks.navigation.task import navigate
-from salframe.framework.auto import Choice
-from salframe.framework.defaults import auto_order
+from salframe.framework.components.auto import Choice
+from salframe.framework.components.defaults import auto_order
+from salframe.framework.components.presets import configure, configure_default
+from salframe.framework.components.registry import registry
 from salframe.framework.errors import ConfigError, InputMissing, RequirementMissing, SalframeError
-from salframe.framework.presets import configure, configure_default
-from salframe.framework.registry import registry
 from salframe.localization.map import map_config, open_map
 
 REMARK = auto_order("detector")["panoseg"]

@@ -11,9 +11,9 @@ from salframe.evaluation.runs.rows import LineCounter, RowWriter, read_rows
 from salframe.evaluation.runs.run_folder import MethodStatus, Outcome, Run
 from salframe.evaluation.tasks.localization.answering import answer_row
 from salframe.evaluation.tasks.localization.rows import AnswerRow
+from salframe.framework.components.installation import environment
+from salframe.framework.components.presets import configure, settings
 from salframe.framework.errors import ConfigError, DataError, InvalidAnswer
-from salframe.framework.installation import environment
-from salframe.framework.presets import configure, settings
 from salframe.localization.answers import Localization, LocalizationStatus, RankedPlace
 
 

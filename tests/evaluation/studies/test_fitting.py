@@ -109,7 +109,7 @@ def test_a_method_without_the_setting_is_refused(fakes, monkeypatch, tmp_path):
     (tmp_path / "mute_plugin.py").write_text(MUTE)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setenv("SALFRAME_PLUGINS", "fake_plugin,mute_plugin")
-    from salframe.framework.registry import registry
+    from salframe.framework.components.registry import registry
 
     registry.cache_clear()
     done = run("fit", "mute", "--data", "rooms", "-o", "out.yaml")
@@ -123,7 +123,7 @@ def test_settings_are_tried_and_evidence_is_weighed(fakes, monkeypatch, tmp_path
     (tmp_path / "weighing_plugin.py").write_text(WEIGHING)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setenv("SALFRAME_PLUGINS", "fake_plugin,weighing_plugin")
-    from salframe.framework.registry import registry
+    from salframe.framework.components.registry import registry
 
     registry.cache_clear()
     command = ("fit", "weighing", *ROOMS, "--set", "offset=1", "-o", "out.yaml")
@@ -147,7 +147,8 @@ def test_settings_are_tried_and_evidence_is_weighed(fakes, monkeypatch, tmp_path
 WEIGHING = """
 import numpy as np
 import salframe
-from salframe.framework.config import Settings, match_only
+from salframe.framework.component import match_only
+from salframe.framework.validation import Settings
 from salframe.localization.answers import Localization, LocalizationStatus
 from salframe.localization.evidence import Evidence
 from salframe.localization.ranking import rank_places
@@ -188,7 +189,7 @@ def salframe_provides():
 MUTE = '''
 from dataclasses import replace
 import salframe
-from salframe.framework.config import ComponentConfig
+from salframe.framework.component import ComponentConfig
 from fake_plugin import Reader
 
 class Mute(Reader):

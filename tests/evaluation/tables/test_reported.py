@@ -11,8 +11,8 @@ from salframe.evaluation.runs.request import Request
 from salframe.evaluation.tables.reported import Reported, read_reported
 from salframe.evaluation.tasks.localization.table import LocalizationRow
 from salframe.evaluation.tasks.localization.task import compare
-from salframe.framework.config import validate
 from salframe.framework.errors import ConfigError
+from salframe.framework.validation import validate
 
 
 def test_the_papers_figures_are_shipped_with_their_source():

@@ -6,7 +6,8 @@ import numpy as np
 from pydantic import Field
 
 import salframe
-from salframe.framework.identity import digest, identity
+from salframe.framework.components.identity import identity
+from salframe.framework.files.hashes import digest
 
 EYE_M, PITCH_M = 1.5, 10.0
 

@@ -14,8 +14,8 @@ from salframe.evaluation.runs.rows import DescriptionLine, MapLine, Row, RowWrit
 from salframe.evaluation.runs.run_folder import DESCRIPTIONS, MAPS
 from salframe.evaluation.runs.task import Worker
 from salframe.evaluation.tasks.localization.survey import Query
-from salframe.framework.cache import Cache
 from salframe.framework.errors import FRAME_ERRORS, InvalidAnswer, MethodFailed, describe_error
+from salframe.framework.files.cache import Cache
 from salframe.localization.answers import Localization
 from salframe.localization.describing import describe_frame
 from salframe.localization.localizer import Description, Localizer

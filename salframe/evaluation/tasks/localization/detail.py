@@ -17,10 +17,10 @@ from salframe.evaluation.runs.run_folder import Run
 from salframe.evaluation.tasks.localization.queries import xy_yaw
 from salframe.evaluation.tasks.localization.rows import AnswerRow
 from salframe.evaluation.tasks.localization.view import LocalizationView
-from salframe.framework.cache import Cache
+from salframe.framework.components.registry import registry
 from salframe.framework.errors import FRAME_ERRORS, SalframeError
-from salframe.framework.identity import digest
-from salframe.framework.registry import registry
+from salframe.framework.files.cache import Cache
+from salframe.framework.files.hashes import digest
 from salframe.graphs.graph import SaliencyGraph
 from salframe.graphs.packing import GRAPH_ARRAYS, graph_from_arrays
 from salframe.localization.answers import NodeMatches, PointMatches

@@ -15,7 +15,7 @@ from salframe.evaluation.tasks.localization.pictures import make_islands
 from salframe.evaluation.tasks.localization.queries import OUTCOMES, group_views, list_sets
 from salframe.evaluation.tasks.localization.table import LocalizationRow
 from salframe.evaluation.tasks.localization.view import LocalizationView
-from salframe.framework.files import write_text
+from salframe.framework.files.writing import write_text
 from salframe.panoramas.opening import Progress
 
 ACCURACY = "accuracy.svg"

@@ -20,8 +20,8 @@ from salframe.evaluation.tasks.matching.judging import check_matches
 from salframe.evaluation.tasks.matching.measures import summarize_pairs
 from salframe.evaluation.tasks.matching.rows import PairRow
 from salframe.evaluation.tasks.matching.table import COLUMNS, USUAL, MatchingRow, tables_by_kind
-from salframe.framework.cache import Cache
 from salframe.framework.errors import DataError, InputMissing, InvalidAnswer, MethodUnavailable
+from salframe.framework.files.cache import Cache
 from salframe.localization.answers import NodeMatches, PointMatches
 from salframe.localization.describing import describe_frame
 from salframe.localization.localizer import Localizer

@@ -12,10 +12,10 @@ import numpy as np
 from salframe.evaluation.runs.records import Record
 from salframe.evaluation.scorer import find_scorer
 from salframe.evaluation.tasks.navigation.rows import EpisodeRow
-from salframe.framework.config import ComponentConfig
+from salframe.framework.component import ComponentConfig
+from salframe.framework.components.registry import registry
 from salframe.framework.errors import InputMissing
-from salframe.framework.files import write_json
-from salframe.framework.registry import registry
+from salframe.framework.files.writing import write_json
 from salframe.navigation.episodes import Asked
 
 SUBMISSION = "submission.json"

@@ -28,10 +28,11 @@ from salframe.evaluation.tasks.navigation.table import ABOUT, COLUMNS, USUAL, Na
 from salframe.evaluation.tasks.navigation.view import NavigationView
 from salframe.evaluation.tasks.navigation.walking import Walking
 from salframe.evaluation.tasks.navigation.walks import list_walks
-from salframe.framework.config import merge, validate
+from salframe.framework.components.identity import settings_identity
+from salframe.framework.config import merge
 from salframe.framework.errors import ConfigError
-from salframe.framework.files import write_json
-from salframe.framework.identity import settings_identity
+from salframe.framework.files.writing import write_json
+from salframe.framework.validation import validate
 from salframe.localization.localizer import Localizer
 from salframe.navigation.episodes import Asked, Episode, Site, draw_episodes, place_episodes, read_asked
 from salframe.navigation.guide import Guide

@@ -21,12 +21,12 @@ from salframe.evaluation.runs.task import Task, Worker
 from salframe.evaluation.tasks.running.measures import summarize_program
 from salframe.evaluation.tasks.running.rows import ProgramRow
 from salframe.evaluation.tasks.running.table import COLUMNS, USUAL, RunningRow
-from salframe.framework.cache import Cache
-from salframe.framework.config import ComponentConfig
+from salframe.framework.component import ComponentConfig
+from salframe.framework.components.installation import folder_bytes
+from salframe.framework.components.registry import registry
+from salframe.framework.engines.process_pool import ProcessPool
 from salframe.framework.errors import DataError, MethodFailed
-from salframe.framework.installation import folder_bytes
-from salframe.framework.processes import ProcessPool
-from salframe.framework.registry import registry
+from salframe.framework.files.cache import Cache
 from salframe.localization.describing import describe_frame, read_config
 from salframe.localization.localizer import Localizer
 from salframe.localization.map import LocalizationMap, open_map

@@ -24,12 +24,12 @@ from salframe.evaluation.runs.task import Task, TaskOptions, Worker
 from salframe.evaluation.tasks.scale.measures import summarize_queries
 from salframe.evaluation.tasks.scale.rows import SceneRow
 from salframe.evaluation.tasks.scale.table import COLUMNS, USUAL, ScaleRow
-from salframe.framework.cache import Cache
-from salframe.framework.columns import read_columns
-from salframe.framework.config import ComponentConfig, components_in
+from salframe.framework.component import ComponentConfig, components_in
+from salframe.framework.components.installation import folder_bytes
+from salframe.framework.components.registry import registry
 from salframe.framework.errors import DataError, MethodUnavailable
-from salframe.framework.installation import folder_bytes
-from salframe.framework.registry import registry
+from salframe.framework.files.cache import Cache
+from salframe.framework.files.columns import read_columns
 from salframe.graphs.city import City
 from salframe.graphs.graph import SaliencyGraph
 from salframe.graphs.matcher import GraphMatch, GraphMatcher

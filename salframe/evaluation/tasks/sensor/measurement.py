@@ -20,12 +20,12 @@ from salframe.evaluation.tasks.sensor.found_lines import FoundLine, by_label, by
 from salframe.evaluation.tasks.sensor.looks import failures_of, looks_of
 from salframe.evaluation.tasks.sensor.rows import LookRow
 from salframe.evaluation.tasks.sensor.task import SensorTask
-from salframe.framework.defaults import default_of
+from salframe.framework.components.defaults import default_of
+from salframe.framework.components.identity import identity
+from salframe.framework.components.installation import installed_version
+from salframe.framework.components.presets import short_name
 from salframe.framework.errors import ConfigError, DataError, InputMissing, MethodFailed
-from salframe.framework.files import write_json
-from salframe.framework.identity import identity
-from salframe.framework.installation import installed_version
-from salframe.framework.presets import short_name
+from salframe.framework.files.writing import write_json
 from salframe.graphs.sensor import SensorModel
 from salframe.panoramas.opening import Progress
 

@@ -12,7 +12,7 @@ from salframe.evaluation.tasks.sensor.found_lines import by_sight
 from salframe.evaluation.tasks.sensor.looks import failures_of, looks_of
 from salframe.evaluation.tasks.sensor.rows import LookRow
 from salframe.evaluation.tasks.sensor.table import SensorRow
-from salframe.framework.installation import installed_version
+from salframe.framework.components.installation import installed_version
 
 
 def summarize_detector(records: Sequence[Record[LookRow]], places: Sequence[str], seed: int) -> SensorRow:

@@ -16,8 +16,8 @@ from salframe.evaluation.runs.run_folder import Run
 from salframe.evaluation.tasks.localization.rows import AnswerRow
 from salframe.evaluation.tasks.localization.table import LocalizationRow
 from salframe.evaluation.tasks.localization.task import compare
+from salframe.framework.components.installation import folder_bytes
 from salframe.framework.errors import ConfigError, DataError
-from salframe.framework.installation import folder_bytes
 from salframe.localization.answers import Localization, LocalizationStatus
 from salframe.topology.building_map import build_map
 

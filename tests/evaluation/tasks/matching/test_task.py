@@ -11,9 +11,9 @@ from salframe.evaluation.runs.request import Request
 from salframe.evaluation.tasks.localization.task import compare
 from salframe.evaluation.tasks.matching.judging import PIXEL_RAD, check_matches, own_objects, point_errors_px
 from salframe.evaluation.tasks.matching.task import measure_matching
+from salframe.framework.components.presets import configure, settings
+from salframe.framework.components.registry import registry
 from salframe.framework.errors import DataError, InputMissing, InvalidAnswer
-from salframe.framework.presets import configure, settings
-from salframe.framework.registry import registry
 from salframe.localization.answers import NodeMatches, PointMatches
 from salframe.panoramas.geometry import equirectangular_rays, invert_pose, pose_2d, transform_points
 from salframe.panoramas.panorama import Panorama

@@ -18,8 +18,8 @@ from salframe.evaluation.runs.run_folder import MethodStatus, Outcome
 from salframe.evaluation.runs.runner import run_task
 from salframe.evaluation.tasks.running.rows import ProgramRow
 from salframe.evaluation.tasks.running.task import RunningTask, _result
+from salframe.framework.engines.process_pool import ProcessPool
 from salframe.framework.errors import DataError, MethodFailed
-from salframe.framework.processes import ProcessPool
 
 SETTINGS = ("detector.kind=annotations", "detector.noise=none")
 

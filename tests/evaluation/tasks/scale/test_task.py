@@ -11,9 +11,9 @@ from salframe.evaluation.runs.request import Request
 from salframe.evaluation.runs.run_folder import Run
 from salframe.evaluation.studies.study import Study, run_study
 from salframe.evaluation.tasks.scale import task as scale
-from salframe.framework.installation import folder_bytes
-from salframe.framework.presets import configure_default
-from salframe.framework.registry import registry
+from salframe.framework.components.installation import folder_bytes
+from salframe.framework.components.presets import configure_default
+from salframe.framework.components.registry import registry
 from salframe.graphs.city import City
 from salframe.graphs.packing import graph_to_arrays
 from salframe.graphs.table import MappedGraphs

@@ -1,0 +1,297 @@
+"""A picture of a topological map: floor, regions, nodes, edges with their lengths and azimuths."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from salframe.framework.files.writing import atomic_path, check_picture_output
+from salframe.panoramas.floors import FloorMasks, find_floor
+from salframe.topology.topological_map import MapEdge, MapNode, NodeKind, TopologicalMap
+
+if TYPE_CHECKING:
+    from PIL import Image
+    from PIL.ImageFont import FreeTypeFont, ImageFont
+
+_SMOOTH = 2  # drawn this much larger, then reduced
+_LONG_SIDE, _LEAST_SCALE, _LARGEST_SCALE = 3200, 30.0, 110.0  # pixels, and pixels a metre
+_MARGIN, _HEADER, _FOOTER = 40, 72, 90
+_INK, _PAPER, _WALL = (40, 44, 52), (255, 255, 255), (92, 96, 104)
+_SCENE, _TRANSITION, _SIGHT, _BENT = (31, 78, 160), (214, 84, 34), (70, 98, 150), (176, 98, 8)
+_REGIONS = (
+    (222, 235, 247),
+    (229, 241, 222),
+    (253, 238, 217),
+    (240, 229, 243),
+    (252, 228, 226),
+    (224, 242, 241),
+    (249, 245, 215),
+    (232, 232, 240),
+)
+
+
+def draw_topology(topology: TopologicalMap, path: str | Path) -> None:
+    """Write a PNG of the map, its floors below each other from the top one down.
+
+    An edge is labelled with its length and with its azimuth in the direction that the label reads; labels that would
+    cover something are left out. Raises ConfigError where the path is that of a file which is no PNG.
+    """
+    from PIL import Image
+
+    check_picture_output(Path(path))
+
+    panels = [_Panel(topology, number).image for number in reversed(range(len(topology.floors)))]
+    whole = Image.new("RGB", (max(panel.width for panel in panels), sum(panel.height for panel in panels)), _PAPER)
+    top = 0
+    for panel in panels:
+        whole.paste(panel, (0, top))
+        top += panel.height
+    with atomic_path(Path(path)) as temporary:
+        whole.save(temporary, "PNG", optimize=True)
+
+
+class _Panel:
+    """One floor. Lengths here are pixels of the enlarged drawing unless their names say otherwise."""
+
+    def __init__(self, topology: TopologicalMap, number: int) -> None:
+        from PIL import Image, ImageDraw
+
+        floor = topology.floors[number]
+        low, high = _extent(floor)
+        width_m, height_m = high - low
+        scale = float(np.clip(_LONG_SIDE / max(width_m, height_m), _LEAST_SCALE, _LARGEST_SCALE))
+        self._scale = scale * _SMOOTH
+        self._corner_m = np.array([low[0], high[1]])
+        self._top_left = np.array([_MARGIN, _HEADER]) * _SMOOTH
+        size = (max(int(width_m * scale), 620) + 2 * _MARGIN, int(height_m * scale) + _HEADER + _FOOTER)
+        self.image = Image.new("RGB", (size[0] * _SMOOTH, size[1] * _SMOOTH), _PAPER)
+        self._draw = ImageDraw.Draw(self.image)
+        self._taken = np.zeros((size[1], size[0]), bool)
+
+        nodes = [node for node in topology.nodes if find_floor(topology.floors, np.array(node.xyz_m)) == number]
+        place = {node.id: self._pixel(node.xyz_m[:2]) for node in nodes}
+        edges = [edge for edge in topology.edges if edge.start in place]
+        self._draw_floor(floor, low, high)
+        for edge in sorted(edges, key=lambda edge: -edge.length_m):
+            line = [tuple(self._pixel(point)) for point in edge.path_m] or [
+                tuple(place[edge.start]),
+                tuple(place[edge.end]),
+            ]
+            self._draw.line(line, _BENT if edge.path_m else _SIGHT, 3 if edge.path_m else 2, "curve")
+        for node in nodes:
+            self._mark_node(node, place[node.id])
+        self._name_regions(floor, nodes, place)
+        labelled = self._label_edges(edges, place)
+        self._draw_legend(floor, len(topology.floors), nodes, edges, labelled, size)
+        self.image = self.image.resize(size, Image.Resampling.LANCZOS)
+
+    def _pixel(self, xy_m: Iterable[float]) -> np.ndarray:
+        return (np.asarray(tuple(xy_m)) - self._corner_m) * (self._scale, -self._scale) + self._top_left
+
+    def _draw_floor(self, floor: FloorMasks, low: np.ndarray, high: np.ndarray) -> None:
+        """Walls dark, floor in the colour of its region, obstacles a shade darker."""
+        from PIL import Image
+        from scipy import ndimage
+
+        inside = floor.free | (floor.region > 0)
+        reach = max(1, round(0.12 / floor.resolution_m))
+        wall = ndimage.binary_dilation(inside, np.ones((2 * reach + 1,) * 2, bool)) & ~inside
+        colour = np.array(_REGIONS)[floor.region % len(_REGIONS)] * np.where(floor.obstacle, 0.84, 1.0)[..., None]
+        picture = np.select([inside[..., None], wall[..., None]], [colour, np.array(_WALL)], np.array(_PAPER)).astype(
+            np.uint8
+        )
+        row, column = _rows_columns(floor, low, high)
+        cut = Image.fromarray(picture[row, column])
+        grown = max(1, round(floor.resolution_m * self._scale))
+        size = (
+            round(cut.width * floor.resolution_m * self._scale),
+            round(cut.height * floor.resolution_m * self._scale),
+        )
+        cut = cut.resize((cut.width * grown, cut.height * grown), Image.Resampling.NEAREST).resize(
+            size, Image.Resampling.BOX
+        )
+        corner = self._pixel(
+            (floor.origin_m[0] + column.start * floor.resolution_m, floor.origin_m[1] - row.start * floor.resolution_m)
+        )
+        self.image.paste(cut, tuple(np.round(corner).astype(int)))
+
+    def _mark_node(self, node: MapNode, at: np.ndarray) -> None:
+        (x, y), r = at, 7 * _SMOOTH
+        if node.kind is NodeKind.SCENE:
+            self._draw.ellipse((x - r, y - r, x + r, y + r), _SCENE, _PAPER, _SMOOTH)
+        else:
+            self._draw.polygon([(x, y - r), (x + r, y), (x, y + r), (x - r, y)], _TRANSITION, _PAPER, _SMOOTH)
+        self._take(at, np.array([2.4 * r, 2.4 * r]), 0.0)
+
+    def _name_regions(self, floor: FloorMasks, nodes: list[MapNode], place: dict[str, np.ndarray]) -> None:
+        """The name of each region beside its first scene node, or in its middle where it has none, as near as there is
+        room."""
+        for label, name in floor.regions.items():
+            rows, columns = np.nonzero((floor.region == label) & floor.free)
+            if not len(rows):
+                continue
+            middle = (
+                floor.origin_m[0] + columns.mean() * floor.resolution_m,
+                floor.origin_m[1] - rows.mean() * floor.resolution_m,
+            )
+            at = next(
+                (place[node.id] for node in nodes if node.kind is NodeKind.SCENE and name in node.regions),
+                self._pixel(middle),
+            )
+            text = self._text(name, 18, _INK)
+            offsets = [(0, dy) for dy in (-1, 1, -2, 2)] + [(dx, dy) for dy in (-1, 1, 0) for dx in (-0.55, 0.55)]
+            spots = [at + np.array([dx * text.width, dy * 22 * _SMOOTH]) for dx, dy in offsets]
+            free = [spot for spot in spots if self._is_free(spot, np.array(text.size), 0.0)]
+            self._put(text, (free or spots)[0])
+            self._take((free or spots)[0], np.array(text.size), 0.0)
+
+    def _label_edges(self, edges: list[MapEdge], place: dict[str, np.ndarray]) -> int:
+        """Length and azimuth along each edge that passes by no other node and has room for them, the shortest edges
+        first; how many have."""
+        labelled = 0
+        nodes = np.array(list(place.values()))
+        for edge in sorted(edges, key=lambda edge: edge.length_m):
+            line = np.array([self._pixel(point) for point in edge.path_m] or [place[edge.start], place[edge.end]])
+            longest = int(np.linalg.norm(np.diff(line, axis=0), axis=1).argmax())
+            first, second = line[longest], line[longest + 1]
+            azimuth_deg = round(float(np.degrees(edge.azimuth_rad)))
+            if second[0] < first[0]:
+                first, second, azimuth_deg = second, first, azimuth_deg - 180
+            along = second - first
+            text = self._text(
+                f"{edge.length_m:.1f} m, {(azimuth_deg + 180) % 360 - 180}°", 14, _BENT if edge.path_m else _SIGHT
+            )
+            size, angle = np.array(text.size), float(np.arctan2(along[1], along[0]))
+            if size[0] > 0.9 * np.hypot(*along) or _passes_by(first, second, nodes, 10 * _SMOOTH):
+                continue
+            spot = next(
+                (s for s in (first + share * along for share in (0.5, 0.35, 0.65)) if self._is_free(s, size, angle)),
+                None,
+            )
+            if spot is not None:
+                self._put(text, spot, angle)
+                self._take(spot, size, angle)
+                labelled += 1
+        return labelled
+
+    def _draw_legend(
+        self,
+        floor: FloorMasks,
+        floors: int,
+        nodes: list[MapNode],
+        edges: list[MapEdge],
+        labelled: int,
+        size: tuple[int, int],
+    ) -> None:
+        """Title above; below, what the marks mean, a scale bar and the world's axes."""
+        s = _SMOOTH
+        scenes, bent = sum(node.kind is NodeKind.SCENE for node in nodes), sum(bool(edge.path_m) for edge in edges)
+        which = f"Floor at z = {floor.z_m:.2f} m" if floors > 1 else "Topological map"
+        title = f"{which}: {len(floor.regions)} regions, {len(nodes)} nodes, {len(edges)} edges"
+        self._write(title, (_MARGIN * s, 10 * s), 24)
+        note = "" if labelled == len(edges) else f" ({labelled} of {len(edges)} edges have room for theirs)"
+        note = (
+            f"On an edge: its length, and its azimuth (from x towards y) in the direction that the label reads{note}."
+        )
+        self._write(note, (_MARGIN * s, 42 * s), 15)
+        x, y, r = float(_MARGIN * s), (size[1] - _FOOTER + 34) * s, 6 * s
+        self._draw.ellipse((x, y - r, x + 2 * r, y + r), _SCENE)
+        x = self._write(f"scene node ({scenes})", (x + 2 * r + 6 * s, y - 9 * s), 16) + 20 * s
+        self._draw.polygon([(x + r, y - r), (x + 2 * r, y), (x + r, y + r), (x, y)], _TRANSITION)
+        x = self._write(f"transition node ({len(nodes) - scenes})", (x + 2 * r + 6 * s, y - 9 * s), 16) + 20 * s
+        x, y = float(_MARGIN * s), y + 28 * s
+        self._draw.line([(x, y), (x + 24 * s, y)], _SIGHT, 2 * s)
+        x = self._write(f"edge by sight ({len(edges) - bent})", (x + 30 * s, y - 9 * s), 16) + 20 * s
+        self._draw.line([(x, y), (x + 12 * s, y - 5 * s), (x + 24 * s, y)], _BENT, 2 * s)
+        self._write(f"edge over the floor, round a corner ({bent})", (x + 30 * s, y - 9 * s), 16)
+        bar_m = next(metres for metres in (10, 5, 2, 1) if metres * self._scale <= 260 * s or metres == 1)
+        right = (size[0] - _MARGIN) * s
+        self._draw.rectangle((right - 110 * s - bar_m * self._scale, y - 3 * s, right - 110 * s, y + 3 * s), _INK)
+        self._write(f"{bar_m} m", (right - 110 * s - bar_m * self._scale, y - 26 * s), 16)
+        for tip, name in (((44, 0), "x"), ((0, -44), "y")):
+            self._draw_arrow(np.array([right - 60 * s, y + 4 * s]), np.array(tip) * s, name)
+
+    def _draw_arrow(self, start: np.ndarray, along: np.ndarray, name: str) -> None:
+        end, unit = start + along, along / np.hypot(*along)
+        across = np.array([-unit[1], unit[0]])
+        self._draw.line([tuple(start), tuple(end)], _INK, 2 * _SMOOTH)
+        head = [end + 8 * _SMOOTH * unit, end + 4 * _SMOOTH * across, end - 4 * _SMOOTH * across]
+        self._draw.polygon([tuple(point) for point in head], _INK)
+        x, y = end + 16 * _SMOOTH * unit
+        self._draw.text((x, y), name, _INK, _font(16), "mm")
+
+    def _write(self, text: str, at: tuple[float, float], points: int) -> float:
+        """Write text with its upper left corner here; where it ends."""
+        self._draw.text(at, text, _INK, _font(points))
+        return at[0] + self._draw.textlength(text, _font(points))
+
+    def _text(self, text: str, points: int, colour: tuple[int, int, int]) -> Image.Image:
+        """Text with a light rim on a light ground, so that a line under it does not read as a minus sign."""
+        from PIL import Image, ImageDraw
+
+        rim = _SMOOTH
+        left, top, right, bottom = _font(points).getbbox(text, stroke_width=rim)
+        image = Image.new("RGBA", (int(right - left) + 2, int(bottom - top) + 2), (255, 255, 255, 170))
+        ImageDraw.Draw(image).text(
+            (1 - left, 1 - top), text, colour, _font(points), stroke_width=rim, stroke_fill=(255, 255, 255)
+        )
+        return image
+
+    def _put(self, text: Image.Image, centre: np.ndarray, angle: float = 0.0) -> None:
+        """Paste text turned by an angle (radians, clockwise as seen)."""
+        from PIL import Image
+
+        turned = text.rotate(-np.degrees(angle), Image.Resampling.BICUBIC, expand=True) if angle else text
+        x, y = np.round(centre - np.array(turned.size) / 2).astype(int)
+        self.image.paste(turned, (int(x), int(y)), turned)
+
+    def _cells(self, centre: np.ndarray, size: np.ndarray, angle: float) -> tuple[np.ndarray, np.ndarray]:
+        """Rows and columns of the picture, before enlarging, that a turned rectangle covers."""
+        u, v = (np.arange(-extent / 2, extent / 2 + _SMOOTH, _SMOOTH) for extent in size)
+        u, v = (side.ravel() for side in np.meshgrid(u, v))
+        x, y = centre[0] + u * np.cos(angle) - v * np.sin(angle), centre[1] + u * np.sin(angle) + v * np.cos(angle)
+        rows, columns = self._taken.shape
+        return np.clip(y / _SMOOTH, 0, rows - 1).astype(int), np.clip(x / _SMOOTH, 0, columns - 1).astype(int)
+
+    def _is_free(self, centre: np.ndarray, size: np.ndarray, angle: float) -> bool:
+        return not self._taken[self._cells(centre, size, angle)].any()
+
+    def _take(self, centre: np.ndarray, size: np.ndarray, angle: float) -> None:
+        self._taken[self._cells(centre, size, angle)] = True
+
+
+def _passes_by(first: np.ndarray, second: np.ndarray, nodes: np.ndarray, near: float) -> bool:
+    """Whether any of the nodes (N, 2) is this near to the line between two points, and away from its ends."""
+    along = second - first
+    length = float(np.hypot(*along))
+    share = (nodes - first) @ along / length
+    away = np.abs((nodes - first) @ (-along[1], along[0])) / length
+    return bool(((share > near) & (share < length - near) & (away < near)).any())
+
+
+def _extent(floor: FloorMasks) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest (x, y) in metres of what is floor, with 0.3 m around it."""
+    rows, columns = np.nonzero(floor.free | (floor.region > 0))
+    left_m, top_m = floor.origin_m
+    low = np.array([left_m + columns.min() * floor.resolution_m, top_m - (rows.max() + 1) * floor.resolution_m])
+    high = np.array([left_m + (columns.max() + 1) * floor.resolution_m, top_m - rows.min() * floor.resolution_m])
+    return low - 0.3, high + 0.3
+
+
+def _rows_columns(floor: FloorMasks, low: np.ndarray, high: np.ndarray) -> tuple[slice, slice]:
+    """The pixels between two corners."""
+    left, right = ((x - floor.origin_m[0]) / floor.resolution_m for x in (low[0], high[0]))
+    top, bottom = ((floor.origin_m[1] - y) / floor.resolution_m for y in (high[1], low[1]))
+    rows, columns = floor.free.shape
+    return slice(max(0, round(top)), min(rows, round(bottom))), slice(max(0, round(left)), min(columns, round(right)))
+
+
+@cache
+def _font(points: int) -> FreeTypeFont | ImageFont:
+    from PIL import ImageFont
+
+    return ImageFont.load_default(points * _SMOOTH)

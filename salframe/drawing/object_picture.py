@@ -1,0 +1,273 @@
+"""A picture of what a detector found: outlines, names and scores on the image, the graph from above, a table."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import numpy as np
+
+from salframe.drawing.canvas import FAINT, INK, PAPER, Colour, coat, font, stroke
+from salframe.drawing.lettering import Lettering
+from salframe.drawing.outlines import outline_objects
+from salframe.drawing.plan import Plan
+from salframe.graphs.detections import Detections
+from salframe.graphs.graph import SaliencyGraph
+from salframe.panoramas.geometry import rays_to_pixels
+from salframe.panoramas.photograph import Pinhole
+
+NARROWEST, WIDEST = 1280, 2560
+"""Images of fewer columns are enlarged by a whole factor, of more reduced by one, so that names can be read."""
+NAMES, CROWD = 40, 24
+"""The largest objects, so many at most, are named on the image; names of more than a crowd are smaller."""
+COLOURS: tuple[Colour, ...] = (
+    (230, 57, 70),
+    (29, 120, 200),
+    (42, 157, 90),
+    (244, 140, 30),
+    (131, 76, 190),
+    (0, 160, 170),
+    (214, 51, 132),
+    (150, 108, 40),
+    (242, 196, 36),
+    (92, 110, 240),
+    (120, 180, 40),
+    (180, 50, 30),
+    (60, 190, 240),
+    (200, 120, 220),
+    (20, 110, 90),
+    (250, 128, 114),
+    (110, 60, 110),
+    (70, 200, 140),
+    (190, 160, 90),
+    (90, 90, 100),
+)
+
+
+def draw_objects(
+    rgb: np.ndarray,
+    detections: Detections,
+    *,
+    saliency: np.ndarray | None = None,
+    graph: SaliencyGraph | None = None,
+    camera: Pinhole | None = None,
+    title: str = "",
+) -> np.ndarray:
+    """(h, w, 3) uint8: the image rgb (H, W, 3) uint8 with outlines, labels and scores under a title, below it the graph
+    from above (without one the bearings) and a table.
+
+    rgb is an equirectangular panorama, or what `camera` took; the detections are in the panorama frame in both cases.
+    saliency (N,) float64 is theirs.
+    """
+    import cv2
+
+    height, width = rgb.shape[:2]
+    factor = -(-NARROWEST // width) if width < NARROWEST else 1 / -(-width // WIDEST)
+    colours = choose_colours(detections.labels)
+    lines = [[line * factor for line in own] for own in find_lines(height, detections, camera)]
+    width, height = round(width * factor), round(height * factor)
+    image = cv2.resize(rgb, (width, height), interpolation=cv2.INTER_AREA if factor < 1 else cv2.INTER_CUBIC)
+    image = name_objects(draw_outlines(image, detections, lines, colours), detections, lines, colours)
+    side = width // 2
+    plan = Plan(detections, graph, colours, side, camera).image
+    table = _table(detections, saliency, colours, width - side, side)
+    ruler = [_ruler(width)] if camera is None else []
+    return np.vstack([_title(title, width), image, *ruler, np.hstack([plan, table])])
+
+
+def choose_colours(labels: Iterable[str]) -> dict[str, Colour]:
+    """A colour for each label, the same in every picture unless another label of this one has it already."""
+    chosen: dict[str, int] = {}
+    for label in sorted(set(labels)):
+        first = zlib.crc32(label.encode()) % len(COLOURS)
+        turn = [(first + step) % len(COLOURS) for step in range(len(COLOURS))]
+        chosen[label] = next((index for index in turn if index not in chosen.values()), first)
+    return {label: COLOURS[index] for label, index in chosen.items()}
+
+
+def find_lines(height: int, detections: Detections, camera: Pinhole | None = None) -> list[list[np.ndarray]]:
+    """For each object the closed lines (K, 2) around its parts in an image of this height, which is a panorama or that
+    of a camera; pixels (x, y), the centre of the first at 0.5. One point where its bearing alone is known."""
+    found = []
+    for rays, bearing in zip(outline_objects(detections), detections.bearing, strict=True):
+        found.append([line for one in rays or [bearing[None]] for line in _project(one, height, camera)])
+    return found
+
+
+def draw_outlines(
+    rgb: np.ndarray, detections: Detections, lines: list[list[np.ndarray]], colours: dict[str, Colour]
+) -> np.ndarray:
+    """An image (H, W, 3) uint8 with the objects' lines, of `find_lines`, filled with a thin coat of their colours."""
+    order = _largest_first(lines)
+    polygons = [(line, colours[detections.labels[i]]) for i in order for line in lines[i]]
+    image = coat(rgb, polygons, 0.25)
+    for line, colour in polygons:
+        stroke(image, line, PAPER, _letters(rgb) / 4.5, closed=True)
+        stroke(image, line, colour, _letters(rgb) / 8, closed=True)
+    return image
+
+
+def name_objects(
+    image: np.ndarray, detections: Detections, lines: list[list[np.ndarray]], colours: dict[str, Colour]
+) -> np.ndarray:
+    """An image (H, W, 3) uint8 with labels and scores of the largest objects where their lines are (`find_lines`)."""
+    height, width = image.shape[:2]
+    crowded = len(detections) > CROWD
+    lettering = Lettering(width, height, round(_letters(image) * (0.8 if crowded else 1)))
+    for i in _largest_first(lines)[:NAMES]:
+        label, spot = detections.labels[i], _spot(lines[i], width, height)
+        if spot is not None:
+            lettering.put(f"{label} {detections.scores[i]:.2f}", colours[label], *spot)
+    return lettering.draw(image)
+
+
+def _letters(image: np.ndarray) -> int:
+    """The size of letters on an image, in pixels."""
+    return max(16, round(image.shape[1] / 100))
+
+
+def _largest_first(lines: list[list[np.ndarray]]) -> np.ndarray:
+    import cv2
+
+    return np.argsort([-sum(cv2.contourArea(line.astype(np.float32)) for line in own) for own in lines], kind="stable")
+
+
+def _project(rays: np.ndarray, height: int, camera: Pinhole | None) -> Iterator[np.ndarray]:
+    """Where a closed line of rays (K, 3) lies in the image, the first pixel's centre at 0.5: (K', 2) polygons, in a
+    panorama more than one where its border cuts the line; none behind a photograph's camera or of unknown rays."""
+    if not np.isfinite(rays).all():
+        return
+    if camera is not None:
+        local = rays @ camera.rotation
+        local = local[local[:, 2] > 0.05]
+        if len(local):
+            yield camera.focal_px * local[:, :2] / local[:, 2:] + camera.centre_px
+        return
+    column, row = rays_to_pixels(rays, height)
+    column = np.unwrap(column, period=2 * height)
+    column -= np.floor(column.min() / (2 * height)) * 2 * height
+    line = np.column_stack([column, row])
+    if abs(column[-1] - column[0]) > height:  # around a pole: thrice around, and closed beyond the image's border
+        turn = np.array([np.copysign(2 * height, column[-1] - column[0]), 0])
+        pole = -height if row.mean() < height / 2 else 2 * height
+        line = np.vstack([line - turn, line, line + turn])
+        yield np.vstack([line, [line[-1, 0], pole], [line[0, 0], pole]])
+        return
+    for shift in range(int(line[:, 0].max() // (2 * height)) + 1):
+        yield line - (shift * 2 * height, 0)
+
+
+def _spot(lines: list[np.ndarray], width: int, height: int) -> tuple[np.ndarray, np.ndarray] | None:
+    """The box (left, top, right, bottom) around the largest part of an object that the image shows, and the point
+    (x, y) in it that is far from its outline; None where it shows none."""
+    import cv2
+
+    best = None
+    for line in lines:
+        low = np.floor(np.clip(line.min(0), 0, (width, height)))
+        high = np.ceil(np.clip(line.max(0), 0, (width, height)))
+        if len(line) < 3:
+            inside = ((line[0] >= 0) & (line[0] < (width, height))).all()
+            return (np.concatenate([line[0], line[0]]), line[0]) if inside else None
+        if (high <= low).any():
+            continue
+        coarse = max(1.0, float((high - low).max()) / 200)
+        mask = np.zeros(np.ceil((high - low) / coarse).astype(int)[::-1] + 2, np.uint8)
+        cv2.fillPoly(mask, [np.round((line - low) / coarse + 0.5).astype(np.int32)], 1)
+        mask[[0, -1]] = mask[:, [0, -1]] = 0
+        depth = cv2.distanceTransform(mask, cv2.DIST_L2, 3)
+        deep = np.argwhere(depth >= 0.85 * depth.max())  # of a long strip the middle, not an end
+        row, column = deep[np.argmin(((deep - np.argwhere(mask).mean(0)) ** 2).sum(1))] if depth.any() else (0, 0)
+        if best is None or mask.sum() * coarse**2 > best[0]:
+            at = low + (np.array([column, row]) - 0.5) * coarse
+            best = mask.sum() * coarse**2, np.concatenate([low, high]), at
+    return best and best[1:]
+
+
+def _title(text: str, width: int) -> np.ndarray:
+    from PIL import Image, ImageDraw
+
+    points = max(14, round(width / 80))
+    while points > 8 and font(points).getbbox(text)[2] > width - 2 * points:
+        points -= 1
+    image = Image.new("RGB", (width, 2 * points), INK)
+    ImageDraw.Draw(image).text((points, points), text, PAPER, font(points), "lm")
+    return np.asarray(image)
+
+
+def _ruler(width: int) -> np.ndarray:
+    """The azimuths of a panorama's columns, every 30 degrees."""
+    from PIL import Image, ImageDraw
+
+    points = max(12, round(width / 120))
+    image = Image.new("RGB", (width, 2 * points), PAPER)
+    draw = ImageDraw.Draw(image)
+    for azimuth in range(180, -181, -30):
+        x = (180 - azimuth) / 360 * width
+        draw.line((x, 0, x, 0.4 * points), INK, max(1, points // 8))
+        if abs(azimuth) < 180:
+            draw.text((x, 1.2 * points), _degrees(azimuth), INK, font(points), "mm")
+    return np.asarray(image)
+
+
+def _table(
+    detections: Detections, saliency: np.ndarray | None, colours: dict[str, Colour], width: int, height: int
+) -> np.ndarray:
+    """The objects in rows, the most salient first, without saliency the surest."""
+    from PIL import Image, ImageDraw
+
+    image = Image.new("RGB", (width, height), PAPER)
+    draw = ImageDraw.Draw(image)
+    line = float(np.clip(height / (len(detections) + 2.5), width / 48, width / 26))
+    letters = font(max(9, round(0.62 * line)))
+    columns = {"object": 0.10, "score": 0.52, "azimuth": 0.64, "range": 0.76, "saliency": 0.89}
+    if saliency is None:
+        columns = {"object": 0.10, "score": 0.58, "azimuth": 0.76, "elevation": 0.94}
+    room = int((height - 2 * line) / line)
+    order = np.argsort(-(detections.scores if saliency is None else saliency), kind="stable")
+    order = order[: room if len(order) <= room else room - 1]
+    x, y, z = detections.bearing.T
+    azimuth_deg, elevation_deg = np.degrees(np.arctan2(y, x)), np.degrees(np.arctan2(z, np.hypot(x, y)))
+    range_m = np.linalg.norm(detections.centroid_m, axis=1)
+
+    longest = (columns["score"] - columns["object"] - 0.09) * width
+
+    def write(row: int, cells: Iterable[str], colour: Colour) -> None:
+        for number, (share, text) in enumerate(zip(columns.values(), cells, strict=False)):
+            draw.text((share * width, (row + 1) * line), text, colour, letters, "lm" if number == 0 else "rm")
+
+    write(0, columns, FAINT)
+    for row, i in enumerate(order, 1):
+        label, middle = detections.labels[i], (row + 1) * line
+        draw.rounded_rectangle(
+            (0.05 * width, middle - 0.26 * line, 0.08 * width, middle + 0.26 * line), 0.1 * line, colours[label]
+        )
+        seen = _shorten(label, letters, longest), f"{detections.scores[i]:.2f}", _degrees(azimuth_deg[i])
+        if saliency is None:
+            write(row, (*seen, _degrees(elevation_deg[i])), INK)
+            continue
+        far = f"{range_m[i]:.2f} m" if np.isfinite(range_m[i]) else "-"
+        write(row, (*seen, far, f"{100 * saliency[i]:.1f} %"), INK)
+        if saliency[i] > 0.01 * saliency.max():
+            end = 0.905 + 0.085 * saliency[i] / saliency.max()
+            draw.rectangle((0.905 * width, middle - 0.14 * line, end * width, middle + 0.14 * line), colours[label])
+    if len(order) < len(detections):
+        write(len(order) + 1, [f"and {len(detections) - len(order)} more"], FAINT)
+    return np.asarray(image)
+
+
+def _shorten(text: str, letters: Any, longest: float) -> str:
+    """As much of a text as fits into so many pixels."""
+    if letters.getlength(text) <= longest:
+        return text
+    while text and letters.getlength(f"{text}...") > longest:
+        text = text[:-1]
+    return f"{text.rstrip()}..."
+
+
+def _degrees(angle_deg: float) -> str:
+    if not np.isfinite(angle_deg):
+        return "-"
+    whole = round(angle_deg)
+    return f"{whole:+d}°" if whole % 180 else f"{abs(whole)}°"

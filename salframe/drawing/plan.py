@@ -1,0 +1,156 @@
+"""A saliency graph from above, the camera in its middle."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from salframe.drawing.canvas import INK, PAPER, Colour, coat, disk, fill, stroke
+from salframe.drawing.lettering import Lettering
+from salframe.graphs.detections import Detections
+from salframe.graphs.graph import SaliencyGraph, box_footprints
+from salframe.panoramas.photograph import Pinhole
+
+GROUND, SEEN, RING, EDGE = (247, 248, 250), (233, 236, 242), (206, 211, 219), (118, 128, 146)
+BEARING_LENGTH = 0.82
+"""How far rays reach, a share of the plan's reach."""
+NAMES = 30
+"""The most salient objects, so many at most, are named."""
+RINGS, RING_METRES = 6, (0.5, 1, 2, 5, 10, 20, 50)
+"""So many rings at most, these metres apart."""
+
+
+class Plan:
+    """A square of `side` pixels, ahead (+x) up: objects by their boxes where their positions are known, else by rays.
+
+    camera: the photograph that the objects were seen in; what it shows is shaded, and it stands at the lower end.
+    """
+
+    def __init__(
+        self,
+        detections: Detections,
+        graph: SaliencyGraph | None,
+        colours: Mapping[str, Colour],
+        side: int,
+        camera: Pinhole | None = None,
+    ) -> None:
+        self._side, self._colours, self._points = side, colours, max(11, round(side / 50))
+        self._middle = np.array([side / 2, side * (0.5 if camera is None else 0.92)])
+        self._image: np.ndarray = np.full((side, side, 3), GROUND, np.uint8)
+        self._lettering = Lettering(side, side, self._points)
+        self._lettering.taken.append(np.concatenate([self._middle - self._points, self._middle + self._points]))
+        reach_m = 1.0 if graph is None else _reach(graph)
+        self._scale = (self._middle[1] - 2.2 * self._points) / reach_m
+        if camera is not None:
+            self._shade_view(camera)
+        self._name_sides(all_around=camera is None)
+        if graph is None:
+            self._draw_ring(BEARING_LENGTH)
+        else:
+            self._draw_rings(reach_m)
+        self._image = self._lettering.draw(self._image)  # under the objects
+        self._lettering.names.clear()
+        if graph is None:
+            self._draw_rays(detections)
+        else:
+            self._draw_graph(graph)
+        head = side / 55 * np.array([(0, -1.3), (0.8, 0.9), (0, 0.45), (-0.8, 0.9)])
+        fill(self._image, self._middle + head, INK)
+
+    @property
+    def image(self) -> np.ndarray:
+        """(side, side, 3) uint8."""
+        return self._lettering.draw(self._image)
+
+    def pixel(self, xy_m: np.ndarray) -> np.ndarray:
+        """Where positions (..., 2) in the panorama frame are drawn."""
+        return self._middle - np.asarray(xy_m)[..., ::-1] * self._scale
+
+    def _draw_graph(self, graph: SaliencyGraph) -> None:
+        """Boxes, edges by weight, nodes by saliency, and their names."""
+        place, boxes = self.pixel(graph.centroid_m[:, :2]), self.pixel(box_footprints(graph))
+        colours = [self._colours[label] for label in graph.labels]
+        self._image = coat(self._image, zip(boxes, colours, strict=True), 0.35)
+        for box, colour in zip(boxes, colours, strict=True):
+            stroke(self._image, box, colour, self._side / 600, closed=True)
+        heaviest = graph.weights.max(initial=1e-9)
+        for edge, weight in zip(graph.edges, graph.weights, strict=True):
+            stroke(self._image, place[edge], EDGE, self._side / 900 * (1 + 4 * weight / heaviest))
+        share = graph.saliency / max(graph.saliency.max(initial=0), 1e-9)
+        radius = self._side / 160 * (0.6 + 1.6 * np.sqrt(share))
+        around = np.concatenate([place - radius[:, None], place + radius[:, None]], 1)
+        self._lettering.taken += list(around)
+        for centre, r, colour in zip(place, radius, colours, strict=True):
+            disk(self._image, centre, r + self._side / 500, PAPER)
+            disk(self._image, centre, r, colour)
+        for i in range(min(len(graph), NAMES)):
+            label, inside = graph.labels[i], ((place[i] >= 0) & (place[i] < self._side)).all()
+            if inside:
+                self._lettering.put(label, colours[i], around[i], place[i])
+            else:
+                far_m = np.hypot(*graph.centroid_m[i, :2])
+                self._write(f"{label}, {far_m:.1f} m", self._towards(place[i]), colours[i])
+
+    def _towards(self, beyond: np.ndarray) -> np.ndarray:
+        """Where the line from the camera to a pixel outside the plan leaves it."""
+        ahead = beyond - self._middle
+        room = np.where(ahead > 0, self._side - self._middle, self._middle) / np.maximum(np.abs(ahead), 1e-9)
+        return self._middle + room.min() * ahead
+
+    def _draw_rays(self, detections: Detections) -> None:
+        """Objects whose bearing alone is known, each as wide as its solid angle."""
+        across = np.clip(np.sqrt(np.nan_to_num(detections.solid_angle_sr)), 0.01, np.pi)
+        for label, bearing, width in zip(detections.labels, detections.bearing, across, strict=True):
+            if not np.isfinite(bearing).all():
+                continue
+            azimuth, colour = np.arctan2(bearing[1], bearing[0]), self._colours[label]
+            edge = azimuth + width * np.linspace(-0.5, 0.5, 24)
+            fan = np.vstack([[0, 0], np.column_stack([np.cos(edge), np.sin(edge)])]) * BEARING_LENGTH
+            self._image = coat(self._image, [(self.pixel(fan), colour)], 0.3)
+            towards = np.array([-np.sin(azimuth), -np.cos(azimuth)])
+            tip = self._middle + BEARING_LENGTH * self._scale * towards
+            stroke(self._image, np.stack([self._middle, tip]), colour, self._side / 400)
+            beyond = np.abs(towards) @ self._lettering.measure(label) / 2 + 2
+            self._write(label, tip + beyond * towards, colour)
+
+    def _draw_rings(self, reach_m: float) -> None:
+        """Circles at round distances, named ahead to the right."""
+        step_m = next((metres for metres in RING_METRES if metres * RINGS >= reach_m), RING_METRES[-1])
+        for radius_m in step_m * np.arange(1, reach_m // step_m + 1):
+            self._draw_ring(radius_m)
+            self._write(f"{radius_m:g} m", self.pixel(radius_m * np.array([np.sqrt(0.5), -np.sqrt(0.5)])))
+
+    def _draw_ring(self, radius_m: float) -> None:
+        angle = np.linspace(0, 2 * np.pi, 180, endpoint=False)
+        ring = self.pixel(radius_m * np.column_stack([np.cos(angle), np.sin(angle)]))
+        stroke(self._image, ring, RING, self._side / 900, closed=True)
+
+    def _name_sides(self, *, all_around: bool) -> None:
+        """The azimuths that the plan's sides lie at."""
+        inset, middle = 1.2 * self._points, self._side / 2
+        self._write("0°", np.array([middle, inset]))
+        if all_around:
+            self._write("+90°", np.array([1.4 * inset, middle]))
+            self._write("-90°", np.array([self._side - 1.4 * inset, middle]))
+            self._write("180°", np.array([middle, self._side - inset]))
+
+    def _shade_view(self, camera: Pinhole) -> None:
+        """What the photograph shows, as far as the plan reaches."""
+        sides = camera.rays()[camera.height_px // 2, [0, -1], :2]
+        far = 2 * self._side / self._scale * sides / np.linalg.norm(sides, axis=1, keepdims=True)
+        fill(self._image, np.stack([self._middle, *self.pixel(far)]), SEEN)
+
+    def _write(self, text: str, at: np.ndarray, colour: Colour = GROUND) -> None:
+        """Write with the text's middle at a pixel if there is room."""
+        self._lettering.put(text, colour, np.concatenate([at, at]), at)
+
+
+def _reach(graph: SaliencyGraph) -> float:
+    """How far from the camera the plan has to reach, in metres: to the ends of the boxes, but not to what lies far
+    beyond the others."""
+    if not len(graph):
+        return 1.0
+    distance_m = np.hypot(graph.centroid_m[:, 0], graph.centroid_m[:, 1])
+    ends_m = distance_m + np.hypot(graph.size_m[:, 0], graph.size_m[:, 1]) / 2
+    return float(max(1.0, min(ends_m.max(), 3 * np.median(distance_m))))

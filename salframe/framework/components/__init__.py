@@ -1,0 +1,1 @@
+"""Components: how they are registered, named, configured, chosen and identified."""

@@ -1,0 +1,329 @@
+"""Finding what plugins bring: guarded discovery, checks at registration, and errors that say what to do."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import EntryPoint
+from pathlib import Path
+from typing import Any, cast
+
+import pluggy
+from pydantic import BaseModel
+from pydantic_core import PydanticSerializationError
+
+from salframe.framework.component import Component, ComponentConfig, Role, is_role
+from salframe.framework.components.defaults import AUTO, auto_order
+from salframe.framework.components.entry_points import COMMANDS, GROUP, discover
+from salframe.framework.config import read_yaml
+from salframe.framework.errors import ConfigError, PluginFailed, SalframeError, UnknownName, describe_error, unknown
+from salframe.framework.files.weights import Weights
+
+BUILTIN = "salframe.builtin"
+"""The core as a plugin; it is always there."""
+KEBAB = r"[a-z0-9]+(-[a-z0-9]+)*"
+FOLDERS = ("methods", "data", "ablations")
+"""Folders of presets that stand first in listings."""
+OTHERWISE = "otherwise"
+"""The key under which a preset names another one."""
+
+hookspec = pluggy.HookspecMarker("salframe")
+
+
+@dataclass(frozen=True)
+class Presets:
+    """A folder of YAML files that a plugin ships: NAME.yaml in methods/, data/, ablations/, reported/ and the folder
+    that a role of its own names."""
+
+    folder: Path
+
+
+class _Hooks:
+    @hookspec
+    def salframe_provides(self) -> list[type[Component] | Presets]:
+        """What this plugin brings: component classes, roles of its own (before their components), collections of
+        presets."""
+        return []
+
+    @hookspec
+    def salframe_commands(self) -> dict[str, Callable[..., Any]]:
+        """Commands of this plugin by name: functions as typer takes them, or typer apps."""
+        return {}
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A plugin that could not be loaded, or a preset of one: its entry point, or FOLDER/NAME.yaml; the package that
+    declares it; the exception in one line."""
+
+    plugin: str
+    package: str
+    reason: str
+
+    def __str__(self) -> str:
+        return f"{self.plugin} ({self.reason})"
+
+
+class Registry:
+    """Roles by name, components by (role, name), presets by (folder, name), and the plugins that failed."""
+
+    def __init__(self) -> None:
+        self.roles: dict[str, type[Role]] = {}
+        self.failures: list[Failure] = []
+        self._presets: dict[tuple[str, str], tuple[Path, str]] = {}
+        self._components: dict[tuple[str, str], tuple[type[Component], str]] = {}
+        self._manager = pluggy.PluginManager("salframe")
+        self._manager.add_hookspecs(_Hooks)
+
+    def load(self, entry_point: EntryPoint) -> None:
+        """Import one plugin and take in what it brings; what goes wrong is kept in `failures`, never raised."""
+        package = _package(entry_point)
+        try:
+            for item in self.call(entry_point, "salframe_provides"):
+                self.add(item, package)
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # whatever a plugin raises is the plugin's; it must not stop the others
+            self.failures.append(Failure(entry_point.name, package, describe_error(error)))
+
+    def call(self, entry_point: EntryPoint, hook: str) -> Any:
+        """What the hook of one plugin gives; an empty list where it has none. Raises SalframeError on a function of the
+        hook's name that is not marked as one, and whatever the plugin raises."""
+        plugin: Any = entry_point.load()
+        if not self._manager.is_registered(plugin):
+            self._manager.register(plugin, name=f"{_package(entry_point)}:{entry_point.name}")
+        for implementation in getattr(self._manager.hook, hook).get_hookimpls():
+            if implementation.plugin is plugin:
+                return cast(Any, implementation.function())
+        if hasattr(plugin, hook):
+            raise SalframeError(f"{hook} of {plugin.__name__} is no hook: mark it with @salframe.hookimpl")
+        return []
+
+    def add(self, item: type[Component] | Presets, package: str) -> None:
+        """Register a component, a role or presets. Raises SalframeError on what is none of them or already taken.
+
+        A preset whose file is faulty is kept in `failures`.
+        """
+        if isinstance(item, Presets):
+            self._add_presets(item, package)
+        elif is_role(item):
+            self._add_role(cast(type[Role], item), package)
+        else:
+            for base in getattr(item, "__mro__", ()):
+                if is_role(base):  # the plugin that brings it may come later: plugins load in the order of their names
+                    self.add(base, package)
+            check_declaration(item, self.roles)
+            key = (item.role, item.name)
+            if key in self._components and self._components[key][0] is not item:
+                provider = self._components[key][1]
+                raise SalframeError(f"the {key[0]} {key[1]!r} of {package} is already provided by {provider}")
+            self._components[key] = (item, package)
+
+    def _add_role(self, role: type[Role], package: str) -> None:
+        if self.roles.get(getattr(role, "role", "")) is role:
+            return
+        for attribute in ("role", "word", "conformance", "presets"):
+            value = getattr(role, attribute, None)
+            if not (isinstance(value, str) or (attribute == "presets" and value is None)):
+                raise SalframeError(f"{role.__qualname__}.{attribute} of {package} is {value!r}, expected text")
+        if role.role in self.roles:
+            raise SalframeError(f"the role {role.role!r} of {package} is already there: {self.roles[role.role]}")
+        self.roles[role.role] = role
+        for (folder, name), (path, owner) in list(self._presets.items()):  # its presets may have come before it
+            if folder == role.presets:
+                del self._presets[folder, name]
+                self._add_preset(path, owner)
+
+    def _add_presets(self, presets: Presets, package: str) -> None:
+        paths = sorted(presets.folder.glob("*/*.yaml"))
+        for path in paths:
+            if (key := (path.parent.name, path.stem)) in self._presets:
+                raise SalframeError(f"the preset {path} of {package} is already there: {self._presets[key][0]}")
+        for path in paths:
+            self._add_preset(path, package)
+
+    def _add_preset(self, path: Path, package: str) -> None:
+        folder = path.parent.name
+        try:
+            content = read_yaml(path)
+            for role in self.roles.values():
+                if role.presets == folder:
+                    check_preset(content, str(path), role.role)
+        except SalframeError as error:
+            self.failures.append(Failure(f"{folder}/{path.name}", package, describe_error(error)))
+        else:
+            self._presets[folder, path.stem] = path, package
+
+    def find_preset(self, folder: str, name: str) -> Path | None:
+        """The file of a preset in methods/, data/ or another folder of presets, None where no plugin ships it.
+
+        Raises PluginFailed where that file is faulty.
+        """
+        if (folder, name) in self._presets:
+            return self._presets[folder, name][0]
+        for failure in self.failures:
+            if failure.plugin == f"{folder}/{name}.yaml":
+                raise PluginFailed(f"the preset {failure.plugin} of {failure.package} is faulty: {failure.reason}")
+        return None
+
+    def preset_files(self) -> list[tuple[Path, str]]:
+        """(file, package) of every preset by folder and name: methods, data and ablations before other folders."""
+        order = {folder: number for number, folder in enumerate(FOLDERS)}
+        keys = sorted(self._presets, key=lambda key: (order.get(key[0], len(order)), key))
+        return [self._presets[key] for key in keys]
+
+    def list_presets(self, folder: str) -> dict[str, str]:
+        """Name -> package of the presets in a folder of the collections, sorted."""
+        return {path.stem: package for path, package in self.preset_files() if path.parent.name == folder}
+
+    def __iter__(self) -> Iterator[tuple[type[Component], str]]:
+        """(class, package) of every component, by role and name."""
+        order = list(self.roles)
+        return iter(sorted(self._components.values(), key=lambda entry: (order.index(entry[0].role), entry[0].name)))
+
+    def names(self, role: str) -> list[str]:
+        """The names registered for a role, sorted."""
+        return sorted(name for kind, name in self._components if kind == role)
+
+    def get(self, role: str, name: str) -> type[Component]:
+        """The class of this role and name. Raises PluginFailed where a broken plugin may hold it, ConfigError on `auto`
+        where the role has one, UnknownName otherwise."""
+        if not isinstance(name, str):  # a `kind` of a YAML file may be anything
+            raise UnknownName(f"received {name!r}, expected the name of a {role}: {', '.join(self.names(role))}")
+        if (role, name) in self._components:
+            return self._components[role, name][0]
+        if name == AUTO and (order := auto_order(role)):
+            raise ConfigError(
+                f"the {role} is {AUTO!r}, and no data is known that decides it: "
+                f"name a {role} ({', '.join(order)}, ...), or give the data"
+            )
+        for failure in self.failures:
+            if name in (failure.plugin, failure.package):
+                raise PluginFailed(
+                    f"{role} {name!r}: the plugin {failure.plugin} of {failure.package} failed to load "
+                    f"({failure.reason}); try: pip install --force-reinstall {failure.package}"
+                )
+        raise UnknownName(unknown(role, name, self.names(role), self.failures))
+
+    def build(self, role: str, config: ComponentConfig) -> Any:
+        """An instance of the component a slot's config names."""
+        return self.get(role, config.kind)(config)
+
+
+def _package(entry_point: EntryPoint) -> str:
+    if entry_point.value == BUILTIN:
+        return "salframe"
+    return entry_point.dist.name if entry_point.dist else entry_point.value
+
+
+def check_declaration(component: Any, roles: dict[str, type[Role]]) -> None:
+    """Raise SalframeError on a class whose declaration would break whatever lists or configures it."""
+    if not (
+        isinstance(component, type) and issubclass(component, Component) and getattr(component, "role", None) in roles
+    ):
+        expected = ", ".join(role.__name__ for role in roles.values())
+        raise SalframeError(f"{component!r} is no component: it must subclass one of {expected}")
+    where = component.__qualname__
+    absent = [attribute for attribute in ("name", "version") if not hasattr(component, attribute)]
+    if absent:
+        raise SalframeError(f"{where} has no {' and no '.join(absent)}")
+    if not isinstance(component.name, str) or re.fullmatch(KEBAB, component.name) is None:
+        raise SalframeError(
+            f"{where}.name is {component.name!r}, expected words of small letters and digits joined by hyphens"
+        )
+    if component.name == AUTO:
+        raise SalframeError(f"{where}.name is {AUTO!r}, which slots say that leave their component to the data")
+    for attribute in ("version", "extra"):
+        if not isinstance(getattr(component, attribute), str):
+            raise SalframeError(f"{where}.{attribute} is {getattr(component, attribute)!r}, expected text")
+    for attribute in ("requires", "weights"):
+        if not isinstance(getattr(component, attribute), tuple):
+            raise SalframeError(
+                f"{where}.{attribute} is {type(getattr(component, attribute)).__name__}, expected a tuple"
+            )
+    for package in component.requires:
+        if not (isinstance(package, str) and package.isidentifier()):
+            raise SalframeError(f"{where}.requires holds {package!r}, expected the name of a top-level package")
+    for weights in component.weights:
+        if not isinstance(weights, Weights):
+            raise SalframeError(f"{where}.weights holds {weights!r}, expected Weights")
+    _check_settings(component, where)
+
+
+def _check_settings(component: type[Component], where: str) -> None:
+    model = component.Config
+    if not (isinstance(model, type) and issubclass(model, ComponentConfig)):
+        raise SalframeError(f"{where}.Config is {model!r}, expected a subclass of ComponentConfig")
+    required = [name for name, field in model.model_fields.items() if field.is_required()]
+    if required:
+        raise SalframeError(f"{where}.Config has no default for {', '.join(required)}, expected one for every setting")
+    defaults = model.model_construct()
+    unordered = [name for name in model.model_fields if _holds_set(getattr(defaults, name))]
+    if unordered:
+        raise SalframeError(
+            f"{where}.Config has a set for {', '.join(unordered)}, expected a tuple: settings are written to files, "
+            "and a set has another order in every process"
+        )
+    try:
+        json.dumps(defaults.model_dump(mode="json", warnings=False))
+    except (PydanticSerializationError, TypeError, ValueError) as error:
+        raise SalframeError(
+            f"{where}.Config has a default that cannot be written as JSON: {describe_error(error)}"
+        ) from None
+
+
+def _holds_set(value: Any) -> bool:
+    if isinstance(value, BaseModel):
+        return any(_holds_set(getattr(value, name, None)) for name in type(value).model_fields)
+    if isinstance(value, Mapping):
+        return any(map(_holds_set, value.values()))
+    if isinstance(value, tuple | list):
+        return any(map(_holds_set, value))
+    return isinstance(value, set | frozenset)
+
+
+def check_preset(content: Mapping[str, Any], where: str, role: str) -> None:
+    """Raise ConfigError on settings of a component of `role` that do not name it, or whose `otherwise` is no name.
+
+    `where` they stand: the file.
+    """
+    if not isinstance(content.get("kind"), str):
+        raise ConfigError(f"{where} has no `kind`, expected the name of a {role} and its settings")
+    other = content.get(OTHERWISE)
+    if not (other is None or isinstance(other, str)):
+        raise ConfigError(f"{where}: {OTHERWISE} is {other!r}, expected the name of another {role}")
+
+
+@cache
+def registry() -> Registry:
+    """All that is installed. `SALFRAME_PLUGINS=module,...` replaces discovery by these modules; the core's own is
+    always there."""
+    found = Registry()
+    for entry_point in [EntryPoint("builtin", BUILTIN, GROUP), *discover(GROUP)]:
+        found.load(entry_point)
+    return found
+
+
+def load_commands() -> tuple[dict[str, tuple[Any, str]], list[Failure]]:
+    """Command -> (function or app, package) of every plugin that brings some, and the plugins that failed."""
+    found = Registry()
+    commands: dict[str, tuple[Any, str]] = {}
+    for entry_point in discover(COMMANDS):
+        package = _package(entry_point)
+        try:
+            for name, command in dict(found.call(entry_point, "salframe_commands")).items():
+                if not (isinstance(name, str) and re.fullmatch(KEBAB, name) and callable(command)):
+                    raise SalframeError(
+                        f"{name!r}: {command!r} is no command, expected a kebab-case name and a function"
+                    )
+                if name in commands:
+                    raise SalframeError(f"the command {name!r} of {package} is already provided by {commands[name][1]}")
+                commands[name] = command, package
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:
+            found.failures.append(Failure(entry_point.name, package, describe_error(error)))
+    return commands, found.failures

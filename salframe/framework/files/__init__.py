@@ -1,0 +1,1 @@
+"""Files: bounded reading, atomic writing, arrays on disk, hashes, the cache, network weights."""

@@ -1,0 +1,297 @@
+"""The one door for files: none is half written, and none is read but within bounds and as what it should be.
+
+Every reader raises DataError, in one line: which file, where in it, what was received, what was expected. Settings in
+YAML are read by `salframe.framework.config`, what the bounds are stands in `salframe.framework.files.bounded`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import os
+import shutil
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from pydantic import BaseModel, TypeAdapter, ValidationError
+
+from salframe.framework.errors import ConfigError, DataError, WeightsMissing, one_line
+from salframe.framework.files.array_files import MOST_BYTES, pack_arrays, parse_arrays
+from salframe.framework.files.bounded import check_regular, parse_json, read_bytes, read_start, why
+from salframe.framework.validation import describe_faults, validate
+
+PNG = b"\x89PNG\r\n\x1a\n"
+"""What every PNG begins with."""
+_Model = TypeVar("_Model", bound=BaseModel)
+
+_LARGEST_LOG, _LARGEST_NETWORK, _LARGEST_HASHED = 1 << 30, 1 << 31, 1 << 40
+"""Bytes of a .jsonl file, of a network, and of what is read in pieces."""
+_MOST_ROWS, _MOST_PIXELS = 1 << 20, 1 << 26
+_END_OF_JPEG, _SCAN_OF_JPEG = b"\xff\xd9", b"\xff\xda"
+_END_OF_PNG = b"\0\0\0\0IEND\xaeB`\x82"
+
+
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Let what the system says against writing to `path` name it: where the disk is full it names nothing."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno is not None and error.filename is None:
+            error.filename = str(path)
+        raise
+
+
+@contextmanager
+def atomic_path(path: Path) -> Iterator[Path]:
+    """A temporary path beside `path`, of the same suffix; renamed to it when the block ends well, removed when it does
+    not."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.stem}-{os.getpid()}-{time.monotonic_ns()}{path.suffix}")
+    try:
+        with naming(path):
+            yield temporary
+            os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def new_folder(path: Path) -> Iterator[Path]:
+    """A temporary folder beside `path`, renamed to it when the block ends well, removed when it does not. Raises
+    ConfigError where `path` is there."""
+    if path.exists():
+        raise ConfigError(f"{path} is there already: name a new folder, or remove it")
+    temporary = path.with_name(f".{path.name}-{os.getpid()}-{time.monotonic_ns()}")
+    temporary.mkdir(parents=True)
+    try:
+        with naming(path):
+            yield temporary
+            os.replace(temporary, path)
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+@contextmanager
+def alone(folder: Path, instead: str) -> Iterator[None]:
+    """Hold a folder's lock, which the system gives back when the process ends; nothing where it has no such locks.
+
+    Raises ConfigError where another process holds it; `instead`: what the user could do but wait.
+    """
+    try:
+        import fcntl
+    except ImportError:  # Windows has none
+        yield
+        return
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise ConfigError(f"another process writes to {folder}: wait for it, or {instead}") from None
+        except OSError:  # some network file systems have none
+            pass
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def share_file(source: Path, target: Path) -> None:
+    """Let a file be found under another path too: a hard link, or a copy where there can be none. A file that is
+    already there stays."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        os.link(source, target)
+    except OSError:  # it is there, or on another file system, or on one that has no hard links
+        if not target.exists():
+            with atomic_path(target) as temporary:
+                shutil.copyfile(source, temporary)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file atomically, the same bytes on every system."""
+    with atomic_path(path) as temporary:
+        temporary.write_text(text, encoding="utf-8", newline="\n")
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Write JSON atomically, indented, keys in the order given; NaN is refused."""
+    write_text(path, json.dumps(value, indent=2, allow_nan=False) + "\n")
+
+
+@contextmanager
+def reading(path: Path, expected: str) -> Iterator[None]:
+    """Say in one line which file cannot be read, or is not what was expected: DataError in place of OSError,
+    ValueError."""
+    try:
+        yield
+    except OSError as error:
+        raise DataError(f"cannot read {path}: {error.strerror or one_line(error)}, expected {expected}") from None
+    except ValueError as error:
+        raise DataError(f"{path} is not {expected}: {one_line(error)}") from None
+
+
+def read_text(path: Path, expected: str = "a text file") -> str:
+    """Read text in UTF-8. Raises DataError where the file is missing or is not the text `expected`."""
+    with reading(path, expected):
+        return read_bytes(path).decode("utf-8-sig")
+
+
+def read_json(path: Path) -> Any:
+    """Read JSON. Raises DataError where the file is missing or is no JSON."""
+    with reading(path, "JSON"):
+        return parse_json(read_bytes(path))
+
+
+def read_as(path: Path, kind: Any) -> Any:
+    """Read JSON as a type that pydantic knows. Raises DataError, in one line, on whatever does not fit."""
+    return check_as(read_json(path), kind, path)
+
+
+def check_as(content: Any, kind: Any, where: object) -> Any:
+    """A value as a type that pydantic knows. Raises DataError, in one line, on whatever does not fit."""
+    try:
+        return _adapter(kind).validate_python(content)
+    except ValidationError as error:
+        raise DataError(describe_faults(error, f"{where}:")) from None
+
+
+_adapter = lru_cache(maxsize=64)(TypeAdapter)
+
+
+def read_model(path: Path, model: type[_Model]) -> _Model:
+    """Read JSON as an instance of a pydantic model. Raises DataError, in one line, on whatever does not fit."""
+    content = read_json(path)
+    if not isinstance(content, Mapping):
+        raise DataError(f"{path} holds {type(content).__name__}, expected an object")
+    try:
+        return validate(model, content, f"{path}:")
+    except ConfigError as error:
+        raise DataError(str(error)) from None
+
+
+def read_lines(path: Path) -> Iterator[Any]:
+    """The values of a .jsonl file, one a line; what follows the last newline was cut off by a kill, and is left out.
+    Raises DataError."""
+    with reading(path, "a file of JSON lines"):
+        lines = read_bytes(path, _LARGEST_LOG).split(b"\n")[:-1]
+    for number, line in enumerate(lines, 1):
+        try:
+            yield parse_json(line)
+        except ValueError:
+            raise DataError(f"{path}, line {number}, is not JSON: remove the line to have it asked again") from None
+
+
+def whole_lines_bytes(path: Path) -> int:
+    """How many bytes of a .jsonl file are whole lines. Raises DataError."""
+    with reading(path, "a file of JSON lines"):
+        return read_bytes(path, _LARGEST_LOG).rfind(b"\n") + 1
+
+
+def write_bytes(path: Path, content: bytes) -> None:
+    """Write a file atomically."""
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(content)
+
+
+def write_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
+    """Write named arrays to a compressed .npz, atomically."""
+    write_bytes(path, pack_arrays(arrays))
+
+
+def read_arrays(path: Path) -> dict[str, np.ndarray]:
+    """Read named arrays from .npz, never unpickling. Raises DataError."""
+    with reading(path, "an array archive"):
+        return parse_arrays(read_bytes(path, MOST_BYTES))
+
+
+def read_table(path: Path, row: type[_Model]) -> list[_Model]:
+    """The rows of a Parquet table, of which only the columns that `row` has are read. Raises DataError on a file that
+    is none, on an absent column and on values of another type, null or out of range."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        with reading(path, "a Parquet table"):
+            table = pq.ParquetFile(pa.BufferReader(read_bytes(path)), page_checksum_verification=True)
+            names = set(table.schema_arrow.names)
+            absent = row.model_fields.keys() - names
+            if absent:
+                raise DataError(f"{path} has no column {' and no column '.join(sorted(absent))}")
+            if table.metadata.num_rows > _MOST_ROWS:
+                raise ValueError(f"{table.metadata.num_rows} rows, expected at most {_MOST_ROWS}")
+            rows = table.read(columns=list(row.model_fields), use_threads=False).to_pylist()
+    except (pa.ArrowException, MemoryError, KeyError) as error:
+        raise DataError(f"{path} is not a Parquet table: {one_line(error)}") from None
+    checked: list[_Model] = check_as(rows, list[row], path)  # type: ignore[valid-type]
+    return checked
+
+
+def read_image(path: Path, mode: int) -> np.ndarray:
+    """The pixels of a JPEG or PNG in one of OpenCV's reading modes (cv2.IMREAD_COLOR gives blue first). Raises
+    DataError on a missing file, and on one that is damaged, cut off or too large."""
+    import cv2
+    from PIL import Image
+
+    with reading(path, "a readable image"):
+        content = read_bytes(path)
+    try:
+        with Image.open(io.BytesIO(content), formats=("PNG", "JPEG")) as picture:
+            width, height = picture.size
+            whole = content.rfind(_END_OF_JPEG) > content.rfind(_SCAN_OF_JPEG)
+            if picture.format == "PNG":  # of what is wrong with its checksums, or its end, libpng would write to stderr
+                whole = _END_OF_PNG in content
+            picture.verify()
+    except Exception:  # Pillow raises whatever it stumbles over
+        whole, width, height = False, 0, 0
+    if width * height > _MOST_PIXELS:
+        raise DataError(f"{path} is {width} x {height}, expected at most {_MOST_PIXELS} pixels")
+    image = cv2.imdecode(np.frombuffer(content, np.uint8), mode) if whole else None
+    if image is None:
+        raise DataError(f"{path} is no readable image ({len(content)} bytes), expected a JPEG or PNG that is whole")
+    return image
+
+
+def image_notes(path: Path) -> dict[str, Any]:
+    """What is written into a PNG beside its pixels; nothing of a file that is none."""
+    from PIL import Image
+
+    try:
+        with Image.open(io.BytesIO(read_bytes(path)), formats=("PNG",)) as picture:
+            return {str(key): value for key, value in picture.info.items()}
+    except Exception:  # Pillow raises whatever it stumbles over
+        return {}
+
+
+def check_picture_output(path: Path) -> None:
+    """Raises ConfigError where a PNG would replace something else than a PNG."""
+    if path.exists() and not (path.is_file() and read_start(path, len(PNG)) == PNG):
+        raise ConfigError(f"{path} is there and is no PNG, expected the name of a new file or of a picture to replace")
+
+
+def read_network(path: Path) -> bytes:
+    """The bytes of a network's file. Raises WeightsMissing where it is missing or too large."""
+    try:
+        return read_bytes(path, _LARGEST_NETWORK)
+    except (OSError, ValueError) as error:
+        raise WeightsMissing(f"cannot read {path}: {why(error)}") from None
+
+
+def file_sha256(path: Path) -> str:
+    """Sha256 (hex) of a regular file, remembered until it changes. Raises DataError."""
+    with reading(path, "a regular file"):
+        check_regular(path, _LARGEST_HASHED)
+        status = path.stat()
+        return _hash(path, status.st_size, status.st_mtime_ns)
+
+
+@lru_cache(maxsize=4096)
+def _hash(path: Path, size: int, modified_ns: int) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
