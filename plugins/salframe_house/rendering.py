@@ -6,7 +6,7 @@ import zlib
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -25,9 +25,7 @@ from salframe_house.building import (
 from salframe_house.frames import HouseFrame, choose_frames
 from salframe_house.lighting import Lighting
 from salframe_house.render import Renderer
-
-if TYPE_CHECKING:
-    from salframe_house.dataset import House
+from salframe_house.settings import HouseConfig
 
 
 @cache
@@ -44,14 +42,14 @@ def buildings(
     return building, change_building(building, changed_fraction, seed, changes, kinds)
 
 
-def buildings_of(config: House.Config) -> tuple[Building, Building]:
+def buildings_of(config: HouseConfig) -> tuple[Building, Building]:
     """`buildings` of a data set."""
     return buildings(
         config.style, config.rooms, config.seed, config.changed_fraction, config.changes, config.change_kinds
     )
 
 
-def frames_of(config: House.Config) -> tuple[HouseFrame, ...]:
+def frames_of(config: HouseConfig) -> tuple[HouseFrame, ...]:
     """`choose_frames` of a data set, its queries in one light where there is one for all."""
     frames = choose_frames(
         *buildings_of(config),
@@ -82,12 +80,12 @@ def object_table(building: Building, changed: Building) -> dict[str, Sequence[An
     }
 
 
-def render_frame(config: House.Config, frame: HouseFrame) -> Panorama:
+def render_frame(config: HouseConfig, frame: HouseFrame) -> Panorama:
     """The panorama of a frame: queries see the changed building."""
     return _render(config, frame.pose, frame.is_query, frame.lighting, frame.id)
 
 
-def render_pose(config: House.Config, T_world_pano: np.ndarray) -> Panorama:
+def render_pose(config: HouseConfig, T_world_pano: np.ndarray) -> Panorama:
     """A panorama of the changed building at a pose (4, 4), in the queries' light; where that is not one for all, in the
     evening's."""
     x, y, z = T_world_pano[:3, 3]
@@ -95,7 +93,7 @@ def render_pose(config: House.Config, T_world_pano: np.ndarray) -> Panorama:
     return _render(config, T_world_pano, True, "evening" if config.lighting == "other" else config.lighting, id)
 
 
-def _render(config: House.Config, T_world_pano: np.ndarray, changed: bool, lighting: Lighting, id: str) -> Panorama:
+def _render(config: HouseConfig, T_world_pano: np.ndarray, changed: bool, lighting: Lighting, id: str) -> Panorama:
     renderer = _renderer(config, changed, lighting)
     before, after = buildings_of(config)
     labels = {**before.labels, **after.labels}
@@ -108,7 +106,7 @@ def _render(config: House.Config, T_world_pano: np.ndarray, changed: bool, light
     return Panorama(id, rgb, _query_range(config, range_m, id) if changed else range_m, annotations=annotations)
 
 
-def _query_range(config: House.Config, range_m: np.ndarray, id: str) -> np.ndarray | None:
+def _query_range(config: HouseConfig, range_m: np.ndarray, id: str) -> np.ndarray | None:
     """The range that a query comes with: none, or off by its factor."""
     if not config.query_range:
         return None
@@ -117,7 +115,7 @@ def _query_range(config: House.Config, range_m: np.ndarray, id: str) -> np.ndarr
 
 
 @cache
-def _renderer(config: House.Config, changed: bool, lighting: Lighting) -> Renderer:
+def _renderer(config: HouseConfig, changed: bool, lighting: Lighting) -> Renderer:
     """Renderers of one process; the lightings of one building share its geometry and textures."""
     if lighting != "day":
         return _renderer(config, changed, "day").relit(lighting)

@@ -55,8 +55,8 @@ def fetch(name: Name) -> None:
 @app.command()
 def where(name: Name) -> None:
     """Print the paths of weights that are at hand."""
-    from salframe.framework.components.installation import where as find
+    from salframe.framework.components.installation import find_weights
     from salframe.framework.components.registry import registry
 
-    for path in find(name, registry()):
+    for path in find_weights(name, registry()).paths():
         print(path)

@@ -1,16 +1,65 @@
-"""What every registered class has in common, and what makes a role."""
+"""Components, their settings, and roles: what every registered class has in common."""
 
 from __future__ import annotations
 
 import importlib.util
 from abc import ABC
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from salframe.framework.component import ComponentConfig, components_in
+from pydantic import BaseModel, Field, model_validator
+
 from salframe.framework.errors import RequirementMissing
+from salframe.framework.validation import Settings
 
 if TYPE_CHECKING:
     from salframe.framework.files.weights import Weights
+
+ROLE = "role"
+"""Key of a slot's `json_schema_extra`: the role of what it holds."""
+
+
+class ComponentConfig(Settings):
+    """Base of every component's `Config`. `kind` is the component's name and is filled in."""
+
+    component: ClassVar[type[Component]]
+    kind: str = ""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _fill_kind(cls, value: Any) -> Any:
+        if isinstance(value, Mapping):
+            value = {"kind": cls.component.name, **value}
+            if value["kind"] != cls.component.name:
+                raise ValueError(f"kind is {value['kind']!r}, expected {cls.component.name!r}")
+        return value
+
+
+def match_only(default: Any, **field: Any) -> Any:
+    """A pydantic Field for a setting that matters to matching only: descriptions of panoramas do not depend on it."""
+    return Field(default, json_schema_extra={"match_only": True}, **field)
+
+
+def added(default: Any, *, match_only: bool = False, **field: Any) -> Any:
+    """A pydantic Field for a setting that came later, whose default is how it was before: at its default it is no part
+    of the identity, so that what was computed before is still known. `match_only` as in the function of that name."""
+    return Field(default, json_schema_extra={"added": True, **({"match_only": True} if match_only else {})}, **field)
+
+
+def components_in(config: Any) -> Iterator[tuple[str, ComponentConfig]]:
+    """The slots of a configuration and the configurations of the components in them, not those nested deeper; of a
+    field that holds several, `name[0]` and so on."""
+    for name in type(config).model_fields if isinstance(config, BaseModel) else ():
+        value = getattr(config, name)
+        if isinstance(value, ComponentConfig):
+            yield name, value
+        elif holds_components(value):
+            yield from ((f"{name}[{number}]", one) for number, one in enumerate(value))
+
+
+def holds_components(value: Any) -> bool:
+    """Whether the value of a setting is several components' configurations."""
+    return isinstance(value, tuple) and bool(value) and all(isinstance(one, ComponentConfig) for one in value)
 
 
 class Component(ABC):

@@ -3,7 +3,6 @@ it is declared."""
 
 from __future__ import annotations
 
-import hashlib
 import json
 import sys
 from collections.abc import Mapping
@@ -17,7 +16,7 @@ from pydantic_core import core_schema, to_jsonable_python
 from salframe.framework.component import ComponentConfig
 from salframe.framework.errors import ConfigError, DataError
 from salframe.framework.files.bounded import why
-from salframe.framework.files.hashes import file_sha256
+from salframe.framework.files.hashes import digest, file_sha256
 
 if sys.platform == "win32":
     from pathlib import WindowsPath as _Path
@@ -118,8 +117,3 @@ def content_sha256(path: Path) -> str | None:
         raise ConfigError(str(error)) from None
     except (OSError, ValueError) as error:
         raise ConfigError(f"cannot read {path}: {why(error)}") from None
-
-
-def digest(value: Any) -> str:
-    """Sha256 (hex) of a JSON-serialisable value, the same for the same content."""
-    return hashlib.sha256(json.dumps(value, sort_keys=True, separators=(",", ":")).encode()).hexdigest()

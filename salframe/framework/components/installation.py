@@ -12,12 +12,11 @@ from pathlib import Path
 from typing import Any
 
 from salframe.framework.component import Component
-from salframe.framework.components.installation import fetch, list_weights
 from salframe.framework.components.presets import configure, names, preset_names, settings
-from salframe.framework.components.registry import Failure, registry
-from salframe.framework.errors import SalframeError, failure_of
+from salframe.framework.components.registry import Failure, Registry, registry
+from salframe.framework.errors import SalframeError, UnknownName, failure_of, unknown
 from salframe.framework.files.cache import cache_home
-from salframe.framework.files.weights import ByteProgress
+from salframe.framework.files.weights import ByteProgress, Weights
 
 
 def environment() -> dict[str, Any]:
@@ -37,10 +36,24 @@ def environment() -> dict[str, Any]:
     }
 
 
+def list_weights(plugins: Registry) -> list[Weights]:
+    """All weights that registered components declare, by name."""
+    declared = {weights.name: weights for component, _ in plugins for weights in component.weights}
+    return [declared[name] for name in sorted(declared)]
+
+
+def find_weights(name: str, plugins: Registry) -> Weights:
+    """The weights of this name. Raises UnknownName."""
+    declared = {weights.name: weights for weights in list_weights(plugins)}
+    if name not in declared:
+        raise UnknownName(unknown("weights", name, sorted(declared)))
+    return declared[name]
+
+
 def fetch_weights(name: str, progress: ByteProgress = lambda done, total: None) -> tuple[Path, ...]:
     """Download weights into salframe's cache, unless they are at hand, and verify them; their paths. progress(done,
     total) counts bytes. Raises UnknownName, WeightsMissing where they cannot be had."""
-    return fetch(name, registry(), progress)
+    return find_weights(name, registry()).fetch(progress)
 
 
 def installed_version(package: str) -> str | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import EntryPoint
@@ -15,12 +15,14 @@ import pluggy
 from pydantic import BaseModel
 from pydantic_core import PydanticSerializationError
 
+from salframe.framework import hookspecs
 from salframe.framework.component import Component, ComponentConfig, Role, is_role
 from salframe.framework.components.defaults import AUTO, auto_order
 from salframe.framework.components.entry_points import COMMANDS, GROUP, discover
 from salframe.framework.config import read_yaml
 from salframe.framework.errors import ConfigError, PluginFailed, SalframeError, UnknownName, describe_error, unknown
 from salframe.framework.files.weights import Weights
+from salframe.framework.hookspecs import Presets
 
 BUILTIN = "salframe.builtin"
 """The core as a plugin; it is always there."""
@@ -29,29 +31,6 @@ FOLDERS = ("methods", "data", "ablations")
 """Folders of presets that stand first in listings."""
 OTHERWISE = "otherwise"
 """The key under which a preset names another one."""
-
-hookspec = pluggy.HookspecMarker("salframe")
-
-
-@dataclass(frozen=True)
-class Presets:
-    """A folder of YAML files that a plugin ships: NAME.yaml in methods/, data/, ablations/, reported/ and the folder
-    that a role of its own names."""
-
-    folder: Path
-
-
-class _Hooks:
-    @hookspec
-    def salframe_provides(self) -> list[type[Component] | Presets]:
-        """What this plugin brings: component classes, roles of its own (before their components), collections of
-        presets."""
-        return []
-
-    @hookspec
-    def salframe_commands(self) -> dict[str, Callable[..., Any]]:
-        """Commands of this plugin by name: functions as typer takes them, or typer apps."""
-        return {}
 
 
 @dataclass(frozen=True)
@@ -76,7 +55,7 @@ class Registry:
         self._presets: dict[tuple[str, str], tuple[Path, str]] = {}
         self._components: dict[tuple[str, str], tuple[type[Component], str]] = {}
         self._manager = pluggy.PluginManager("salframe")
-        self._manager.add_hookspecs(_Hooks)
+        self._manager.add_hookspecs(hookspecs)
 
     def load(self, entry_point: EntryPoint) -> None:
         """Import one plugin and take in what it brings; what goes wrong is kept in `failures`, never raised."""

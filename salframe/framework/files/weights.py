@@ -11,15 +11,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
-from salframe.framework.errors import UnknownName, WeightsMissing, unknown
+from salframe.framework.errors import WeightsMissing
 from salframe.framework.files.cache import cache_home
 from salframe.framework.files.hashes import file_sha256
 from salframe.framework.files.writing import atomic_path
-
-if TYPE_CHECKING:
-    from salframe.framework.components.registry import Registry
 
 ByteProgress = Callable[[int, int], None]
 """Called with the bytes that have arrived and the bytes expected."""
@@ -286,30 +283,6 @@ class Weights:
             self.directory.mkdir(parents=True, exist_ok=True)
             self.source.fetch(self.files, self.directory, progress)
         return self.paths()
-
-
-def list_weights(registry: Registry) -> list[Weights]:
-    """All weights that registered components declare, by name."""
-    declared = {weights.name: weights for component, _ in registry for weights in component.weights}
-    return [declared[name] for name in sorted(declared)]
-
-
-def find_weights(name: str, registry: Registry) -> Weights:
-    """The weights of this name. Raises UnknownName."""
-    declared = {weights.name: weights for weights in list_weights(registry)}
-    if name not in declared:
-        raise UnknownName(unknown("weights", name, sorted(declared)))
-    return declared[name]
-
-
-def fetch(name: str, registry: Registry, progress: ByteProgress = lambda done, total: None) -> tuple[Path, ...]:
-    """Fetch weights by name; returns their paths. Raises UnknownName, WeightsMissing."""
-    return find_weights(name, registry).fetch(progress)
-
-
-def where(name: str, registry: Registry) -> tuple[Path, ...]:
-    """The paths of weights by name, verified. Raises UnknownName, WeightsMissing."""
-    return find_weights(name, registry).paths()
 
 
 def _verify(path: Path, file: WeightsFile, context: str) -> None:

@@ -308,7 +308,10 @@ def test_the_cores_own_plugin_is_there_whatever_else_is_named(fakes, monkeypatch
 def test_without_the_variable_what_is_installed_is_found(monkeypatch):
     """In a process of its own, for discovery is done once."""
     monkeypatch.delenv("SALFRAME_PLUGINS", raising=False)
-    code = "from salframe.framework.components.registry import registry as r; print(*sorted({package for _, package in r()}))"
+    code = (
+        "from salframe.framework.components.registry import registry; "
+        "print(*sorted({package for _, package in registry()}))"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert "salframe" in done.stdout.split()
 

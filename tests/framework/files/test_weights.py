@@ -12,7 +12,7 @@ import pytest
 from loopback import serving
 
 from salframe.framework.component import Component
-from salframe.framework.components.installation import fetch, list_weights, where
+from salframe.framework.components.installation import find_weights, list_weights
 from salframe.framework.components.registry import Registry
 from salframe.framework.errors import UnknownName, WeightsMissing
 from salframe.framework.files.hashes import file_sha256
@@ -161,9 +161,10 @@ def test_weights_are_listed_and_found_by_name(served, cache):
     registry.add(SaliencyModel, "test")
     registry.add(Learned, "test")
     assert list_weights(registry) == [served]
-    assert fetch("net", registry) == where("net", registry) == (cache / "net" / "net.pt",)
+    weights = find_weights("net", registry)
+    assert weights.fetch() == weights.paths() == (cache / "net" / "net.pt",)
     with pytest.raises(UnknownName, match="unknown weights 'met', did you mean 'net'"):
-        where("met", registry)
+        find_weights("met", registry)
 
 
 def test_a_link_is_the_whole_address_and_terms_name_the_data(served, tmp_path, cache):
