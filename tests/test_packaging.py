@@ -78,8 +78,7 @@ def test_the_wheel_holds_every_file_of_every_package(sdist_and_wheel, source_fil
 def test_the_source_distribution_holds_every_file_of_the_checkout(sdist_and_wheel, source_files):
     with tarfile.open(sdist_and_wheel[0]) as archive:
         packed = {member.name.partition("/")[2] for member in archive if member.isfile()}
-    made = {name for name in packed if name.startswith("salframe.egg-info/")} | {"PKG-INFO", "setup.cfg"}
-    assert packed - made == source_files
+    assert packed - {"PKG-INFO"} == source_files
 
 
 @pytest.mark.slow
@@ -106,6 +105,50 @@ def test_the_source_distribution_passes_its_tests(sdist_and_wheel, tmp_path):
     pip_install(python, "--no-deps", "--no-build-isolation", "--editable", unpacked)
     assert output(tmp_path, python, "-c", WHERE).count(str(unpacked)) == 2
     assert " passed" in output(unpacked, python, "-m", "pytest", "-q", "-p", "no:cacheprovider", *PARTS_TESTED)
+
+
+LOOK = """
+import json, sys, salframe
+from salframe.framework.components.presets import names
+from salframe.framework.components.registry import registry
+
+print(json.dumps({
+    "core": salframe.__file__,
+    "plugin": sys.modules["salframe_graphs"].__file__ if names("localizer") else None,
+    "methods": names("localizer"),
+    "presets": [str(path) for path, _ in registry().preset_files()],
+    "failures": [str(failure) for failure in registry().failures],
+}))
+"""
+
+
+@pytest.fixture(scope="module", params=["installed", "editable"])
+def environment(request, source, tmp_path_factory) -> tuple[str, Path]:
+    """How the clone was installed into a new environment, and the interpreter of that."""
+    python = make_environment(tmp_path_factory.mktemp(request.param))
+    see_packages(python)
+    editable = ["--editable"] if request.param == "editable" else []
+    pip_install(python, "--no-deps", "--no-build-isolation", *editable, source)
+    return request.param, python
+
+
+@pytest.mark.parametrize("place", ["beside the clone", "in the clone", "elsewhere"])
+def test_python_finds_salframe_and_its_presets_wherever_it_starts(environment, place, source, tmp_path):
+    """The clone is called salframe, as git names it: beside it Python might take it for a namespace package."""
+    installation, python = environment
+    if place == "beside the clone":
+        script = source.parent / "look.py"
+        script.write_text(LOOK)
+        seen = json.loads(output(source.parent, python, script))
+    else:
+        seen = json.loads(output(source if place == "in the clone" else tmp_path, python, "-c", LOOK))
+    from_clone = installation == "editable" or place == "in the clone"
+    home = source if from_clone else python.parents[1]
+    assert seen["failures"] == []
+    found = (seen["core"], seen["plugin"], *seen["presets"])
+    assert [path for path in found if not Path(path).is_relative_to(home)] == []
+    assert len(seen["presets"]) == len(list((REPOSITORY / "configs").glob("*/*.yaml")))
+    assert {"proposed", "loftr", "sift"} <= set(seen["methods"])
 
 
 def test_the_import_contracts_are_about_every_package():

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from functools import cache
-from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
 from salframe.framework.errors import ConfigError
 from salframe.framework.files.bounded import parse_yaml
 
+DEFAULTS = "defaults.yaml"
+"""The file of default names among the presets."""
 AUTO = "auto"
 """What a slot says that leaves its component to the data."""
 
@@ -16,8 +18,15 @@ AUTO = "auto"
 @cache
 def defaults() -> dict[str, Any]:
     """All of them, by key."""
-    content: dict[str, Any] = parse_yaml(files("salframe.configs").joinpath("defaults.yaml").read_bytes())
+    content: dict[str, Any] = parse_yaml((preset_folder() / DEFAULTS).read_bytes())
     return content
+
+
+def preset_folder() -> Path:
+    """Return the folder of salframe's own presets: in the installed package, or beside salframe/ in a clone."""
+    package = Path(__file__).parents[2]
+    installed = package / "configs"
+    return installed if (installed / DEFAULTS).is_file() else package.parent / "configs"
 
 
 def default_of(key: str) -> Any:
