@@ -120,18 +120,10 @@ class GraphTable(Sequence[SaliencyGraph]):
         """(N,) int64 positions of the nodes of graphs (K,) among the nodes of all, graph by graph."""
         return ranges(self._start[graphs], self.sizes[graphs])
 
-    def take_labels(self, graphs: np.ndarray) -> np.ndarray:
-        """(N,) int64: the labels of the nodes of graphs (K,), graph by graph."""
-        return self._label[self.nodes(graphs)].astype(np.int64)
-
     def take(self, graphs: np.ndarray) -> GraphNodes:
         """The graphs of these numbers (K,), one after the other."""
         nodes = self.nodes(graphs)
         return GraphNodes(self.sizes[graphs], self._label[nodes].astype(np.int64), **self._values(nodes))
-
-    def take_edges(self, graphs: np.ndarray) -> np.ndarray:
-        """(B,) uint8: the bits of the edges of graphs (K,) as in `pack_graph`, graph by graph."""
-        return self._edges[ranges(self._first_byte[graphs], _edge_bytes(self.sizes[graphs]))]
 
     def adjacency(self, graphs: np.ndarray) -> np.ndarray:
         """Return which nodes of these graphs are in context, (K, m, m) bool, symmetric, padded to the largest graph."""

@@ -59,7 +59,7 @@ def test_adjacency_is_padded_to_the_largest_graph(graphs, mapped, held):
 
 
 @pytest.mark.parametrize("held", [True, False])
-def test_nodes_and_edges_are_taken_graph_by_graph(graphs, mapped, held):
+def test_nodes_are_taken_graph_by_graph(graphs, mapped, held):
     table, numbers = HeldGraphs(graphs) if held else mapped, np.array([5, 0, 17, 3])
     chosen, nodes = [table[number] for number in numbers.tolist()], table.take(numbers)
     assert nodes.count.tolist() == [len(graph) for graph in chosen]
@@ -67,8 +67,6 @@ def test_nodes_and_edges_are_taken_graph_by_graph(graphs, mapped, held):
     for name in ("scores", "saliency", "centroid_m", "size_m"):
         expected = np.concatenate([getattr(graph, name) for graph in chosen])
         np.testing.assert_array_equal(getattr(nodes, name), expected)
-    bits = [pack_graph(graph_to_arrays(graph))["edges"] for graph in chosen]
-    np.testing.assert_array_equal(table.take_edges(numbers), np.concatenate(bits))
 
 
 @pytest.mark.parametrize("held", [True, False])

@@ -99,14 +99,9 @@ class MapOutlines:
         return np.where(np.isfinite(best), best, 0).astype(np.float64)
 
 
-def own_corners(outline_m: np.ndarray) -> np.ndarray:
-    """(..., BINS, 2) the outline's points from where it was seen."""
-    return outline_m[..., None] * _MIDDLES.astype(outline_m.dtype)
-
-
 def _corners(outline_m: np.ndarray, position_m: np.ndarray, yaw_rad: np.ndarray) -> np.ndarray:
     """(..., BINS, 2) the outline's points in the world."""
-    x, y = np.moveaxis(own_corners(outline_m), -1, 0)
+    x, y = np.moveaxis(outline_m[..., None] * _MIDDLES.astype(outline_m.dtype), -1, 0)
     c, s = np.cos(yaw_rad)[..., None], np.sin(yaw_rad)[..., None]
     return np.stack([c * x - s * y, s * x + c * y], -1) + position_m[..., None, :]  # type: ignore[no-any-return]
 
