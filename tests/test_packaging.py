@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fnmatch
 import json
 import shutil
 import subprocess
@@ -15,7 +16,7 @@ import pytest
 from fresh_environment import make_environment, output, pip_install, see_packages
 
 REPOSITORY = Path(__file__).parent.parent
-UNTRACKED = [".git", *(REPOSITORY / ".gitignore").read_text().replace("/", "").split()]
+UNTRACKED = [".git/", *(REPOSITORY / ".gitignore").read_text().split()]
 PARTS_TESTED = ("tests/framework", "tests/graphs", "tests/panoramas", "tests/test_docs.py", "tests/test_packaging.py")
 """The part of its own tests that the source distribution runs; its files are those of the checkout."""
 
@@ -26,8 +27,15 @@ WHERE = "import salframe, salframe.configs; print(salframe.__file__, salframe.co
 def source(tmp_path_factory) -> Path:
     """A copy of the checkout, without what is made in it."""
     folder = tmp_path_factory.mktemp("source") / "salframe"
-    shutil.copytree(REPOSITORY, folder, ignore=shutil.ignore_patterns(*UNTRACKED), symlinks=True)
+    shutil.copytree(REPOSITORY, folder, ignore=untracked, symlinks=True)
     return folder
+
+
+def untracked(folder: str, names: list[str]) -> set[str]:
+    """The names in a folder that .gitignore has; a pattern that begins with a slash is of the top folder alone."""
+    at_top = Path(folder) == REPOSITORY
+    patterns = [pattern.strip("/") for pattern in UNTRACKED if at_top or not pattern.startswith("/")]
+    return {name for pattern in patterns for name in fnmatch.filter(names, pattern)}
 
 
 @pytest.fixture(scope="module")
