@@ -14,7 +14,7 @@ from salframe.graphs.table import GraphNodes
 
 
 def ring_hop_histograms(
-    nodes: GraphNodes, adjacency: np.ndarray, num_labels: int, ring_edges_m: Sequence[float], hops: int
+    nodes: GraphNodes, adjacency: np.ndarray, labels: np.ndarray, ring_edges_m: Sequence[float], hops: int
 ) -> np.ndarray:
     """Count the labels around each node: in distance rings, then 1 to `hops` edges away.
 
@@ -24,12 +24,13 @@ def ring_hop_histograms(
     Args:
         nodes: K graphs of N nodes together.
         adjacency: (K, m, m) bool, padded to the largest graph.
-        num_labels: number of labels of the vocabulary, L.
+        labels: (L,) numbers of the labels whose counts are returned.
         ring_edges_m: outer edges of the rings, ascending.
         hops: number of edges.
 
     Returns:
-        (N, (len(ring_edges_m) + hops) * L) float64, rows of length 1; a row without counts is 0.
+        (N, (len(ring_edges_m) + hops) * L) float64, the columns of these labels, of rows that have length 1 over all
+        labels; a row without counts is 0.
     """
     is_node = np.arange(adjacency.shape[1]) < nodes.count[:, None]
     x, y, label = np.zeros(is_node.shape), np.zeros(is_node.shape), np.full(is_node.shape, -1)
@@ -45,12 +46,12 @@ def ring_hop_histograms(
         frontier = (frontier.astype(np.float32) @ step > 0) & ~reached
         reached = reached | frontier
         block[:] = frontier
-    bears = (label[:, :, None] == np.arange(num_labels)).astype(np.float32)
-    width = len(around) * num_labels
-    counts = (around @ bears).transpose(1, 2, 0, 3).reshape(*is_node.shape, width)[is_node].astype(np.float64)
-    norm = np.sqrt(np.einsum("nf,nf->n", counts, counts))
-    counts /= np.maximum(norm, 1e-12)[:, None]
-    return counts  # type: ignore[no-any-return]
+    bears = (label[:, :, None] == labels).astype(np.float32)
+    width = len(around) * len(labels)
+    counts = (around @ bears).transpose(1, 2, 0, 3).reshape(*is_node.shape, width)[is_node]
+    same_label = ((label[:, :, None] == label[:, None]) & (label >= 0)[:, None]).astype(np.float32)
+    squares = np.einsum("bkij,bkij->ki", around @ same_label, around)[is_node]  # of the counts of all labels
+    return counts / np.sqrt(np.maximum(squares, 1).astype(np.float64))[:, None]  # type: ignore[no-any-return]
 
 
 def feature_products(query: np.ndarray, features: Any, i: np.ndarray, row: np.ndarray) -> np.ndarray:

@@ -173,13 +173,13 @@ class NodeMatcher(GraphMatcher):
 
         by_size = np.argsort(table.sizes, kind="stable")  # graphs of one size pad one another least
         chunks = np.split(by_size, range(_CHUNK, len(table), _CHUNK))
-        rows = [csr_array(self._structure(table, chunk)) for chunk in chunks]
+        labels = np.arange(len(table.labels))
+        rows = [csr_array(self._structure(table.take(chunk), table.adjacency(chunk), labels)) for chunk in chunks]
         return vstack(rows, format="csr")[np.argsort(table.nodes(by_size))]
 
-    def _structure(self, table: GraphTable, graphs: np.ndarray) -> np.ndarray:
-        """(N, F) structural features of the nodes of some graphs."""
-        nodes, adjacency = table.take(graphs), table.adjacency(graphs)
-        return ring_hop_histograms(nodes, adjacency, len(table.labels), self.config.ring_edges_m, self.config.hops)
+    def _structure(self, nodes: GraphNodes, adjacency: np.ndarray, labels: np.ndarray) -> np.ndarray:
+        """(N, F) structural features of nodes, the columns of some labels."""
+        return ring_hop_histograms(nodes, adjacency, labels, self.config.ring_edges_m, self.config.hops)
 
     def _candidates(self, graph: SaliencyGraph, index: GraphIndex) -> Candidates | None:
         """Return the graphs worth comparing, None where the query has no label of the map."""
@@ -219,13 +219,14 @@ class NodeMatcher(GraphMatcher):
 
     def _ring_products(self, found: Candidates, index: GraphIndex) -> np.ndarray:
         """(P,) products of the structural features of each pair of nodes."""
-        rings, table = (self.config.ring_edges_m, self.config.hops), index.graphs
-        query = ring_hop_histograms(found.query, found.graph.adjacency[None], len(table.labels), *rings)
+        i, node, table, adjacency = found.pairs.query, found.pairs.node, index.graphs, found.graph.adjacency[None]
         if index.structure is not None:
-            rows = table.nodes(found.graphs)[found.pairs.node]
-            return feature_products(query, index.structure, found.pairs.query, rows)
-        features = self._structure(table, found.graphs)
-        return np.einsum("pf,pf->p", query[found.pairs.query], features[found.pairs.node])
+            query = self._structure(found.query, adjacency, np.arange(len(table.labels)))
+            return feature_products(query, index.structure, i, table.nodes(found.graphs)[node])
+        labels = np.unique(found.query.label[found.query.label >= 0])  # others count nothing in a product
+        query = self._structure(found.query, adjacency, labels)
+        there = self._structure(found.nodes, table.adjacency(found.graphs), labels)
+        return (there @ query.T)[node, i]
 
     def _attribute_similarity(self, found: Candidates, max_scale_error: float = 0.0) -> np.ndarray:
         """(P,) similarity of the heights and sizes of each pair of nodes, 0 to 1; a factor of at most 1 +-

@@ -99,7 +99,9 @@ def test_a_saved_map_is_not_indexed_again(few, tmp_path, monkeypatch):
     for i in range(12):
         description = describe_frame(made, query(i, pose_2d(0.2, 0.3, 2.0)))[0]
         before, after = built.answer(description), again.answer(description)
-        assert before.places == after.places
+        assert [place.frame for place in before.places] == [place.frame for place in after.places]
+        scores = [[place.score for place in answer.places] for answer in (before, after)]
+        np.testing.assert_allclose(*scores, rtol=1e-12)  # features are summed in another order
         assert before.places[0].place == f"room-{i}"
         np.testing.assert_array_equal(before.T_world_query, after.T_world_query)
         np.testing.assert_array_equal(before.covariance, after.covariance)

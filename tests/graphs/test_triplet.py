@@ -215,7 +215,8 @@ def test_nodes_of_score_zero_count_nothing():
 def histograms(table):
     """(N, F) the structural features of all nodes of a table."""
     every = np.arange(len(table))
-    return ring_hop_histograms(table.take(every), table.adjacency(every), len(table.labels), (1.0, 2.0, 4.0), 2)
+    labels = np.arange(len(table.labels))
+    return ring_hop_histograms(table.take(every), table.adjacency(every), labels, (1.0, 2.0, 4.0), 2)
 
 
 def test_ring_and_hop_histograms_by_hand():
@@ -390,8 +391,10 @@ def test_histograms_are_as_defined():
     np.testing.assert_allclose(histograms(table), expected, atol=1e-12)
     query = graph_of(room(7, labels=(*LABELS, "stranger")))
     nodes = GraphNodes.of(query, table.vocabulary)
-    found = ring_hop_histograms(nodes, query.adjacency[None], len(table.labels), (1.0, 2.0, 4.0), 2)
-    np.testing.assert_allclose(found, defined_histograms(query, table.vocabulary), atol=1e-12)
+    expected = defined_histograms(query, table.vocabulary).reshape(len(query), 5, -1)
+    for labels in (np.arange(len(table.labels)), np.array([3, 0])):
+        columns = ring_hop_histograms(nodes, query.adjacency[None], labels, (1.0, 2.0, 4.0), 2)
+        np.testing.assert_allclose(columns, expected[..., labels].reshape(len(query), -1), atol=1e-12)
 
 
 def test_products_of_features_are_those_of_matrices():
