@@ -39,8 +39,8 @@ def verify_bearings(
         tolerance: metres, and a share of the map node's distance, at which two nodes cannot be the same.
         max_shift_m: radius of the grid.
     """
-    most = int(max_shift_m / GRID_M + 1e-9)
-    steps = GRID_M * np.arange(-most, most + 1)
+    num_steps = int(max_shift_m / GRID_M + 1e-9)
+    steps = GRID_M * np.arange(-num_steps, num_steps + 1)
     grid_m = np.stack(np.meshgrid(steps, steps), -1).reshape(-1, 1, 2)
     grid_m = grid_m[np.hypot(*grid_m[:, 0].T) <= max_shift_m]
     result = VerifiedPoses.none(pairs)

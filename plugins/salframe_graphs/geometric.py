@@ -18,10 +18,13 @@ from salframe_graphs.verification import ScaleBound, VerifiedPoses, verify
 
 @dataclass(frozen=True, eq=False)
 class _Ranking:
-    """The best candidates, T of them, best first, positions in `found`; score (K,) of all candidates; the pairs that
-    are similar enough with their similarity (P,), and what was verified."""
+    """The ranked candidates of a query.
 
-    found: Candidates
+    best: (T,) the best candidates, best first. score: (K,) of all candidates. pairs, similarity: the P node pairs that
+    are similar enough. verified: the pose of each candidate.
+    """
+
+    candidates: Candidates
     best: np.ndarray
     score: np.ndarray
     pairs: NodePairs
@@ -68,15 +71,23 @@ class GeometricMatcher(NodeMatcher):
         ranking = self._rank(query, index, top_k)
         if ranking is None:
             return []
-        found, best = ranking.found, ranking.best
+        candidates, best = ranking.candidates, ranking.best
         pairs, position = ranking.pairs.take(best)
         kernel = ranking.verified.kernel[position]
-        aligned = align(pairs, found.nodes.segments.start[best], ranking.similarity[position], kernel)
+        first_node = candidates.nodes.segments.start[best]
+        aligned = align(pairs, first_node, ranking.similarity[position], kernel)
         poses = ranking.verified.poses(best)
         return [
-            GraphMatch(scene, score, nodes, pose if np.isfinite(pose).all() else None, self._scale(found, row, nodes))
+            GraphMatch(
+                scene, score, nodes, pose if np.isfinite(pose).all() else None, self._scale(candidates, row, nodes)
+            )
             for scene, score, row, nodes, pose in zip(
-                found.graphs[best].tolist(), ranking.score[best].tolist(), best.tolist(), aligned, poses, strict=True
+                candidates.graphs[best].tolist(),
+                ranking.score[best].tolist(),
+                best.tolist(),
+                aligned,
+                poses,
+                strict=True,
             )
         ]
 
@@ -85,7 +96,7 @@ class GeometricMatcher(NodeMatcher):
         if ranking is None:
             return RankedGraphs(np.zeros(0, np.int64), np.zeros(0), np.zeros((0, 4, 4)))
         best = ranking.best
-        return RankedGraphs(ranking.found.graphs[best], ranking.score[best], ranking.verified.poses(best))
+        return RankedGraphs(ranking.candidates.graphs[best], ranking.score[best], ranking.verified.poses(best))
 
     def _shortlist(self, graph: SaliencyGraph, index: GraphIndex) -> np.ndarray:
         # Heights and sizes are off by the factor that ranges are off by: the scene index must not rely on them.
@@ -93,66 +104,66 @@ class GeometricMatcher(NodeMatcher):
         return super()._shortlist(plain, index)
 
     def _rank(self, query: SaliencyGraph, index: GraphIndex, top_k: int) -> _Ranking | None:
-        found = self._candidates(query, index)
-        if found is None:
+        candidates = self._candidates(query, index)
+        if candidates is None:
             return None
-        value = self._similarity(found, index)
-        score = np.zeros(len(found.graphs))
+        value = self._similarity(candidates, index)
+        score = np.zeros(len(candidates.graphs))
         if self.config.similarity_score:
-            shared = shared_weight(found.pairs, value, found.weight, found.nodes, found.node_weight)
+            shared = shared_weight(candidates.pairs, value, candidates.weight, candidates.nodes, candidates.node_weight)
             score += self.config.similarity_score * shared
-        pairs, value = found.pairs.keep((value > 0) & (value >= self.config.least_similarity), value)
+        pairs, value = candidates.pairs.keep((value > 0) & (value >= self.config.least_similarity), value)
         verified = VerifiedPoses.none(pairs)
         if self.config.geometry_score:
-            verified = self._verify(found, pairs, value)
-            shared = shared_weight(pairs, verified.kernel, found.weight, found.nodes, found.node_weight)
+            verified = self._verify(candidates, pairs, value)
+            shared = shared_weight(pairs, verified.kernel, candidates.weight, candidates.nodes, candidates.node_weight)
             score += self.config.geometry_score * shared
-        best = np.lexsort((-found.jaccard, -score))[:top_k]
-        return _Ranking(found, best, score, pairs, value, verified)
+        best = np.lexsort((-candidates.jaccard, -score))[:top_k]
+        return _Ranking(candidates, best, score, pairs, value, verified)
 
-    def _similarity(self, found: Candidates, index: GraphIndex) -> np.ndarray:
+    def _similarity(self, candidates: Candidates, index: GraphIndex) -> np.ndarray:
         """(P,) similarity of each pair of nodes, 0 to 1; always 1 of a query without range, which has labels alone."""
-        if found.graph.bearings_only:
-            return np.ones(len(found.pairs))
-        value = self._attribute_similarity(found, self.config.largest_scale_error)
+        if candidates.graph.bearings_only:
+            return np.ones(len(candidates.pairs))
+        value = self._attribute_similarity(candidates, self.config.largest_scale_error)
         if self._has_rings:
             weight = self.config.structure_weight
-            value *= (1 + weight * self._ring_products(found, index)) / (1 + weight)
+            value *= (1 + weight * self._ring_products(candidates, index)) / (1 + weight)
         return value
 
-    def _verify(self, found: Candidates, pairs: NodePairs, similarity: np.ndarray) -> VerifiedPoses:
-        query, there, config = found.query, found.nodes, self.config
-        if found.graph.bearings_only:
+    def _verify(self, candidates: Candidates, pairs: NodePairs, similarity: np.ndarray) -> VerifiedPoses:
+        query, nodes, config = candidates.query, candidates.nodes, self.config
+        if candidates.graph.bearings_only:
             tolerance = config.tolerance_m, config.tolerance_share
-            bearing = found.graph.bearing
+            bearing = candidates.graph.bearing
             return verify_bearings(
-                bearing, there.centroid_m, pairs, similarity, found.weight, tolerance, config.largest_shift_m
+                bearing, nodes.centroid_m, pairs, similarity, candidates.weight, tolerance, config.largest_shift_m
             )
-        ranges_m = np.hypot(query.range_m[pairs.query], there.range_m[pairs.node])
+        ranges_m = np.hypot(query.range_m[pairs.query], nodes.range_m[pairs.node])
         return verify(
             query.centroid_m[:, :2],
-            there.centroid_m[:, :2],
+            nodes.centroid_m[:, :2],
             pairs,
             similarity,
             config.tolerance_m + config.tolerance_share * ranges_m,
-            found.weight,
+            candidates.weight,
             config.largest_shift_m,
-            self._scale_bound(found),
+            self._scale_bound(candidates),
         )
 
-    def _scale_bound(self, found: Candidates) -> ScaleBound | None:
+    def _scale_bound(self, candidates: Candidates) -> ScaleBound | None:
         """What is known of the scale of the query's ranges; None where they are taken to be right, or unknown."""
-        if not self.estimates_scale or found.graph.bearings_only:
+        if not self.estimates_scale or candidates.graph.bearings_only:
             return None
-        heights = found.query.centroid_m[:, 2], found.nodes.centroid_m[:, 2]
+        heights = candidates.query.centroid_m[:, 2], candidates.nodes.centroid_m[:, 2]
         return ScaleBound(self.config.largest_scale_error, *heights, self.config.height_scale_m)
 
-    def _scale(self, found: Candidates, row: int, nodes: np.ndarray) -> float:
+    def _scale(self, candidates: Candidates, row: int, nodes: np.ndarray) -> float:
         """The factor that gives the query's aligned nodes the spread of those of candidate `row`, within the bound."""
-        bound = self._scale_bound(found)
+        bound = self._scale_bound(candidates)
         if bound is None or len(nodes) < 2:
             return 1.0
-        own = found.query.centroid_m[nodes[:, 0], :2]
-        there = found.nodes.centroid_m[found.nodes.segments.start[row] + nodes[:, 1], :2]
-        spread, map_spread = (float(np.linalg.norm(np.std(some, axis=0))) for some in (own, there))
+        query_m = candidates.query.centroid_m[nodes[:, 0], :2]
+        map_m = candidates.nodes.centroid_m[candidates.nodes.segments.start[row] + nodes[:, 1], :2]
+        spread, map_spread = (float(np.linalg.norm(np.std(points, axis=0))) for points in (query_m, map_m))
         return float(bound.clip(map_spread / max(spread, 1e-9)))

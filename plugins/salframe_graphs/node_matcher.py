@@ -189,14 +189,16 @@ class NodeMatcher(GraphMatcher):
         numbers = self._shortlist(graph, index)
         nodes = index.graphs.take(numbers) if index.nodes is None else index.nodes
         jaccard = self._label_jaccard(graph, query, nodes, index.rarity)
-        kept = (jaccard > 0) & (jaccard >= self.config.keep * jaccard.max(initial=0))
-        if not kept.all():
-            rows = kept[nodes.graph]
+        is_candidate = (jaccard > 0) & (jaccard >= self.config.keep * jaccard.max(initial=0))
+        if not is_candidate.all():
+            rows = is_candidate[nodes.graph]
             of_nodes = ("label", "scores", "saliency", "centroid_m", "size_m")
-            nodes = replace(nodes, count=nodes.count[kept], **{name: getattr(nodes, name)[rows] for name in of_nodes})
-        weight = self._sureness(query) * index.rarity[query.label]
-        node_weight = self._sureness(nodes) * index.rarity[nodes.label]
-        return Candidates(graph, query, weight, numbers[kept], jaccard[kept], nodes, node_weight)
+            nodes = replace(
+                nodes, count=nodes.count[is_candidate], **{name: getattr(nodes, name)[rows] for name in of_nodes}
+            )
+        weight = self._confidence(query) * index.rarity[query.label]
+        node_weight = self._confidence(nodes) * index.rarity[nodes.label]
+        return Candidates(graph, query, weight, numbers[is_candidate], jaccard[is_candidate], nodes, node_weight)
 
     def _shortlist(self, graph: SaliencyGraph, index: GraphIndex) -> np.ndarray:
         """(K,) the graphs that the scene index puts first, all where there is none; ascending."""
@@ -213,33 +215,38 @@ class NodeMatcher(GraphMatcher):
         union = nodes.segments.sum(rarity[nodes.label]) + number @ rarity[used] - shared
         return np.divide(shared, union, out=np.zeros(len(shared)), where=union > 0)
 
-    def _sureness(self, nodes: GraphNodes) -> np.ndarray:
-        """(N,) what each node counts before its label's rarity: its detector's score, or 1."""
+    def _confidence(self, nodes: GraphNodes) -> np.ndarray:
+        """(N,) weight of each node before the rarity of its label: its detector's score, or 1."""
         return nodes.scores if self.config.confidence else np.ones(len(nodes))
 
-    def _ring_products(self, found: Candidates, index: GraphIndex) -> np.ndarray:
+    def _ring_products(self, candidates: Candidates, index: GraphIndex) -> np.ndarray:
         """(P,) products of the structural features of each pair of nodes."""
-        i, node, table, adjacency = found.pairs.query, found.pairs.node, index.graphs, found.graph.adjacency[None]
+        i, node, table, adjacency = (
+            candidates.pairs.query,
+            candidates.pairs.node,
+            index.graphs,
+            candidates.graph.adjacency[None],
+        )
         if index.structure is not None:
-            query = self._structure(found.query, adjacency, np.arange(len(table.labels)))
-            return feature_products(query, index.structure, i, table.nodes(found.graphs)[node])
-        labels = np.unique(found.query.label[found.query.label >= 0])  # others count nothing in a product
-        query = self._structure(found.query, adjacency, labels)
-        there = self._structure(found.nodes, table.adjacency(found.graphs), labels)
-        return (there @ query.T)[node, i]
+            query = self._structure(candidates.query, adjacency, np.arange(len(table.labels)))
+            return feature_products(query, index.structure, i, table.nodes(candidates.graphs)[node])
+        labels = np.unique(candidates.query.label[candidates.query.label >= 0])  # others count nothing in a product
+        query = self._structure(candidates.query, adjacency, labels)
+        features = self._structure(candidates.nodes, table.adjacency(candidates.graphs), labels)
+        return (features @ query.T)[node, i]
 
-    def _attribute_similarity(self, found: Candidates, max_scale_error: float = 0.0) -> np.ndarray:
+    def _attribute_similarity(self, candidates: Candidates, max_scale_error: float = 0.0) -> np.ndarray:
         """(P,) similarity of the heights and sizes of each pair of nodes, 0 to 1; a factor of at most 1 +-
         max_scale_error changes the query's heights."""
-        i, node, value = found.pairs.query, found.pairs.node, np.ones(len(found.pairs))
+        i, node, value = candidates.pairs.query, candidates.pairs.node, np.ones(len(candidates.pairs))
         if self.config.height_scale_m is not None:
-            own = found.query.centroid_m[i, 2]
-            apart = own - found.nodes.centroid_m[node, 2]
+            query_z = candidates.query.centroid_m[i, 2]
+            apart = query_z - candidates.nodes.centroid_m[node, 2]
             if max_scale_error:
-                apart = np.maximum(np.abs(apart) - max_scale_error * np.abs(own), 0)
+                apart = np.maximum(np.abs(apart) - max_scale_error * np.abs(query_z), 0)
             value /= 1 + (apart / self.config.height_scale_m) ** 2
         if self.config.size_scale is not None:
             for side, scale in zip((0, 2), self.config.size_scale, strict=True):
-                change = found.query.log_size[i, side] - found.nodes.log_size[node, side]
+                change = candidates.query.log_size[i, side] - candidates.nodes.log_size[node, side]
                 value /= 1 + (change / scale) ** 2
         return value

@@ -56,19 +56,19 @@ class TripletMatcher(NodeMatcher):
         return self.config.structure == "rings" and super()._has_rings  # node2vec is trained with the query
 
     def match(self, query: SaliencyGraph, index: GraphIndex, top_k: int) -> list[GraphMatch]:
-        found = self._candidates(query, index)
-        if found is None:
+        candidates = self._candidates(query, index)
+        if candidates is None:
             return []
-        value = self._similarity(found, index)
-        pairs, similar = found.pairs.keep((value > 0) & (value >= self.config.least_similarity), value)
-        aligned = align(pairs, found.nodes.segments.start[:-1], similar, np.zeros(len(pairs)))
-        graphs = [index.graphs[number] for number in found.graphs.tolist()]
+        value = self._similarity(candidates, index)
+        pairs, similar = candidates.pairs.keep((value > 0) & (value >= self.config.least_similarity), value)
+        aligned = align(pairs, candidates.nodes.segments.start[:-1], similar, np.zeros(len(pairs)))
+        graphs = [index.graphs[number] for number in candidates.graphs.tolist()]
         score = np.array([self._triplets(query, graph, nodes) for graph, nodes in zip(graphs, aligned, strict=True)])
         if self.config.similarity_score:
-            shared = shared_weight(found.pairs, value, found.weight, found.nodes, found.node_weight)
+            shared = shared_weight(candidates.pairs, value, candidates.weight, candidates.nodes, candidates.node_weight)
             score = score + self.config.similarity_score * shared
-        best = np.lexsort((-found.jaccard, -score))[:top_k]
-        return [GraphMatch(int(found.graphs[row]), float(score[row]), aligned[row]) for row in best.tolist()]
+        best = np.lexsort((-candidates.jaccard, -score))[:top_k]
+        return [GraphMatch(int(candidates.graphs[row]), float(score[row]), aligned[row]) for row in best.tolist()]
 
     def _label_jaccard(
         self, graph: SaliencyGraph, query: GraphNodes, nodes: GraphNodes, rarity: np.ndarray
@@ -84,27 +84,27 @@ class TripletMatcher(NodeMatcher):
         union = has_label @ rarity + wanted @ rarity + lacking * rarity[-1] - shared
         return np.divide(shared, union, out=np.zeros(len(shared)), where=union > 0)
 
-    def _similarity(self, found: Candidates, index: GraphIndex) -> np.ndarray:
+    def _similarity(self, candidates: Candidates, index: GraphIndex) -> np.ndarray:
         """(P,) similarity of each pair of nodes: label, saliency ratio and structure, then height and size."""
-        if found.graph.bearings_only:
-            return np.ones(len(found.pairs))
+        if candidates.graph.bearings_only:
+            return np.ones(len(candidates.pairs))
         saliency_weight, structure_weight = self.config.saliency_weight, self.config.structure_weight
-        i, node = found.pairs.query, found.pairs.node
-        own, there = found.query.saliency[i], found.nodes.saliency[node]
-        ratio = np.minimum(own, there) / np.maximum(np.maximum(own, there), 1e-12)
+        i, node = candidates.pairs.query, candidates.pairs.node
+        a, b = candidates.query.saliency[i], candidates.nodes.saliency[node]
+        ratio = np.minimum(a, b) / np.maximum(np.maximum(a, b), 1e-12)
         value = 1 + saliency_weight * ratio
         if structure_weight:
-            value += structure_weight * self._structure_products(found, index)
-        return value / (1 + saliency_weight + structure_weight) * self._attribute_similarity(found)
+            value += structure_weight * self._structure_products(candidates, index)
+        return value / (1 + saliency_weight + structure_weight) * self._attribute_similarity(candidates)
 
-    def _structure_products(self, found: Candidates, index: GraphIndex) -> np.ndarray:
+    def _structure_products(self, candidates: Candidates, index: GraphIndex) -> np.ndarray:
         """(P,) how alike the surroundings of each pair of nodes are."""
         if self._has_rings:
-            return self._ring_products(found, index)
-        graphs = [index.graphs[number] for number in found.graphs.tolist()]
-        own, *others = node2vec([found.graph, *graphs], self.config.seed)
-        there = np.concatenate([np.zeros((0, own.shape[1])), *others])
-        return np.maximum((own[found.pairs.query] * there[found.pairs.node]).sum(1), 0)
+            return self._ring_products(candidates, index)
+        graphs = [index.graphs[number] for number in candidates.graphs.tolist()]
+        query, *others = node2vec([candidates.graph, *graphs], self.config.seed)
+        map_nodes = np.concatenate([np.zeros((0, query.shape[1])), *others])
+        return np.maximum((query[candidates.pairs.query] * map_nodes[candidates.pairs.node]).sum(1), 0)
 
     def _triplets(self, query: SaliencyGraph, reference: SaliencyGraph, nodes: np.ndarray) -> float:
         """I = sum(W o M) over edges present in both graphs between aligned nodes (paper, triplet matching); the

@@ -83,7 +83,7 @@ def merge(
 def show(
     map: TopologyMap,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="FILE.png", help="MAP/map.png unless given.")
+        Path | None, typer.Option("--output", "-o", metavar="FILE.png", help="Picture to write (default: MAP/map.png).")
     ] = None,
 ) -> None:
     """Draw a map: floor, regions, nodes, edges with their lengths and azimuths."""

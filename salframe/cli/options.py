@@ -37,7 +37,7 @@ Set = Annotated[
         help="Change a setting: data.KEY, engine.KEY, METHOD.KEY of one method, or KEY of every method that has it.",
     ),
 ]
-Name = Annotated[str | None, typer.Option(help="Name of the run folder; the dataset's name unless given.")]
+Name = Annotated[str | None, typer.Option(help="Name of the run folder (default: the name of the dataset).")]
 Runs = Annotated[Path, typer.Option(help="Folder that holds the runs.")]
 EngineName = Annotated[str, typer.Option("--engine", help="How the work is run: see `salframe plugins`.")]
 Workers = Annotated[

@@ -25,7 +25,7 @@ SensorSettings = Annotated[
 def sensor(
     detector: Annotated[str, typer.Argument(help="A detector of `salframe plugins`.")],
     seeds: Annotated[
-        str, typer.Option(help="Seeds of the data, comma-separated, all measured together; its own unless given.")
+        str, typer.Option(help="Seeds of the data, comma-separated, pooled (default: the data's own).")
     ] = "",
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="FILE", help="Where the sensor model goes, as JSON.")

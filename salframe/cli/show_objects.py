@@ -38,7 +38,7 @@ def show_objects(
         float | None, typer.Option(metavar="DEG", help="The images are photographs of this horizontal field of view.")
     ] = None,
     pitch: Annotated[
-        float | None, typer.Option(metavar="DEG", help="How far up the photographs look; level unless given.")
+        float | None, typer.Option(metavar="DEG", help="Pitch of the photographs, positive upwards (default: 0).")
     ] = None,
     output: Annotated[Path, typer.Option("--output", "-o", metavar="FOLDER", help="Where the pictures go.")] = Path(),
     as_json: Json = False,

@@ -79,6 +79,6 @@ def scene_index_notes(config: Any, num_scenes: int) -> list[str]:
     notes: dict[str, None] = {}
     for _, inner in components_in(config):
         kind = inner.component
-        own = kind.note(inner, num_scenes) if issubclass(kind, SceneIndex) else None
-        notes |= dict.fromkeys([own] if own else scene_index_notes(inner, num_scenes))
+        note = kind.note(inner, num_scenes) if issubclass(kind, SceneIndex) else None
+        notes |= dict.fromkeys([note] if note else scene_index_notes(inner, num_scenes))
     return list(notes)

@@ -18,7 +18,7 @@ apart without an error have no best weights."""
 class Evidence:
     """H hypotheses of where a query was taken, several of which may name the same place.
 
-    places: H names. values: by the name of each column, (H,) float64, what speaks for the hypotheses.
+    places: H names. values: (H,) float64 for each named column, larger where it supports a hypothesis more.
     """
 
     places: Sequence[str]
@@ -40,7 +40,7 @@ class Evidence:
 
 
 def fit_weights(samples: Sequence[tuple[Evidence, str]]) -> tuple[dict[str, float], float, float]:
-    """Fit weights with which the softmax over the hypotheses of each query gives the true place most.
+    """Fit the weights that maximize the softmax probability of the true place.
 
     Maximum likelihood with a ridge. Samples whose place no hypothesis names are left out.
 

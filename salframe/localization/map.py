@@ -218,8 +218,8 @@ class LocalizationMap:
         floors: Sequence[FloorMasks],
     ) -> None:
         """Remove the frames of some places, add others at the end, and index the map."""
-        kept = [i for i, frame in enumerate(self.frames) if frame.place not in places]
-        self._hold([*(self._packed[i] for i in kept), *packed], [*(self.frames[i] for i in kept), *frames], floors)
+        rows = [i for i, frame in enumerate(self.frames) if frame.place not in places]
+        self._hold([*(self._packed[i] for i in rows), *packed], [*(self.frames[i] for i in rows), *frames], floors)
         with _blaming("the map", self.localizer):
             self._index()
 
@@ -261,7 +261,7 @@ def _describe_all(
 ) -> list[Description]:
     """Return the packed descriptions of frames."""
     if not frames:
-        raise DataError("a map needs at least one mapping frame, received none")
+        raise DataError("a map needs at least one reference frame, received none")
     packed, notes = [], []
     for done, frame in enumerate(frames):
         if progress:

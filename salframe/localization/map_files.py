@@ -133,7 +133,7 @@ class MapParts:
 
     def _read_method(self) -> _SavedMethod:
         if not self.has(METHOD):
-            raise DataError(f"{self.folder.parent} has no localizer: it was built from data without mapping frames")
+            raise DataError(f"{self.folder.parent} has no localizer: it was built from data without reference frames")
         return self.read_json(METHOD, _SavedMethod)
 
 

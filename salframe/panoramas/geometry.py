@@ -141,7 +141,7 @@ def is_rigid(pose: object, tolerance: float = 1e-6) -> bool:
     rows = matrix.tolist()  # lists: many times as fast as arrays this small
     x, y, z = (row[:3] for row in rows[:3])
     products = [sum(map(operator.mul, one, other)) for one in (x, y, z) for other in (x, y, z)]
-    found, rigid = [*products, *rows[3]], [1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1]
+    numbers, rigid = [*products, *rows[3]], [1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1]
     determinant = sum(x[i] * (y[i - 2] * z[i - 1] - y[i - 1] * z[i - 2]) for i in range(3))
-    near = all(abs(one - expected) <= tolerance + 1e-5 * expected for one, expected in zip(found, rigid, strict=True))
+    near = all(abs(one - expected) <= tolerance + 1e-5 * expected for one, expected in zip(numbers, rigid, strict=True))
     return near and determinant > 0

@@ -140,18 +140,18 @@ def ask_map(
                 raise
             return Whereabouts(answer, start, None, pose_yaw(answer.T_world_query))
         near = min((edge for edge in topology.edges if edge.start == HERE), key=lambda edge: edge.length_m)
-        found = Whereabouts(answer, near.end, near.length_m, pose_yaw(answer.T_world_query))
+        whereabouts = Whereabouts(answer, near.end, near.length_m, pose_yaw(answer.T_world_query))
         start = HERE
     else:
-        found = Whereabouts(answer, start)
+        whereabouts = Whereabouts(answer, start)
     if goal is None:
-        return found
+        return whereabouts
     if start is None:
         raise NoRoute(
             f"no route from {frame.id} to {goal}: "
             f"{frame.id} was not localized at a node of the map (status {answer.status})"
         )
-    return replace(found, route=find_route(topology, start, goal, planner))
+    return replace(whereabouts, route=find_route(topology, start, goal, planner))
 
 
 def _read_both(parts: MapParts, needs_topology: bool) -> tuple[LocalizationMap, TopologicalMap | None]:

@@ -191,7 +191,8 @@ def test_a_dataset_without_frames_has_one_scene_node_a_region_and_no_localizer(r
     assert ", 5 scene nodes, 4 transition nodes, " in done.out.splitlines()[0]
     assert run("map", "route", "map", "room-0", "room-4", "--json").json["nodes"][0] == "room-0"
     done = run("map", "query", "map", "query-1-0", "--data", "doored")
-    assert (done.code, done.err) == (2, "error: map has no localizer: it was built from data without mapping frames\n")
+    message = "error: map has no localizer: it was built from data without reference frames\n"
+    assert (done.code, done.err) == (2, message)
 
 
 def test_rooms_without_doors_are_built_and_said_to_be_apart(rooms):

@@ -277,7 +277,7 @@ def test_a_folder_without_a_map_is_one_line(fakes, tmp_path):
 
 
 def test_a_map_needs_a_frame(fakes):
-    with pytest.raises(DataError, match="a map needs at least one mapping frame, received none"):
+    with pytest.raises(DataError, match="a map needs at least one reference frame, received none"):
         build_map("rooms", Path("map"), "reader", topology=False, overrides=("data.rooms=0",))
     assert not Path("map").exists()
 

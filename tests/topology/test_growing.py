@@ -235,7 +235,7 @@ def test_what_does_not_fit_is_one_line_and_changes_nothing(rooms):
     for change, error, message in (
         (lambda: add_to_map("absent", "nothing"), DataError, "absent holds no map: make one with salframe"),
         (lambda: add_to_map("bare", "doored"), DataError, "bare has no localizer: it was built from data without map"),
-        (lambda: add_to_map("map", "frameless"), DataError, "at least one mapping frame, received none"),
+        (lambda: add_to_map("map", "frameless"), DataError, "at least one reference frame, received none"),
         (lambda: add_to_map("map", "doored", overrides=("offset=1",)), ConfigError, r"expected data\.KEY"),
         (
             lambda: add_to_map("map", "upstairs", overrides=(same_ids,)),

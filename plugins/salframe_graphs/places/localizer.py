@@ -186,41 +186,41 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
             return self._matching.localize(query)
         if not len(query):
             return Localization((), None, LocalizationStatus.NO_OBJECTS)
-        found = self._hypotheses(query, description.get(OUTLINE))
-        if found is None:
+        hypotheses = self._hypotheses(query, description.get(OUTLINE))
+        if hypotheses is None:
             return Localization((), None, LocalizationStatus.NO_MATCH)
-        value = found.evidence.scores(self._weights)
-        names, first, row = np.unique(found.name, return_index=True, return_inverse=True)
+        value = hypotheses.evidence.scores(self._weights)
+        names, first, row = np.unique(hypotheses.name, return_index=True, return_inverse=True)
         score, posed = np.full(len(names), -np.inf), np.full(len(names), -1)
         np.logaddexp.at(score, row, value)
-        ascending = np.argsort(value[: len(found.poses)], kind="stable")
+        ascending = np.argsort(value[: len(hypotheses.poses)], kind="stable")
         posed[row[ascending]] = ascending  # of each name the best hypothesis with a pose, which comes last
         order = np.lexsort((first, -score))
         names, score, posed = names[order], score[order], posed[order]
-        frames = [self._matching.frames[number] for number in self._map.nearest_frames(names, found.poses, posed)]
+        frames = [self._matching.frames[number] for number in self._map.nearest_frames(names, hypotheses.poses, posed)]
         ids = [frame.id for frame in frames]
         places = ranked_places(ids, [self._map.names[name] for name in names.tolist()], score.tolist())
         if self._matching.positioner is None:
             return Localization(places, frames[0].T_world_pano, LocalizationStatus.OK)
         if posed[0] < 0:
             return Localization(places, None, LocalizationStatus.NO_POSE)
-        best, share = found.search.poses.take(posed[:1]), found.search.share(int(posed[0]))
+        best, share = hypotheses.search.poses.take(posed[:1]), hypotheses.search.share(int(posed[0]))
         if (share.sum(1) > 0.5).sum() < MIN_EXPLAINED:
             return Localization(places, None, LocalizationStatus.NO_POSE)
-        pose, covariance = settle(found.search.scorer, best, share, MIN_DEVIATION_M)
+        pose, covariance = settle(hypotheses.search.scorer, best, share, MIN_DEVIATION_M)
         camera_z_m = frames[0].T_world_pano[2, 3]
         T_world_query = pose_2d(pose.shift_m[0, 0], pose.shift_m[0, 1], pose.yaw_rad[0], camera_z_m)
         return Localization(places, T_world_query, LocalizationStatus.OK, covariance)
 
     def fits_posterior(self, description: Description) -> bool:
-        return not self._is_scaleless(description)  # whose scores are not those that the posterior was fitted to
+        return not self._is_scaleless(description)  # the posterior was fitted to the scores of other queries
 
     def evidence(self, description: Description) -> Evidence | None:
         query = graph_from_arrays(description)
         if self._is_scaleless(description) or not len(query):
             return None
-        found = self._hypotheses(query, description.get(OUTLINE))
-        return None if found is None else found.evidence
+        hypotheses = self._hypotheses(query, description.get(OUTLINE))
+        return None if hypotheses is None else hypotheses.evidence
 
     def correspond(self, query: Description, reference: Description) -> NodeMatches:
         return self._matching.correspond(query, reference)
@@ -240,16 +240,16 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         if not len(matched):
             return None
         config = self.config
-        found = search(nodes, places.index.take(matched), config.rates, config.likelihood, config.poses)
-        here = matched[found.poses.place]
-        poses = Poses(here, found.poses.shift_m, found.poses.yaw_rad)
+        result = search(nodes, places.index.take(matched), config.rates, config.likelihood, config.poses)
+        here = matched[result.poses.place]
+        poses = Poses(here, result.poses.shift_m, result.poses.yaw_rad)
         stands = places.names_at(poses)
         has_pose = np.zeros(len(places.names), bool)
         has_pose[stands] = True
         others = ranked[~has_pose[places.shown.name[ranked]]]
         rows = np.concatenate([here, others])
         none = np.zeros(len(others))
-        unplaced = found.scorer.unplaced()
+        unplaced = result.scorer.unplaced()
         # A place that was not searched has the likelihood of the worst one that was.
         position = np.minimum(np.searchsorted(matched, others), len(matched) - 1)
         of_others = np.where(matched[position] == others, unplaced[position], unplaced.min())
@@ -260,7 +260,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
                 panorama[places.number[name]] = score
         labels_found, labels_shared = label_evidence(nodes.label, places.index, rows)
         evidence = {
-            "likelihood": np.concatenate([np.logaddexp(found.score, unplaced[found.poses.place]), of_others]),
+            "likelihood": np.concatenate([np.logaddexp(result.score, unplaced[result.poses.place]), of_others]),
             "outline": np.concatenate([outline, none]),
             "panorama": panorama[places.shown.name[rows]],
             "labels_found": labels_found,
@@ -268,7 +268,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         }
         numbers = np.concatenate([stands, places.shown.name[others]])
         names = [places.names[number] for number in numbers.tolist()]
-        return _Hypotheses(numbers, Evidence(names, evidence), poses, found)
+        return _Hypotheses(numbers, Evidence(names, evidence), poses, result)
 
     def _shortlist(self, query: SaliencyGraph) -> tuple[np.ndarray, np.ndarray]:
         """Return the places that are matched object by object (C,), and those that are ranked (R,), both ascending:

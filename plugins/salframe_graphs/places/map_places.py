@@ -73,8 +73,8 @@ class MapPlaces:
         shown = self.shown
         frames = np.split(shown.frame.astype(np.uint32), shown.start[1:-1])
         rows = (
-            {"name": np.array(shown.names[name]), "frames": seen, **objects}
-            for name, seen, objects in zip(shown.name, frames, place_rows(self.index), strict=True)
+            {"name": np.array(shown.names[name]), "frames": of_place, **objects}
+            for name, of_place, objects in zip(shown.name, frames, place_rows(self.index), strict=True)
         )
         write_columns(folder / _PLACES, rows)
 
@@ -84,8 +84,8 @@ class MapPlaces:
     ) -> MapPlaces:
         """Return the places that `write` wrote; outline_mm: the packed outlines of the frames, where any has one."""
         columns = read_columns(folder / _PLACES, {**_SHOWN_COLUMNS, **PLACE_COLUMNS}).columns
-        names, seen = columns["name"], columns["frames"]
-        shown = ShownPlaces(names.words or (), names.values.astype(int), seen.values.astype(int), seen.start)
+        names, frames = columns["name"], columns["frames"]
+        shown = ShownPlaces(names.words or (), names.values.astype(int), frames.values.astype(int), frames.start)
         outline_m = np.full((num_frames, BINS), np.nan, np.float32)
         if outline_mm is not None:
             outline_m[np.diff(outline_mm.start) > 0] = unpack_outline(outline_mm.values.reshape(-1, BINS))

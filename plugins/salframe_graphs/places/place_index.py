@@ -124,11 +124,11 @@ def place_rows(index: PlaceIndex) -> Iterator[Row]:
     names = np.array([*index.vocabulary], np.str_)
     xyz_m = np.column_stack([index.xy_m, index.z_m])
     for low, high in pairwise(index.segments.start.tolist()):
-        own = slice(low, high)
+        objects = slice(low, high)
         yield {
-            "labels": names[index.label[own]],
-            "xyz_m": xyz_m[own],
-            **{name: getattr(index, name)[own] for name in ("variance_m2", "log_size", "found_logit")},
+            "labels": names[index.label[objects]],
+            "xyz_m": xyz_m[objects],
+            **{name: getattr(index, name)[objects] for name in ("variance_m2", "log_size", "found_logit")},
         }
 
 

@@ -54,7 +54,7 @@ def settle(scorer: PlaceLikelihood, pose: Poses, share: np.ndarray, min_deviatio
     """Fit one pose to the objects that it explains.
 
     Errors are taken to be Cauchy distributed and fitted by reweighting: the visible part of an object moves with the
-    viewpoint, that of some objects far more than that of most.
+    viewpoint, and for a few objects it moves far.
 
     Args:
         scorer: likelihood of the query in the places of an index.
@@ -65,12 +65,12 @@ def settle(scorer: PlaceLikelihood, pose: Poses, share: np.ndarray, min_deviatio
     Returns:
         The pose, and its first-order covariance (3, 3) of x, y, yaw in the axes of the world (m, rad).
     """
-    own = slice(*scorer.index.segments.start[pose.place[0] : pose.place[0] + 2])
+    objects = slice(*scorer.index.segments.start[pose.place[0] : pose.place[0] + 2])
     i, j = np.nonzero(share > MIN_SHARE)
-    along, across = scorer.variances(own)
+    along, across = scorer.variances(objects)
     along, across, share = along[i, j], across[j], share[i, j].astype(np.float64)
     inverse = 1 / np.array([along, across])
-    position, query, ray = scorer.index.xy_m[own][j].T, scorer.position[i], scorer.ray[i]
+    position, query, ray = scorer.index.xy_m[objects][j].T, scorer.position[i], scorer.ray[i]
     # Columns: slopes of the deviation along each ray, of that across it, and the query object, all turned together.
     base = np.concatenate([ray.real, -ray.imag, query.real, ray.imag, ray.real, query.imag]).reshape(2, -1)
     slope = np.zeros((3, 2, len(i)))

@@ -80,8 +80,8 @@ class CompiledLists(SceneIndex):
         lower numbers come first."""
         kernels, postings = load_kernels(), self._postings
         rarity = postings.rarity[query.label]
-        most = FULL * rarity * (query.last - query.first)
-        rest = np.append(np.cumsum(most[::-1])[::-1], 0)
+        maximum = FULL * rarity * (query.last - query.first)
+        rest = np.append(np.cumsum(maximum[::-1])[::-1], 0)
         lists = postings.scene, postings.code, postings.weight
         labels = query.first, query.last, postings.start[query.label + 1], rarity, rest
         scenes, scores = (np.empty(2 * count + kernels.BLOCK, kind) for kind in (np.int64, np.float64))
@@ -89,11 +89,11 @@ class CompiledLists(SceneIndex):
         min_score = 0.0
         while state[0] < len(postings.weight):
             kernels.scan_lists(lists, labels, query.likeness, (query.rarity, FULL), state, min_score, scenes, scores)
-            found = int(state[1])
-            if found > count:
-                is_best = _first(scores[:found], count)
-                min_score = float(scores[:found][is_best].min())
-                scenes[:count], scores[:count] = scenes[:found][is_best], scores[:found][is_best]
+            num_scenes = int(state[1])
+            if num_scenes > count:
+                is_best = _first(scores[:num_scenes], count)
+                min_score = float(scores[:num_scenes][is_best].min())
+                scenes[:count], scores[:count] = scenes[:num_scenes][is_best], scores[:num_scenes][is_best]
                 state[1] = count
         return scenes[: state[1]].copy(), scores[: state[1]].copy()
 

@@ -49,13 +49,13 @@ def scan_lists(lists, labels, alike, totals, state, min_score, scenes, scores): 
         for j in range(len(first)):
             position = state[2 + j]
             while position < end[j] and scene[position] < high:
-                own = scene[position]
-                here = np.int64(own) - low
+                number = scene[position]
+                here = np.int64(number) - low
                 if shared[here] + rest[j] < needed[here]:
                     position += 1
                     continue
                 of_query, of_scene = np.int64(0), np.int64(0)
-                while position < end[j] and scene[position] == own:
+                while position < end[j] and scene[position] == number:
                     best = np.int32(0)
                     for i in range(first[j], last[j]):
                         like = alike[i, 0, code[position, 0]] * alike[i, 1, code[position, 1]]
@@ -118,16 +118,16 @@ def verify_scenes(lists, labels, query, limits, scenes, explained):  # type: ign
     low, high = start.copy(), start.copy()
     pair, place, before = np.empty((64, 2), np.int64), np.empty((64, 4)), 0
     for k in range(len(scenes)):
-        wanted, most = scenes[k], 0
+        wanted, num_pairs = scenes[k], 0
         for j in range(len(first)):
             low[j] = _find(scene, high[j], end[j], wanted, 1 + np.int64(step[j] * (wanted - before)))
             high[j] = low[j]
             while high[j] < end[j] and scene[high[j]] == wanted:
                 high[j] += 1
-            most += (high[j] - low[j]) * (last[j] - first[j])
+            num_pairs += (high[j] - low[j]) * (last[j] - first[j])
         before = wanted
-        if most > len(pair):
-            pair, place = np.empty((2 * most, 2), np.int64), np.empty((2 * most, 4))
+        if num_pairs > len(pair):
+            pair, place = np.empty((2 * num_pairs, 2), np.int64), np.empty((2 * num_pairs, 4))
         count, objects = 0, 0
         for j in range(len(first)):
             for i in range(first[j], last[j]):
@@ -164,12 +164,12 @@ def _explain_best(pair, place, xy_m, weight, max_shift_m):  # type: ignore[no-un
             base[at] = c
             bases = min(bases + 1, MAX_BASES)
     # What the pairs from each on can add at most: their objects of the query under the most similar of the scene.
-    left, most = np.zeros(len(pair) + 1), 0.0
+    left, maximum = np.zeros(len(pair) + 1), 0.0
     for c in range(len(pair) - 1, -1, -1):
         if c + 1 == len(pair) or pair[c + 1, 0] != pair[c, 0]:
-            most = 0.0
-        rise = max(place[c, 2] - most, 0.0)
-        left[c], most = left[c + 1] + weight[pair[c, 0]] * rise, most + rise
+            maximum = 0.0
+        rise = max(place[c, 2] - maximum, 0.0)
+        left[c], maximum = left[c + 1] + weight[pair[c, 0]] * rise, maximum + rise
     best, near, nearest = 0.0, np.empty(len(pair)), np.zeros(len(pair))
     for a in range(bases):
         for b in range(a):
@@ -190,19 +190,19 @@ def _explain_best(pair, place, xy_m, weight, max_shift_m):  # type: ignore[no-un
             y_shift = (place[one, 1] + place[two, 1]) / 2 - (sin * x + cos * y)
             if x_shift * x_shift + y_shift * y_shift >= max_shift_m * max_shift_m:
                 continue
-            explained, most = 0.0, 0.0
+            explained, maximum = 0.0, 0.0
             for c in range(len(pair)):
                 i = pair[c, 0]
                 if c == 0 or pair[c - 1, 0] != i:
-                    most = 0.0
+                    maximum = 0.0
                     if explained + left[c] <= best:
                         break
                 x = cos * xy_m[i, 0] - sin * xy_m[i, 1] + x_shift - place[c, 0]
                 y = sin * xy_m[i, 0] + cos * xy_m[i, 1] + y_shift - place[c, 1]
                 near[c] = place[c, 2] * max(1 - (x * x + y * y) / (place[c, 3] * place[c, 3]), 0.0)
-                if near[c] > most:
-                    explained += weight[i] * (near[c] - most)
-                    most = near[c]
+                if near[c] > maximum:
+                    explained += weight[i] * (near[c] - maximum)
+                    maximum = near[c]
             if explained > best:
                 best, near, nearest = explained, nearest, near
     return min(best, _of_scene(pair, nearest, weight)) if best > 0 else 0.0

@@ -72,7 +72,7 @@ def appearance(graph: SaliencyGraph) -> np.ndarray:
 
 
 def write_postings(graphs: Iterable[SaliencyGraph], folder: Path, *, positions: bool) -> None:
-    """Write the postings of a stream of graphs to a folder, with positions if told. Memory holds CHUNK objects."""
+    """Write the postings of a stream of graphs to a folder, with positions where wanted. Memory holds CHUNK objects."""
     labels: dict[str, int] = {}
     spool = folder / "objects.bin"
     scenes = _spool(graphs, labels, spool)
