@@ -8,10 +8,12 @@ from typing import Literal
 
 import numpy as np
 import pytest
-from broken_components import BROKEN, Described, columns
 from broken_datasets import BROKEN_DATASETS
+from broken_detectors import BROKEN_DETECTORS, Described, columns
+from broken_localizers import BROKEN_LOCALIZERS
 from broken_planners import Dijkstra, OneWay, Retracing, Swimming
 from broken_range_models import BROKEN_RANGE_MODELS, Ranging
+from broken_stages import BROKEN_STAGES
 from conformance import breaks, conforms
 from salframe_annotations.detector import AnnotationDetector
 from tiny_folder import write_tiny_folder
@@ -29,6 +31,12 @@ from salframe.testing import ConformanceError
 from salframe.testing.identities import _user_files, another_config, check_files
 from salframe.testing.rooms import HEIGHT_PX, ROOMS, look, stand
 
+BROKEN = [
+    *BROKEN_DETECTORS,
+    *BROKEN_STAGES,
+    *BROKEN_LOCALIZERS,
+    (int, "<class 'int'> is no component: it must subclass one of Dataset"),
+]
 REAL = Path(os.environ.get("SALFRAME_SHARED_DATA", Path(__file__).parents[3] / "shared" / "data")) / "matterport3d"
 
 

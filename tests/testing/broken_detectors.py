@@ -1,0 +1,258 @@
+"""Detectors that are each broken in one way, and the line that the conformance suite reports about each."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from pydantic import ConfigDict, field_validator
+from salframe_annotations.detector import AnnotationDetector
+
+from salframe.framework.component import ComponentConfig, match_only
+from salframe.framework.components.identity import UserFile
+from salframe.framework.errors import DataError
+from salframe.framework.validation import Settings
+from salframe.graphs.detections import Detections
+from salframe.testing.rooms import HEIGHT_PX
+
+
+def columns(found: Detections) -> np.ndarray:
+    """(N,) columns of the suite's panoramas that the centroids lie in."""
+    return (np.pi - np.arctan2(found.centroid_m[:, 1], found.centroid_m[:, 0])) * HEIGHT_PX / np.pi
+
+
+class Described(AnnotationDetector):
+    """A detector that is broken in one way."""
+
+    name = "broken"
+
+
+class Shouting(Described):
+    """Broken."""
+
+    name = "My Detector"
+
+
+class Silent(Described):
+    pass
+
+
+class Lenient(Described):
+    """Broken."""
+
+    class Config(ComponentConfig):
+        model_config = ConfigDict(extra="ignore")
+
+
+class Undecided(Described):
+    """Broken."""
+
+    class Config(ComponentConfig):
+        threshold: float
+
+
+class Clearing(Described):
+    """Broken."""
+
+    def detect(self, panorama):
+        found = super().detect(panorama)
+        panorama.annotations.labels.clear()
+        return found
+
+
+class Overwriting(Described):
+    """Broken."""
+
+    def detect(self, panorama):
+        panorama.range_m[np.isnan(panorama.range_m)] = 0
+        return super().detect(panorama)
+
+
+class Restless(Described):
+    """Broken."""
+
+    def detect(self, panorama):
+        found = super().detect(panorama)
+        return replace(found, scores=np.random.default_rng().random(len(found)))
+
+
+class Moody(Described):
+    """Broken."""
+
+    def __init__(self, config=None):
+        super().__init__(config)
+        self.score = np.random.default_rng().random()
+
+    def detect(self, panorama):
+        found = super().detect(panorama)
+        return replace(found, scores=np.full(len(found), self.score))
+
+
+class Flat(Described):
+    """Broken."""
+
+    def detect(self, panorama):
+        found = super().detect(panorama)
+        return replace(found, centroid_m=found.centroid_m[:, :2])
+
+
+class Listing(Described):
+    """Broken."""
+
+    def detect(self, panorama):
+        return list(super().detect(panorama).labels)
+
+
+class Certain(Described):
+    """Broken."""
+
+    def detect(self, panorama):
+        found = super().detect(panorama)
+        return replace(found, scores=np.full(len(found), 100.0))
+
+
+class Seamed(Described):
+    """Broken."""
+
+    def detect(self, panorama):
+        found = super().detect(panorama)
+        return found.take(
+            [i for i in range(len(found)) if (found.points_m[i][:, 1] > 0).all() or found.points_m[i][:, 0].max() > 0]
+        )
+
+
+class Offset(Described):
+    """Broken."""
+
+    def detect(self, panorama):
+        found = super().detect(panorama)
+        return replace(found, centroid_m=found.centroid_m + np.array([0.05, 0, 0]))
+
+
+class AxisAligned(Described):
+    """Broken."""
+
+    def detect(self, panorama):
+        found = super().detect(panorama)
+        sizes = [np.maximum(np.ptp(points, axis=0), 0.05) for points in found.points_m]
+        return replace(found, size_m=np.reshape(sizes, (-1, 3)), yaw_rad=np.zeros(len(found)))
+
+
+class Strided(Described):
+    """Broken."""
+
+    column_step = 4
+
+    def detect(self, panorama):
+        found = super().detect(panorama)
+        return found.take(np.flatnonzero(np.round(columns(found)) % 4))
+
+
+class Unturned(Described):
+    """Broken."""
+
+    def detect(self, panorama):
+        found = super().detect(panorama)
+        return replace(found, yaw_rad=np.zeros(len(found)))
+
+
+class Distracted(Described):
+    """Broken."""
+
+    class Config(AnnotationDetector.Config):
+        steady: Literal["yes", "no"] = match_only("yes")
+
+    def detect(self, panorama):
+        found = super().detect(panorama)
+        return found if self.config.steady == "yes" else found.take([])
+
+
+class Haunted(Described):
+    """Broken."""
+
+    def detect(self, panorama):
+        return (
+            super().detect(panorama)
+            if panorama.annotations.labels
+            else Detections(("ghost",), [1.0], [[1.0, 0, 0]], [[1.0, 1, 1]], [0.0])
+        )
+
+
+class Stretched(Described):
+    """Broken."""
+
+    def detect(self, panorama):
+        found = super().detect(panorama)
+        return (
+            found if len(found) and np.isfinite(found.centroid_m).all() else replace(found, bearing=2 * found.bearing)
+        )
+
+
+class Refusing(AnnotationDetector):
+    """Broken."""
+
+    name = "broken"
+
+    class Config(AnnotationDetector.Config):
+        table: UserFile | None = None
+
+        @field_validator("table")
+        @classmethod
+        def _plain(cls, value):
+            return None if value is None else Path(value)
+
+    def __init__(self, config=None):
+        super().__init__(config)
+        if self.config.table is not None:
+            raise DataError("the table is no table")
+
+
+class Tables(Settings):
+    files: tuple[UserFile, ...] = ()
+
+    @field_validator("files")
+    @classmethod
+    def _plain(cls, value):
+        return tuple(map(str, value))
+
+
+class Nested(Described):
+    """Broken."""
+
+    class Config(AnnotationDetector.Config):
+        tables: Tables = Tables()
+
+
+class Pathed(Described):
+    """Broken."""
+
+    class Config(AnnotationDetector.Config):
+        table: tuple[Path, ...] | None = None
+
+
+BROKEN_DETECTORS = [
+    (Shouting, "Shouting.name is 'My Detector', expected words of small letters"),
+    (Silent, "docstring of Silent: received none"),
+    (Lenient, "Config: received a key that it does not have, and took it"),
+    (Undecided, "Undecided.Config has no default for threshold"),
+    (Clearing, "detect in the bedroom: received a change of its input"),
+    (Overwriting, "detect in the bedroom: received ValueError: .*read-only"),
+    (Restless, "detect in the bedroom: received two answers to the same input"),
+    (Moody, "by another instance: received another answer"),
+    (Flat, r"received InvalidAnswer: Detections.centroid_m has shape \(\d, 2\), expected \(\d, 3\)"),
+    (Listing, "received list, expected Detections"),
+    (Certain, r"received InvalidAnswer: Detections.scores holds 100.0, expected numbers from 0 to 1"),
+    (Seamed, r"detect in the \w+ rolled by \d+ columns: received \["),
+    (Offset, r"rolled by 1 columns: received a \w+ that moved 0\.0\d+ m"),
+    (Strided, r"turned by columns between its steps of 4: received \d+ of \d+ objects within 2 deg, expected 95%"),
+    (AxisAligned, r"rolled by \d+ columns: received a \w+ that changed its size by"),
+    (Unturned, r"received a \w+ that turned \d.* deg within the room"),
+    (Distracted, "identity with another steady: received another description, expected the same: .* match_only"),
+    (Haunted, "detect where nothing is seen: received 1 objects, expected none"),
+    (Stretched, r"detect with annotations alone: received bearings of length \[2.0"),
+    (Refusing, "identity with another content of the file table: received the same one, expected another"),
+    (Nested, "identity with another content of the file tables.files: received the same one, expected another"),
+    (Pathed, "setting table: received a plain Path, expected a UserFile"),
+]

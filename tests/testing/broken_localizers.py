@@ -1,0 +1,125 @@
+"""Localizers that are each broken in one way, and the line that the conformance suite reports about each."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from salframe_graphs.localizer import SaliencyGraphLocalizer
+from salframe_objects.localizer import ObjectSetLocalizer
+
+from salframe.framework.component import match_only
+from salframe.framework.components.identity import UserFile, identity
+from salframe.panoramas.geometry import pose_2d
+
+
+class Mixed(SaliencyGraphLocalizer):
+    """Broken."""
+
+    def open_index(self, folder, packed, frames):
+        self.index([self.unpack(row) for row in packed[::-1]], frames)
+
+
+class North(SaliencyGraphLocalizer):
+    """Broken."""
+
+    def match(self, description):
+        answer = super().match(description)
+        return (
+            answer
+            if answer.T_world_query is None
+            else replace(answer, T_world_query=pose_2d(*answer.T_world_query[:2, 3], 0.0))
+        )
+
+
+class Scolding(SaliencyGraphLocalizer):
+    """Broken."""
+
+    def match(self, description):
+        if not len(description["labels"]):
+            raise ValueError("there is nothing here")
+        return super().match(description)
+
+
+class Modest(SaliencyGraphLocalizer):
+    """Broken."""
+
+    needs = frozenset({"rgb"})
+
+
+class Boastful(SaliencyGraphLocalizer):
+    """Broken."""
+
+    def match(self, description):
+        return replace(super().match(description), status="ok")
+
+
+class Unordered(SaliencyGraphLocalizer):
+    """Broken."""
+
+    def match(self, description):
+        answer = super().match(description)
+        return replace(answer, places=answer.places + answer.places)
+
+
+def weighed(answer, probabilities):
+    """The answer with these probabilities of its first places, 0 of the others, and 0.1 of none of them."""
+    padded = [*probabilities, *[0.0] * len(answer.places)]
+    places = [place._replace(probability=padded[i]) for i, place in enumerate(answer.places)]
+    return replace(answer, places=tuple(places), not_here=0.1) if len(places) > 1 else answer
+
+
+class Lavish(ObjectSetLocalizer):
+    """Broken."""
+
+    def match(self, description):
+        return weighed(super().match(description), [0.7, 0.4])
+
+
+class Contrary(ObjectSetLocalizer):
+    """Broken."""
+
+    def match(self, description):
+        return weighed(super().match(description), [0.2, 0.7])
+
+
+class Swayed(SaliencyGraphLocalizer):
+    """Broken."""
+
+    class Config(SaliencyGraphLocalizer.Config):
+        lossy: bool = match_only(False)
+
+    def graph(self, panorama):
+        graph = super().graph(panorama)
+        return replace(graph, saliency=graph.saliency / 2) if self.config.lossy else graph
+
+
+class Scrupulous(SaliencyGraphLocalizer):
+    """Broken."""
+
+    def describe_identity(self):
+        return identity(self.config)
+
+
+class Inattentive(SaliencyGraphLocalizer):
+    """Broken."""
+
+    class Config(SaliencyGraphLocalizer.Config):
+        table: UserFile | None = None
+
+    def describe_identity(self):
+        return {"name": self.name}
+
+
+BROKEN_LOCALIZERS = [
+    (Mixed, "after save and open: received"),
+    (North, "received a pose that moved .* rad off the turn"),
+    (Scolding, "received ValueError: there is nothing here"),
+    (Modest, "describe of a panorama with rgb alone: received InputMissing"),
+    (Boastful, "match where nothing is seen: received InvalidAnswer: a localization has the status ok and no place"),
+    (Unordered, "expected one entry a place"),
+    (Lavish, "received InvalidAnswer: a localization has probabilities that sum to 1.2, expected 1"),
+    (Contrary, r"received the probabilities \[0.2, 0.7.*\], expected the best place's first"),
+    (Swayed, "describe_identity with another lossy: received another description, expected the same: .* match_only"),
+    (Scrupulous, "describe_identity with another positioner: received another one, expected the same: .* match_only"),
+    (Inattentive, "describe_identity with another content of the file table: received the same one, expected another"),
+]
