@@ -46,8 +46,7 @@ Workers = Annotated[
         "--workers",
         min=1,
         metavar="N",
-        help="How many work at a time, a thread each; unless given one a processor, and where times are measured one "
-        "alone with all processors to itself.",
+        help="Number of worker processes (default: one per core; one with all cores where times are measured).",
     ),
 ]
 Seed = Annotated[int, typer.Option(help="Seed of the confidence intervals.")]
