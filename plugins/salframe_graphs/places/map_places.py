@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
@@ -54,12 +54,8 @@ class MapPlaces:
     ) -> MapPlaces:
         """Return the places of described frames; outlines_m (BINS,) of each frame where it has one."""
 
-        def place_of(xy_m: np.ndarray, frame: MapFrame) -> list[str | None]:
-            assert regions is not None
-            numbers = regions.at(xy_m, np.full(len(xy_m), frame.T_world_pano[2, 3]))
-            return [regions.places[number] if number >= 0 else None for number in numbers.tolist()]
-
-        places = gather_places(graphs, frames, rates, place_of if regions else None, merged)
+        place_of = None if regions is None else partial(_places_at, regions)
+        places = gather_places(graphs, frames, rates, place_of, merged)
         T_world_pano = np.array([frame.T_world_pano[:3] for frame in frames])
         cameras_m = [T_world_pano[list(place.frames), :, 3] for place in places]
         index = index_places(places, cameras_m, rates, likelihood)
@@ -132,6 +128,12 @@ class MapPlaces:
         near_m = np.append(poses.shift_m, [[np.nan, np.nan]], 0)[row]
         nearest: list[int] = self.shown.nearest(names, self._frames_m[:, :2], near_m).tolist()
         return nearest
+
+
+def _places_at(regions: Regions, xy_m: np.ndarray, frame: MapFrame) -> list[str | None]:
+    """The places of positions (N, 2) on the floor that a frame stands on, None off the floor."""
+    numbers = regions.at(xy_m, np.full(len(xy_m), frame.T_world_pano[2, 3]))
+    return [regions.places[number] if number >= 0 else None for number in numbers.tolist()]
 
 
 def _outlines(shown: ShownPlaces, outline_m: np.ndarray, T_world_pano: np.ndarray) -> MapOutlines:
