@@ -234,7 +234,11 @@ def test_what_does_not_fit_is_one_line_and_changes_nothing(rooms):
     at_zero, same_ids = "data.z_m=0", "data.rename_frames=false"
     for change, error, message in (
         (lambda: add_to_map("absent", "nothing"), DataError, "absent holds no map: make one with salframe"),
-        (lambda: add_to_map("bare", "doored"), DataError, "bare has no localizer: it was built from data without map"),
+        (
+            lambda: add_to_map("bare", "doored"),
+            DataError,
+            "bare has no localizer: it was built from data without reference frames",
+        ),
         (lambda: add_to_map("map", "frameless"), DataError, "at least one reference frame, received none"),
         (lambda: add_to_map("map", "doored", overrides=("offset=1",)), ConfigError, r"expected data\.KEY"),
         (
