@@ -1,4 +1,4 @@
-"""What is done with finished runs: measure them again, and write the page that shows them side by side."""
+"""Finished runs: measure them again, and write a report that shows them side by side."""
 
 from __future__ import annotations
 
@@ -22,9 +22,11 @@ from salframe.panoramas.opening import Progress, open_dataset
 
 
 def evaluate(directory: str | Path) -> Result[Any]:
-    """Measure a run again from its rows and the data set's truth, and write its metrics and report. Runs no method.
+    """Measure a run again from its rows and the ground truth, and write its metrics and report. Runs no method.
 
-    Raises ConfigError where `directory` is no run, DataError where the data set is not the one the run was made on.
+    Raises:
+        ConfigError: `directory` is not a run.
+        DataError: The data set differs from the one that the run was made on.
     """
     run, task = open_run(directory)
     dataset = open_dataset(run.data())
@@ -34,7 +36,7 @@ def evaluate(directory: str | Path) -> Result[Any]:
 
 @dataclass(frozen=True, eq=False)
 class Report:
-    """A page that was written: where, of which results, and notes: what could not be drawn."""
+    """A written report: its path, the results that it shows, and notes on what could not be drawn."""
 
     path: Path
     results: tuple[Result[Any], ...]
@@ -48,11 +50,20 @@ def write_report(
     full: bool = False,
     progress: Progress | None = None,
 ) -> Report:
-    """Write a page of runs of one task to one HTML file that needs nothing else: side by side, the same method pooled
-    over runs that differ in the data's seed alone, and every query of a comparison to look at.
+    """Write a report of runs of one task to a self-contained HTML file.
 
-    full: whole panoramas, not thumbnails. Describes what is not in the cache. Raises ConfigError where a folder is no
-    run or the runs are of several tasks, DataError where a data set is not the one a run was made on.
+    The report shows the runs side by side and every query of a comparison. Runs that differ only in the seed of the
+    data are pooled per method. Frames that are not in the cache are described.
+
+    Args:
+        runs: Run folders, at least one.
+        output: The file to write.
+        full: Whether to show panoramas in full resolution instead of thumbnails.
+        progress: Reports the progress.
+
+    Raises:
+        ConfigError: A folder is not a run, or the runs are of several tasks.
+        DataError: A data set differs from the one that a run was made on, or the file cannot be written.
     """
     folders = list(dict.fromkeys(Path(run).resolve() for run in runs))
     if not folders:
@@ -95,15 +106,15 @@ def _open(folder: Path, progress: Progress | None) -> _Opened:
 
 
 def _pool(opened: Sequence[_Opened], entries: Sequence[tuple[Entry, ...]]) -> list[MethodRow]:
-    """The row of each arm; arms of the same runs are measured together, so that they are tested against the first."""
+    """Return the row of each arm. Arms of the same runs are measured together and tested against the first of them."""
     rows: dict[int, MethodRow] = {}
     together: dict[tuple[int, ...], list[int]] = {}
     for number, alike in enumerate(entries):
         together.setdefault(tuple(entry.run for entry in alike), []).append(number)
     for runs, numbers in together.items():
         if len(runs) == 1:
-            known = opened[runs[0]].view.result.rows
-            rows |= {number: known[entries[number][0].method] for number in numbers}
+            result_rows = opened[runs[0]].view.result.rows
+            rows |= {number: result_rows[entries[number][0].method] for number in numbers}
             continue
         parts = [
             (opened[run].survey, [opened[run].view.records[entries[number][k].method] for number in numbers])

@@ -1,4 +1,4 @@
-"""The role `scorer`: a published task's own metrics."""
+"""The role `scorer`: the metrics that a published task defines."""
 
 from __future__ import annotations
 
@@ -16,41 +16,69 @@ from salframe.navigation.episodes import Asked
 
 
 class Scorer(Role):
-    """Scores answers that some other program gave to a published task, by that task's own rules."""
+    """Scores the answers of any program to a published task by the rules of that task."""
 
     role = "scorer"
 
     @abstractmethod
     def score(self, answers: Path, root: Path) -> Sequence[Mapping[str, Any]]:
-        """One row a split that the file `answers` belongs to: "split", "episodes" (how many were scored), then the
-        task's metrics by name. `root` holds the task's data.
+        """Return a row for each split that the file contains answers to.
 
-        Raises DataError, in one line, on a file that is no answer to the task.
+        Args:
+            answers: The file of answers.
+            root: The folder of the task's data.
+
+        Returns:
+            Rows with the keys "split" and "episodes" (number of scored episodes), then the task's metrics by name.
+
+        Raises:
+            DataError: The file does not answer the task. The message is one line.
         """
 
     def episodes(self, split: str, root: Path) -> Sequence[Asked]:
-        """The episodes of a split for an agent that is told the goal, in a task that is one of navigation.
+        """Return the episodes of a split of a navigation task, for an agent that knows the goal.
 
-        Raises UnknownName on the split, DataError on the task's data, InputMissing in a task of another kind.
+        Raises:
+            UnknownName: The task has no such split.
+            DataError: The task's data is invalid.
+            InputMissing: The task is not a navigation task.
         """
         raise InputMissing(f"the task {self.name} has no episodes to walk")
 
     def submission(self, split: str, root: Path, walked: Sequence[np.ndarray | None]) -> Any:
-        """The answers to a split, as the JSON that `score` takes, of an agent that walked: for each of `episodes` its
-        poses (K, 4) x, y, z in metres and yaw in radians, from the start on; None where it has not moved."""
+        """Return the answers of an agent to a split, as the JSON that `score` reads.
+
+        Args:
+            split: The split of the task.
+            root: The folder of the task's data.
+            walked: For each of `episodes` the poses (K, 4) of the agent: x, y, z in metres and yaw in radians, starting
+                at the start pose; None where the agent did not move.
+        """
         raise InputMissing(f"the task {self.name} has no episodes to walk")
 
 
 def find_scorer(task: str) -> Scorer:
-    """The scorer of this name, as it is unless set. Raises UnknownName."""
+    """Return the scorer of this name with its default settings. Raises UnknownName."""
     scorer: Scorer = registry().build("scorer", registry().get("scorer", task).Config())
     return scorer
 
 
 def score(task: str, answers: str | Path, root: str | Path) -> list[Mapping[str, Any]]:
-    """The rows that the scorer of a task gives for a file of answers, at least one; `root`: the folder of the task's
-    data. Raises UnknownName, and DataError on a file that is no answer to the task."""
+    """Score a file of answers to a published task.
+
+    Args:
+        task: Name of the scorer.
+        answers: The file of answers.
+        root: The folder of the task's data.
+
+    Returns:
+        The rows of the scorer, at least one.
+
+    Raises:
+        UnknownName: There is no such scorer.
+        DataError: The file does not answer the task.
+    """
     rows = list(find_scorer(task).score(Path(answers), Path(root)))
     if not rows:
-        raise InvalidAnswer(f"the scorer {task} gave no row for {answers}, expected one a split")
+        raise InvalidAnswer(f"the scorer {task} returned no row for {answers}, expected one per split")
     return rows

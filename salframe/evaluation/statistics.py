@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-KEPT = 0.9
+ACCEPTED_SHARE = 0.9
 """Share of the correct answers that pass the threshold at which the false accept rate is measured."""
 BINS = 10
 """Number of bins of equal width over [0, 1] in which probabilities are compared with frequencies."""
@@ -21,7 +21,7 @@ AT_RECALLS = (0.5, 0.75, 0.9)
 
 @dataclass(frozen=True)
 class Estimate:
-    """A number and its 95 % confidence interval; the bounds are None where the interval is not known."""
+    """A number and its 95 % confidence interval. The bounds are None where the interval is unknown."""
 
     value: float
     low: float | None = None
@@ -33,7 +33,7 @@ class Estimate:
 
 
 def median(values: Sequence[float] | np.ndarray) -> float | None:
-    """The median, None of nothing."""
+    """Return the median; None without values."""
     return float(np.median(values)) if len(values) else None
 
 
@@ -42,7 +42,7 @@ def estimate_proportion(successes: np.ndarray, clusters: Sequence[str]) -> Estim
 
     Queries of one cluster (a place) are correlated. The sample size is divided by the design effect, the ratio of the
     variance of the mean over clusters to that of independent queries, where that is above 1 (Korn and Graubard 1998).
-    The result is Wilson's interval where each query is a cluster of its own, or all are successes or all failures.
+    The result is Wilson's interval where each query is a separate cluster, or all are successes or all failures.
     """
     count, share = float(len(successes)), float(successes.mean())
     number = _cluster_numbers(clusters)
@@ -61,8 +61,10 @@ def estimate_proportion(successes: np.ndarray, clusters: Sequence[str]) -> Estim
 def estimate_mean(
     values: np.ndarray, clusters: Sequence[str], seed: int, weights: np.ndarray | None = None
 ) -> Estimate:
-    """Return the mean of (N,) values with the bootstrap interval over clusters; with weights (N,), the sum of the
-    values divided by the sum of the weights."""
+    """Return the mean of (N,) values with the bootstrap interval over clusters.
+
+    With weights (N,), return the sum of the values divided by the sum of the weights.
+    """
     number = _cluster_numbers(clusters)
     sums, counts = np.bincount(number, values), np.bincount(number, weights)
     drawn = np.random.default_rng(seed).integers(len(counts), size=(RESAMPLES, len(counts)))
@@ -91,14 +93,19 @@ def estimate_statistic(
 
 
 def paired_test(first: np.ndarray, second: np.ndarray, cluster: Sequence[str]) -> float:
-    """Two-sided exact test of two methods that were right on (Q,) bool queries each, clustered: the chance that they
-    differ by so many right answers or more, were the methods swapped in each cluster by the toss of a coin.
+    """Return the p-value of a two-sided exact paired test of two methods, clustered.
 
-    Queries of one place tell less than as many of different places. Where each is a cluster of its own this is
+    It is the probability that the numbers of correct answers differ at least as much as observed, if the answers of the
+    two methods were swapped in each cluster with probability 1/2. Where each query is a separate cluster, this is
     McNemar's exact test.
+
+    Args:
+        first: (Q,) bool: the queries that the first method answered correctly.
+        second: (Q,) bool: the same of the second method.
+        cluster: The cluster of each query, such as its place.
     """
     difference = np.bincount(_cluster_numbers(cluster), first.astype(float) - second).astype(int)
-    chance = np.ones(1)  # of each sum of the differences, from the least possible to the largest, in steps of one
+    chance = np.ones(1)  # of each sum of the differences, from the minimum to the maximum, in steps of one
     for size in np.abs(difference[difference != 0]):
         swapped = np.zeros(len(chance) + 2 * size)
         swapped[: len(chance)] += chance / 2
@@ -109,30 +116,33 @@ def paired_test(first: np.ndarray, second: np.ndarray, cluster: Sequence[str]) -
 
 
 def holm(p_values: Sequence[float | None]) -> list[float | None]:
-    """The p-values of several tests, adjusted as by Holm 1979: what each is worth when the least of all is looked at
-    first. None is no test, and stays."""
+    """Return the p-values of several tests, adjusted by Holm's method (1979). None stands for no test and stays."""
     order = sorted((p, i) for i, p in enumerate(p_values) if p is not None)
     adjusted: list[float | None] = [None] * len(p_values)
-    least = 0.0
+    largest = 0.0
     for rank, (p, i) in enumerate(order):
-        least = max(least, min((len(order) - rank) * p, 1.0))
-        adjusted[i] = least
+        largest = max(largest, min((len(order) - rank) * p, 1.0))
+        adjusted[i] = largest
     return adjusted
 
 
 def macro_averages(first_place: Sequence[str | None], true_place: Sequence[str]) -> tuple[float, float]:
-    """Precision and recall, each the mean over the places that were asked for, all of one weight. Of a place that was
-    never answered the precision is 0."""
+    """Return the macro precision and the macro recall: unweighted means over the true places.
+
+    The precision of a place that was never answered is 0.
+    """
     places = sorted(set(true_place))
     answered, true = np.array([place or "" for place in first_place], np.str_), np.array(true_place, np.str_)
     hits = np.array([(answered == place) & (true == place) for place in places]).sum(1)
-    given, asked = (np.array([(side == place).sum() for place in places]) for side in (answered, true))
-    return float((hits / np.maximum(given, 1)).mean()), float((hits / asked).mean())
+    num_answered, num_true = (np.array([(side == place).sum() for place in places]) for side in (answered, true))
+    return float((hits / np.maximum(num_answered, 1)).mean()), float((hits / num_true).mean())
 
 
 def roc_area(present: np.ndarray, absent: np.ndarray) -> float | None:
-    """The chance that a value of (P,) is above one of (A,), equal ones counted half: the area below the curve of
-    receiver operating characteristic. None where either is empty."""
+    """Return the area under the ROC curve; None where either array is empty.
+
+    It is the probability that a value of `present` (P,) exceeds one of `absent` (A,), where ties count half.
+    """
     if not len(present) or not len(absent):
         return None
     from scipy.stats import rankdata
@@ -141,18 +151,28 @@ def roc_area(present: np.ndarray, absent: np.ndarray) -> float | None:
     return float((ranks.mean() - (len(present) + 1) / 2) / len(absent))
 
 
-def accepted_though_absent(right: np.ndarray, absent: np.ndarray, kept: float = KEPT) -> float | None:
-    """The share of (A,) values of queries whose place is not in the map that pass the highest bound which this share of
-    the (R,) values of right answers passes. None where either is empty."""
-    if not len(right) or not len(absent):
+def false_accept_rate(correct: np.ndarray, absent: np.ndarray, share: float = ACCEPTED_SHARE) -> float | None:
+    """Return the share of out-of-map queries that are accepted; None where either array is empty.
+
+    Args:
+        correct: (R,) evidence of the correct answers.
+        absent: (A,) evidence of the answers to out-of-map queries.
+        share: Share of the correct answers that the threshold accepts. The threshold is the highest that does.
+    """
+    if not len(correct) or not len(absent):
         return None
-    bound = np.sort(right)[::-1][int(np.ceil(kept * len(right) - 1e-9)) - 1]
+    bound = np.sort(correct)[::-1][int(np.ceil(share * len(correct) - 1e-9)) - 1]
     return float((absent >= bound).mean())
 
 
 def average_precision(evidence: np.ndarray, right: np.ndarray, count: int) -> float | None:
-    """The area below precision against recall of (Q,) answers that are accepted above a bound on their evidence: the
-    share of accepted ones that are `right`, against the share of the `count` that can be. None where none can."""
+    """Return the area under the precision-recall curve; None where `count` is 0.
+
+    Args:
+        evidence: (Q,) evidence of the answers. Answers are accepted above a threshold on it.
+        right: (Q,) bool: the correct answers.
+        count: Number of queries that can be answered correctly; recall is relative to it.
+    """
     if not count:
         return None
     hits, precision = accepted_above(evidence, right)
@@ -160,16 +180,22 @@ def average_precision(evidence: np.ndarray, right: np.ndarray, count: int) -> fl
 
 
 def precision_at(evidence: np.ndarray, right: np.ndarray, count: int) -> tuple[float | None, ...]:
-    """For each of AT_RECALLS the highest precision of (Q,) answers, accepted above a bound on their evidence, that has
-    this recall or more: see `average_precision`. None where no bound has."""
+    """Return the highest precision at each recall of AT_RECALLS or above; None where no threshold reaches the recall.
+
+    The arguments are those of `average_precision`.
+    """
     hits, precision = accepted_above(evidence, right)
     reached = [precision[hits >= recall * count - 1e-9] for recall in AT_RECALLS]
-    return tuple(float(kept.max()) if count and len(kept) else None for kept in reached)
+    return tuple(float(values.max()) if count and len(values) else None for values in reached)
 
 
 def accepted_above(evidence: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The number of `right` ones among the (Q,) answers accepted at each different bound, highest first, and their
-    share."""
+    """Return the number and the share of correct answers among those accepted, for each distinct threshold.
+
+    Args:
+        evidence: (Q,) evidence of the answers. Each distinct value is a threshold; the highest comes first.
+        right: (Q,) bool: the correct answers.
+    """
     bounds, number = np.unique(-evidence, return_inverse=True)
     hits = np.bincount(number, right, len(bounds)).cumsum()
     return hits, hits / np.bincount(number, minlength=len(bounds)).cumsum()
@@ -177,8 +203,8 @@ def accepted_above(evidence: np.ndarray, right: np.ndarray) -> tuple[np.ndarray,
 
 @dataclass(frozen=True, eq=False)
 class Reliability:
-    """Probabilities beside frequencies, in the BINS bins of equal width that hold any answer: confidence and frequency
-    (B,), their means, and count (B,)."""
+    """A reliability diagram: mean confidence (B,), frequency of correct answers (B,) and number of answers (B,) of each
+    of the BINS bins of equal width that is not empty."""
 
     confidence: np.ndarray
     frequency: np.ndarray
@@ -186,17 +212,19 @@ class Reliability:
 
     @property
     def expected_error(self) -> float:
-        """The expected calibration error: the mean difference of the two, weighted by the bins' counts."""
+        """The expected calibration error: the mean difference of confidence and frequency, weighted by the counts."""
         return float(np.abs(self.confidence - self.frequency) @ self.count / self.count.sum())
 
 
 def reliability(confidence: np.ndarray, correct: np.ndarray) -> Reliability | None:
-    """Return the frequency of correct answers (N,) bool in bins of their confidence (N,), NaN where an answer has none;
-    None where no answer has a confidence."""
-    known = np.isfinite(confidence)
-    if not known.any():
+    """Return the frequency of correct answers (N,) bool in bins of their confidence (N,).
+
+    The confidence is NaN where an answer has none. The result is None where no answer has a confidence.
+    """
+    has_confidence = np.isfinite(confidence)
+    if not has_confidence.any():
         return None
-    confidence, correct = confidence[known], correct[known]
+    confidence, correct = confidence[has_confidence], correct[has_confidence]
     bin = np.minimum((confidence * BINS).astype(int), BINS - 1)
     count = np.bincount(bin, minlength=BINS)
     used = count > 0
@@ -205,5 +233,5 @@ def reliability(confidence: np.ndarray, correct: np.ndarray) -> Reliability | No
 
 
 def _cluster_numbers(cluster: Sequence[str]) -> np.ndarray:
-    """(N,) int64: names as numbers from 0 without gaps."""
+    """Return the names as numbers (N,) int64 from 0 without gaps."""
     return np.unique(np.asarray(cluster, np.str_), return_inverse=True)[1]

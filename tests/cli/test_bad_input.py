@@ -139,7 +139,7 @@ def test_a_comparison_without_any_usable_frame_fails(data):
     done = compare("./data", "--json")
     assert done.code == 1
     assert re.fullmatch(
-        r"DataError: .*|fold all has no mapping frame that can be used; .*is no readable image.*",
+        r"DataError: .*|fold all has no map frame that can be used; .*is no readable image.*",
         done.json["rows"][0]["reason"],
     )
 
@@ -290,7 +290,7 @@ def test_a_detector_that_lacks_something_is_named_and_others_that_could_look(dat
     (row,) = done.json["rows"]
     assert (done.code, row["available"]) == (1, False)
     needs = "its detector 'annotations' needs annotations, which folder does not have"
-    hint = re.fullmatch(f"{needs}; what can do without: (.*)", row["reason"])
+    hint = re.fullmatch(f"{needs}; to work without: (.*)", row["reason"])
     assert hint, row["reason"]
     offered = hint[1].split(" or ")
     assert "--set detector.kind=panoseg" in offered
@@ -306,4 +306,4 @@ def test_where_no_detector_can_look_that_is_said(data, monkeypatch):
     registry.cache_clear()
     (row,) = compare("./data", "--json", "--set", "detector.kind=annotations").json["rows"]
     registry.cache_clear()
-    assert row["reason"].endswith("which folder does not have; no detector at hand can do without")
+    assert row["reason"].endswith("which folder does not have; no installed detector works without")

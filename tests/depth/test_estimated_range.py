@@ -119,9 +119,9 @@ def test_table_and_report_say_that_the_range_was_estimated(rooms, options, tmp_p
     assert rows["saliency-graph"]["accuracy"] == 1.0
     assert rows["saliency-graph"]["median_translation_m"] < 0.05
     assert rows["saliency-graph"]["given"] == rows["objects"]["given"] == ["annotations", "rgb", "estimated range"]
-    assert "saliency-graph: given annotations, colour, estimated range" in run(*arguments, *options).out
+    assert "saliency-graph: input annotations, colour, estimated range" in run(*arguments, *options).out
     report = Path(done.json["report"]).read_text()
-    assert "saliency-graph: given annotations, colour, estimated range" in report
+    assert "saliency-graph: input annotations, colour, estimated range" in report
 
 
 def test_a_map_remembers_its_range_model(rooms, options, network):
@@ -138,7 +138,7 @@ def test_without_a_range_model_what_could_estimate_it_is_named(rooms, options):
     arguments = ("compare", "--methods", "saliency-graph", "--data", "painted-rooms", "--set", "detector=panoseg")
     (row,) = run(*arguments, "--engine", "inline", "--json").json["rows"]
     assert row["reason"].startswith("its detector 'panoseg' needs range, which painted-rooms does not have; ")
-    assert row["reason"].endswith("; what can estimate it: --set range.kind=onnx-depth")
+    assert row["reason"].endswith("; to estimate it: --set range.kind=onnx-depth")
     (row,) = run(*arguments, "--engine", "inline", "--json", *options).json["rows"]
     assert row["given"] == ["rgb", "estimated range"]
     (row,) = run(*arguments, "--engine", "inline", "--json", "--set", "range.kind=onnx-depth").json["rows"]

@@ -11,11 +11,11 @@ from scipy.stats import binomtest, mannwhitneyu
 
 from salframe.evaluation.statistics import (
     Estimate,
-    accepted_though_absent,
     average_precision,
     estimate_mean,
     estimate_proportion,
     estimate_statistic,
+    false_accept_rate,
     holm,
     macro_averages,
     paired_test,
@@ -161,11 +161,11 @@ def test_precision_at_recalls_by_hand():
     assert precision_at(evidence, right, 0) == (None, None, None)
 
 
-def test_accepted_though_absent_at_the_bound_that_keeps_nine_of_ten():
+def test_false_accept_rate_at_the_threshold_that_accepts_nine_of_ten():
     right = np.arange(1.0, 11.0)  # the bound is 2, which nine of them reach
-    assert accepted_though_absent(right, np.array([1.9, 2.0, 5.0, -np.inf])) == 0.5
-    assert accepted_though_absent(right, np.array([0.9, 1.0]), kept=1.0) == 0.5
-    assert accepted_though_absent(np.zeros(0), right) is None
+    assert false_accept_rate(right, np.array([1.9, 2.0, 5.0, -np.inf])) == 0.5
+    assert false_accept_rate(right, np.array([0.9, 1.0]), share=1.0) == 0.5
+    assert false_accept_rate(np.zeros(0), right) is None
 
 
 def test_calibrated_probabilities_have_no_calibration_error():

@@ -239,7 +239,7 @@ def test_an_agent_that_is_told_the_goal_writes_a_submission(walked):
     )
     found = run(*command, "--json").json
     assert [row["method"] for row in found["rows"]] == ["objects", "objects without positioning", "true place"]
-    assert any("the agent is told the goal of each episode, so this is an upper bound" in n for n in found["notes"])
+    assert any("the agent knows the goal of each episode, so this is an upper bound" in n for n in found["notes"])
     for row in found["rows"]:
         submission = Path(found["run"]) / "methods" / row["method"] / "submission.json"
         (scored,) = Reverie().score(submission, walked)

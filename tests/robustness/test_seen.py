@@ -148,7 +148,7 @@ SEEN: dict[str, tuple[Spoil, tuple[str, ...], str]] = {
     "row": (
         text_file("runs/*/methods/objects/rows.jsonl", '{"a": 1}\n'),
         EVALUATE,
-        r"rows\.jsonl, line 1 \(remove it to have it asked again\)",
+        r"rows\.jsonl, line 1 \(remove it to compute it again\)",
     ),
     "NUL in a path": (
         json_file("data/manifest.json", lambda manifest: manifest["frames"][0].update(rgb="a\0b")),

@@ -1,4 +1,4 @@
-"""The lines of a page: methods of several runs side by side, those pooled that differ in the data's seed alone."""
+"""Arms of a page: methods of several runs side by side. Runs that differ only in the seed of the data are pooled."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from salframe.evaluation.runs.method_row import MethodRow
 from salframe.framework.components.settings import spell_value
 
 SEED = "seed"
-"""The setting of data that tells runs apart which are shown as one."""
+"""Setting of the data over which runs are pooled."""
 
 
 class Entry(NamedTuple):
-    """A method of a run: the run's position among those shown, and the method's among those of the run."""
+    """A method of a run: the index of the run in the report, and the index of the method in the run."""
 
     run: int
     method: int
@@ -24,8 +24,16 @@ class Entry(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Arm:
-    """A method under its settings on data but for their seed: its short name, its label in the runs, the values of the
-    settings in which the arms differ by their dotted keys, its row, over all seeds, and where it was run."""
+    """A method on a data set, pooled over the seeds of the data.
+
+    Attributes:
+        name: Short name, unique in the report.
+        label: Label in the runs.
+        base: The label without its settings.
+        varied: Values of the settings in which the arms differ, by dotted key.
+        row: Row of the method over all seeds.
+        entries: The runs of the arm.
+    """
 
     name: str
     label: str
@@ -36,73 +44,79 @@ class Arm:
 
 
 def find_entries(views: Sequence[RunView[Any, Any]]) -> list[tuple[Entry, ...]]:
-    """Where each method was run under the same settings on data that differ in their seed alone, in order. What two
-    runs did alike on the same data counts once."""
-    found: dict[str, dict[str, Entry]] = {}
+    """Return the entries of each arm, in order: runs of a method with equal settings on data that differ in the seed.
+
+    Of identical runs on the same data only the first counts.
+    """
+    entries: dict[str, dict[str, Entry]] = {}
     for number, view in enumerate(views):
         request = view.result.request
         data = {key: value for key, value in view.data.items() if key != SEED}
         for position, (label, settings) in enumerate(request["methods"].items()):
-            known_by = json.dumps([request["task"], data, label, settings], sort_keys=True)
+            key = json.dumps([request["task"], data, label, settings], sort_keys=True)
             seed = json.dumps(view.data.get(SEED))
-            found.setdefault(known_by, {}).setdefault(seed, Entry(number, position))
-    return [tuple(alike.values()) for alike in found.values()]
+            entries.setdefault(key, {}).setdefault(seed, Entry(number, position))
+    return [tuple(alike.values()) for alike in entries.values()]
 
 
 def name_arms(
     views: Sequence[RunView[Any, Any]], entries: Sequence[tuple[Entry, ...]], rows: Sequence[MethodRow]
 ) -> list[Arm]:
-    """The arms of some runs, of `find_entries` and the row of each."""
-    labels = [views[one[0].run].records[one[0].method].label for one in entries]
+    """Return the arms of runs, from the result of `find_entries` and the row of each arm."""
+    labels = [views[arm_entries[0].run].records[arm_entries[0].method].label for arm_entries in entries]
     bases = [label.partition("[")[0] for label in labels]
-    settings = [_settings_of(views[one[0].run], label) for one, label in zip(entries, labels, strict=True)]
+    settings = [
+        _settings_of(views[arm_entries[0].run], label) for arm_entries, label in zip(entries, labels, strict=True)
+    ]
     keys = find_varied(settings, bases)
-    named = [{key: spell_value(own[key]) for key in keys if key in own} for own in settings]
+    named = [{key: spell_value(arm_settings[key]) for key in keys if key in arm_settings} for arm_settings in settings]
     names = _short_names(bases, named)
     return [Arm(*parts) for parts in zip(names, labels, bases, named, rows, entries, strict=True)]
 
 
 def find_varied(settings: Sequence[Mapping[str, Any]], bases: Sequence[str]) -> list[str]:
-    """The keys in which arms differ that go by one name; below a slot that holds different components, those alone in
-    which arms with the same component differ."""
-    keys = list(dict.fromkeys(key for own in settings for key in own))
+    """Return the keys of the settings in which arms of the same name differ.
+
+    Below a slot that holds different components, only keys in which arms with the same component differ count.
+    """
+    keys = list(dict.fromkeys(key for arm_settings in settings for key in arm_settings))
     return [key for key in keys if any(_differ(key, group) for group in _same(settings, bases, key))]
 
 
 def _same(settings: Sequence[Mapping[str, Any]], bases: Sequence[str], key: str) -> Iterator[list[Mapping[str, Any]]]:
-    """Arms in groups whose names are the same, and the components above a key."""
+    """Yield groups of arms with the same name and the same components above a key."""
     parts = key.split(".")
     above = [".".join([*parts[:depth], "kind"]) for depth in range(len(parts))]
     groups: dict[str, list[Mapping[str, Any]]] = {}
-    for own, base in zip(settings, bases, strict=True):
-        kinds = [own.get(one) for one in above if one != key]
-        groups.setdefault(json.dumps([base, kinds]), []).append(own)
+    for arm_settings, base in zip(settings, bases, strict=True):
+        kinds = [arm_settings.get(kind_key) for kind_key in above if kind_key != key]
+        groups.setdefault(json.dumps([base, kinds]), []).append(arm_settings)
     yield from groups.values()
 
 
 def _differ(key: str, group: Sequence[Mapping[str, Any]]) -> bool:
-    return len({json.dumps(own.get(key), sort_keys=True) for own in group}) > 1
+    return len({json.dumps(arm_settings.get(key), sort_keys=True) for arm_settings in group}) > 1
 
 
 def _settings_of(view: RunView[Any, Any], label: str) -> dict[str, Any]:
-    """The settings of a method and of its data but for the seed, by dotted keys."""
+    """Return the settings of a method and of its data without the seed, by dotted key."""
     data = {key: value for key, value in view.data.items() if key != SEED}
     return {**flatten(view.result.request["methods"][label]), **flatten(data, "data.")}
 
 
 def flatten(settings: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Nested settings by dotted keys."""
-    found: dict[str, Any] = {}
+    """Return nested settings by dotted key."""
+    flat: dict[str, Any] = {}
     for key, value in settings.items():
         if isinstance(value, Mapping) and value:
-            found |= flatten(value, f"{prefix}{key}.")
+            flat |= flatten(value, f"{prefix}{key}.")
         else:
-            found[prefix + key] = value
-    return found
+            flat[prefix + key] = value
+    return flat
 
 
 def short_key(key: str, keys: Sequence[str]) -> str:
-    """As much of a dotted key's end as tells it from the others; a slot goes by its own name."""
+    """Return the shortest end of a dotted key that is unique among the keys. A slot is named without ".kind"."""
     plain = {one: one.removesuffix(".kind").split(".") for one in keys}
     parts = plain[key]
     for length in range(1, len(parts)):
@@ -112,13 +126,12 @@ def short_key(key: str, keys: Sequence[str]) -> str:
 
 
 def _short_names(bases: Sequence[str], varied: Sequence[Mapping[str, str]]) -> list[str]:
-    """What the arms are called where room is short, all different: the first that goes by a name by that name, the
-    others by what tells them from it."""
-    keys = list(dict.fromkeys(key for own in varied for key in own))
+    """Return short unique names of arms: the name for the first arm of a name, the differing settings for others."""
+    keys = list(dict.fromkeys(key for values in varied for key in values))
     several = len(set(bases)) > 1
     names: list[str] = []
-    for base, own in zip(bases, varied, strict=True):
+    for base, values in zip(bases, varied, strict=True):
         first = varied[bases.index(base)]
-        told = [f"{short_key(key, keys)}={own[key]}" for key in own if own[key] != first.get(key)]
-        names.append(" ".join([base, *told] if several or not told else told))
+        differences = [f"{short_key(key, keys)}={values[key]}" for key in values if values[key] != first.get(key)]
+        names.append(" ".join([base, *differences] if several or not differences else differences))
     return [f"{name} ({number})" if names.count(name) > 1 else name for number, name in enumerate(names, 1)]

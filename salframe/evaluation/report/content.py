@@ -1,4 +1,4 @@
-"""All that a page shows from the start."""
+"""The content of a page that is shown on load."""
 
 from __future__ import annotations
 
@@ -11,13 +11,16 @@ from salframe.evaluation.report.tables import make_tables
 from salframe.evaluation.report.view import RunView
 
 FIRST_SHOWN = 8
-"""Number of arms whose curves are drawn until others are chosen."""
+"""Number of arms whose curves are drawn by default."""
 
 
 def make_content(views: Sequence[RunView[Any, Any]], arms: Sequence[Arm], about: str) -> dict[str, Any]:
-    """Return what the page of some runs of one task shows, whichever task it is, as JSON.
+    """Return the content of a page that all tasks share, as JSON.
 
-    `about`: a note on the columns of its tables.
+    Args:
+        views: The runs, of one task.
+        arms: The arms of the runs.
+        about: A note on the columns of the tables.
     """
     runs = [describe_run(view) for view in views]
     return {

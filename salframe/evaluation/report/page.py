@@ -1,4 +1,4 @@
-"""The page as a file: its template, its scripts, and what it shows as JSON that no text in it can end."""
+"""Write a page to a file: its template, its scripts, and its content as JSON that is safe inside HTML."""
 
 from __future__ import annotations
 
@@ -19,18 +19,23 @@ from salframe.panoramas.floors import FloorMasks
 FOLDER = Path(__file__).parent
 STYLES = ("page.css", "parts.css")
 SCRIPTS = ("page.js", "figures.js", "rooms.js", "queries.js", "drawing.js", "detail.js", "walks.js", "main.js")
-"""In assets/, in their order."""
+"""Scripts in assets/, in the order in which they are included."""
 Json = dict[str, Any]
 
 
 def render(template: str, **content: Any) -> str:
-    """A template of templates/ filled in; text in it is escaped."""
+    """Return a template of templates/ with its content filled in. Text is escaped."""
     return _environment().get_template(template).render(**content)
 
 
 def write_page(path: Path, content: Mapping[str, Any], islands: Iterable[tuple[str, str]] = ()) -> None:
-    """Write a page that needs nothing else. content: what it shows from the start; islands: an id, and JSON or a data
-    URL that is read when somebody looks, each written before the next is asked for."""
+    """Write a self-contained page.
+
+    Args:
+        path: The file.
+        content: The content that is shown on load.
+        islands: Ids with JSON or data URLs that are read on demand. Each is written before the next is computed.
+    """
     page = _environment().get_template("page.html.jinja")
     parts = page.generate(
         title=content["title"],
@@ -45,25 +50,25 @@ def write_page(path: Path, content: Mapping[str, Any], islands: Iterable[tuple[s
 
 
 def as_json(value: Any) -> str:
-    """JSON for a script element: without `<`, so that no text in it ends the element or begins a comment."""
+    """Return JSON for a script element. `<` is escaped, so that no text ends the element or begins a comment."""
     return json.dumps(value, allow_nan=False, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
 
 
 def number(value: Any, digits: int = 3) -> float | None:
-    """A number for JSON, None where it is not finite or not there."""
+    """Return a rounded number for JSON; None where it is not finite or None."""
     return round(float(value), digits) if value is not None and math.isfinite(value) else None
 
 
 def numbers(values: np.ndarray, digits: int = 3) -> list[Any]:
-    """An array for JSON, None where it is not finite."""
+    """Return an array as rounded lists for JSON, with None where it is not finite."""
     rounded = np.round(np.asarray(values, float), digits)
-    found = rounded.astype(object)
-    found[~np.isfinite(rounded)] = None
-    return found.tolist()
+    values_or_none = rounded.astype(object)
+    values_or_none[~np.isfinite(rounded)] = None
+    return values_or_none.tolist()
 
 
 def picture(image: np.ndarray, *, quality: int | None = None) -> str:
-    """An image (h, w, 3) uint8 RGB as a data URL: PNG, or WebP of this quality."""
+    """Return an image (h, w, 3) uint8 RGB as a data URL: PNG, or WebP of this quality."""
     import cv2
 
     suffix, options = (".png", []) if quality is None else (".webp", [cv2.IMWRITE_WEBP_QUALITY, quality])
@@ -72,8 +77,11 @@ def picture(image: np.ndarray, *, quality: int | None = None) -> str:
 
 
 def floor_plan(floor: FloorMasks) -> Json:
-    """A floor for JSON: `box` left, top, width, height in metres, and a picture of it: rooms by a pale tint, obstacles
-    darker, walls dark, and nothing outside."""
+    """Return a floor for JSON.
+
+    Its keys are "box" (left, top, width, height in metres), "picture" (rooms pale, obstacles darker, walls dark,
+    outside transparent) and "places".
+    """
     import cv2
 
     rows, columns = floor.region.shape
@@ -91,7 +99,7 @@ def floor_plan(floor: FloorMasks) -> Json:
 
 
 def _read(*names: str) -> Markup:
-    """Files of assets/ one after the other."""
+    """Return the concatenated text of files in assets/."""
     return Markup("\n".join((FOLDER / "assets" / name).read_text(encoding="utf-8") for name in names))
 
 

@@ -22,15 +22,14 @@ PAGE = "report.html"
 
 @dataclass(frozen=True, eq=False)
 class Islands:
-    """Parts of a page that are read when somebody looks at them: ids and texts, and notes on what could not be
-    drawn."""
+    """Parts of a page that are read on demand, as ids and texts, and notes on what could not be drawn."""
 
     parts: Iterator[tuple[str, str]]
     notes: tuple[str, ...] = ()
 
 
 class PagedTask(Task[Piece, Surveyed, PieceRowT, LineT]):
-    """A task whose runs have a page. `about`: what the page says of the columns of its tables."""
+    """A task whose runs have a page. `about` is a note on the columns of its tables."""
 
     about: ClassVar[str]
 
@@ -38,11 +37,11 @@ class PagedTask(Task[Piece, Surveyed, PieceRowT, LineT]):
     def view(
         self, result: Result[LineT], records: Sequence[Record[PieceRowT]], survey: Surveyed
     ) -> RunView[PieceRowT, LineT]:
-        """Return what the page shows of a run."""
+        """Return the view of a run that the page shows."""
 
     @classmethod
     def part(cls, views: Sequence[Any], arms: Sequence[Arm]) -> dict[str, Any]:
-        """Return the task's own part of the page of some views, as JSON; by default nothing.
+        """Return the part of a page that is specific to the task, as JSON; empty by default.
 
         Keys: "figures" (as in `figures.Figure`: title, data, layout), and those that the scripts of the page read.
         """
@@ -52,13 +51,15 @@ class PagedTask(Task[Piece, Surveyed, PieceRowT, LineT]):
     def islands(
         cls, views: Sequence[Any], arms: Sequence[Arm], full: bool, progress: Progress | None = None
     ) -> Islands | None:
-        """Return what the page of some views shows of each piece; None, the default: nothing. `full`: whole panoramas,
-        not thumbnails."""
+        """Return what the page shows of each piece; None where it shows nothing (default).
+
+        `full` shows panoramas in full resolution instead of thumbnails.
+        """
         return None
 
     @classmethod
     def content(cls, views: Sequence[RunView[PieceRowT, LineT]], arms: Sequence[Arm]) -> dict[str, Any]:
-        """Return what the page of some views shows, as JSON."""
+        """Return the content of a page of these views, as JSON."""
         return {**make_content(views, arms, cls.about), **cls.part(views, arms)}
 
     def write_page(self, result: Result[LineT], records: Sequence[Record[PieceRowT]], survey: Surveyed) -> Path:

@@ -1,4 +1,4 @@
-"""What was asked, by which versions, and what must be said of it: the top of a page."""
+"""The summary at the top of a page: the requests, versions and notes."""
 
 from __future__ import annotations
 
@@ -16,9 +16,11 @@ from salframe.framework.validation import validate
 
 
 def describe_run(view: RunView[Any, Any]) -> dict[str, Any]:
-    """A run for JSON; `data`, `methods` by label, and `more` that was asked, in words; `versions`."""
+    """Return a run for JSON: `data`, `methods` by label and `more` parameters as text, and `versions`."""
     request, environment = view.result.request, view.result.environment
-    asked = {key: value for key, value in request["task"].items() if key not in ("name", "version", "identity", "seed")}
+    parameters = {
+        key: value for key, value in request["task"].items() if key not in ("name", "version", "identity", "seed")
+    }
     role = view.result.kind.role
     versions = {
         "python": environment["python"],
@@ -31,25 +33,25 @@ def describe_run(view: RunView[Any, Any]) -> dict[str, Any]:
         "task": view.result.task,
         "folder": str(view.result.run),
         "data": describe_component("dataset", view.data),
-        "methods": [[label, describe_component(role, own)] for label, own in request["methods"].items()],
-        "more": [[key, spell_value(value)] for key, value in {**asked, "seed": request["seed"]}.items()],
+        "methods": [[label, describe_component(role, settings)] for label, settings in request["methods"].items()],
+        "more": [[key, spell_value(value)] for key, value in {**parameters, "seed": request["seed"]}.items()],
         "versions": list(versions.items()),
     }
 
 
 def describe_component(role: str, settings: Mapping[str, Any]) -> str:
-    """A component's name, and those of its settings that are not as they come; all of them where it is not known."""
+    """Return the name of a component and its changed settings; all settings where the component is unknown."""
     try:
         changed = dict(_changed(validate(registry().get(role, settings["kind"]).Config, settings, role)))
     except (SalframeError, KeyError):
         changed = flatten({key: value for key, value in settings.items() if key != "kind"})
-    told = [f"{key}={shorten(value)}" for key, value in changed.items()]
-    return f"{settings.get('kind')}: {', '.join(told)}" if told else str(settings.get("kind"))
+    parts = [f"{key}={shorten(value)}" for key, value in changed.items()]
+    return f"{settings.get('kind')}: {', '.join(parts)}" if parts else str(settings.get("kind"))
 
 
 def _changed(config: ComponentConfig, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """The settings that are not as the components come that they are of, by dotted keys."""
-    own = config.model_dump(mode="json")
+    """Yield the settings that differ from their defaults, by dotted key."""
+    values = config.model_dump(mode="json")
     default = type(config).model_construct().model_dump(mode="json", warnings=False)
     for name in type(config).model_fields:
         value, key = getattr(config, name), prefix + name
@@ -59,18 +61,21 @@ def _changed(config: ComponentConfig, prefix: str = "") -> Iterator[tuple[str, A
             yield from _changed(value, f"{key}.")
         elif name != "kind":
             plain = flatten({key: default.get(name)})
-            yield from ((inner, one) for inner, one in flatten({key: own[name]}).items() if plain.get(inner) != one)
+            yield from (
+                (inner, inner_value)
+                for inner, inner_value in flatten({key: values[name]}).items()
+                if plain.get(inner) != inner_value
+            )
 
 
-def shorten(value: Any, longest: int = 60) -> str:
-    """A setting's value in few characters: of a path its last part."""
+def shorten(value: Any, max_length: int = 60) -> str:
+    """Return the value of a setting in at most `max_length` characters. A path is reduced to its last part."""
     text = Path(value).name if isinstance(value, str) and "/" in value else spell_value(value)
-    return text if len(text) <= longest else f"{text[: longest - 1]}…"
+    return text if len(text) <= max_length else f"{text[: max_length - 1]}…"
 
 
 def list_notes(views: Sequence[RunView[Any, Any]], arms: Sequence[Arm]) -> list[str]:
-    """What must be said of some runs, a line each, each once: notes, why arms have no numbers, how often each failure
-    occurred."""
+    """Return the notes on runs, without repetition: notes, reasons of arms without numbers, and counts of failures."""
     notes = [note for view in views for note in view.result.notes]
     for arm in arms:
         failures = ", ".join(f"{count} {status}" for status, count in arm.row.status.items() if status != "ok")

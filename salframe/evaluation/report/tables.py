@@ -1,4 +1,4 @@
-"""The tables of a page: those of the terminal, with all columns in tables of their own."""
+"""The tables of a page: those of the terminal, and the same with all columns."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from salframe.evaluation.tables.table import Table
 
 
 def make_tables(kind: type[AnyTask], arms: Sequence[Arm], about: str) -> dict[str, Any]:
-    """The tables of arms of one task, for JSON: `usual`, `all`, which has every column, and `about` them."""
+    """Return the tables of arms for JSON: `usual`, `all` with every column, and notes `about` them."""
     keys = list(dict.fromkeys(key for arm in arms for key in arm.varied))
     bases = [arm.base for arm in arms]
     leading = {} if keys and len(set(bases)) == 1 else {"method": bases}

@@ -1,4 +1,4 @@
-"""What a page shows of a run: its result and its records."""
+"""The view of a run that a page shows: its result and its records."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from salframe.evaluation.runs.task import LineT, Result
 
 @dataclass(frozen=True, eq=False)
 class RunView(Generic[PieceRowT, LineT]):
-    """A run of any task; `records` are in the order of the result's rows."""
+    """A run of any task. `records` are in the order of the result's rows."""
 
     result: Result[LineT]
     records: Sequence[Record[PieceRowT]]
 
     @property
     def name(self) -> str:
-        """The run folder's."""
+        """Name of the run folder."""
         return self.result.run.name
 
     @property
     def data(self) -> Mapping[str, Any]:
-        """The settings of the data set."""
+        """Settings of the data set."""
         settings: Mapping[str, Any] = self.result.request["data"]
         return settings

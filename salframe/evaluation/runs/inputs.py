@@ -1,4 +1,4 @@
-"""What methods receive of the panoramas of a dataset, and whether the dataset has what they need."""
+"""The input of methods: the parts of panoramas that they need, and whether a dataset provides them."""
 
 from __future__ import annotations
 
@@ -21,13 +21,16 @@ ESTIMATED_RANGE = "estimated range"
 
 
 def parts_needed(method: Any, dataset: Dataset) -> frozenset[str]:
-    """What a method, a localizer or another component with `needs`, needs of the panoramas of a data set."""
+    """Return the parts of panoramas that a method needs. The method is a localizer or a component with `needs`."""
     return required_parts(method, dataset.provides) if isinstance(method, Localizer) else method.needs
 
 
-def parts_given(method: Component, dataset: Dataset) -> tuple[str, ...]:
-    """Which parts of a data set's panoramas a method is given: what it needs or uses, with the errors that a detector
-    puts into it, and range where it is estimated."""
+def input_parts(method: Component, dataset: Dataset) -> tuple[str, ...]:
+    """Return the parts of a data set's panoramas that a method receives as input.
+
+    These are the parts that it needs or uses, with the noise that a detector adds, and ESTIMATED_RANGE where its range
+    model estimates the range.
+    """
     used = method.uses & dataset.provides if isinstance(method, Localizer) else frozenset[str]()
     parts = sorted(parts_needed(method, dataset) | used, key=ORDER.index)
     for _, inner in components_in(method.config):
@@ -39,7 +42,10 @@ def parts_given(method: Component, dataset: Dataset) -> tuple[str, ...]:
 
 
 def check_needs(method: Component, dataset: Dataset) -> None:
-    """Raises InputMissing where a data set lacks what a method needs: whose need it is, and what would do without."""
+    """Raise InputMissing if a data set lacks a part of panoramas that a method needs.
+
+    The message names the component that needs the part, and the components that work without it.
+    """
     absent = parts_needed(method, dataset) - dataset.provides
     if not absent:
         return
@@ -51,7 +57,7 @@ def check_needs(method: Component, dataset: Dataset) -> None:
         if absent & needs_of(inner):
             able = [n for n in registry().names(role) if why_unfit(registry().get(role, n), dataset.provides) is None]
             hint = " or ".join(f"--set {slot}.kind={name}" for name in able)
-            advice = f"what can do without: {hint}" if able else f"no {role} at hand can do without"
-            advice += f"; what can estimate it: {estimate}" if estimate else ""
+            advice = f"to work without: {hint}" if able else f"no installed {role} works without"
+            advice += f"; to estimate it: {estimate}" if estimate else ""
             raise InputMissing(f"its {role} {inner.kind!r} needs {words}, which {dataset.name} does not have; {advice}")
     raise InputMissing(f"needs {words}, which {dataset.name} does not have")

@@ -1,4 +1,4 @@
-"""Pieces of work that hang, take all memory or end the process: each costs its own answer, and the rest goes on."""
+"""Limits of time and memory: a piece of work that exceeds one loses its answer, and the other pieces continue."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from salframe.framework.files.reading import read_json
 from salframe.framework.files.writing import write_json
 
 AT_WORK, LOG = "at-work.json", "watch.log"
-"""In a method's folder: the piece that is being worked on, and what ended the process."""
+"""Files in a method's folder: the current piece of work, and the log of the process that enforces the limits."""
 TOO_LONG = "Timeout ("
-"""What the log says of a process whose time was over: the words of faulthandler."""
+"""Start of the log of a process that exceeded the time limit, as faulthandler writes it."""
 
 
 @dataclass(frozen=True)
 class Limits:
-    """Of a piece of work: seconds, and megabytes (1e6 bytes) of resident memory of the process; None: none."""
+    """Limits of a piece of work: time in seconds, memory of the process in megabytes (1e6 bytes); None: no limit."""
 
     timeout_s: float | None = None
     memory_mb: float | None = None
@@ -39,10 +39,14 @@ NO_LIMITS = Limits()
 
 
 class Guard:
-    """Names the piece that a process works on, and ends the process where that takes too much. `folder`: the method's.
+    """Records the piece that a process works on, and kills the process where it exceeds the limits.
 
-    Memory is limited from the beginning, time while there is a piece. A process that hangs in a library cannot raise:
-    it is ended from outside Python, and `Death.of` tells why.
+    The memory limit holds from the start, the time limit during a piece. A process that hangs in a library cannot
+    raise, so it is killed from outside Python. `Death.of` returns the reason.
+
+    Args:
+        folder: The method's folder.
+        limits: The limits.
     """
 
     def __init__(self, folder: Path, limits: Limits) -> None:
@@ -51,13 +55,13 @@ class Guard:
         self._log = (folder / LOG).open("w", encoding="utf-8")
         self._watcher: subprocess.Popen[bytes] | None = None
         if limits.memory_mb is not None:
-            # In a session of its own: an interrupt from the terminal is not for it.
+            # In a separate session, so that an interrupt from the terminal does not reach it.
             command = [sys.executable, "-I", "-S", memory_watch.__file__, str(os.getpid()), str(limits.memory_mb)]
             self._watcher = subprocess.Popen([*command, str(folder / LOG)], start_new_session=True)
 
     @contextmanager
     def watch(self, key: Mapping[str, Any]) -> Iterator[None]:
-        """The block is the work on the piece that is known by `key`."""
+        """Apply the time limit to the block, which works on the piece with this key."""
         write_json(self._folder / AT_WORK, dict(key))
         if self._limits.timeout_s is not None:
             faulthandler.dump_traceback_later(self._limits.timeout_s, exit=True, file=self._log)
@@ -69,7 +73,7 @@ class Guard:
             (self._folder / AT_WORK).unlink(missing_ok=True)
 
     def close(self) -> None:
-        """Nothing is being worked on any more."""
+        """Stop watching, and remove the files."""
         if self._watcher is not None:
             self._watcher.kill()
             self._watcher.wait()
@@ -80,8 +84,13 @@ class Guard:
 
 @dataclass(frozen=True)
 class Death:
-    """A process that died: the piece that it was at work on, by what that is known by, None where it was at none; why;
-    and whether a limit ended it."""
+    """The death of a process.
+
+    Attributes:
+        piece: Key fields of the piece that the process worked on; None where it worked on none.
+        reason: Why the process died.
+        by_limit: Whether it exceeded a limit.
+    """
 
     piece: dict[str, Any] | None
     reason: str
@@ -89,7 +98,7 @@ class Death:
 
     @classmethod
     def of(cls, folder: Path, limits: Limits, error: WorkerDied) -> Death:
-        """The death that an engine tells of, by what the process left in its folder."""
+        """Return the death that an engine reports, with what the process left in its folder."""
         piece = read_json(folder / AT_WORK) if (folder / AT_WORK).exists() else None
         log = (folder / LOG).read_text(encoding="utf-8", errors="replace") if (folder / LOG).exists() else ""
         if log.startswith(TOO_LONG):

@@ -10,7 +10,7 @@ from salframe.framework.engines.worker import in_worker
 
 
 def memory_mb(field: Literal["VmRSS", "VmHWM"]) -> float | None:
-    """Memory (1e6 bytes) that this process holds, or most of what it has held so far; None elsewhere than on Linux."""
+    """Return the resident memory of this process (1e6 bytes), or its peak so far; None on systems other than Linux."""
     status = Path("/proc/self/status")
     if not status.exists():
         return None
@@ -19,8 +19,7 @@ def memory_mb(field: Literal["VmRSS", "VmHWM"]) -> float | None:
 
 
 def peak_memory_mb() -> float | None:
-    """Most memory (1e6 bytes) that this process has held so far; None in a process shared with other work, and on
-    Windows."""
+    """Return the peak memory of this process (1e6 bytes); None in a process shared with other work, and on Windows."""
     if not in_worker():
         return None
     if (peak_mb := memory_mb("VmHWM")) is not None:  # ru_maxrss of a started process begins at its parent's peak

@@ -1,6 +1,6 @@
-"""Ends a process that holds too much memory: run as a script beside it, for a process at work cannot watch itself.
+"""Script that kills a process that exceeds a limit of memory: a busy process cannot watch itself.
 
-Arguments: the process, which started this one; megabytes (1e6 bytes) of resident memory; the file that is told of it.
+Arguments: id of the process, which started this one; maximum resident memory in megabytes (1e6 bytes); the log file.
 """
 
 import os
@@ -10,11 +10,11 @@ import time
 
 GLANCE_S = 0.1
 TOO_LARGE = "resident memory"
-"""What the log says of a process that was ended."""
+"""Start of the log of a process that was killed."""
 
 
 def resident_mb(process: int) -> float | None:
-    """Memory (1e6 bytes) that a process holds now; None where it has ended, or the system does not tell."""
+    """Return the memory of a process (1e6 bytes); None where it has ended or the system does not report it."""
     try:
         with open(f"/proc/{process}/statm", encoding="ascii") as file:
             return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
@@ -22,12 +22,12 @@ def resident_mb(process: int) -> float | None:
         return None
 
 
-def watch(process: int, most_mb: float, log: str) -> None:
-    """Look until the process ends, or holds too much and is killed."""
-    while os.getppid() == process and (held_mb := resident_mb(process)) is not None:
-        if held_mb > most_mb:
+def watch(process: int, max_mb: float, log: str) -> None:
+    """Poll the process until it ends; kill it where it exceeds the limit."""
+    while os.getppid() == process and (used_mb := resident_mb(process)) is not None:
+        if used_mb > max_mb:
             with open(log, "w", encoding="utf-8") as file:
-                file.write(f"{TOO_LARGE} {held_mb:.0f} MB\n")
+                file.write(f"{TOO_LARGE} {used_mb:.0f} MB\n")
             os.kill(process, signal.SIGKILL)
             return
         time.sleep(GLANCE_S)

@@ -1,4 +1,4 @@
-"""The line of a method in the table of a task, and its JSON."""
+"""The row of a method in the table of a task, and its JSON."""
 
 from __future__ import annotations
 
@@ -17,12 +17,18 @@ from salframe.framework.files.reading import check_as
 
 @dataclass(frozen=True, kw_only=True)
 class MethodRow(ABC):
-    """A method's line in the table of a task; numbers are None where there is nothing to measure.
+    """The row of a method in the table of a task. Numbers are None where there is nothing to measure.
 
-    given: which parts of panoramas it was given, with the errors put into them, ESTIMATED_RANGE among them where it
-    was; available: whether it can run here; ended: how its work ended; reason: why it was not measured, or a warning;
-    status: how often each status occurred; errors: the first message of each status that has one; by_part: its first
-    figure on each data set, where it was asked on several.
+    Attributes:
+        method: Label of the method.
+        given: Parts of panoramas that it received as input, with the noise added to them; ESTIMATED_RANGE is one of
+            them where it estimated the range.
+        available: Whether it can run here.
+        ended: How its work ended.
+        reason: Why it was not measured, or a warning.
+        status: Number of occurrences of each status.
+        errors: First message of each status that has one.
+        by_part: Its first figure on each data set, where there are several.
     """
 
     method: str
@@ -36,17 +42,19 @@ class MethodRow(ABC):
 
     @classmethod
     def from_json(cls, content: Mapping[str, Any], where: object = "a row") -> Self:
-        """Return the row of its JSON. Unknown keys are ignored, and missing ones have their default: files may be of
-        other versions. Raises DataError."""
-        known = {field.name: content[field.name] for field in fields(cls) if field.name in content}
+        """Return the row from its JSON. Raises DataError.
+
+        Unknown keys are ignored and missing keys take their default, since files may be of other versions.
+        """
+        values = {field.name: content[field.name] for field in fields(cls) if field.name in content}
         for name in estimates_of(cls):
             bounds = {bound: content.get(f"{name}_{bound}") for bound in ("low", "high")}
-            known[name] = None if known.get(name) is None else {"value": known[name], **bounds}
-        row: Self = check_as(known, cls, where)
+            values[name] = None if values.get(name) is None else {"value": values[name], **bounds}
+        row: Self = check_as(values, cls, where)
         return row
 
     def to_json(self) -> dict[str, Any]:
-        """Return the row as JSON: an estimate NAME is the keys NAME, NAME_low and NAME_high."""
+        """Return the row as JSON. An estimate NAME has the keys NAME, NAME_low and NAME_high."""
         content: dict[str, Any] = {}
         for name, value in asdict(self).items():
             if name in estimates_of(type(self)):
@@ -63,9 +71,8 @@ class MethodRow(ABC):
 
     @property
     def remark(self) -> str | None:
-        """What must be said beside its numbers: what it was given that was not measured, and why it was not measured
-        itself, or a warning."""
-        marks = [f"given {', '.join(self.given).replace('rgb', 'colour')}"] if ESTIMATED_RANGE in self.given else []
+        """Note beside the numbers: input that was estimated, and why the method was not measured, or a warning."""
+        marks = [f"input {', '.join(self.given).replace('rgb', 'colour')}"] if ESTIMATED_RANGE in self.given else []
         return "; ".join([*marks, *([self.reason] if self.reason else [])]) or None
 
     @property

@@ -1,4 +1,4 @@
-"""What a run holds: the pieces of a task on a data set, and the rows of each method."""
+"""The content of a run: the pieces of a task on a data set, and the rows of each method."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ PieceRowT = TypeVar("PieceRowT", bound=PieceRow)
 
 @dataclass(frozen=True, eq=False)
 class Survey(Generic[Piece]):
-    """A task on a data set: its pieces in the order of the table, and what must be said of those left out."""
+    """A task on a data set: its pieces in the order of the table, and notes on those that were left out."""
 
     dataset: Dataset
     pieces: Sequence[Piece]
@@ -28,7 +28,7 @@ class Survey(Generic[Piece]):
 
 @dataclass(frozen=True, eq=False)
 class Record(Generic[PieceRowT]):
-    """What a run holds of a method: how it ended, its rows in the order of the pieces (None: none yet), its folder."""
+    """A method in a run: its outcome, its rows in the order of the pieces (None: none yet), and its folder."""
 
     label: str
     outcome: Outcome
@@ -42,16 +42,16 @@ class Record(Generic[PieceRowT]):
 
 
 Part = tuple[Surveyed, Sequence[Record[PieceRowT]]]
-"""A task on a data set, and what each method made of it, in the order of the table."""
+"""A task on a data set, and the record of each method, in the order of the table."""
 
 
 def by_method(parts: Sequence[Part[Any, PieceRowT]]) -> list[list[Record[PieceRowT]]]:
-    """The records of each method on every data set, in the order of the table."""
+    """Return the records of each method on all data sets, in the order of the table."""
     return [list(records) for records in zip(*(records for _, records in parts), strict=True)]
 
 
 def in_common(records: Sequence[Record[Any]]) -> dict[str, Any]:
-    """The fields of MethodRow, of what a method made of one data set or several."""
+    """Return the fields of MethodRow from the records of a method on one or several data sets."""
     worst = max((record.outcome for record in records), key=lambda outcome: list(MethodStatus).index(outcome.status))
     errors: dict[str, str] = {}
     statuses: list[str] = []
@@ -74,6 +74,6 @@ def in_common(records: Sequence[Record[Any]]) -> dict[str, Any]:
 
 
 def count_statuses(statuses: Iterable[str]) -> dict[str, int]:
-    """How often each status occurred, "ok" first, then by frequency."""
+    """Return the number of occurrences of each status: "ok" first, then by frequency."""
     counts = Counter(map(str, statuses))
     return dict(sorted(counts.items(), key=lambda entry: (entry[0] != PieceStatus.OK, -entry[1], entry[0])))

@@ -1,4 +1,4 @@
-"""What is asked: methods, data, settings. From names to configurations, before anything runs."""
+"""Requests: methods, data and settings by name, and their configurations, resolved before anything runs."""
 
 from __future__ import annotations
 
@@ -29,8 +29,14 @@ from salframe.panoramas.opening import configure_dataset, provided
 
 @dataclass(frozen=True)
 class Variant:
-    """A method with settings of its own, by dotted key. name: what settings call it, the preset's unless given; label:
-    what tables call it, its name unless given."""
+    """A method with its settings.
+
+    Args:
+        method: A preset, a component or a YAML file.
+        settings: Settings by dotted key.
+        name: Name of the method in settings; by default the name of the preset.
+        label: Label of the method in tables; by default `name`.
+    """
 
     method: str
     settings: Mapping[str, Any] = field(default_factory=dict)
@@ -44,13 +50,18 @@ class Variant:
 
 @dataclass(frozen=True)
 class Request:
-    """What a user asks of a task, by name.
+    """A request to run methods on the data of a task, all by name.
 
-    methods: presets, components or YAML files, or variants of them; data: a preset, a data set, a YAML file or a folder
-    with a manifest.json, the default one where it is None; data_dir sets its `root`; settings: "key.path=value" each;
-    name: of the run folder, the data set's unless given; seed: of confidence intervals, and of whatever the task draws;
-    engine: what runs the methods, the default one where it is None; runs: the folder of run folders; limits: of time
-    and memory of each piece of work, which cost the piece.
+    Args:
+        methods: Presets, components or YAML files, or variants of them.
+        data: A preset, a data set, a YAML file or a folder with a manifest.json; None: the default data set.
+        data_dir: The `root` of the data set.
+        settings: Settings as "key.path=value".
+        name: Name of the run folder; by default the name of the data set.
+        seed: Seed of confidence intervals and of random numbers of the task.
+        engine: The engine that runs the methods; None: the default engine.
+        runs: The folder of run folders.
+        limits: Limits of time and memory of each piece of work. A piece that exceeds one has no answer.
     """
 
     methods: Sequence[str | Variant] = ()
@@ -74,9 +85,14 @@ class Request:
 class Resolved:
     """A request with every name replaced by a configuration.
 
-    methods: by label, in order; name: the data set's; scopes: what was set of anything else, by its scope; notes: which
-    method runs instead of one that was asked for, and why, and what `auto` became, a line each; asked_as: the label
-    that was asked for, of each method that has another.
+    Attributes:
+        methods: Configurations of the methods by label, in order.
+        name: Name of the data set.
+        data: Configuration of the data set.
+        engine: Configuration of the engine.
+        scopes: Settings of anything else, by scope.
+        notes: Notes on methods that replace a requested one, and on the components that `auto` selected.
+        asked_as: The requested label of each method, by its label in the run.
     """
 
     methods: Mapping[str, ComponentConfig]
@@ -89,68 +105,82 @@ class Resolved:
 
 
 def resolve(request: Request, role: str = "localizer", scopes: Sequence[str] = ()) -> Resolved:
-    """The configurations of a request whose methods are components of `role`; `scopes`: first words of more settings.
+    """Return the configurations of a request.
 
-    Where a method cannot run here, the preset that its own names takes its place, unless that one was asked for too.
-    Raises SalframeError on names and settings that are wrong.
+    A method that cannot run here is replaced by the preset that it names as its replacement, unless that preset is
+    requested too.
+
+    Args:
+        request: The request.
+        role: Role of its methods.
+        scopes: First words of further settings that the request may hold.
+
+    Raises:
+        SalframeError: A name or a setting is wrong.
     """
     if not request.methods:
         raise ConfigError("received no method, expected at least one")
-    asked: dict[str, Variant] = {}
+    requested: dict[str, Variant] = {}
     for method in request.methods:
         variant = method if isinstance(method, Variant) else Variant(method)
-        if asked.setdefault(variant.label, variant) != variant:
-            both = f"{asked[variant.label].method} and {variant.method}"
-            raise ConfigError(f"received the methods {both}, which tables would both call {variant.label}")
-    contents = {variant.name: settings(role, variant.method) for variant in asked.values()}
+        if requested.setdefault(variant.label, variant) != variant:
+            both = f"{requested[variant.label].method} and {variant.method}"
+            raise ConfigError(f"received the methods {both}, which would both be labelled {variant.label}")
+    contents = {variant.name: settings(role, variant.method) for variant in requested.values()}
     pairs = map(parse_override, request.settings)
-    given = Overrides(pairs, contents, role=role, scopes=("data", "engine", *scopes))
-    data_name, data = configure_dataset(request.data, request.data_dir, given.scopes["data"])
+    overrides = Overrides(pairs, contents, role=role, scopes=("data", "engine", *scopes))
+    data_name, data = configure_dataset(request.data, request.data_dir, overrides.scopes["data"])
     provides = cache(lambda: provided(data))
     methods: dict[str, ComponentConfig] = {}
     notes: list[str] = []
     taken: dict[str, list[str]] = {}
     asked_as: dict[str, str] = {}
-    for label, variant in asked.items():
+    for label, variant in requested.items():
         choice = Choice(data_name, provides)
-        own = [nest(key.split("."), value) for key, value in variant.settings.items()]
-        over = [*own, *given.methods[variant.name]]
+        settings_of_variant = [nest(key.split("."), value) for key, value in variant.settings.items()]
+        over = [*settings_of_variant, *overrides.methods[variant.name]]
         config = decide(role, variant.name, contents[variant.name], over, choice)
         other, instead, note = stand_in(role, variant.method, config, over, choice)
         notes += [note] if note and note not in notes else []
-        named = variant.name == short_name(variant.method)  # after what runs, not by the user
+        named = variant.name == short_name(variant.method)  # named after the preset, not by the user
         runs = label.replace(variant.name, other, 1) if other is not None and named else label
-        if runs == label or runs not in asked:
+        if runs == label or runs not in requested:
             methods[runs], asked_as[runs] = instead, label
             for line in choice.notes:
                 taken.setdefault(line, []).append(runs)
     notes += [f"{list_methods(takers, methods)}: {line}" for line, takers in taken.items()]
-    engine = configure_default("engine", request.engine or default_of("engine"), given.scopes["engine"])
-    return Resolved(methods, data_name, data, engine, given.scopes, tuple(notes), asked_as)
+    engine = configure_default("engine", request.engine or default_of("engine"), overrides.scopes["engine"])
+    return Resolved(methods, data_name, data, engine, overrides.scopes, tuple(notes), asked_as)
 
 
 def decide(
-    role: str, name: str, content: Mapping[str, Any], given: Sequence[Mapping[str, Any]], choice: Choice
+    role: str, name: str, content: Mapping[str, Any], overrides: Sequence[Mapping[str, Any]], choice: Choice
 ) -> ComponentConfig:
-    """The configuration of a method with its slots decided by the data; with an undecided slot where nothing can run in
-    it, for then the method's own row will tell. Raises InputMissing where something is set of that slot."""
+    """Return the configuration of a method, with the components of its `auto` slots chosen by the data.
+
+    A slot that no component can fill stays undecided, so that the row of the method reports it. Raises InputMissing
+    where such a slot has settings.
+    """
     try:
-        return configure(role, name, content, given, choice)
-    except InputMissing as nothing:
+        return configure(role, name, content, overrides, choice)
+    except InputMissing as missing:
         try:
-            return configure(role, name, content, given)
+            return configure(role, name, content, overrides)
         except ConfigError:
-            raise nothing from None
+            raise missing from None
 
 
 def stand_in(
-    role: str, method: str, config: ComponentConfig, given: Sequence[Mapping[str, Any]], choice: Choice
+    role: str, method: str, config: ComponentConfig, overrides: Sequence[Mapping[str, Any]], choice: Choice
 ) -> tuple[str | None, ComponentConfig, str | None]:
-    """What runs for a method: the name of another one, its configuration, and why; None where the method itself runs.
+    """Return the method that runs in place of a method, if the method cannot run here.
 
-    That is the preset which the method's own names under `otherwise`, where the method cannot run here and that one
-    can. What was set of the method is set of it too, unless it cannot take that. Where neither can run, set so, the
-    method stays, and with it the reason.
+    The replacement is the preset that the method's preset names under `otherwise`, provided that it can run. It takes
+    over the settings of the method unless it does not accept them. Where neither can run, the method stays and its row
+    reports the reason.
+
+    Returns:
+        The name of the replacement or None, the configuration to run, and a note that explains the replacement or None.
     """
     name = short_name(method)
     missing = why_not(config)
@@ -162,26 +192,29 @@ def stand_in(
     plain = decide(role, other, content, (), choice)
     if why_not(plain):
         return None, config, None
-    as_it_is = f"{note}; it runs as it is, for it cannot take what was set"
+    unchanged_note = f"{note}; it runs with its default settings, since it does not accept the requested ones"
     try:
-        instead = decide(role, other, content, given, choice)
+        instead = decide(role, other, content, overrides, choice)
     except (ConfigError, InputMissing) as error:
-        return other, plain, f"{as_it_is}: {error}"
+        return other, plain, f"{unchanged_note}: {error}"
     if why_not(instead):
         return None, config, None
     try:
         registry().build(role, instead)
     except ConfigError as error:
-        return other, plain, f"{as_it_is}: {error}"
+        return other, plain, f"{unchanged_note}: {error}"
     except KeyboardInterrupt:
         raise
-    except BaseException:  # whatever else is wrong with it, its own row will tell
+    except BaseException:  # the row of the method reports any other error
         return other, instead, note
     return other, instead, note
 
 
 def why_not(config: ComponentConfig) -> str | None:
-    """Why a configured component cannot run here, None where it can, or where its check breaks: its row will tell."""
+    """Return why a configured component cannot run here.
+
+    None where it can, and where its check raises another error, which its row reports.
+    """
     try:
         config.component.check(config)
     except (RequirementMissing, WeightsMissing) as error:

@@ -17,13 +17,13 @@ from salframe.framework.files.reading import check_as, read_lines, whole_lines_b
 from salframe.framework.files.writing import naming
 
 Row = dict[str, Any]
-"""The JSON of a row, as it is written."""
+"""A row as JSON."""
 Count = Annotated[int, Field(ge=0, strict=True)]
 Amount = Annotated[float, Field(ge=0)]
 
 
 class PieceStatus(StrEnum):
-    """How the work on one piece ended: done, or the piece cannot be used, or it broke the method."""
+    """How the work on one piece ended: done, the piece cannot be used, or the method crashed."""
 
     OK = "ok"
     ERROR = "error"
@@ -31,13 +31,13 @@ class PieceStatus(StrEnum):
 
 
 class Line(BaseModel):
-    """Base of the rows of .jsonl files. Keys that a model does not declare are kept."""
+    """Base of the rows of .jsonl files. Undeclared keys are preserved."""
 
     model_config = ConfigDict(frozen=True, extra="allow", allow_inf_nan=False)
 
 
 class PieceRow(Line):
-    """What a method made of a piece of any task."""
+    """The row of a piece of any task."""
 
     status: str
     error: str | None
@@ -47,14 +47,14 @@ Content = TypeVar("Content", bound=Line | Row)
 
 
 class DescriptionLine(Line):
-    """What describing a frame cost."""
+    """Time to describe a frame."""
 
     frame: str
     ms: Amount
 
 
 class MapLine(Line):
-    """What the map of a fold takes."""
+    """Size of the map of a fold."""
 
     fold: str
     frames: Annotated[int, Field(gt=0)]
@@ -64,12 +64,12 @@ class MapLine(Line):
 def read_rows(path: Path, kind: type[Content]) -> Iterator[Content]:
     """Yield the rows of a .jsonl file as `kind`; none where the file is missing.
 
-    Text after the last newline was cut off when a process was killed, and is left out. Raises DataError.
+    Text after the last newline is the rest of an interrupted write and is left out. Raises DataError.
     """
     if not path.exists():
         return
     for number, row in enumerate(read_lines(path), 1):
-        yield check_as(row, kind, f"{path}, line {number} (remove it to have it asked again)")
+        yield check_as(row, kind, f"{path}, line {number} (remove it to compute it again)")
 
 
 class RowWriter:
@@ -82,7 +82,7 @@ class RowWriter:
         self._file = path.open("a", encoding="utf-8", newline="\n")
 
     def append(self, row: Row) -> None:
-        """Append one row. Raises InvalidAnswer on NaN, which JSON has not."""
+        """Append one row. Raises InvalidAnswer on NaN, which JSON does not have."""
         try:
             text = json.dumps(row, allow_nan=False)
         except ValueError:
@@ -92,7 +92,7 @@ class RowWriter:
             self._file.flush()
 
     def close(self) -> None:
-        """Append no more."""
+        """Close the file."""
         self._file.close()
 
     def __enter__(self) -> RowWriter:
@@ -105,22 +105,22 @@ class RowWriter:
 
 
 class LineCounter:
-    """How many lines files have, reading only what was added since the last look."""
+    """Counts the lines of files; each call reads only what was appended since the last one."""
 
     def __init__(self) -> None:
-        self._seen: dict[Path, tuple[int, int]] = {}
+        self._counts: dict[Path, tuple[int, int]] = {}
 
     def count(self, path: Path) -> int:
-        """The lines that a file has by now; 0 where it is missing."""
-        offset, lines = self._seen.get(path, (0, 0))
+        """Return the current number of lines of a file; 0 where it is missing."""
+        offset, lines = self._counts.get(path, (0, 0))
         try:
-            if path.stat().st_size < offset:  # another file by now
+            if path.stat().st_size < offset:  # the file was replaced
                 offset, lines = 0, 0
             with path.open("rb") as file:
                 file.seek(offset)
                 added = file.read()
         except FileNotFoundError:
             return 0
-        whole = added.rfind(b"\n") + 1  # an unfinished line is read again: whoever resumes cuts it off
-        self._seen[path] = offset + whole, lines + added.count(b"\n")
-        return self._seen[path][1]
+        whole = added.rfind(b"\n") + 1  # an unfinished line is read again, since resuming a run cuts it off
+        self._counts[path] = offset + whole, lines + added.count(b"\n")
+        return self._counts[path][1]

@@ -1,4 +1,4 @@
-"""Run folders: what was asked, what each method answered, and where. Finished work is never asked again."""
+"""Run folders: the request and the answers of each method. Finished work is never repeated."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ from salframe.framework.files.writing import write_json, write_text
 from salframe.framework.validation import Settings, validate
 
 REQUEST, NOTES, METHODS = "request.yaml", "notes.json", "methods"
-"""In a run folder: what was asked, what must be said of it, and a folder for each method."""
+"""Names in a run folder: the request, its notes, and the folder that holds a folder for each method."""
 ROWS, DESCRIPTIONS, MAPS = "rows.jsonl", "descriptions.jsonl", "maps.jsonl"
 OUTCOME, IDENTITY, CRASH_LOG = "outcome.json", "identity.json", "crash.log"
-"""In a method's folder."""
-LONGEST = 200
-"""Characters of a folder's name: file systems take 255 bytes."""
+"""Names of files in a method's folder."""
+MAX_NAME_BYTES = 200
+"""Maximum length of the name of a folder in bytes. File systems allow 255 bytes."""
 
 
 class MethodStatus(StrEnum):
@@ -50,8 +50,14 @@ Kind = TypeVar("Kind", bound=PieceRow)
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a method's work ended, and why, or with which warning; `given`: which parts of panoramas it was given;
-    `seconds`: how long all of it took, None where it was resumed."""
+    """The outcome of a method's work.
+
+    Attributes:
+        status: How the work ended.
+        reason: Why it ended so, or a warning.
+        given: Parts of panoramas that the method received as input.
+        seconds: Duration of the work; None where it was resumed.
+    """
 
     status: MethodStatus
     reason: str | None = None
@@ -60,7 +66,7 @@ class Outcome:
 
 
 def identity_of(config: ComponentConfig) -> dict[str, Any]:
-    """The identity of a configured method; of one that cannot tell it, its settings and why: its own row will tell."""
+    """Return the identity of a configured method; its settings and the error where computing the identity fails."""
     try:
         return identity(config)
     except Exception as error:
@@ -68,14 +74,14 @@ def identity_of(config: ComponentConfig) -> dict[str, Any]:
 
 
 class _Identity(Settings):
-    """identity.json: what answers depend on, and the folder of the run that they were taken from."""
+    """Content of identity.json: the hash of all that answers depend on, and the run that they were copied from."""
 
     sha256: str | None = None
     source: str | None = None
 
 
 class _Request(Settings):
-    """request.yaml."""
+    """Content of request.yaml."""
 
     task: dict[str, Any]
     seed: int
@@ -85,34 +91,42 @@ class _Request(Settings):
 
 @dataclass(frozen=True)
 class Run:
-    """A run folder. `content` is that of its request.yaml: task, seed, data, methods by label, settings with values."""
+    """A run folder. `content` is that of its request.yaml: task, seed, data, and settings of methods by label."""
 
     directory: Path
     content: Mapping[str, Any] = field(repr=False)
 
     @classmethod
     def open(cls, runs: Path, name: str, task: Mapping[str, Any], resolved: Resolved, seed: int) -> Run:
-        """Make or resume runs/<name>-<hash8>; the hash changes with whatever is part of an identity.
+        """Create or resume the run folder runs/<name>-<hash8>. The hash depends on the identities of all components.
 
-        `task`: its name and what it asks, as JSON. Raises ConfigError where the folder holds another request.
+        Args:
+            runs: The folder of run folders.
+            name: Name of the run, without slashes.
+            task: Name and parameters of the task, as JSON.
+            resolved: The configurations.
+            seed: The seed of the request.
+
+        Raises:
+            ConfigError: The name is invalid, or the folder holds another request.
         """
         if not name or "/" in name or name in (".", "..") or not name.isprintable():
             raise ConfigError(f"received the run name {shorten(name)!r}, expected printable text without slashes")
-        if (size := len(name.encode())) > LONGEST:
-            raise ConfigError(f"received a run name of {size} bytes, expected at most {LONGEST}")
-        key = _known_as(task, seed, resolved.data, resolved.methods)
+        if (size := len(name.encode())) > MAX_NAME_BYTES:
+            raise ConfigError(f"received a run name of {size} bytes, expected at most {MAX_NAME_BYTES}")
+        key = _fingerprint(task, seed, resolved.data, resolved.methods)
         settings = {label: config.model_dump(mode="json") for label, config in resolved.methods.items()}
-        asked = {"task": dict(task), "seed": seed, "data": resolved.data.model_dump(mode="json"), "methods": settings}
-        text = yaml.safe_dump(asked, sort_keys=False)
+        request = {"task": dict(task), "seed": seed, "data": resolved.data.model_dump(mode="json"), "methods": settings}
+        text = yaml.safe_dump(request, sort_keys=False)
         directory, content = runs / f"{name}-{key[:8]}", parse_yaml(text)
         path = directory / REQUEST
         if not path.exists():
             write_text(path, text)
-        elif read_yaml(path) != content:  # the same files may have other names today
+        elif read_yaml(path) != content:  # the same files may have been renamed
             run = cls.load(directory)
             roles = {label: config.component.role for label, config in resolved.methods.items()}
             methods = {label: run.method(label, roles[label]) for label in run.labels if label in roles}
-            if run.labels != list(roles) or _known_as(run.task, run.seed, run.data(), methods) != key:
+            if run.labels != list(roles) or _fingerprint(run.task, run.seed, run.data(), methods) != key:
                 raise ConfigError(f"{path} was edited since the run began: restore it, or remove {directory}")
             return run
         return cls(directory, content)
@@ -133,23 +147,30 @@ class Run:
 
     @property
     def task(self) -> Mapping[str, Any]:
-        """The task's name and what it asks."""
+        """Name and parameters of the task."""
         return self.content["task"]
 
     @property
     def labels(self) -> list[str]:
-        """The methods, in the order they were given."""
+        """Labels of the methods, in the order of the request."""
         return list(self.content["methods"])
 
     def data(self) -> ComponentConfig:
-        """The data set's configuration. Raises ConfigError, UnknownName where this installation does not know it."""
+        """Return the configuration of the data set. Raises ConfigError, and UnknownName where it is not installed."""
         return self._component("dataset", self.content["data"], "data")
 
     def method(self, label: str, role: str, choice: Choice | None = None) -> ComponentConfig:
-        """A method's configuration; `choice` decides slots that were left undecided, for nothing could run in them.
+        """Return the configuration of a method.
 
-        Raises ConfigError, UnknownName where this installation does not know it, InputMissing where nothing can run in
-        such a slot.
+        Args:
+            label: Label of the method.
+            role: Its role.
+            choice: Chooses the components of slots that are still undecided.
+
+        Raises:
+            ConfigError: The request is invalid.
+            UnknownName: The component is not installed.
+            InputMissing: No component can fill an undecided slot.
         """
         return self._component(role, self.content["methods"][label], label, choice)
 
@@ -160,20 +181,20 @@ class Run:
         return validate(model, settings, f"{self.directory / REQUEST}: {where}", choice)
 
     def folder(self, label: str) -> Path:
-        """The folder of a method. Labels are escaped, so that no two share one and none lies elsewhere."""
+        """Return the folder of a method. Labels are escaped, so that each has a separate folder inside the run."""
         name = quote(label, safe="[]=,; ")
         if not name.strip("."):
             name = name.replace(".", "%2E")
-        if len(name) > LONGEST:
-            name = f"{name[: LONGEST - 17]}-{digest(label)[:16]}"
+        if len(name) > MAX_NAME_BYTES:
+            name = f"{name[: MAX_NAME_BYTES - 17]}-{digest(label)[:16]}"
         return self.directory / METHODS / name
 
     def rows(self, label: str, kind: type[Kind]) -> list[Kind]:
-        """Return the rows that a method has so far. Raises DataError on a row that is none of `kind`."""
+        """Return the rows that a method has so far. Raises DataError on a row that is not a valid `kind`."""
         return list(read_rows(self.folder(label) / ROWS, kind))
 
     def outcome(self, label: str) -> Outcome | None:
-        """How the method's work ended, None where it has not."""
+        """Return the outcome of a method; None where its work has not ended."""
         path = self.folder(label) / OUTCOME
         if not path.exists():
             return None
@@ -181,18 +202,18 @@ class Run:
         return outcome
 
     def begin(self, label: str) -> Path:
-        """Make the method's folder ready for work, which has not ended; returns it."""
+        """Create the folder of a method, remove an old outcome, and return the folder."""
         folder = self.folder(label)
         folder.mkdir(parents=True, exist_ok=True)
         (folder / OUTCOME).unlink(missing_ok=True)
         return folder
 
     def end(self, label: str, outcome: Outcome) -> None:
-        """Keep how the method's work ended."""
+        """Write the outcome of a method."""
         write_json(self.folder(label) / OUTCOME, {**asdict(outcome), "given": list(outcome.given)})
 
     def bind(self, fingerprint: str) -> None:
-        """Tie the run to the data's content and write env.json. Raises DataError where that is not what it began on."""
+        """Bind the run to the fingerprint of its data, and write env.json. Raises DataError where the data changed."""
         path = self.directory / "env.json"
         if not path.exists():
             write_json(path, {"dataset_fingerprint": fingerprint, **environment()})
@@ -203,57 +224,61 @@ class Run:
             )
 
     def environment(self) -> Mapping[str, Any]:
-        """What `bind` wrote: the data's fingerprint, versions, machine."""
+        """Return what `bind` wrote: the fingerprint of the data, versions and the machine."""
         content: dict[str, Any] = read_as(self.directory / "env.json", dict[str, Any])
         return content
 
     def notes(self) -> list[str]:
-        """What must be said beside the table: which method ran instead of another, whose answers were reused."""
+        """Return the notes beside the table: methods that replace others, and answers that were reused."""
         path = self.directory / NOTES
         reused = filter(None, map(self._reused, self.labels))
         return [*(read_as(path, list[str]) if path.exists() else []), *reused]
 
     def _reused(self, label: str) -> str | None:
-        """What must be said of where a method's answers are from."""
+        """Return a note on the run that a method's answers were copied from; None where they are from this run."""
         path = self.folder(label) / IDENTITY
         try:
             source = read_model(path, _Identity).source if path.exists() else None
         except DataError as error:
-            return f"{label}: whether its answers are of another run is not known: {error}"
+            return f"{label}: cannot tell whether its answers are from another run: {error}"
         return f"{label}: answers of {source}, with their times, are reused" if source else None
 
     def set_notes(self, notes: Sequence[str]) -> None:
-        """Keep what must be said of the request that the run serves now."""
+        """Write the notes on the current request."""
         write_json(self.directory / NOTES, list(notes))
 
-    def reuse(self, label: str, known_by: str) -> None:
-        """Take over what the same method answered to the same pieces of the same data in another run, if any did.
+    def reuse(self, label: str, fingerprint: str) -> None:
+        """Copy the answers of the same method to the same pieces of the same data from another run, if there is one.
 
-        `known_by`: the hash of all that answers depend on. A method that has begun in this run is left alone.
+        Args:
+            label: Label of the method. A method that has begun in this run keeps its answers.
+            fingerprint: Hash of all that answers depend on.
         """
         folder = self.folder(label)
         if (folder / IDENTITY).exists():
             return
         others = [path.parent for path in sorted(self.directory.parent.glob(f"*/{METHODS}/*/{IDENTITY}"))]
-        alike = [other for other in others if (other / ROWS).exists() and _identity(other).sha256 == known_by]
+        alike = [other for other in others if (other / ROWS).exists() and _identity(other).sha256 == fingerprint]
         best = max(alike, key=lambda other: (other / ROWS).stat().st_size, default=None)
         folder.mkdir(parents=True, exist_ok=True)
-        # Rows first: a run in progress has described whatever its rows speak of.
+        # Rows first: a run in progress has already described the frames of its rows.
         for name in (ROWS, DESCRIPTIONS, MAPS, OUTCOME):
             if best is not None and (best / name).exists():
                 shutil.copyfile(best / name, folder / name)
         source = None if best is None else str(best.parent.parent)
-        write_json(folder / IDENTITY, {"sha256": known_by, "source": source})
+        write_json(folder / IDENTITY, {"sha256": fingerprint, "source": source})
 
 
-def _known_as(task: Mapping[str, Any], seed: int, data: ComponentConfig, methods: Mapping[str, ComponentConfig]) -> str:
-    """The hash of all that a run depends on."""
-    known_by = {label: identity_of(config) for label, config in methods.items()}
-    return digest({"task": dict(task), "seed": seed, "data": identity(data), "methods": known_by})
+def _fingerprint(
+    task: Mapping[str, Any], seed: int, data: ComponentConfig, methods: Mapping[str, ComponentConfig]
+) -> str:
+    """Return the hash of all that a run depends on."""
+    identities = {label: identity_of(config) for label, config in methods.items()}
+    return digest({"task": dict(task), "seed": seed, "data": identity(data), "methods": identities})
 
 
 def _identity(folder: Path) -> _Identity:
-    """What a method's folder is known by; nothing where that cannot be read."""
+    """Return the identity of a method's folder; an empty one where it cannot be read."""
     try:
         return read_model(folder / IDENTITY, _Identity)
     except DataError:

@@ -1,4 +1,4 @@
-"""One runner for every task: each method's work goes to an engine, its rows to the run folder, and then to a table."""
+"""The runner of all tasks: engines run the methods, their rows go to the run folder and are summarized in a table."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ from salframe.panoramas.opening import Progress, mapping_frames, open_dataset
 
 POLL_SECONDS = 0.5
 TRIES, DEATHS = 2, 3
-"""A piece is given up of which a process dies so often, and a method that so many pieces are given up of."""
+"""Number of deaths of a process after which a piece is skipped, and number of skipped pieces that end a method."""
 Key = tuple[Any, ...]
-"""What a piece is known by."""
+"""Key of a piece: the values of its key fields."""
 
 
 def run_task(
@@ -48,22 +48,31 @@ def run_task(
     progress: Progress | None = None,
     reported: tuple[Reported, ...] = (),
 ) -> Result[Any]:
-    """Have methods do a task and measure them; a run that was begun is resumed, and what another run knows is reused.
+    """Run methods on a task and measure them.
 
-    `resolved`: the configurations of the request. Without a name the run folder has the task's prefix and the data
-    set's name. Raises SalframeError where the request is wrong or another process has the run in hand; a method that
-    cannot run, crashes or answers nonsense keeps its row, with the reason.
+    A run that was interrupted is resumed, and answers of other runs are reused. A method that cannot run, crashes or
+    returns invalid answers has a row with the reason.
+
+    Args:
+        task: The task.
+        request: The request. Without a name the run folder is named by the task's prefix and the data set.
+        resolved: The configurations of the request.
+        progress: Reports the progress.
+        reported: Figures of papers to show beside the result.
+
+    Raises:
+        SalframeError: The request is wrong, or another process is working on the run.
     """
-    known_as = {"name": task.name, "version": task.version, "identity": digest(task.identity()), **task.asks()}
-    run = Run.open(request.runs, request.name or task.prefix + resolved.name, known_as, resolved, request.seed)
+    identity = {"name": task.name, "version": task.version, "identity": digest(task.identity()), **task.asks()}
+    run = Run.open(request.runs, request.name or task.prefix + resolved.name, identity, resolved, request.seed)
     with alone(run.directory, "give the run another --name"):
-        return _resume(task, run, known_as, request, resolved, progress, reported)
+        return _resume(task, run, identity, request, resolved, progress, reported)
 
 
 def _resume(
     task: AnyTask,
     run: Run,
-    known_as: Row,
+    identity: Row,
     request: Request,
     resolved: Resolved,
     progress: Progress | None,
@@ -75,13 +84,13 @@ def _resume(
     survey = task.survey(dataset)
     for label, config in resolved.methods.items():
         data = [dataset.content_key, dataset.question_key]
-        key = {"task": known_as, "data": data, "mode": task.mode(label), "method": identity_of(config)}
-        map_format = {"map_format": MAP_FORMAT} if task.maps else {}  # rows have the bytes of their maps
+        key = {"task": identity, "data": data, "mode": task.mode(label), "method": identity_of(config)}
+        map_format = {"map_format": MAP_FORMAT} if task.maps else {}  # rows hold the size of their maps
         run.reuse(label, digest({**key, **map_format}))
     units = units_note(mapping_frames(dataset))
     run.set_notes([*resolved.notes, *([units] if units else [])])
     if request.limits and not engine.isolates:
-        raise ConfigError(f"the engine {engine.name!r} has no process a method, which a limit could end")
+        raise ConfigError(f"the engine {engine.name!r} has no worker processes, which limits of time and memory need")
     with _watch(task, run, task.total(survey), progress):
         work = _Work(task, run, survey, engine, request.limits)
         for label, config in resolved.methods.items():
@@ -94,7 +103,7 @@ def _resume(
 
 @dataclass(frozen=True, eq=False)
 class _Work:
-    """What methods have to do in a run, and what has it done."""
+    """The work of methods in a run, and the engine that runs it."""
 
     task: AnyTask
     run: Run
@@ -103,18 +112,18 @@ class _Work:
     limits: Limits
 
     def do(self, label: str, config: ComponentConfig) -> Outcome:
-        """Have a method do what it has not done yet: by one worker, or in shares by several.
+        """Run a method on its remaining pieces, by one worker or in shares by several.
 
-        Where one dies of a piece, the others go on; the piece is tried once more, unless a limit ended it, and then
-        given up, as is a method that has died of too many.
+        Where a worker dies, the others continue. The piece that it worked on is tried once more, unless a limit ended
+        it, and is then skipped. A method with too many skipped pieces ends as crashed.
         """
         folder = self.run.begin(label)
         join_shares(folder)
         outcomes: list[Outcome] = []
-        died_of, given_up = Counter[Key | None](), set[Key | None]()
+        died_of, skipped = Counter[Key | None](), set[Key | None]()
         while True:
-            shares = split_work(self._left(label, given_up), self.engine.workers or 1, folder)
-            if len(shares) > 1 and self.task.maps and not self.limits:  # no limit would hold for what is described here
+            shares = split_work(self._left(label, skipped), self.engine.workers or 1, folder)
+            if len(shares) > 1 and self.task.maps and not self.limits:  # limits do not apply to this
                 self._describe_maps(config, folder)
             deaths: list[Death] = []
             try:
@@ -129,62 +138,64 @@ class _Work:
                 key = None if death.piece is None else tuple(death.piece[name] for name in self.task.key_fields)
                 died_of[key] += 1
                 if death.by_limit or died_of[key] == TRIES:
-                    given_up.add(key)
+                    skipped.add(key)
                     if key is not None:
                         self._give_up(key, death, folder)
-                    if key is None or len(given_up) == DEATHS:
+                    if key is None or len(skipped) == DEATHS:
                         outcomes.append(Outcome(MethodStatus.CRASHED, death.reason))
             if not deaths or any(outcome.status is not MethodStatus.DONE for outcome in outcomes):
                 return join_outcomes(outcomes)
 
-    def _left(self, label: str, given_up: Collection[Key | None]) -> list[Key]:
-        """What the pieces are known by that the method has not done and that are not given up."""
+    def _left(self, label: str, skipped: Collection[Key | None]) -> list[Key]:
+        """Return the keys of the pieces that the method has not done and that are not skipped."""
         rows = _by_key(self.task, self.run, label).items()
         done = {key for key, row in rows if row.status != PieceStatus.CRASHED}
-        return [key for key in map(self.task.key, self.survey.pieces) if key not in done and key not in given_up]
+        return [key for key in map(self.task.key, self.survey.pieces) if key not in done and key not in skipped]
 
     def _answers(self, label: str, shares: Sequence[Share]) -> Iterator[Outcome | WorkerDied]:
-        """How each share ended."""
+        """Yield the outcome of each share."""
         work = partial(work_share, self.task, self.run.directory.absolute(), label, self.limits)
         answers = iter(self.engine.map(work, shares))
         for _ in shares:
-            answer = next(answers, MethodFailed(f"the engine {self.engine.name!r} gave no answer for it"))
+            answer = next(answers, MethodFailed(f"the engine {self.engine.name!r} returned no answer for it"))
             if isinstance(answer, BaseException) and not isinstance(answer, WorkerDied):
                 answer = Outcome(MethodStatus.CRASHED, describe_error(answer))
             yield answer
 
     def _describe_maps(self, config: ComponentConfig, folder: Path) -> None:
-        """Have the mapping frames described that are not known to be, and keep what each cost."""
-        known = {row.frame for row in read_rows(folder / DESCRIPTIONS, DescriptionLine)}
-        frames = [frame.id for frame in mapping_frames(self.survey.dataset) if frame.id not in known]
+        """Describe the map frames that have no recorded description, and record the time of each."""
+        described = {row.frame for row in read_rows(folder / DESCRIPTIONS, DescriptionLine)}
+        frames = [frame.id for frame in mapping_frames(self.survey.dataset) if frame.id not in described]
         with RowWriter(folder / DESCRIPTIONS) as costs:
             for frame, seconds in describe_frames(config, self.run.data(), frames, self.engine):
                 costs.append({"frame": frame, "ms": seconds * 1e3})
 
     def _give_up(self, key: Key, death: Death, folder: Path) -> None:
-        """Give the piece that a method's process died of a row that says so."""
+        """Write a row with the reason for a piece on which the method's process died."""
         piece = next(one for one in self.survey.pieces if self.task.key(one) == key)
-        known_by = dict(zip(self.task.key_fields, key, strict=True))
+        key_fields = dict(zip(self.task.key_fields, key, strict=True))
         crashed = {"status": PieceStatus.CRASHED, "error": death.reason}
         with RowWriter(folder / ROWS) as rows:
-            rows.append({**known_by, **self.task.failed(piece), **crashed})
+            rows.append({**key_fields, **self.task.failed(piece), **crashed})
 
 
 def conclude(task: AnyTask, run: Run, survey: Survey[Any], reported: tuple[Reported, ...] = ()) -> Result[Any]:
-    """The result of a run from its rows; writes its metrics and report, or notes that they cannot be written. Runs no
-    method."""
+    """Return the result of a run from its rows, and write its metrics and report. Runs no method.
+
+    Where the files cannot be written, the result has a note.
+    """
     result, records = measure(task, run, survey, reported)
     try:
         return replace(result, report=_write(task, run, survey, result, records))
-    except OSError as error:  # a full disk: what was measured is told all the same
-        told = f"metrics and report could not be written: {error.strerror or error}"
-        return replace(result, notes=(*result.notes, told))
+    except OSError as error:  # a full disk: the result is returned all the same
+        note = f"metrics and report could not be written: {error.strerror or error}"
+        return replace(result, notes=(*result.notes, note))
 
 
 def _write(
     task: AnyTask, run: Run, survey: Survey[Any], result: Result[Any], records: Sequence[Record[Any]]
 ) -> Path | None:
-    """Write the metrics of a run and its page; the path of the page."""
+    """Write the metrics and the page of a run, and return the path of the page."""
     for row in result.rows:
         write_json(run.folder(row.method) / "metrics.json", row.to_json())
     task.write_files(run, survey, records)
@@ -194,20 +205,21 @@ def _write(
 def measure(
     task: AnyTask, run: Run, survey: Survey[Any], reported: tuple[Reported, ...] = ()
 ) -> tuple[Result[Any], list[Record[Any]]]:
-    """The result of a run from its rows, and these. Writes nothing."""
+    """Return the result of a run and its records. Writes nothing."""
     records = [_record(task, run, label, survey) for label in run.labels]
     rows: Sequence[MethodRow] = task.summarize([(survey, records)], run.seed)
-    told = (*run.notes(), *survey.notes)
-    return Result(type(task), run.directory, run.content, run.environment(), tuple(rows), None, told, reported), records
+    notes = (*run.notes(), *survey.notes)
+    result = Result(type(task), run.directory, run.content, run.environment(), tuple(rows), None, notes, reported)
+    return result, records
 
 
 def pool(task: AnyTask, directories: Sequence[Path]) -> Sequence[MethodRow]:
-    """The rows of several runs of a task as of one. Runs no method."""
+    """Return the rows of several runs of a task, pooled. Runs no method."""
     return task.summarize(records_of(task, directories), Run.load(directories[-1]).seed)
 
 
 def records_of(task: AnyTask, directories: Sequence[Path]) -> list[Part[Any, Any]]:
-    """What several runs of a task hold. Runs no method."""
+    """Return the survey and the records of each of several runs of a task. Runs no method."""
     parts: list[Part[Any, Any]] = []
     for run in map(Run.load, directories):
         survey = task.survey(open_dataset(run.data()))
@@ -216,7 +228,7 @@ def records_of(task: AnyTask, directories: Sequence[Path]) -> list[Part[Any, Any
 
 
 def _by_key(task: AnyTask, run: Run, label: str) -> dict[Key, PieceRow]:
-    """Rows by what their piece is known by; of a piece asked again, the last."""
+    """Return the rows by the key of their piece; the last row of a piece that was repeated."""
     return {tuple(getattr(row, field) for field in task.key_fields): row for row in run.rows(label, task.row)}
 
 
@@ -230,25 +242,25 @@ def _finished(task: AnyTask, run: Run, label: str, survey: Survey[Any]) -> bool:
 
 
 def _record(task: AnyTask, run: Run, label: str, survey: Survey[Any]) -> Record[Any]:
-    known, outcome = _by_key(task, run, label), run.outcome(label)
-    rows = tuple(known.get(task.key(piece)) for piece in survey.pieces)
+    rows_by_key, outcome = _by_key(task, run, label), run.outcome(label)
+    rows = tuple(rows_by_key.get(task.key(piece)) for piece in survey.pieces)
     answered = len(rows) - rows.count(None)
     if outcome is None or (outcome.status is MethodStatus.DONE and answered < len(rows)):
-        given = outcome.given if outcome else ()
+        parts = outcome.given if outcome else ()
         reason = f"unfinished: {answered} of {len(rows)} {task.counts} done"
-        outcome = Outcome(MethodStatus.UNFINISHED, reason, given)
+        outcome = Outcome(MethodStatus.UNFINISHED, reason, parts)
     return Record(label, outcome, rows, run.folder(label))
 
 
 @contextmanager
 def _watch(task: AnyTask, run: Run, total: int, progress: Progress | None) -> Iterator[None]:
-    """Tell the progress of each method while the block runs, by the lines in its folder: whatever engine runs it."""
+    """Report the progress of each method while the block runs, from the number of lines in its folder."""
     if progress is None:
         yield
         return
     ended, lines = threading.Event(), LineCounter()
 
-    def tell() -> None:
+    def report() -> None:
         for label in run.labels:
             folder = run.folder(label)
             files = [*(folder / name for name in task.counted), *(share / ROWS for share in share_folders(folder))]
@@ -256,7 +268,7 @@ def _watch(task: AnyTask, run: Run, total: int, progress: Progress | None) -> It
 
     def poll() -> None:
         while not ended.wait(POLL_SECONDS):
-            tell()
+            report()
 
     thread = threading.Thread(target=poll, daemon=True)
     thread.start()
@@ -265,4 +277,4 @@ def _watch(task: AnyTask, run: Run, total: int, progress: Progress | None) -> It
     finally:
         ended.set()
         thread.join()
-        tell()
+        report()

@@ -1,4 +1,4 @@
-"""A method's work in shares: each done by a worker of its own into a folder of its own, then put together."""
+"""Shares of a method's work: each is done by one worker in a separate folder, and then merged."""
 
 from __future__ import annotations
 
@@ -16,20 +16,22 @@ from salframe.framework.files.reading import read_text
 from salframe.framework.files.writing import write_text
 
 SHARES = "shares"
-"""In a method's folder, while several workers are at it: a folder a share."""
+"""Name of the folder in a method's folder that holds a folder for each share while several workers run."""
 
 
 @dataclass(frozen=True)
 class Share:
-    """Pieces of a method's work by what they are known by, and the folder for what is made of them."""
+    """A share of a method's work: the keys of its pieces, and the folder for its rows."""
 
     keys: Sequence[tuple[Any, ...]]
     folder: Path
 
 
 def split_work(keys: Sequence[tuple[Any, ...]], workers: int, folder: Path) -> list[Share]:
-    """So many shares of pieces that follow one another, as these are asked of the same maps; a single one works in the
-    method's own folder."""
+    """Split the pieces into at most `workers` shares.
+
+    A share holds consecutive pieces, since these use the same maps. A single share works in the method's folder.
+    """
     count = max(1, min(workers, len(keys)))
     if count == 1:
         return [Share(keys, folder)]
@@ -41,12 +43,12 @@ def split_work(keys: Sequence[tuple[Any, ...]], workers: int, folder: Path) -> l
 
 
 def share_folders(folder: Path) -> list[Path]:
-    """The folders of the shares that are not joined yet, in the order of their pieces."""
+    """Return the folders of the shares that are not joined yet, in the order of their pieces."""
     return sorted((folder / SHARES).glob("*"))
 
 
 def join_shares(folder: Path) -> None:
-    """Put what shares have made, finished or not, to what there is in the method's folder."""
+    """Append the rows and logs of all shares, finished or not, to the files in the method's folder."""
     for share in share_folders(folder):
         for name in (ROWS, DESCRIPTIONS, MAPS):
             if (share / name).exists():
@@ -59,17 +61,17 @@ def join_shares(folder: Path) -> None:
 
 
 def _append(source: Path, target: Path) -> None:
-    """Append rows that are not there: each share tells of the map that it was given."""
-    known = set(map(json.dumps, read_rows(target, Row)))
+    """Append the rows that are missing from the target. Several shares may record the same map."""
+    existing = set(map(json.dumps, read_rows(target, Row)))
     with RowWriter(target) as rows:
         for row in read_rows(source, Row):
-            if json.dumps(row) not in known:
+            if json.dumps(row) not in existing:
                 rows.append(row)
 
 
 def join_outcomes(outcomes: Sequence[Outcome]) -> Outcome:
-    """How a method's work ended of which shares ended so: as the worst of them, with what each of them says."""
+    """Return the outcome of a method from those of its shares: the worst status, and all reasons."""
     status = max((outcome.status for outcome in outcomes), key=list(MethodStatus).index)
     reasons = dict.fromkeys(outcome.reason for outcome in outcomes if outcome.reason)
-    given = max((outcome.given for outcome in outcomes), key=len)
-    return Outcome(status, "; ".join(reasons) or None, given)
+    parts = max((outcome.given for outcome in outcomes), key=len)
+    return Outcome(status, "; ".join(reasons) or None, parts)

@@ -1,4 +1,4 @@
-"""What methods can be asked to do: a task yields independent pieces, and turns what was made of them into a table."""
+"""Base class of tasks: a task yields independent pieces of work and summarizes their rows in a table."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Generic, Self, TypeVar
 
-from salframe.evaluation.runs.inputs import parts_given
+from salframe.evaluation.runs.inputs import input_parts
 from salframe.evaluation.runs.method_row import MethodRow
 from salframe.evaluation.runs.records import Part, Piece, PieceRowT, Record, Surveyed
 from salframe.evaluation.runs.request import Request, Resolved, resolve
@@ -22,39 +22,42 @@ from salframe.panoramas.dataset import Dataset
 
 LineT = TypeVar("LineT", bound=MethodRow)
 RESULT_FORMAT = 1
-"""Version of the layout of `to_json`: it changes whenever a key is renamed or has another meaning."""
+"""Version of the layout of `to_json`. It changes when a key is renamed or changes its meaning."""
 
 
 class TaskOptions(Settings):
-    """What a study sets of a task besides methods and data."""
+    """Options of a task that a study sets besides methods and data."""
 
     @property
     def in_data_folder(self) -> bool:
-        """Whether they name files in the folder of the data."""
+        """Whether the options name files in the folder of the data."""
         return False
 
 
 class Worker(ABC, Generic[Piece]):
-    """A method at work on pieces of a task, in a process of its own."""
+    """Runs a method on pieces of a task, in a worker process."""
 
     def prepare(self, piece: Piece) -> None:
-        """Do what a piece needs and others share, a map: it counts in no limit of the piece. Nothing unless overridden.
-        Whatever it raises costs the method its row."""
+        """Prepare what a piece shares with others, such as a map. Does nothing by default.
+
+        The limits of a piece do not apply here. An exception ends the work of the method.
+        """
         return None
 
     @abstractmethod
     def work(self, piece: Piece) -> Row:
-        """What the method makes of a piece, without what it is known by. Whatever it raises costs the piece, and
-        MethodFailed the method its row.
+        """Run the method on a piece and return the row without its key fields.
+
+        An exception fails the piece. MethodFailed ends the work of the method.
         """
 
     @property
     def warning(self) -> str | None:
-        """What the user must know of the work done, None where there is nothing."""
+        """Warning to the user about the work that was done; None where there is none."""
         return None
 
     def close(self) -> None:
-        """Release what is held."""
+        """Release resources."""
         return None
 
     def __enter__(self) -> Worker[Piece]:
@@ -65,21 +68,21 @@ class Worker(ABC, Generic[Piece]):
 
 
 class Task(ABC, Generic[Piece, Surveyed, PieceRowT, LineT]):
-    """Something that methods are measured by. An instance says what is measured, and can be pickled.
+    """A task by which methods are measured. An instance holds the parameters of the task, and can be pickled.
 
     Attributes:
         name: Name in run folders.
-        version: Changes whenever the rows of the same answers do.
+        version: Version of the rows. It changes when the same answers have different rows.
         role: Role of the methods.
-        prefix: Start of the names of run folders that have no name of their own.
-        counts: Word for its pieces.
+        prefix: Start of the default name of run folders.
+        counts: Name of its pieces, in the plural.
         key_fields: Fields of a row that identify its piece.
         row: Type of the rows of rows.jsonl.
-        line: Type of a method's line in the table.
+        line: Type of a method's row in the table.
         columns: Columns of the table by name.
-        usual: Names of the columns that are shown by default.
+        usual: Names of the default columns.
         Options: Type of the options that studies set.
-        counted: Files whose numbers of lines are the progress of a method.
+        counted: Files whose number of lines measures the progress of a method.
         maps: Whether methods index the maps of the dataset's folds.
     """
 
@@ -114,7 +117,7 @@ class Task(ABC, Generic[Piece, Surveyed, PieceRowT, LineT]):
         """Return the tables of methods.
 
         Args:
-            rows: A line for each method.
+            rows: A row for each method.
             columns: Names of the columns; by default the usual ones, without per-seed ranges where there are none.
             leading: Text of each row by heading, left of the columns; the method's label by default.
         """
@@ -129,7 +132,7 @@ class Task(ABC, Generic[Piece, Surveyed, PieceRowT, LineT]):
 
     @classmethod
     def details(cls, rows: Sequence[LineT]) -> list[Table]:
-        """Return more tables, which are shown on request; none by default."""
+        """Return further tables, which are shown on request; none by default."""
         return []
 
     @classmethod
@@ -138,86 +141,95 @@ class Task(ABC, Generic[Piece, Surveyed, PieceRowT, LineT]):
         return []
 
     def asks(self) -> dict[str, Any]:
-        """What the task asks beyond the data set's own pieces, as JSON that `from_run` reads."""
+        """Return the parameters of the task, as JSON that `from_run` reads; none by default."""
         return {}
 
     def identity(self) -> dict[str, Any]:
-        """What answers depend on of what the task asks: all of it, with the identities of components in it."""
+        """Return the parameters that answers depend on, with the identities of components; all of `asks` by default."""
         return self.asks()
 
     @classmethod
     @abstractmethod
     def from_run(cls, run: Run) -> Self:
-        """The task of a run folder."""
+        """Return the task of a run folder."""
 
     @abstractmethod
     def survey(self, dataset: Dataset) -> Surveyed:
-        """The task on an opened data set. Raises DataError or InputMissing where that is none to ask."""
+        """Return the task on an opened data set. Raises DataError or InputMissing where the data is unsuitable."""
 
     @abstractmethod
     def key(self, piece: Piece) -> tuple[Any, ...]:
-        """What a piece is known by, a value for each of `key_fields`."""
+        """Return the key of a piece: a value for each of `key_fields`."""
 
     def total(self, survey: Surveyed) -> int:
-        """How many lines the files `counted` have in the end."""
+        """Return the number of lines that the files `counted` have when the work is complete."""
         return len(survey.pieces)
 
     def mode(self, label: str) -> str:
-        """What in a method's label changes how it is asked: part of its identity; none of it unless overridden."""
+        """Return the part of a method's label that changes how the method runs; it is part of the identity.
+
+        Empty by default.
+        """
         return ""
 
     def given(self, label: str, method: Any, dataset: Dataset) -> tuple[str, ...]:
-        """Which parts of a data set's panoramas a built method is given: see `parts_given`."""
-        return parts_given(method, dataset)
+        """Return the parts of a data set's panoramas that a method receives as input, as `input_parts` does."""
+        return input_parts(method, dataset)
 
     @abstractmethod
     def open(self, label: str, method: Any, survey: Surveyed, todo: Sequence[Piece], folder: Path) -> Worker[Piece]:
-        """A built method at work on the pieces `todo`; `folder`: where it may keep more than rows."""
+        """Return the worker that runs a method on the pieces `todo`. It may write further files into `folder`."""
 
     def failed(self, piece: Piece) -> Row:
-        """The fields of a row, besides status and error, where a piece came to nothing."""
+        """Return the fields of the row of a failed piece, besides its key, status and error; none by default."""
         return {}
 
     @abstractmethod
     def summarize(self, parts: Sequence[Part[Surveyed, PieceRowT]], seed: int) -> Sequence[LineT]:
-        """A line of the table for each method, in order: over one data set, or over several of one kind at once."""
+        """Return the row of each method in the table, in order, over one data set or pooled over several."""
 
     def write_page(self, result: Result[LineT], records: Sequence[Record[PieceRowT]], survey: Surveyed) -> Path | None:
-        """Write the page of a run into its folder and return its path; None, the default: the task has no page."""
+        """Write the page of a run into its folder and return its path; None where the task has no page (default)."""
         return None
 
     def write_files(self, run: Run, survey: Surveyed, records: Sequence[Record[PieceRowT]]) -> None:
-        """Write what a run folder of this task holds beside rows, metrics and page."""
+        """Write further files of a run folder, besides rows, metrics and page; none by default."""
         return None
 
 
 AnyTask = Task[Any, Any, Any, Any]
-"""A task of any pieces and rows."""
+"""A task with any types of pieces and rows."""
 
 
 class Rows:
-    """Rows of methods, and whether they came to anything."""
+    """Base of results: the rows of methods, and whether they were measured or crashed."""
 
     rows: tuple[Any, ...]
 
     @property
     def measured(self) -> bool:
-        """Whether some method was measured."""
+        """Whether at least one method was measured."""
         return any(row.measured for row in self.rows)
 
     @property
     def crashed(self) -> bool:
-        """Whether some method raised or died, on a piece or altogether."""
+        """Whether at least one method raised an exception or died, on a piece or as a whole."""
         return any(row.crashed for row in self.rows)
 
 
 @dataclass(frozen=True, eq=False)
 class Result(Rows, Generic[LineT]):
-    """A run and its table, a row a method.
+    """The result of a run: a table with a row for each method.
 
-    kind: its task; request: what was asked, as the run folder keeps it; environment: the data's fingerprint, versions,
-    machine; report: the page to look at, None where the task draws none; notes: which method ran instead of another,
-    what was left out, a line each; reported: what papers report beside it.
+    Attributes:
+        kind: The task.
+        run: The run folder.
+        request: The content of the run folder's request.yaml.
+        environment: Fingerprint of the data, versions and the machine.
+        rows: A row for each method.
+        report: Path of the report; None where the task has no report.
+        notes: Notes on methods that replace others and on what was left out, one line each.
+        reported: Figures that papers report, to show beside the rows.
     """
 
     kind: type[AnyTask]
@@ -231,24 +243,24 @@ class Result(Rows, Generic[LineT]):
 
     @property
     def task(self) -> str:
-        """The name of the task."""
+        """Name of the task."""
         return self.kind.name
 
     @property
     def where(self) -> str:
-        """Where to look on."""
+        """Path of the report, or of the run folder where there is no report."""
         return f"run: {self.run}" if self.report is None else f"report: {self.report}"
 
     def tables(self) -> list[Table]:
-        """The rows as tables."""
+        """Return the rows as tables."""
         return self.kind.tables(self.rows)
 
     def row(self, method: str) -> LineT:
-        """The row of a method by its label. Raises KeyError."""
+        """Return the row of a method by its label. Raises KeyError."""
         return {row.method: row for row in self.rows}[method]
 
     def to_json(self) -> dict[str, Any]:
-        """All of it; "format" numbers the layout."""
+        """Return the result as JSON. The key "format" is the version of the layout."""
         content: dict[str, Any] = {
             "format": RESULT_FORMAT,
             "task": self.task,

@@ -1,4 +1,4 @@
-"""The work of one method on its share of a task, in a process of its own."""
+"""The work of one method on its share of a task, in a worker process."""
 
 from __future__ import annotations
 
@@ -28,35 +28,38 @@ from salframe.panoramas.opening import open_dataset, provided
 
 
 def work_share(task: AnyTask, directory: Path, label: str, limits: Limits, share: Share) -> Outcome:
-    """Have one method of a run do its share, and keep what it makes of each piece; how that ended, whatever it
-    raises."""
+    """Run one method of a run on its share of the pieces, and write a row for each piece.
+
+    Returns:
+        The outcome. Exceptions of the method are caught and reported there.
+    """
     run = Run.load(directory)
     share.folder.mkdir(parents=True, exist_ok=True)
-    given: tuple[str, ...] = ()
+    parts: tuple[str, ...] = ()
     guard = Guard(share.folder, limits)
     try:
         data = run.data()
         config = run.method(label, task.role, Choice(data.kind, partial(provided, data)))
         method = registry().build(task.role, config)
         survey = task.survey(open_dataset(data))
-        given = task.given(label, method, survey.dataset)
+        parts = task.given(label, method, survey.dataset)
         keys = set(share.keys)
         todo = [piece for piece in survey.pieces if task.key(piece) in keys]
         with task.open(label, method, survey, todo, share.folder) as worker, RowWriter(share.folder / ROWS) as rows:
             for piece in todo:
-                known_by = dict(zip(task.key_fields, task.key(piece), strict=True))
+                key_fields = dict(zip(task.key_fields, task.key(piece), strict=True))
                 worker.prepare(piece)
-                with guard.watch(known_by):
+                with guard.watch(key_fields):
                     row = _attempt(task, worker.work, piece, share.folder)
-                rows.append({**known_by, **row})
-            outcome = Outcome(MethodStatus.DONE, worker.warning, given)
+                rows.append({**key_fields, **row})
+            outcome = Outcome(MethodStatus.DONE, worker.warning, parts)
     except (RequirementMissing, WeightsMissing, InputMissing, MethodUnavailable) as error:
-        return Outcome(MethodStatus.UNAVAILABLE, str(error), given)
+        return Outcome(MethodStatus.UNAVAILABLE, str(error), parts)
     except KeyboardInterrupt:
         raise
-    except BaseException as error:  # a method is somebody else's code: whatever it raises costs its own row only
+    except BaseException as error:  # a method may be third-party code: its exceptions must not affect other methods
         log_crash(share.folder, "the method")
-        return Outcome(MethodStatus.CRASHED, describe_error(error), given)
+        return Outcome(MethodStatus.CRASHED, describe_error(error), parts)
     finally:
         guard.close()
     return outcome
@@ -69,12 +72,12 @@ def _attempt(task: AnyTask, work: Callable[[Any], Row], piece: Any, folder: Path
         raise
     except FRAME_ERRORS as error:
         return {**task.failed(piece), "status": PieceStatus.ERROR, "error": str(error)}
-    except Exception as error:  # a piece that breaks the method must not take the others with it
+    except Exception as error:  # an exception on one piece must not affect the others
         log_crash(folder, " ".join(map(str, task.key(piece))))
         return {**task.failed(piece), "status": PieceStatus.CRASHED, "error": describe_error(error)}
 
 
 def log_crash(folder: Path, where: str) -> None:
-    """Keep the traceback of the exception that is being handled in the folder of a method or of its share."""
+    """Append the traceback of the current exception to the crash log in the folder of a method or a share."""
     with (folder / CRASH_LOG).open("a", encoding="utf-8") as file:
         file.write(f"{where}\n{traceback.format_exc()}\n")

@@ -1,4 +1,4 @@
-"""Experiments: the tables that are reported, each by one command, and what came of them as a file that lasts."""
+"""Experiments: reported tables, each measured by one command, with their results stored in a file."""
 
 from __future__ import annotations
 
@@ -27,35 +27,42 @@ from salframe.framework.validation import Settings, validate
 from salframe.panoramas.opening import Progress
 
 FOLDER = "experiments"
-"""Of presets, that holds the experiments."""
+"""Folder of presets that holds the experiments."""
 RESULTS = Path("docs") / "results"
-"""Where results are kept unless somewhere else is named."""
+"""Default folder of results."""
 
 
 class TableStudy(Study):
-    """A study that is one table of an experiment."""
+    """A study that is a table of an experiment."""
 
-    title: str = Field(description="what stands above the table")
-    columns: tuple[str, ...] = Field((), description="the columns to show; empty: the usual ones")
+    title: str = Field(description="title above the table")
+    columns: tuple[str, ...] = Field((), description="the columns to show; empty: the default ones")
     quick: dict[str, Any] | Literal[False] = Field(
-        {}, description="what `--quick` changes: keys of the table, laid over it; false: it leaves the table out"
+        {}, description="keys of the table that `--quick` replaces; false: `--quick` skips the table"
     )
 
 
 class Experiment(Settings):
-    """The content of an experiment's file."""
+    """Content of the file of an experiment."""
 
     title: str
-    question: str = Field(description="what it is to show")
-    reported: tuple[str, ...] = Field((), description="titles of the reported tables to show beside it")
-    differs: str = Field("", description="in what the data differ from those of the reported figures")
+    question: str = Field(description="the question that the experiment answers")
+    reported: tuple[str, ...] = Field((), description="titles of reported tables to show beside it")
+    differs: str = Field("", description="how the data differ from those of the reported figures")
     tables: dict[str, TableStudy]
 
 
 @dataclass(frozen=True, eq=False)
 class TableResult:
-    """A table of an experiment. kept: what came of it, now or before; skipped: why it was not measured; fresh: what was
-    measured now."""
+    """A table of an experiment.
+
+    Attributes:
+        name: Name of the table.
+        study: The study that the table shows.
+        kept: Its stored result, of this run or an earlier one.
+        skipped: Why it was not measured.
+        fresh: The result of this run; None where the table was not measured now.
+    """
 
     name: str
     study: TableStudy
@@ -64,14 +71,14 @@ class TableResult:
     fresh: StudyResult | None = None
 
     def tables(self) -> list[Table]:
-        """The rows as text."""
+        """Return the stored rows as tables."""
         shown = [] if self.kept is None else kept_tables(self.study, self.kept, self.study.columns)
         return [replace(table, title=", ".join(filter(None, (self.study.title, table.title)))) for table in shown]
 
 
 @dataclass(frozen=True, eq=False)
 class ExperimentResult:
-    """An experiment and its tables, with the reported ones; file: where the results are kept."""
+    """An experiment and its tables, with the reported ones. `file` is the file of its results."""
 
     name: str
     experiment: Experiment
@@ -82,23 +89,29 @@ class ExperimentResult:
 
     @property
     def crashed(self) -> bool:
-        """Whether a method that was measured now raised or died."""
+        """Whether a method of this run raised an exception or died."""
         return any(table.fresh is not None and table.fresh.crashed for table in self.tables)
 
     def to_json(self) -> dict[str, Any]:
-        """What was kept of it, and what was skipped."""
-        kept = {table.name: table.kept.model_dump(mode="json") for table in self.tables if table.kept}
+        """Return the stored results and the skipped tables as JSON."""
+        stored = {table.name: table.kept.model_dump(mode="json") for table in self.tables if table.kept}
         skipped = {table.name: table.skipped for table in self.tables if table.skipped}
-        return {"format": KEPT_FORMAT, "experiment": self.name, "quick": self.quick, "tables": kept, "skipped": skipped}
+        return {
+            "format": KEPT_FORMAT,
+            "experiment": self.name,
+            "quick": self.quick,
+            "tables": stored,
+            "skipped": skipped,
+        }
 
 
 def experiment_names() -> list[str]:
-    """The experiments that are shipped, in the order in which they are run."""
+    """Return the names of the shipped experiments, in the order in which they run."""
     return list(registry().list_presets(FOLDER))
 
 
 def read_experiment(name: str | Path) -> Experiment:
-    """The experiment of a name, or in a YAML file. Raises ConfigError, UnknownName."""
+    """Read a shipped experiment by name, or an experiment in a YAML file. Raises ConfigError, UnknownName."""
     path: Path | None = Path(name)
     if not str(name).endswith(SUFFIXES):
         path = registry().find_preset(FOLDER, str(name))
@@ -121,52 +134,62 @@ def run_experiment(
     results: str | Path = RESULTS,
     progress: Progress | None = None,
 ) -> ExperimentResult:
-    """Measure the tables of an experiment that were not measured yet, or not with these settings and versions.
+    """Measure the tables of an experiment whose results are missing, or are of other settings or versions.
 
-    The request gives runs, engine, seed, and the folder of data that are not rendered (data_dir): tables on such data
-    are skipped without it. `quick`: fewer seeds and methods; `force`: measure all again; `results`: the folder of the
-    files that last. Raises SalframeError on settings that are wrong.
+    Args:
+        name: A shipped experiment or a YAML file.
+        request: Provides `runs`, `engine`, `seed` and `data_dir`, the folder of data that are not rendered. Tables on
+            such data are skipped without it.
+        quick: Whether to run fewer seeds and methods.
+        force: Whether to measure all tables again.
+        results: The folder of the files of results.
+        progress: Reports the progress.
+
+    Raises:
+        SalframeError: A setting is wrong.
     """
     experiment, label = read_experiment(name), Path(name).stem
     file = Path(results) / f"{label}.json"
-    found = []
+    tables = []
     for number, (table_name, whole) in enumerate(experiment.tables.items()):
         if progress:
             progress("tables", number, len(experiment.tables))
         study = in_quick(whole, f"{name}: {table_name}") if quick else whole
         if study is not None:
-            asked = replace(request, name=f"{label}-{table_name}")
-            found.append(_table(table_name, study, asked, file, quick=quick, force=force, progress=progress))
-    return ExperimentResult(label, experiment, quick, file, tuple(found), reported_in(experiment))
+            table_request = replace(request, name=f"{label}-{table_name}")
+            tables.append(_table(table_name, study, table_request, file, quick=quick, force=force, progress=progress))
+    return ExperimentResult(label, experiment, quick, file, tuple(tables), reported_in(experiment))
 
 
 def _table(
     name: str, study: TableStudy, request: Request, file: Path, *, quick: bool, force: bool, progress: Progress | None
 ) -> TableResult:
-    """A table, measured unless it is kept already, as a quick one or not. What is wrong with it costs no other."""
+    """Return a table, measured unless a matching result is stored. Errors do not affect other tables."""
     results, part = read_results(file), "quick" if quick else "whole"
-    kept, fresh = getattr(results, part).get(name), None
+    stored, fresh = getattr(results, part).get(name), None
     try:
         request = _with_data(study, request)
-        known_by = _known_by(plan(study, request))
-        known = (one for one in (results.whole.get(name), results.quick.get(name)) if one and one.known_by == known_by)
-        there = [one for one in known if has_ended(study, one)]
-        if there and not force:
-            kept = there[0]
+        cache_key = _cache_key(plan(study, request))
+        candidates = (
+            one for one in (results.whole.get(name), results.quick.get(name)) if one and one.known_by == cache_key
+        )
+        finished = [one for one in candidates if has_ended(study, one)]
+        if finished and not force:
+            stored = finished[0]
         else:
             fresh = (_run_again if force else run_study)(study, request, progress=progress)
-            kept = keep(fresh, known_by)
+            stored = keep(fresh, cache_key)
     except SalframeError as error:
-        return TableResult(name, study, kept, skipped=str(error))
+        return TableResult(name, study, stored, skipped=str(error))
     results = read_results(file)  # another table may have been measured meanwhile
-    tables = {**getattr(results, part), name: kept}
+    tables = {**getattr(results, part), name: stored}
     if tables != getattr(results, part):
         write_json(file, results.model_copy(update={part: tables}).model_dump(mode="json"))
-    return TableResult(name, study, kept, fresh=fresh)
+    return TableResult(name, study, stored, fresh=fresh)
 
 
 def _run_again(study: Study, request: Request, *, progress: Progress | None) -> StudyResult:
-    """As `run_study`, but by runs that take nothing over from those before, whose place they take when all are done."""
+    """Run a study without reusing answers, and replace the earlier run folders when all runs are done."""
     apart = Path(request.runs) / f"{request.name}.again"
     fresh = run_study(study, replace(request, runs=apart), progress=progress)
     moved = {run: Path(request.runs) / run.name for run in fresh.runs}
@@ -179,8 +202,10 @@ def _run_again(study: Study, request: Request, *, progress: Progress | None) -> 
 
 
 def _with_data(study: Study, request: Request) -> Request:
-    """The request with its folder of data where the study's data is in a folder, otherwise without. Raises InputMissing
-    where there is none."""
+    """Return the request with its data folder if the study's data set is in one, otherwise without.
+
+    Raises InputMissing where the study needs a data folder and the request has none.
+    """
     without = replace(request, data_dir=None)
     if request.data_dir is not None and study.options.in_data_folder:
         return request  # its episodes are in the folder too
@@ -192,37 +217,42 @@ def _with_data(study: Study, request: Request) -> Request:
     return request
 
 
-def _known_by(arms: Sequence[PooledRuns]) -> str:
-    """The hash of all that a table depends on but for the content of folders."""
+def _cache_key(arms: Sequence[PooledRuns]) -> str:
+    """Return the hash of all that a table depends on, except for the content of data folders."""
     runs = []
     for arm in arms:
-        for task, asked, resolved in arm.runs:
+        for task, request, resolved in arm.runs:
             data = identity(resolved.data)
             data["settings"] = {key: value for key, value in data["settings"].items() if key != "root"}
             methods = {label: identity_of(config) for label, config in resolved.methods.items()}
-            runs.append([task.name, task.version, task.identity(), asked.seed, data, methods])
+            runs.append([task.name, task.version, task.identity(), request.seed, data, methods])
     return digest(runs)
 
 
 def in_quick(study: TableStudy, where: str) -> TableStudy | None:
-    """The table as `--quick` measures it; None where it leaves it out. Methods that it lists are those of the table."""
+    """Return the table as `--quick` measures it; None where `--quick` skips it.
+
+    The methods that `quick` lists must be methods of the table.
+    """
     if study.quick is False:
         return None
     content = study.model_dump(mode="json", exclude={"quick"}, exclude_defaults=True)
-    over = dict(study.quick)
-    if isinstance(study.methods, dict) and "methods" in over:
-        if absent := [name for name in over["methods"] if name not in content["methods"]]:
+    changes = dict(study.quick)
+    if isinstance(study.methods, dict) and "methods" in changes:
+        if absent := [name for name in changes["methods"] if name not in content["methods"]]:
             raise ConfigError(f"{where}: quick: {unknown('method', absent[0], list(content['methods']))}")
-        over["methods"] = {name: content["methods"][name] for name in over["methods"]}
+        changes["methods"] = {name: content["methods"][name] for name in changes["methods"]}
         del content["methods"]
-    return validate(TableStudy, merge(content, over), f"{where}: quick")
+    return validate(TableStudy, merge(content, changes), f"{where}: quick")
 
 
 def reported_in(experiment: Experiment) -> tuple[tuple[str, ReportedTable], ...]:
-    """The reported tables that stand beside an experiment, each with its source. Raises ConfigError on a title that no
-    paper has."""
-    known = {part.title: (paper.source, part) for paper in read_reported() for part in paper.tables}
-    absent = [title for title in experiment.reported if title not in known]
+    """Return the reported tables that an experiment shows, each with its source.
+
+    Raises ConfigError on an unknown title.
+    """
+    tables_by_title = {part.title: (paper.source, part) for paper in read_reported() for part in paper.tables}
+    absent = [title for title in experiment.reported if title not in tables_by_title]
     if absent:
-        raise ConfigError(unknown("reported table", absent[0], list(known)))
-    return tuple(known[title] for title in experiment.reported)
+        raise ConfigError(unknown("reported table", absent[0], list(tables_by_title)))
+    return tuple(tables_by_title[title] for title in experiment.reported)

@@ -1,4 +1,4 @@
-"""Fit a method's numbers to tuning data: settings of matching, the weights of its evidence, and its posterior."""
+"""Fit a method to tuning data: its matching settings, the weights of its evidence, and its posterior."""
 
 from __future__ import annotations
 
@@ -32,13 +32,19 @@ from salframe.panoramas.frames import MapFrame, QueryFrame
 from salframe.panoramas.opening import Progress
 
 HIDE = "data.hide_query_place=true"
-"""What is set of every tuning data set."""
+"""Setting of every tuning data set."""
 
 
 @dataclass(frozen=True, eq=False)
 class Tuning:
-    """A data set to tune on, the localizer that is tuned, and what it remembers of each frame, None of those that it
-    cannot use."""
+    """A data set to tune on.
+
+    Attributes:
+        name: Name of the data set.
+        dataset: The data set.
+        localizer: The localizer that is tuned.
+        descriptions: Description of each frame by id; None where the localizer cannot use the frame.
+    """
 
     name: str
     dataset: Dataset
@@ -48,26 +54,38 @@ class Tuning:
     def ask(
         self, changes: Mapping[str, Any], absent: bool = True
     ) -> Iterator[tuple[Localizer, Description, str, bool]]:
-        """The localizer with changes of matching laid on top, its map taken, and each description asked of that, with
-        its place and whether the map holds that; of maps that do not, only if `absent`."""
+        """Yield each query for a localizer with changed matching settings.
+
+        Args:
+            changes: Settings that replace those of the localizer.
+            absent: Whether to include folds whose map contains the place of no query.
+
+        Yields:
+            The localizer with the map of the fold, the description of the query, its true place, and whether the map
+            contains that place.
+        """
         config = merge(self.localizer.config.model_dump(mode="json"), changes)
         localizer: Localizer = type(self.localizer)(validate(type(self.localizer).Config, config, ""))
         if localizer.describe_identity() != self.localizer.describe_identity():
-            raise ConfigError(f"received {dict(changes)} to try, expected settings that matter to matching only")
+            raise ConfigError(f"received {dict(changes)} to try, expected settings that affect matching only")
         for fold in self.dataset.folds():
             places = [self.dataset.truth(query.id).place for query in fold.queries]
             here = [any(frame.place == place for frame in fold.mapping) for place in places]
             if not (absent or any(here)):
                 continue
-            usable = [(frame, known) for frame in fold.mapping if (known := self.descriptions[frame.id]) is not None]
+            usable = [
+                (frame, description)
+                for frame in fold.mapping
+                if (description := self.descriptions[frame.id]) is not None
+            ]
             if not usable:
-                raise DataError(f"fold {fold.id} has no mapping frame that {localizer.name} can use")
-            frames, described = [frame for frame, _ in usable], [known for _, known in usable]
+                raise DataError(f"fold {fold.id} has no map frame that {localizer.name} can use")
+            frames, described = [frame for frame, _ in usable], [description for _, description in usable]
             fold_map = LocalizationMap.from_descriptions(localizer, described, frames, self.dataset.floors())
             for query, place, is_here in zip(fold.queries, places, here, strict=True):
-                seen = self.descriptions[query.id]
-                if seen is not None:
-                    yield fold_map.localizer, seen, place, is_here
+                description_of_query = self.descriptions[query.id]
+                if description_of_query is not None:
+                    yield fold_map.localizer, description_of_query, place, is_here
 
 
 def fit_method(
@@ -81,15 +99,29 @@ def fit_method(
     progress: Progress | None = None,
     tell: Tell = silent,
 ) -> list[str]:
-    """Ask a method the queries of tuning data, and write what fits them best to a file that its settings of the same
-    names take, with where the numbers come from; what was found, lines to read.
+    """Fit a method to the queries of tuning data, and write the fitted settings with their provenance to a file.
 
-    In turn: settings of matching, of each in `tries` ("key.path=value,value") the value that gives the queries' places
-    most; the `weights` of a method that has evidence; and the `posterior`, for which each query is asked once more of
-    the map without its place. data: names of data sets, at least one; overrides: "key.path=value" each, as for a map.
+    The steps are: the matching settings in `tries`, each set to the value with the lowest loss; the `weights` of a
+    method that has evidence; and the `posterior`, which uses the queries and the same queries on maps without their
+    place.
 
-    Raises ConfigError where the method takes neither weights nor a posterior, on settings to try that are no settings
-    of matching, or where the file's name is none of YAML; and DataError where its scores tell nothing.
+    Args:
+        method: The method.
+        data: Names of data sets, at least one.
+        output: The YAML file to write.
+        tries: Matching settings to try, as "key.path=value,value".
+        data_dir: The `root` of data sets that have one.
+        overrides: Settings as "key.path=value", as for a map.
+        progress: Reports the progress.
+        tell: Receives messages.
+
+    Returns:
+        A summary, one line each.
+
+    Raises:
+        ConfigError: The method has neither weights nor a posterior, a setting to try is not a matching setting, or
+            `output` is not named as a YAML file.
+        DataError: The queries have no usable answers, or the scores of all places are equal.
     """
     output = Path(output)
     if output.suffix not in SUFFIXES:
@@ -103,15 +135,15 @@ def fit_method(
     if "weights" in fields:
         chosen = _try(tunings, tries, tell)
         weights, before, after = _fit(tunings, chosen)
-        found = {name: float(f"{value:.4g}") for name, value in weights.items()}
+        fitted_weights = {name: float(f"{value:.4g}") for name, value in weights.items()}
         whole = tunings[0].localizer.config.model_dump(mode="json", include=chosen.keys())
-        content = {**merge(whole, chosen), "weights": found}
+        content = {**merge(whole, chosen), "weights": fitted_weights}
         gain["evidence"] = {"before": before, "after": after}
         lines.append(
-            f"weights: mean -ln(the share of the query's place) {after:.3f}, {before:.3f} where all places are alike"
+            f"weights: mean -ln(probability of the query's place) {after:.3f}, {before:.3f} for a uniform distribution"
         )
     elif tries:
-        raise ConfigError(f"{method} has no setting `weights`: there is no evidence to try settings by")
+        raise ConfigError(f"{method} has no setting `weights`, expected one to try settings")
     answers = [answer for tuning in tunings for answer in _scored(tuning, content)]
     try:
         fit = fit_posterior(answers)
@@ -143,7 +175,7 @@ def fit_method(
 def _describe(
     data: str, method: str, data_dir: str | Path | None, overrides: Sequence[str], progress: Progress | None, tell: Tell
 ) -> Tuning:
-    """A tuning data set with all its frames described."""
+    """Return a tuning data set with all of its frames described."""
     root = data_dir if data_dir and _takes_root(data) else None
     name, dataset, localizer = prepare(data, method, root, [*overrides, HIDE], None, progress, tell)
     if "posterior" not in type(localizer.config).model_fields:
@@ -168,46 +200,46 @@ def _describe(
 
 
 def _takes_root(data: str) -> bool:
-    """Whether a data set reads files of a folder that is named."""
+    """Return whether a data set has a `root` setting."""
     if Path(data).is_dir():
         return False
     return "root" in registry().get("dataset", settings("dataset", data)["kind"]).Config.model_fields
 
 
 def _try(tunings: Sequence[Tuning], tries: Sequence[str], tell: Tell) -> dict[str, Any]:
-    """The settings that were tried and fit best, one after the other, those before at their best."""
+    """Return the best of the settings to try. Each setting is tried with the best values of those before it."""
     best: dict[str, Any] = {}
-    least = _fit(tunings, best)[2] if tries else 0.0
+    min_loss = _fit(tunings, best)[2] if tries else 0.0
     for text in tries:
         path, values = parse_override(text.replace("=", "=[", 1) + "]")
         for value in values:
             changed = merge(best, nest(path, value))
             loss = _fit(tunings, changed)[2]
-            tell(f"{'.'.join(path)}={value}: {loss:.4f}, best so far {least:.4f}")
-            if loss < least:
-                best, least = changed, loss
+            tell(f"{'.'.join(path)}={value}: {loss:.4f}, best so far {min_loss:.4f}")
+            if loss < min_loss:
+                best, min_loss = changed, loss
     return best
 
 
 def _fit(tunings: Sequence[Tuning], changes: Mapping[str, Any]) -> tuple[dict[str, float], float, float]:
-    """Weights as of `fit_weights` of the queries whose place is on their map, under settings of matching."""
-    asked: list[tuple[Evidence, str]] = []
+    """Fit the weights, as `fit_weights` does, to the queries whose place is in the map, with changed settings."""
+    samples: list[tuple[Evidence, str]] = []
     for tuning in tunings:
-        for localizer, seen, place, here in tuning.ask(changes, absent=False):
-            if here and (evidence := localizer.evidence(seen)) is not None:
-                asked.append((evidence, place))
-    return fit_weights(asked)
+        for localizer, description, place, here in tuning.ask(changes, absent=False):
+            if here and (evidence := localizer.evidence(description)) is not None:
+                samples.append((evidence, place))
+    return fit_weights(samples)
 
 
 def _scored(tuning: Tuning, changes: Mapping[str, Any]) -> Iterator[ScoredAnswer]:
-    """The scores of the answers that rank places, and what is true of them."""
-    for localizer, seen, place, here in tuning.ask(changes):
-        answer = localizer.match(seen)
+    """Yield the scores of the answers that rank places, with the position of the true place."""
+    for localizer, description, place, here in tuning.ask(changes):
+        answer = localizer.match(description)
         if answer.places:
             names = [ranked.place for ranked in answer.places]
             scores = np.array([ranked.score for ranked in answer.places], np.float64)
             position = names.index(place) if place in names else None
-            yield ScoredAnswer(scores, position, here, localizer.count_objects(seen))
+            yield ScoredAnswer(scores, position, here, localizer.count_objects(description))
 
 
 def _summary(fit: Fit) -> list[str]:

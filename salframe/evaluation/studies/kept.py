@@ -1,4 +1,4 @@
-"""Results of experiments as files that last."""
+"""Stored results of experiments."""
 
 from __future__ import annotations
 
@@ -21,15 +21,23 @@ from salframe.framework.version import __version__
 
 KEPT_FORMAT: Literal[1] = 1
 DIGITS = 6
-"""Number of significant digits that are kept."""
-NOT_KEPT = frozenset({"errors", "reason", "classes", "joined"})
-"""Fields of rows that may name what is in the data."""
+"""Number of significant digits that are stored."""
+EXCLUDED_FIELDS = frozenset({"errors", "reason", "classes", "joined"})
+"""Fields of rows that are not stored, since they may reveal the content of the data."""
 
 
 class Kept(Settings):
-    """What came of a table. known_by: the hash of its settings and of the versions of its components; rows: the fields
-    of each row that name nothing of the data; settings: what varied for it; seconds: how long the work of all methods
-    took, None where some of it was resumed."""
+    """The stored result of a table.
+
+    Attributes:
+        known_by: Hash of its settings and of the versions of its components.
+        date: Date of the measurement.
+        version: Version of salframe.
+        machine: Number of cores and architecture.
+        settings: The varied settings of each row.
+        rows: Fields of each row, without EXCLUDED_FIELDS.
+        seconds: Duration of the work of all methods; None where some of it was resumed.
+    """
 
     known_by: str
     date: str
@@ -41,35 +49,35 @@ class Kept(Settings):
 
 
 class Results(Settings):
-    """The file of an experiment's results: tables by name, of the whole measurement and of the quick one."""
+    """The stored results of an experiment: tables by name, of the whole measurement and of the quick one."""
 
     format: Literal[1] = KEPT_FORMAT
     whole: dict[str, Kept] = Field({})
     quick: dict[str, Kept] = Field({})
 
 
-def keep(result: StudyResult, known_by: str) -> Kept:
-    """What is kept of a table: numbers and what they are of, but no word of the data."""
+def keep(result: StudyResult, cache_key: str) -> Kept:
+    """Return the result of a study for storage: numbers and settings, without anything that names the data."""
     rows = []
     for row in result.rows:
-        content = {key: _short(value) for key, value in row.to_json().items() if key not in NOT_KEPT}
+        content = {key: _short(value) for key, value in row.to_json().items() if key not in EXCLUDED_FIELDS}
         rows.append({**content, "measured": row.measured})
     machine = f"{os.cpu_count()} cores, {platform.machine()}"
-    told = tuple(dict(given) for given in result.settings)
+    settings = tuple(dict(one) for one in result.settings)
     today = date.today().isoformat()
     return Kept(
-        known_by=known_by,
+        known_by=cache_key,
         date=today,
         version=__version__,
         machine=machine,
-        settings=told,
+        settings=settings,
         rows=tuple(rows),
         seconds=_short(_spent(result.runs)),
     )
 
 
 def _spent(directories: Sequence[Path]) -> float | None:
-    """How long the work of all methods of some runs took; None where some of it was resumed, or has not ended."""
+    """Return the total duration of the work in runs; None where some of it was resumed or has not ended."""
     runs = [Run.load(directory) for directory in directories]
     outcomes = [run.outcome(label) for run in runs for label in run.labels]
     spent = [outcome.seconds for outcome in outcomes if outcome and outcome.seconds is not None]
@@ -77,7 +85,7 @@ def _spent(directories: Sequence[Path]) -> float | None:
 
 
 def _short(value: Any) -> Any:
-    """A value with its numbers to DIGITS."""
+    """Return a value with its numbers rounded to DIGITS significant digits."""
     if isinstance(value, float):
         return float(f"{value:.{DIGITS}g}")
     if isinstance(value, dict):
@@ -85,22 +93,22 @@ def _short(value: Any) -> Any:
     return [_short(one) for one in value] if isinstance(value, list | tuple) else value
 
 
-def kept_rows(study: Study, kept: Kept) -> list[MethodRow]:
-    """Return the lines of methods that were kept. Raises DataError."""
-    return [study.kind.line.from_json(row, f"the kept row of {row.get('method')}") for row in kept.rows]
+def kept_rows(study: Study, stored: Kept) -> list[MethodRow]:
+    """Return the stored rows of methods. Raises DataError."""
+    return [study.kind.line.from_json(row, f"the stored row of {row.get('method')}") for row in stored.rows]
 
 
-def has_ended(study: Study, kept: Kept) -> bool:
-    """Return whether every method did what it was asked; what crashed, or lacked something, is measured again."""
-    return all(row.ended is MethodStatus.DONE and not row.crashed for row in kept_rows(study, kept))
+def has_ended(study: Study, stored: Kept) -> bool:
+    """Return whether every method completed its work. Otherwise the table is measured again."""
+    return all(row.ended is MethodStatus.DONE and not row.crashed for row in kept_rows(study, stored))
 
 
-def kept_tables(study: Study, kept: Kept, columns: Sequence[str] = ()) -> list[Table]:
-    """Return the tables of what was kept; `columns`: names of those to show, by default the usual ones."""
-    rows = kept_rows(study, kept)
-    return study.kind.tables(rows, columns, leading_columns(study.kind, rows, kept.settings))
+def kept_tables(study: Study, stored: Kept, columns: Sequence[str] = ()) -> list[Table]:
+    """Return the stored rows as tables. `columns` are the names of the columns, by default the usual ones."""
+    rows = kept_rows(study, stored)
+    return study.kind.tables(rows, columns, leading_columns(study.kind, rows, stored.settings))
 
 
 def read_results(file: Path) -> Results:
-    """The results in a file, none where there is no such file. Raises DataError on another content."""
+    """Read a file of results; return empty results where it is missing. Raises DataError on invalid content."""
     return read_model(file, Results) if file.exists() else Results()

@@ -11,7 +11,7 @@ from salframe.evaluation.tables.text import NONE, fixed, format_bytes, interval,
 
 
 class TableRow(Protocol):
-    """What every row of a table has: the label and the input of a method, and whether it was measured."""
+    """A row of a table: the label and the input of a method, and whether it was measured."""
 
     @property
     def method(self) -> str: ...
@@ -33,10 +33,10 @@ class Column(Generic[RowT]):
     Args:
         heading: Text above it; a line break may be printed as a space.
         cell: Returns the text of a row.
-        value: Returns the number by which rows are ranked; None: no row of this column is the best.
-        largest: Whether the largest number is the best, or the smallest.
-        cost: Whether it shows what a method costs.
-        unmeasured: Whether rows that were not measured have a text too.
+        value: Returns the number by which rows are ranked; None: the column does not rank rows.
+        largest: Whether the largest number is the best; otherwise the smallest is.
+        cost: Whether it shows a cost of methods.
+        unmeasured: Whether rows of methods that were not measured have a text too.
     """
 
     heading: str

@@ -11,7 +11,7 @@ from salframe.evaluation.tables.table import Table
 
 
 def to_markdown(table: Table) -> str:
-    """A table in Markdown, the best cells bold."""
+    """Return a table as Markdown, with the best cells in bold."""
     lines = [f"| {' | '.join(_inline(heading) for heading in table.headings)} |", f"|{'---|' * len(table.headings)}"]
     for i, row in enumerate(table.rows):
         cells = [f"**{text}**" if (i, j) in table.best else text for j, text in enumerate(map(_inline, row))]
@@ -36,7 +36,7 @@ _LATEX = str.maketrans(
 
 
 def to_latex(table: Table) -> str:
-    """A table in LaTeX for the package booktabs, the best cells bold."""
+    """Return a table as LaTeX for the package booktabs, with the best cells in bold."""
     columns = "l" * table.leading + "r" * (len(table.headings) - table.leading)
     lines = [rf"\begin{{tabular}}{{{columns}}}", r"\toprule"]
     lines += [" & ".join(text.translate(_LATEX) for text in table.headings) + r" \\", r"\midrule"]
@@ -48,11 +48,16 @@ def to_latex(table: Table) -> str:
 
 
 def to_csv(rows: Sequence[Mapping[str, Any]], leading: Sequence[Mapping[str, Any]] = ()) -> str:
-    """Return all numbers of rows (as JSON) in full, one column per key; `leading`: further columns before them."""
+    """Return rows as CSV in full precision, one column per key.
+
+    Args:
+        rows: The rows as JSON.
+        leading: Further columns before them, for each row.
+    """
     names = [name for name, value in (rows[0] if rows else {}).items() if not isinstance(value, dict)]
     out = io.StringIO()
-    before = list(dict.fromkeys(key for one in leading for key in one))
-    writer = csv.DictWriter(out, [*before, *names], extrasaction="ignore", lineterminator="\n")
+    leading_keys = list(dict.fromkeys(key for one in leading for key in one))
+    writer = csv.DictWriter(out, [*leading_keys, *names], extrasaction="ignore", lineterminator="\n")
     writer.writeheader()
     for number, row in enumerate(rows):
         joined = {

@@ -1,4 +1,4 @@
-"""Figures that papers report, as data with their source: shown beside a comparison, never among its rows."""
+"""Figures that papers report, with their source. They are shown beside a comparison, never among its rows."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from salframe.framework.validation import Settings, validate
 
 
 class ReportedTable(Settings):
-    """One table of a paper, as printed: `rows` holds a number for each of `figures`, by method."""
+    """One table of a paper, as printed. `rows` holds a number for each of `figures`, by method."""
 
     title: str
     figures: tuple[str, ...] = Field(min_length=1)
@@ -30,7 +30,7 @@ class ReportedTable(Settings):
 
 
 class Reported(Settings):
-    """The tables of one paper: `source` names it, `note` says on what the figures were obtained."""
+    """The tables of one paper: its `source`, and a `note` on the data of the figures."""
 
     source: str
     note: str
@@ -38,18 +38,18 @@ class Reported(Settings):
 
 
 def read_reported() -> tuple[Reported, ...]:
-    """What collections of presets hold in reported/, a paper a file, by file name. Raises ConfigError."""
-    known = registry()
-    paths = [known.find_preset("reported", name) for name in known.list_presets("reported")]
+    """Return the papers in the folders reported/ of presets, ordered by file name. Raises ConfigError."""
+    presets = registry()
+    paths = [presets.find_preset("reported", name) for name in presets.list_presets("reported")]
     return tuple(validate(Reported, read_yaml(path), f"{path.name}:") for path in paths if path is not None)
 
 
 def reported_tables(papers: Sequence[Reported]) -> list[Table]:
-    """What papers report, a table each."""
+    """Return the tables of papers."""
     return [reported_table(part) for paper in papers for part in paper.tables]
 
 
 def reported_table(part: ReportedTable) -> Table:
-    """A table of a paper."""
+    """Return a table of a paper."""
     rows = [[method, *(f"{number:g}" for number in numbers)] for method, numbers in part.rows.items()]
     return Table(("reported, not measured", *part.figures), rows, title=part.title)

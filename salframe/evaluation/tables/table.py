@@ -9,13 +9,21 @@ from salframe.evaluation.tables.columns import Column, RowT, TableRow
 from salframe.evaluation.tables.text import NONE
 
 METHOD = "method"
-"""The heading of the column that names methods. Columns before it name the data."""
+"""Heading of the column of methods. Columns before it name the data."""
 
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Text in rows, under headings; a line break in a heading may be a space. best: (row, column) of the best cells;
-    costs: columns that say what methods cost; leading: so many columns at the left name the row."""
+    """A table of text.
+
+    Attributes:
+        headings: Heading of each column. A line break may be printed as a space.
+        rows: The cells of each row.
+        best: (row, column) of the best cells.
+        costs: Indices of the columns that show costs.
+        leading: Number of columns at the left that name the row.
+        title: Title of the table.
+    """
 
     headings: Sequence[str]
     rows: Sequence[Sequence[str]]
@@ -71,41 +79,43 @@ def select_leading(
 
 
 def _alike(leading: Mapping[str, Sequence[str]], count: int) -> list[list[int]]:
-    """The rows that compare: those alike in all that stands before the method."""
+    """Return groups of comparable rows: rows with the same texts in all columns before the method."""
     names = list(leading)
-    before = [leading[name] for name in names[: names.index(METHOD)]] if METHOD in names else []
+    leading_texts = [leading[name] for name in names[: names.index(METHOD)]] if METHOD in names else []
     groups: dict[tuple[str, ...], list[int]] = {}
     for i in range(count):
-        groups.setdefault(tuple(texts[i] for texts in before), []).append(i)
+        groups.setdefault(tuple(texts[i] for texts in leading_texts), []).append(i)
     return list(groups.values())
 
 
 def _best(column: Column[RowT], rows: Sequence[RowT], alike: Sequence[int]) -> list[int]:
-    """The best of these rows, none where all that have a number have the same."""
-    known = {
+    """Return the best of the rows `alike`; none where all numbers are equal."""
+    values = {
         i: value for i in alike if column.value and rows[i].measured and (value := column.value(rows[i])) is not None
     }
-    if len(set(known.values())) < 2:
+    if len(set(values.values())) < 2:
         return []
-    top = max(known.values()) if column.largest else min(known.values())
-    return [i for i, value in known.items() if value == top]
+    top = max(values.values()) if column.largest else min(values.values())
+    return [i for i, value in values.items() if value == top]
 
 
 def split_table(table: Table, fits: Callable[[Table], bool]) -> list[Table]:
-    """Return tables with the rows of a table, each with as many of its columns as `fits` accepts. Columns of costs are
-    in tables of their own. A table that fits stays whole."""
+    """Split a table into tables with all of its rows, each with as many columns as `fits` accepts.
+
+    Columns of costs are in separate tables. A table that fits is returned unchanged.
+    """
     if fits(table):
         return [table]
-    left, rest = list(range(table.leading)), range(table.leading, len(table.headings))
+    left, columns = list(range(table.leading)), range(table.leading, len(table.headings))
     parts: list[Table] = []
     for costs in (False, True):
-        taken: list[int] = []
-        for j in (j for j in rest if (j in table.costs) == costs):
-            if taken and not fits(_select_columns(table, [*left, *taken, j])):
-                parts.append(_select_columns(table, [*left, *taken]))
-                taken = []
-            taken.append(j)
-        parts += [_select_columns(table, [*left, *taken])] if taken else []
+        selected: list[int] = []
+        for j in (j for j in columns if (j in table.costs) == costs):
+            if selected and not fits(_select_columns(table, [*left, *selected, j])):
+                parts.append(_select_columns(table, [*left, *selected]))
+                selected = []
+            selected.append(j)
+        parts += [_select_columns(table, [*left, *selected])] if selected else []
     return parts
 
 

@@ -8,7 +8,7 @@ from collections.abc import Collection
 from salframe.evaluation.statistics import Estimate
 
 NONE = "-"
-"""Text of a number that is not known."""
+"""Text of an unknown number."""
 UNITS = ("B", "kB", "MB", "GB")
 
 
@@ -44,5 +44,5 @@ def two_digits(value: float | None) -> str:
 
 
 def list_methods(labels: Collection[str], of: Collection[str]) -> str:
-    """Return labels of methods as a list; "all N methods" where they are all of more than three."""
+    """Return labels of methods as text; "all N methods" where they are all of more than three."""
     return f"all {len(labels)} methods" if len(labels) == len(of) > 3 else ", ".join(labels)

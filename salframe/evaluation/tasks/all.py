@@ -27,7 +27,7 @@ ALL: tuple[type[AnyTask], ...] = (
 TASKS: dict[str, type[AnyTask]] = {task.name: task for task in ALL}
 """The tasks by name."""
 DEFAULT = LocalizationTask.name
-"""Name of the task of a study that names none."""
+"""Name of the default task of a study."""
 
 
 def find_task(name: str) -> type[AnyTask]:
@@ -38,7 +38,7 @@ def find_task(name: str) -> type[AnyTask]:
 
 
 def open_run(directory: str | Path) -> tuple[Run, AnyTask]:
-    """Return a run and its task. Raises ConfigError where `directory` is no run of a known task."""
+    """Return a run and its task. Raises ConfigError where `directory` is not a run of a known task."""
     run = Run.load(Path(directory))
     name = run.task.get("name")
     if name not in TASKS:

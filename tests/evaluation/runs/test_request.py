@@ -46,7 +46,7 @@ def test_two_methods_of_the_same_name_are_an_error(fakes):
     Path("other").mkdir()
     for file in ("mine.yaml", "other/mine.yaml"):
         Path(file).write_text("kind: reader\n")
-    with pytest.raises(ConfigError, match=r"the methods mine\.yaml and other/mine\.yaml, .* both call mine"):
+    with pytest.raises(ConfigError, match=r"the methods mine\.yaml and other/mine\.yaml, .* both be labelled mine"):
         resolve(request("mine.yaml", "other/mine.yaml"))
     assert list(resolve(request("reader", "reader")).methods) == ["reader"]
 
@@ -93,7 +93,7 @@ def test_settings_that_the_stand_in_cannot_take_leave_it_as_it_is(faults, preset
     found = resolve(request("fancy", settings=("fancy.depth=3",)))
     assert found.methods["plain"].refuse_in == 4
     (note,) = found.notes
-    assert note.startswith("plain, not fancy: narrow needs no_such_package, not installed; it runs as it is, for it ")
+    assert note.startswith("plain, not fancy: narrow needs no_such_package, not installed; it runs with its default ")
     assert "cannot take what was set: unknown key plain.depth (known: offset," in note
 
 
@@ -110,7 +110,7 @@ def test_a_stand_in_that_cannot_be_built_as_it_is_set(faults, presets, offset):
     presets({"fancy": {"kind": "weightless", "otherwise": "plain"}, "plain": {"kind": "picky"}})
     result = compare(request("fancy", "reader", settings=(f"fancy.offset={offset}",)))
     if offset == 100:
-        assert "it runs as it is, for it cannot take what was set: an offset of 100 is too far" in result.notes[0]
+        assert "it does not accept the requested ones: an offset of 100 is too far" in result.notes[0]
         assert [row.accuracy.value for row in result.rows] == [1.0, 1.0]
     else:
         assert (result.rows[0].reason, result.rows[0].accuracy) == ("SystemExit: 101", None)

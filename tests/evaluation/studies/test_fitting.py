@@ -55,7 +55,7 @@ def test_a_method_with_the_file_knows_what_it_does_not(fitted, read):
     assert after.roc_area.value == 1.0
     assert after.calibration_error < 0.15
     assert after.status == {"ok": 10, "not-here": 10}
-    assert "10 of 20 queries are asked of a map without their place" in known.notes[0]
+    assert "10 of 20 queries are out-of-map queries" in known.notes[0]
     shown, hidden = (read(result.report)[0] for result in (known, plain))
     titles = [[figure["title"] for figure in content["figures"]] for content in (shown, hidden)]
     assert "Reliability" in titles[0]
@@ -141,7 +141,7 @@ def test_settings_are_tried_and_evidence_is_weighed(fakes, monkeypatch, tmp_path
     assert "posterior" in found
     refused = run("fit", "weighing", *ROOMS, "-o", "no.yaml", "--try", "colour=1")
     assert (refused.code, len(refused.err.splitlines())) == (2, 1)
-    assert "received {'colour': 1} to try, expected settings that matter to matching only" in refused.err
+    assert "received {'colour': 1} to try, expected settings that affect matching only" in refused.err
 
 
 WEIGHING = """

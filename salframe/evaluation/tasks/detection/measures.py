@@ -1,4 +1,4 @@
-"""From the rows of detectors to their lines in the table."""
+"""Summarize the rows of detectors in the rows of the table."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from salframe.evaluation.tasks.detection.table import Counts, DetectionRow
 def summarize_detector(
     records: Sequence[Record[PanoramaRow]], panoramas: int, places: Sequence[str], seed: int
 ) -> DetectionRow:
-    """A detector's line; places (P,): where each panorama was taken."""
+    """Return the row of a detector in the table. `places` (P,) are the places of the panoramas."""
     line = DetectionRow(**in_common(records), panoramas=panoramas)
     if not all(record.done for record in records):
         return line
@@ -30,27 +30,29 @@ def summarize_detector(
         line = replace(line, reason=f"{panoramas - len(good)} panorama(s) failed, the first: {first}")
     if not good:
         return line
-    # What a failure had to find was not found; a panorama that nobody could read tells nothing.
-    told = [
+    # The objects of a failed panorama count as missed; a panorama that could not be read is left out.
+    readable = [
         (row, place)
         for row, place in zip(all_rows, places, strict=True)
         if row is not None and row.annotated is not None
     ]
-    counted, places = [row for row, _ in told], [place for _, place in told]
-    annotated, found, right = (
+    counted, places = [row for row, _ in readable], [place for _, place in readable]
+    annotated, detected, right = (
         sum((Counter(objects) for objects in of_rows), Counter[str]())
         for of_rows in zip(*((row.annotated, row.found, row.right) for row in counted), strict=True)
     )
-    num_annotated, num_found, num_right = np.array(
+    num_annotated, num_detected, num_right = np.array(
         [[sum((objects or {}).values()) for objects in (row.annotated, row.found, row.right)] for row in counted]
     ).T
-    classes = {label: Counts.of(annotated[label], found[label], right[label]) for label in sorted({*annotated, *found})}
-    overall = Counts.of(annotated.total(), found.total(), right.total())
+    classes = {
+        label: Counts.of(annotated[label], detected[label], right[label]) for label in sorted({*annotated, *detected})
+    }
+    overall = Counts.of(annotated.total(), detected.total(), right.total())
     joined = {label: name for row in counted for label, name in sorted((row.joined or {}).items())}
     return replace(
         line,
         overall=overall,
-        precision=estimate_mean(num_right, places, seed, num_found) if num_found.any() else None,
+        precision=estimate_mean(num_right, places, seed, num_detected) if num_detected.any() else None,
         recall=estimate_mean(num_right, places, seed, num_annotated) if num_annotated.any() else None,
         classes=classes,
         joined=joined,

@@ -1,4 +1,4 @@
-"""A row of the task `detection`: what a detector found in one panorama."""
+"""The row of the task `detection`: the detections in one panorama."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from salframe.evaluation.runs.rows import Amount, Count, PieceRow, PieceStatus
 
 
 class PanoramaRow(PieceRow):
-    """What a detector found in a panorama."""
+    """Numbers of annotated, detected and correctly detected objects of a panorama, by label."""
 
     query: str
     annotated: dict[str, Count] | None = None
@@ -21,5 +21,5 @@ class PanoramaRow(PieceRow):
     def _complete(self) -> PanoramaRow:
         counted = (self.annotated, self.found, self.right, self.joined)
         if None in counted and (self.status == PieceStatus.OK or any(part is not None for part in counted)):
-            raise ValueError("a panorama has some of annotated, found, right and joined, expected all of them")
+            raise ValueError("a row has only some of annotated, found, right and joined, expected all of them")
         return self

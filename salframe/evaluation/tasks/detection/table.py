@@ -1,4 +1,4 @@
-"""The table of the task `detection`: its lines and columns."""
+"""The table of the task `detection`: its rows and columns."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from salframe.evaluation.tables.text import NONE, percent
 from salframe.evaluation.tasks.detection.judging import NEAR_M
 
 SHARES = ("precision", "recall")
-"""Estimates whose values the JSON of a line has in `overall`."""
+"""Estimates whose values are in `overall` in the JSON of a row."""
 
 
 @dataclass(frozen=True)
 class Counts:
-    """How many objects are annotated, how many were found, and how many of these are right.
+    """Numbers of annotated objects, of detections, and of correct detections.
 
-    precision: right ones among those found; recall: among those annotated; None where there is none.
+    `precision` is relative to the detections and `recall` to the annotated objects; None where there are none.
     """
 
     annotated: int
@@ -31,18 +31,24 @@ class Counts:
     recall: float | None = None
 
     @classmethod
-    def of(cls, annotated: int, found: int, right: int) -> Counts:
-        """The counts and what follows from them."""
-        precision, recall = right / found if found else None, right / annotated if annotated else None
-        return cls(annotated, found, right, precision, recall)
+    def of(cls, annotated: int, detected: int, right: int) -> Counts:
+        """Return the counts with precision and recall."""
+        precision, recall = right / detected if detected else None, right / annotated if annotated else None
+        return cls(annotated, detected, right, precision, recall)
 
 
 @dataclass(frozen=True, kw_only=True)
 class DetectionRow(MethodRow):
-    """A detector's line: overall and by class (classes annotated or found, by common name), and median ms a panorama.
+    """The row of a detector.
 
-    joined: the common name of each label, annotated or found, that is another word for it. precision and
-    recall: the overall shares, with the intervals of panoramas clustered by place where it is known.
+    Attributes:
+        panoramas: Number of panoramas.
+        overall: Counts over all classes.
+        precision: Overall precision, with the interval of panoramas clustered by place where it is known.
+        recall: Overall recall, likewise.
+        classes: Counts of each annotated or detected class, by common name.
+        joined: Common name of each annotated or detected label that is a synonym.
+        ms: Median time per panorama in milliseconds.
     """
 
     panoramas: int
@@ -59,7 +65,7 @@ class DetectionRow(MethodRow):
         return super().from_json({**content, **{name: overall.get(name) for name in SHARES}}, where)
 
     def to_json(self) -> dict[str, Any]:
-        """As of every row, but the values of precision and recall are in `overall` alone."""
+        """Return the row as JSON. The values of precision and recall are in `overall` only."""
         return {name: value for name, value in super().to_json().items() if name not in SHARES}
 
     @property
@@ -99,7 +105,7 @@ def class_tables(rows: Sequence[DetectionRow]) -> list[Table]:
 
 
 def what_is_right(rows: Sequence[DetectionRow]) -> list[str]:
-    """Return what counts as right, and which labels count as one."""
+    """Return notes on when a detection is correct, and on the labels that are joined."""
     measured = [row for row in rows if row.measured]
     if not measured:
         return []

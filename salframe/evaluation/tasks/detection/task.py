@@ -1,4 +1,4 @@
-"""The task `detection`: which of the annotated objects a detector finds, and which of its objects are there."""
+"""The task `detection`: precision and recall of detectors against annotations."""
 
 from __future__ import annotations
 
@@ -30,17 +30,20 @@ from salframe.panoramas.opening import Progress
 
 
 def measure_detection(request: Request, *, progress: Progress | None = None) -> Result[DetectionRow]:
-    """Run detectors, the request's methods, on the query panoramas of a data set, and count what is right.
+    """Run detectors on the query panoramas of a data set, and count correct detections.
 
-    Labels are compared in the vocabulary that detectors share (`common_label`), for each has its own words. The truth
-    are the annotated objects (`count_right`). Raises SalframeError on names and settings that are wrong.
+    The methods of the request are detectors. Labels are compared in the shared vocabulary (`common_label`), since each
+    detector has a different one. The annotated objects are the ground truth (`count_right`).
+
+    Raises:
+        SalframeError: A name or a setting is wrong.
     """
     return run_task(DetectionTask(), request, resolve(request, "detector"), progress=progress)
 
 
 @dataclass(frozen=True)
 class DetectionTask(Task[QueryFrame, Survey[QueryFrame], PanoramaRow, DetectionRow]):
-    """What is there in each query panorama?"""
+    """Which annotated objects does a detector detect in each query panorama?"""
 
     name = "detection"
     version = "2"
@@ -75,7 +78,7 @@ class DetectionTask(Task[QueryFrame, Survey[QueryFrame], PanoramaRow, DetectionR
         return _Detecting(method)
 
     def failed(self, piece: QueryFrame) -> Row:
-        """What there was to find, where the panorama can be read at all."""
+        """Return the annotated objects without detections; nothing where the panorama cannot be read."""
         try:
             truth = annotated_detections(piece.load())
         except FRAME_ERRORS:
@@ -102,7 +105,7 @@ class DetectionTask(Task[QueryFrame, Survey[QueryFrame], PanoramaRow, DetectionR
 
 
 def place_of(dataset: Dataset, frame: MapFrame | QueryFrame) -> str:
-    """The place of a panorama, or what it is called itself where that is not known."""
+    """Return the place of a panorama, or its id where the place is unknown."""
     if isinstance(frame, MapFrame):
         return frame.place
     try:
@@ -112,7 +115,7 @@ def place_of(dataset: Dataset, frame: MapFrame | QueryFrame) -> str:
 
 
 class _Detecting(Worker[QueryFrame]):
-    """A detector that looks at panoramas; the first is looked at twice, so that no first call is timed."""
+    """Runs a detector on panoramas. It runs twice on the first one, so that the first call is not timed."""
 
     def __init__(self, detector: Detector) -> None:
         self._detector, self._warm = detector, False
@@ -123,13 +126,13 @@ class _Detecting(Worker[QueryFrame]):
             self._detector.detect(panorama)
             self._warm = True
         start = time.perf_counter()
-        found = self._detector.detect(panorama)
+        detections = self._detector.detect(panorama)
         ms = (time.perf_counter() - start) * 1e3
-        if not isinstance(found, Detections):
-            raise InvalidAnswer(f"detect gave {type(found).__name__}, expected Detections")
+        if not isinstance(detections, Detections):
+            raise InvalidAnswer(f"detect gave {type(detections).__name__}, expected Detections")
         truth = annotated_detections(panorama)
-        joined = joined_labels(truth) | joined_labels(found)
-        truth, found = in_common_words(truth), in_common_words(found)
-        counted = {"annotated": Counter(truth.labels), "found": Counter(found.labels)}
-        counted["right"] = count_right(found, truth)
+        joined = joined_labels(truth) | joined_labels(detections)
+        truth, detections = in_common_words(truth), in_common_words(detections)
+        counted = {"annotated": Counter(truth.labels), "found": Counter(detections.labels)}
+        counted["right"] = count_right(detections, truth)
         return {**counted, "joined": joined, "ms": ms, "status": PieceStatus.OK, "error": None}

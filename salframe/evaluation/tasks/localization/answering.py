@@ -1,4 +1,4 @@
-"""A localizer at work on queries, fold by fold: what it answers, and what that costs."""
+"""The worker of the task `localization`: answers of a localizer to queries, and their costs, fold by fold."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.frames import Fold, MapFrame, QueryFrame
 
 TOP_PLACES = 10
-"""So many places of an answer are kept."""
+"""Maximum number of places of an answer that a row holds."""
 
 
 class Answering(Worker[Query]):
-    """A localizer that answers queries, fold by fold."""
+    """Runs a localizer on queries, fold by fold."""
 
     _map: LocalizationMap
     """The map of the fold that was prepared."""
@@ -52,7 +52,7 @@ class Answering(Worker[Query]):
             self._map = self._index(piece.fold)
         except MethodFailed:
             raise
-        except Exception as error:  # without its map a method can answer nothing
+        except Exception as error:  # without a map a method cannot answer any query
             raise MethodFailed(describe_error(error)) from error
         self._fold = piece.fold.id
 
@@ -72,19 +72,19 @@ class Answering(Worker[Query]):
 
     def _index(self, fold: Fold) -> LocalizationMap:
         """Index the reference frames of a fold; `warning` reports those that cannot be used and are left out."""
-        known, frames = [], []
+        descriptions, frames = [], []
         for frame in fold.mapping:
             try:
                 description, _ = self._descriptions.take(frame)
             except FRAME_ERRORS as error:
                 self._left_out[frame.id] = str(error)
             else:
-                known.append(description)
+                descriptions.append(description)
                 frames.append(frame)
         if not frames:
             reasons = list(self._left_out.values())[:1]
-            raise MethodFailed("; ".join([f"fold {fold.id} has no mapping frame that can be used", *reasons]))
-        indexed = LocalizationMap.from_descriptions(self._localizer, known, frames, self._floors)
+            raise MethodFailed("; ".join([f"fold {fold.id} has no map frame that can be used", *reasons]))
+        indexed = LocalizationMap.from_descriptions(self._localizer, descriptions, frames, self._floors)
         self._places = {frame.id: frame.place for frame in frames}
         if fold.id not in self._measured:
             self._measured.add(fold.id)
@@ -98,38 +98,39 @@ class Answering(Worker[Query]):
     @property
     def warning(self) -> str | None:
         problems = {
-            "mapping frame(s) left out": list(self._left_out.values()),
+            "map frame(s) left out": list(self._left_out.values()),
             "query frame(s) that cannot be used": self._unusable,
-            "frame(s) described in part": list(self._descriptions.notes.values()),
+            "frame(s) partly described": list(self._descriptions.notes.values()),
         }
         parts = [f"{len(reasons)} {what}, the first: {reasons[0]}" for what, reasons in problems.items() if reasons]
         return "; ".join(parts) or None
 
 
 class _Descriptions:
-    """Describes each frame once, keeps it in memory until its last use, and records what it cost."""
+    """Describes each frame once, caches the description until its last use, and records the time."""
 
     def __init__(self, localizer: Localizer, dataset: str, uses: Counter[str], path: Path) -> None:
         self._localizer, self._dataset, self._cache, self._uses = localizer, dataset, Cache(), uses
         self._recorded = {row.frame for row in read_rows(path, DescriptionLine)}
         self._costs = RowWriter(path)
-        self._found: dict[str, tuple[Description, float] | Exception] = {}
+        self._results: dict[str, tuple[Description, float] | Exception] = {}
         self.notes: dict[str, str] = {}
 
     def take(self, frame: MapFrame | QueryFrame) -> tuple[Description, float]:
-        """The description and the milliseconds it took when it was computed. Raises one of FRAME_ERRORS on a frame that
-        cannot be used.
+        """Return the description of a frame, and the milliseconds that computing it took.
+
+        Raises one of FRAME_ERRORS on a frame that cannot be used.
         """
-        if frame.id not in self._found:
+        if frame.id not in self._results:
             try:
-                self._found[frame.id] = self._describe(frame)
+                self._results[frame.id] = self._describe(frame)
             except FRAME_ERRORS as error:
-                self._found[frame.id] = error
+                self._results[frame.id] = error
         self._uses[frame.id] -= 1
-        found = self._found[frame.id] if self._uses[frame.id] else self._found.pop(frame.id)
-        if isinstance(found, Exception):
-            raise found
-        return found
+        result = self._results[frame.id] if self._uses[frame.id] else self._results.pop(frame.id)
+        if isinstance(result, Exception):
+            raise result
+        return result
 
     def _describe(self, frame: MapFrame | QueryFrame) -> tuple[Description, float]:
         description, seconds = describe_frame(self._localizer, frame, self._cache, self._dataset)
@@ -145,8 +146,11 @@ class _Descriptions:
 
 
 def answer_row(answer: Localization | None, describe_ms: float | None = None, query_ms: float | None = None) -> Row:
-    """What is kept of an answer; `pose` is T_world_query, 16 numbers row by row, `heading` its heading_rad,
-    `probabilities` those of `places`, in their order."""
+    """Return the row of an answer.
+
+    `pose` holds the 16 numbers of T_world_query row by row, `heading` is heading_rad, and `probabilities` are those of
+    `places`, in their order.
+    """
     places = answer.places[:TOP_PLACES] if answer else ()
     pose = answer.T_world_query if answer else None
     covariance = answer.covariance if answer else None

@@ -1,5 +1,5 @@
-"""What can be looked at of each query: the objects that a method described, what it matched with the map's panoramas,
-and what its scores are made of."""
+"""Details of each query: the objects that a method described, its matches with map frames, and the terms of its
+scores."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ from salframe.panoramas.frames import Fold, MapFrame, QueryFrame, Truth
 from salframe.panoramas.opening import Progress
 
 POINTS_SHOWN = 60
-"""So many matches of points at most are drawn of a pair of panoramas, spread evenly over all."""
+"""Maximum number of point matches that are drawn of a pair of panoramas, spread evenly over all."""
 Json = dict[str, Any]
 
 
 @dataclass(frozen=True, eq=False)
 class QuerySet:
-    """A data set and what was asked of it: the fold and the frame of each query, in the order of a view's."""
+    """A data set and its queries: the fold and the frame of each, in the order of a view."""
 
     dataset: Dataset
     queries: Sequence[tuple[Fold, QueryFrame]]
@@ -47,10 +47,13 @@ class QuerySet:
 
 @dataclass(eq=False)
 class Details:
-    """What is known of the queries of one data set.
+    """Details of the queries of one data set.
 
-    queries: for each its frame, the objects by describer, and what is known of each arm's answer; frames: those of the
-    map that answers speak of, by id, with their objects by describer; notes: what could not be looked at.
+    Attributes:
+        queries: For each query the objects by describer, and details of the answer of each arm.
+        frames: Map frames that details refer to, by id, with their objects by describer.
+        map_frames: These frames themselves, by id.
+        notes: Notes on details that are missing.
     """
 
     queries: list[Json]
@@ -60,27 +63,27 @@ class Details:
 
 
 def find_details(
-    asked: QuerySet,
+    query_set: QuerySet,
     group: Sequence[int],
     arms: Sequence[Arm],
     views: Sequence[LocalizationView],
     progress: Progress | None = None,
 ) -> Details:
-    """Look at the answers of all arms to the queries of the runs in a group, which are on the same data."""
-    found = Details([{"objects": {}, "arms": {}} for _ in asked.queries])
+    """Return details of the answers of all arms to the queries of a group of runs on the same data."""
+    details = Details([{"objects": {}, "arms": {}} for _ in query_set.queries])
     for number, arm in enumerate(arms):
         for entry in arm.entries:
             if entry.run in group and views[entry.run].records[entry.method].done:
                 try:
-                    _look(found, asked, number, arm, entry, views[entry.run], progress)
+                    _look(details, query_set, number, arm, entry, views[entry.run], progress)
                 except SalframeError as error:
-                    found.notes.append(f"{arm.name}: its answers cannot be looked at: {error}")
-    return found
+                    details.notes.append(f"{arm.name}: no details of its answers: {error}")
+    return details
 
 
 def _look(
-    found: Details,
-    asked: QuerySet,
+    details: Details,
+    query_set: QuerySet,
     number: int,
     arm: Arm,
     entry: Entry,
@@ -88,9 +91,9 @@ def _look(
     progress: Progress | None,
 ) -> None:
     localizer: Localizer = registry().build("localizer", Run.load(view.result.run).method(arm.label, "localizer"))
-    method = _Method(localizer, asked.dataset, found)
+    method = _Method(localizer, query_set.dataset, details)
     rows, truths, judged = view.records[entry.method].rows, view.queries.truths, view.judged[entry.method]
-    numbered = enumerate(asked.queries)
+    numbered = enumerate(query_set.queries)
     for _, queries in groupby(numbered, key=lambda one: one[1][0].id):
         fold: Fold | None = None
         for i, (fold_of_query, frame) in queries:
@@ -100,8 +103,8 @@ def _look(
                 fold = fold_of_query
                 method.take(fold)
             try:
-                found.queries[i]["arms"][str(number)] = method.look(
-                    found.queries[i], frame, rows[i], truths[i], bool(judged.correct[i])
+                details.queries[i]["arms"][str(number)] = method.look(
+                    details.queries[i], frame, rows[i], truths[i], bool(judged.correct[i])
                 )
             except FRAME_ERRORS:
                 continue
@@ -110,18 +113,18 @@ def _look(
 
 
 class _Method:
-    """A localizer and what it remembers of the frames of a data set."""
+    """A localizer and its descriptions of the frames of a data set."""
 
-    def __init__(self, localizer: Localizer, dataset: Dataset, found: Details) -> None:
-        self._localizer, self._dataset, self._found = localizer, dataset, found
-        self._cache, self._known = Cache(), dict[str, Description]()
+    def __init__(self, localizer: Localizer, dataset: Dataset, details: Details) -> None:
+        self._localizer, self._dataset, self._details = localizer, dataset, details
+        self._cache, self._descriptions = Cache(), dict[str, Description]()
         self._describer = digest(localizer.describe_identity())[:8]
         weights = getattr(localizer.config, "weights", None)
         self._weights: dict[str, float] = weights.model_dump() if isinstance(weights, BaseModel) else {}
         self._frames: dict[str, MapFrame] = {}
 
     def take(self, fold: Fold) -> None:
-        """Index a fold's map, where that is needed to say what scores are made of."""
+        """Describe the map frames of a fold, and index them where the localizer has evidence to show."""
         usable = {}
         for frame in fold.mapping:
             try:
@@ -131,25 +134,25 @@ class _Method:
             usable[frame.id] = frame
         self._frames = usable
         if self._weights and usable:
-            known = [self._known[id] for id in usable]
+            descriptions = [self._descriptions[id] for id in usable]
             frames, floors = list(usable.values()), self._dataset.floors()
-            self._localizer = LocalizationMap.from_descriptions(self._localizer, known, frames, floors).localizer
+            self._localizer = LocalizationMap.from_descriptions(self._localizer, descriptions, frames, floors).localizer
 
     def look(self, query: Json, frame: QueryFrame, row: AnswerRow | None, truth: Truth, correct: bool) -> Json:
-        """What is known of an answer; adds the query's objects, and the frames that it is matched with."""
+        """Return the details of an answer, and add the objects of the query and its matched frames."""
         description = self._describe(frame)
         objects = describe_objects(description)
         if objects is not None:
             query["objects"][self._describer] = objects
         pairs = []
         for kind, reference in self._references(row, truth, correct):
-            matches = self._localizer.correspond(description, self._known[reference.id])
+            matches = self._localizer.correspond(description, self._descriptions[reference.id])
             pairs.append({"kind": kind, "frame": reference.id, **_matched(matches)})
             self._show(reference)
             if isinstance(matches, NodeMatches) and objects is None:
                 query["objects"][self._describer] = _points(matches.query_m, description)
-                frame_objects = self._found.frames[reference.id]["objects"]
-                frame_objects[self._describer] = _points(matches.reference_m, self._known[reference.id])
+                frame_objects = self._details.frames[reference.id]["objects"]
+                frame_objects[self._describer] = _points(matches.reference_m, self._descriptions[reference.id])
         evidence = self._localizer.evidence(description) if self._weights else None
         return {
             "describer": self._describer,
@@ -160,41 +163,47 @@ class _Method:
     def _describe(self, frame: MapFrame | QueryFrame) -> Description:
         if isinstance(frame, QueryFrame):
             return describe_frame(self._localizer, frame, self._cache, self._dataset.content_key)[0]
-        if frame.id not in self._known:
-            self._known[frame.id] = describe_frame(self._localizer, frame, self._cache, self._dataset.content_key)[0]
-        return self._known[frame.id]
+        if frame.id not in self._descriptions:
+            self._descriptions[frame.id] = describe_frame(
+                self._localizer, frame, self._cache, self._dataset.content_key
+            )[0]
+        return self._descriptions[frame.id]
 
     def _references(self, row: AnswerRow | None, truth: Truth, correct: bool) -> Iterator[tuple[str, MapFrame]]:
-        """The map frame of the answer, and where that is wrong, the one of the true place that is ranked first or else
-        stands nearest."""
+        """Yield the map frame of the answer and, where the answer is wrong, a frame of the true place.
+
+        The latter is the frame that is ranked first, otherwise the nearest one.
+        """
         places = row.places if row is not None else ()
         if places and places[0].frame in self._frames:
             yield "answer", self._frames[places[0].frame]
-        own = [frame for frame in self._frames.values() if frame.place == truth.place]
-        if correct or not own:
+        frames_of_place = [frame for frame in self._frames.values() if frame.place == truth.place]
+        if correct or not frames_of_place:
             return
         ranked = [self._frames[one.frame] for one in places if one.place == truth.place and one.frame in self._frames]
         if not ranked and truth.T_world_pano is not None:
-            stood = truth.T_world_pano[:3, 3]
-            own.sort(key=lambda frame: float(np.linalg.norm(frame.T_world_pano[:3, 3] - stood)))
-        yield "truth", (ranked or own)[0]
+            position_m = truth.T_world_pano[:3, 3]
+            frames_of_place.sort(key=lambda frame: float(np.linalg.norm(frame.T_world_pano[:3, 3] - position_m)))
+        yield "truth", (ranked or frames_of_place)[0]
 
     def _show(self, frame: MapFrame) -> None:
-        shown = self._found.frames.setdefault(
+        shown = self._details.frames.setdefault(
             frame.id, {"id": frame.id, "place": frame.place, "pose": xy_yaw(frame.T_world_pano), "objects": {}}
         )
-        self._found.map_frames[frame.id] = frame
-        objects = describe_objects(self._known[frame.id])
+        self._details.map_frames[frame.id] = frame
+        objects = describe_objects(self._descriptions[frame.id])
         if objects is not None:
             shown["objects"][self._describer] = objects
 
     def _weigh(self, evidence: Evidence, row: AnswerRow, truth: Truth, correct: bool) -> Json | None:
-        """What speaks for the place that was answered, and for the true one, or the runner-up where that is the same:
-        of each the best hypothesis."""
+        """Return the evidence for the answered place and for the true place, by the best hypothesis of each.
+
+        Where the answer is correct, the second place of the answer replaces the true place.
+        """
         scores = evidence.place_scores(self._weights)
         answer = row.places[0].place if row.places else None
-        other = truth.place if not correct else row.places[1].place if len(row.places) > 1 else None
-        shown = [name for name in dict.fromkeys((answer, other)) if name in scores]
+        other_place = truth.place if not correct else row.places[1].place if len(row.places) > 1 else None
+        shown = [name for name in dict.fromkeys((answer, other_place)) if name in scores]
         if not shown:
             return None
         values = evidence.scores(self._weights)
@@ -207,10 +216,10 @@ class _Method:
 
 
 def describe_objects(description: Mapping[str, np.ndarray]) -> Json | None:
-    """The objects of a described saliency graph, for JSON; None of a description that holds none.
+    """Return the objects of a described saliency graph for JSON; None where the description holds no graph.
 
-    labels; saliency; box: x, y, z, length, width, height in metres and yaw in radians, or bearing, where that alone is
-    known; edges.
+    The keys are "labels", "saliency", "edges" and "box": x, y, z, length, width, height in metres and yaw in radians.
+    Where only bearings are known, "bearing" replaces "box".
     """
     if not description.keys() >= GRAPH_ARRAYS:
         return None
@@ -222,7 +231,7 @@ def describe_objects(description: Mapping[str, np.ndarray]) -> Json | None:
 
 
 def _points(centroid_m: np.ndarray, description: Mapping[str, np.ndarray]) -> Json:
-    """Objects of which positions alone are known, by name where the description has one for each."""
+    """Return objects with known positions only for JSON, named where the description has a label for each."""
     names = [str(name) for name in description.get("labels", ())]
     if len(names) != len(centroid_m):
         names = [""] * len(centroid_m)
@@ -231,13 +240,13 @@ def _points(centroid_m: np.ndarray, description: Mapping[str, np.ndarray]) -> Js
 
 
 def _matched(matches: NodeMatches | PointMatches | None) -> Json:
-    """Pairs of objects by their positions, or azimuth and elevation in both panoramas of matched points."""
+    """Return matches for JSON: pairs of object indices, or azimuth and elevation of points in both panoramas."""
     if isinstance(matches, NodeMatches):
         return {"pairs": matches.pairs.tolist()}
     if matches is None:
         return {}
-    kept = np.unique(np.linspace(0, len(matches.query) - 1, POINTS_SHOWN).astype(int))[: len(matches.query)]
-    angles = [angle[kept] for one in (matches.query, matches.reference) for angle in _angles(one)]
+    selected = np.unique(np.linspace(0, len(matches.query) - 1, POINTS_SHOWN).astype(int))[: len(matches.query)]
+    angles = [angle[selected] for one in (matches.query, matches.reference) for angle in _angles(one)]
     return {"points": numbers(np.column_stack(angles)), "matched": len(matches.query)}
 
 

@@ -1,4 +1,4 @@
-"""The figures of a comparison, as Plotly reads them; each trace names the arm whose colour and choice it follows."""
+"""The figures of a comparison for Plotly. Each trace names the arm that determines its colour and visibility."""
 
 from __future__ import annotations
 
@@ -18,20 +18,29 @@ from salframe.evaluation.tasks.localization.view import LocalizationView
 from salframe.panoramas.frames import Truth
 
 Figure = dict[str, Any]
-"""{"title", "data", "layout"}, and "about" where there is more to say. A trace with "arm" has that arm's colour."""
+"""A figure: "title", "data", "layout", and optionally "about". A trace with "arm" has the colour of that arm."""
 ERRORS = (
     ("translation_m", "translation error (m)", (0.01, 20.0)),
     ("rotation_deg", "rotation error (degrees)", (0.1, 180.0)),
 )
-"""Fields of Judged, what they are, and the range that is drawn."""
+"""Fields of Judged, their titles, and the range of the axis."""
 HISTOGRAM_BINS = 24
 PERCENT = {"range": [0, 1.02], "tickformat": ".0%"}
 
 
 @dataclass(frozen=True, eq=False)
-class Answered:
-    """A measured arm by its position, its line and accuracy, and its answers over all of its seeds: rows, what is true,
-    and both compared."""
+class ArmAnswers:
+    """The answers of a measured arm over all of its seeds.
+
+    Attributes:
+        number: Index of the arm.
+        arm: The arm.
+        line: Its row in the table.
+        accuracy: Its accuracy.
+        rows: Its answers.
+        truths: The ground truth of each answer.
+        judged: The answers compared with the ground truth.
+    """
 
     number: int
     arm: Arm
@@ -42,39 +51,39 @@ class Answered:
     judged: Judged
 
 
-def gather(arms: Sequence[Arm], views: Sequence[LocalizationView]) -> list[Answered]:
-    """The measured arms, with their answers."""
-    found = []
+def gather(arms: Sequence[Arm], views: Sequence[LocalizationView]) -> list[ArmAnswers]:
+    """Return the measured arms with their answers."""
+    arm_answers = []
     for number, arm in enumerate(arms):
         line = arm.row
         if isinstance(line, LocalizationRow) and line.accuracy is not None:
             rows = tuple(row for run, method in arm.entries for row in views[run].records[method].rows)
             truths = tuple(truth for run, _ in arm.entries for truth in views[run].queries.truths)
             judged = [views[run].judged[method] for run, method in arm.entries]
-            found.append(Answered(number, arm, line, line.accuracy, rows, truths, Judged.join(judged)))
-    return found
+            arm_answers.append(ArmAnswers(number, arm, line, line.accuracy, rows, truths, Judged.join(judged)))
+    return arm_answers
 
 
 def draw_figures(arms: Sequence[Arm], views: Sequence[LocalizationView]) -> list[Figure]:
-    """What there is to draw of some comparisons."""
-    answered = gather(arms, views)
+    """Return the figures of comparisons."""
+    arm_answers = gather(arms, views)
     figures = [
-        *_bars(answered),
-        *_costs(answered, lambda row: row.query_ms, "time of a query (ms)", "Accuracy against time"),
-        *_costs(answered, lambda row: row.bytes_per_scene, "bytes a scene", "Accuracy against memory"),
-        *_recalls(answered),
-        *_error_curves(answered),
-        *_histograms(answered),
-        *_precision(answered),
-        *_reliability(answered),
+        *_bars(arm_answers),
+        *_costs(arm_answers, lambda row: row.query_ms, "time of a query (ms)", "Accuracy against time"),
+        *_costs(arm_answers, lambda row: row.bytes_per_scene, "bytes a scene", "Accuracy against memory"),
+        *_recalls(arm_answers),
+        *_error_curves(arm_answers),
+        *_histograms(arm_answers),
+        *_precision(arm_answers),
+        *_reliability(arm_answers),
     ]
     return figures
 
 
-def _bars(answered: Sequence[Answered]) -> Iterator[Figure]:
-    """Accuracy with its interval, a bar an arm, the first at the top."""
+def _bars(arm_answers: Sequence[ArmAnswers]) -> Iterator[Figure]:
+    """Yield the accuracies with their intervals, one bar per arm, the first at the top."""
     traces = []
-    for one in answered:
+    for one in arm_answers:
         traces.append(
             {
                 "type": "bar",
@@ -98,11 +107,11 @@ def _bars(answered: Sequence[Answered]) -> Iterator[Figure]:
 
 
 def _costs(
-    answered: Sequence[Answered], get: Callable[[LocalizationRow], float | None], axis: str, title: str
+    arm_answers: Sequence[ArmAnswers], get: Callable[[LocalizationRow], float | None], axis: str, title: str
 ) -> Iterator[Figure]:
-    """Accuracy against what it costs, a point an arm."""
+    """Yield the accuracy against a cost, one point per arm."""
     traces: list[dict[str, Any]] = []
-    for one in answered:
+    for one in arm_answers:
         if cost := get(one.line):
             traces.append(
                 {
@@ -116,7 +125,7 @@ def _costs(
                         "width": 3,
                         **_error_bars(one.accuracy),
                     },
-                    "mode": "markers+text" if len(answered) <= 8 else "markers",
+                    "mode": "markers+text" if len(arm_answers) <= 8 else "markers",
                     "text": [one.arm.name],
                     "textposition": "top center",
                     "cliponaxis": False,
@@ -136,18 +145,18 @@ def _error_bars(estimate: Estimate) -> dict[str, Any]:
 
 
 def _decades(values: Sequence[float]) -> list[float]:
-    """The exponents between which some values lie, with room at both ends."""
+    """Return the range of exponents of values, with a margin at both ends."""
     low, high = np.log10([min(values), max(values)])
     return [float(np.floor(low - 0.15)), float(np.ceil(high + 0.15))]
 
 
-def _recalls(answered: Sequence[Answered]) -> Iterator[Figure]:
-    """The share of queries whose place is among the first k, a failure's places among them not."""
+def _recalls(arm_answers: Sequence[ArmAnswers]) -> Iterator[Figure]:
+    """Yield the share of queries whose place is among the first k. Places of a failed answer do not count."""
     traces = []
-    for one in answered:
+    for one in arm_answers:
         ranks = np.array([rank_of(row, truth.place) for row, truth in zip(one.rows, one.truths, strict=True)])
-        most = max((len(row.places) for row in one.rows if row), default=0)
-        k = np.arange(1, max(most, 1) + 1)
+        num_places = max((len(row.places) for row in one.rows if row), default=0)
+        k = np.arange(1, max(num_places, 1) + 1)
         share = (ranks[None] <= k[:, None]).mean(1)
         traces.append({"arm": one.number, "x": k.tolist(), "y": numbers(share, 4), "mode": "lines+markers"})
     if traces:
@@ -157,23 +166,23 @@ def _recalls(answered: Sequence[Answered]) -> Iterator[Figure]:
 
 
 def rank_of(row: AnswerRow | None, place: str) -> float:
-    """The rank of a place in an answer, 1 the first; infinite where it is not among its places, or it names none."""
+    """Return the rank of a place in an answer, from 1; infinite where the answer does not contain it."""
     if row is None or row.status not in PLACED:
         return np.inf
     ranked = list(dict.fromkeys(ranked.place for ranked in row.places))
     return ranked.index(place) + 1 if place in ranked else np.inf
 
 
-def _error_curves(answered: Sequence[Answered]) -> Iterator[Figure]:
-    """The share of all queries whose pose error is below a bound; a failure is infinitely far."""
+def _error_curves(arm_answers: Sequence[ArmAnswers]) -> Iterator[Figure]:
+    """Yield the share of all queries whose pose error is below a bound. The error of a failure is infinite."""
     for name, title, bounds in ERRORS:
         traces = []
-        for one in answered:
+        for one in arm_answers:
             errors = getattr(one.judged, name)
-            known = np.sort(errors[np.isfinite(errors)])
-            if len(known):
-                share = np.arange(1, len(known) + 1) / np.count_nonzero(~np.isnan(errors))
-                x, y = np.clip([bounds[0], *known, bounds[1]], *bounds), [0.0, *share, share[-1]]
+            finite = np.sort(errors[np.isfinite(errors)])
+            if len(finite):
+                share = np.arange(1, len(finite) + 1) / np.count_nonzero(~np.isnan(errors))
+                x, y = np.clip([bounds[0], *finite, bounds[1]], *bounds), [0.0, *share, share[-1]]
                 drawn = {"x": numbers(x), "y": numbers(np.array(y), 4), "mode": "lines", "line": {"shape": "hv"}}
                 traces.append({"arm": one.number, **drawn})
         if traces:
@@ -182,17 +191,19 @@ def _error_curves(answered: Sequence[Answered]) -> Iterator[Figure]:
             yield {"title": f"Cumulative {title.partition(' (')[0]}", "data": traces, "layout": layout}
 
 
-def _histograms(answered: Sequence[Answered]) -> Iterator[Figure]:
-    """How many queries have an error of each size, in bins of equal width on a logarithmic axis; the first and the last
-    hold what lies beyond."""
+def _histograms(arm_answers: Sequence[ArmAnswers]) -> Iterator[Figure]:
+    """Yield the histograms of pose errors, in bins of equal width on a logarithmic axis.
+
+    The first and the last bin include errors beyond the axis.
+    """
     for name, title, bounds in ERRORS:
         edges = np.geomspace(*bounds, HISTOGRAM_BINS + 1)
         traces = []
-        for one in answered:
+        for one in arm_answers:
             errors = getattr(one.judged, name)
-            known = np.clip(errors[np.isfinite(errors)], bounds[0], bounds[1])
-            if len(known):
-                share = np.histogram(known, edges)[0] / np.count_nonzero(~np.isnan(errors))
+            finite = np.clip(errors[np.isfinite(errors)], bounds[0], bounds[1])
+            if len(finite):
+                share = np.histogram(finite, edges)[0] / np.count_nonzero(~np.isnan(errors))
                 x, y = numbers(np.repeat(edges, 2)[1:-1], 4), numbers(np.repeat(share, 2), 4)
                 traces.append({"arm": one.number, "x": x, "y": y, "mode": "lines", "fill": "tozeroy"})
         if traces:
@@ -202,11 +213,10 @@ def _histograms(answered: Sequence[Answered]) -> Iterator[Figure]:
             yield {"title": f"Distribution of the {title.partition(' (')[0]}", "data": traces, "layout": layout}
 
 
-def _precision(answered: Sequence[Answered]) -> Iterator[Figure]:
-    """Precision against recall of right places among answers above a bound, of arms whose queries are asked of maps
-    without their place too."""
+def _precision(arm_answers: Sequence[ArmAnswers]) -> Iterator[Figure]:
+    """Yield the precision-recall curves of arms that have out-of-map queries."""
     traces = []
-    for one in answered:
+    for one in arm_answers:
         judged, present = one.judged, int(one.judged.present.sum())
         if present and not judged.present.all():
             hits, precision = accepted_above(judged.evidence, judged.present & judged.best_place)
@@ -218,14 +228,14 @@ def _precision(answered: Sequence[Answered]) -> Iterator[Figure]:
         yield {"title": "Precision against recall", "data": traces, "layout": layout}
 
 
-def _reliability(answered: Sequence[Answered]) -> Iterator[Figure]:
-    """How often answers are right beside the probability that they gave, of arms that give any."""
+def _reliability(arm_answers: Sequence[ArmAnswers]) -> Iterator[Figure]:
+    """Yield the reliability diagrams of arms whose answers have probabilities."""
     traces: list[dict[str, Any]] = []
-    for one in answered:
-        found = reliability(one.judged.confidence, one.judged.correct)
-        if found is not None:
-            counts = [f"{count} queries" for count in found.count]
-            x, y = numbers(found.confidence, 4), numbers(found.frequency, 4)
+    for one in arm_answers:
+        diagram = reliability(one.judged.confidence, one.judged.correct)
+        if diagram is not None:
+            counts = [f"{count} queries" for count in diagram.count]
+            x, y = numbers(diagram.confidence, 4), numbers(diagram.frequency, 4)
             traces.append({"arm": one.number, "x": x, "y": y, "text": counts, "mode": "lines+markers"})
     if traces:
         even = {"x": [0, 1], "y": [0, 1], "mode": "lines", "line": {"color": "#999", "dash": "dot", "width": 1}}

@@ -1,4 +1,4 @@
-"""Answers compared with the truth, query by query (docs/tutorials/first-comparison.md#read-the-table)."""
+"""Compare answers with the ground truth, query by query (docs/tutorials/first-comparison.md#read-the-table)."""
 
 from __future__ import annotations
 
@@ -16,24 +16,32 @@ from salframe.panoramas.frames import Truth
 from salframe.panoramas.geometry import pose_errors, pose_yaw, wrap_angle
 
 RECALLS = {"recall_025m_2deg": (0.25, 2.0), "recall_05m_5deg": (0.5, 5.0), "recall_1m_10deg": (1.0, 10.0)}
-"""Pose recalls by their column: translation in metres, rotation in degrees."""
+"""Thresholds of pose recalls by column: translation in metres, rotation in degrees."""
 
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """A method's answers against the truth, one entry a query, in the order of the dataset.
+    """The answers of a method compared with the ground truth, for Q queries in the order of the dataset.
 
-    present (Q,) bool: the map has the query's place. correct (Q,) bool: the first place is the true one, or the place
-    is not in the map and the status denies it; in_top_2, in_top_5 (Q,) bool, likewise; correct_scene (Q,) bool: as
-    correct, had nobody answered with a doorway. best_place (Q,) bool: the first place is the true one, whatever the
-    status. translation_m, rotation_deg (Q,) float64, infinite where there is no pose or the
-    method failed, NaN where the truth has no pose or the map lacks the place; heading_deg (Q,) float64, the same of the
-    heading, which may be known without a pose. evidence (Q,) float64: how much speaks for the place being in the map:
-    the probability of that where the method has one, else the best score; -inf of an answer without places. confidence
-    (Q,) float64: the probability of what was answered, a place or that it is not in the map; NaN without. true_place,
-    first_place: Q names, the latter None where no place was answered. right_type (Q,) float64: 1 where the first place
-    is of the true one's room type, otherwise 0, NaN where that is not known. statuses: Q words, "crashed" where no
-    answer was recorded.
+    Attributes:
+        present: (Q,) bool: whether the map contains the place of the query.
+        best_place: (Q,) bool: whether the first place is the true one, for any status.
+        evidence: (Q,) float64: evidence that the place is in the map: its probability where the method has one,
+            otherwise the best score; -inf for an answer without places.
+        confidence: (Q,) float64: probability of the answer, a place or the rejection of the query; NaN without one.
+        correct: (Q,) bool: whether the first place is the true one, or an out-of-map query is rejected.
+        correct_scene: (Q,) bool: the same without transition frames among the places.
+        in_top_2: (Q,) bool: whether the true place is among the first 2, or an out-of-map query is rejected.
+        in_top_5: (Q,) bool: the same for the first 5.
+        translation_m: (Q,) float64: translation error; infinite where the method failed or has no pose, NaN where the
+            true pose is unknown or the map lacks the place.
+        rotation_deg: (Q,) float64: rotation error, likewise.
+        heading_deg: (Q,) float64: error of the heading, likewise; an answer may have a heading without a pose.
+        true_place: Q names of places.
+        first_place: Q names of places; None where no place was answered.
+        right_type: (Q,) float64: 1 where the room type of the first place is correct, otherwise 0; NaN where it is
+            unknown.
+        statuses: Q statuses; "crashed" where no answer was recorded.
     """
 
     present: np.ndarray
@@ -54,8 +62,10 @@ class Judged:
 
     @classmethod
     def join(cls, parts: Sequence[Judged]) -> Judged:
-        """The queries of several data sets as one; where there are several, places are named by the number of their
-        data set too."""
+        """Return the queries of several data sets as one.
+
+        Where there are several, the names of places start with the number of their data set.
+        """
         if len(parts) == 1:
             return parts[0]
         joined: dict[str, Any] = {}
@@ -76,9 +86,15 @@ def judge(
     doorways: Collection[str] = (),
     room_types: Mapping[str, str] | None = None,
 ) -> Judged:
-    """Compare each query's answer (None where it was not answered) with its truth; `present`: whether its map has the
-    query's place, None: every one has; `doorways`: the places of the map that are no scene; `room_types`: of
-    places, where they are known. A failure's places and pose do not count."""
+    """Compare the answer to each query with its ground truth. Places and poses of failed answers do not count.
+
+    Args:
+        answers: The answer to each query; None where there is none.
+        truths: The ground truth of each query.
+        present: Whether the map contains the place of each query; None: all of them.
+        doorways: Places of the map that are not scenes.
+        room_types: Room types of places, where they are known.
+    """
     present = np.ones(len(truths), bool) if present is None else np.asarray(present, bool)
     correct, correct_scene, in_top_2, in_top_5 = np.zeros((4, len(truths)), bool)
     errors = np.full((len(truths), 3), np.inf)
@@ -124,7 +140,7 @@ def judge(
 def _right_type(
     answers: Sequence[AnswerRow | None], truths: Sequence[Truth], room_types: Mapping[str, str]
 ) -> np.ndarray:
-    """(Q,) as in Judged."""
+    """Return `right_type` of Judged."""
     right = np.full(len(truths), np.nan)
     for i, (answer, truth) in enumerate(zip(answers, truths, strict=True)):
         if truth.place in room_types:
@@ -134,7 +150,7 @@ def _right_type(
 
 
 def _evidence(answers: Sequence[AnswerRow | None]) -> np.ndarray:
-    """(Q,) as in Judged: of the probabilities of a method that gives any, otherwise of its scores."""
+    """Return `evidence` of Judged."""
     scores = [answer.places[0].score if answer and answer.places else None for answer in answers]
     not_here = [answer.not_here if answer else None for answer in answers]
     if any(value is not None for value in not_here):
@@ -143,7 +159,7 @@ def _evidence(answers: Sequence[AnswerRow | None]) -> np.ndarray:
 
 
 def _confidence(answer: AnswerRow | None) -> float:
-    """As in Judged."""
+    """Return `confidence` of Judged for one answer."""
     if answer is None or answer.not_here is None:
         return np.nan
     if answer.status == LocalizationStatus.NOT_HERE:
@@ -152,10 +168,10 @@ def _confidence(answer: AnswerRow | None) -> float:
 
 
 def pose_recalls(judged: Judged) -> dict[str, float | None]:
-    """Shares of all queries whose true pose is known that are localized within the bounds of RECALLS, by column."""
-    posed = ~np.isnan(judged.translation_m)
+    """Return the pose recalls by column, over all queries whose true pose is known."""
+    has_pose = ~np.isnan(judged.translation_m)
     recalls: dict[str, float | None] = dict.fromkeys(RECALLS)
-    for column, (translation_m, rotation_deg) in RECALLS.items() if posed.any() else ():
+    for column, (translation_m, rotation_deg) in RECALLS.items() if has_pose.any() else ():
         near = (judged.translation_m <= translation_m) & (judged.rotation_deg <= rotation_deg)
-        recalls[column] = float(near.sum() / posed.sum())
+        recalls[column] = float(near.sum() / has_pose.sum())
     return recalls

@@ -1,4 +1,4 @@
-"""From the answers of methods to their lines in the table."""
+"""Summarize the answers of methods in the rows of the table."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from salframe.evaluation.runs.rows import DescriptionLine, Line, MapLine, read_r
 from salframe.evaluation.runs.run_folder import DESCRIPTIONS, MAPS
 from salframe.evaluation.statistics import (
     Estimate,
-    accepted_though_absent,
     average_precision,
     estimate_proportion,
     estimate_statistic,
+    false_accept_rate,
     holm,
     macro_averages,
     median,
@@ -35,94 +35,94 @@ Cost = TypeVar("Cost", bound=Line)
 
 
 def summarize_methods(parts: Sequence[Part[LocalizationSurvey, AnswerRow]], seed: int) -> tuple[LocalizationRow, ...]:
-    """Return a line of the table for each method, over one data set or several."""
+    """Return the row of each method in the table, over one data set or several."""
     queries = sum(len(survey.pieces) for survey, _ in parts)
-    judged = zip(*(judge_records(*part) for part in parts), strict=True)
+    judged_by_method = zip(*(judge_records(*part) for part in parts), strict=True)
     lines: list[LocalizationRow] = []
     first: Judged | None = None
-    for records, found_in in zip(by_method(parts), judged, strict=True):
+    for records, judged_parts in zip(by_method(parts), judged_by_method, strict=True):
         line = LocalizationRow(**in_common(records), queries=queries)
         if all(record.done for record in records):
-            found = Judged.join(found_in)
-            line = replace(line, **_reached(found), **_known_worth(found, seed), **_costs(records))
+            joined = Judged.join(judged_parts)
+            line = replace(line, **_accuracy_measures(joined), **_confidence_measures(joined, seed), **_costs(records))
             if len(parts) > 1:
-                line = replace(line, by_part=tuple(float(part.correct.mean()) for part in found_in))
+                line = replace(line, by_part=tuple(float(part.correct.mean()) for part in judged_parts))
             if first is not None:
-                line = replace(line, p_value=paired_test(first.correct, found.correct, found.true_place))
-            first = first or found
+                line = replace(line, p_value=paired_test(first.correct, joined.correct, joined.true_place))
+            first = first or joined
         lines.append(line)
     adjusted = holm([line.p_value for line in lines])
     return tuple(replace(line, p_adjusted=p) for line, p in zip(lines, adjusted, strict=True))
 
 
 def judge_records(survey: LocalizationSurvey, records: Sequence[Record[AnswerRow]]) -> list[Judged]:
-    """The answers of each method against the truth."""
-    known = survey.truths(), survey.present(), survey.doorways(), survey.dataset.room_types()
-    return [judge(record.rows, *known) for record in records]
+    """Return the answers of each method, compared with the ground truth."""
+    truth_arguments = survey.truths(), survey.present(), survey.doorways(), survey.dataset.room_types()
+    return [judge(record.rows, *truth_arguments) for record in records]
 
 
-def _reached(found: Judged) -> dict[str, Any]:
-    asked = np.flatnonzero(found.present)
-    precision, recall = macro_averages([found.first_place[i] for i in asked], [found.true_place[i] for i in asked])
-    typed = found.present & np.isfinite(found.right_type)
-    located = found.correct & np.isfinite(found.translation_m)
+def _accuracy_measures(judged: Judged) -> dict[str, Any]:
+    in_map = np.flatnonzero(judged.present)
+    precision, recall = macro_averages([judged.first_place[i] for i in in_map], [judged.true_place[i] for i in in_map])
+    has_type = judged.present & np.isfinite(judged.right_type)
+    located = judged.correct & np.isfinite(judged.translation_m)
     return {
-        "accuracy": _rate(found.correct, found),
-        "scene_accuracy": float(found.correct_scene.mean()),
+        "accuracy": _rate(judged.correct, judged),
+        "scene_accuracy": float(judged.correct_scene.mean()),
         "macro_precision": precision,
         "macro_recall": recall,
-        "room_type_accuracy": _rate(found.right_type, found, typed),
-        "recall_at_2": float(found.in_top_2.mean()),
-        "recall_at_5": float(found.in_top_5.mean()),
-        "median_translation_m": median(found.translation_m[located]),
-        "median_rotation_deg": median(found.rotation_deg[located]),
-        "median_heading_deg": median(found.heading_deg[found.correct & np.isfinite(found.heading_deg)]),
-        **pose_recalls(found),
+        "room_type_accuracy": _rate(judged.right_type, judged, has_type),
+        "recall_at_2": float(judged.in_top_2.mean()),
+        "recall_at_5": float(judged.in_top_5.mean()),
+        "median_translation_m": median(judged.translation_m[located]),
+        "median_rotation_deg": median(judged.rotation_deg[located]),
+        "median_heading_deg": median(judged.heading_deg[judged.correct & np.isfinite(judged.heading_deg)]),
+        **pose_recalls(judged),
     }
 
 
-def _rate(right: np.ndarray, found: Judged, of: np.ndarray | None = None) -> Estimate | None:
-    """Return the share of the queries `of` (Q,) bool, by default all, that are right; None of none."""
+def _rate(right: np.ndarray, judged: Judged, of: np.ndarray | None = None) -> Estimate | None:
+    """Return the share of correct answers among the queries `of` (Q,) bool, by default all; None without queries."""
     chosen = np.arange(len(right)) if of is None else np.flatnonzero(of)
     if not len(chosen):
         return None
-    return estimate_proportion(right[chosen], [found.true_place[i] for i in chosen])
+    return estimate_proportion(right[chosen], [judged.true_place[i] for i in chosen])
 
 
-def _known_worth(found: Judged, seed: int) -> dict[str, Any]:
-    """What answers know of their own worth: whether the query is in the map at all, and how probable they are."""
-    calibration = reliability(found.confidence, found.correct)
-    known: dict[str, Any] = {"calibration_error": None if calibration is None else calibration.expected_error}
-    absent = ~found.present
+def _confidence_measures(judged: Judged, seed: int) -> dict[str, Any]:
+    """Return measures of the confidence of answers: rejection of out-of-map queries, and calibration."""
+    calibration = reliability(judged.confidence, judged.correct)
+    measures: dict[str, Any] = {"calibration_error": None if calibration is None else calibration.expected_error}
+    absent = ~judged.present
     if absent.any():
-        right, present = found.present & found.best_place, int(found.present.sum())
-        known |= {
+        right, present = judged.present & judged.best_place, int(judged.present.sum())
+        measures |= {
             "absent_queries": int(absent.sum()),
-            "present_accuracy": _rate(found.correct, found, found.present),
-            "present_scene_accuracy": float(found.correct_scene[found.present].mean()) if present else None,
-            "denied_absent": _rate(found.correct, found, absent),
-            "precision_at": precision_at(found.evidence, right, present),
-            "accepted_absent": accepted_though_absent(found.evidence[right], found.evidence[absent]),
+            "present_accuracy": _rate(judged.correct, judged, judged.present),
+            "present_scene_accuracy": float(judged.correct_scene[judged.present].mean()) if present else None,
+            "denied_absent": _rate(judged.correct, judged, absent),
+            "precision_at": precision_at(judged.evidence, right, present),
+            "accepted_absent": false_accept_rate(judged.evidence[right], judged.evidence[absent]),
         }
         for name, area in {"average_precision": _average_precision, "roc_area": _roc_area}.items():
-            known[name] = estimate_statistic(partial(area, found), found.true_place, seed) if present else None
-    return known
+            measures[name] = estimate_statistic(partial(area, judged), judged.true_place, seed) if present else None
+    return measures
 
 
-def _average_precision(found: Judged, chosen: np.ndarray) -> float | None:
-    """Of queries (N,), given by their indices."""
-    present = found.present[chosen]
-    return average_precision(found.evidence[chosen], present & found.best_place[chosen], int(present.sum()))
+def _average_precision(judged: Judged, chosen: np.ndarray) -> float | None:
+    """Return the average precision of the queries with indices (N,)."""
+    present = judged.present[chosen]
+    return average_precision(judged.evidence[chosen], present & judged.best_place[chosen], int(present.sum()))
 
 
-def _roc_area(found: Judged, chosen: np.ndarray) -> float | None:
-    """Of queries (N,), given by their indices."""
-    present, evidence = found.present[chosen], found.evidence[chosen]
+def _roc_area(judged: Judged, chosen: np.ndarray) -> float | None:
+    """Return the ROC area of the queries with indices (N,)."""
+    present, evidence = judged.present[chosen], judged.evidence[chosen]
     return roc_area(evidence[present], evidence[~present])
 
 
 def _costs(records: Sequence[Record[AnswerRow]]) -> dict[str, Any]:
-    """What a method cost on every data set."""
+    """Return the costs of a method over all data sets."""
     described = [row.ms for record in records for row in _last(record, DESCRIPTIONS, DescriptionLine, "frame")]
     maps = [row for record in records for row in _last(record, MAPS, MapLine, "fold")]
     rows = [row for record in records for row in record.rows if row is not None]
@@ -136,5 +136,5 @@ def _costs(records: Sequence[Record[AnswerRow]]) -> dict[str, Any]:
 
 
 def _last(record: Record[AnswerRow], file: str, kind: type[Cost], key: str) -> Collection[Cost]:
-    """The rows of a file in a method's folder, of those with one key the last."""
+    """Return the rows of a file in a method's folder; of rows with the same key only the last."""
     return {getattr(row, key): row for row in read_rows(record.folder / file, kind)}.values()

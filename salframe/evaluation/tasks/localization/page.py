@@ -1,4 +1,4 @@
-"""The part of a page that the task `localization` writes: figures, queries and their details."""
+"""The part of a page that is specific to the task `localization`: figures, queries and their details."""
 
 from __future__ import annotations
 
@@ -19,30 +19,29 @@ from salframe.framework.files.writing import write_text
 from salframe.panoramas.opening import Progress
 
 ACCURACY = "accuracy.svg"
-"""Name of the picture of the accuracy, for print, in a run folder."""
+"""Name of the figure of the accuracy in a run folder."""
 
 
 def make_part(views: Sequence[LocalizationView], arms: Sequence[Arm]) -> dict[str, Any]:
-    """Return figures and queries of some runs, as JSON."""
+    """Return the figures and queries of runs, as JSON."""
     return {"outcomes": OUTCOMES, "figures": draw_figures(arms, views), "sets": list_sets(arms, views)}
 
 
 def make_islands_of_views(
     views: Sequence[LocalizationView], arms: Sequence[Arm], full: bool, progress: Progress | None
 ) -> Islands:
-    """Return every query with its panoramas, the objects in them, and what was matched. Describes what is not in the
-    cache."""
+    """Return every query with its panoramas, objects and matches. Frames that are not in the cache are described."""
     sets = []
     for group in group_views(views):
         survey = views[group[0]].survey
-        asked = QuerySet(survey.dataset, [(piece.fold, piece.frame) for piece in survey.pieces])
-        sets.append((asked, find_details(asked, group, arms, views, progress)))
-    notes = tuple(dict.fromkeys(note for _, found in sets for note in found.notes))
+        query_set = QuerySet(survey.dataset, [(piece.fold, piece.frame) for piece in survey.pieces])
+        sets.append((query_set, find_details(query_set, group, arms, views, progress)))
+    notes = tuple(dict.fromkeys(note for _, details in sets for note in details.notes))
     return Islands(make_islands(sets, full, progress), notes)
 
 
 def write_accuracy(folder: Path, rows: Sequence[LocalizationRow]) -> None:
-    """Write the accuracy of the measured methods as a picture for print."""
+    """Write a figure of the accuracy of the measured methods."""
     measured = [row for row in rows if row.measured]
     if measured:
         write_text(folder / ACCURACY, render("accuracy.svg.jinja", rows=measured))

@@ -1,4 +1,4 @@
-"""The islands of a page: what is read of a query or a map frame when somebody looks at it, and their panoramas."""
+"""The islands of a page: details of queries and map frames that are read on demand, and their panoramas."""
 
 from __future__ import annotations
 
@@ -14,29 +14,32 @@ from salframe.panoramas.opening import Progress
 from salframe.panoramas.panorama import Panorama
 
 THUMBNAIL_PX, THUMBNAIL_QUALITY, WHOLE_QUALITY = 512, 55, 80
-"""Columns of a thumbnail, and how well it and whole panoramas are kept, of 100."""
+"""Width of a thumbnail, and the quality (0 to 100) of thumbnails and of full panoramas."""
 FARTHEST_M = 8.0
-"""What lies so far away is black in the picture of a panorama without colour."""
+"""Range that is drawn black in the picture of a panorama without colour."""
 
 
 def make_islands(
     sets: Sequence[tuple[QuerySet, Details]], full: bool, progress: Progress | None = None
 ) -> Iterator[tuple[str, str]]:
-    """Ids and texts: of set s, q{s}-{i} is query i and f{s}-{j} map frame j, their panoramas pq and pf likewise; where
-    a frame cannot be read it has none."""
-    total, done = sum(len(asked.queries) + len(found.frames) for asked, found in sets), 0
-    for s, (asked, found) in enumerate(sets):
-        order = {id: j for j, id in enumerate(found.frames)}
-        for i, query in enumerate(found.queries):
+    """Yield the ids and texts of islands.
+
+    In set s, q{s}-{i} is query i and f{s}-{j} is map frame j. Their panoramas are pq{s}-{i} and pf{s}-{j}; a frame that
+    cannot be read has none.
+    """
+    total, done = sum(len(query_set.queries) + len(details.frames) for query_set, details in sets), 0
+    for s, (query_set, details) in enumerate(sets):
+        order = {id: j for j, id in enumerate(details.frames)}
+        for i, query in enumerate(details.queries):
             for one in query["arms"].values():
                 for reference in one["references"]:
                     reference["frame"] = order.get(reference["frame"], reference["frame"])
             yield f"q{s}-{i}", as_json(query)
-        for j, known in enumerate(found.frames.values()):
-            yield f"f{s}-{j}", as_json(known)
+        for j, map_frame in enumerate(details.frames.values()):
+            yield f"f{s}-{j}", as_json(map_frame)
         frames: list[tuple[str, MapFrame | QueryFrame]] = [
-            *((f"pq{s}-{i}", frame) for i, (_, frame) in enumerate(asked.queries)),
-            *((f"pf{s}-{j}", found.map_frames[id]) for id, j in order.items()),
+            *((f"pq{s}-{i}", frame) for i, (_, frame) in enumerate(query_set.queries)),
+            *((f"pf{s}-{j}", details.map_frames[id]) for id, j in order.items()),
         ]
         for id, frame in frames:
             if progress:
@@ -53,9 +56,9 @@ def make_islands(
 
 
 def draw_panorama(panorama: Panorama, full: bool) -> str | None:
-    """A panorama as a data URL, by its range where it has no colour, None without both; what was not seen is grey.
+    """Return a panorama as a data URL; None where it has neither colour nor range.
 
-    A thumbnail unless `full`.
+    The range is drawn where there is no colour. Invalid pixels are grey. The picture is a thumbnail unless `full`.
     """
     import cv2
 

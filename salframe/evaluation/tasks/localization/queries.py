@@ -1,4 +1,4 @@
-"""What was asked of a data set and what each arm answered, as columns that a page filters and lists."""
+"""The queries of a data set and the answers of each arm, as columns that a page filters and lists."""
 
 from __future__ import annotations
 
@@ -16,14 +16,13 @@ from salframe.panoramas.geometry import pose_yaw
 
 RIGHT, WRONG, DENIED, NONE = "right", "wrong place", "not on the map", "no answer"
 OUTCOMES = (RIGHT, WRONG, DENIED, NONE)
-"""What became of a query: its place was named, or its absence from the map seen; another place was named; it was taken
-to be off the map though it is on it; no place was named."""
+"""Outcomes of a query: correct place or correct rejection; wrong place; wrong rejection; no answer."""
 
 
 def list_sets(arms: Sequence[Arm], views: Sequence[LocalizationView]) -> list[dict[str, Any]]:
-    """The queries of each data set, for JSON, with the answers of the arms that were asked them.
+    """Return the queries of each data set with the answers of its arms, for JSON.
 
-    Runs on the same data share their queries. `places` are what truths and answers are positions in.
+    Runs on the same data share their queries. Truths and answers are indices into `places`.
     """
     sets: list[dict[str, Any]] = []
     for group in group_views(views):
@@ -53,7 +52,7 @@ def list_sets(arms: Sequence[Arm], views: Sequence[LocalizationView]) -> list[di
 
 
 def group_views(views: Sequence[LocalizationView]) -> list[list[int]]:
-    """The positions of the runs in groups of the same data."""
+    """Return the indices of the runs, grouped by data set."""
     groups: list[list[int]] = []
     for run, view in enumerate(views):
         alike = next((group for group in groups if views[group[0]].data == view.data), None)
@@ -65,7 +64,7 @@ def group_views(views: Sequence[LocalizationView]) -> list[list[int]]:
 
 
 def _columns(rows: Sequence[AnswerRow | None], judged: Judged, index: dict[str, int]) -> dict[str, Any]:
-    """A column for each thing that is known of an answer, a value a query."""
+    """Return the columns of the answers of an arm, with a value for each query."""
     first = [row.places[0] if row is not None and row.places else None for row in rows]
     poses = [None if row is None else row.pose_matrix for row in rows]
     return {
@@ -85,7 +84,7 @@ def _columns(rows: Sequence[AnswerRow | None], judged: Judged, index: dict[str, 
 
 
 def outcome_of(row: AnswerRow | None, correct: bool) -> str:
-    """What became of a query, one of OUTCOMES."""
+    """Return the outcome of a query, one of OUTCOMES."""
     if correct:
         return RIGHT
     if row is not None and row.status in PLACED:
@@ -93,15 +92,15 @@ def outcome_of(row: AnswerRow | None, correct: bool) -> str:
     return DENIED if row is not None and row.status in DENIALS else NONE
 
 
-def _ranked(row: AnswerRow | None, most: int = 3) -> list[list[Any]]:
-    """The first places of an answer: place, score, and probability where there is one."""
+def _ranked(row: AnswerRow | None, max_places: int = 3) -> list[list[Any]]:
+    """Return the first places of an answer: place, score, and probability where there is one."""
     if row is None:
         return []
     probabilities = row.probabilities or [None] * len(row.places)
     places = zip(row.places, probabilities, strict=False)
-    return [[one.place, number(one.score, 4), number(probability)] for one, probability in list(places)[:most]]
+    return [[one.place, number(one.score, 4), number(probability)] for one, probability in list(places)[:max_places]]
 
 
 def xy_yaw(pose: np.ndarray) -> list[float]:
-    """x and y in metres and the azimuth in radians of a pose (4, 4)."""
+    """Return x and y in metres and the azimuth in radians of a pose (4, 4)."""
     return [round(float(value), 3) for value in (*pose[:2, 3], pose_yaw(pose))]

@@ -1,4 +1,4 @@
-"""A row of the task `localization`: the answer to one query."""
+"""The row of the task `localization`: the answer to one query."""
 
 from __future__ import annotations
 
@@ -43,5 +43,5 @@ class AnswerRow(PieceRow):
             if sides not in ({3}, {6}):
                 raise ValueError("a covariance is neither (3, 3) nor (6, 6)")
         if len(self.probabilities or ()) != (0 if self.not_here is None else len(self.places)):
-            raise ValueError("an answer has not_here or probabilities, expected both, one for each place, or none")
+            raise ValueError("an answer has not_here or probabilities, expected both, one for each place, or neither")
         return self

@@ -1,4 +1,4 @@
-"""The queries of a data set, and what is true of them."""
+"""The queries of a data set, and their ground truth."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from salframe.panoramas.frames import Fold, FrameKind, QueryFrame, Truth
 
 @dataclass(frozen=True, eq=False)
 class Query:
-    """A query and the fold whose map it is asked of."""
+    """A query and the fold with its map."""
 
     fold: Fold
     frame: QueryFrame
@@ -23,18 +23,18 @@ class LocalizationSurvey(Survey[Query]):
     """The queries of a data set."""
 
     def truths(self) -> tuple[Truth, ...]:
-        """What is true of each query, in order. Only who measures asks."""
+        """Return the ground truth of each query, in order. Only measuring code may use it."""
         return tuple(self.dataset.truth(piece.frame.id) for piece in self.pieces)
 
     def doorways(self) -> frozenset[str]:
-        """The places of the maps that are no scene."""
+        """Return the places of the maps that are not scenes."""
         folds = {piece.fold.id: piece.fold for piece in self.pieces}.values()
         frames = [frame for fold in folds for frame in fold.mapping]
         scenes = {frame.place for frame in frames if frame.kind is FrameKind.SCENE}
         return frozenset(frame.place for frame in frames) - scenes
 
     def present(self) -> np.ndarray:
-        """(Q,) bool: whether the map that a query is asked of has its place."""
+        """Return whether the map of each query contains its place, (Q,) bool."""
         folds = {piece.fold.id: piece.fold for piece in self.pieces}
         places = {id: {frame.place for frame in fold.mapping} for id, fold in folds.items()}
         paired = zip(self.pieces, self.truths(), strict=True)

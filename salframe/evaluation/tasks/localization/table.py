@@ -1,4 +1,4 @@
-"""The table of the task `localization`: its lines and columns."""
+"""The table of the task `localization`: its rows and columns."""
 
 from __future__ import annotations
 
@@ -25,23 +25,43 @@ from salframe.evaluation.tables.text import NONE, fixed, list_methods
 
 @dataclass(frozen=True, kw_only=True)
 class LocalizationRow(MethodRow):
-    """A method's line: shares of all queries, a failure among them; medians of pose errors over what was localized.
+    """The row of a method. Shares are over all queries, and a failure counts as wrong.
 
-    accuracy with its 95 % interval, of queries clustered by place; scene_accuracy: had nobody answered with a doorway;
-    macro_precision, macro_recall: means over places; room_type_accuracy: of the queries whose room type the data set
-    tells, the share whose first place is of that type; recall_at_2, recall_at_5; median_translation_m,
-    median_rotation_deg; median_heading_deg, of what has a heading and no pose too; recall of poses at the bounds of
-    judging.RECALLS; bytes_per_scene, of the saved maps without index by their frames; describe_ms a panorama,
-    query_ms a query, medians; peak_memory_mb; p_value of the exact paired test against the first measured method,
-    clustered by place; p_adjusted, as by Holm over all that are tested so.
+    An Estimate has the 95 % interval of queries clustered by place. The fields from `absent_queries` to
+    `accepted_absent` are measured where the map of some queries does not contain their place (out-of-map queries).
 
-    Where some queries are asked of a map without their place: absent_queries, how many; present_accuracy, of the
-    others, and present_scene_accuracy, had nobody answered with a doorway; denied_absent, the share of them whose
-    answer denies the map; precision_at, of right places among answers above a bound, at the recalls
-    statistics.AT_RECALLS; average_precision, the area below precision against recall; roc_area of telling the two apart
-    by the probability of being in the map, or the best score; accepted_absent, the share of them that passes the bound
-    on it which 90 % of the right answers pass. calibration_error: the expected one, where the method has
-    probabilities. An Estimate has the interval of queries clustered by place.
+    Attributes:
+        queries: Number of queries.
+        absent_queries: Number of out-of-map queries.
+        present_accuracy: Accuracy of the other queries.
+        present_scene_accuracy: The same without transition frames.
+        denied_absent: Rejection rate: share of out-of-map queries that are rejected.
+        precision_at: Precision of accepted answers at the recalls statistics.AT_RECALLS.
+        average_precision: Area under the precision-recall curve.
+        roc_area: Area under the ROC curve of telling out-of-map queries from others by the probability of being in the
+            map, or by the best score.
+        accepted_absent: False accept rate: share of out-of-map queries that are accepted at the threshold that accepts
+            90 % of the correct answers.
+        calibration_error: Expected calibration error, where the method has probabilities.
+        accuracy: Share of correct answers.
+        scene_accuracy: Accuracy without transition frames.
+        macro_precision: Mean precision over places.
+        macro_recall: Mean recall over places.
+        room_type_accuracy: Share of queries of known room type whose first place is of that type.
+        recall_at_2: Share of queries whose place is among the first 2.
+        recall_at_5: Share of queries whose place is among the first 5.
+        median_translation_m: Median translation error of correct answers with a pose.
+        median_rotation_deg: Median rotation error of correct answers with a pose.
+        median_heading_deg: Median error of the heading of correct answers with a heading.
+        recall_025m_2deg: Pose recall at (0.25 m, 2 deg), see judging.RECALLS.
+        recall_05m_5deg: Pose recall at (0.5 m, 5 deg).
+        recall_1m_10deg: Pose recall at (1 m, 10 deg).
+        bytes_per_scene: Size of the saved maps without index, per map frame.
+        describe_ms: Median time to describe a panorama.
+        query_ms: Median time to answer a query.
+        peak_memory_mb: Peak memory (1e6 bytes).
+        p_value: p-value of the exact paired test of the accuracy against the first measured method, clustered by place.
+        p_adjusted: The p-value after Holm's adjustment.
     """
 
     queries: int
@@ -135,30 +155,31 @@ OUT_OF_MAP = (
     *("present_accuracy", "present_scenes", "denied_absent", "precision_at", "average_precision", "roc_area"),
     *("accepted_absent", "calibration_error"),
 )
-"""Columns of the table of methods that are asked out-of-map queries."""
+"""Columns of the table of methods with out-of-map queries."""
 ABOUT = (
     "Accuracy, recalls and curves are over all queries: a failure counts as wrong and infinitely far; "
     "intervals are of queries clustered by place. The median error is over the correctly localized queries that have a "
     "pose. Times are medians when first computed, without loading images. p: exact paired test of the accuracy, "
     "clustered by place, against the first measured method of the same run, after Holm."
 )
-"""What a page says of the columns."""
+"""Note on the columns for the page."""
 
 
 def out_of_map_tables(
     rows: Sequence[LocalizationRow], leading: Mapping[str, Sequence[str]] | None = None
 ) -> list[Table]:
-    """Return the table of the methods that were asked out-of-map queries; none where there are none."""
-    asked = [row for row in rows if row.absent_queries]
+    """Return the table of the methods with out-of-map queries; none without such queries."""
+    selected = [row for row in rows if row.absent_queries]
     columns = [COLUMNS[name] for name in OUT_OF_MAP]
     return (
-        [draw_table(columns, asked, select_leading(leading, rows, asked), "place in the map or not")] if asked else []
+        [draw_table(columns, selected, select_leading(leading, rows, selected), "place in the map or not")]
+        if selected
+        else []
     )
 
 
 def describe_times_note(rows: Sequence[LocalizationRow]) -> list[str]:
-    """Return a note on the time to describe a panorama: the methods without a detector in it; none where all have
-    one."""
-    given = [row.method for row in rows if row.measured and any(part.startswith("annotations") for part in row.given)]
-    listed = list_methods(given, [row.method for row in rows])
-    return [f"describe ms: no detector ran for {listed}, which had annotations"] if given else []
+    """Return a note on the methods whose time to describe a panorama includes no detector; none without them."""
+    methods = [row.method for row in rows if row.measured and any(part.startswith("annotations") for part in row.given)]
+    listed = list_methods(methods, [row.method for row in rows])
+    return [f"describe ms: no detector ran for {listed}, which had annotations"] if methods else []

@@ -1,4 +1,4 @@
-"""The task `localization`: every query of a data set asked of every method; accuracy, pose error and cost."""
+"""The task `localization`: accuracy, pose error and cost of methods over all queries of a data set."""
 
 from __future__ import annotations
 
@@ -39,10 +39,15 @@ from salframe.panoramas.opening import Progress
 
 
 def compare(request: Request, *, reported: bool = False, progress: Progress | None = None) -> Result[LocalizationRow]:
-    """Run methods on the queries of a data set and measure them; a run that was begun is resumed.
+    """Run methods on the queries of a data set and measure them. An interrupted run is resumed.
 
-    `reported` adds what papers report beside the rows. Raises SalframeError on names and settings that are wrong,
-    before anything runs.
+    Args:
+        request: The request.
+        reported: Whether to add figures that papers report to the result.
+        progress: Reports the progress.
+
+    Raises:
+        SalframeError: A name or a setting is wrong. Nothing has run.
     """
     papers = read_reported() if reported else ()
     return run_task(LocalizationTask(), request, resolve(request), progress=progress, reported=papers)
@@ -71,10 +76,10 @@ class LocalizationTask(PagedTask[Query, LocalizationSurvey, AnswerRow, Localizat
         queries = [Query(fold, frame) for fold in dataset.folds() for frame in fold.queries]
         if not queries:
             raise DataError(f"{dataset.name} has no query, expected at least one")
-        found = LocalizationSurvey(dataset, queries)
-        absent = int((~found.present()).sum())
-        note = f"{absent} of {len(queries)} queries are asked of a map without their place, where not-here is right"
-        return replace(found, notes=(note,)) if absent else found
+        survey = LocalizationSurvey(dataset, queries)
+        absent = int((~survey.present()).sum())
+        note = f"{absent} of {len(queries)} queries are out-of-map queries: not-here is correct"
+        return replace(survey, notes=(note,)) if absent else survey
 
     def key(self, piece: Query) -> tuple[str, str]:
         return piece.fold.id, piece.frame.id

@@ -1,4 +1,4 @@
-"""What a page shows of a run of the task `localization`."""
+"""The view of a run of the task `localization` that a page shows."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from salframe.panoramas.frames import Truth
 
 @dataclass(frozen=True, eq=False)
 class Queries:
-    """What was asked: ids, what is true of each, and the floors that they lie on."""
+    """The queries of a run: their ids, the ground truth of each, and the floors of the data set."""
 
     ids: Sequence[str]
     truths: Sequence[Truth]
@@ -25,7 +25,7 @@ class Queries:
 
 @dataclass(frozen=True, eq=False)
 class LocalizationView(RunView[AnswerRow, LocalizationRow]):
-    """A comparison: its queries, and each method's answers to them, judged."""
+    """A comparison: its queries, and the answers of each method compared with the ground truth."""
 
     survey: LocalizationSurvey
     queries: Queries

@@ -1,1 +1,1 @@
-"""The task `matching`: whether the points or objects that a method matches are the same ones."""
+"""The task `matching`: the accuracy of the points or objects that a method matches."""

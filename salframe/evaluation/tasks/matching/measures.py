@@ -1,4 +1,4 @@
-"""From the rows of methods to their lines in the table."""
+"""Summarize the rows of methods in the rows of the table."""
 
 from __future__ import annotations
 
@@ -17,14 +17,17 @@ from salframe.evaluation.tasks.matching.table import MatchingRow
 
 
 def summarize_pairs(records: Sequence[Record[PairRow]], places: Sequence[str], seed: int) -> MatchingRow:
-    """A method's line; places (P,): those of the pairs. A pair that failed counts as one in which nothing was right."""
+    """Return the row of a method in the table. `places` (P,) are those of the pairs.
+
+    A failed pair counts as a pair without correct matches.
+    """
     pairs = len(places)
     line = MatchingRow(**in_common(records), pairs=pairs)
     if not all(record.done for record in records):
         return line
     rows = [row for record in records for row in record.rows]
-    known = [row for row in rows if row is not None]
-    good, failed = ([row for row in known if (row.status == PieceStatus.OK) == ok] for ok in (True, False))
+    finished = [row for row in rows if row is not None]
+    good, failed = ([row for row in finished if (row.status == PieceStatus.OK) == ok] for ok in (True, False))
     if failed:
         line = replace(line, reason=f"{len(failed)} pair(s) failed, the first: {failed[0].error}")
     if not good:
@@ -39,12 +42,15 @@ def summarize_pairs(records: Sequence[Record[PairRow]], places: Sequence[str], s
 
 
 Share = tuple[np.ndarray, np.ndarray]
-"""Of each of P pairs, failures among them, a share (P,) float64, and (P,) bool whether it counts."""
+"""A share (P,) float64 of each of P pairs, failed pairs included, and whether it counts, (P,) bool."""
 
 
 def _points(rows: Sequence[PairRow], done: np.ndarray) -> tuple[dict[str, Share], dict[str, Any]]:
-    """Accuracy of a pair: the share of its judged matches within a threshold, 0 where there is none. done (P,) bool:
-    which pairs the rows are of."""
+    """Return the accuracies of pairs of points, and other fields of the row.
+
+    The accuracy of a pair is the share of its judged matches within a threshold, 0 where there are none. `done` (P,)
+    bool marks the pairs that have a row.
+    """
     judged = np.array([row.judged for row in rows])
     within = np.zeros((len(done), len(THRESHOLDS_PX)))
     within[done] = np.array([row.within_px for row in rows]) / np.maximum(judged, 1)[:, None]
@@ -53,9 +59,11 @@ def _points(rows: Sequence[PairRow], done: np.ndarray) -> tuple[dict[str, Share]
 
 
 def _nodes(rows: Sequence[PairRow], done: np.ndarray) -> tuple[dict[str, Share], dict[str, Any]]:
-    """Precision of a pair: the share of its matches that are right, 0 where there is none. Recall: the share of the
-    objects in both graphs that were matched; pairs whose graphs share no object have none. done (P,) bool: which pairs
-    the rows are of.
+    """Return precision and recall of pairs of graphs, and other fields of the row.
+
+    The precision of a pair is the share of its matches that are correct, 0 without matches. The recall is the share of
+    the objects in both graphs that were matched; pairs whose graphs share no object do not count. `done` (P,) bool
+    marks the pairs that have a row.
     """
     matches, correct, true = np.array([(row.matches, row.correct, row.true) for row in rows]).T
     precision, recall = np.zeros((2, len(done)))

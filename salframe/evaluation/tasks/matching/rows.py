@@ -1,4 +1,4 @@
-"""A row of the task `matching`: what a method matched of one pair of frames."""
+"""The row of the task `matching`: the matches of one pair of frames."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from salframe.evaluation.runs.rows import Count, PieceRow, PieceStatus
 
 
 class PairRow(PieceRow):
-    """What a method matched of a pair of frames."""
+    """Numbers of matches of a pair of frames."""
 
     fold: str
     query: str
@@ -25,5 +25,5 @@ class PairRow(PieceRow):
     def _complete(self) -> PairRow:
         counted = (self.judged, self.within_px) if self.kind == "points" else (self.correct, self.true)
         if self.status == PieceStatus.OK and None in (self.kind, self.matches, *counted):
-            raise ValueError("a pair that was matched has no count of matches, expected all of its kind")
+            raise ValueError("a row lacks counts of matches, expected all counts of its kind")
         return self

@@ -1,4 +1,4 @@
-"""The table of the task `matching`: its lines and columns."""
+"""The table of the task `matching`: its rows and columns."""
 
 from __future__ import annotations
 
@@ -13,9 +13,11 @@ from salframe.evaluation.tables.table import Table, draw_table, select_leading
 
 @dataclass(frozen=True, kw_only=True)
 class MatchingRow(MethodRow):
-    """A method's line. `kind` is "points" (mma_1, mma_3, mma_5: mean matching accuracy; pairs_without_match) or "nodes"
-    (precision, recall, true_per_pair): the two are different quantities. All are means over the pairs of panoramas;
-    an Estimate has the interval of pairs clustered by place.
+    """The row of a method.
+
+    `kind` is "points" (mma_1, mma_3, mma_5: mean matching accuracy; pairs_without_match) or "nodes" (precision, recall,
+    true_per_pair). All numbers are means over the pairs of panoramas. An Estimate has the interval of pairs clustered
+    by place.
     """
 
     pairs: int

@@ -1,4 +1,4 @@
-"""The task `matching`: are the points, or the objects, that a method matches the same ones?"""
+"""The task `matching`: the accuracy of the points or objects that a method matches."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ from salframe.panoramas.opening import Progress
 
 @dataclass(frozen=True, eq=False)
 class FramePair:
-    """A query of a fold, a mapping frame of the same place, and the true pose of the query in the frame's axes,
-    T_reference_query (4, 4).
+    """A query of a fold, a map frame of the same place, and the true pose T_reference_query (4, 4) of the query in the
+    axes of the map frame.
     """
 
     fold: str
@@ -44,16 +44,17 @@ class FramePair:
 
 
 def measure_matching(request: Request, *, progress: Progress | None = None) -> Result[MatchingRow]:
-    """Match each query with the scene frame of its own place that is nearest to it; a run that was begun is resumed.
+    """Match each query with the nearest scene frame of its place. An interrupted run is resumed.
 
-    Raises SalframeError on names and settings that are wrong, and where the data set tells no ranges or poses.
+    Raises:
+        SalframeError: A name or a setting is wrong, or the data set has no ranges or poses.
     """
     return run_task(MatchingTask(), request, resolve(request), progress=progress)
 
 
 @dataclass(frozen=True)
 class MatchingTask(Task[FramePair, Survey[FramePair], PairRow, MatchingRow]):
-    """What is the same in a query and in the nearest frame of its place?"""
+    """Which points or objects are the same in a query and in the nearest frame of its place?"""
 
     name = "matching"
     prefix = "matching-"
@@ -100,7 +101,7 @@ class MatchingTask(Task[FramePair, Survey[FramePair], PairRow, MatchingRow]):
 
 
 class _Matching(Worker[FramePair]):
-    """A localizer that matches pairs of panoramas."""
+    """Runs a localizer on pairs of panoramas."""
 
     def __init__(self, localizer: Localizer, dataset: str) -> None:
         self._localizer, self._dataset, self._cache = localizer, dataset, Cache()
@@ -111,21 +112,22 @@ class _Matching(Worker[FramePair]):
             describe_frame(self._localizer, frame, self._cache, self._dataset)[0]
             for frame in (piece.query, piece.reference)
         )
-        found = self._localizer.correspond(query, reference)
-        if found is None:
+        matches = self._localizer.correspond(query, reference)
+        if matches is None:
             raise MethodUnavailable("matches neither points nor objects")
-        if not isinstance(found, PointMatches | NodeMatches):
-            raise InvalidAnswer(f"correspond gave {type(found).__name__}, expected PointMatches, NodeMatches or None")
-        if self._kind not in (None, type(found)):
-            raise InvalidAnswer(f"correspond gave {type(found).__name__}, expected one kind of matches for all pairs")
-        self._kind = type(found)
-        row = check_matches(found, piece.query.load(), piece.reference.load(), piece.T_reference_query)
+        if not isinstance(matches, PointMatches | NodeMatches):
+            raise InvalidAnswer(f"correspond gave {type(matches).__name__}, expected PointMatches, NodeMatches or None")
+        if self._kind not in (None, type(matches)):
+            raise InvalidAnswer(f"correspond gave {type(matches).__name__}, expected one kind of matches for all pairs")
+        self._kind = type(matches)
+        row = check_matches(matches, piece.query.load(), piece.reference.load(), piece.T_reference_query)
         return {"reference": piece.reference.id, **row, "status": PieceStatus.OK, "error": None}
 
 
 def choose_pairs(dataset: Dataset) -> list[FramePair]:
-    """Each query with the nearest scene frame of its place. Raises DataError where there is none, or a query's true
-    pose is not known.
+    """Return each query with the nearest scene frame of its place.
+
+    Raises DataError where there is no such pair, or the true pose of a query is unknown.
     """
     pairs = []
     for fold in dataset.folds():

@@ -1,4 +1,4 @@
-"""From the episodes of agents to their lines in the table."""
+"""Summarize the episodes of agents in the rows of the table."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ RATES: Mapping[str, Callable[[EpisodeRow], float]] = {
     "success_rate_1m": lambda row: row.success_1m,
     "success_rate_3m": lambda row: row.success_3m,
 }
-"""Fields with a mean over all episodes and its interval, by what they are means of."""
+"""Fields that are means over all episodes with an interval, and the function of an episode that each averages."""
 MEANS: Mapping[str, Callable[[EpisodeRow], float | None]] = {
     "path_m": lambda row: row.travelled_m,
     "panoramas": lambda row: row.panoramas,
     "collisions": lambda row: row.collisions,
 }
-"""Fields with a mean over the episodes that ended."""
+"""Fields that are means over the episodes that ended."""
 
 
 Scores = Callable[[Sequence[Part[NavigationSurvey, EpisodeRow]], Sequence[Record[EpisodeRow]]], Mapping[str, float]]
-"""Returns the metrics of a published task's scorer, of the records of one method."""
+"""Function that returns the metrics of a published task's scorer for the records of one method."""
 
 
 def summarize_agents(
     parts: Sequence[Part[NavigationSurvey, EpisodeRow]], seed: int, scores: Scores
 ) -> tuple[NavigationRow, ...]:
-    """Return a line of the table for each method, over one data set or several."""
+    """Return the row of each method in the table, over one data set or several."""
     episodes = sum(len(survey.pieces) for survey, _ in parts)
     lines: list[NavigationRow] = []
     first: np.ndarray | None = None
@@ -59,12 +59,12 @@ def summarize_agents(
 
 
 def _in_order(record: Record[EpisodeRow]) -> list[EpisodeRow]:
-    """A method's episodes as they are numbered."""
+    """Return the episodes of a method in the order of their numbers."""
     return sorted((row for row in record.rows if row is not None), key=lambda row: row.episode)
 
 
 def _measure(rows: Sequence[EpisodeRow], goals: Sequence[str], seed: int) -> dict[str, Any]:
-    """The measured fields of a method's line, from all its episodes, clustered by goal."""
+    """Return the measured fields of a method from all of its episodes, clustered by goal."""
     summary: dict[str, Any] = {}
     for name, get in RATES.items():
         values = np.array([get(row) for row in rows])

@@ -1,4 +1,4 @@
-"""Which arms and episodes a study of navigation has."""
+"""Options of a navigation study: its arms and episodes."""
 
 from __future__ import annotations
 
@@ -9,14 +9,16 @@ from pydantic import Field
 from salframe.evaluation.runs.task import TaskOptions
 
 WITHOUT = " without positioning"
-"""What the label of a method ends with that is run without its poses."""
+"""Suffix of the label of a method that runs without its poses."""
 TRUE_PLACE = "true place"
-"""The label of the arm that no method localizes."""
+"""Label of the arm that knows its true place and has no method."""
 
 
 class Positioning(StrEnum):
-    """Which arms to run: each method with its poses, by place and odometry alone, or both; ALL: and an agent that is
-    told its true place, and goes by that and odometry."""
+    """Arms to run: each method with its poses (ON), with place and odometry only (OFF), or both (BOTH).
+
+    ALL adds an agent that knows its true place and uses it with odometry.
+    """
 
     ON = "on"
     OFF = "off"
@@ -30,14 +32,14 @@ ARMS = {
     Positioning.BOTH: ("", WITHOUT),
     Positioning.ALL: ("", WITHOUT),
 }
-"""What the labels of methods end with."""
+"""Suffixes of the labels of methods, by arm."""
 
 
 class NavigationOptions(TaskOptions):
-    """What a study of navigation sets."""
+    """Options of a navigation study."""
 
-    episodes: int | str = Field(100, description="how many are drawn in each data set, or TASK:SPLIT")
-    positioning: Positioning = Field(Positioning.ON, description="with poses, without, or both and more")
+    episodes: int | str = Field(100, description="number of random episodes in each data set, or TASK:SPLIT")
+    positioning: Positioning = Field(Positioning.ON, description="arms to run: with poses, without poses, both, or all")
 
     @property
     def in_data_folder(self) -> bool:

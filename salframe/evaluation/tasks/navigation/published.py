@@ -1,4 +1,4 @@
-"""The episodes of published tasks, walked by an agent that is told their goals, and its answers in the tasks' form."""
+"""Episodes of published tasks for an agent that knows the goals, and its answers in the format of the task."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from salframe.framework.files.writing import write_json
 from salframe.navigation.episodes import Asked
 
 SUBMISSION = "submission.json"
-"""In a method's folder: its answers, as `salframe score` takes them."""
+"""Name of the file of answers in a method's folder, in the format of `salframe score`."""
 
 
 @dataclass(frozen=True)
 class Published:
-    """A split of a published task, known by the name of its scorer."""
+    """A split of a published task, identified by the name of its scorer."""
 
     task: str
     split: str
@@ -34,20 +34,24 @@ class Published:
 
     @property
     def note(self) -> str:
-        """What must be said of the figures."""
+        """Note on the figures."""
         return (
-            f"{self}: the agent is told the goal of each episode, so this is an upper bound; "
+            f"{self}: the agent knows the goal of each episode, so this is an upper bound; "
             f"its answers: methods/METHOD/{SUBMISSION} in the folder of the run"
         )
 
     def episodes(self, data: ComponentConfig) -> tuple[Asked, ...]:
-        """The episodes of the split. Raises UnknownName, DataError, and InputMissing where the data has no folder or
-        the task no episodes."""
+        """Return the episodes of the split.
+
+        Raises UnknownName, DataError, and InputMissing where the data has no folder or the task no episodes.
+        """
         return tuple(find_scorer(self.task).episodes(self.split, self._root(data)))
 
     def score(self, data: ComponentConfig, count: int, record: Record[EpisodeRow]) -> Mapping[str, Any]:
-        """What the task's scorer makes of a method's answers to `count` episodes, which are written into its folder.
-        What was not walked is answered as by an agent that stays."""
+        """Write the answers of a method to `count` episodes into its folder, and return their scores.
+
+        An episode that was not walked has the answer of an agent that does not move.
+        """
         walked: list[np.ndarray | None] = [None] * count
         for row in record.rows:
             if row is not None and row.path is not None:
@@ -64,6 +68,6 @@ class Published:
 
 
 def find_published(episodes: object) -> Published | None:
-    """The split that a text "TASK:SPLIT" names, None where it begins with the name of no scorer."""
+    """Return the split of a text "TASK:SPLIT"; None where TASK is not the name of a scorer."""
     task, colon, split = str(episodes).partition(":")
     return Published(task, split) if colon and task in registry().names("scorer") else None

@@ -1,4 +1,4 @@
-"""A row of the task `navigation`: one episode of an agent."""
+"""The row of the task `navigation`: one episode of an agent."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Position = Annotated[tuple[float, ...], Field(min_length=4, max_length=4)]
 
 
 class EpisodeRow(PieceRow):
-    """What an agent did in an episode."""
+    """An episode of an agent: its metrics and its path."""
 
     episode: Count
     world: str

@@ -1,4 +1,4 @@
-"""The episodes of a data set, and the worlds that they are walked in."""
+"""The episodes of a data set, and their worlds."""
 
 from __future__ import annotations
 
@@ -11,6 +11,6 @@ from salframe.navigation.episodes import Episode, Site
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class NavigationSurvey(Survey[Episode]):
-    """Episodes, and the worlds they are walked in by id."""
+    """Episodes of a data set, and their worlds by id."""
 
     sites: Mapping[str, Site]

@@ -1,4 +1,4 @@
-"""The table of the task `navigation`: its lines and columns."""
+"""The table of the task `navigation`: its rows and columns."""
 
 from __future__ import annotations
 
@@ -22,10 +22,12 @@ from salframe.evaluation.tables.text import fixed
 
 @dataclass(frozen=True, kw_only=True)
 class NavigationRow(MethodRow):
-    """A method's line: rates over all episodes with their 95 % intervals, a crashed episode a failure; means over those
-    that ended; p_value of the exact paired test of success, clustered by goal, against the first measured method, and
-    p_adjusted, as by Holm over all that are tested so. scores: of episodes of a published task, the metrics
-    of its own scorer by name, means over the data sets where there are several.
+    """The row of a method.
+
+    Rates are over all episodes with their 95 % intervals; a crashed episode counts as a failure. Other means are over
+    the episodes that ended. `p_value` is that of the exact paired test of success, clustered by goal, against the first
+    measured method, and `p_adjusted` its adjustment by Holm's method. `scores` are the metrics of the scorer of a
+    published task by name, averaged over data sets.
     """
 
     episodes: int
@@ -66,15 +68,15 @@ COLUMNS: dict[str, Column[NavigationRow]] = {
 }
 USUAL = tuple(COLUMNS)
 ABOUT = (
-    "SR: the agent says that it has arrived and has at most 0.5 m to go. SPL: success times shortest way "
-    "along the map over the longer of that and the way walked. Rates are over all episodes. p: exact paired test of "
+    "SR: the agent stops at most 0.5 m from the goal. SPL: success times the length of the shortest path along the "
+    "map over the longer of that and the path of the agent. Rates are over all episodes. p: exact paired test of "
     "SR, clustered by goal, against the first measured method of the same run, after Holm."
 )
-"""What a page says of the columns."""
+"""Note on the columns for the page."""
 
 
 def score_tables(rows: Sequence[NavigationRow], leading: Mapping[str, Sequence[str]] | None = None) -> list[Table]:
-    """Return the table of a published task's own metrics; none where the episodes are of none."""
+    """Return the table of the metrics that a published task defines; none without a published task."""
     scored = [row for row in rows if row.scores]
     if not scored:
         return []

@@ -1,4 +1,4 @@
-"""The task `navigation`: methods in closed loop, the same episodes and the same noise for all."""
+"""The task `navigation`: methods in closed loop, with the same episodes and the same noise for all."""
 
 from __future__ import annotations
 
@@ -45,8 +45,14 @@ from salframe.panoramas.opening import Progress
 
 @dataclass(frozen=True)
 class NavigationTask(PagedTask[Episode, NavigationSurvey, EpisodeRow, NavigationRow]):
-    """Does the agent get there? `asked`: how many episodes to draw, or which to walk; `published`: the task that they
-    are of."""
+    """Does the agent reach its goal?
+
+    Attributes:
+        config: The settings of navigation.
+        asked: The number of episodes to draw, or the episodes.
+        seed: Seed of the episodes and of the noise.
+        published: The published task of the episodes.
+    """
 
     config: NavigationConfig
     asked: int | tuple[Asked, ...]
@@ -67,18 +73,18 @@ class NavigationTask(PagedTask[Episode, NavigationSurvey, EpisodeRow, Navigation
     maps = True
 
     def asks(self) -> dict[str, Any]:
-        asked = self.asked if isinstance(self.asked, int) else [one.model_dump(mode="json") for one in self.asked]
-        known = {"episodes": asked, "seed": self.seed, "settings": self.config.model_dump(mode="json")}
-        return {**known, **({"published": str(self.published)} if self.published else {})}
+        episodes = self.asked if isinstance(self.asked, int) else [one.model_dump(mode="json") for one in self.asked]
+        parameters = {"episodes": episodes, "seed": self.seed, "settings": self.config.model_dump(mode="json")}
+        return {**parameters, **({"published": str(self.published)} if self.published else {})}
 
     def identity(self) -> dict[str, Any]:
         return {**self.asks(), "settings": settings_identity(self.config)}
 
     @classmethod
     def from_run(cls, run: Run) -> NavigationTask:
-        asked, config = run.task["episodes"], validate(NavigationConfig, run.task["settings"], "navigation")
-        given = asked if isinstance(asked, int) else tuple(Asked.model_validate(one) for one in asked)
-        return cls(config, given, run.task["seed"], find_published(run.task.get("published", "")))
+        content, config = run.task["episodes"], validate(NavigationConfig, run.task["settings"], "navigation")
+        episodes = content if isinstance(content, int) else tuple(Asked.model_validate(one) for one in content)
+        return cls(config, episodes, run.task["seed"], find_published(run.task.get("published", "")))
 
     def mode(self, label: str) -> str:
         return next((mode for mode in (TRUE_PLACE, WITHOUT) if label.endswith(mode)), "")
@@ -94,7 +100,7 @@ class NavigationTask(PagedTask[Episode, NavigationSurvey, EpisodeRow, Navigation
             episodes, left_out = place_episodes(self.asked, sites, self.seed)
         if self.published:
             left_out.append(self.published.note)
-        # World by world: a localizer takes a world's map in once.
+        # World by world, so that a localizer loads the map of each world once.
         order = {world: number for number, world in enumerate(dict.fromkeys(one.world for one in episodes))}
         pieces = sorted(episodes, key=lambda one: order[one.world])
         return NavigationSurvey(dataset, pieces, tuple(left_out), sites=sites)
@@ -121,14 +127,14 @@ class NavigationTask(PagedTask[Episode, NavigationSurvey, EpisodeRow, Navigation
     def _scores(
         self, parts: Sequence[Part[NavigationSurvey, EpisodeRow]], records: Sequence[Record[EpisodeRow]]
     ) -> dict[str, float]:
-        """As in NavigationRow, of one method."""
+        """Return the `scores` of NavigationRow for one method."""
         if self.published is None or isinstance(self.asked, int):
             return {}
         paired = zip(parts, records, strict=True)
-        found = [self.published.score(part.dataset.config, len(self.asked), record) for (part, _), record in paired]
+        scores = [self.published.score(part.dataset.config, len(self.asked), record) for (part, _), record in paired]
         return {
-            name: float(np.mean([row[name] for row in found]))
-            for name, value in found[0].items()
+            name: float(np.mean([row[name] for row in scores]))
+            for name, value in scores[0].items()
             if isinstance(value, float)
         }
 
@@ -168,16 +174,24 @@ def navigate(
     positioning: Positioning = Positioning.ON,
     progress: Progress | None = None,
 ) -> Result[NavigationRow]:
-    """Send an agent through a data set's buildings with each method as its localizer; a run that was begun is resumed.
+    """Navigate an agent through the buildings of a data set with each method as its localizer.
 
-    `episodes`: how many to draw, a JSON file of them, or "TASK:SPLIT", those of a published task whose scorer has them
-    and whose files are in the data set's `root`: the agent is told their goals, and the answers of each method are
-    written in the task's form. Without `positioning` a method's poses are ignored: the agent
-    takes itself to stand at the node it is nearest to by the method's first place, and its heading from odometry alone;
-    the arm TRUE_PLACE does the same with the node that it is really nearest to, and has no method.
-    Settings "navigation.KEY" are for NavigationConfig; the request's seed is that of episodes, noise and intervals.
-    Raises SalframeError on names, settings and files that are wrong, InputMissing on a data set that cannot render,
-    before anything runs.
+    An interrupted run is resumed. Without positioning the poses of a method are ignored: the agent takes the node of
+    the method's first place as its position and its heading from odometry. The arm TRUE_PLACE does the same with the
+    node that is truly nearest, and has no method.
+
+    Args:
+        request: The request. Settings "navigation.KEY" are those of NavigationConfig. The seed is used for episodes,
+            noise and intervals.
+        episodes: The number of random episodes, a JSON file of episodes, or "TASK:SPLIT": a split of a published task
+            whose files are in the `root` of the data set. In a published task the agent knows the goals, and the
+            answers of each method are written in the format of the task.
+        positioning: The arms to run.
+        progress: Reports the progress.
+
+    Raises:
+        SalframeError: A name, a setting or a file is wrong.
+        InputMissing: The data set cannot render panoramas.
     """
     task, resolved = plan_navigation(request, episodes, positioning)
     return run_task(task, request, resolved, progress=progress)
@@ -186,23 +200,23 @@ def navigate(
 def plan_navigation(
     request: Request, episodes: int | str | Path, positioning: Positioning
 ) -> tuple[NavigationTask, Resolved]:
-    """The task of a request, and its methods, one for each arm. Raises SalframeError as `navigate`."""
+    """Return the task of a request and its methods, one for each arm. Raises SalframeError as `navigate`."""
     if isinstance(episodes, int) and episodes < 1:
         raise ConfigError(f"received {episodes} episodes, expected at least 1")
     resolved: Resolved = resolve(request, scopes=("navigation",))
     content: dict[str, Any] = {}
-    for given in resolved.scopes["navigation"]:
-        content = merge(content, given)
+    for one_scope in resolved.scopes["navigation"]:
+        content = merge(content, one_scope)
     positioning = Positioning(positioning)
     arms = {label + arm: label for label in resolved.methods for arm in ARMS[positioning]}
     methods = {arm: resolved.methods[label] for arm, label in arms.items()}
     asked_as = {arm: resolved.asked_as[label] for arm, label in arms.items()}
-    if positioning is Positioning.ALL:  # a run folder knows labels with methods: the first stands for none
+    if positioning is Positioning.ALL:  # every label of a run folder needs a method; the first one is a placeholder
         methods[TRUE_PLACE] = next(iter(resolved.methods.values()))
     published = find_published(episodes)
     if published:
-        asked: int | tuple[Asked, ...] = published.episodes(resolved.data)
+        task_episodes: int | tuple[Asked, ...] = published.episodes(resolved.data)
     else:
-        asked = episodes if isinstance(episodes, int) else read_asked(Path(episodes))
-    task = NavigationTask(validate(NavigationConfig, content, "navigation"), asked, request.seed, published)
+        task_episodes = episodes if isinstance(episodes, int) else read_asked(Path(episodes))
+    task = NavigationTask(validate(NavigationConfig, content, "navigation"), task_episodes, request.seed, published)
     return task, replace(resolved, methods=methods, asked_as=asked_as)

@@ -1,4 +1,4 @@
-"""What a page shows of a run of the task `navigation`."""
+"""The view of a run of the task `navigation` that a page shows."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from salframe.topology.topological_map import TopologicalMap
 
 @dataclass(frozen=True, eq=False)
 class NavigationView(RunView[EpisodeRow, NavigationRow]):
-    """A navigation run: the map of each world by its id."""
+    """A navigation run, with the map of each world by id."""
 
     survey: NavigationSurvey
     maps: Mapping[str, TopologicalMap]

@@ -1,4 +1,4 @@
-"""An agent at work on the episodes of a task."""
+"""The worker of the task `navigation`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from salframe.navigation.walk import NavigationConfig, walk
 
 
 class Walking(Worker[Episode]):
-    """An agent that looks through a localizer, or is told its true place."""
+    """Runs an agent that uses a localizer, or knows its true place where `sight` is None."""
 
     def __init__(self, sight: Sight | None, sites: Mapping[str, Site], config: NavigationConfig, seed: int) -> None:
         self._sight, self._sites, self._config, self._seed = sight, sites, config, seed

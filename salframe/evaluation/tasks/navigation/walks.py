@@ -30,7 +30,7 @@ SHOWN = {
 
 
 def list_walks(arms: Sequence[Arm], views: Sequence[NavigationView]) -> list[dict[str, Any]]:
-    """For each run, for JSON, the maps of the worlds that were walked in, and the episodes of each arm that ended."""
+    """Return the maps of the worlds of each run and the episodes of each arm that ended, for JSON."""
     walks = []
     for run, view in enumerate(views):
         episodes = {
@@ -41,21 +41,21 @@ def list_walks(arms: Sequence[Arm], views: Sequence[NavigationView]) -> list[dic
             for entry in arm.entries
             if entry.run == run
         }
-        walked_in = {episode["world"] for rows in episodes.values() for episode in rows}
-        worlds = {id: _plan(map) for id, map in view.maps.items() if id in walked_in}
+        visited = {episode["world"] for rows in episodes.values() for episode in rows}
+        worlds = {id: _plan(map) for id, map in view.maps.items() if id in visited}
         walks.append({"name": view.name, "worlds": worlds, "episodes": episodes})
     return walks
 
 
 def _episode(row: EpisodeRow) -> dict[str, Any]:
-    """What is shown of an episode; positions to centimetres."""
+    """Return the fields of an episode that a page shows, with positions in centimetre precision."""
     path = [[round(x, 2), round(y, 2)] for x, y, *_ in row.path or ()]
     believed = [None if one is None else [round(one[0], 2), round(one[1], 2)] for one in row.believed or ()]
     return {**row.model_dump(include=SHOWN), "path": path, "believed": believed}
 
 
 def _plan(map: TopologicalMap) -> dict[str, Any]:
-    """What lies below trajectories: the floor, without masks the map's edges; and where its nodes are."""
+    """Return the background of trajectories: the nodes with the floor plan, or with the edges where there is none."""
     nodes = {node.id: [round(node.xyz_m[0], 3), round(node.xyz_m[1], 3)] for node in map.nodes}
     if map.floors:
         return {**floor_plan(map.floors[0]), "edges": [], "nodes": nodes}

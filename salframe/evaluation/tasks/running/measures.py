@@ -1,4 +1,4 @@
-"""From the rows of methods to their lines in the table."""
+"""Summarize the rows of methods in the rows of the table."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A row of the task `running`: the cost of one query, and of its map."""
+"""The row of the task `running`: the cost of one query and of its map."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from salframe.evaluation.runs.rows import Amount, Count, PieceRow, PieceStatus
 
 
 class ProgramRow(PieceRow):
-    """What asking a saved map cost, and the map itself."""
+    """Time and memory of a query to a saved map, and of the map."""
 
     query: str
     first: bool | None = None
@@ -26,5 +26,5 @@ class ProgramRow(PieceRow):
     def _complete(self) -> ProgramRow:
         needed = (self.first, self.describe_ms, self.query_ms, self.scenes, self.bytes, self.open_s)
         if self.status == PieceStatus.OK and None in needed:
-            raise ValueError("a query was answered, expected its times and what its map cost")
+            raise ValueError("an answered query lacks a field, expected its times and the cost of its map")
         return self

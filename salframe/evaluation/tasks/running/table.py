@@ -1,4 +1,4 @@
-"""The table of the task `running`: its lines and columns."""
+"""The table of the task `running`: its rows and columns."""
 
 from __future__ import annotations
 
@@ -10,10 +10,20 @@ from salframe.evaluation.tables.columns import GIVEN, Column, bytes_column, cost
 
 @dataclass(frozen=True, kw_only=True)
 class RunningRow(MethodRow):
-    """A method's line: of the saved map of the first fold, scenes, bytes_per_scene with its index and open_s, seconds
-    to open it in a process that has only imported salframe; opened_mb, 1e6 bytes of memory that this brings, and
-    asked_mb with the first query (None elsewhere than on Linux); first_ms, describing and answering the first query; of
-    all later ones, medians to describe and to answer, and the 95th percentile of the latter."""
+    """The row of a method. The map is the saved map of the first fold.
+
+    Attributes:
+        queries: Number of queries.
+        scenes: Number of scenes of the map.
+        bytes_per_scene: Size of the saved map with its index, per scene.
+        open_s: Time to open the map in a process that has only imported salframe.
+        opened_mb: Memory (1e6 bytes) that opening the map takes; None on systems other than Linux.
+        asked_mb: The same after the first query.
+        first_ms: Time to describe and answer the first query.
+        describe_ms: Median time to describe a later query.
+        query_median_ms: Median time to answer a later query.
+        query_p95_ms: 95th percentile of the time to answer a later query.
+    """
 
     queries: int
     scenes: int | None = None

@@ -1,4 +1,4 @@
-"""The task `running`: what a saved map costs a program that opens it once and asks it again and again."""
+"""The task `running`: the latency and memory of a saved map that a program opens once and queries many times."""
 
 from __future__ import annotations
 
@@ -35,19 +35,19 @@ from salframe.panoramas.frames import Fold, QueryFrame
 from salframe.panoramas.opening import open_dataset
 
 QUERIES = 100
-"""So many are asked at most, evenly spread over the fold's."""
+"""Maximum number of queries, evenly spread over those of the fold."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RunningSurvey(Survey[QueryFrame]):
-    """Queries of a data set's first fold that has some."""
+    """Queries of the first fold of a data set that has any."""
 
     fold: Fold
 
 
 @dataclass(frozen=True)
 class RunningTask(Task[QueryFrame, RunningSurvey, ProgramRow, RunningRow]):
-    """How long do opening a map and asking it take, and how much memory?"""
+    """How much time and memory do opening a map and querying it take?"""
 
     name = "running"
     prefix = "running-"
@@ -76,22 +76,22 @@ class RunningTask(Task[QueryFrame, RunningSurvey, ProgramRow, RunningRow]):
         self, label: str, method: Localizer, survey: RunningSurvey, todo: Sequence[QueryFrame], folder: Path
     ) -> Worker[QueryFrame]:
         check_needs(method, survey.dataset)
-        return _Asking(method.config, survey, folder)
+        return _SavedMapWorker(method.config, survey, folder)
 
     def summarize(self, parts: Sequence[Part[RunningSurvey, ProgramRow]], seed: int) -> tuple[RunningRow, ...]:
         queries = sum(len(survey.pieces) for survey, _ in parts)
         return tuple(summarize_program(records, queries) for records in by_method(parts))
 
 
-class _Asking(Worker[QueryFrame]):
-    """A map that one process saves, and another opens and asks, which has done nothing before."""
+class _SavedMapWorker(Worker[QueryFrame]):
+    """Saves a map in one process, and opens and queries it in another, fresh process."""
 
     def __init__(self, method: ComponentConfig, survey: RunningSurvey, folder: Path) -> None:
         self._contents = tuple(config.model_dump_json() for config in (method, survey.dataset.config))
         self._scenes = len(survey.fold.mapping)
         folder.mkdir(parents=True, exist_ok=True)
-        for left in folder.glob("map-*"):  # of a process that was killed
-            shutil.rmtree(left, ignore_errors=True)
+        for leftover in folder.glob("map-*"):  # of a process that was killed
+            shutil.rmtree(leftover, ignore_errors=True)
         self._folder = Path(tempfile.mkdtemp(prefix="map-", dir=folder))
         self._program = ProcessPool(1)
         self._costs: Row = {}
@@ -106,8 +106,8 @@ class _Asking(Worker[QueryFrame]):
         self._costs = {"scenes": self._scenes, "bytes": folder_bytes(saved), **opened}
 
     def work(self, piece: QueryFrame) -> Row:
-        asked = _result(self._program.submit(_ask_program, piece.id))
-        return {**self._costs, **asked, "status": PieceStatus.OK, "error": None}
+        cost = _result(self._program.submit(_query_program, piece.id))
+        return {**self._costs, **cost, "status": PieceStatus.OK, "error": None}
 
     def close(self) -> None:
         self._program.stop()
@@ -115,16 +115,24 @@ class _Asking(Worker[QueryFrame]):
 
 
 def _result(future: Future[Any]) -> Any:
-    """What a process made of its work, or what it raised. Raises MethodFailed where it died."""
+    """Return the result of a process. Raises the exception of its work, and MethodFailed where it died."""
     try:
         return future.result()
     except BrokenProcessPool:
-        raise MethodFailed("the process that had its map died") from None
+        raise MethodFailed("the process that held the map died") from None
 
 
 def save_first_map(method: str, data: str, output: str) -> None:
-    """Save the map of a data set's first fold that has queries. method, data: configurations as JSON. Raises
-    SalframeError as building and saving a map do."""
+    """Save the map of the first fold of a data set that has queries.
+
+    Args:
+        method: Configuration of the localizer as JSON.
+        data: Configuration of the data set as JSON.
+        output: The folder of the map.
+
+    Raises:
+        SalframeError: The map cannot be built or saved.
+    """
     dataset = open_dataset(read_config("dataset", data))
     localizer: Localizer = registry().build("localizer", read_config("localizer", method))
     fold = RunningTask().survey(dataset).fold
@@ -134,21 +142,21 @@ def save_first_map(method: str, data: str, output: str) -> None:
 
 @dataclass
 class _Program:
-    """What a program holds that asks a map: the map, the queries by id, its memory before (1e6 bytes), whether it has
-    answered."""
+    """The state of a program: its map, the queries by id, its memory before it opened the map (1e6 bytes), and whether
+    it has answered a query."""
 
     opened: LocalizationMap
     queries: Mapping[str, QueryFrame]
     before_mb: float | None
-    asked: bool = False
+    has_answered: bool = False
 
 
 _programs: list[_Program] = []
-"""Of this process, the one there is."""
+"""The program of this process, at most one."""
 
 
 def _open_program(data: str, saved: str) -> Row:
-    """Open a saved map; what that costs."""
+    """Open a saved map, and return its cost."""
     queries = {query.id: query for query in RunningTask().survey(open_dataset(read_config("dataset", data))).pieces}
     before_mb, start = memory_mb("VmRSS"), time.perf_counter()
     opened = open_map(saved)
@@ -157,20 +165,20 @@ def _open_program(data: str, saved: str) -> Row:
     return {"open_s": open_s, "opened_mb": _more(before_mb)}
 
 
-def _ask_program(query: str) -> Row:
-    """Ask the map; what that costs. Memory counts the panorama that is asked."""
+def _query_program(query: str) -> Row:
+    """Query the map, and return its cost. The memory includes the panorama of the query."""
     (program,) = _programs
     panorama = program.queries[query].load()
     description, seconds = describe_frame(program.opened.localizer, QueryFrame(query, lambda: panorama))
     start = time.perf_counter()
     program.opened.answer(description)
     query_ms = 1e3 * (time.perf_counter() - start)
-    first, program.asked = not program.asked, True
+    first, program.has_answered = not program.has_answered, True
     cost = {"first": first, "describe_ms": 1e3 * seconds, "query_ms": query_ms}
     return {**cost, "asked_mb": _more(program.before_mb)} if first else cost
 
 
 def _more(before_mb: float | None) -> float | None:
-    """Memory (1e6 bytes) that this process holds beyond what it held before."""
+    """Return the increase of the memory of this process (1e6 bytes); None where it is unknown."""
     now_mb = memory_mb("VmRSS")
     return None if before_mb is None or now_mb is None else max(now_mb - before_mb, 0.0)

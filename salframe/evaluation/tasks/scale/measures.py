@@ -1,4 +1,4 @@
-"""From the rows of methods to their lines in the table."""
+"""Summarize the rows of methods in the rows of the table."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def summarize_queries(records: Sequence[Record[SceneRow]], scenes: int) -> Scale
     if not rows or not all(record.done for record in records):
         return line
     both = [row for row in rows if row.right_exhaustive is not None]
-    failed = sum(len(record.rows) for record in records) - len(rows)  # which are not right
+    failed = sum(len(record.rows) for record in records) - len(rows)  # counted as wrong
     median_ms, p95_ms = np.percentile([row.query_ms or 0.0 for row in rows], [50, 95])
     last = rows[-1]
     return replace(
@@ -38,5 +38,5 @@ def summarize_queries(records: Sequence[Record[SceneRow]], scenes: int) -> Scale
 
 
 def _recall(right: Sequence[bool]) -> Estimate | None:
-    """Return the share of queries, each of a scene of its own, that are right; None of none."""
+    """Return the share of correct queries, each of a different scene; None without queries."""
     return estimate_proportion(np.array(right), [str(number) for number in range(len(right))]) if right else None

@@ -1,4 +1,4 @@
-"""A row of the task `scale`: one query, and the costs of its map."""
+"""The row of the task `scale`: one query and the costs of its map."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from salframe.evaluation.runs.rows import Count, PieceRow
 
 
 class SceneRow(PieceRow):
-    """Whether a scene was found again, and what its map cost."""
+    """Whether a scene was retrieved, and the costs of the map."""
 
     query: Count
     right: bool | None = None

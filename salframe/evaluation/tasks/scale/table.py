@@ -1,4 +1,4 @@
-"""The table of the task `scale`: its lines and columns."""
+"""The table of the task `scale`: its rows and columns."""
 
 from __future__ import annotations
 
@@ -11,10 +11,20 @@ from salframe.evaluation.tables.columns import GIVEN, Column, bytes_column, cost
 
 @dataclass(frozen=True, kw_only=True)
 class ScaleRow(MethodRow):
-    """A method's line: seconds to save the map of scenes on disk and to open it, most memory while saving (1e6 bytes,
-    None where the process is shared), bytes a scene of the saved map, milliseconds of a query with the best's pose, the
-    share of queries whose scene is the best match, and of those that were also matched with all scenes, both shares,
-    each with Wilson's 95 % interval."""
+    """The row of a method.
+
+    Attributes:
+        scenes: Number of scenes of the map.
+        build_s: Time to save the map.
+        build_memory_mb: Peak memory while saving (1e6 bytes); None where the process is shared.
+        bytes_per_scene: Size of the saved map per scene.
+        open_s: Time to open the map.
+        query_median_ms: Median time of a query, including the pose in the best match.
+        query_p95_ms: 95th percentile of the time of a query.
+        recall_at_1: Share of queries whose scene is the best match, with Wilson's 95 % interval.
+        recall_at_1_both: The same for the queries that were also matched with all scenes.
+        recall_at_1_exhaustive: The share of these queries by matching with all scenes.
+    """
 
     scenes: int
     build_s: float | None = None

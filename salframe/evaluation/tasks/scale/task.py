@@ -1,5 +1,4 @@
-"""The task `scale`: what matching costs in a map of many scenes, and whether it finds what matching all of them
-does."""
+"""The task `scale`: cost and recall of matching in a map of many scenes, compared with exhaustive matching."""
 
 from __future__ import annotations
 
@@ -44,25 +43,27 @@ from salframe.panoramas.frames import FrameKind, MapFrame
 from salframe.panoramas.geometry import pose_2d
 
 QUERIES, EXHAUSTIVE = 200, 50
-"""So many scenes are asked for, and so many of them of all scenes one by one as well."""
+"""Number of queries, and number of queries that are also matched with all scenes."""
 SEED = 3
-"""Of the city."""
-LEAST_OBJECTS = 3
-"""A room with fewer furnishes no scene."""
+"""Seed of the city."""
+MIN_OBJECTS = 3
+"""Minimum number of objects of a room that is used for scenes."""
 WINDOW = 2000
-"""So many scenes are matched at once where all are."""
+"""Number of scenes that exhaustive matching matches at once."""
 
 
 class ScaleOptions(TaskOptions):
-    """What a study of scale sets."""
+    """Options of a scale study."""
 
-    scenes: tuple[int, ...] = Field(min_length=1, description="numbers of scenes of the map, a row each")
+    scenes: tuple[int, ...] = Field(min_length=1, description="numbers of scenes of the map, one row each")
 
 
 @dataclass(frozen=True)
 class ScaleTask(Task[int, Survey[int], SceneRow, ScaleRow]):
-    """Which of many scenes was seen again? They are made of the rooms of a data set (`City`); a piece is a scene's
-    number."""
+    """Which of many scenes does a query show? The scenes are made of the rooms of a data set (`City`).
+
+    A piece is the number of a scene.
+    """
 
     scenes: int
 
@@ -106,7 +107,7 @@ class ScaleTask(Task[int, Survey[int], SceneRow, ScaleRow]):
     ) -> Worker[int]:
         check_needs(method, survey.dataset)
         alone = set(survey.pieces[:EXHAUSTIVE])
-        return _Asking(method, _matcher_config(method), survey.dataset, self.scenes, alone, folder)
+        return _ScaleWorker(method, _matcher_config(method), survey.dataset, self.scenes, alone, folder)
 
     def summarize(self, parts: Sequence[Part[Survey[int], SceneRow]], seed: int) -> tuple[ScaleRow, ...]:
         return tuple(summarize_queries(records, self.scenes) for records in by_method(parts))
@@ -118,11 +119,11 @@ def _matcher_config(method: Localizer) -> ComponentConfig:
     for _, config in components_in(method.config):
         if issubclass(config.component, GraphMatcher) and config.component.uses_scene_index:
             return config
-    raise MethodUnavailable("has no matcher that looks scenes up in an index")
+    raise MethodUnavailable("has no matcher that uses a scene index")
 
 
-class _Asking(Worker[int]):
-    """A localizer's matcher on a map on disk."""
+class _ScaleWorker(Worker[int]):
+    """Runs the matcher of a localizer on a map on disk."""
 
     def __init__(
         self,
@@ -150,9 +151,9 @@ class _Asking(Worker[int]):
         build_s, memory_mb = time.perf_counter() - start, peak_memory_mb()
         shutil.rmtree(self._folder / "stream")
         read_map(built, self._open)
-        self._ask(self._index, self._city.query(0))  # imports what the first query imports
+        self._query(self._index, self._city.query(0))  # imports what the first query imports
         del self._index, self._frames
-        built = built.rename(self._folder / "moved")  # so that hashes that are remembered are computed again
+        built = built.rename(self._folder / "moved")  # so that cached hashes are computed again
         start = time.perf_counter()
         read_map(built, self._open)
         open_s = time.perf_counter() - start
@@ -163,43 +164,43 @@ class _Asking(Worker[int]):
     def work(self, piece: int) -> Row:
         query = self._city.query(piece)
         start = time.perf_counter()
-        best, _ = self._ask(self._index, query)
+        best, _ = self._query(self._index, query)
         query_ms = (time.perf_counter() - start) * 1e3
         exhaustive = self._best_of_all(query) == piece if piece in self._exhaustive else None
-        found = {"right": best == piece, "right_exhaustive": exhaustive, "query_ms": query_ms}
-        return {**found, **self._costs, "status": PieceStatus.OK, "error": None}
+        result = {"right": best == piece, "right_exhaustive": exhaustive, "query_ms": query_ms}
+        return {**result, **self._costs, "status": PieceStatus.OK, "error": None}
 
     def close(self) -> None:
         shutil.rmtree(self._folder, ignore_errors=True)
 
     def _build(self, graphs: Sequence[SaliencyGraph], folder: Path) -> None:
-        """Save the map of graphs on disk to a new folder."""
+        """Save the map of the graphs to a new folder."""
         with write_map(folder) as parts:
             parts.write_method(self._method)
             parts.write_scenes((pack_graph(graph_to_arrays(graph)) for graph in graphs), _frames(len(graphs)))
             self._matcher.write_index(MappedGraphs(parts.read_scenes()[0]), parts.folder / INDEX)
 
     def _open(self, parts: MapParts) -> None:
-        """Take in the map of these parts."""
+        """Open the map of these parts."""
         packed, self._frames = parts.read_scenes()
         self._index = self._matcher.open_index(MappedGraphs(packed), parts.folder / INDEX)
 
     def _open_window(self, parts: MapParts) -> Any:
-        """The map of these parts, of which all scenes of a window are matched."""
+        """Return the index of a map of these parts that matches all scenes of the window."""
         graphs = MappedGraphs(parts.read_table(SCENES), self._window)
         return self._matcher.open_index(graphs, parts.folder / INDEX)
 
-    def _ask(self, index: Any, query: SaliencyGraph) -> tuple[int | None, np.ndarray | None]:
-        """The scene that is the best match, and T_world_query (4, 4) if that has a pose."""
+    def _query(self, index: Any, query: SaliencyGraph) -> tuple[int | None, np.ndarray | None]:
+        """Return the best scene, and T_world_query (4, 4) if the match has a pose."""
         matches = self._matcher.match(query, index, 1)
         if not matches:
             return None, None
         best = matches[0]
-        seen = best.T_scene_query
-        return best.scene, None if seen is None else self._frames[best.scene].T_world_pano @ seen
+        pose = best.T_scene_query
+        return best.scene, None if pose is None else self._frames[best.scene].T_world_pano @ pose
 
     def _best_of_all(self, query: SaliencyGraph) -> int | None:
-        """The scene that is the best match of all, a window of them at a time."""
+        """Return the best of all scenes, matched one window at a time."""
         best = GraphMatch(-1, -np.inf, np.zeros((0, 2), np.int64))
         for low in range(0, self._count, WINDOW):
             self._window.scene = np.arange(low, min(low + WINDOW, self._count))
@@ -209,29 +210,31 @@ class _Asking(Worker[int]):
 
 @dataclass
 class _Window:
-    """Scenes (W,) that are candidates of every query."""
+    """A scene index that returns the same scenes (W,) as candidates for every query."""
 
     scene: np.ndarray
 
     def candidates(self, query: SaliencyGraph, count: int) -> SceneCandidates:
-        """All of them."""
+        """Return all scenes of the window."""
         return SceneCandidates(self.scene, np.zeros(len(self.scene)))
 
 
 def rooms_of(method: Localizer, dataset: Dataset) -> tuple[SaliencyGraph, ...]:
-    """The graphs of a data set's scene frames as a localizer describes them, of those with LEAST_OBJECTS. Raises
-    DataError where there is none."""
+    """Return the graphs of the scene frames of a data set that have at least MIN_OBJECTS, described by a localizer.
+
+    Raises DataError where there is none.
+    """
     cache = Cache()
     frames = {frame.id: frame for fold in dataset.folds() for frame in fold.mapping if frame.kind is FrameKind.SCENE}
     described = (describe_frame(method, frame, cache, dataset.content_key)[0] for frame in frames.values())
-    rooms = tuple(graph for one in described if len(graph := graph_from_arrays(one)) >= LEAST_OBJECTS)
+    rooms = tuple(graph for one in described if len(graph := graph_from_arrays(one)) >= MIN_OBJECTS)
     if not rooms:
-        raise DataError(f"{dataset.name} has no scene frame with {LEAST_OBJECTS} objects, expected some")
+        raise DataError(f"{dataset.name} has no scene frame with {MIN_OBJECTS} objects, expected at least one")
     return rooms
 
 
 def _frames(count: int) -> Iterator[MapFrame]:
-    """Scenes side by side, ten metres apart, each a place of its own."""
+    """Yield the frames of scenes on a grid, ten metres apart, each a different place."""
     for number in range(count):
         y, x = divmod(number, 1000)
         yield MapFrame(f"frame-{number}", f"room-{number}", pose_2d(10.0 * x, 10.0 * y, 0.0), FrameKind.SCENE)

@@ -1,1 +1,1 @@
-"""The task `sensor`: a detector measured against annotations, as a sensor model."""
+"""The task `sensor`: calibration of a sensor model of detectors against annotations."""

@@ -1,4 +1,4 @@
-"""From a detector's answers beside the annotations of the same panoramas to a sensor model."""
+"""Fit a sensor model to the detections and the annotations of the same panoramas."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from salframe.graphs.sightings import Sightings
 from salframe.graphs.vocabulary import common_label
 
 REACH_SHARE, OTHER_REACH_SHARE = 0.5, 0.25
-"""An object is found by a detection within NEAR_M, or this share of its longest side where that is more: half of it by
-one of its label, a quarter by one of another."""
+"""Maximum distance between a detection and its object, relative to the longest side of the object, if that is above
+NEAR_M: the first for detections of the same label, the second for other detections."""
 ROUNDS, TOLERANCE = 200, 1e-6
 WEAK_PRECISION = 1e-3
-"""Of the prior of what all objects share, so that slopes stay finite where every object was found, or none."""
+"""Precision of the prior of the shared coefficients. It keeps slopes finite where all objects were found, or none."""
 FLOOR_VARIANCE = 1e-4
-"""Of the offsets: less is taken for no difference between groups."""
+"""Minimum variance of the offsets between groups."""
 
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """One panorama: the annotated objects, how each shows, and what the detector found there."""
+    """One panorama: the annotated objects, how visible each is, and the detections."""
 
     truth: Detections
     shown: Sightings
@@ -35,11 +35,20 @@ class Look:
 
 @dataclass(frozen=True, eq=False)
 class Observations:
-    """What N annotated objects and the detections of several panoramas say together.
+    """N annotated objects of several panoramas, matched with detections. Unknown values are NaN.
 
-    shown: how the objects show; said: the detector's label of each, None where it was not found; bearing_rad (M, 2),
-    range_log (M,), size_log (M,), height_m (M,): errors of the M found; of the false ones, the labels and (K,) range_m,
-    elevation_rad, size_m. NaN where a detection does not tell.
+    Attributes:
+        panoramas: Number of panoramas.
+        shown: Visibility of the objects.
+        said: Label of the detection of each object; None where it was not detected.
+        bearing_rad: (M, 2) errors of the bearing of the M detected objects, to the left and up.
+        range_log: (M,) errors of the logarithm of the range.
+        size_log: (M,) errors of the logarithm of the size.
+        height_m: (M,) errors of the height.
+        false_labels: Labels of the K false positives.
+        false_range_m: (K,) ranges of the false positives.
+        false_elevation_rad: (K,) elevations of the false positives.
+        false_size_m: (K,) sizes of the false positives.
     """
 
     panoramas: int
@@ -56,61 +65,62 @@ class Observations:
 
     @property
     def found(self) -> np.ndarray:
-        """(N,) bool."""
+        """(N,) bool: whether each object was detected."""
         return np.array([said is not None for said in self.said], bool)
 
     @property
     def right(self) -> np.ndarray:
-        """(N,) bool: found by a label that is right in the words that detectors share."""
+        """(N,) bool: whether each object was detected with the correct label of the shared vocabulary."""
         return np.array(
             [
-                said is not None and common_label(said) == common_label(own)
-                for said, own in zip(self.said, self.shown.labels, strict=True)
+                detected is not None and common_label(detected) == common_label(label)
+                for detected, label in zip(self.said, self.shown.labels, strict=True)
             ],
             bool,
         )
 
 
-def match_objects(found: Detections, truth: Detections) -> np.ndarray:
-    """(T,) int: the detection that finds each annotated object, -1 where none does.
+def match_objects(detections: Detections, truth: Detections) -> np.ndarray:
+    """Return the index of the detection of each annotated object, (T,) int; -1 where it was not detected.
 
-    One to one, as many as can be, then the nearest: first among those of one label in the words that detectors share,
-    then the others. A detection of unknown range is as far as its bearing at the object's range is.
+    The assignment is one to one, with a maximal number of matches and then a minimal total distance. Detections of the
+    same label in the shared vocabulary are assigned first. The range of a detection of unknown range is taken to be
+    that of the object.
     """
-    answer = np.full(len(truth), -1)
-    if not len(found) or not len(truth):
-        return answer
-    distance_m = _distances(found, truth)
-    longest_m = np.nan_to_num(truth.size_m.max(1))
-    group, own = (np.array([common_label(label) for label in side.labels]) for side in (found, truth))
-    same = group[:, None] == own
+    matches = np.full(len(truth), -1)
+    if not len(detections) or not len(truth):
+        return matches
+    distance_m = _distances(detections, truth)
+    max_side_m = np.nan_to_num(truth.size_m.max(1))
+    group, common = (np.array([common_label(label) for label in side.labels]) for side in (detections, truth))
+    same = group[:, None] == common
     for eligible, share in ((same, REACH_SHARE), (~same, OTHER_REACH_SHARE)):
-        near = eligible & (distance_m <= np.maximum(NEAR_M, share * longest_m))
-        near &= (answer < 0) & ~np.isin(np.arange(len(found)), answer)[:, None]
-        for detection, thing in zip(*_assign(near, distance_m), strict=True):
-            answer[thing] = detection
-    return answer
+        near = eligible & (distance_m <= np.maximum(NEAR_M, share * max_side_m))
+        near &= (matches < 0) & ~np.isin(np.arange(len(detections)), matches)[:, None]
+        for detection, obj in zip(*_assign(near, distance_m), strict=True):
+            matches[obj] = detection
+    return matches
 
 
 def _assign(near: np.ndarray, distance_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The pairs of a one-to-one assignment among those near: as many as can be, then the least distance."""
+    """Return a one-to-one assignment of near pairs: a maximal number, then a minimal total distance."""
     from scipy.optimize import linear_sum_assignment
 
-    most = 1 + np.where(near, distance_m, 0).sum()
-    rows, columns = linear_sum_assignment(np.where(near, distance_m - most, 0))
-    kept = near[rows, columns]
-    return rows[kept], columns[kept]
+    max_cost = 1 + np.where(near, distance_m, 0).sum()
+    rows, columns = linear_sum_assignment(np.where(near, distance_m - max_cost, 0))
+    valid = near[rows, columns]
+    return rows[valid], columns[valid]
 
 
-def _distances(found: Detections, truth: Detections) -> np.ndarray:
-    """(F, T) metres between centroids; across the bearing where a detection's range is unknown."""
-    apart = np.linalg.norm(found.centroid_m[:, None] - truth.centroid_m, axis=2)
-    across = np.arccos(np.clip(found.bearing @ truth.bearing.T, -1, 1)) * np.linalg.norm(truth.centroid_m, axis=1)
+def _distances(detections: Detections, truth: Detections) -> np.ndarray:
+    """Return the distances (F, T) of centroids in metres; those across the bearing where the range is unknown."""
+    apart = np.linalg.norm(detections.centroid_m[:, None] - truth.centroid_m, axis=2)
+    across = np.arccos(np.clip(detections.bearing @ truth.bearing.T, -1, 1)) * np.linalg.norm(truth.centroid_m, axis=1)
     return np.nan_to_num(np.where(np.isnan(apart), across, apart), nan=np.inf)
 
 
 def observe(looks: Iterable[Look]) -> Observations:
-    """Match the detections of each panorama with its annotations and gather what they say."""
+    """Match the detections of each panorama with its annotations, and collect the results."""
     looks = list(looks)
     said: list[str | None] = []
     errors, false = [np.zeros((0, 5))], [np.zeros((0, 3))]
@@ -143,16 +153,16 @@ def observe(looks: Iterable[Look]) -> Observations:
     )
 
 
-def _errors(found: Detections, truth: Detections) -> np.ndarray:
-    """(M, 5): errors of bearing to the left and up in rad, logarithms of range and size, and of height in m."""
+def _errors(detections: Detections, truth: Detections) -> np.ndarray:
+    """Return errors (M, 5): bearing to the left and up in rad, logarithms of range and size, and height in m."""
     left = np.stack([-truth.bearing[:, 1], truth.bearing[:, 0], np.zeros(len(truth))], 1)
     left /= np.maximum(np.linalg.norm(left, axis=1, keepdims=True), 1e-9)
     up = np.cross(truth.bearing, left)
-    ahead = (found.bearing * truth.bearing).sum(1)
-    bearing = [np.arctan2((found.bearing * axis).sum(1), ahead) for axis in (left, up)]
-    ranges = [np.linalg.norm(one.centroid_m, axis=1) for one in (found, truth)]
-    height = found.centroid_m[:, 2] - truth.centroid_m[:, 2]
-    return np.column_stack([*bearing, np.log(ranges[0] / ranges[1]), np.log(_size(found) / _size(truth)), height])
+    ahead = (detections.bearing * truth.bearing).sum(1)
+    bearing = [np.arctan2((detections.bearing * axis).sum(1), ahead) for axis in (left, up)]
+    ranges = [np.linalg.norm(one.centroid_m, axis=1) for one in (detections, truth)]
+    height = detections.centroid_m[:, 2] - truth.centroid_m[:, 2]
+    return np.column_stack([*bearing, np.log(ranges[0] / ranges[1]), np.log(_size(detections) / _size(truth)), height])
 
 
 def _elevation(detections: Detections) -> np.ndarray:
@@ -160,49 +170,59 @@ def _elevation(detections: Detections) -> np.ndarray:
 
 
 def _size(detections: Detections) -> np.ndarray:
-    """(N,) metres: cube root of the boxes' volume."""
+    """Return the cube roots (N,) of the volumes of the boxes, in metres."""
     return np.cbrt(detections.size_m.prod(1))
 
 
-def fit_sensor(seen: Observations, provenance: Mapping[str, object]) -> SensorModel:
-    """The sensor model that observations say; `provenance`: its fields but for the counts."""
+def fit_sensor(observations: Observations, provenance: Mapping[str, object]) -> SensorModel:
+    """Return the sensor model of observations. `provenance` holds the fields of Provenance except for the counts."""
     confusion: dict[str, Counter[str]] = {}
-    for own, said in zip(seen.shown.labels, seen.said, strict=True):
-        if said is not None:
-            confusion.setdefault(own, Counter())[said] += 1
-    false = (seen.false_range_m, seen.false_elevation_rad, seen.false_size_m)
+    for label, detected in zip(observations.shown.labels, observations.said, strict=True):
+        if detected is not None:
+            confusion.setdefault(label, Counter())[detected] += 1
+    false = (observations.false_range_m, observations.false_elevation_rad, observations.false_size_m)
     range_m, elevation_rad, size_m = (quantiles(values[np.isfinite(values)]) for values in false)
     return SensorModel(
         provenance=Provenance(
-            **provenance, panoramas=seen.panoramas, objects=len(seen.said), found=int(seen.found.sum())
+            **provenance,
+            panoramas=observations.panoramas,
+            objects=len(observations.said),
+            found=int(observations.found.sum()),
         ),
-        found=fit_found(seen.shown, seen.found),
+        found=fit_found(observations.shown, observations.found),
         confusion={label: dict(sorted(confusion[label].items())) for label in sorted(confusion)},
         false_objects=FalseObjects(
-            per_panorama=_rounded(len(seen.false_labels) / max(seen.panoramas, 1)),
-            labels=dict(sorted(Counter(seen.false_labels).items())),
+            per_panorama=_rounded(len(observations.false_labels) / max(observations.panoramas, 1)),
+            labels=dict(sorted(Counter(observations.false_labels).items())),
             range_m=range_m,
             elevation_rad=elevation_rad,
             size_m=size_m,
         ),
         errors=Errors(
-            bearing_rad=robust_deviation(seen.bearing_rad.ravel()),
-            range_share=robust_deviation(seen.range_log),
-            size_log=robust_deviation(seen.size_log),
-            height_m=robust_deviation(seen.height_m),
+            bearing_rad=robust_deviation(observations.bearing_rad.ravel()),
+            range_share=robust_deviation(observations.range_log),
+            size_log=robust_deviation(observations.size_log),
+            height_m=robust_deviation(observations.height_m),
         ),
     )
 
 
 def robust_deviation(values: np.ndarray) -> float:
-    """1.4826 times the median distance from the median, of the finite values; 0 of none."""
+    """Return 1.4826 times the median absolute deviation of the finite values; 0 where there are none."""
     values = values[np.isfinite(values)]
     return _rounded(1.4826 * np.median(np.abs(values - np.median(values)))) if len(values) else 0.0
 
 
-def fit_found(shown: Sightings, found: np.ndarray) -> FoundModel:
-    """The model of P(found) by penalized likelihood: a logistic regression whose offsets by group are drawn from a
-    normal distribution, the variance of which comes from expectation maximization with Laplace's approximation."""
+def fit_found(shown: Sightings, is_found: np.ndarray) -> FoundModel:
+    """Fit the probability of detection by penalized maximum likelihood.
+
+    The model is a logistic regression whose offsets by group have a normal prior. Expectation maximization with
+    Laplace's approximation estimates the variance of the prior.
+
+    Args:
+        shown: Visibility of the objects.
+        is_found: (N,) bool: whether each object was detected.
+    """
     groups = sorted({common_label(label) for label in shown.labels})
     group = np.array([groups.index(common_label(label)) for label in shown.labels], int)
     references = {
@@ -216,53 +236,55 @@ def fit_found(shown: Sightings, found: np.ndarray) -> FoundModel:
     )  # fmt: skip
     terms = flat.terms(len(group), shown.solid_angle_sr, shown.range_m, shown.hidden_share)
     design = np.column_stack([np.ones(len(group)), terms, np.eye(len(groups))[group]])
-    answer, variance = np.zeros(design.shape[1]), 1.0
+    weights, variance = np.zeros(design.shape[1]), 1.0
     for _ in range(ROUNDS):
         precision = np.repeat([WEAK_PRECISION, 1 / variance], [4, len(groups)])
-        answer, covariance = _maximize(design, found.astype(float), precision, answer)
-        spread = float(np.mean(answer[4:] ** 2 + np.diag(covariance)[4:])) if groups else 0.0
+        weights, covariance = _maximize(design, is_found.astype(float), precision, weights)
+        spread = float(np.mean(weights[4:] ** 2 + np.diag(covariance)[4:])) if groups else 0.0
         settled, variance = abs(spread - variance) < TOLERANCE * variance, max(spread, FLOOR_VARIANCE)
         if settled:
             break
-    intercept, *slopes = map(_rounded, answer[:4])
+    intercept, *slopes = map(_rounded, weights[:4])
     names = ("per_log_solid_angle", "per_log_range", "per_hidden_share")
     return FoundModel(
         intercept=intercept,
         **dict(zip(names, slopes, strict=True)),
         **references,
-        offsets=dict(zip(groups, map(_rounded, answer[4:]), strict=True)),
+        offsets=dict(zip(groups, map(_rounded, weights[4:]), strict=True)),
         offset_deviation=_rounded(np.sqrt(variance)),
     )
 
 
 def _maximize(
-    design: np.ndarray, found: np.ndarray, precision: np.ndarray, start: np.ndarray
+    design: np.ndarray, is_found: np.ndarray, precision: np.ndarray, start: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The most likely coefficients under a normal prior of these precisions, by Newton's steps, halved where one would
-    overshoot; and the inverse of the curvature there."""
+    """Return the maximum a posteriori coefficients under a normal prior of these precisions, and their covariance.
+
+    Newton steps are halved where they overshoot.
+    """
 
     def loss(weights: np.ndarray) -> float:
         logit = design @ weights
-        return float(np.logaddexp(0, logit).sum() - found @ logit + precision @ weights**2 / 2)
+        return float(np.logaddexp(0, logit).sum() - is_found @ logit + precision @ weights**2 / 2)
 
-    answer, least = start, loss(start)
+    coefficients, min_loss = start, loss(start)
     for _ in range(ROUNDS):
-        chance = 1 / (1 + np.exp(-(design @ answer)))
+        chance = 1 / (1 + np.exp(-(design @ coefficients)))
         curvature = (design * (chance * (1 - chance))[:, None]).T @ design + np.diag(precision)
-        step = np.linalg.solve(curvature, design.T @ (found - chance) - precision * answer)
-        while (lower := loss(answer + step)) > least and np.abs(step).max() > TOLERANCE:
+        step = np.linalg.solve(curvature, design.T @ (is_found - chance) - precision * coefficients)
+        while (new_loss := loss(coefficients + step)) > min_loss and np.abs(step).max() > TOLERANCE:
             step = step / 2
-        answer, least = answer + step, lower
+        coefficients, min_loss = coefficients + step, new_loss
         if np.abs(step).max() <= TOLERANCE:
             break
-    return answer, np.linalg.inv(curvature)
+    return coefficients, np.linalg.inv(curvature)
 
 
-def _median(values: np.ndarray, otherwise: float) -> float:
-    known = values[np.isfinite(values)]
-    return _rounded(np.median(known)) if len(known) else otherwise
+def _median(values: np.ndarray, default: float) -> float:
+    finite = values[np.isfinite(values)]
+    return _rounded(np.median(finite)) if len(finite) else default
 
 
 def _rounded(value: float) -> float:
-    """Five significant digits, so that a file does not tell one machine's rounding from another's."""
+    """Round to five significant digits, so that files do not depend on the rounding of a machine."""
     return float(f"{value:.5g}")

@@ -1,4 +1,4 @@
-"""How much of what is alike a detector finds, beside what a sensor model says of it."""
+"""Detection rates of groups of similar objects, beside the rates that a sensor model predicts."""
 
 from __future__ import annotations
 
@@ -13,15 +13,22 @@ from salframe.evaluation.tasks.sensor.fitting import Observations
 from salframe.graphs.sensor import SensorModel
 
 APPARENT_DEG, RANGES_M, HIDDEN = (2, 4, 8, 16, 32), (2, 4, 6, 10), (0.1, 0.3, 0.6)
-"""Where the lines part: diameter of the disc of an object's solid angle, range, hidden share."""
+"""Limits of the groups: angular diameter, range and hidden share of an object."""
 COMMONEST = 10
-"""So many labels have a line of their own."""
+"""Number of labels that have a line."""
 
 
 @dataclass(frozen=True)
 class FoundLine:
-    """Objects that are alike: how many, and the shares of them that were found, that the model says, and that were
-    found by a right label; None of none."""
+    """A group of similar objects.
+
+    Attributes:
+        by: Name of the group.
+        objects: Number of objects.
+        found: Share of the objects that were detected.
+        modelled: Mean probability of detection by the model.
+        right: Share of the objects that were detected with the correct label.
+    """
 
     by: str
     objects: int
@@ -30,40 +37,42 @@ class FoundLine:
     right: float | None
 
 
-def by_sight(seen: Observations, sensor: SensorModel) -> Iterator[FoundLine]:
-    """How often objects of a size, a range, a hidden share were found, and how often the model says."""
-    shown, found, right = seen.shown, seen.found, seen.right
-    modelled = _modelled(seen, sensor)
+def by_sight(observations: Observations, sensor: SensorModel) -> Iterator[FoundLine]:
+    """Yield the line of all objects, and of groups by size, range and hidden share."""
+    shown, is_found, is_right = observations.shown, observations.found, observations.right
+    probability = _modelled(observations, sensor)
     apparent_deg = np.degrees(2 * np.sqrt(shown.solid_angle_sr / np.pi))
     splits = (
         ("{} deg across", apparent_deg, APPARENT_DEG),
         ("{} m away", shown.range_m, RANGES_M),
         ("{} of the outline hidden", shown.hidden_share, HIDDEN),
     )
-    yield _line("all", np.ones(len(found), bool), found, modelled, right)
+    yield _line("all", np.ones(len(is_found), bool), is_found, probability, is_right)
     for words, values, parts in splits:
         bins = np.digitize(values, parts)
         between = [f"{low} to {high}" for low, high in pairwise(parts)]
         for number, name in enumerate([f"under {parts[0]}", *between, f"{parts[-1]} and more"]):
-            yield _line(words.format(name), (bins == number) & np.isfinite(values), found, modelled, right)
+            yield _line(words.format(name), (bins == number) & np.isfinite(values), is_found, probability, is_right)
 
 
-def by_label(seen: Observations, sensor: SensorModel) -> Iterator[FoundLine]:
-    """The same of the commonest labels."""
-    modelled = _modelled(seen, sensor)
-    for label, _ in Counter(seen.shown.labels).most_common(COMMONEST):
-        chosen = np.array([own == label for own in seen.shown.labels])
-        yield _line(label, chosen, seen.found, modelled, seen.right)
+def by_label(observations: Observations, sensor: SensorModel) -> Iterator[FoundLine]:
+    """Yield the lines of the most frequent labels."""
+    probability = _modelled(observations, sensor)
+    for label, _ in Counter(observations.shown.labels).most_common(COMMONEST):
+        chosen = np.array([other == label for other in observations.shown.labels])
+        yield _line(label, chosen, observations.found, probability, observations.right)
 
 
-def _modelled(seen: Observations, sensor: SensorModel) -> np.ndarray:
-    """(N,) how likely each object is found, as the model says."""
-    shown = seen.shown
+def _modelled(observations: Observations, sensor: SensorModel) -> np.ndarray:
+    """Return the probability (N,) of detection of each object by the model."""
+    shown = observations.shown
     return sensor.found.probability(shown.labels, shown.solid_angle_sr, shown.range_m, shown.hidden_share)
 
 
-def _line(by: str, chosen: np.ndarray, found: np.ndarray, modelled: np.ndarray, right: np.ndarray) -> FoundLine:
+def _line(
+    by: str, chosen: np.ndarray, is_found: np.ndarray, probability: np.ndarray, is_right: np.ndarray
+) -> FoundLine:
     count = int(chosen.sum())
     if not count:
         return FoundLine(by, 0, None, None, None)
-    return FoundLine(by, count, *(float(values[chosen].mean()) for values in (found, modelled, right)))
+    return FoundLine(by, count, *(float(values[chosen].mean()) for values in (is_found, probability, is_right)))

@@ -1,4 +1,4 @@
-"""What a detector found in a panorama beside its annotations, as arrays and as the row of a run."""
+"""The detections and annotations of a panorama, as arrays and as the row of a run."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ PARTS: dict[str, tuple[int, ...]] = {
     "bearing": (3,),
     "solid_angle_sr": (),
 }
-"""The arrays of Detections that are kept of a panorama, by the shape of an object's part."""
+"""Arrays of Detections that a row holds, with the shape of the values of one object."""
 
 
 def annotated(panorama: Panorama) -> tuple[Detections, Sightings]:
-    """The annotated objects of a panorama, and how each shows."""
+    """Return the annotated objects of a panorama, and the visibility of each."""
     objects = annotated_objects(panorama)
     return as_detections(objects), sightings(panorama, objects)
 
 
 def pack_look(look: Look) -> Row:
-    """What is kept of a look; None is what is not known."""
+    """Return a look as JSON, with None for unknown values."""
     sides = {"truth": look.truth, "found": look.found}
     packed: Row = {
         name: {"labels": list(side.labels), **{part: _listed(getattr(side, part)) for part in PARTS}}
@@ -44,23 +44,23 @@ def pack_look(look: Look) -> Row:
 
 
 def unpack_look(row: LookRow) -> Look | None:
-    """Return what a row holds; None of a panorama that could not be read."""
+    """Return the look of a row; None where the panorama could not be read."""
     if row.truth is None or row.found is None:
         return None
-    truth, found = _unpack_objects(row.truth), _unpack_objects(row.found)
+    truth, detections = _unpack_objects(row.truth), _unpack_objects(row.found)
     range_m, hidden_share = np.array(row.range_m, float), np.array(row.hidden_share, float)
-    return Look(truth, Sightings(truth.labels, truth.solid_angle_sr, range_m, hidden_share), found)
+    return Look(truth, Sightings(truth.labels, truth.solid_angle_sr, range_m, hidden_share), detections)
 
 
-def _unpack_objects(kept: ObjectsLine) -> Detections:
+def _unpack_objects(line: ObjectsLine) -> Detections:
     arrays: dict[str, Any] = {
-        part: np.array(getattr(kept, part), float).reshape(-1, *shape) for part, shape in PARTS.items()
+        part: np.array(getattr(line, part), float).reshape(-1, *shape) for part, shape in PARTS.items()
     }
-    return Detections(labels=kept.labels, **arrays)
+    return Detections(labels=line.labels, **arrays)
 
 
 def _listed(values: np.ndarray) -> list[Any]:
-    """An array as lists, None in the place of NaN."""
+    """Return an array as lists, with None in place of NaN."""
     objects = values.astype(object)
     objects[np.isnan(values)] = None
     as_list: list[Any] = objects.tolist()
@@ -68,14 +68,14 @@ def _listed(values: np.ndarray) -> list[Any]:
 
 
 def looks_of(records: Sequence[Record[LookRow]]) -> list[Look | None]:
-    """Return what the rows of a detector hold, in order; None of a panorama that could not be read."""
+    """Return the looks of a detector, in order; None where the panorama could not be read."""
     rows = [row for record in records for row in record.rows]
     return [None if row is None else unpack_look(row) for row in rows]
 
 
 def failures_of(records: Sequence[Record[LookRow]]) -> list[str]:
-    """In a line each, how many panoramas were left out, and on how many the detector failed."""
+    """Return notes on the panoramas that were left out, and on those on which the detector failed."""
     failed = [row for record in records for row in record.rows if row is not None and row.status != PieceStatus.OK]
     unread, blind = ([row for row in failed if (row.truth is None) == lacking] for lacking in (True, False))
-    words = {"were left out": unread, "count as not found, where the detector failed": blind}
+    words = {"were left out": unread, "count as missed, where the detector failed": blind}
     return [f"{len(rows)} panorama(s) {what}, the first: {rows[0].error}" for what, rows in words.items() if rows]

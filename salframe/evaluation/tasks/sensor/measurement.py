@@ -1,4 +1,4 @@
-"""A detector measured against the annotations of whole data sets, as a sensor model."""
+"""Calibrate a sensor model of a detector against the annotations of data sets."""
 
 from __future__ import annotations
 
@@ -32,8 +32,14 @@ from salframe.panoramas.opening import Progress
 
 @dataclass(frozen=True, eq=False)
 class SensorMeasurement:
-    """A sensor model, the lines that show how well it fits, and what must be said of it, a note each; crashed: whether
-    the detector raised on some panorama, or its process died."""
+    """A calibrated sensor model.
+
+    Attributes:
+        sensor: The sensor model.
+        lines: Measured and modelled detection rates of groups of objects.
+        notes: Notes on the measurement.
+        crashed: Whether the detector raised an exception on a panorama, or its process died.
+    """
 
     sensor: SensorModel
     lines: tuple[FoundLine, ...]
@@ -41,11 +47,11 @@ class SensorMeasurement:
     crashed: bool = False
 
     def write(self, path: str | Path) -> None:
-        """Write the sensor model as JSON; of one measurement always the same."""
+        """Write the sensor model as JSON. The same measurement has the same file."""
         write_json(Path(path), self.sensor.model_dump(mode="json"))
 
     def table(self) -> Table:
-        """Return the lines beside what the model says of the same objects."""
+        """Return the measured and the modelled detection rates as a table."""
         headings = ("objects", "annotated", "found %", "model %", "found by its\nright name %")
         cells = [
             [line.by, str(line.objects), *map(percent, (line.found, line.modelled, line.right))]
@@ -55,23 +61,23 @@ class SensorMeasurement:
         return Table(headings, cells)
 
     def summary(self) -> list[str]:
-        """Return what the model says of labels, false objects and errors, one line each."""
+        """Return a summary of labels, false positives and errors of the model, one line each."""
         sensor = self.sensor
         false, errors = sensor.false_objects, sensor.errors
         renamed = {
-            f"{label} as {said}": count
+            f"{label} as {detected}": count
             for label, row in sensor.confusion.items()
-            for said, count in row.items()
-            if said != label
+            for detected, count in row.items()
+            if detected != label
         }
         return [
-            f"called otherwise: {_commonest(renamed)}",
-            f"false objects: {false.per_panorama:.1f} a panorama: {_commonest(false.labels)}",
+            f"confused labels: {_commonest(renamed)}",
+            f"false positives: {false.per_panorama:.1f} per panorama: {_commonest(false.labels)}",
             f"errors, robust standard deviation: bearing {math.degrees(errors.bearing_rad):.2f} deg, "
             f"range {errors.range_share * 100:.1f} %, size {errors.size_log * 100:.0f} %, "
             f"height {errors.height_m * 100:.1f} cm",
             f"{sensor.provenance.panoramas} panoramas of {', '.join(sensor.provenance.data)}; "
-            "model %: the mean of what the fitted model says of the same objects",
+            "model %: mean probability of detection of the same objects by the fitted model",
         ]
 
     def to_json(self) -> dict[str, Any]:
@@ -94,58 +100,73 @@ def measure_sensor(
     runs: str | Path = "runs",
     progress: Progress | None = None,
 ) -> SensorMeasurement:
-    """Run a detector on all panoramas of data sets, mapping frames and queries, and measure it by their annotations.
+    """Run a detector on all panoramas of data sets, map frames and queries, and calibrate a sensor model.
 
-    data: presets, data sets, YAML files or folders, the default one where there is none; settings: "data.KEY=value",
-    "detector.KEY=value" and "engine.KEY=value"; seeds: of the data sets, one after the other; name, engine, runs: as in
-    a Request. What was begun is resumed. Raises SalframeError on names and settings that are wrong, InputMissing where
-    the data lack annotations, range or what the detector needs, DataError where no panorama can be used.
+    An interrupted run is resumed.
+
+    Args:
+        detector: The detector.
+        data: Presets, data sets, YAML files or folders; the default data set where there are none.
+        data_dir: The `root` of the data sets.
+        settings: Settings as "data.KEY=value", "detector.KEY=value" and "engine.KEY=value".
+        seeds: Seeds of the data sets; each is a separate run.
+        name: Name of the run folder, as in Request.
+        engine: The engine, as in Request.
+        runs: The folder of run folders.
+        progress: Reports the progress.
+
+    Raises:
+        SalframeError: A name or a setting is wrong.
+        InputMissing: The data lack annotations, range or other input of the detector.
+        DataError: No panorama can be used.
     """
     task, method = SensorTask(), Variant(detector, name="detector", label=short_name(detector))
     requests: dict[str, tuple[Request, Resolved]] = {}
     for one in data or (default_of("data"),):
         for seed in seeds or (None,):
-            given = (*settings, *([] if seed is None else [f"data.seed={seed}"]))
-            request = Request([method], one, data_dir, given, name, engine=engine, runs=Path(runs))
+            data_settings = (*settings, *([] if seed is None else [f"data.seed={seed}"]))
+            request = Request([method], one, data_dir, data_settings, name, engine=engine, runs=Path(runs))
             resolved = resolve(request, task.role)
-            called = resolved.name if seed is None else f"{resolved.name} seed {seed}"
-            if called in requests:
-                raise ConfigError(f"received the data {called!r} twice, expected each once")
-            requests[called] = request, resolved
+            data_name = resolved.name if seed is None else f"{resolved.name} seed {seed}"
+            if data_name in requests:
+                raise ConfigError(f"received the data {data_name!r} twice, expected each once")
+            requests[data_name] = request, resolved
     ((_, config),) = resolved.methods.items()
     config.component.check(config)
     records: list[Record[LookRow]] = []
     notes: dict[str, None] = {}
-    for number, (called, (request, resolved)) in enumerate(requests.items()):
+    for number, (data_name, (request, resolved)) in enumerate(requests.items()):
         if progress and len(requests) > 1:
             progress("data sets", number, len(requests))
         try:
-            record, told = _look_at(task, request, resolved, progress)
+            record, record_notes = _look_at(task, request, resolved, progress)
         except InputMissing as error:
-            raise InputMissing(f"{called}: {error}") from None
+            raise InputMissing(f"{data_name}: {error}") from None
         records.append(record)
-        notes |= dict.fromkeys(told)
+        notes |= dict.fromkeys(record_notes)
     looks = [look for look in looks_of(records) if look is not None]
     failures = failures_of(records)
     if not looks:
         raise DataError(f"no panorama of {', '.join(requests)} can be used; {(*failures, 'there is none')[0]}")
-    seen = observe(looks)
+    observations = observe(looks)
     provenance = {
         "salframe": installed_version("salframe"),
         "detector": identity(config),
-        "data": {called: identity(resolved.data) for called, (_, resolved) in requests.items()},
+        "data": {data_name: identity(resolved.data) for data_name, (_, resolved) in requests.items()},
     }
-    sensor = fit_sensor(seen, provenance)
+    sensor = fit_sensor(observations, provenance)
     crashed = any(row.status == PieceStatus.CRASHED for record in records for row in record.rows if row is not None)
-    lines = (*by_sight(seen, sensor), *by_label(seen, sensor))
+    lines = (*by_sight(observations, sensor), *by_label(observations, sensor))
     return SensorMeasurement(sensor, lines, (*notes, *failures), crashed)
 
 
 def _look_at(
     task: SensorTask, request: Request, resolved: Resolved, progress: Progress | None
 ) -> tuple[Record[LookRow], Sequence[str]]:
-    """What a detector made of a data set, and notes. Raises InputMissing or MethodFailed where it did not end its
-    work."""
+    """Run a detector on a data set, and return its record and notes.
+
+    Raises InputMissing or MethodFailed where the detector did not complete its work.
+    """
     result = run_task(task, request, resolved, progress=progress)
     run = Run.load(result.run)
     ((_, (record,)),) = records_of(task, [run.directory])

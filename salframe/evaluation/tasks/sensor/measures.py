@@ -1,4 +1,4 @@
-"""From the rows of detectors to their lines in the table."""
+"""Summarize the rows of detectors in the rows of the table."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from salframe.framework.components.installation import installed_version
 
 
 def summarize_detector(records: Sequence[Record[LookRow]], places: Sequence[str], seed: int) -> SensorRow:
-    """A detector's line; places (P,): where each panorama was taken."""
+    """Return the row of a detector in the table. `places` (P,) are the places of the panoramas."""
     line = SensorRow(**in_common(records))
     if not all(record.done for record in records):
         return line
     line = replace(line, reason="; ".join([*([line.reason] if line.reason else []), *failures_of(records)]) or None)
     usable = [(look, place) for look, place in zip(looks_of(records), places, strict=True) if look is not None]
-    seen = observe(look for look, _ in usable)
-    if not len(seen.found):
-        return replace(line, reason=line.reason or "no annotated object is in sight, expected at least one")
-    sensor = fit_sensor(seen, {"salframe": installed_version("salframe"), "detector": {}, "data": {}})
-    whole, *parts = by_sight(seen, sensor)
+    observations = observe(look for look, _ in usable)
+    if not len(observations.found):
+        return replace(line, reason=line.reason or "no annotated object is visible, expected at least one")
+    sensor = fit_sensor(observations, {"salframe": installed_version("salframe"), "detector": {}, "data": {}})
+    whole, *parts = by_sight(observations, sensor)
     of_object = [place for look, place in usable for _ in look.truth.labels]
     return replace(
         line,
         panoramas=len(usable),
         objects=whole.objects,
-        found=estimate_mean(seen.found.astype(float), of_object, seed),
-        right=estimate_mean(seen.right.astype(float), of_object, seed),
+        found=estimate_mean(observations.found.astype(float), of_object, seed),
+        right=estimate_mean(observations.right.astype(float), of_object, seed),
         false_per_panorama=sensor.false_objects.per_panorama,
         **sensor.errors.model_dump(),
         lines={part.by: part for part in (whole, *parts) if part.objects},

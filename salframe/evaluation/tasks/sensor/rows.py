@@ -1,4 +1,4 @@
-"""A row of the task `sensor`: annotated and detected objects of one panorama."""
+"""The row of the task `sensor`: annotated and detected objects of one panorama."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Vector = tuple[float | None, float | None, float | None]
 
 
 class ObjectsLine(Line):
-    """Objects of a panorama, a value of each list an object; None is what is not known."""
+    """Objects of a panorama. Each list has a value for each object; None is an unknown value."""
 
     labels: tuple[str, ...]
     scores: tuple[Annotated[float, Field(ge=0, le=1)], ...]
@@ -31,7 +31,7 @@ class ObjectsLine(Line):
 
 
 class LookRow(PieceRow):
-    """The annotated objects of a panorama, how each shows, and what a detector found there."""
+    """The annotated objects of a panorama, the visibility of each, and the detections."""
 
     frame: str
     truth: ObjectsLine | None = None
@@ -44,7 +44,7 @@ class LookRow(PieceRow):
         if self.status != PieceStatus.OK:
             return self
         if self.truth is None or self.found is None or self.range_m is None or self.hidden_share is None:
-            raise ValueError("a panorama was looked at, expected truth, found, range_m and hidden_share")
+            raise ValueError("a measured panorama lacks a field, expected truth, found, range_m and hidden_share")
         if not len(self.truth.labels) == len(self.range_m) == len(self.hidden_share):
             raise ValueError("expected range_m and hidden_share of each annotated object")
         return self

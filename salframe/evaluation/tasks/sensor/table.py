@@ -1,4 +1,4 @@
-"""The table of the task `sensor`: its lines and columns."""
+"""The table of the task `sensor`: its rows and columns."""
 
 from __future__ import annotations
 
@@ -16,10 +16,20 @@ from salframe.evaluation.tasks.sensor.found_lines import FoundLine
 
 @dataclass(frozen=True, kw_only=True)
 class SensorRow(MethodRow):
-    """A detector's line: over the panoramas that could be read, how many, the share of the annotated objects that was
-    found, and found by a right label, with 95 % intervals, of objects clustered by place; false objects a panorama;
-    robust standard deviations of the errors of what was found, as in `Errors`; lines: the same shares of objects of a
-    size, a range, a hidden share, by what they are called."""
+    """The row of a detector, over the panoramas that could be read.
+
+    Attributes:
+        panoramas: Number of panoramas.
+        objects: Number of annotated objects.
+        found: Share of the objects that were detected, with the 95 % interval of objects clustered by place.
+        right: Share of the objects that were detected with the correct label, likewise.
+        false_per_panorama: Number of false positives per panorama.
+        bearing_rad: Robust standard deviation of the error of the bearing, as in `Errors`; the next three likewise.
+        range_share: That of the relative range.
+        size_log: That of the logarithm of the size.
+        height_m: That of the height.
+        lines: The shares of groups of objects by size, range and hidden share, by name of the group.
+    """
 
     panoramas: int | None = None
     objects: int | None = None
@@ -57,8 +67,10 @@ def _scaled(value: float | None, factor: float) -> float | None:
 
 
 def alike_tables(rows: Sequence[SensorRow], leading: Mapping[str, Sequence[str]] | None = None) -> list[Table]:
-    """Return a table of what detectors find of objects that are alike, beside what the fitted model says; none where
-    nothing was measured."""
+    """Return a table of the detection rates of groups of similar objects, beside the rates of the fitted model.
+
+    There is no table where no detector was measured.
+    """
     if not any(row.lines for row in rows):
         return []
     leading = leading_methods(rows) if leading is None else leading

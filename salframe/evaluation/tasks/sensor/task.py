@@ -1,4 +1,4 @@
-"""The task `sensor`: a detector measured against the annotations of whole data sets, as a sensor model."""
+"""The task `sensor`: calibration of a sensor model of detectors against the annotations of data sets."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Frame = MapFrame | QueryFrame
 
 @dataclass(frozen=True)
 class SensorTask(Task[Frame, Survey[Frame], LookRow, SensorRow]):
-    """What does a detector find in each panorama, map and queries, of what is annotated there?"""
+    """Which annotated objects does a detector detect in each panorama, of the map and of the queries?"""
 
     name = "sensor"
     role = "detector"
@@ -65,7 +65,7 @@ class SensorTask(Task[Frame, Survey[Frame], LookRow, SensorRow]):
         return _Looking(method)
 
     def failed(self, piece: Frame) -> Row:
-        """That nothing of it was found, where the panorama can be read at all."""
+        """Return the annotated objects without detections; nothing where the panorama cannot be read."""
         try:
             truth, shown = annotated(piece.load())
         except FRAME_ERRORS:
@@ -88,7 +88,7 @@ class SensorTask(Task[Frame, Survey[Frame], LookRow, SensorRow]):
 
 
 class _Looking(Worker[Frame]):
-    """A detector that looks at panoramas."""
+    """Runs a detector on panoramas."""
 
     def __init__(self, detector: Detector) -> None:
         self._detector = detector
@@ -96,7 +96,7 @@ class _Looking(Worker[Frame]):
     def work(self, piece: Frame) -> Row:
         panorama = piece.load()
         truth, shown = annotated(panorama)
-        found = self._detector.detect(panorama)
-        if not isinstance(found, Detections):
-            raise InvalidAnswer(f"detect gave {type(found).__name__}, expected Detections")
-        return {**pack_look(Look(truth, shown, found)), "status": PieceStatus.OK, "error": None}
+        detections = self._detector.detect(panorama)
+        if not isinstance(detections, Detections):
+            raise InvalidAnswer(f"detect gave {type(detections).__name__}, expected Detections")
+        return {**pack_look(Look(truth, shown, detections)), "status": PieceStatus.OK, "error": None}

@@ -125,12 +125,12 @@ def test_a_corrupt_query_is_an_error_of_its_own(fakes):
 def test_a_corrupt_mapping_frame_is_left_out_and_said_so(fakes):
     rows, _, _ = run(["reader"], "data.broken=[map-0]")
     assert rows["reader"].accuracy.value == 0.8
-    assert rows["reader"].reason == "1 mapping frame(s) left out, the first: map-0.png is no image"
+    assert rows["reader"].reason == "1 map frame(s) left out, the first: map-0.png is no image"
 
 
 def test_a_map_without_a_frame_crashes(fakes):
     rows, _, result = run(["reader"], "data.rooms=1", "data.broken=[map-0]")
-    assert "no mapping frame that can be used; map-0.png is no image" in rows["reader"].reason
+    assert "no map frame that can be used; map-0.png is no image" in rows["reader"].reason
     assert result.crashed
 
 
@@ -253,7 +253,7 @@ def test_evaluate_measures_again_from_the_answers(fakes):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"not_here": 0.5}, "an answer has not_here or probabilities, expected both, one for each place, or none"),
+        ({"not_here": 0.5}, "an answer has not_here or probabilities, expected both, one for each place, or neither"),
         ({"places": []}, "an answer of status ok has no place, expected one"),
     ],
 )

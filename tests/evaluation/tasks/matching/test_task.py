@@ -9,7 +9,7 @@ from matching_plugin import STEP, turned_by
 
 from salframe.evaluation.runs.request import Request
 from salframe.evaluation.tasks.localization.task import compare
-from salframe.evaluation.tasks.matching.judging import PIXEL_RAD, check_matches, own_objects, point_errors_px
+from salframe.evaluation.tasks.matching.judging import PIXEL_RAD, check_matches, objects_of_nodes, point_errors_px
 from salframe.evaluation.tasks.matching.task import measure_matching
 from salframe.framework.components.presets import configure, settings
 from salframe.framework.components.registry import registry
@@ -87,13 +87,13 @@ def test_nodes_belong_to_the_nearest_object_within_half_a_metre_and_one_to_one()
         transform_points(invert_pose(stand(bedroom)), world[label][1]) for label in ("nightstand", "chair", "lamp")
     ]
     np.testing.assert_array_equal(
-        own_objects(np.array(inside), panorama), [world[label][0] for label in ("nightstand", "chair", "lamp")]
+        objects_of_nodes(np.array(inside), panorama), [world[label][0] for label in ("nightstand", "chair", "lamp")]
     )
     nodes = np.array([inside[1], inside[1] + (0, 0, 0.05), inside[1] + (0, 0, 1.5)])
-    own = own_objects(nodes, panorama)
+    own = objects_of_nodes(nodes, panorama)
     assert sorted(own.tolist()) == [0, 0, world["chair"][0]]
     assert own[2] == 0
-    assert own_objects(np.zeros((0, 3)), panorama).shape == (0,)
+    assert objects_of_nodes(np.zeros((0, 3)), panorama).shape == (0,)
 
 
 def test_nodes_without_an_instance_image_cannot_be_judged():

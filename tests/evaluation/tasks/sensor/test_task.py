@@ -83,7 +83,7 @@ def test_the_same_command_writes_the_same_file_and_looks_at_nothing_twice(tiny, 
     first = run(*arguments, tmp_path / "first.json")
     assert first.code == 0, first.err
     assert "found %" in first.out
-    assert "false objects: 0.0 a panorama" in first.out
+    assert "false positives: 0.0 per panorama" in first.out
     monkeypatch.setattr(AnnotationDetector, "detect", lambda self, panorama: pytest.fail("looked again"))
     assert run(*arguments, tmp_path / "second.json").code == 0
     assert (tmp_path / "first.json").read_bytes() == (tmp_path / "second.json").read_bytes()
@@ -177,7 +177,7 @@ def test_what_a_detector_fails_on_counts_as_not_found_and_is_told(tiny, monkeypa
     assert measured.crashed
     assert not whole.crashed
     (note,) = measured.notes
-    assert note == ("1 panorama(s) count as not found, where the detector failed, the first: RuntimeError: no light")
+    assert note == ("1 panorama(s) count as missed, where the detector failed, the first: RuntimeError: no light")
     told = run("sensor", "annotations", "--data", tiny, "--set", "detector.noise=none", "--engine", "inline")
     assert told.code == 1
 
