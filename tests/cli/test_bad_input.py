@@ -127,7 +127,7 @@ def test_a_comparison_says_which_frames_it_could_not_use_and_measures_the_rest(d
     (row,) = compare("./data", "--json").json["rows"]
     assert row["status"] == {"no-pose": 2, "error": 1}
     assert re.fullmatch(
-        r"1 mapping frame\(s\) left out, the first: .*kitchen-map\.range\.png is no readable image.*; "
+        r"1 map frame\(s\) left out, the first: .*kitchen-map\.range\.png is no readable image.*; "
         r"1 query frame\(s\) that cannot be used, the first: .*lounge-query\.range\.png is no readable image.*",
         row["reason"],
     )

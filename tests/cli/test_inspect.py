@@ -201,5 +201,5 @@ def test_a_scorer_that_gives_no_row_is_one_line(fakes):
 
     registry().add(Hollow, "test")
     done = run("score", "hollow", "answers.json", "--data", ".")
-    message = "error: the scorer hollow gave no row for answers.json, expected one a split\n"
+    message = "error: the scorer hollow returned no row for answers.json, expected one per split\n"
     assert (done.code, done.out, done.err) == (2, "", message)

@@ -94,7 +94,7 @@ def test_settings_that_the_stand_in_cannot_take_leave_it_as_it_is(faults, preset
     assert found.methods["plain"].refuse_in == 4
     (note,) = found.notes
     assert note.startswith("plain, not fancy: narrow needs no_such_package, not installed; it runs with its default ")
-    assert "cannot take what was set: unknown key plain.depth (known: offset," in note
+    assert "does not accept the requested ones: unknown key plain.depth (known: offset," in note
 
 
 def test_a_stand_in_that_cannot_run_as_it_is_set_leaves_the_method(faults, presets):
