@@ -17,7 +17,7 @@ from salframe.evaluation.studies.experiment import (
     read_experiment,
     reported_in,
 )
-from salframe.evaluation.studies.kept import Kept, kept_tables, read_results
+from salframe.evaluation.studies.stored import StoredTable, read_results, stored_tables
 from salframe.evaluation.tables.formats import to_markdown
 from salframe.evaluation.tables.reported import reported_table
 
@@ -51,10 +51,10 @@ def _options(experiment: Experiment) -> str:
     return " --data-dir DIR    # of the real buildings" if folders else ""
 
 
-def _table(study: TableStudy, kept: Kept, how: str) -> list[str]:
+def _table(study: TableStudy, stored: StoredTable, how: str) -> list[str]:
     took = "" if kept.seconds is None else f", {duration(kept.seconds)}"
     parts = [f"**{study.title}** ({kept.date}, {kept.machine}{took}{how})"]
-    for table in kept_tables(study, kept, study.columns):
+    for table in stored_tables(study, kept, study.columns):
         parts += [f"*{table.title}*"] if table.title else []
         parts.append(to_markdown(table).rstrip())
     return parts

@@ -13,7 +13,7 @@ from matplotlib import patheffects
 from matplotlib.axes import Axes
 from PIL import Image
 from salframe_house.frames import choose_frames
-from salframe_house.render import Renderer
+from salframe_house.render import HouseRenderer
 from salframe_house.rendering import buildings, frames_of, render_frame
 
 from salframe.drawing.floor_picture import draw_topology
@@ -27,7 +27,7 @@ from salframe.graphs.detections import Detections
 from salframe.graphs.graph import SaliencyGraph
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.geometry import pose_2d, rays_to_pixels
-from salframe.panoramas.opening import configure_dataset, find_dataset, mapping_frames
+from salframe.panoramas.opening import configure_dataset, find_dataset, reference_frames
 from salframe.panoramas.panorama import Annotations, Panorama
 from salframe.topology.build import build_topology
 
@@ -46,7 +46,9 @@ def draw_panorama_graph(path: Path) -> None:
     """A rendered panorama with its objects and context edges, beside its saliency graph seen from above."""
     building, changed = buildings("home", 12, SEED, 0.1)
     spec = next(frame for frame in choose_frames(building, changed, SEED) if frame.id == FRAME)
-    rendering = Renderer(building.scene(), "day", HEIGHT).render(pose_2d(spec.x_m, spec.y_m, spec.yaw_rad, spec.z_m))
+    rendering = HouseRenderer(building.scene(), "day", HEIGHT).render(
+        pose_2d(spec.x_m, spec.y_m, spec.yaw_rad, spec.z_m)
+    )
     annotations = Annotations(rendering.instance_id, building.labels)
     panorama = Panorama(FRAME, rendering.rgb, rendering.range_m, annotations=annotations)
     config = configure(
@@ -134,7 +136,7 @@ def draw_detections(path: Path) -> None:
     ):
         building, changed = buildings(style, 12, SEED, 0.1)
         spec = next(spec for spec in choose_frames(building, changed, SEED) if spec.id == frame)
-        rendering = Renderer(building.scene(), lighting, HEIGHT).render(
+        rendering = HouseRenderer(building.scene(), lighting, HEIGHT).render(
             pose_2d(spec.x_m, spec.y_m, spec.yaw_rad, spec.z_m)
         )
         panorama = Panorama(
@@ -168,7 +170,7 @@ def _draw_objects(axes: Axes, panorama: Panorama, found: Detections) -> None:
 
 
 def draw_floor(path: Path) -> None:
-    """The floor plan of house-42 with its map frames, and its queries by what `proposed` made of them."""
+    """The floor plan of house-42 with its reference frames, and its queries by what `proposed` made of them."""
     overrides = ["data.rgb=false", f"data.seed={SEED}"]
     run = Run.load(compare(Request(("proposed",), "house-42", settings=tuple(overrides))).run)
     dataset = find_dataset("house-42", overrides=overrides)
@@ -177,7 +179,7 @@ def draw_floor(path: Path) -> None:
     answers = [row["places"][0][1] if row["places"] else None for row in rows]
     correct = np.array([answer == truth.place for answer, truth in zip(answers, truths, strict=True)])
     query_m = np.array([truth.T_world_pano[:2, 3] for truth in truths])
-    map_m = np.array([frame.T_world_pano[:2, 3] for frame in mapping_frames(dataset)])
+    map_m = np.array([frame.T_world_pano[:2, 3] for frame in reference_frames(dataset)])
     (floor,) = dataset.floors()
 
     height, width = floor.region.shape
@@ -185,7 +187,7 @@ def draw_floor(path: Path) -> None:
     left_m, top_m = floor.origin_m
     extent = (left_m, left_m + width * floor.resolution_m, top_m - height * floor.resolution_m, top_m)
     axes.imshow(_floor_picture(floor), extent=extent, interpolation="nearest")
-    axes.plot(*map_m.T, "+", color="0.35", markersize=7, label=f"map frame ({len(map_m)})")
+    axes.plot(*map_m.T, "+", color="0.35", markersize=7, label=f"reference frame ({len(map_m)})")
     axes.plot(*query_m[correct].T, "o", color=RIGHT, markersize=5, label=f"query, right room ({correct.sum()})")
     axes.plot(*query_m[~correct].T, "X", color=WRONG, markersize=10, label=f"query, wrong room ({(~correct).sum()})")
     axes.set(xlabel="x (m)", ylabel="y (m)")
@@ -219,7 +221,7 @@ def draw_lost(path: Path) -> None:
 def draw_map(path: Path) -> None:
     """The topological map of house-12."""
     dataset = find_dataset("house-12", overrides=["data.rgb=false"])
-    draw_topology(build_topology(dataset.floors(), mapping_frames(dataset)), path)
+    draw_topology(build_topology(dataset.floors(), reference_frames(dataset)), path)
 
 
 def draw_report(path: Path) -> None:

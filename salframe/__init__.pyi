@@ -38,7 +38,7 @@ from .framework.errors import SalframeError as SalframeError
 from .framework.errors import UnknownName as UnknownName
 from .framework.errors import WeightsMissing as WeightsMissing
 from .framework.files.cache import Cache as Cache
-from .framework.files.weights import Weights as Weights
+from .framework.files.weights import NetworkWeights as NetworkWeights
 from .framework.hookspecs import Presets as Presets
 from .framework.hookspecs import hookimpl as hookimpl
 from .framework.version import __version__ as __version__
@@ -68,8 +68,8 @@ from .panoramas.dataset import Dataset as Dataset
 from .panoramas.floors import FloorMasks as FloorMasks
 from .panoramas.frames import Fold as Fold
 from .panoramas.frames import FrameKind as FrameKind
-from .panoramas.frames import MapFrame as MapFrame
 from .panoramas.frames import QueryFrame as QueryFrame
+from .panoramas.frames import ReferenceFrame as ReferenceFrame
 from .panoramas.frames import Truth as Truth
 from .panoramas.geometry import equirectangular_rays as equirectangular_rays
 from .panoramas.geometry import invert_pose as invert_pose
@@ -78,7 +78,7 @@ from .panoramas.geometry import rays_to_pixels as rays_to_pixels
 from .panoramas.geometry import transform_points as transform_points
 from .panoramas.opening import find_dataset as find_dataset
 from .panoramas.opening import find_frame as find_frame
-from .panoramas.opening import mapping_frames as mapping_frames
+from .panoramas.opening import reference_frames as reference_frames
 from .panoramas.panorama import Annotations as Annotations
 from .panoramas.panorama import ObjectBoxes as ObjectBoxes
 from .panoramas.panorama import Panorama as Panorama

@@ -23,7 +23,7 @@ from salframe.localization.localizer import Description, Localizer, posterior_sl
 from salframe.localization.ranking import rank_places
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.floors import FloorMasks
-from salframe.panoramas.frames import Fold, MapFrame, QueryFrame, Truth
+from salframe.panoramas.frames import Fold, QueryFrame, ReferenceFrame, Truth
 from salframe.panoramas.geometry import pose_2d
 from salframe.panoramas.hidden_places import add_hidden_places, hide_query_place_setting
 from salframe.panoramas.panorama import Panorama
@@ -62,9 +62,9 @@ class Rooms(Dataset):
         rgb[..., 1] = column
         return Panorama(name, rgb)
 
-    def _map_frame(self, room: int) -> MapFrame:
+    def _map_frame(self, room: int) -> ReferenceFrame:
         name = f"map-{room}"
-        return MapFrame(name, f"room-{room}", pose_2d(4.0 * room, 0, 0), load=partial(self._load, name, room, 0))
+        return ReferenceFrame(name, f"room-{room}", pose_2d(4.0 * room, 0, 0), load=partial(self._load, name, room, 0))
 
     def _query_frame(self, room: int, query: int) -> QueryFrame:
         name = f"query-{room}-{query}"
@@ -120,7 +120,7 @@ class Reader(Localizer):
     def describe_identity(self):
         return {"name": self.name}
 
-    def index(self, descriptions: Sequence[Description], frames: Sequence[MapFrame]) -> None:
+    def index(self, descriptions: Sequence[Description], frames: Sequence[ReferenceFrame]) -> None:
         self.frames, self.rooms = frames, np.array([d["room"][0] for d in descriptions])
 
     def match(self, description: Description) -> Localization:
@@ -162,7 +162,7 @@ class Unbuildable(Reader):
 
     name = "unbuildable"
 
-    def index(self, descriptions: Sequence[Description], frames: Sequence[MapFrame]) -> None:
+    def index(self, descriptions: Sequence[Description], frames: Sequence[ReferenceFrame]) -> None:
         raise RuntimeError("no map for you")
 
 

@@ -171,7 +171,7 @@ DEADLY = {
 
 
 class Deadly(Reader):
-    """Goes wrong when it is built, on mapping frames or on queries of some rooms."""
+    """Goes wrong when it is built, on reference frames or on queries of some rooms."""
 
     name = "deadly"
 

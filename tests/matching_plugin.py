@@ -13,12 +13,12 @@ from salframe.framework.errors import WeightsMissing
 from salframe.localization.answers import Localization, LocalizationStatus, NodeMatches, PointMatches
 from salframe.localization.localizer import Localizer
 from salframe.panoramas.dataset import Dataset
-from salframe.panoramas.frames import Fold, FrameKind, MapFrame, QueryFrame, Truth
+from salframe.panoramas.frames import Fold, FrameKind, QueryFrame, ReferenceFrame, Truth
 from salframe.panoramas.geometry import pose_2d, sample_nearest, transform_points
 from salframe.testing.rooms import ROOMS, look, stand
 
 STEP = pose_2d(0.3, 0.2, 0.5)
-"""Where a query stands in the axes of the map frame next to it."""
+"""Where a query stands in the axes of the reference frame next to it."""
 
 
 def turned_by(bearings, angle_rad):
@@ -29,7 +29,7 @@ def turned_by(bearings, angle_rad):
 
 
 class Furnished(Dataset):
-    """Rooms with a map frame in the middle, another in a corner, a transition, and a query a step from the middle."""
+    """Rooms with a reference frame in the middle, another in a corner, a transition, and a query a step from the middle."""
 
     name = "furnished"
     version = "1"
@@ -51,7 +51,7 @@ class Furnished(Dataset):
         return lambda: look(room, id, T_world_pano, self.provides)
 
     def _map_frame(self, id, room, T_world_pano, place, kind=FrameKind.SCENE):
-        return MapFrame(id, place, T_world_pano, kind, self._look(id, room, T_world_pano))
+        return ReferenceFrame(id, place, T_world_pano, kind, self._look(id, room, T_world_pano))
 
     def folds(self):
         mapping, queries = [], []

@@ -12,7 +12,7 @@ import typer
 
 from salframe.cli import app
 from salframe.evaluation.studies.experiment import experiment_names, read_experiment
-from salframe.evaluation.studies.kept import read_results
+from salframe.evaluation.studies.stored import read_results
 from salframe.framework.components.presets import names
 
 REPOSITORY = Path(__file__).parent.parent
@@ -56,8 +56,8 @@ def test_a_measured_table_says_what_each_method_was_given():
     measured = [table for table in tables(RESULTS) if "method" in table[0]]
     assert measured
     for header, *rest in measured:
-        if "given" in header:
-            place = header.index("given")
+        if "input" in header:
+            place = header.index("input")
             assert all(len(row) == len(header) and row[place] for row in rest)
         else:
             assert set(header) & {"MMA@3 %", "ROC area", "the model says %"}
@@ -65,7 +65,7 @@ def test_a_measured_table_says_what_each_method_was_given():
 
 def test_every_row_of_readmes_results_stands_on_the_page_of_results():
     header, *told = tables(README.partition("\n## Results")[2].partition("\n## ")[0])[0]
-    assert header[:3] == ["method", "given", "accuracy % (95 %)"]
+    assert header[:3] == ["method", "input", "accuracy % (95 %)"]
     assert len(told) == 10
     measured = [set(row) for table in tables(RESULTS) for row in table]
     for row in told:

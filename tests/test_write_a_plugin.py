@@ -88,7 +88,7 @@ def test_the_components_of_the_page_conform(plugins, robot_log):
 
 def test_the_dataset_tells_doorways_from_places_and_nothing_of_queries(plugins, robot_log):
     (fold,) = registry().build("dataset", registry().get("dataset", "robot-log").Config(root=robot_log)).folds()
-    assert [frame.kind for frame in fold.mapping] == [FrameKind.SCENE, FrameKind.SCENE, FrameKind.TRANSITION]
+    assert [frame.kind for frame in fold.references] == [FrameKind.SCENE, FrameKind.SCENE, FrameKind.TRANSITION]
     assert {type(frame) for frame in fold.queries} == {QueryFrame}
 
 

@@ -1,4 +1,4 @@
-"""A dataset in the folder format: the conformance suite's three rooms, a mapping frame and a query in each."""
+"""A dataset in the folder format: the conformance suite's three rooms, a reference frame and a query in each."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from salframe.panoramas.folder_format import FrameEntry, TruthEntry, write_manifest, write_objects, write_panorama
-from salframe.panoramas.frames import MapFrame
+from salframe.panoramas.frames import ReferenceFrame
 from salframe.testing.rooms import ROOMS, map_frames, query_frames, query_truths
 
 
@@ -19,7 +19,7 @@ def write_tiny_folder(root: Path) -> Path:
     for frame in (*map_frames(), *query_frames()):
         panorama = frame.load()
         known = {"role": "query"}
-        if isinstance(frame, MapFrame):
+        if isinstance(frame, ReferenceFrame):
             known = {"role": "map", "place": frame.place, "pose": tuple(frame.T_world_pano.ravel().tolist())}
         files = {part: f"frames/{frame.id}.{part}.png" for part in ("rgb", "range", "instances")}
         entry = FrameEntry(id=frame.id, **known, **files)

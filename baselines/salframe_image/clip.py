@@ -13,17 +13,17 @@ from pydantic import Field
 from salframe.framework.component import ComponentConfig, match_only
 from salframe.framework.components.identity import UserFile
 from salframe.framework.errors import WeightsMissing
-from salframe.framework.files.weights import Download, Weights, WeightsFile
+from salframe.framework.files.weights import Download, NetworkWeights, WeightsFile
 from salframe.framework.onnx import open_model
 from salframe.localization.answers import Localization, LocalizationStatus
 from salframe.localization.localizer import Description, Localizer
 from salframe.localization.ranking import rank_places
-from salframe.panoramas.frames import MapFrame
+from salframe.panoramas.frames import ReferenceFrame
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.perspective import ViewRig
 from salframe_image.network_input import as_batch, cut_views
 
-CLIP_VIT_B32 = Weights(
+CLIP_VIT_B32 = NetworkWeights(
     "clip-vit-b32",
     "MIT",
     (
@@ -49,7 +49,7 @@ class ClipRooms(Localizer):
 
     After the scene perceiver of March-in-Chat (Qiao et al. 2023), which asks CLIP for the type of a room and the
     objects in it and has no map; making a localizer of its room types is our reading. Each view's probabilities of the
-    room types, softmax(100 cos(view, prompt)), are averaged over the views, p; a map frame with q scores the
+    room types, softmax(100 cos(view, prompt)), are averaged over the views, p; a reference frame with q scores the
     Bhattacharyya coefficient sum_t sqrt(p_t q_t). Equal scores keep the order of the map. The types are those in the
     names of the map's scenes, "kitchen-01" is a kitchen, unless `room_types` names others.
     """
@@ -84,7 +84,7 @@ class ClipRooms(Localizer):
         self._known: dict[str, np.ndarray] = {}
 
     @classmethod
-    def weights_in_use(cls, config: Any) -> tuple[Weights, ...]:
+    def weights_in_use(cls, config: Any) -> tuple[NetworkWeights, ...]:
         """None where the user's checkpoint takes their place."""
         return cls.weights if config.checkpoint is None else ()
 
@@ -95,7 +95,7 @@ class ClipRooms(Localizer):
         embeddings = _unit(self._image_model.run(as_batch(views, MEAN, STD))[0], self._image_path)
         return {"embeddings": (embeddings * seen[:, None]).astype(np.float16)}
 
-    def index(self, descriptions: Sequence[Description], frames: Sequence[MapFrame]) -> None:
+    def index(self, descriptions: Sequence[Description], frames: Sequence[ReferenceFrame]) -> None:
         self._map_frames = list(frames)
         types = self.config.room_types or sorted({room_type(frame.place) for frame in frames if frame.kind == "scene"})
         types = types or sorted({room_type(frame.place) for frame in frames})

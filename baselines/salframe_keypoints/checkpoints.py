@@ -11,10 +11,10 @@ from salframe.framework.component import ComponentConfig
 from salframe.framework.components.identity import UserFile
 from salframe.framework.errors import WeightsMissing
 from salframe.framework.files.bounded import check_regular
-from salframe.framework.files.weights import Weights
+from salframe.framework.files.weights import NetworkWeights
 from salframe_keypoints.feature_matcher import FeatureMatcher
 
-LARGEST_BYTES = 1 << 32
+MAX_BYTES = 1 << 32
 """Of a checkpoint."""
 
 
@@ -34,7 +34,7 @@ class TrainedMatcher(FeatureMatcher):
         return tuple(path for weights in cls.weights for path in weights.paths(config.checkpoint))
 
     @classmethod
-    def weights_in_use(cls, config: Any) -> tuple[Weights, ...]:
+    def weights_in_use(cls, config: Any) -> tuple[NetworkWeights, ...]:
         """None where the user's checkpoint takes their place."""
         return cls.weights if config.checkpoint is None else ()
 
@@ -51,7 +51,7 @@ def read_checkpoint(path: Path) -> Any:
     import torch
 
     try:
-        check_regular(path, LARGEST_BYTES)
+        check_regular(path, MAX_BYTES)
         return torch.load(path, map_location="cpu", weights_only=True)
     except Exception as error:  # torch raises whatever its unpickler stumbles over
         raise WeightsMissing(f"{path} is no torch checkpoint: {type(error).__name__} {_one_line(error)}") from None

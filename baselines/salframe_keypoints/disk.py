@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from salframe.framework.errors import WeightsMissing
-from salframe.framework.files.weights import Weights, WeightsFile, Wheel
+from salframe.framework.files.weights import NetworkWeights, WeightsFile, Wheel
 from salframe_keypoints.checkpoints import load_strictly, read_checkpoint
 from salframe_keypoints.feature_matcher import View
 from salframe_keypoints.networks import LightGlue, NetworkMatcher
@@ -27,7 +27,7 @@ class DiskLightGlue(NetworkMatcher):
 
     name = "disk-lightglue"
     version = "1"
-    weights = (Weights("disk-lightglue", "Apache-2.0", (FEATURES, MATCHER), WHEEL),)
+    weights = (NetworkWeights("disk-lightglue", "Apache-2.0", (FEATURES, MATCHER), WHEEL),)
 
     def __init__(self, config: NetworkMatcher.Config | None = None) -> None:
         from kornia import feature

@@ -50,10 +50,10 @@ class ImageMatcher(TrainedMatcher):
         return np.zeros((0, 128), np.float32) if descriptors is None else root_sift(descriptors)
 
 
-def require_multiples(name: str, view_size_px: tuple[int, int], multiple_px: int, most_px: int | None = None) -> None:
-    """Raise ConfigError where a side of the views is no multiple of `multiple_px`, or longer than `most_px`."""
-    if any(side % multiple_px or (most_px is not None and side > most_px) for side in view_size_px):
-        expected = f"multiples of {multiple_px}" + (f" up to {most_px}" if most_px else "")
+def require_multiples(name: str, view_size_px: tuple[int, int], multiple_px: int, max_px: int | None = None) -> None:
+    """Raise ConfigError where a side of the views is no multiple of `multiple_px`, or longer than `max_px`."""
+    if any(side % multiple_px or (max_px is not None and side > max_px) for side in view_size_px):
+        expected = f"multiples of {multiple_px}" + (f" up to {max_px}" if max_px else "")
         raise ConfigError(
             f"{name}: views of {view_size_px[0]} x {view_size_px[1]} pixels, expected {expected}: "
             "set view_width_px and view_height_px"

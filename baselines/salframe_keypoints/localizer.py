@@ -15,7 +15,7 @@ from salframe.framework.errors import InputMissing
 from salframe.localization.answers import Localization, LocalizationStatus, PointMatches
 from salframe.localization.localizer import Description, Localizer, range_slot
 from salframe.localization.ranking import rank_places
-from salframe.panoramas.frames import MapFrame
+from salframe.panoramas.frames import ReferenceFrame
 from salframe.panoramas.geometry import sample_nearest
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.perspective import ViewRig, turned_similarity
@@ -49,7 +49,7 @@ class Keypoints(Localizer):
         )
         words: int = match_only(64, ge=1, description="size of that vocabulary")
         shortlist: int | None = match_only(
-            5, ge=1, description="map frames, best by the global descriptor, that are matched in full; null: all"
+            5, ge=1, description="reference frames, best by the global descriptor, that are matched in full; null: all"
         )
         inlier_deg: float = match_only(
             1.0, gt=0, description="a match agrees with a pose where its bearing is off by less than this"
@@ -109,7 +109,7 @@ class Keypoints(Localizer):
             **self._global.describe(panorama.rgb, panorama.valid),
         }
 
-    def index(self, descriptions: Sequence[Description], frames: Sequence[MapFrame]) -> None:
+    def index(self, descriptions: Sequence[Description], frames: Sequence[ReferenceFrame]) -> None:
         """Learn the vocabulary on the map's features, pool each view over it, and lift the points that have a range."""
         self._map_frames = list(frames)
         self._map_views = [split_views(description) for description in descriptions]

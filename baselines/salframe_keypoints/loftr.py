@@ -13,12 +13,12 @@ from pydantic import Field
 from salframe.framework.component import match_only
 from salframe.framework.config import merge
 from salframe.framework.errors import ConfigError, WeightsMissing
-from salframe.framework.files.weights import Download, Weights, WeightsFile
+from salframe.framework.files.weights import Download, NetworkWeights, WeightsFile
 from salframe_keypoints.checkpoints import load_strictly, read_checkpoint
 from salframe_keypoints.feature_matcher import View
 from salframe_keypoints.images import ImageMatcher, decode, require_multiples
 
-LOFTR = Weights(
+LOFTR = NetworkWeights(
     name="loftr",
     licence="Apache-2.0",
     files=(

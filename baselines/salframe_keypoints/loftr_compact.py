@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from salframe.framework.component import match_only
-from salframe.framework.files.weights import Shipped, Weights, WeightsFile
+from salframe.framework.files.weights import NetworkWeights, Shipped, WeightsFile
 from salframe.framework.onnx import open_model
 from salframe_keypoints.descriptors import unit_rows
 from salframe_keypoints.feature_matcher import View
@@ -40,14 +40,14 @@ STRIDE_PX, FINE_STRIDE_PX, WINDOW = 8, 2, 5
 """Pixels between cells of the coarse and of the fine grid, and cells along a side of the fine stage's window: kornia's
 defaults."""
 
-LARGEST_PX = 512
+MAX_PX = 512
 """Sides of a view; the position encoding in the file goes no further."""
 
 REMEMBERED = 32
-"""Views whose features are kept: those of a query are matched with one map frame after the other."""
+"""Views whose features are kept: those of a query are matched with one reference frame after the other."""
 
 
-LOFTR_COMPACT = Weights(
+LOFTR_COMPACT = NetworkWeights(
     name="loftr-compact",
     licence="Apache-2.0",
     files=(
@@ -82,7 +82,7 @@ class Network:
         self._fine = open_model(fine, [(None, WINDOW**2, None)] * 2 + [(None, None)] * 2)
 
     def features(self, image: np.ndarray) -> Features:
-        """Of a grey image (h, w) uint8 whose sides are multiples of STRIDE_PX up to LARGEST_PX."""
+        """Of a grey image (h, w) uint8 whose sides are multiples of STRIDE_PX up to MAX_PX."""
         return Features(*self._features.run(image[None, None].astype(np.float32) / 255))
 
     def match(self, first: Features, second: Features) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -144,7 +144,7 @@ class LoftrCompact(ImageMatcher):
     def prepare(self, width_px: int, height_px: int) -> None:
         """See FeatureMatcher."""
         super().prepare(width_px, height_px)
-        require_multiples(self.name, self.view_size_px, STRIDE_PX, LARGEST_PX)
+        require_multiples(self.name, self.view_size_px, STRIDE_PX, MAX_PX)
 
     def describe(self, view: View) -> np.ndarray:
         """RootSIFT of the view's image, or the tokens of the network's coarse grid."""

@@ -14,7 +14,7 @@ def robust_pose(
 ) -> tuple[np.ndarray, np.ndarray]:
     """The pose that most matches agree with: T_map_query (4, 4) and inliers (M,) bool.
 
-    bearings (M, 3): unit vectors in the query frame; points_m (M, 3): the matched points in the map frame's axes. A
+    bearings (M, 3): unit vectors in the query frame; points_m (M, 3): the matched points in the reference frame's axes. A
     match is an inlier where its bearing and the direction to its point differ by less than `inlier_rad`. Random samples
     of three are solved by P3P, and the best solution is that whose squared errors, each cut off at the inlier bound,
     sum to the least (MSAC, Torr and Zisserman 2000). It is refined by least squares on the angles of its inliers, taken

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from salframe.framework.files.weights import Weights, WeightsFile, Wheel
+from salframe.framework.files.weights import NetworkWeights, WeightsFile, Wheel
 from salframe_keypoints.checkpoints import load_strictly, read_checkpoint
 from salframe_keypoints.feature_matcher import View
 from salframe_keypoints.networks import LightGlue, NetworkMatcher
@@ -24,7 +24,7 @@ class XFeatNearest(NetworkMatcher):
 
     name = "xfeat-nn"
     version = "1"
-    weights = (Weights("xfeat-nn", "Apache-2.0", (FEATURES,), WHEEL),)
+    weights = (NetworkWeights("xfeat-nn", "Apache-2.0", (FEATURES,), WHEEL),)
 
     def __init__(self, config: NetworkMatcher.Config | None = None) -> None:
         from kornia import feature
@@ -45,7 +45,7 @@ class XFeat(XFeatNearest):
 
     name = "xfeat"
     version = "1"
-    weights = (Weights("xfeat", "Apache-2.0", (FEATURES, MATCHER), WHEEL),)
+    weights = (NetworkWeights("xfeat", "Apache-2.0", (FEATURES, MATCHER), WHEEL),)
 
     def __init__(self, config: NetworkMatcher.Config | None = None) -> None:
         super().__init__(config)

@@ -9,7 +9,7 @@ import numpy as np
 
 from salframe_lines.arcs import Arcs, Lines3d, seen_from
 
-CODES_PER_RAD, LARGEST_CODE = 128, 200
+CODES_PER_RAD, MAX_CODE = 128, 200
 """Distances are kept as uint8, none larger than 1.56 rad: what is left of 256 keeps differences that wrap around from
 being small."""
 CHUNK = 8
@@ -30,7 +30,7 @@ def distance_codes(arcs: Sequence[Arcs], points: np.ndarray) -> np.ndarray:
     codes = []
     for axis, (around_rad, along_rad) in enumerate(arcs):
         cosine = _nearest_cosines(around_rad, along_rad, np.roll(points, -axis, axis=1))
-        codes.append(np.minimum(np.arccos(np.clip(cosine, -1, 1)) * CODES_PER_RAD, LARGEST_CODE).astype(np.uint8))
+        codes.append(np.minimum(np.arccos(np.clip(cosine, -1, 1)) * CODES_PER_RAD, MAX_CODE).astype(np.uint8))
     return np.concatenate(codes, axis=-1)
 
 

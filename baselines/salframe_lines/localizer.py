@@ -13,7 +13,7 @@ from salframe.framework.errors import InputMissing
 from salframe.localization.answers import Localization, LocalizationStatus
 from salframe.localization.localizer import Description, Localizer, range_slot
 from salframe.localization.ranking import rank_places
-from salframe.panoramas.frames import MapFrame
+from salframe.panoramas.frames import ReferenceFrame
 from salframe.panoramas.geometry import pose_2d
 from salframe.panoramas.panorama import Panorama
 from salframe_lines.alignment import AGREE_RAD, agreement, refine, search
@@ -26,7 +26,7 @@ OUTLIER_SHARE = 0.05
 
 
 class _MapLines(NamedTuple):
-    """What a map frame adds: T_world_principal (4, 4), its lines along each axis, whether they have their distances,
+    """What a reference frame adds: T_world_principal (4, 4), its lines along each axis, whether they have their distances,
     and where a query may stand."""
 
     T_world_principal: np.ndarray
@@ -55,23 +55,23 @@ class Lines(Localizer):
             162, ge=1, description="points of the sphere at which distance functions are compared"
         )
         step_m: float = match_only(
-            0.35, gt=0, description="between the positions around a map frame that a query is looked for at"
+            0.35, gt=0, description="between the positions around a reference frame that a query is looked for at"
         )
         reach_m: float = match_only(
-            5.0, ge=0, description="how far from a map frame, along x and y, a query is looked for"
+            5.0, ge=0, description="how far from a reference frame, along x and y, a query is looked for"
         )
         inlier_rad: float = match_only(
             0.1, gt=0, le=0.3, description="distance functions agree where they differ by no more than this"
         )
         shortlist: int = match_only(
-            8, ge=1, description="pairs of map frame and turn, best by distance functions, that are aligned"
+            8, ge=1, description="pairs of reference frame and turn, best by distance functions, that are aligned"
         )
         min_agreement: float = match_only(
             0.1, ge=0, le=1, description="a pose that explains a smaller share of the query's lines is none"
         )
 
     uses: ClassVar[frozenset[str]] = frozenset({"range"})
-    """Where a map frame is to give a pose."""
+    """Where a reference frame is to give a pose."""
 
     @property
     def needs(self) -> frozenset[str]:
@@ -100,7 +100,7 @@ class Lines(Localizer):
             "distance_m": np.concatenate(distance_m).astype(np.float32),
         }
 
-    def index(self, descriptions: Sequence[Description], frames: Sequence[MapFrame]) -> None:
+    def index(self, descriptions: Sequence[Description], frames: Sequence[ReferenceFrame]) -> None:
         """Lift the lines, and compute their distance functions at every position a query is looked for at; they are no
         part of a saved map."""
         self._frames = list(frames)
@@ -147,7 +147,7 @@ class Lines(Localizer):
             LocalizationStatus.NO_POSE if pose is None else LocalizationStatus.OK,
         )
 
-    def _map_lines(self, description: Description, frame: MapFrame) -> _MapLines:
+    def _map_lines(self, description: Description, frame: ReferenceFrame) -> _MapLines:
         """The frame's lines, and a grid over the extent of their ends. Without range they are taken 1 m away: right as
         seen from the frame alone."""
         distance_m = description["distance_m"]

@@ -10,7 +10,7 @@ import numpy as np
 from salframe.localization.answers import Localization, LocalizationStatus
 from salframe.localization.localizer import Description, Localizer
 from salframe.localization.ranking import rank_places
-from salframe.panoramas.frames import MapFrame
+from salframe.panoramas.frames import ReferenceFrame
 
 
 class WeightedLabels(Localizer):
@@ -25,7 +25,7 @@ class WeightedLabels(Localizer):
     def weigh(self, description: Description) -> np.ndarray:
         """The weight (L,) float64 of each label of a description."""
 
-    def index(self, descriptions: Sequence[Description], frames: Sequence[MapFrame]) -> None:
+    def index(self, descriptions: Sequence[Description], frames: Sequence[ReferenceFrame]) -> None:
         self._map_frames = list(frames)
         self._vocabulary = {
             label: i for i, label in enumerate(sorted({str(label) for d in descriptions for label in d["labels"]}))

@@ -60,7 +60,7 @@ class SalientObjectsLocalizer(SalientObjects, WeightedLabels):
     """Jaccard index of labels weighted by their saliency; gives a place and no pose.
 
     J = sum_l min(w_l, w'_l) / sum_l max(w_l, w'_l), where w_l is the sum of S^p over the objects with the label l in
-    the query, w'_l in the map frame, S the saliency and p `saliency_power`. The paper names "a collection of salient
+    the query, w'_l in the reference frame, S the saliency and p `saliency_power`. The paper names "a collection of salient
     objects" and no formula: a weight for each object, instead of a threshold, is our reading; p = 1/3 was the best of
     0.33, 0.5 and 1 on buildings set aside for tuning.
     """

@@ -9,7 +9,7 @@ import numpy as np
 from salframe.localization.answers import Localization, LocalizationStatus, NodeMatches
 from salframe.localization.localizer import Description
 from salframe.localization.ranking import rank_places
-from salframe.panoramas.frames import MapFrame
+from salframe.panoramas.frames import ReferenceFrame
 from salframe.panoramas.panorama import Panorama
 from salframe_objects.salient import SalientObjects
 
@@ -40,7 +40,7 @@ class SalientVolumesLocalizer(SalientObjects):
         labels = np.array(known.labels, dtype=np.str_)
         return {"labels": labels, "weight": self.weigh_objects(known), "centroid_m": known.centroid_m}
 
-    def index(self, descriptions: Sequence[Description], frames: Sequence[MapFrame]) -> None:
+    def index(self, descriptions: Sequence[Description], frames: Sequence[ReferenceFrame]) -> None:
         self._map_frames, self._places = list(frames), list(descriptions)
 
     def match(self, description: Description) -> Localization:

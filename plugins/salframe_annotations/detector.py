@@ -18,7 +18,7 @@ from salframe.graphs.annotated import Annotated, as_detections, has_points, seen
 from salframe.graphs.boxes import upright_box
 from salframe.graphs.detections import Detections
 from salframe.graphs.detector import Detector
-from salframe.panoramas.object_noise import LEAST_FACTOR, ObjectNoise, another_label
+from salframe.panoramas.object_noise import MIN_FACTOR, ObjectNoise, another_label
 from salframe.panoramas.panorama import Panorama
 from salframe_annotations.sensed import SENSORS, SensedNoise
 
@@ -115,7 +115,7 @@ def spoil(objects: list[Annotated], vocabulary: Sequence[str], noise: Noise, see
             noise.split,
             noise.merged,
         )
-        factor = max(1 + noise.range_share * rng.standard_normal(), LEAST_FACTOR)
+        factor = max(1 + noise.range_share * rng.standard_normal(), MIN_FACTOR)
         if missed:
             continue
         label = another_label(whole.label, vocabulary, rng) if mislabelled else whole.label

@@ -38,7 +38,9 @@ class SensedNoise:
     def spoil(self, panorama: Panorama, objects: Sequence[Annotated], seed: tuple[int, int]) -> list[Annotated]:
         """What the detector makes of the annotated objects of a panorama, and what it makes up."""
         shown = sightings(panorama, objects)
-        chances = self._sensor.found.probability(shown.labels, shown.solid_angle_sr, shown.range_m, shown.hidden_share)
+        chances = self._sensor.detection.probability(
+            shown.labels, shown.solid_angle_sr, shown.range_m, shown.hidden_share
+        )
         found = []
         for one, chance in zip(objects, chances, strict=True):
             rng = np.random.default_rng((*seed, one.key))

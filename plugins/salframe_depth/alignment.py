@@ -8,7 +8,7 @@ import numpy as np
 
 ROUNDS = 10
 """Rounds of reweighting; the weights have settled by then."""
-LEAST_OVERLAP = 20
+MIN_OVERLAP = 20
 """Views that share fewer known rays are not compared."""
 OUTLIER = 2.0
 """Residuals beyond so many times the usual (1.48 medians) count less and less, as those at depth edges do."""
@@ -32,7 +32,7 @@ def align(terms: np.ndarray) -> np.ndarray:
     pairs = []
     for pair in combinations(range(count), 2):
         both = np.flatnonzero(known[list(pair)].all(0))
-        if len(both) >= LEAST_OVERLAP:
+        if len(both) >= MIN_OVERLAP:
             pairs.append((list(pair), terms[pair[0], both], terms[pair[1], both]))
     found = np.zeros((count, size))
     found[:, 0] = 1

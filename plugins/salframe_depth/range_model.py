@@ -15,7 +15,7 @@ from salframe.panoramas.geometry import equirectangular_rays
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.range_model import RangeModel, from_bright_side
 from salframe_depth.alignment import align
-from salframe_depth.views import LEAST_FOV_DEG, LEAST_VIEWS, DepthRig, Look
+from salframe_depth.views import MIN_FOV_DEG, MIN_VIEWS, DepthRig, ViewRays
 
 ALIGNED_ROWS, MERGED_ROWS = 64, 512
 """Rows of the panorama on which views are compared, and the most on which they are merged: 0.35 deg a pixel, about what
@@ -60,9 +60,9 @@ class OnnxDepth(RangeModel):
         scale: float = Field(1 / 255, gt=0, description="a colour from 0 to 255 becomes (colour * scale - mean) / std")
         mean: tuple[float, float, float] = Field((0.485, 0.456, 0.406), description="in the order of `channels`")
         std: tuple[float, float, float] = Field((0.229, 0.224, 0.225), description="in the order of `channels`")
-        views: int = Field(LEAST_VIEWS, ge=LEAST_VIEWS, le=24, description="level views; eight more look down and up")
+        views: int = Field(MIN_VIEWS, ge=MIN_VIEWS, le=24, description="level views; eight more look down and up")
         fov_deg: float = Field(
-            90.0, ge=LEAST_FOV_DEG, le=120, description="field of view across the shorter side of a view"
+            90.0, ge=MIN_FOV_DEG, le=120, description="field of view across the shorter side of a view"
         )
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
@@ -168,7 +168,7 @@ class OnnxDepth(RangeModel):
             weights[known] += look.weight[known]
         return np.divide(total, weights, where=weights > 0, out=np.zeros_like(total))
 
-    def _terms(self, look: Look, depth: np.ndarray) -> np.ndarray:
+    def _terms(self, look: ViewRays, depth: np.ndarray) -> np.ndarray:
         """(h, w, K) what a view's image (any height and width) makes of the range along rays (h, w), or of 1 / range
         where the network gives `inverse`: times the view's scale, and its shift where it has one."""
         value = look.sample(depth)

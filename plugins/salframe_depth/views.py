@@ -12,7 +12,7 @@ from salframe.panoramas.perspective import ViewRig
 TILTED, TILT_RAD = 4, np.pi / 3
 """Views that look down, and as many that look up, and by how much. With level views alone the floor may be out of
 sight, and a table top is taken for it: in a rendered kitchen every range came out twice too large."""
-LEAST_VIEWS, LEAST_FOV_DEG = 6, 75
+MIN_VIEWS, MIN_FOV_DEG = 6, 75
 """With fewer level views or a smaller field of view some directions are in no view."""
 
 
@@ -36,18 +36,18 @@ class DepthRig(ViewRig):
         right, forward = np.stack([s, -c, np.zeros(self.count)]), np.stack([level * c, level * s, up])
         return np.stack([right, np.cross(forward, right, axis=0), forward]).transpose(2, 1, 0)
 
-    def look(self, view: int, rays: np.ndarray) -> Look:
+    def look(self, view: int, rays: np.ndarray) -> ViewRays:
         """Where unit vectors (..., 3) in the panorama frame lie in a view."""
         right, down, forward = np.moveaxis(rays @ self.rotations[view].astype(np.float32), -1, 0)
         ahead = np.maximum(forward, np.float32(1e-6))
         x = np.float32(2 * self.focal_px / self.width_px) * right / ahead
         y = np.float32(2 * self.focal_px / self.height_px) * down / ahead
         inside = np.maximum(1 - np.abs(x), 0) * np.maximum(1 - np.abs(y), 0)
-        return Look(x, y, np.where(forward > 0, inside, np.float32(0)), ahead)
+        return ViewRays(x, y, np.where(forward > 0, inside, np.float32(0)), ahead)
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
+class ViewRays:
     """Where rays (...) lie in a view, all float32: x, y from -1 to 1 across it; weight, 1 in its middle and 0 at its
     border and beyond; cosine of the angle to its axis."""
 

@@ -13,7 +13,7 @@ from salframe.panoramas.geometry import equirectangular_rays, rays_to_pixels
 RINGS = ((8, 0.0), (4, np.pi / 3), (4, -np.pi / 3))
 """Views in each ring and the ring's elevation_rad: around the horizon, up and down. The views of a ring are equally
 spaced, the first looks along +x, the others follow counter-clockwise. All repeat every quarter turn."""
-LEAST_FOV_DEG = 75
+MIN_FOV_DEG = 75
 """With a smaller field of view some directions are in no view."""
 GRID_ROWS = 256
 """The panorama's pixels are thinned to about this many rows where boxes are laid on it: 0.7 deg a pixel, finer than

@@ -13,13 +13,13 @@ from salframe.framework.components.identity import UserFile
 from salframe.framework.components.registry import registry
 from salframe.framework.components.slots import slot
 from salframe.framework.errors import ConfigError, InputMissing, WeightsMissing
-from salframe.framework.files.weights import Weights
-from salframe.graphs.boxes import LEAST_POINTS, detections_where_known
+from salframe.framework.files.weights import NetworkWeights
+from salframe.graphs.boxes import MIN_POINTS, detections_where_known
 from salframe.graphs.detections import Detections, unit_vectors
 from salframe.graphs.detector import Detector
 from salframe.graphs.turning import from_near_side
 from salframe.panoramas.panorama import Panorama
-from salframe_detectors.coverage import LEAST_FOV_DEG, Grid, Rig
+from salframe_detectors.coverage import MIN_FOV_DEG, Grid, Rig
 from salframe_detectors.depth import foreground
 from salframe_detectors.detection_decoder import DetectionDecoder, Found, Question
 from salframe_detectors.merging import group, outline, suppress
@@ -65,7 +65,7 @@ class OnnxDetector(Detector):
             0.45, gt=0, lt=1, description="boxes of a class in a view are one object above this intersection over union"
         )
         fov_deg: float = Field(
-            90.0, ge=LEAST_FOV_DEG, le=120, description="field of view across the shorter side of a view"
+            90.0, ge=MIN_FOV_DEG, le=120, description="field of view across the shorter side of a view"
         )
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
@@ -89,7 +89,7 @@ class OnnxDetector(Detector):
         self._look(np.full((1, height, width, 3), self.config.fill, np.uint8))
 
     @classmethod
-    def weights_in_use(cls, config: Any) -> tuple[Weights, ...]:
+    def weights_in_use(cls, config: Any) -> tuple[NetworkWeights, ...]:
         """Those that `model` names; none where it is a file."""
         return (ZOO[config.model],) if isinstance(config.model, str) else ()
 
@@ -116,7 +116,7 @@ class OnnxDetector(Detector):
             for box, mask in zip(one.box_px, one.masks(), strict=True)
         ]
         footprint = np.array(marked, bool).reshape(len(view), len(grid.rays))
-        known = ~cut | (footprint.sum(1) >= LEAST_POINTS)  # fewer pixels at a view's border tell nothing
+        known = ~cut | (footprint.sum(1) >= MIN_POINTS)  # fewer pixels at a view's border tell nothing
         labels, scores, bearing, solid_angle_sr, masks, points = [], [], [], [], [], []
         for kind in np.unique(label[known]):
             alike = np.flatnonzero(known & (label == kind))

@@ -14,16 +14,16 @@ objects 7 came out twice (24 at 0.45), one pair was mixed."""
 INSIDE = 0.3
 """What a view's border left of an object belongs to one that covers more than this share of it. Of those 1,995 objects
 70 came out twice without."""
-LEAST_SHARED = 0.1
+MIN_SHARED = 0.1
 """Two detections agree on no less than this share of the smaller: slivers at the border of two views prove nothing."""
-CANDIDATES, MOST_FOUND = 1000, 100
+CANDIDATES, MAX_FOUND = 1000, 100
 """Boxes of a view before and after suppression, as many as Detectron2 takes unless told otherwise: a network that
 answers more costs no more time."""
 
 
 def suppress(found: Found, overlap: float) -> Found:
     """Of boxes of one class whose intersection over union exceeds `overlap`, the one with the best score alone; of
-    CANDIDATES boxes at most, and MOST_FOUND of these, those that score best."""
+    CANDIDATES boxes at most, and MAX_FOUND of these, those that score best."""
     import cv2
 
     if not len(found.score):
@@ -34,7 +34,7 @@ def suppress(found: Found, overlap: float) -> Found:
         np.hstack([corner, size]).tolist(), found.score.tolist(), found.label.tolist(), 0.0, overlap
     )
     found = found.take(np.array(kept, int).ravel())
-    return found.take(_best(found.score, MOST_FOUND))
+    return found.take(_best(found.score, MAX_FOUND))
 
 
 def _best(score: np.ndarray, count: int) -> np.ndarray:
@@ -61,7 +61,7 @@ def group(
     common, size = weighted @ covered.T, weighted.sum(1)
     union = shown + shown.T - common
     agreement = common / np.maximum(union, 1e-12)
-    agreement[common < LEAST_SHARED * np.minimum(size[:, None], size)] = 0
+    agreement[common < MIN_SHARED * np.minimum(size[:, None], size)] = 0
     a, b = np.triu_indices(len(view), 1)
     joinable = agreement[a, b] > AGREEMENT
     a, b = a[joinable], b[joinable]

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from salframe.framework.files.weights import Download, Weights, WeightsFile
+from salframe.framework.files.weights import Download, NetworkWeights, WeightsFile
 
 YOLOX_RELEASE = Download(("https://github.com/Megvii-BaseDetection/YOLOX/releases/download/0.1.1rc0",))
 
 ZOO = {
     weights.name: weights
     for weights in (
-        Weights(
+        NetworkWeights(
             "yolox-nano",
             "Apache-2.0",
             (
@@ -19,7 +19,7 @@ ZOO = {
             ),
             YOLOX_RELEASE,
         ),
-        Weights(
+        NetworkWeights(
             "yolox-tiny",
             "Apache-2.0",
             (
@@ -29,7 +29,7 @@ ZOO = {
             ),
             YOLOX_RELEASE,
         ),
-        Weights(
+        NetworkWeights(
             "yolox-s",
             "Apache-2.0",
             (

@@ -1,4 +1,4 @@
-"""Matches with several map frames that put the query in the same spot of the world support each other."""
+"""Matches with several reference frames that put the query in the same spot of the world support each other."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from salframe.graphs.matcher import GraphMatch
-from salframe.panoramas.frames import MapFrame
+from salframe.panoramas.frames import ReferenceFrame
 from salframe.panoramas.geometry import wrap_angle
 
 TURN_RAD = np.radians(30)
@@ -16,7 +16,9 @@ TURN_RAD = np.radians(30)
 _NO_POSE = np.full((4, 4), np.nan)
 
 
-def agree(matches: Sequence[GraphMatch], frames: Sequence[MapFrame], share: float, radius_m: float) -> list[GraphMatch]:
+def agree(
+    matches: Sequence[GraphMatch], frames: Sequence[ReferenceFrame], share: float, radius_m: float
+) -> list[GraphMatch]:
     """The matches, best first, with scores as of `agreed`."""
     poses = [_NO_POSE if match.T_scene_query is None else match.T_scene_query for match in matches]
     stood = np.array([frames[match.scene].T_world_pano for match in matches])

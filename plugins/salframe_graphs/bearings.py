@@ -24,7 +24,7 @@ def verify_bearings(
     tolerance: tuple[float, float],
     max_shift_m: float,
 ) -> VerifiedPoses:
-    """Find the pose of each candidate that explains most directions, on a grid of positions around each map frame.
+    """Find the pose of each candidate that explains most directions, on a grid of positions around each reference frame.
 
     Each position has the heading that most similar nodes vote for, and is scored by how near the map nodes lie to the
     rays of the query's nodes. Both cameras are taken to be upright and equally high, so that elevations tell distance.
@@ -32,7 +32,7 @@ def verify_bearings(
 
     Args:
         bearing: (n, 3) unit vectors in the query frame.
-        map_m: (N, 3) metres, each in its map frame.
+        map_m: (N, 3) metres, each in its reference frame.
         pairs: the node pairs that may be the same.
         similarity: (P,) of each pair, over 0.
         weights: (n,) of the query's nodes.

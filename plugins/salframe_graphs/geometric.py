@@ -52,20 +52,20 @@ class GeometricMatcher(NodeMatcher):
         tolerance_share: float = Field(
             0.05, ge=0, description="verification: added tolerance, a share of the nodes' ranges"
         )
-        largest_scale_error: float = Field(
+        max_scale_error: float = Field(
             0.0,
             ge=0,
             lt=1,
             description="verification: all of a query's ranges may be off by one factor, up to this share, which is "
             "estimated with the pose; 0: they are right, as a sensor's are",
         )
-        largest_shift_m: float = Field(
-            6.0, gt=0, description="verification: a query this far from a map frame is not matched to it"
+        max_shift_m: float = Field(
+            6.0, gt=0, description="verification: a query this far from a reference frame is not matched to it"
         )
 
     @property
     def estimates_scale(self) -> bool:
-        return bool(self.config.largest_scale_error)
+        return bool(self.config.max_scale_error)
 
     def match(self, query: SaliencyGraph, index: GraphIndex, top_k: int) -> list[GraphMatch]:
         ranking = self._rank(query, index, top_k)
@@ -112,7 +112,7 @@ class GeometricMatcher(NodeMatcher):
         if self.config.similarity_score:
             shared = shared_weight(candidates.pairs, value, candidates.weight, candidates.nodes, candidates.node_weight)
             score += self.config.similarity_score * shared
-        pairs, value = candidates.pairs.keep((value > 0) & (value >= self.config.least_similarity), value)
+        pairs, value = candidates.pairs.min_candidate_ratio((value > 0) & (value >= self.config.min_similarity), value)
         verified = VerifiedPoses.none(pairs)
         if self.config.geometry_score:
             verified = self._verify(candidates, pairs, value)
@@ -125,7 +125,7 @@ class GeometricMatcher(NodeMatcher):
         """(P,) similarity of each pair of nodes, 0 to 1; always 1 of a query without range, which has labels alone."""
         if candidates.graph.bearings_only:
             return np.ones(len(candidates.pairs))
-        value = self._attribute_similarity(candidates, self.config.largest_scale_error)
+        value = self._attribute_similarity(candidates, self.config.max_scale_error)
         if self._has_rings:
             weight = self.config.structure_weight
             value *= (1 + weight * self._ring_products(candidates, index)) / (1 + weight)
@@ -137,7 +137,7 @@ class GeometricMatcher(NodeMatcher):
             tolerance = config.tolerance_m, config.tolerance_share
             bearing = candidates.graph.bearing
             return verify_bearings(
-                bearing, nodes.centroid_m, pairs, similarity, candidates.weight, tolerance, config.largest_shift_m
+                bearing, nodes.centroid_m, pairs, similarity, candidates.weight, tolerance, config.max_shift_m
             )
         ranges_m = np.hypot(query.range_m[pairs.query], nodes.range_m[pairs.node])
         return verify(
@@ -147,7 +147,7 @@ class GeometricMatcher(NodeMatcher):
             similarity,
             config.tolerance_m + config.tolerance_share * ranges_m,
             candidates.weight,
-            config.largest_shift_m,
+            config.max_shift_m,
             self._scale_bound(candidates),
         )
 
@@ -156,7 +156,7 @@ class GeometricMatcher(NodeMatcher):
         if not self.estimates_scale or candidates.graph.bearings_only:
             return None
         heights = candidates.query.centroid_m[:, 2], candidates.nodes.centroid_m[:, 2]
-        return ScaleBound(self.config.largest_scale_error, *heights, self.config.height_scale_m)
+        return ScaleBound(self.config.max_scale_error, *heights, self.config.height_scale_m)
 
     def _scale(self, candidates: Candidates, row: int, nodes: np.ndarray) -> float:
         """The factor that gives the query's aligned nodes the spread of those of candidate `row`, within the bound."""

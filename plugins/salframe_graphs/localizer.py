@@ -12,7 +12,7 @@ from salframe.graphs.table import MappedGraphs
 from salframe.localization.answers import Localization, NodeMatches
 from salframe.localization.localizer import Description, posterior_slot
 from salframe.localization.saved_frames import SavedFrames
-from salframe.panoramas.frames import MapFrame
+from salframe.panoramas.frames import ReferenceFrame
 from salframe_graphs.graph_localizer import GraphLocalizer, GraphLocalizerConfig
 from salframe_graphs.panorama_matching import PanoramaMatching, PanoramaMatchingConfig
 
@@ -30,7 +30,7 @@ class SaliencyGraphLocalizer(GraphLocalizer):
         super().__init__(config)
         self._matching = PanoramaMatching(self.config)
 
-    def index(self, descriptions: Sequence[Description], frames: Sequence[MapFrame]) -> None:
+    def index(self, descriptions: Sequence[Description], frames: Sequence[ReferenceFrame]) -> None:
         self._matching.index([graph_from_arrays(description) for description in descriptions], frames)
 
     def write_index(self, folder: Path) -> None:

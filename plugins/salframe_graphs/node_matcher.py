@@ -46,10 +46,10 @@ class NodeMatcherConfig(ComponentConfig):
         True, description="weigh labels by smooth inverse document frequency over the map, ln((1 + S) / (1 + s)) + 1"
     )
     confidence: bool = Field(True, description="a node counts in the score as much as its detector is sure of it")
-    keep: float = Field(
+    min_candidate_ratio: float = Field(
         0.25, ge=0, le=1, description="candidates: Jaccard index at least this share of the best (paper: 0.6)"
     )
-    most: int | None = Field(
+    max_candidates: int | None = Field(
         100, ge=1, description="candidates at most, the first of the scene index; null: all (as in the paper)"
     )
     scene_index: slot("scene-index", "by-size")  # type: ignore[valid-type]
@@ -66,7 +66,7 @@ class NodeMatcherConfig(ComponentConfig):
     structure_weight: float = Field(
         0.3, ge=0, description="weight of the structural feature in node similarity (label: 1)"
     )
-    least_similarity: float = Field(0.1, ge=0, le=1, description="node pairs below this similarity are rejected")
+    min_similarity: float = Field(0.1, ge=0, le=1, description="node pairs below this similarity are rejected")
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +147,7 @@ class NodeMatcher(GraphMatcher):
 
     def _looks_up(self, table: GraphTable) -> bool:
         """Whether there are more graphs than candidates."""
-        return self.config.most is not None and len(table) > self.config.most
+        return self.config.max_candidates is not None and len(table) > self.config.max_candidates
 
     def _new_scene_index(self) -> SceneIndex:
         made: SceneIndex = registry().build(SceneIndex.role, self.config.scene_index)
@@ -189,7 +189,7 @@ class NodeMatcher(GraphMatcher):
         numbers = self._shortlist(graph, index)
         nodes = index.graphs.take(numbers) if index.nodes is None else index.nodes
         jaccard = self._label_jaccard(graph, query, nodes, index.rarity)
-        is_candidate = (jaccard > 0) & (jaccard >= self.config.keep * jaccard.max(initial=0))
+        is_candidate = (jaccard > 0) & (jaccard >= self.config.min_candidate_ratio * jaccard.max(initial=0))
         if not is_candidate.all():
             rows = is_candidate[nodes.graph]
             of_nodes = ("label", "scores", "saliency", "centroid_m", "size_m")
@@ -204,7 +204,7 @@ class NodeMatcher(GraphMatcher):
         """(K,) the graphs that the scene index puts first, all where there is none; ascending."""
         if index.scenes is None:
             return np.arange(len(index.graphs))
-        return np.sort(index.scenes.candidates(graph, self.config.most).scene)
+        return np.sort(index.scenes.candidates(graph, self.config.max_candidates).scene)
 
     def _label_jaccard(
         self, graph: SaliencyGraph, query: GraphNodes, nodes: GraphNodes, rarity: np.ndarray

@@ -51,7 +51,7 @@ class NodePairs:
         graphs = Segments(np.bincount(self.graph[first], minlength=self.num_graphs))
         return (np.maximum.reduceat(value, first) if len(first) else value), graphs
 
-    def keep(self, mask: np.ndarray, values: np.ndarray) -> tuple[NodePairs, np.ndarray]:
+    def min_candidate_ratio(self, mask: np.ndarray, values: np.ndarray) -> tuple[NodePairs, np.ndarray]:
         """Return the pairs of a mask (P,), and their values of `values` (P,)."""
         return replace(self, query=self.query[mask], node=self.node[mask], graph=self.graph[mask]), values[mask]
 

@@ -18,7 +18,7 @@ from salframe.localization.answers import Localization, LocalizationStatus, Node
 from salframe.localization.positioner import Positioner
 from salframe.localization.ranking import rank_places
 from salframe.localization.saved_frames import SavedFrames
-from salframe.panoramas.frames import FrameKind, MapFrame
+from salframe.panoramas.frames import FrameKind, ReferenceFrame
 from salframe.panoramas.geometry import pose_2d, pose_yaw, wrap_angle
 from salframe_graphs.agreement import agree, agreed
 
@@ -35,7 +35,7 @@ class PanoramaMatchingConfig(ComponentConfig):
         "robust",
         match_only=True,
         optional=True,
-        description="pose from matched objects; null: place only, the pose of the map frame is the answer",
+        description="pose from matched objects; null: place only, the pose of the reference frame is the answer",
     )
     top_k: int = match_only(20, ge=1, description="map graphs that the matcher ranks")
     min_score: float = match_only(0.0, ge=0, description="a best match below this score is no answer")
@@ -60,7 +60,7 @@ class PanoramaMatching:
     """
 
     graphs: Sequence[SaliencyGraph]
-    frames: Sequence[MapFrame]
+    frames: Sequence[ReferenceFrame]
 
     def __init__(self, config: PanoramaMatchingConfig) -> None:
         self._config = config
@@ -73,7 +73,7 @@ class PanoramaMatching:
         """Return whether the matcher takes the query's ranges to be off by an unknown factor."""
         return self._matcher.estimates_scale
 
-    def index(self, graphs: Sequence[SaliencyGraph], frames: Sequence[MapFrame]) -> None:
+    def index(self, graphs: Sequence[SaliencyGraph], frames: Sequence[ReferenceFrame]) -> None:
         """Index the graphs of a map's frames."""
         self.graphs, self._index = graphs, self._matcher.index(graphs)
         self._take_frames(frames, np.array([frame.kind is FrameKind.SCENE for frame in frames]))
@@ -88,7 +88,7 @@ class PanoramaMatching:
         self.graphs, self._index = graphs, self._matcher.open_index(graphs, folder / _MATCHER)
         self._take_frames(frames, frames.is_scene)
 
-    def _take_frames(self, frames: Sequence[MapFrame], is_scene: np.ndarray) -> None:
+    def _take_frames(self, frames: Sequence[ReferenceFrame], is_scene: np.ndarray) -> None:
         self.frames, self._scenes_at = frames, np.flatnonzero(is_scene)
         if not is_scene.all():  # the nearest scene frame is looked for only where there are doorways
             from scipy.spatial import KDTree
@@ -166,7 +166,7 @@ class PanoramaMatching:
         frames = [self.frames[number] for number in numbers]
         return rank_places(frames, np.array([score[number] for number in numbers]), T_world_query)
 
-    def _scene_near(self, matched: MapFrame, T_world_query: np.ndarray) -> int | None:
+    def _scene_near(self, matched: ReferenceFrame, T_world_query: np.ndarray) -> int | None:
         """The scene frame nearest to a query that matches a doorway; None where it matches another frame, its pose is
         not known, or the map has doorways only."""
         at_door = matched.kind is FrameKind.TRANSITION and len(self._scenes_at)
@@ -176,7 +176,7 @@ class PanoramaMatching:
 
 
 def _in_world(covariance: np.ndarray, T_world_scene: np.ndarray) -> np.ndarray:
-    """A covariance as in PoseEstimate, in the world's axes instead of a map frame's."""
+    """A covariance as in PoseEstimate, in the world's axes instead of a reference frame's."""
     turn = np.eye(len(covariance))
     if len(covariance) == 6:
         turn[:3, :3] = turn[3:, 3:] = T_world_scene[:3, :3]

@@ -1,4 +1,4 @@
-"""Where the query's frame lies in the map frame's, from matched nodes
+"""Where the query's frame lies in the reference frame's, from matched nodes
 (docs/explanation/method.md#from-matched-nodes-to-a-pose; paper section "Positioning")."""
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class RobustPositioner(Positioner):
     class Config(ComponentConfig):
         group: Literal["SE(2)", "SE(3)"] = Field("SE(2)", description="motion sought: on the floor, or in space")
         tolerance_m: float = Field(0.8, gt=0, description="largest distance of a match from the pose it supports")
-        least_inliers: int = Field(2, ge=2, description="fewer than this many consistent matches: no pose")
+        min_inliers: int = Field(2, ge=2, description="fewer than this many consistent matches: no pose")
         ambiguity: float = Field(
             0.95,
             gt=0,
@@ -83,7 +83,7 @@ class RobustPositioner(Positioner):
         rotation, shift = fit_rigid(query[minimal], reference[minimal], np.ones(minimal.shape))
         support, inlying = self._support(query, reference, rotation, shift, weights)
         # The best few are fitted again to all they agree with: a minimal set carries the noise of its few points alone.
-        least = max(self.config.least_inliers, dimension)
+        least = max(self.config.min_inliers, dimension)
         few = np.argsort(-support, kind="stable")[:20]
         few = few[inlying[few].sum(1) >= least]
         if not len(few):
@@ -183,7 +183,7 @@ class LeastSquaresPositioner(Positioner):
         mean: Literal["circular", "arithmetic"] = Field(
             "circular", description="mean of the turns: wrapping at 180 deg, or the paper's"
         )
-        largest_condition: float = Field(
+        max_condition: float = Field(
             1e3, gt=1, description="condition number of B from which on the nodes count as collinear"
         )
 
@@ -195,7 +195,7 @@ class LeastSquaresPositioner(Positioner):
         i, j = np.triu_indices(count, 1)
         rows = u[i] - u[j]
         singular = np.linalg.svd(rows, compute_uv=False)
-        if singular[1] * self.config.largest_condition < singular[0] or singular[0] == 0:
+        if singular[1] * self.config.max_condition < singular[0] or singular[0] == 0:
             return _failure(PoseStatus.DEGENERATE, count)
         power = 2 if self.config.norms == "squared" else 1
         norm_u, norm_v = np.linalg.norm(u, axis=1) ** power, np.linalg.norm(v, axis=1) ** power

@@ -10,9 +10,9 @@ import numpy as np
 from salframe.localization.positioner import PoseEstimate, PoseStatus
 from salframe.panoramas.geometry import pose_2d, wrap_angle
 
-LARGEST_SD_M, LARGEST_SD_RAD = 1.0, np.radians(10)
+MAX_SD_M, MAX_SD_RAD = 1.0, np.radians(10)
 """A position or heading less certain than this is none."""
-LEAST_SD_M = 0.1
+MIN_SD_M = 0.1
 """Objects seen from two sides are no points: no residual is taken to be smaller than this."""
 SEPARATE_M, SEPARATE_RAD = 0.5, np.radians(30)
 """Poses further apart than this are two."""
@@ -76,7 +76,7 @@ def resect(bearing: np.ndarray, reference_m: np.ndarray, tolerance_m: float, amb
     covariance = _covariance(rows, v, inliers)
     x_m, y_m, yaw_rad = _pose(v)
     sd = np.sqrt(np.diag(covariance))
-    heading = yaw_rad if sd[2] <= LARGEST_SD_RAD else None
+    heading = yaw_rad if sd[2] <= MAX_SD_RAD else None
     others = np.array([_pose(other) for other in poses]).reshape(-1, 3)
     apart = (np.hypot(*(others[:, :2] - (x_m, y_m)).T) > SEPARATE_M) | (
         np.abs(wrap_angle(others[:, 2] - yaw_rad)) > SEPARATE_RAD
@@ -86,7 +86,7 @@ def resect(bearing: np.ndarray, reference_m: np.ndarray, tolerance_m: float, amb
         return PoseEstimate(None, PoseStatus.AMBIGUOUS, None, inliers, runner_up)
     if inliers.sum() < 3:
         return PoseEstimate(None, PoseStatus.TOO_FEW, None, inliers, runner_up, heading)
-    if heading is None or sd[:2].max() > LARGEST_SD_M:
+    if heading is None or sd[:2].max() > MAX_SD_M:
         return PoseEstimate(None, PoseStatus.DEGENERATE, None, inliers, runner_up, heading)
     return PoseEstimate(pose_2d(x_m, y_m, yaw_rad), PoseStatus.OK, covariance, inliers, runner_up)
 
@@ -170,7 +170,7 @@ def _covariance(rows: _Rows, v: np.ndarray, inliers: np.ndarray) -> np.ndarray:
     """Covariance (3, 3) of (x_m, y_m, yaw_rad), first order; what nothing determines is uncertain without bound."""
     residual, jacobian = _linearised(rows, v, inliers)
     freedom = max(len(residual) - 3, 1)
-    variance = max(float(residual @ residual) / freedom, LEAST_SD_M**2)
+    variance = max(float(residual @ residual) / freedom, MIN_SD_M**2)
     # A prior of a kilometre keeps the matrix regular.
     own = variance * np.linalg.inv(jacobian.T @ jacobian + 1e-6 * variance * np.eye(3))
     (c, s), (x_m, y_m, _) = v[:2], _pose(v)

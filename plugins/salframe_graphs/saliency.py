@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from salframe.framework.component import ComponentConfig
-from salframe.graphs.boxes import LEAST_SIDE_M
+from salframe.graphs.boxes import MIN_SIDE_M
 from salframe.graphs.detections import Detections
 from salframe.graphs.saliency import SaliencyModel
 
@@ -68,7 +68,7 @@ def object_volumes_m3(detections: Detections) -> np.ndarray:
 
     volume = detections.size_m.prod(1)
     for i, points in enumerate(detections.points_m or ()):
-        if len(points) >= 4 and detections.size_m[i].min() > LEAST_SIDE_M:
+        if len(points) >= 4 and detections.size_m[i].min() > MIN_SIDE_M:
             try:
                 volume[i] = ConvexHull(points).volume
             except QhullError:  # coplanar, but not along a side of the box

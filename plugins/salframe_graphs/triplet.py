@@ -60,7 +60,9 @@ class TripletMatcher(NodeMatcher):
         if candidates is None:
             return []
         value = self._similarity(candidates, index)
-        pairs, similar = candidates.pairs.keep((value > 0) & (value >= self.config.least_similarity), value)
+        pairs, similar = candidates.pairs.min_candidate_ratio(
+            (value > 0) & (value >= self.config.min_similarity), value
+        )
         aligned = align(pairs, candidates.nodes.segments.start[:-1], similar, np.zeros(len(pairs)))
         graphs = [index.graphs[number] for number in candidates.graphs.tolist()]
         score = np.array([self._triplets(query, graph, nodes) for graph, nodes in zip(graphs, aligned, strict=True)])

@@ -21,7 +21,7 @@ metre beside the similarity of the pairs."""
 class VerifiedPoses:
     """The best pose of each of K candidates and what it explains.
 
-    yaw_rad: (K,), shift_m: (K, 2), from the query's frame to the map frame, NaN where there is none. kernel: (P,) for
+    yaw_rad: (K,), shift_m: (K, 2), from the query's frame to the reference frame, NaN where there is none. kernel: (P,) for
     each node pair, 1 if both coincide under its candidate's pose, down to 0 at the tolerance.
     """
 
@@ -35,7 +35,7 @@ class VerifiedPoses:
         return cls(np.full(pairs.num_graphs, np.nan), np.full((pairs.num_graphs, 2), np.nan), np.zeros(len(pairs)))
 
     def poses(self, candidates: np.ndarray) -> np.ndarray:
-        """Return the best pose of candidates (T,), query frame to map frame, (T, 4, 4); NaN where there is none."""
+        """Return the best pose of candidates (T,), query frame to reference frame, (T, 4, 4); NaN where there is none."""
         poses = poses_2d(self.shift_m[candidates], self.yaw_rad[candidates])
         poses[np.isnan(self.yaw_rad[candidates])] = np.nan
         return poses
@@ -83,12 +83,12 @@ def verify(
 
     Args:
         query_xy: (n, 2) metres.
-        map_xy: (N, 2) metres, each in its map frame.
+        map_xy: (N, 2) metres, each in its reference frame.
         pairs: the node pairs that may be the same.
         similarity: (P,) of each pair, over 0.
         tolerance_m: (P,) distance at which the two cannot be the same.
         weights: (n,) of the query's nodes.
-        max_shift_m: a pose further from the map frame than this is discarded.
+        max_shift_m: a pose further from the reference frame than this is discarded.
         scale_bound: if given, each hypothesis has a scale, the ratio of its two lengths within the bound.
     """
     result = VerifiedPoses.none(pairs)

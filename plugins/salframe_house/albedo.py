@@ -9,7 +9,7 @@ import numpy as np
 
 from salframe_house.scene import Scene
 from salframe_house.textures import MAX_PATTERN, TILE, texture_kind, texture_tile, wear_tile
-from salframe_house.tracing import Surface, chunks, rows
+from salframe_house.tracing import RayHits, chunks, rows
 
 _LEVELS = 6
 _SLOT_ROWS, _SLOT_COLUMNS = (
@@ -20,7 +20,7 @@ _ATLAS_COLUMNS = 16
 _STEP = MAX_PATTERN / 65535
 _SHARPNESS = 0.5  # pixels over which a texture is averaged: sharper than 1, short of visible aliasing
 _WEAR_M = 4.7
-_LARGEST_ALBEDO = 0.85
+_MAX_ALBEDO = 0.85
 
 
 class SurfaceColor:
@@ -48,7 +48,7 @@ class SurfaceColor:
         self.mean = self._of_triangle[:, -3:]
         """(F, 3) float32 albedo of each triangle, averaged over its texture."""
 
-    def albedo(self, surface: Surface, pixel_rad: float) -> np.ndarray:
+    def albedo(self, surface: RayHits, pixel_rad: float) -> np.ndarray:
         """(N, 3) float64 linear albedo where rays `pixel_rad` apart hit, averaged over the pixel; in Fortran order."""
         albedo = np.empty((3, len(surface)))
         for part in chunks(len(surface)):
@@ -77,7 +77,7 @@ class SurfaceColor:
         factor += 1
         pattern *= factor
         pattern *= color
-        return np.minimum(pattern, np.float32(_LARGEST_ALBEDO), out=pattern)
+        return np.minimum(pattern, np.float32(_MAX_ALBEDO), out=pattern)
 
 
 def _anchors_m(scene: Scene) -> np.ndarray:

@@ -25,8 +25,8 @@ from salframe_house.textures import image_texture
 Part = Literal["training", "held-out"]
 
 LISTING = "PluginFurnitureCatalog.properties"
-LARGEST_MODEL_BYTES = 1_000_000
-_LARGEST_LIBRARY_BYTES = 1 << 32
+MAX_MODEL_BYTES = 1_000_000
+_MAX_LIBRARY_BYTES = 1 << 32
 """Of an OBJ file, some 15,000 triangles: nine in ten models are smaller."""
 
 SHARE = 0.5
@@ -170,7 +170,7 @@ def read_library(path: Path) -> list[Asset]:
     """The models of a library that stand for one of our classes and are small enough. Raises DataError where it is no
     .sh3f file."""
     try:
-        check_regular(path, _LARGEST_LIBRARY_BYTES)
+        check_regular(path, _MAX_LIBRARY_BYTES)
         with zipfile.ZipFile(path) as archive:
             sizes = {item.filename: item.file_size for item in archive.infolist()}
             text = archive.read(LISTING).decode("latin-1")
@@ -181,7 +181,7 @@ def read_library(path: Path) -> list[Asset]:
     for number in sorted(int(key[3:]) for key in values if key.startswith("id#")):
         model = values[f"model#{number}"].lstrip("/")
         label = class_of(values[f"name#{number}"])
-        if label is None or sizes.get(model, LARGEST_MODEL_BYTES + 1) > LARGEST_MODEL_BYTES:
+        if label is None or sizes.get(model, MAX_MODEL_BYTES + 1) > MAX_MODEL_BYTES:
             continue
         rotation = tuple(float(value) for value in values.get(f"modelRotation#{number}", "1 0 0 0 1 0 0 0 1").split())
         creator = values.get(f"creator#{number}") or values.get("provider", "")

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from salframe_house.lighting import INTERLEAVED, Lights
-from salframe_house.tracing import Surface, Tracer, chunks, rows
+from salframe_house.tracing import RayHits, Tracer, chunks, rows
 
 _PATCH_M = np.array([0.4, 0.4, 0.3], np.float32)
 _PATCHES = (80, 80, 14)  # around the camera
@@ -60,11 +60,11 @@ class Bounce:
         reflected *= rows(np.pad(sent, ((0, 1), (0, 0))), patch)
         return _mean_of_rays(reflected, rays)
 
-    def _gathered(self, point_m: np.ndarray, normal: np.ndarray, sample_set: np.ndarray, rays: int) -> Surface:
+    def _gathered(self, point_m: np.ndarray, normal: np.ndarray, sample_set: np.ndarray, rays: int) -> RayHits:
         direction = gather_directions(normal, sample_set, rays).reshape(-1, 3)
         return self._tracer.trace(np.repeat((point_m + normal * _OFFSET_M).T, rays, axis=1).T, direction)
 
-    def _patch_key(self, surface: Surface) -> np.ndarray:
+    def _patch_key(self, surface: RayHits) -> np.ndarray:
         """(N,) int32 that stands for the place and facing of what each ray hits."""
         key = np.zeros(len(surface), np.int32)
         for part in chunks(len(surface)):
@@ -78,7 +78,7 @@ class Bounce:
             key[part] += 2 * axis + np.choose(axis, normal > 0)
         return key
 
-    def _radiosity(self, patch: Surface, key: np.ndarray) -> np.ndarray:
+    def _radiosity(self, patch: RayHits, key: np.ndarray) -> np.ndarray:
         """(P, 3) float32 irradiance of the patches after a few bounces among them; in Fortran order."""
         rays = INTERLEAVED
         sample_set = np.arange(len(patch)) % INTERLEAVED

@@ -27,7 +27,7 @@ Style = Literal["home", "office", "hotel"]
 Changes = Literal["uniform", "by-class"]
 ChangeKind = Literal["removed", "moved", "added"]
 CHANGE_KINDS: tuple[ChangeKind, ...] = get_args(ChangeKind)
-LEAST_ROOMS = 4
+MIN_ROOMS = 4
 
 # What is part of the house is changed only after everything else.
 _FIXED = frozenset(
@@ -164,8 +164,8 @@ def generate_building(style: Style, rooms: int, seed: int) -> Building:
     """
     if style not in get_args(Style):
         raise ConfigError(f"unknown style '{style}', expected one of {', '.join(get_args(Style))}")
-    if rooms < LEAST_ROOMS:
-        raise ConfigError(f"a building of {rooms} rooms, expected at least {LEAST_ROOMS}")
+    if rooms < MIN_ROOMS:
+        raise ConfigError(f"a building of {rooms} rooms, expected at least {MIN_ROOMS}")
     layout = plan_layout(style, rooms, seed)
     return Building(style, seed, layout.rooms, layout.doors, layout.windows, furnish(layout, seed))
 

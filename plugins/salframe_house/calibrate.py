@@ -31,7 +31,7 @@ class Difficulty:
     seed: int
     accuracy: float
     objects: tuple[float, float, float]  # in a room: least, median, most
-    visible: float  # objects in a map frame, mean
+    visible: float  # objects in a reference frame, mean
     twins: float  # share of rooms
     shift_m: float
     map_frames: int
@@ -93,7 +93,7 @@ def main() -> None:
     first, _, last = arguments.seeds.partition("..")
     print(
         f"{len(CLASSES)} classes\n"
-        "seed accuracy objects/room (least median most)  visible  twins  shift/m  map frames  classes used"
+        "seed accuracy objects/room (least median most)  visible  twins  shift/m  reference frames  classes used"
     )
     rows = []
     for seed in range(int(first), int(last or first) + 1):

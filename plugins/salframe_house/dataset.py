@@ -27,7 +27,7 @@ CHANGING = "changed_fraction", "changes", "change_kinds", "query_range", "query_
 
 
 class House(RenderedDataset["HouseFrame"], NavigableDataset):
-    """A furnished building, generated and rendered from a seed: map frames by day, queries later, when some objects
+    """A furnished building, generated and rendered from a seed: reference frames by day, queries later, when some objects
     have changed."""
 
     name = "house"

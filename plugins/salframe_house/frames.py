@@ -1,4 +1,4 @@
-"""Where panoramas are taken: map frames in every room and doorway, queries a little way from them."""
+"""Where panoramas are taken: reference frames in every room and doorway, queries a little way from them."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ QueryYaw = Literal["uniform", "normal", "same"]
 CAMERA_HEIGHT_M = 1.5
 LATER: tuple[Lighting, ...] = ("evening", "dim")  # of queries
 CLEARANCE_M = 0.25
-REACH_M = 3.0  # every free point of a room lies this near a map frame
-MEAN_SHIFT_M = 0.70  # of a query from its room's nearest map frame
+REACH_M = 3.0  # every free point of a room lies this near a reference frame
+MEAN_SHIFT_M = 0.70  # of a query from its room's nearest reference frame
 SHIFT_M = (0.3, 1.1)  # least and most, where that is the mean
 _MEAN_TOLERANCE_M = 0.01
 _GRID_M = 0.05  # of the places for queries
@@ -52,8 +52,8 @@ def choose_frames(
 
     Queries stand in free space, 0.3 to 1.1 m from the nearest map frame of their room; the mean of these shifts is
     within 0.01 m of 0.70 m. Another mean of `query_shift_m` scales both, as far as rooms allow. Their yaw is uniform
-    over the circle, that of this map frame plus a normal angle of 16.6 deg mean absolute value, or the same. Where a
-    room has more than `frames_per_room` map frames, so many take their place, and the queries stand where they would.
+    over the circle, that of this reference frame plus a normal angle of 16.6 deg mean absolute value, or the same. Where a
+    room has more than `frames_per_room` reference frames, so many take their place, and the queries stand where they would.
     """
     rng = np.random.default_rng((building.seed, seed, 6))
     frames = []
@@ -107,18 +107,18 @@ def _map_points(building: Building, most: float = np.inf) -> dict[str, np.ndarra
 def _queries(
     frames: list[HouseFrame], changed: Building, rng: np.random.Generator, per_room: int, yaw: QueryYaw, mean_m: float
 ) -> list[HouseFrame]:
-    least_m, most_m = (limit * (mean_m / MEAN_SHIFT_M) for limit in SHIFT_M)
+    min_m, max_m = (limit * (mean_m / MEAN_SHIFT_M) for limit in SHIFT_M)
     free = changed.free_space(CLEARANCE_M, _GRID_M)
     own = {room.id: [frame for frame in frames if frame.place == room.id] for room in changed.rooms}
     rooms = [room.id for room in changed.rooms for _ in range(per_room)]
     shift = {}
     for room in own:
         shift[room] = cKDTree([(f.x_m, f.y_m) for f in own[room]]).query(free[room])[0]
-        within = (shift[room] >= least_m) & (shift[room] <= most_m)
+        within = (shift[room] >= min_m) & (shift[room] <= max_m)
         if within.any():
             free[room], shift[room] = free[room][within], shift[room][within]
-    chosen = [_near(shift[room], rng.uniform(least_m, most_m), rng) for room in rooms]
-    _balance(rooms, chosen, shift, mean_m, (least_m, most_m), rng)
+    chosen = [_near(shift[room], rng.uniform(min_m, max_m), rng) for room in rooms]
+    _balance(rooms, chosen, shift, mean_m, (min_m, max_m), rng)
     queries = []
     for number, (room, index) in enumerate(zip(rooms, chosen, strict=True)):
         point = free[room][index]

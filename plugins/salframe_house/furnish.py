@@ -12,7 +12,7 @@ from salframe_house.layout import Layout, Room
 from salframe_house.placement import PlacedObject, RoomPlan
 from salframe_house.recipes import RECIPES
 
-LEAST_OBJECTS, MOST_OBJECTS = 5, 14
+MIN_OBJECTS, MAX_OBJECTS = 5, 14
 _MEAN_OBJECTS, _SPREAD_OBJECTS = 7.7, 1.4
 _ATTEMPTS = 8
 _LAMP_SPACING_M = 5.5
@@ -54,7 +54,7 @@ def _draw_items(room: Room, rng: np.random.Generator) -> list[Item]:
     for label, (least, most) in recipe.core.items():
         labels += [label] * int(rng.integers(least, most + 1))
     drawn = round(rng.normal(_MEAN_OBJECTS, _SPREAD_OBJECTS)) + lamps - 1  # a long corridor needs more than its lamps
-    number = int(np.clip(drawn, LEAST_OBJECTS, MOST_OBJECTS))
+    number = int(np.clip(drawn, MIN_OBJECTS, MAX_OBJECTS))
     names, weights = list(recipe.optional), np.array(list(recipe.optional.values()))
     order = rng.choice(len(names), len(names), replace=False, p=weights / weights.sum())
     wanted = [names[i] for i in order]
@@ -63,7 +63,7 @@ def _draw_items(room: Room, rng: np.random.Generator) -> list[Item]:
         partners = CLASSES[label].partners
         if len(labels) < number and (not partners or possible & set(partners)):
             labels.append(label)
-    return [(label, int(rng.integers(1 << 31))) for label in labels[:MOST_OBJECTS]]
+    return [(label, int(rng.integers(1 << 31))) for label in labels[:MAX_OBJECTS]]
 
 
 def _furnish_group(rooms: list[Room], layout: Layout, rng: np.random.Generator) -> list[RoomPlan]:
@@ -76,10 +76,10 @@ def _furnish_group(rooms: list[Room], layout: Layout, rng: np.random.Generator) 
             plan, missing = _furnish_room(room, layout, items, rng)
             plans.append(plan)
             failed |= Counter(missing)
-        if not failed and len(items) >= LEAST_OBJECTS:
+        if not failed and len(items) >= MIN_OBJECTS:
             return plans
         items = list((Counter(items) - failed).elements())
-        if len(items) < LEAST_OBJECTS:
+        if len(items) < MIN_OBJECTS:
             items.append(draw_item(rooms[0].kind, rng))
 
 

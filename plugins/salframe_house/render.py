@@ -17,7 +17,7 @@ from salframe_house.lighting import CONDITIONS, Condition, Lighting, Lights, is_
 from salframe_house.scene import Scene
 from salframe_house.shading import IrradianceGrid
 from salframe_house.textures import texture_kind
-from salframe_house.tracing import Surface, Tracer, chunks, rows
+from salframe_house.tracing import RayHits, Tracer, chunks, rows
 
 _DIRECT_STEP, _DIRECT_SAMPLES = 2, 3
 _INDIRECT_STEP, _INDIRECT_RAYS = 4, 16
@@ -56,7 +56,7 @@ class _Surfaces:
         return SurfaceColor(self.scene)
 
 
-class Renderer:
+class HouseRenderer:
     """Renders panoramas of one scene under one lighting.
 
     The same scene, lighting, height and pose give the same bytes. Raises DataError on an unknown lighting or texture
@@ -72,9 +72,9 @@ class Renderer:
         self._surfaces = _surfaces or _Surfaces(scene)
         self._tracer = self._surfaces.tracer
 
-    def relit(self, lighting: Lighting) -> Renderer:
+    def relit(self, lighting: Lighting) -> HouseRenderer:
         """A renderer of the same scene under another lighting, which shares the geometry and textures of this one."""
-        return Renderer(self._scene, lighting, self._height, self._surfaces)
+        return HouseRenderer(self._scene, lighting, self._height, self._surfaces)
 
     @cached_property
     def _lights(self) -> Lights:
@@ -97,12 +97,12 @@ class Renderer:
         """Range_m (H, 2H) float32, NaN where nothing, and instance_id (H, 2H) int32, by one exact ray a pixel."""
         return self._images(self._primary(T_world_pano))
 
-    def _images(self, surface: Surface) -> tuple[np.ndarray, np.ndarray]:
+    def _images(self, surface: RayHits) -> tuple[np.ndarray, np.ndarray]:
         shape = self._height, 2 * self._height
         instance_id = np.where(surface.hit, self._scene.instance_id[surface.triangle], 0).astype(np.int32)
         return surface.range_m.reshape(shape), instance_id.reshape(shape)
 
-    def _primary(self, T_world_pano: np.ndarray) -> Surface:
+    def _primary(self, T_world_pano: np.ndarray) -> RayHits:
         direction = equirectangular_rays(self._height).reshape(-1, 3) @ T_world_pano[:3, :3].T.astype(np.float32)
         return self._tracer.trace(T_world_pano[:3, 3], direction)
 
@@ -119,7 +119,7 @@ class Renderer:
         display[edge] = self._supersampled(edge, exposure, irradiance, T_world_pano)
         return Rendering(self._developed(display, T_world_pano), range_m, instance_id)
 
-    def _irradiance(self, surface: Surface, camera_m: np.ndarray) -> IrradianceGrid:
+    def _irradiance(self, surface: RayHits, camera_m: np.ndarray) -> IrradianceGrid:
         """Direct light on every second pixel plus indirect light from every fourth."""
         coarse = IrradianceGrid(surface, self._height, _INDIRECT_STEP)
         bounce = Bounce(self._tracer, self._lights, self._surfaces.color.mean, camera_m)
@@ -132,7 +132,7 @@ class Renderer:
 
     def _radiance(
         self,
-        surface: Surface,
+        surface: RayHits,
         row: np.ndarray,
         column: np.ndarray,
         irradiance: IrradianceGrid,
@@ -171,7 +171,7 @@ class Renderer:
             radiance[specular] = seen * np.where(mirror, rows(self._surfaces.color.mean, met.triangle), _GLASS_RGB)
         return radiance
 
-    def _edges(self, surface: Surface) -> np.ndarray:
+    def _edges(self, surface: RayHits) -> np.ndarray:
         """Positions of the pixels beside which another surface begins."""
         shape = self._height, 2 * self._height
         look = self._surfaces.look.take(surface.triangle).reshape(shape)
@@ -207,7 +207,7 @@ class Renderer:
             np.float32
         )
 
-    def _exposure(self, radiance: np.ndarray, surface: Surface) -> float:
+    def _exposure(self, radiance: np.ndarray, surface: RayHits) -> float:
         """What brings the picture's surfaces to the lighting's key, without letting bright ones wash out."""
         reflects = (self._emission == 0) & ~self._surfaces.glass
         lit = np.flatnonzero(surface.hit & reflects.take(surface.triangle))[::7]

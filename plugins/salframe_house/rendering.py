@@ -24,7 +24,7 @@ from salframe_house.building import (
 )
 from salframe_house.frames import HouseFrame, choose_frames
 from salframe_house.lighting import Lighting
-from salframe_house.render import Renderer
+from salframe_house.render import HouseRenderer
 from salframe_house.settings import HouseConfig
 
 
@@ -115,9 +115,9 @@ def _query_range(config: HouseConfig, range_m: np.ndarray, id: str) -> np.ndarra
 
 
 @cache
-def _renderer(config: HouseConfig, changed: bool, lighting: Lighting) -> Renderer:
+def _renderer(config: HouseConfig, changed: bool, lighting: Lighting) -> HouseRenderer:
     """Renderers of one process; the lightings of one building share its geometry and textures."""
     if lighting != "day":
         return _renderer(config, changed, "day").relit(lighting)
     catalogue = Catalogue(config.models, config.models_part) if config.models else None
-    return Renderer(buildings_of(config)[changed].scene(catalogue), "day", config.height)
+    return HouseRenderer(buildings_of(config)[changed].scene(catalogue), "day", config.height)

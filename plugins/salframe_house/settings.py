@@ -23,19 +23,19 @@ class HouseConfig(QueryView):
     seed: int = Field(0, ge=0, description="another seed is another building")
     queries_per_room: int = Field(3, ge=0, description="queries in each room")
     frames_per_room: int | None = added(
-        None, ge=1, description="at most so many map frames a room, queries as without; null: as many as it needs"
+        None, ge=1, description="at most so many reference frames a room, queries as without; null: as many as it needs"
     )
     query_shift_m: float = added(
         0.7,
         ge=0,
         le=2,
-        description="mean distance of the queries from their room's nearest map frame, as near to it as rooms "
-        "allow; each is 0.43 to 1.57 times as far. 0: at a map frame",
+        description="mean distance of the queries from their room's nearest reference frame, as near to it as rooms "
+        "allow; each is 0.43 to 1.57 times as far. 0: at a reference frame",
     )
     query_yaw: Literal["uniform", "normal", "same"] = Field(
         "uniform",
-        description="yaw of the queries: over the circle; the map frame's plus a normal angle of 16.6 deg mean "
-        "absolute value; or the map frame's",
+        description="yaw of the queries: over the circle; the reference frame's plus a normal angle of 16.6 deg mean "
+        "absolute value; or the reference frame's",
     )
     changed_fraction: float = Field(
         0.1, ge=0, le=1, description="share of the objects removed, moved or added before the queries"
@@ -59,7 +59,7 @@ class HouseConfig(QueryView):
         None, description="those that `panoseg` was trained on, or the others; null: all"
     )
     rgb: bool = Field(True, description="render colour; without it range and instances alone, 9 times faster")
-    query_range: bool = Field(True, description="queries come with range; without it the map frames alone do")
+    query_range: bool = Field(True, description="queries come with range; without it the reference frames alone do")
     query_scale_share: float = Field(
         0.0, ge=0, description="standard deviation of the scale of a query's range, a share: one factor a panorama"
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from salframe_house.tracing import Surface, chunks, rows
+from salframe_house.tracing import RayHits, chunks, rows
 
 _TAPS = ((-2, 0.125), (-1, 0.25), (0, 0.25), (1, 0.25), (2, 0.125))  # each of 4 interleaved sample sets weighs the same
 _FLOOR = np.float32(1e-5)  # the weight of a neighbour on another surface: counts only where there is no better one
@@ -17,7 +17,7 @@ class IrradianceGrid:
     `surface` holds what all H * 2H pixels hit, row by row; `index` are the positions of the grid's points among them.
     """
 
-    def __init__(self, surface: Surface, height: int, step: int):
+    def __init__(self, surface: RayHits, height: int, step: int):
         self._step = step
         self._shape = self._rows, self._columns = height // step, 2 * height // step
         self.index = np.arange(height * 2 * height).reshape(height, 2 * height)[::step, ::step].ravel()
@@ -49,7 +49,7 @@ class IrradianceGrid:
         """Add irradiance (N, 3) that is smooth already."""
         self._packed[6:] += irradiance.T
 
-    def at(self, row: np.ndarray, column: np.ndarray, surface: Surface) -> np.ndarray:
+    def at(self, row: np.ndarray, column: np.ndarray, surface: RayHits) -> np.ndarray:
         """(M, 3) float32 irradiance of surfaces seen at pixel coordinates `row`, `column` (M,), whole numbers at pixel
         centres; in Fortran order."""
         irradiance = np.empty((3, len(surface)), np.float32)

@@ -20,7 +20,7 @@ _CHUNK = 1 << 14  # cv2.remap takes images with sides below 32768
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class RayHits:
     """What N rays hit: flat arrays, one entry a ray, world frame. Vectors are held column by column, in Fortran order,
     so that arithmetic over many rays runs through contiguous memory.
 
@@ -46,9 +46,9 @@ class Surface:
     def __len__(self) -> int:
         return len(self.range_m)
 
-    def take(self, index: np.ndarray) -> Surface:
+    def take(self, index: np.ndarray) -> RayHits:
         """The entries at these positions."""
-        return Surface(*(rows(getattr(self, name), index) for name in self.__dataclass_fields__))
+        return RayHits(*(rows(getattr(self, name), index) for name in self.__dataclass_fields__))
 
 
 def rows(table: np.ndarray, index: np.ndarray) -> np.ndarray:
@@ -77,7 +77,7 @@ class Tracer:
         self._normal = np.asfortranarray(normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12))
         self._pool = ThreadPoolExecutor(min(_THREADS, threads_allowed() or _THREADS))
 
-    def trace(self, origin_m: np.ndarray, direction: np.ndarray) -> Surface:
+    def trace(self, origin_m: np.ndarray, direction: np.ndarray) -> RayHits:
         """The nearest surfaces along unit directions (N, 3) float32 from one origin (3,) or N origins (N, 3)."""
         direction = np.asfortranarray(direction)
         origin_m = np.broadcast_to(np.asarray(origin_m, np.float32), direction.shape)
@@ -85,11 +85,11 @@ class Tracer:
         range_m, weight_u, weight_v = np.empty((3, count), np.float32)
         triangle = np.empty(count, np.int32)
         normal, point_m = np.empty((2, 3, count), np.float32).transpose(0, 2, 1)
-        surface = Surface(direction, range_m, triangle, weight_u, weight_v, normal, point_m)
+        surface = RayHits(direction, range_m, triangle, weight_u, weight_v, normal, point_m)
         list(self._pool.map(partial(self._trace, origin_m, surface), chunks(count)))
         return surface
 
-    def _trace(self, origin_m: np.ndarray, surface: Surface, part: slice) -> None:
+    def _trace(self, origin_m: np.ndarray, surface: RayHits, part: slice) -> None:
         """Fill in a part of what rays hit."""
         start_m, direction = origin_m[part], surface.direction[part]
         found = self._surfaces.run(start_m, direction, query="INTERSECT", output=True)

@@ -17,7 +17,7 @@ from salframe.framework.component import ComponentConfig, match_only
 from salframe.framework.errors import DataError
 from salframe.framework.files.hashes import digest, file_sha256
 from salframe.navigation.world import NavigableDataset, World
-from salframe.panoramas.frames import Fold, MapFrame, QueryFrame, Truth
+from salframe.panoramas.frames import Fold, QueryFrame, ReferenceFrame, Truth
 from salframe.panoramas.geometry import pose_2d, pose_yaw
 from salframe.panoramas.hidden_places import add_hidden_places, hide_query_place_setting
 from salframe.panoramas.panorama import Panorama
@@ -31,7 +31,7 @@ from salframe_matterport.readers import (
     read_room_types,
     regions_path,
 )
-from salframe_matterport.scenes import Scene, generator, range_again, read_scenes
+from salframe_matterport.scenes import ViewpointScene, generator, range_again, read_scenes
 
 APART_M = 1000.0
 """In one map, buildings lie so far apart that none of their rooms meet."""
@@ -75,9 +75,9 @@ class MatterportAnnotations(NavigableDataset):
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)
-        self._buildings: dict[str, list[Scene]] = {}
-        self._mapped: dict[str, list[MapFrame]] = {}
-        self._again: dict[str, Scene] = {}
+        self._buildings: dict[str, list[ViewpointScene]] = {}
+        self._mapped: dict[str, list[ReferenceFrame]] = {}
+        self._again: dict[str, ViewpointScene] = {}
 
     @property
     def provides(self) -> frozenset[str]:
@@ -153,8 +153,8 @@ class MatterportAnnotations(NavigableDataset):
             for scan in self._scans
         ]
 
-    def scenes(self) -> dict[str, Scene]:
-        """Every scene by the id of its mapping frames, with the ids of its objects: for evaluation, like `truth`, never
+    def scenes(self) -> dict[str, ViewpointScene]:
+        """Every scene by the id of its reference frames, with the ids of its objects: for evaluation, like `truth`, never
         for a localizer."""
         own = {scene.id: scene for scan in self._scans for scene in self._building(scan)}
         return own if self.config.query_triangulates else {**own, **self._scenes_again}
@@ -163,23 +163,23 @@ class MatterportAnnotations(NavigableDataset):
     def _regions(self) -> dict[str, dict[str, int]]:
         return read_regions(regions_path(self._root))
 
-    def _building(self, scan: str) -> list[Scene]:
+    def _building(self, scan: str) -> list[ViewpointScene]:
         if scan not in self._buildings:
             regions = self._regions.get(scan, {})
             self._buildings[scan] = read_scenes(self._root, scan, regions, self.config.range_noise, self.config.seed)
         return self._buildings[scan]
 
-    def _mapping(self, scan: str) -> list[MapFrame]:
-        """The mapping frames of all scenes of a building."""
+    def _mapping(self, scan: str) -> list[ReferenceFrame]:
+        """The reference frames of all scenes of a building."""
         if scan not in self._mapped:
             self._mapped[scan] = [self._map_frame(scan, scene) for scene in self._building(scan)]
         return self._mapped[scan]
 
-    def _map_frame(self, scan: str, scene: Scene) -> MapFrame:
+    def _map_frame(self, scan: str, scene: ViewpointScene) -> ReferenceFrame:
         yaw_rad = pose_yaw(scene.T_world_pano)
-        return MapFrame(scene.id, scene.place, self._stands(scan, scene), load=_load(scene, scene.id, yaw_rad))
+        return ReferenceFrame(scene.id, scene.place, self._stands(scan, scene), load=_load(scene, scene.id, yaw_rad))
 
-    def _stands(self, scan: str, scene: Scene) -> np.ndarray:
+    def _stands(self, scan: str, scene: ViewpointScene) -> np.ndarray:
         """T_world_pano (4, 4) of a scene, in one world where there is one map."""
         T_world_pano = scene.T_world_pano.copy()
         T_world_pano[0, 3] += APART_M * list(self._scans).index(scan) if self.config.one_map else 0.0
@@ -208,7 +208,7 @@ class MatterportAnnotations(NavigableDataset):
             folds.append(Fold(f"one-map-{number}", tuple(frames), tuple(map(self._query, asked.values()))))
         return folds
 
-    def _queries(self, scan: str) -> list[Scene]:
+    def _queries(self, scan: str) -> list[ViewpointScene]:
         """The scenes of a building that are queries."""
         scenes = self._building(scan)
         scenes_of = Counter(scene.place for scene in scenes)
@@ -229,15 +229,15 @@ class MatterportAnnotations(NavigableDataset):
                 truths[query_id(scene)] = Truth(scene.place, pose, tuple(scene.object_id.tolist()))
         return truths
 
-    def _query(self, scene: Scene) -> QueryFrame:
+    def _query(self, scene: ViewpointScene) -> QueryFrame:
         return QueryFrame(query_id(scene), _load(scene, query_id(scene), self._yaw_rad(scene)))
 
-    def _yaw_rad(self, scene: Scene) -> float:
+    def _yaw_rad(self, scene: ViewpointScene) -> float:
         """How the query of a scene is turned in the world."""
         return float(generator(self.config.seed, "yaw", query_id(scene)).uniform(-np.pi, np.pi))
 
-    def _map_without(self, query: Scene) -> list[MapFrame]:
-        """The mapping frames of a query's building, without what is left out for it."""
+    def _map_without(self, query: ViewpointScene) -> list[ReferenceFrame]:
+        """The reference frames of a query's building, without what is left out for it."""
         scan = query.id.partition("/")[0]
         left_out = nearest_of_place(self._building(scan), query, self.config.leave_out)
         frames = [frame for frame in self._mapping(scan) if frame.id not in left_out]
@@ -246,7 +246,7 @@ class MatterportAnnotations(NavigableDataset):
         again = self._triangulated_without(scan, left_out)
         return [self._map_frame(scan, again[frame.id]) if frame.id in again else frame for frame in frames]
 
-    def _triangulated_without(self, scan: str, left_out: Collection[str]) -> dict[str, Scene]:
+    def _triangulated_without(self, scan: str, left_out: Collection[str]) -> dict[str, ViewpointScene]:
         """The scenes of a building that see the same objects as those left out, with the ranges that the other scenes
         give, by the id of the scene that each takes the place of. Their own ids name what was left out."""
         kept = [scene for scene in self._building(scan) if scene.id not in left_out]
@@ -258,25 +258,25 @@ class MatterportAnnotations(NavigableDataset):
         return found
 
     @property
-    def _scenes_again(self) -> dict[str, Scene]:
+    def _scenes_again(self) -> dict[str, ViewpointScene]:
         """The scenes of `_triangulated_without` of all folds, by their own ids."""
         _ = self._folds
         return self._again
 
 
-def nearest_of_place(scenes: Sequence[Scene], query: Scene, count: int) -> set[str]:
+def nearest_of_place(scenes: Sequence[ViewpointScene], query: ViewpointScene, count: int) -> set[str]:
     """The ids of the `count` scenes of a query's place that are nearest to it, itself first."""
     own = [scene for scene in scenes if scene.place == query.place and scene is not query]
     own.sort(key=lambda scene: float(np.linalg.norm(scene.T_world_pano[:3, 3] - query.T_world_pano[:3, 3])))
     return {query.id, *(scene.id for scene in own[: count - 1])}
 
 
-def query_id(scene: Scene) -> str:
+def query_id(scene: ViewpointScene) -> str:
     """The id of the query that a scene is."""
     return f"{scene.id}/query"
 
 
-def _load(scene: Scene, id: str, yaw_rad: float) -> Callable[[], Panorama]:
+def _load(scene: ViewpointScene, id: str, yaw_rad: float) -> Callable[[], Panorama]:
     """What gives the panorama of a scene turned to look along `yaw_rad`. It holds the objects alone, so that no query
     carries its pose or place along.
     """

@@ -14,7 +14,7 @@ from salframe.evaluation.tasks.localization.rows import AnswerRow
 from salframe.framework.errors import DataError, SalframeError
 from salframe_matterport.bearings import direction
 from salframe_matterport.dataset import MatterportAnnotations
-from salframe_matterport.scenes import Scene
+from salframe_matterport.scenes import ViewpointScene
 
 MISPLACED_M = 0.3
 """Objects that two viewpoints share and place farther apart than this cannot confirm each other."""
@@ -40,15 +40,15 @@ def diagnose(run: Run, method: str) -> dict[str, list[str]]:
                 raise DataError(f"{run.directory} has no answer of {method!r} to {query.id}: finish the run first")
             places = answers[fold.id, query.id]
             truth = dataset.truth(query.id)
-            own = [scenes[frame.id] for frame in fold.mapping if frame.place == truth.place]
+            own = [scenes[frame.id] for frame in fold.references if frame.place == truth.place]
             if not own or (places and places[0].place == truth.place):  # not in the map, or right
                 continue
-            winning = [scenes[frame.id] for frame in fold.mapping if places and frame.place == places[0].place]
+            winning = [scenes[frame.id] for frame in fold.references if places and frame.place == places[0].place]
             wrong[cause_of(scenes[query.id.removesuffix("/query")], own, winning)].append(query.id)
     return wrong
 
 
-def cause_of(query: Scene, own: list[Scene], winning: list[Scene]) -> str:
+def cause_of(query: ViewpointScene, own: list[ViewpointScene], winning: list[ViewpointScene]) -> str:
     """The first of CAUSES that holds for a query, given the other viewpoints of its own region and those of the winning
     one.
 
@@ -70,12 +70,12 @@ def cause_of(query: Scene, own: list[Scene], winning: list[Scene]) -> str:
     return "other"
 
 
-def _positions(scene: Scene) -> np.ndarray:
+def _positions(scene: ViewpointScene) -> np.ndarray:
     """(N, 3) metres in the world, where the scene's own bearings and ranges put its objects."""
     return scene.T_world_pano[:3, 3] + scene.range_m[:, None] * direction(scene.azimuth_rad, scene.elevation_rad)
 
 
-def _shared_labels(query: Scene, others: list[Scene]) -> int:
+def _shared_labels(query: ViewpointScene, others: list[ViewpointScene]) -> int:
     """Labels, counted as often as both have them, shared with the best of these viewpoints."""
     return max(((Counter(query.labels) & Counter(other.labels)).total() for other in others), default=0)
 

@@ -19,7 +19,7 @@ from salframe.framework.files.hashes import digest
 from salframe.panoramas import images
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.folder_format import FrameEntry, image_names, is_written, write_panorama
-from salframe.panoramas.frames import Fold, MapFrame, QueryFrame, Truth
+from salframe.panoramas.frames import Fold, QueryFrame, ReferenceFrame, Truth
 from salframe.panoramas.geometry import pose_2d, pose_yaw
 from salframe.panoramas.hidden_places import add_hidden_places, hide_query_place_setting
 from salframe.panoramas.house_file import HouseFile, read_house
@@ -116,7 +116,7 @@ class Matterport3D(Dataset):
         is loaded."""
         for done, (id, (viewpoint, _)) in enumerate(self._viewpoints.items()):
             progress(done, len(self._viewpoints))
-            entry = FrameEntry(id=id, role="query", **self._kept(id))  # a mapping frame's pose and place are not kept
+            entry = FrameEntry(id=id, role="query", **self._kept(id))  # a reference frame's pose and place are not kept
             if not is_written(self._folder, entry):
                 try:
                     panorama = viewpoint.stitch(self.config.height, self.config.color)
@@ -148,12 +148,12 @@ class Matterport3D(Dataset):
     @cached_property
     def _folds(self) -> dict[str, tuple[Fold, Truth]]:
         """Fold and truth of each query, by the query's id."""
-        mapping: dict[str, list[MapFrame]] = {scan: [] for scan in self._buildings}
+        references: dict[str, list[ReferenceFrame]] = {scan: [] for scan in self._buildings}
         for id, (viewpoint, place) in self._viewpoints.items():
             load = self._load(id, id, 0)
-            mapping[id.split("/")[0]].append(MapFrame(id, place, viewpoint.T_world_pano, load=load))
+            references[id.split("/")[0]].append(ReferenceFrame(id, place, viewpoint.T_world_pano, load=load))
         folds = {}
-        for frames in mapping.values():
+        for frames in references.values():
             scenes_of = Counter(frame.place for frame in frames)
             for i, frame in enumerate(frames):
                 if scenes_of[frame.place] < 2:

@@ -11,12 +11,12 @@ import numpy as np
 from salframe.framework.errors import DataError
 from salframe.navigation.chart import Chart
 from salframe.navigation.world import World
-from salframe.panoramas.frames import MapFrame
+from salframe.panoramas.frames import ReferenceFrame
 from salframe.panoramas.geometry import pose_2d, pose_yaw, wrap_angle
 from salframe.panoramas.panorama import Annotations, ObjectBoxes, Panorama
 from salframe.topology.topological_map import MapEdge, MapNode, NodeKind, TopologicalMap
 from salframe_matterport.readers import read_connectivity, read_viewpoints, read_ways
-from salframe_matterport.scenes import Scene
+from salframe_matterport.scenes import ViewpointScene
 
 View = Callable[[Panorama], Panorama]
 
@@ -27,7 +27,7 @@ TURN_OFF_RAD, LENGTH_OFF_M = np.radians(30.0), 1.0
 class ViewpointChart(Chart):
     """The viewpoints of a building and which of them are neighbours. Its agent knows that it stands at one."""
 
-    longest_move_m = np.inf
+    max_move_m = np.inf
     aside_m = 2.0
 
     def __init__(self, map: TopologicalMap, camera_m: np.ndarray) -> None:
@@ -65,13 +65,13 @@ class ViewpointWorld(World):
         id: str,
         map: TopologicalMap,
         poses: Mapping[str, np.ndarray],
-        scenes: Mapping[str, Scene],
-        mapping: Sequence[MapFrame],
+        scenes: Mapping[str, ViewpointScene],
+        references: Sequence[ReferenceFrame],
         view: View,
     ) -> None:
         """`poses`: T_world_pano (4, 4) of the map's nodes by id, in their order; `scenes` by the id of their node, for
-        those that have one; `mapping`: the frames of all scenes; `view`: what queries show of a panorama."""
-        self._poses, self._scenes, self._frames = list(poses.values()), scenes, tuple(mapping)
+        those that have one; `references`: the frames of all scenes; `view`: what queries show of a panorama."""
+        self._poses, self._scenes, self._frames = list(poses.values()), scenes, tuple(references)
         self._view = view
         self._viewpoints = ViewpointChart(map, np.array([pose[:3, 3] for pose in self._poses]))
         super().__init__(id, self._viewpoints)
@@ -92,7 +92,7 @@ class ViewpointWorld(World):
     def region(self, T_world_pano: np.ndarray) -> str:
         return next(iter(self._node(T_world_pano).regions), "")
 
-    def mapping(self, T_world_pano: np.ndarray) -> Sequence[MapFrame]:
+    def references(self, T_world_pano: np.ndarray) -> Sequence[ReferenceFrame]:
         own = self._node(T_world_pano).id
         return [frame for frame in self._frames if frame.id != own]
 
@@ -129,8 +129,8 @@ class ViewpointWorld(World):
 def viewpoint_world(
     path: Path,
     scan: str,
-    scenes: Sequence[Scene],
-    mapping: Sequence[MapFrame],
+    scenes: Sequence[ViewpointScene],
+    references: Sequence[ReferenceFrame],
     regions: Mapping[str, int],
     view: View = lambda panorama: panorama,
 ) -> ViewpointWorld:
@@ -163,4 +163,4 @@ def viewpoint_world(
             x, y, z = poses[b][:3, 3] - poses[a][:3, 3]
             edges.append(MapEdge(name[a], name[b], float(np.sqrt(x * x + y * y + z * z)), float(np.arctan2(y, x))))
     placed = {name[viewpoint]: pose for viewpoint, pose in poses.items()}
-    return ViewpointWorld(scan, TopologicalMap(tuple(nodes), tuple(edges)), placed, seen, mapping, view)
+    return ViewpointWorld(scan, TopologicalMap(tuple(nodes), tuple(edges)), placed, seen, references, view)

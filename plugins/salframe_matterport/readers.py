@@ -31,7 +31,7 @@ NO_LABEL = "-"
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 
 
-class Viewpoint(BaseModel):
+class ConnectivityViewpoint(BaseModel):
     """A viewpoint of a connectivity file; unobstructed: whether the way to each viewpoint of the file is free; height:
     of the camera above the floor, in metres."""
 
@@ -56,7 +56,7 @@ class _Annotation(BaseModel):
         return self
 
 
-class _Region(BaseModel):
+class _HouseRegion(BaseModel):
     region_index: int
     label: str | None = None
 
@@ -68,7 +68,7 @@ class _Labels(BaseModel):
 class _Regions(BaseModel):
     """vp2room_label.json."""
 
-    pano_info: dict[str, dict[str, _Region]]
+    pano_info: dict[str, dict[str, _HouseRegion]]
     label_info: _Labels = _Labels()
 
 
@@ -96,9 +96,9 @@ def find_scans(root: Path) -> list[str]:
     return scans
 
 
-def read_viewpoints(path: Path) -> tuple[Viewpoint, ...]:
+def read_viewpoints(path: Path) -> tuple[ConnectivityViewpoint, ...]:
     """The viewpoints of a connectivity file, in its order. Raises DataError on a malformed one."""
-    listed: tuple[Viewpoint, ...] = tuple(read_as(path, list[Viewpoint]))
+    listed: tuple[ConnectivityViewpoint, ...] = tuple(read_as(path, list[ConnectivityViewpoint]))
     names = {viewpoint.image_id for viewpoint in listed}
     if len(names) < len(listed):
         raise DataError(f"{path} lists {len(listed)} viewpoints of {len(names)} different names")

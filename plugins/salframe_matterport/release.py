@@ -33,7 +33,7 @@ Color = Literal["skybox", "pictures"]
 
 
 @dataclass(frozen=True)
-class Shot:
+class DepthShot:
     """A depth image, the picture it belongs to, by their file names, and their camera."""
 
     depth: str
@@ -48,7 +48,7 @@ class Viewpoint:
 
     name: str
     folder: Path
-    shots: tuple[Shot, ...]
+    shots: tuple[DepthShot, ...]
     T_world_pano: np.ndarray
 
     def files(self, color: Color) -> list[Path]:
@@ -133,7 +133,7 @@ def read_viewpoints(folder: Path) -> dict[str, Viewpoint]:
     path = cameras_path(folder)
     expected = "a camera file of the Matterport3D release (undistorted_camera_parameters)"
     lines = [line.split() for line in read_text(path, expected).splitlines()]
-    shots: dict[str, list[Shot]] = {}
+    shots: dict[str, list[DepthShot]] = {}
     try:
         for words in lines:
             if words[:1] == ["intrinsics_matrix"]:
@@ -145,7 +145,7 @@ def read_viewpoints(folder: Path) -> dict[str, Viewpoint]:
                 if not (np.isfinite([fx, fy, cx, cy]).all() and is_rigid(pose, _RIGID_TOLERANCE)):
                     raise ValueError(f"the camera of {words[1]} has no rigid motion, or a number that is not finite")
                 camera = Camera(float(fx), float(fy), float(cx), float(HEIGHT_PX - 1 - cy), pose)
-                shots.setdefault(words[2].split("_")[0], []).append(Shot(words[1], words[2], camera))
+                shots.setdefault(words[2].split("_")[0], []).append(DepthShot(words[1], words[2], camera))
     except (IndexError, UnboundLocalError, ValueError) as error:
         raise DataError(f"{path} is no camera file of the Matterport3D release: {error}") from None
     if not shots:
@@ -153,7 +153,7 @@ def read_viewpoints(folder: Path) -> dict[str, Viewpoint]:
     return {name: Viewpoint(name, folder, tuple(taken), _upright(taken)) for name, taken in shots.items()}
 
 
-def _upright(shots: Sequence[Shot]) -> np.ndarray:
+def _upright(shots: Sequence[DepthShot]) -> np.ndarray:
     """(4, 4) T_world_pano amid the cameras."""
     level = next((shot for shot in shots if "_i1_" in shot.picture), shots[0]).camera.T_world_camera
     x_m, y_m, z_m = np.mean([shot.camera.T_world_camera[:3, 3] for shot in shots], axis=0)

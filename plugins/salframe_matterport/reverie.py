@@ -19,11 +19,11 @@ from pydantic import BaseModel, Field
 from salframe.evaluation.scorer import Scorer
 from salframe.framework.errors import DataError, UnknownName, unknown
 from salframe.framework.files.reading import read_as, read_json
-from salframe.navigation.episodes import Asked
+from salframe.navigation.episodes import EpisodeRequest
 from salframe_matterport.readers import Number, boxes_path, connectivity_path, read_boxes, read_connectivity, read_ways
 
 METRICS = ("SR", "OSR", "SPL", "RGS", "RGSPL")
-LEAST_LENGTH_M = 0.01
+MIN_LENGTH_M = 0.01
 """Divisor of SPL where neither the agent nor the reference moves (DUET)."""
 NAMED = 5
 """Missing instructions that a message names; the others it counts."""
@@ -57,7 +57,9 @@ class Reverie(Scorer):
                     f"{answers} lacks {len(missing)} of the {len(episodes)} instructions of {split}: {named}"
                 )
         building = {
-            scan: Building(root, scan) for episodes in touched.values() for scan in {e.scan for e in episodes.values()}
+            scan: BuildingGraph(root, scan)
+            for episodes in touched.values()
+            for scan in {e.scan for e in episodes.values()}
         }
         ignored = len(given) - sum(map(len, touched.values()))
         rows = []
@@ -76,10 +78,10 @@ class Reverie(Scorer):
             )
         return rows
 
-    def episodes(self, split: str, root: Path) -> Sequence[Asked]:
+    def episodes(self, split: str, root: Path) -> Sequence[EpisodeRequest]:
         """See Scorer: one for all instructions to the same object along the same path, to the path's end."""
         return [
-            Asked(
+            EpisodeRequest(
                 world=episode.scan,
                 start=f"{episode.scan}/{episode.path[0]}",
                 goal=f"{episode.scan}/{episode.path[-1]}",
@@ -122,7 +124,7 @@ class _Task(BaseModel):
 
 
 @dataclass(frozen=True)
-class Episode:
+class ReverieEpisode:
     """What is asked: in building `scan`, from path[0], looking along heading_rad (clockwise from the world's y axis),
     walk to where the object is seen; the reference walks `path`."""
 
@@ -140,7 +142,7 @@ class Answer:
     object_id: str
 
 
-class Building:
+class BuildingGraph:
     """Shortest ways between the viewpoints of a building, and which objects each of them shows."""
 
     def __init__(self, root: Path, scan: str) -> None:
@@ -179,7 +181,7 @@ def walking_distances(path: Path) -> tuple[dict[str, int], np.ndarray]:
     return number, dijkstra(straight_m, directed=False)
 
 
-def score_episode(name: str, episode: Episode, answer: Answer, building: Building) -> tuple[float, ...]:
+def score_episode(name: str, episode: ReverieEpisode, answer: Answer, building: BuildingGraph) -> tuple[float, ...]:
     """The METRICS of one episode, each from 0 to 1. Raises DataError on a path that could not have been walked.
 
     A step between viewpoints that are not joined counts as long as the shortest way between them. Naming the object
@@ -194,21 +196,21 @@ def score_episode(name: str, episode: Episode, answer: Answer, building: Buildin
     if not np.isfinite(walked_m):
         raise DataError(f"{name}: the trajectory jumps between viewpoints of {episode.scan} that no way joins")
     shortest_m = building.distance_m(episode.path[0], episode.path[-1])
-    directness = shortest_m / max(walked_m, shortest_m, LEAST_LENGTH_M)
+    directness = shortest_m / max(walked_m, shortest_m, MIN_LENGTH_M)
     success = building.shows(answer.path[-1], episode.object_id)
     passed = any(building.shows(viewpoint, episode.object_id) for viewpoint in answer.path)
     named = answer.object_id == str(episode.object_id)
     return float(success), float(passed), success * directness, float(named), named * directness
 
 
-def read_episodes(root: Path) -> dict[str, dict[str, Episode]]:
+def read_episodes(root: Path) -> dict[str, dict[str, ReverieEpisode]]:
     """The episodes of every REVERIE_<split>.json by split and instr_id; those whose answer is not published are left
     out. Raises DataError."""
     splits = {}
     for path in sorted((root / "reverie").glob("REVERIE_*.json")):
         tasks: list[_Task] = read_as(path, list[_Task])
         episodes = {
-            f"{task.path_id}_{task.objId}_{i}": Episode(task.scan, int(task.objId), task.path, task.heading)
+            f"{task.path_id}_{task.objId}_{i}": ReverieEpisode(task.scan, int(task.objId), task.path, task.heading)
             for task in tasks
             if task.objId is not None
             for i in range(len(task.instructions))
@@ -223,7 +225,7 @@ def read_episodes(root: Path) -> dict[str, dict[str, Episode]]:
     return splits
 
 
-def read_split(split: str, root: Path) -> dict[str, Episode]:
+def read_split(split: str, root: Path) -> dict[str, ReverieEpisode]:
     """The episodes of one split by instr_id. Raises UnknownName, DataError."""
     splits = read_episodes(root)
     if split not in splits:
@@ -236,7 +238,7 @@ def task_of(name: str) -> str:
     return name.rpartition("_")[0]
 
 
-def by_task(split: str, root: Path) -> dict[str, Episode]:
+def by_task(split: str, root: Path) -> dict[str, ReverieEpisode]:
     """The episodes of a split by `task_of` their names: one of each, for they differ in words alone."""
     return {task_of(name): episode for name, episode in read_split(split, root).items()}
 

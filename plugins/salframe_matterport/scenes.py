@@ -17,7 +17,7 @@ from salframe_matterport.triangulation import triangulate
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class ViewpointScene:
     """A viewpoint and the objects it sees.
 
     T_world_pano (4, 4); object_id (N,) int64, for triangulation and truth only; azimuth_rad, counter-clockwise from
@@ -58,7 +58,9 @@ def generator(*key: object) -> np.random.Generator:
     return np.random.default_rng(int(digest([str(part) for part in key])[:32], 16))
 
 
-def read_scenes(root: Path, scan: str, regions: Mapping[str, int], range_noise: float, seed: int) -> list[Scene]:
+def read_scenes(
+    root: Path, scan: str, regions: Mapping[str, int], range_noise: float, seed: int
+) -> list[ViewpointScene]:
     """The viewpoints of a building that see an object, in the order of its connectivity file.
 
     regions: viewpoint -> region index. A range is the distance to the object's triangulated position, times a factor of
@@ -99,7 +101,7 @@ def read_scenes(root: Path, scan: str, regions: Mapping[str, int], range_noise: 
         labels = [boxes.label for boxes in objects.values()]
         azimuth_rad, elevation_rad, width_rad, height_rad = angles[rows].T
         scenes.append(
-            Scene(
+            ViewpointScene(
                 id=f"{scan}/{viewpoint}",
                 place=f"{scan}/region-{regions[viewpoint]}",
                 T_world_pano=poses[viewpoint],
@@ -124,7 +126,9 @@ def _measured(range_m: float, others_m: np.ndarray, range_noise: float, random: 
     return float(random.choice(others_m)) if len(others_m) else np.nan
 
 
-def range_again(scenes: Sequence[Scene], objects: np.ndarray, range_noise: float, seed: int) -> dict[str, Scene]:
+def range_again(
+    scenes: Sequence[ViewpointScene], objects: np.ndarray, range_noise: float, seed: int
+) -> dict[str, ViewpointScene]:
     """The scenes of a building that see some of these objects, by id, with the ranges of these triangulated from the
     bearings of `scenes` alone. Factors are drawn as by `read_scenes`; what is not triangulated gets a range drawn from
     the scenes' other ranges."""

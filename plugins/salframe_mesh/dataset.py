@@ -22,12 +22,12 @@ from salframe.panoramas.house_file import read_house
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.query_view import VIEW_SETTINGS, QueryView, as_query
 from salframe.panoramas.rendered import FrameRole, FrameSpec, RenderedDataset
-from salframe_mesh.floors import Room, floor_masks, read_rooms
-from salframe_mesh.mesh_file import SUFFIXES, Surface, read_mesh
-from salframe_mesh.renderer import Renderer
+from salframe_mesh.floors import FloorRegion, floor_masks, read_rooms
+from salframe_mesh.mesh_file import SUFFIXES, MeshSurface, read_mesh
+from salframe_mesh.renderer import MeshRenderer
 
 SHIFT_M = 0.3, 1.1
-"""How far queries that are not given stand from their map frame, and the clearance they need."""
+"""How far queries that are not given stand from their reference frame, and the clearance they need."""
 _CLEARANCE_M = 0.25
 _COLUMNS = "id", "role", "place", "x_m", "y_m", "z_m", "yaw_rad"
 
@@ -91,12 +91,12 @@ class MeshDataset(RenderedDataset[FrameSpec]):
         return digest([self.version, settings, known])
 
     @cached_property
-    def _surface(self) -> Surface:
+    def _surface(self) -> MeshSurface:
         return read_mesh(self._mesh_path, self.config.up)
 
     @cached_property
-    def _renderer(self) -> Renderer:
-        return Renderer(self._surface)
+    def _renderer(self) -> MeshRenderer:
+        return MeshRenderer(self._surface)
 
     def observe(self, T_world_pano: np.ndarray) -> Panorama:
         """The panorama at this pose (4, 4)."""
@@ -117,7 +117,7 @@ class MeshDataset(RenderedDataset[FrameSpec]):
     @cached_property
     def _floors(self) -> list[FloorMasks]:
         """The masks of each level whose rooms are known."""
-        levels: dict[int, list[Room]] = {}
+        levels: dict[int, list[FloorRegion]] = {}
         for room in read_rooms(self._source):
             levels.setdefault(room.level, []).append(room)
         return [
@@ -126,7 +126,7 @@ class MeshDataset(RenderedDataset[FrameSpec]):
         ]
 
     def _standing(self) -> list[FrameSpec]:
-        """A map frame at every panorama of the .house file that stands in a region."""
+        """A reference frame at every panorama of the .house file that stands in a region."""
         houses = sorted(self._source.glob("*.house"))
         if len(houses) != 1:
             raise DataError(
@@ -191,7 +191,7 @@ def read_frames(path: Path) -> list[FrameSpec]:
 
 
 def beside(mapped: Sequence[FrameSpec], floors: Sequence[FloorMasks], per_frame: int, seed: int) -> list[FrameSpec]:
-    """Queries in the open, on the floor of their map frame's room, 0.3 to 1.1 m from it, turned at random; none where
+    """Queries in the open, on the floor of their reference frame's room, 0.3 to 1.1 m from it, turned at random; none where
     there is no such floor."""
     from scipy import ndimage
 

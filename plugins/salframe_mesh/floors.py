@@ -14,8 +14,8 @@ from salframe.framework.files.reading import read_as
 from salframe.framework.validation import Settings
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.house_file import read_house
-from salframe_mesh.mesh_file import Surface
-from salframe_mesh.renderer import Renderer
+from salframe_mesh.mesh_file import MeshSurface
+from salframe_mesh.renderer import MeshRenderer
 
 BAND_M = 0.1, 1.5
 """What lies this high above the floor is in a robot's way."""
@@ -27,12 +27,12 @@ _MARGIN_M = 0.4
 """Outlines end at the walls: floor this near to a room, as in a doorway, belongs to it."""
 _POCKET_M2 = 1.0
 """Free patches smaller than this are the insides of furniture and walls."""
-_MOST_CELLS = 1 << 23
+_MAX_CELLS = 1 << 23
 """Of a floor's masks: 145 m square at 0.05 m."""
 
 
 @dataclass(frozen=True, eq=False)
-class Room:
+class FloorRegion:
     """A place: its name, its outlines (n, 2) in metres in the world, the height of its floor, and its level."""
 
     place: str
@@ -41,14 +41,14 @@ class Room:
     level: int
 
 
-class _Region(Settings):
+class _PlaceRegion(Settings):
     """A place in regions.json."""
 
     outline_m: tuple[tuple[float, float], ...] = Field(min_length=3)
     floor_m: float
 
 
-def read_rooms(root: Path) -> tuple[Room, ...]:
+def read_rooms(root: Path) -> tuple[FloorRegion, ...]:
     """The rooms that a folder tells of: regions.json ({place: {"outline_m": [[x, y], ...], "floor_m": z}}), else a
     .house file, else none.
 
@@ -57,20 +57,22 @@ def read_rooms(root: Path) -> tuple[Room, ...]:
     path = root / "regions.json"
     if not path.exists():
         return tuple(room for house in sorted(root.glob("*.house")) for room in _of_house(house))
-    content: dict[str, _Region] = read_as(path, dict[str, _Region])
+    content: dict[str, _PlaceRegion] = read_as(path, dict[str, _PlaceRegion])
     heights = sorted({entry.floor_m for entry in content.values()})
     return tuple(
-        Room(place, (np.array(entry.outline_m),), entry.floor_m, heights.index(entry.floor_m))
+        FloorRegion(place, (np.array(entry.outline_m),), entry.floor_m, heights.index(entry.floor_m))
         for place, entry in content.items()
     )
 
 
-def _of_house(path: Path) -> list[Room]:
+def _of_house(path: Path) -> list[FloorRegion]:
     regions = read_house(path).regions
-    return [Room(f"{path.stem}/region-{r.index}", r.outlines_m, float(r.low_m[2]), r.level) for r in regions]
+    return [FloorRegion(f"{path.stem}/region-{r.index}", r.outlines_m, float(r.low_m[2]), r.level) for r in regions]
 
 
-def floor_masks(surface: Surface, renderer: Renderer, rooms: Sequence[Room], resolution_m: float) -> FloorMasks:
+def floor_masks(
+    surface: MeshSurface, renderer: MeshRenderer, rooms: Sequence[FloorRegion], resolution_m: float
+) -> FloorMasks:
     """The masks of the rooms of one level. Free is floor that a ray from above finds; an obstacle is what that ray
     meets 0.1 to 1.5 m above the floor, or what level cuts of the mesh show in between. Raises DataError where the
     outlines span too much."""
@@ -82,10 +84,10 @@ def floor_masks(surface: Surface, renderer: Renderer, rooms: Sequence[Room], res
     with np.errstate(over="ignore"):
         width_m, height_m = corners[:, 0].max() + _MARGIN_M - left_m, top_m - corners[:, 1].min() + _MARGIN_M
         cells = width_m / resolution_m * (height_m / resolution_m)
-    if not cells <= _MOST_CELLS:
+    if not cells <= _MAX_CELLS:
         raise DataError(
             f"the outlines of {rooms[0].place} and others span {width_m:g} x {height_m:g} m, "
-            f"expected at most {_MOST_CELLS} cells of {resolution_m:g} m"
+            f"expected at most {_MAX_CELLS} cells of {resolution_m:g} m"
         )
     columns, rows = int(np.ceil(width_m / resolution_m)), int(np.ceil(height_m / resolution_m))
     origin_m = np.array([left_m, top_m])
@@ -121,7 +123,7 @@ def floor_masks(surface: Surface, renderer: Renderer, rooms: Sequence[Room], res
     )
 
 
-def _cut(surface: Surface, height_m: float) -> np.ndarray:
+def _cut(surface: MeshSurface, height_m: float) -> np.ndarray:
     """(N, 2, 2) segments, x and y of their ends, in which a level plane cuts the triangles."""
     corners = surface.vertices_m[surface.triangles]
     above = corners[..., 2] >= height_m

@@ -16,14 +16,14 @@ from salframe.framework.files.bounded import check_regular, read_start
 from salframe.framework.files.reading import reading
 
 SUFFIXES = (".obj", ".glb", ".ply")
-_LARGEST_BYTES, _LONGEST_HEADER = 1 << 33, 1 << 16
+_MAX_BYTES, _MAX_HEADER = 1 << 33, 1 << 16
 _GREY = (200, 200, 200)
 _TO_Z_UP = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]], np.float32)
 """Turns a frame whose y is up so that its z is: what was -z, the front of glTF, becomes y."""
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class MeshSurface:
     """Triangles in the world, metres, z up, and what they look like.
 
     vertices_m (V, 3) float32; triangles (F, 3) int32; paint (F,) int32 into `textures`; uv (F, 3, 2) float32 at the
@@ -39,7 +39,7 @@ class Surface:
     textures: tuple[np.ndarray, ...]
 
 
-def read_mesh(path: Path, up: str) -> Surface:
+def read_mesh(path: Path, up: str) -> MeshSurface:
     """Read a mesh file whose axis `up` ("z" or "y") points up, in a process of its own, which a damaged one may end.
 
     Raises DataError where it is missing, unreadable, not whole or has no faces, RequirementMissing where Open3D lacks a
@@ -53,7 +53,7 @@ def read_mesh(path: Path, up: str) -> Surface:
     if path.suffix.lower() not in SUFFIXES:
         raise DataError(f"{path} is no mesh, expected a name that ends in {', '.join(SUFFIXES)}")
     with reading(path, "a mesh"):
-        size = check_regular(path, _LARGEST_BYTES)
+        size = check_regular(path, _MAX_BYTES)
         if path.suffix.lower() == ".ply":
             _check_counts(path, size)
     with ProcessPool(1) as pool:
@@ -64,7 +64,7 @@ def read_mesh(path: Path, up: str) -> Surface:
     return surface if up == "z" else replace(surface, vertices_m=surface.vertices_m @ _TO_Z_UP.T)
 
 
-def _read(path: Path) -> Surface:
+def _read(path: Path) -> MeshSurface:
     """The surface in a file as it stands there. Raises DataError."""
     import open3d
 
@@ -89,13 +89,13 @@ def _read(path: Path) -> Surface:
 
 def _check_counts(path: Path, size: int) -> None:
     """Raises ValueError on a .ply whose header claims more than the file has bytes: Open3D would look for it."""
-    header = read_start(path, _LONGEST_HEADER).partition(b"end_header")[0]
+    header = read_start(path, _MAX_HEADER).partition(b"end_header")[0]
     for count in re.findall(rb"^\s*element\s+\S+\s+(\S+)", header, re.MULTILINE):
         if not count.isdigit() or len(count) > 12 or int(count) > size:
             raise ValueError(f"{count.decode(errors='replace')[:20]} elements in {size} bytes")
 
 
-def _check(surface: Surface, path: Path) -> None:
+def _check(surface: MeshSurface, path: Path) -> None:
     """Raises DataError on what the renderer would end the process for."""
     if not (np.isfinite(surface.vertices_m).all() and np.isfinite(surface.uv).all()):
         raise DataError(f"{path} has a corner that is not finite, or not in single precision")
@@ -123,7 +123,7 @@ def _look(material) -> np.ndarray:
     return np.ascontiguousarray(image[..., :3] if image.shape[2] >= 3 else image[..., [0, 0, 0]])
 
 
-def _joined(parts: list, looks: tuple[np.ndarray, ...]) -> Surface:
+def _joined(parts: list, looks: tuple[np.ndarray, ...]) -> MeshSurface:
     vertices, triangles, paint, uv, colors = [], [], [], [], []
     first = 0
     for mesh, look in parts:
@@ -143,7 +143,7 @@ def _joined(parts: list, looks: tuple[np.ndarray, ...]) -> Surface:
             else np.full_like(vertices[-1], 255)
         )
         first += len(vertices[-1])
-    return Surface(
+    return MeshSurface(
         vertices_m=np.concatenate(vertices),
         triangles=np.concatenate(triangles),
         paint=np.concatenate(paint),

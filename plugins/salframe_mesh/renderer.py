@@ -6,17 +6,17 @@ import numpy as np
 
 from salframe.panoramas.geometry import equirectangular_rays
 from salframe.panoramas.panorama import Panorama
-from salframe_mesh.mesh_file import Surface
+from salframe_mesh.mesh_file import MeshSurface
 
 _NOTHING = np.float32(1e30)  # embree's range where a ray hits nothing is 1e37
 _SUPERSAMPLING = 2
 
 
-class Renderer:
+class MeshRenderer:
     """Renders panoramas of one mesh as it is: its colours are taken to hold the light. The same pose gives the same
     bytes."""
 
-    def __init__(self, surface: Surface):
+    def __init__(self, surface: MeshSurface):
         from embreex.mesh_construction import TriangleMesh
         from embreex.rtcore_scene import EmbreeScene
 

@@ -12,7 +12,7 @@ from salframe.framework.component import ComponentConfig
 from salframe.framework.components.identity import UserFile
 from salframe.framework.errors import InputMissing, WeightsMissing
 from salframe.framework.files.reading import read_json
-from salframe.framework.files.weights import Shipped, Weights, WeightsFile
+from salframe.framework.files.weights import NetworkWeights, Shipped, WeightsFile
 from salframe.framework.onnx import open_model
 from salframe.graphs.boxes import detections_from_points
 from salframe.graphs.detections import Detections
@@ -27,7 +27,7 @@ from salframe_panoseg.objects import group_pixels
 NETWORK, CARD = "panoseg.onnx", "panoseg.json"
 OUTPUTS = ("class_id", "score", "vote_m")
 
-PANOSEG = Weights(
+PANOSEG = NetworkWeights(
     name="panoseg",
     licence="Apache-2.0",
     files=(
@@ -61,7 +61,7 @@ class PanoSegDetector(Detector):
         self._labels = _labels(card)
 
     @classmethod
-    def weights_in_use(cls, config: Any) -> tuple[Weights, ...]:
+    def weights_in_use(cls, config: Any) -> tuple[NetworkWeights, ...]:
         """None where a training of the user's takes their place."""
         return cls.weights if config.model is None else ()
 

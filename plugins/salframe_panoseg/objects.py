@@ -6,7 +6,7 @@ import numpy as np
 
 from salframe.graphs.pixels import connected_parts
 
-LEAST_POINTS = 12
+MIN_POINTS = 12
 """An object on fewer pixels of the network's panorama is not reported."""
 LINK_M = 0.2
 """Neighbouring pixels vote for the same object where their votes differ by less."""
@@ -52,7 +52,7 @@ def _join_parts(
         nearness = [float(np.linalg.norm(mean_m[leader] - mean_m[part])) / reach for leader, reach in same]
         if nearness and min(nearness) < 1:
             object_of[part] = object_of[same[int(np.argmin(nearness))][0]]
-        elif count[part] >= LEAST_POINTS:
+        elif count[part] >= MIN_POINTS:
             number += 1
             object_of[part] = number
             same.append((part, max(SAME_M, _length_m(points_m[own[part]]))))

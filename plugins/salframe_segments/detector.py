@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 from salframe.framework.component import ComponentConfig
 from salframe.framework.components.identity import UserFile
 from salframe.framework.errors import InputMissing, WeightsMissing
-from salframe.framework.files.weights import Link, Weights, WeightsFile
+from salframe.framework.files.weights import Link, NetworkWeights, WeightsFile
 from salframe.graphs.boxes import detections_where_known
 from salframe.graphs.detections import Detections
 from salframe.graphs.detector import Detector
@@ -28,10 +28,10 @@ from salframe_segments.voting import HEIGHT, Views, vote
 
 UNSEEN = 114
 """The grey of what a partial panorama did not see."""
-MOST_SCORES = 160
+MAX_SCORES = 160
 """Of a view's scores at most so many rows and columns vote: more than a panorama of 512 x 256 can show."""
 
-ADE20K = Weights(
+ADE20K = NetworkWeights(
     name="ade20k",
     licence="Apache-2.0",
     data="ADE20K, whose images are for research and non-commercial use",
@@ -133,7 +133,7 @@ class SegmentsDetector(Detector):
         return cls.requires if config.model == "ade20k" or config.model.suffix == TFLITE else ()
 
     @classmethod
-    def weights_in_use(cls, config: Any) -> tuple[Weights, ...]:
+    def weights_in_use(cls, config: Any) -> tuple[NetworkWeights, ...]:
         """Those that `model` names; none where it is a file."""
         return cls.weights if config.model == "ade20k" else ()
 
@@ -245,11 +245,11 @@ def _model_path(model: str | UserFile) -> Path:
 
 
 def _thin(scores: np.ndarray) -> np.ndarray:
-    """Scores (h, w, C) at evenly spaced rows and columns, at most MOST_SCORES of each."""
+    """Scores (h, w, C) at evenly spaced rows and columns, at most MAX_SCORES of each."""
     for axis in (0, 1):
         length = scores.shape[axis]
-        if length > MOST_SCORES:
-            scores = scores.take(((np.arange(MOST_SCORES) + 0.5) * length / MOST_SCORES).astype(int), axis)
+        if length > MAX_SCORES:
+            scores = scores.take(((np.arange(MAX_SCORES) + 0.5) * length / MAX_SCORES).astype(int), axis)
     return scores
 
 

@@ -12,7 +12,7 @@ metre below the camera, 0.7 deg a pixel, reaches that 4 m away."""
 SPILL = 0.1
 """What a jump in range cuts off of a patch of one class is the rim that spilt onto what lies behind, not an object,
 where it is smaller than this share of the patch's largest part."""
-LEAST_SR = 2e-3
+MIN_SR = 2e-3
 """A part that covers less of the sphere is no object: a square of 2.6 deg."""
 TOUCH_M = 0.15
 """Parts of a class are one object where points of theirs are nearer."""
@@ -46,11 +46,11 @@ def find_instances(
     part_of = blob_of if points_m is None else connected_parts(usable, level)
     parts = _split(pixels, part_of)
     size_sr = np.bincount(part_of, area_sr.flat[pixels])
-    largest_sr = np.zeros(blob_of.max() + 1)
-    np.maximum.at(largest_sr, blob_of, size_sr[part_of])
+    max_sr = np.zeros(blob_of.max() + 1)
+    np.maximum.at(max_sr, blob_of, size_sr[part_of])
     blob_of_part = np.zeros(len(parts), int)
     blob_of_part[part_of] = blob_of
-    kept = (size_sr >= LEAST_SR) & (size_sr >= SPILL * largest_sr[blob_of_part])
+    kept = (size_sr >= MIN_SR) & (size_sr >= SPILL * max_sr[blob_of_part])
     parts = [part for part, keep in zip(parts, kept, strict=True) if keep]
     return parts if points_m is None else _join_touching(parts, classes, points_m.reshape(-1, 3))
 

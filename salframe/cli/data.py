@@ -35,13 +35,13 @@ def list_(as_json: Json = False) -> None:
 
 @app.command()
 def info(data: DataArgument, data_dir: DataDir = None, overrides: Set = None, as_json: Json = False) -> None:
-    """Count a dataset's folds, mapping frames, queries and places; renders it where that was not done."""
+    """Count a dataset's folds, reference frames, queries and places; renders it where that was not done."""
     from salframe.cli.output import Bars, tell_units
-    from salframe.panoramas.opening import find_dataset, mapping_frames
+    from salframe.panoramas.opening import find_dataset, reference_frames
 
     with Bars() as bars:
         dataset = find_dataset(data, data_dir, overrides or (), bars.update)
-    folds, mapping = dataset.folds(), mapping_frames(dataset)
+    folds, mapping = dataset.folds(), reference_frames(dataset)
     tell_units(mapping)
     queries = {query.id for fold in folds for query in fold.queries}
     facts = {
@@ -49,7 +49,7 @@ def info(data: DataArgument, data_dir: DataDir = None, overrides: Set = None, as
         "version": dataset.version,
         "provides": sorted(dataset.provides),
         "folds": len(folds),
-        "mapping_frames": len(mapping),
+        "reference_frames": len(mapping),
         "queries": len(queries),
         "mapped_places": len({frame.place for frame in mapping}),
         "queried_places": len({dataset.truth(query).place for query in queries}),

@@ -57,5 +57,5 @@ def experiment(
             print(format_experiment(result, options.style))
     if options.as_json:
         print_json([result.to_json() for result in done])
-    if any(result.crashed or not any(table.kept for table in result.tables) for result in done):
+    if any(result.crashed or not any(table.stored for table in result.tables) for result in done):
         raise typer.Exit(1)

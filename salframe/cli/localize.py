@@ -13,7 +13,7 @@ from salframe.cli.output import print_json
 
 if TYPE_CHECKING:
     from salframe.localization.answers import Localization
-    from salframe.panoramas.frames import MapFrame, QueryFrame
+    from salframe.panoramas.frames import QueryFrame, ReferenceFrame
     from salframe.panoramas.panorama import Panorama
 
 
@@ -57,7 +57,7 @@ def localize(
         received = "both a frame and images" if loose else "neither a frame nor images"
         raise ConfigError(f"received {received}, expected one of the two")
     opened = open_map(map)
-    asked: Panorama | MapFrame | QueryFrame
+    asked: Panorama | ReferenceFrame | QueryFrame
     if frame is None:
         asked = read_panorama(rgb, range_image, instances, labels, range_unit_m=range_unit, z_depth=z_depth)
     else:
@@ -95,7 +95,7 @@ def answer_json(answer: Localization) -> dict[str, Any]:
     return {
         "status": answer.status,
         "places": places,
-        "not_here": answer.not_here,
+        "out_of_map_probability": answer.out_of_map_probability,
         "pose": _position(answer),
         "T_world_query": matrix,
         "heading_deg": None if answer.heading_rad is None else math.degrees(answer.heading_rad),
@@ -109,8 +109,8 @@ def print_answer(answer: Localization) -> None:
     for place in answer.places[:5]:
         worth = f"{place.score:10.4g}" if place.probability is None else f"{place.probability:10.1%}"
         print(f"{worth}  {place.place}  (frame {place.frame})")
-    if answer.not_here is not None:
-        print(f"{answer.not_here:10.1%}  in no place of the map")
+    if answer.out_of_map_probability is not None:
+        print(f"{answer.out_of_map_probability:10.1%}  in no place of the map")
     if position := _position(answer):
         print(f"pose: x {position['x_m']:.2f} m, y {position['y_m']:.2f} m, yaw {position['yaw_deg']:.1f} deg")
     elif answer.heading_rad is not None:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from salframe.evaluation.runs.task import Result
     from salframe.evaluation.studies.study import StudyResult
-    from salframe.panoramas.frames import MapFrame, QueryFrame
+    from salframe.panoramas.frames import QueryFrame, ReferenceFrame
     from salframe.panoramas.opening import Progress
     from salframe.panoramas.panorama import Panorama
 
@@ -67,7 +67,7 @@ def tell(line: str) -> None:
     print(line, file=sys.stderr, flush=True)
 
 
-def tell_units(frames: Sequence[MapFrame | QueryFrame | Panorama]) -> None:
+def tell_units(frames: Sequence[ReferenceFrame | QueryFrame | Panorama]) -> None:
     """Tell where the ranges of frames seem to be in a wrong unit."""
     from salframe.panoramas.camera_height import units_note
 

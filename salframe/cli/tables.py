@@ -58,8 +58,8 @@ def print_experiment(result: ExperimentResult) -> None:
     for table in result.tables:
         for shown in table.tables():
             print_measured(shown)
-        if table.kept is not None:
-            _say(f"{table.name}: measured on {table.kept.date}, {table.kept.machine}")
+        if table.stored is not None:
+            _say(f"{table.name}: measured on {table.stored.date}, {table.stored.machine}")
         if table.skipped is not None:
             _say(f"{table.name}: skipped: {table.skipped}")
         for note in () if table.fresh is None else table.fresh.notes:
@@ -85,7 +85,7 @@ def print_measured(table: Table) -> None:
 
 
 def _rich(table: Table) -> rich_table.Table:
-    from salframe.evaluation.tables.columns import GIVEN
+    from salframe.evaluation.tables.columns import INPUT
 
     title = None if table.title is None else escape(table.title)
     drawn = rich_table.Table(
@@ -94,7 +94,7 @@ def _rich(table: Table) -> rich_table.Table:
     for place, heading in enumerate(table.headings):
         if place < table.leading:
             drawn.add_column(escape(heading), overflow="fold")
-        elif heading == GIVEN.heading:
+        elif heading == INPUT.heading:
             drawn.add_column(escape(heading), max_width=GIVEN_WIDTH)
         else:
             drawn.add_column(escape(heading), justify="right", no_wrap=True)
@@ -123,7 +123,7 @@ def format_experiment(result: ExperimentResult, style: str) -> str:
     from salframe.evaluation.tables.reported import reported_table
 
     if style == "csv":
-        kept = ((table.name, table.kept) for table in result.tables if table.kept)
+        kept = ((table.name, table.stored) for table in result.tables if table.stored)
         return "\n".join(to_csv(one.rows, [{"table": name, **told} for told in one.settings]) for name, one in kept)
     draw, above = {"md": (to_markdown, "**{}**\n\n"), "latex": (to_latex, "% {}\n")}[style]
     measured = [shown for table in result.tables for shown in table.tables()]

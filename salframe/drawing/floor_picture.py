@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from PIL.ImageFont import FreeTypeFont, ImageFont
 
 _SMOOTH = 2  # drawn this much larger, then reduced
-_LONG_SIDE, _LEAST_SCALE, _LARGEST_SCALE = 3200, 30.0, 110.0  # pixels, and pixels a metre
+_LONG_SIDE, _MIN_SCALE, _MAX_SCALE = 3200, 30.0, 110.0  # pixels, and pixels a metre
 _MARGIN, _HEADER, _FOOTER = 40, 72, 90
 _INK, _PAPER, _WALL = (40, 44, 52), (255, 255, 255), (92, 96, 104)
 _SCENE, _TRANSITION, _SIGHT, _BENT = (31, 78, 160), (214, 84, 34), (70, 98, 150), (176, 98, 8)
@@ -63,7 +63,7 @@ class _Panel:
         floor = topology.floors[number]
         low, high = _extent(floor)
         width_m, height_m = high - low
-        scale = float(np.clip(_LONG_SIDE / max(width_m, height_m), _LEAST_SCALE, _LARGEST_SCALE))
+        scale = float(np.clip(_LONG_SIDE / max(width_m, height_m), _MIN_SCALE, _MAX_SCALE))
         self._scale = scale * _SMOOTH
         self._corner_m = np.array([low[0], high[1]])
         self._top_left = np.array([_MARGIN, _HEADER]) * _SMOOTH

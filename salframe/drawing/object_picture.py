@@ -99,7 +99,7 @@ def draw_outlines(
     rgb: np.ndarray, detections: Detections, lines: list[list[np.ndarray]], colours: dict[str, Colour]
 ) -> np.ndarray:
     """An image (H, W, 3) uint8 with the objects' lines, of `find_lines`, filled with a thin coat of their colours."""
-    order = _largest_first(lines)
+    order = _max_first(lines)
     polygons = [(line, colours[detections.labels[i]]) for i in order for line in lines[i]]
     image = coat(rgb, polygons, 0.25)
     for line, colour in polygons:
@@ -115,7 +115,7 @@ def name_objects(
     height, width = image.shape[:2]
     crowded = len(detections) > CROWD
     lettering = Lettering(width, height, round(_letters(image) * (0.8 if crowded else 1)))
-    for i in _largest_first(lines)[:NAMES]:
+    for i in _max_first(lines)[:NAMES]:
         label, spot = detections.labels[i], _spot(lines[i], width, height)
         if spot is not None:
             lettering.put(f"{label} {detections.scores[i]:.2f}", colours[label], *spot)
@@ -127,7 +127,7 @@ def _letters(image: np.ndarray) -> int:
     return max(16, round(image.shape[1] / 100))
 
 
-def _largest_first(lines: list[list[np.ndarray]]) -> np.ndarray:
+def _max_first(lines: list[list[np.ndarray]]) -> np.ndarray:
     import cv2
 
     return np.argsort([-sum(cv2.contourArea(line.astype(np.float32)) for line in own) for own in lines], kind="stable")

@@ -8,11 +8,11 @@ from salframe.graphs.detections import Detections
 
 FEWEST = 20
 """Fewer points than this are corners, with the object between them, and no samples of its surface."""
-LARGEST = 800
+MAX = 800
 """A mask has no more cells than this on a side."""
-LEAST_SPACING = 2e-4
+MIN_SPACING = 2e-4
 """Points nearer to each other than this, in radians, are of one pixel or row."""
-LEAST_PART = 0.02
+MIN_PART = 0.02
 """Parts of an object that are smaller than this share of its largest are not drawn."""
 _BOX = np.array(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5])).reshape(3, 8).T
 
@@ -84,7 +84,7 @@ def _around_mask(rays: np.ndarray) -> list[np.ndarray]:
 
     chart = _Chart(rays)
     points, spacing = chart.flatten(rays), _spacing(rays)
-    cell = max(spacing / 3, float(np.ptp(points, axis=0).max()) / LARGEST)
+    cell = max(spacing / 3, float(np.ptp(points, axis=0).max()) / MAX)
     reach = max(1, round(0.75 * spacing / cell))
     low = points.min(0) - (reach + 3) * cell
     place = np.round((points - low) / cell).astype(int)
@@ -99,7 +99,7 @@ def _around_mask(rays: np.ndarray) -> list[np.ndarray]:
     return [
         chart.raise_up(cv2.approxPolyDP(line, 0.5, True)[:, 0] * cell + low)
         for line, area in zip(lines, areas, strict=True)
-        if area >= LEAST_PART * max(areas) and len(line) > 2
+        if area >= MIN_PART * max(areas) and len(line) > 2
     ]
 
 
@@ -110,8 +110,8 @@ def _spacing(rays: np.ndarray) -> float:
     beside = np.median(cKDTree(rays).query(rays[:: max(1, len(rays) // 400)], 5)[0][:, 4])
     # Near the poles a panorama's columns are dense, its rows are as far apart as anywhere.
     rows = np.diff(np.sort(np.arcsin(np.clip(rays[:, 2], -1, 1))))
-    rows = rows[rows > LEAST_SPACING]
-    return float(max(beside, np.median(rows) if len(rows) else 0.0, LEAST_SPACING))
+    rows = rows[rows > MIN_SPACING]
+    return float(max(beside, np.median(rows) if len(rows) else 0.0, MIN_SPACING))
 
 
 def _disk(radius: int) -> np.ndarray:

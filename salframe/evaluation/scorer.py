@@ -12,7 +12,7 @@ import numpy as np
 from salframe.framework.component import Role
 from salframe.framework.components.registry import registry
 from salframe.framework.errors import InputMissing, InvalidAnswer
-from salframe.navigation.episodes import Asked
+from salframe.navigation.episodes import EpisodeRequest
 
 
 class Scorer(Role):
@@ -35,7 +35,7 @@ class Scorer(Role):
             DataError: The file does not answer the task. The message is one line.
         """
 
-    def episodes(self, split: str, root: Path) -> Sequence[Asked]:
+    def episodes(self, split: str, root: Path) -> Sequence[EpisodeRequest]:
         """Return the episodes of a split of a navigation task, for an agent that knows the goal.
 
         Raises:

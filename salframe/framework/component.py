@@ -13,7 +13,7 @@ from salframe.framework.errors import RequirementMissing
 from salframe.framework.validation import Settings
 
 if TYPE_CHECKING:
-    from salframe.framework.files.weights import Weights
+    from salframe.framework.files.weights import NetworkWeights
 
 ROLE = "role"
 """Key of a slot's `json_schema_extra`: the role of what it holds."""
@@ -76,7 +76,7 @@ class Component(ABC):
     version: ClassVar[str]
     requires: ClassVar[tuple[str, ...]] = ()
     extra: ClassVar[str] = ""
-    weights: ClassVar[tuple[Weights, ...]] = ()
+    weights: ClassVar[tuple[NetworkWeights, ...]] = ()
     Config: ClassVar[type[ComponentConfig]] = ComponentConfig
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
@@ -96,7 +96,7 @@ class Component(ABC):
         return cls.requires
 
     @classmethod
-    def weights_in_use(cls, config: Any) -> tuple[Weights, ...]:
+    def weights_in_use(cls, config: Any) -> tuple[NetworkWeights, ...]:
         """The weights that a component with this config loads: their hashes are part of its identity."""
         return cls.weights
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from salframe.graphs.detections import Detections
 
-LEAST_SIDE_M = 0.05
+MIN_SIDE_M = 0.05
 """No object is thinner: flat sets of points (a picture seen head on) get a box this thick."""
-LEAST_POINTS = 5
+MIN_POINTS = 5
 """Fewer points than this tell no position."""
 
 
@@ -32,13 +32,13 @@ def upright_box(points_m: np.ndarray) -> tuple[np.ndarray, float]:
     length, width = np.ptp(hull @ along, axis=0), np.ptp(hull @ np.stack([-along[1], along[0]]), axis=0)
     # Among boxes that differ by less than rounding the most aligned with the bearing wins, whatever order the hull came
     # in.
-    area = np.maximum(length, LEAST_SIDE_M) * np.maximum(width, LEAST_SIDE_M)
+    area = np.maximum(length, MIN_SIDE_M) * np.maximum(width, MIN_SIDE_M)
     tied = np.flatnonzero(area <= area.min() * (1 + 1e-5))
     best = tied[np.argmin(np.round(angle[tied] % (np.pi / 2), 5))]
     sides, yaw = np.array([length[best], width[best]]), angle[best]
     if sides[1] > sides[0]:
         sides, yaw = sides[::-1], yaw + np.pi / 2
-    return np.maximum([*sides, height], LEAST_SIDE_M), float((yaw + bearing) % np.pi)
+    return np.maximum([*sides, height], MIN_SIDE_M), float((yaw + bearing) % np.pi)
 
 
 def detections_from_points(labels: Sequence[str], scores: np.ndarray, points_m: Sequence[np.ndarray]) -> Detections:
@@ -64,9 +64,9 @@ def detections_where_known(
     solid_angle_sr: np.ndarray | None = None,
     rays: Sequence[np.ndarray] | None = None,
 ) -> Detections:
-    """Detections of objects given by the points (n_i, 3) behind their masks; where these are fewer than LEAST_POINTS,
+    """Detections of objects given by the points (n_i, 3) behind their masks; where these are fewer than MIN_POINTS,
     or None for all, position and size are NaN. bearing (N, 3), solid_angle_sr (N,) and rays as in Detections."""
-    known = [i for i, points in enumerate(points_m or ()) if len(points) >= LEAST_POINTS]
+    known = [i for i, points in enumerate(points_m or ()) if len(points) >= MIN_POINTS]
     centroid, size = np.full((len(labels), 3), np.nan), np.full((len(labels), 3), np.nan)
     yaw = np.full(len(labels), np.nan)
     clouds = None

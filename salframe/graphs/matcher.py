@@ -20,7 +20,7 @@ class GraphMatch:
     """A map graph's claim to be the query's place: index of the scene, score (larger is better), pairs (M, 2) int64 of
     query and map nodes.
 
-    Matchers that verify geometry give the pose that did: T_scene_query (4, 4), the query's frame in the map frame's, or
+    Matchers that verify geometry give the pose that did: T_scene_query (4, 4), the query's frame in the reference frame's, or
     None; and scale, the factor that puts the query's ranges right, where they do not take them to be.
     """
 

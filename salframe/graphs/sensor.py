@@ -16,7 +16,7 @@ from salframe.framework.files.reading import read_json, read_model
 from salframe.framework.validation import Settings
 from salframe.graphs.vocabulary import common_label
 
-FORMAT: Final = "salframe sensor 1"
+FORMAT: Final = "salframe sensor 2"
 QUANTILES = 11
 """A distribution is kept as so many values: its least, its deciles, its largest."""
 PSEUDO_COUNT = 1.0
@@ -25,7 +25,7 @@ PSEUDO_COUNT = 1.0
 Quantiles = tuple[float, ...]
 
 
-class FoundModel(Settings):
+class DetectionModel(Settings):
     """P(found): the logistic function of `intercept` + `per_log_solid_angle` ln(solid angle / reference) +
     `per_log_range` ln(range / reference) + `per_hidden_share` (hidden share - reference) + the group's offset.
 
@@ -97,16 +97,16 @@ class Provenance(Settings):
     data: dict[str, dict[str, Any]] = Field(description="the identity of each data set")
     panoramas: int = Field(ge=0)
     objects: int = Field(ge=0, description="annotated objects, one for each panorama that shows it")
-    found: int = Field(ge=0, description="how many of them were found")
+    detected: int = Field(ge=0, description="how many of them were found")
 
 
 class SensorModel(Settings):
     """What a detector gets right, and how often. `confusion`: annotated label -> label of the detector -> count, of
     objects that were found."""
 
-    format: Literal["salframe sensor 1"] = FORMAT
+    format: Literal["salframe sensor 2"] = FORMAT
     provenance: Provenance
-    found: FoundModel
+    detection: DetectionModel
     confusion: dict[str, dict[str, int]]
     false_objects: FalseObjects
     errors: Errors

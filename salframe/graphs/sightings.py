@@ -17,7 +17,7 @@ does not."""
 
 
 @dataclass(frozen=True, eq=False)
-class Sightings:
+class ObjectVisibility:
     """N objects as they show: labels; solid_angle_sr (N,), how much of the sphere each covers; range_m (N,), of its
     centroid; hidden_share (N,), of its outline, where something nearer borders it. All float64, NaN where unknown."""
 
@@ -27,7 +27,7 @@ class Sightings:
     hidden_share: np.ndarray
 
 
-def sightings(panorama: Panorama, objects: Sequence[Annotated]) -> Sightings:
+def sightings(panorama: Panorama, objects: Sequence[Annotated]) -> ObjectVisibility:
     """How annotated objects of a panorama show in it. Of an object known by its box alone the solid angle is that of
     the box seen from a random side, and what hides it is unknown."""
     instance_id = None if panorama.annotations is None else panorama.annotations.instance_id
@@ -42,7 +42,7 @@ def sightings(panorama: Panorama, objects: Sequence[Annotated]) -> Sightings:
         ]
     if instance_id is not None and panorama.range_m is not None and objects:
         hidden[:] = hidden_shares(instance_id, panorama.range_m)[[one.key for one in objects]]
-    return Sightings(tuple(one.label for one in objects), solid_angle_sr, range_m, hidden)
+    return ObjectVisibility(tuple(one.label for one in objects), solid_angle_sr, range_m, hidden)
 
 
 def box_solid_angle(size_m: np.ndarray, range_m: float) -> float:

@@ -22,7 +22,7 @@ SUM_TOLERANCE = 1e-6
 
 
 class RankedPlace(NamedTuple):
-    """One answer of a localizer: the map frame, its place, a score (larger is better), and the probability that the
+    """One answer of a localizer: the reference frame, its place, a score (larger is better), and the probability that the
     query is in this place, None from a localizer that has none. A named tuple: `_replace` gives another."""
 
     frame: str
@@ -46,7 +46,7 @@ def ranked_places(
 
 class LocalizationStatus(StrEnum):
     """Whether a localizer answered, or why not. `NO_POSE` keeps its places: the place counts, the pose does not.
-    `NOT_HERE` keeps them too, and says that the query is in none of them."""
+    `OUT_OF_MAP` keeps them too, and says that the query is in none of them."""
 
     OK = "ok"
     NO_POSE = "no-pose"
@@ -54,7 +54,7 @@ class LocalizationStatus(StrEnum):
     NO_FEATURES = "no-features"
     NO_MATCH = "no-match"
     LOW_SCORE = "low-score"
-    NOT_HERE = "not-here"
+    OUT_OF_MAP = "out-of-map"
 
     @property
     def names_a_place(self) -> bool:
@@ -65,19 +65,19 @@ class LocalizationStatus(StrEnum):
     def denies_the_map(self) -> bool:
         """Whether such an answer says that the map does not show the query's place, so that it is right where that is
         so: it was refused, or nothing was like it. A query that shows nothing says nothing of the map."""
-        return self in (LocalizationStatus.NOT_HERE, LocalizationStatus.NO_MATCH, LocalizationStatus.LOW_SCORE)
+        return self in (LocalizationStatus.OUT_OF_MAP, LocalizationStatus.NO_MATCH, LocalizationStatus.LOW_SCORE)
 
 
 @dataclass(frozen=True)
 class Localization:
     """A localizer's answer: `places` best first, one entry a place; T_world_query (4, 4), a rigid motion, or None;
     covariance as in PoseEstimate, in the world's axes; heading_rad, the azimuth of the query's x axis in the world:
-    the pose's, or what is known of a query without one; not_here, the probability that the query is in none of the
+    the pose's, or what is known of a query without one; out_of_map_probability, the probability that the query is in none of the
     places, which those of the places and it make one, None from a localizer that has none.
 
     Raises InvalidAnswer on a status that is none of LocalizationStatus, on a pose that is no rigid motion, on a heading
     that is not finite, where a status that names a place comes without one, where OK comes without a pose or NO_POSE or
-    NOT_HERE with one, and on probabilities of which some are missing, outside [0, 1], or that do not sum to one.
+    OUT_OF_MAP with one, and on probabilities of which some are missing, outside [0, 1], or that do not sum to one.
     """
 
     places: tuple[RankedPlace, ...]
@@ -85,7 +85,7 @@ class Localization:
     status: LocalizationStatus
     covariance: np.ndarray | None = None
     heading_rad: float | None = None
-    not_here: float | None = None
+    out_of_map_probability: float | None = None
 
     def __post_init__(self) -> None:
         try:
@@ -103,7 +103,7 @@ class Localization:
             raise InvalidAnswer(
                 f"a localization has the status {self.status} and {there}, expected a pose with ok alone"
             )
-        if self.status is LocalizationStatus.NOT_HERE and self.T_world_query is not None:
+        if self.status is LocalizationStatus.OUT_OF_MAP and self.T_world_query is not None:
             raise InvalidAnswer(f"a localization has the status {self.status} and a pose, expected none")
         self._check_probabilities()
         if self.T_world_query is not None:
@@ -113,14 +113,14 @@ class Localization:
 
     def _check_probabilities(self) -> None:
         """All are None, or each is in [0, 1] and together they are one."""
-        all_of_them = [*[place.probability for place in self.places], self.not_here]
+        all_of_them = [*[place.probability for place in self.places], self.out_of_map_probability]
         known = [probability for probability in all_of_them if probability is not None]
         if not known:
             return
         if len(known) < len(all_of_them):
             raise InvalidAnswer(
                 f"a localization has {len(known)} of {len(all_of_them)} probabilities, "
-                "expected one for each place and one for `not_here`, or none at all"
+                "expected one for each place and one for `out_of_map_probability`, or none at all"
             )
         outside = [probability for probability in known if not 0 <= probability <= 1]
         if outside:

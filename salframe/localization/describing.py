@@ -17,8 +17,8 @@ from salframe.framework.files.cache import Cache
 from salframe.framework.validation import validate
 from salframe.localization.localizer import Description, Localizer
 from salframe.panoramas.dataset import Dataset
-from salframe.panoramas.frames import MapFrame, QueryFrame
-from salframe.panoramas.opening import mapping_frames, open_dataset
+from salframe.panoramas.frames import QueryFrame, ReferenceFrame
+from salframe.panoramas.opening import open_dataset, reference_frames
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.range_model import estimate_range
 
@@ -69,21 +69,21 @@ def complete_panorama(
 
 
 def describe_frame(
-    localizer: Localizer, frame: MapFrame | QueryFrame, cache: Cache | None = None, dataset: str = ""
+    localizer: Localizer, frame: ReferenceFrame | QueryFrame, cache: Cache | None = None, dataset: str = ""
 ) -> tuple[Description, float]:
     """Return the description of a frame, and the seconds that it took when it was computed, without loading.
 
     With a cache, the frame's id and its `content`, or where it has none `dataset` (a content_key), identify the
-    panorama. Raises InputMissing also where a MapFrame cannot be a reference frame of this localizer; DataError.
+    panorama. Raises InputMissing also where a ReferenceFrame cannot be a reference frame of this localizer; DataError.
     """
     described = _describe_cached(localizer, frame, cache, dataset)
-    if isinstance(frame, MapFrame) and (reason := localizer.unfit_for_map(described[0])):
+    if isinstance(frame, ReferenceFrame) and (reason := localizer.unfit_for_map(described[0])):
         raise InputMissing(f"{frame.id} cannot be a frame of the map: {reason}")
     return described
 
 
 def _describe_cached(
-    localizer: Localizer, frame: MapFrame | QueryFrame, cache: Cache | None, dataset: str
+    localizer: Localizer, frame: ReferenceFrame | QueryFrame, cache: Cache | None, dataset: str
 ) -> tuple[Description, float]:
     cache_key = {"dataset": frame.content or dataset, "frame": frame.id}
     if cache is not None:
@@ -124,7 +124,7 @@ def describe_ahead(
     where the number of workers is not set."""
     if dataset.engine is None or not dataset.engine.isolates or dataset.engine.workers is None:
         return
-    ids = [frame.id for frame in mapping_frames(dataset)]
+    ids = [frame.id for frame in reference_frames(dataset)]
     for done, _ in enumerate(describe_frames(method, dataset.config, ids, dataset.engine), 1):
         if progress:
             progress(done, len(ids))
@@ -136,11 +136,11 @@ def _describe(method: str, data: str, frame: str) -> tuple[str, float]:
 
 
 @lru_cache(maxsize=1)
-def _open(method: str, data: str) -> tuple[Localizer, Cache, str, Mapping[str, MapFrame]]:
+def _open(method: str, data: str) -> tuple[Localizer, Cache, str, Mapping[str, ReferenceFrame]]:
     """Return a localizer and the reference frames of a dataset, which a worker keeps from one frame to the next."""
     dataset = open_dataset(read_config("dataset", data))
     localizer: Localizer = registry().build("localizer", read_config("localizer", method))
-    return localizer, Cache(), dataset.content_key, {frame.id: frame for frame in mapping_frames(dataset)}
+    return localizer, Cache(), dataset.content_key, {frame.id: frame for frame in reference_frames(dataset)}
 
 
 def read_config(role: str, content: str) -> Any:

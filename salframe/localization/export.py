@@ -12,11 +12,11 @@ from salframe.framework.files.writing import atomic_path
 from salframe.localization.localizer import Description
 from salframe.localization.map import LocalizationMap
 from salframe.localization.map_files import MapParts, read_map
-from salframe.panoramas.frames import MapFrame
+from salframe.panoramas.frames import ReferenceFrame
 
 
 def export_scenes(directory: Path, path: Path) -> None:
-    """Write the scenes of a map as a Parquet table, a row a mapping frame: frame, place, kind, T_world_pano (16 numbers
+    """Write the scenes of a map as a Parquet table, a row a reference frame: frame, place, kind, T_world_pano (16 numbers
     row by row), and what the method remembers of it, an array a column, as nested lists. Raises DataError as
     `open_map`."""
     import pyarrow as pa
@@ -35,7 +35,7 @@ def export_scenes(directory: Path, path: Path) -> None:
         pq.write_table(pa.table(columns), temporary)
 
 
-def _read_scenes(parts: MapParts) -> tuple[Sequence[MapFrame], list[Description]]:
+def _read_scenes(parts: MapParts) -> tuple[Sequence[ReferenceFrame], list[Description]]:
     saved = LocalizationMap.read(parts, indexed=False)
     return saved.frames, saved.descriptions()
 

@@ -21,7 +21,7 @@ from salframe.localization.evidence import Evidence
 from salframe.localization.posterior import Posterior, read_fitted
 from salframe.localization.saved_frames import SavedFrames
 from salframe.panoramas.floors import FloorMasks
-from salframe.panoramas.frames import MapFrame
+from salframe.panoramas.frames import ReferenceFrame
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.range_model import RangeModel
 
@@ -89,8 +89,8 @@ class Localizer(Role):
         """Return the description of a panorama. Must not change its input."""
 
     @abstractmethod
-    def index(self, descriptions: Sequence[Description], frames: Sequence[MapFrame]) -> None:
-        """Prepare matching with the reference frames of a map: one description and one MapFrame (id, place, pose) for
+    def index(self, descriptions: Sequence[Description], frames: Sequence[ReferenceFrame]) -> None:
+        """Prepare matching with the reference frames of a map: one description and one ReferenceFrame (id, place, pose) for
         each frame."""
 
     @abstractmethod

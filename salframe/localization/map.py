@@ -23,8 +23,8 @@ from salframe.localization.map_files import MapParts, read_map, write_map
 from salframe.localization.preparing import Tell, silent
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.floors import FloorMasks
-from salframe.panoramas.frames import MapFrame, QueryFrame
-from salframe.panoramas.opening import mapping_frames
+from salframe.panoramas.frames import QueryFrame, ReferenceFrame
+from salframe.panoramas.opening import reference_frames
 from salframe.panoramas.panorama import Annotations, Panorama
 
 
@@ -39,7 +39,7 @@ class LocalizationMap:
         self,
         localizer: Localizer,
         packed: Sequence[Description],
-        frames: Sequence[MapFrame],
+        frames: Sequence[ReferenceFrame],
         floors: Sequence[FloorMasks] = (),
     ) -> None:
         """Hold packed descriptions of frames without indexing them: such a map can be changed, merged and saved, but
@@ -51,7 +51,7 @@ class LocalizationMap:
     def build(
         cls,
         localizer: Localizer,
-        frames: Sequence[MapFrame],
+        frames: Sequence[ReferenceFrame],
         cache: Cache | None = None,
         dataset: str = "",
         *,
@@ -76,7 +76,7 @@ class LocalizationMap:
         cls,
         localizer: Localizer,
         descriptions: Sequence[Description],
-        frames: Sequence[MapFrame],
+        frames: Sequence[ReferenceFrame],
         floors: Sequence[FloorMasks] = (),
     ) -> LocalizationMap:
         """Index described reference frames, packed and unpacked as in a saved map."""
@@ -134,7 +134,7 @@ class LocalizationMap:
 
     def extend(
         self,
-        frames: Sequence[MapFrame],
+        frames: Sequence[ReferenceFrame],
         cache: Cache | None = None,
         dataset: str = "",
         *,
@@ -161,7 +161,7 @@ class LocalizationMap:
 
     def localize(
         self,
-        query: MapFrame | QueryFrame | Panorama | None = None,
+        query: ReferenceFrame | QueryFrame | Panorama | None = None,
         *,
         rgb: np.ndarray | None = None,
         range_m: np.ndarray | None = None,
@@ -195,7 +195,11 @@ class LocalizationMap:
         if not isinstance(answer, Localization):
             raise InvalidAnswer(f"match gave {type(answer).__name__}, expected a Localization")
         posterior = self.localizer.posterior
-        if posterior is None or answer.not_here is not None or not self.localizer.fits_posterior(description):
+        if (
+            posterior is None
+            or answer.out_of_map_probability is not None
+            or not self.localizer.fits_posterior(description)
+        ):
             return answer
         return posterior.apply(answer, self.localizer.count_objects(description))
 
@@ -203,7 +207,9 @@ class LocalizationMap:
         """Return the descriptions of all reference frames, unpacked."""
         return [self.localizer.unpack(packed) for packed in self._packed]
 
-    def _hold(self, packed: Sequence[Description], frames: Sequence[MapFrame], floors: Sequence[FloorMasks]) -> None:
+    def _hold(
+        self, packed: Sequence[Description], frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks]
+    ) -> None:
         self._packed, self.frames = packed, frames
         self.floors = self.localizer.floors = tuple(floors) if self.localizer.uses_floors else ()
 
@@ -214,7 +220,7 @@ class LocalizationMap:
         self,
         places: Collection[str],
         packed: Sequence[Description],
-        frames: Sequence[MapFrame],
+        frames: Sequence[ReferenceFrame],
         floors: Sequence[FloorMasks],
     ) -> None:
         """Remove the frames of some places, add others at the end, and index the map."""
@@ -230,7 +236,7 @@ def build_localization(
     """Build the map of a prepared dataset; the workers of its engine describe the frames first, where their number is
     set. Raises as `LocalizationMap.build`."""
     describe_ahead(localizer.config, dataset, progress)
-    frames, floors = mapping_frames(dataset), dataset.floors()
+    frames, floors = reference_frames(dataset), dataset.floors()
     return LocalizationMap.build(
         localizer, frames, Cache(), dataset.content_key, floors=floors, progress=progress, tell=tell
     )
@@ -253,7 +259,7 @@ def map_config(directory: str | Path) -> ComponentConfig:
 
 def _describe_all(
     localizer: Localizer,
-    frames: Sequence[MapFrame],
+    frames: Sequence[ReferenceFrame],
     cache: Cache | None,
     dataset: str,
     progress: Callable[[int, int], None] | None,

@@ -29,9 +29,9 @@ from salframe.framework.validation import Settings, validate
 from salframe.localization.localizer import Localizer
 from salframe.localization.saved_frames import FRAME_COLUMNS, SavedFrames, frame_row
 from salframe.panoramas.floors import FLOORS, FloorMasks, read_floors, write_floors
-from salframe.panoramas.frames import MapFrame
+from salframe.panoramas.frames import ReferenceFrame
 
-MAP, MAP_FORMAT = "map.json", 5
+MAP, MAP_FORMAT = "map.json", 6
 METHOD, FRAMES, SCENES, INDEX = "method.json", "frames", "scenes", "index"
 _PARTS = "parts-"
 
@@ -89,7 +89,7 @@ class MapParts:
         """Read the floors of the map; there are none where none were written. Raises DataError."""
         return read_floors(self.folder) if self.has(FLOORS) else ()
 
-    def write_scenes(self, packed: Iterable[Row], frames: Iterable[MapFrame]) -> None:
+    def write_scenes(self, packed: Iterable[Row], frames: Iterable[ReferenceFrame]) -> None:
         """Write the reference frames without their panoramas, and the packed description of each."""
         self.write_table(FRAMES, map(frame_row, frames))
         self.write_table(SCENES, packed)

@@ -41,13 +41,13 @@ class Posterior(Settings):
 
     temperature: float = Field(gt=0, description="difference of scores that makes a place e times as probable")
     head: Head
-    max_not_here: float = Field(
-        0.5, ge=0, le=1, description="above this probability of being in no place of the map the answer is not-here"
+    max_out_of_map_probability: float = Field(
+        0.5, ge=0, le=1, description="above this probability of being in no place of the map the answer is out-of-map"
     )
 
     def apply(self, localization: Localization, objects: int = 0) -> Localization:
-        """The same answer with probabilities, of the query's number of objects; `not-here` and without a pose where
-        that is more probable than `max_not_here`. An answer without places stays as it is."""
+        """The same answer with probabilities, of the query's number of objects; `out-of-map` and without a pose where
+        that is more probable than `max_out_of_map_probability`. An answer without places stays as it is."""
         if not localization.places:
             return localization
         frames, names, told, _ = zip(*localization.places, strict=True)
@@ -56,10 +56,10 @@ class Posterior(Settings):
         weights = np.array([getattr(self.head, name) for name in FEATURES])
         here = float(_logistic(self.head.bias + head_features(scores, share, objects) @ weights))
         places = ranked_places(frames, names, told, (here * share).tolist())
-        denied = localization.status.names_a_place and 1 - here > self.max_not_here
+        denied = localization.status.names_a_place and 1 - here > self.max_out_of_map_probability
         if denied:
-            return Localization(places, None, LocalizationStatus.NOT_HERE, not_here=1 - here)
-        return replace(localization, places=places, not_here=1 - here)
+            return Localization(places, None, LocalizationStatus.OUT_OF_MAP, out_of_map_probability=1 - here)
+        return replace(localization, places=places, out_of_map_probability=1 - here)
 
 
 def read_fitted(part: str, value: Any) -> Any:
@@ -141,7 +141,7 @@ def fit_posterior(answers: Sequence[ScoredAnswer]) -> Fit:
     head = Head(bias=bias, **dict(zip(FEATURES, weights, strict=True)))
     base = here.mean()
     return Fit(
-        Posterior(temperature=temperature, head=head, max_not_here=0.5),
+        Posterior(temperature=temperature, head=head, max_out_of_map_probability=0.5),
         len(answers),
         len(ranked),
         _place_nll(ranked, 1.0),

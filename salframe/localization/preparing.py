@@ -15,7 +15,7 @@ from salframe.framework.engines.engine import open_engine
 from salframe.localization.localizer import Localizer
 from salframe.panoramas.camera_height import units_note
 from salframe.panoramas.dataset import Dataset
-from salframe.panoramas.opening import Progress, configure_dataset, mapping_frames, open_dataset, provided
+from salframe.panoramas.opening import Progress, configure_dataset, open_dataset, provided, reference_frames
 
 Tell = Callable[[str], None]
 """Called with a line that the user must read, such as the component that `auto` selected, or a warning."""
@@ -51,6 +51,6 @@ def prepare(
         tell(f"{name}: {note}")
     opened = open_engine(engine, scoped.scopes["engine"]) if engine or scoped.scopes["engine"] else None
     dataset = open_dataset(config, progress and partial(progress, data_name), opened)
-    if units := units_note(mapping_frames(dataset)):
+    if units := units_note(reference_frames(dataset)):
         tell(f"warning: {units}")
     return name, dataset, localizer

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from salframe.localization.answers import RankedPlace
-from salframe.panoramas.frames import FrameKind, MapFrame
+from salframe.panoramas.frames import FrameKind, ReferenceFrame
 
 
 def rank_places(
-    frames: Sequence[MapFrame], scores: np.ndarray, T_world_query: np.ndarray | None = None
+    frames: Sequence[ReferenceFrame], scores: np.ndarray, T_world_query: np.ndarray | None = None
 ) -> tuple[RankedPlace, ...]:
     """Return the places of scored frames, best first, each by its best frame; ties keep the order of the frames.
 

@@ -11,7 +11,7 @@ from salframe.framework.errors import DataError
 from salframe.framework.files.array_files import ArrayKind
 from salframe.framework.files.columns import Columns, Row
 from salframe.localization.answers import RIGID_TOLERANCE
-from salframe.panoramas.frames import FrameKind, MapFrame
+from salframe.panoramas.frames import FrameKind, ReferenceFrame
 from salframe.panoramas.geometry import are_rotations
 
 _CHUNK = 1 << 14
@@ -24,7 +24,7 @@ _LEVEL, _TILTED = 5, 12
 mostly are; else the upper rows of its matrix."""
 
 
-class SavedFrames(Sequence[MapFrame]):
+class SavedFrames(Sequence[ReferenceFrame]):
     """The S frames of a saved map, each created when it is first read; is_scene (S,) bool.
 
     Raises DataError on an unknown kind, and on a pose that is not a rigid motion.
@@ -32,7 +32,7 @@ class SavedFrames(Sequence[MapFrame]):
 
     def __init__(self, rows: Columns) -> None:
         """rows: a table that was written from `frame_row`."""
-        self._columns, self._rows, self._made = rows.columns, len(rows), dict[int, MapFrame]()
+        self._columns, self._rows, self._made = rows.columns, len(rows), dict[int, ReferenceFrame]()
         self._check(rows)
         kinds = np.array(rows.columns["kind"].words)
         self.is_scene = (kinds == FrameKind.SCENE)[rows.columns["kind"].values]
@@ -58,7 +58,7 @@ class SavedFrames(Sequence[MapFrame]):
             T_world_pano = np.eye(4)
             T_world_pano[:3] = self.poses(number, number + 1)[0]
             id, place, kind = (self._columns[name][number].item() for name in ("id", "place", "kind"))
-            self._made[number] = MapFrame(id, place, T_world_pano, FrameKind(kind))
+            self._made[number] = ReferenceFrame(id, place, T_world_pano, FrameKind(kind))
         return self._made[number]
 
     def _check(self, rows: Columns) -> None:
@@ -84,7 +84,7 @@ class SavedFrames(Sequence[MapFrame]):
         return rigid
 
 
-def frame_row(frame: MapFrame) -> Row:
+def frame_row(frame: ReferenceFrame) -> Row:
     """Return the row of a frame in a table of frames; its panorama is not saved."""
     return {
         "id": np.array(frame.id),

@@ -136,7 +136,7 @@ class Agent:
         legs_m = way.corners_m[:, :2] - chart.spot(pose[:3, 3])[:2]
         ahead = next((leg for leg in legs_m if np.linalg.norm(leg) > AT_M), legs_m[-1])
         turn_rad = float(wrap_angle(np.arctan2(ahead[1], ahead[0]) - pose_yaw(pose)))
-        return Move(turn_rad, min(float(np.linalg.norm(ahead)), chart.longest_move_m))
+        return Move(turn_rad, min(float(np.linalg.norm(ahead)), chart.max_move_m))
 
     def _way(self, position_m: np.ndarray) -> Way | None:
         """The best way. Where what it has bumped into leaves none, that was elsewhere than it believed, and is

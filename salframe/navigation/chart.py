@@ -27,7 +27,7 @@ class Chart(ABC):
     """A building as an agent knows it. Positions are those of agents, points of the map lie on the floor below."""
 
     map: TopologicalMap
-    longest_move_m: ClassVar[float]
+    max_move_m: ClassVar[float]
     """An agent looks again after walking this far."""
     aside_m: ClassVar[float]
     """How far an agent steps aside where it cannot go on."""
@@ -56,7 +56,7 @@ class Chart(ABC):
 class FloorChart(Chart):
     """The masks of a floor, and discs that turned out not to be free."""
 
-    longest_move_m = 2.0
+    max_move_m = 2.0
     aside_m = 0.3
 
     def __init__(self, map: TopologicalMap, grid: FloorGrid, radius_m: float) -> None:

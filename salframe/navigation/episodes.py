@@ -32,7 +32,7 @@ class Episode:
     shortest_m: float
 
 
-class Asked(Settings):
+class EpisodeRequest(Settings):
     """An episode in a file."""
 
     start: str | tuple[float, float] = Field(description="a node, or x and y in metres")
@@ -101,12 +101,14 @@ def _draw(site: Site, rng: np.random.Generator, number: int) -> Episode | None:
     return None
 
 
-def read_asked(path: Path) -> tuple[Asked, ...]:
+def read_episode_requests(path: Path) -> tuple[EpisodeRequest, ...]:
     """The episodes of a JSON file. Raises DataError on a malformed one."""
-    return tuple(read_as(path, list[Asked]))
+    return tuple(read_as(path, list[EpisodeRequest]))
 
 
-def place_episodes(asked: Sequence[Asked], sites: Mapping[str, Site], seed: int) -> tuple[list[Episode], list[str]]:
+def place_episodes(
+    asked: Sequence[EpisodeRequest], sites: Mapping[str, Site], seed: int
+) -> tuple[list[Episode], list[str]]:
     """The episodes that can be walked, and a line on each that cannot. Raises DataError where none can."""
     episodes, left_out = [], []
     for number, one in enumerate(asked):
@@ -119,7 +121,7 @@ def place_episodes(asked: Sequence[Asked], sites: Mapping[str, Site], seed: int)
     return episodes, left_out
 
 
-def _place(asked: Asked, sites: Mapping[str, Site], rng: np.random.Generator, number: int) -> Episode:
+def _place(asked: EpisodeRequest, sites: Mapping[str, Site], rng: np.random.Generator, number: int) -> Episode:
     if asked.world is None and len(sites) > 1:
         raise DataError(f"it names no world, expected one of {', '.join(sites)}")
     name = next(iter(sites)) if asked.world is None else asked.world

@@ -15,7 +15,7 @@ from salframe.localization.map import LocalizationMap
 from salframe.navigation.agent import Located
 from salframe.navigation.world import World
 from salframe.panoramas.floors import FloorMasks
-from salframe.panoramas.frames import MapFrame, QueryFrame
+from salframe.panoramas.frames import QueryFrame, ReferenceFrame
 from salframe.panoramas.geometry import pose_2d, pose_yaw, wrap_angle
 
 ASTRAY_RAD = np.radians(45.0)
@@ -36,7 +36,7 @@ def see_place(world: World, T_world_pano: np.ndarray, yaw_rad: float) -> Located
 
 
 class Sight:
-    """A localizer that looks around in worlds; `dataset` is the content_key under which mapping frames are cached.
+    """A localizer that looks around in worlds; `dataset` is the content_key under which reference frames are cached.
 
     Without `positioning`, or where the localizer gives no pose, an agent takes itself to stand at the frame of the
     first place.
@@ -46,14 +46,14 @@ class Sight:
         self._localizer, self._dataset, self._positioning, self._cache = localizer, dataset, positioning, Cache()
         self._described: dict[str, Description | None] = {}
         self._left_out: list[str] = []
-        self._frames: dict[str, MapFrame] = {}
+        self._frames: dict[str, ReferenceFrame] = {}
         self._map: LocalizationMap | None = None
 
     @property
     def warning(self) -> str | None:
-        """What the user must know of the mapping frames."""
+        """What the user must know of the reference frames."""
         return (
-            f"{len(self._left_out)} mapping frame(s) left out, the first: {self._left_out[0]}"
+            f"{len(self._left_out)} reference frame(s) left out, the first: {self._left_out[0]}"
             if self._left_out
             else None
         )
@@ -61,7 +61,7 @@ class Sight:
     def look(self, world: World, T_world_pano: np.ndarray, yaw_rad: float) -> Located | None:
         """Where the localizer says that the agent is, None where it fails; `yaw_rad` is the heading where it gives no
         pose."""
-        known = self._map_of(world.mapping(T_world_pano), world.chart.map.floors)
+        known = self._map_of(world.references(T_world_pano), world.chart.map.floors)
         panorama = world.observe(T_world_pano)
         answer = known.answer(describe_frame(self._localizer, QueryFrame(panorama.id, lambda: panorama))[0])
         if not answer.status.names_a_place or not answer.places:
@@ -73,20 +73,20 @@ class Sight:
         x, y, z = self._frames[best.frame].T_world_pano[:3, 3]
         return Located(pose_2d(x, y, yaw_rad, z), best.score, best.frame)
 
-    def _map_of(self, frames: Sequence[MapFrame], floors: Sequence[FloorMasks]) -> LocalizationMap:
+    def _map_of(self, frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks]) -> LocalizationMap:
         """Return the map of these frames, each of which is described once, on these floors; frames that cannot be used
         are left out."""
         usable = [frame for frame in frames if self._describe(frame) is not None]
         if self._map is not None and [frame.id for frame in usable] == list(self._frames):
             return self._map
         if not usable:
-            raise MethodFailed("; ".join(["no mapping frame can be used", *self._left_out[:1]]))
+            raise MethodFailed("; ".join(["no reference frame can be used", *self._left_out[:1]]))
         self._frames = {frame.id: frame for frame in usable}
         known = [described for id in self._frames if (described := self._described[id]) is not None]
         self._map = LocalizationMap.from_descriptions(self._localizer, known, usable, floors)
         return self._map
 
-    def _describe(self, frame: MapFrame) -> Description | None:
+    def _describe(self, frame: ReferenceFrame) -> Description | None:
         if frame.id not in self._described:
             try:
                 self._described[frame.id] = describe_frame(self._localizer, frame, self._cache, self._dataset)[0]

@@ -11,9 +11,9 @@ from salframe.framework.errors import DataError, InputMissing, UnknownName, unkn
 from salframe.navigation.chart import Chart, FloorChart
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.floors import FloorMasks, find_floor
-from salframe.panoramas.frames import MapFrame
+from salframe.panoramas.frames import ReferenceFrame
 from salframe.panoramas.geometry import pose_2d, pose_yaw
-from salframe.panoramas.opening import mapping_frames
+from salframe.panoramas.opening import reference_frames
 from salframe.panoramas.panorama import Panorama
 from salframe.topology.build import build_topology
 from salframe.topology.grid import FloorGrid, cell
@@ -61,7 +61,7 @@ class World(ABC):
         """The region that an agent stands in, "" where it stands in none."""
 
     @abstractmethod
-    def mapping(self, T_world_pano: np.ndarray) -> Sequence[MapFrame]:
+    def references(self, T_world_pano: np.ndarray) -> Sequence[ReferenceFrame]:
         """The map's frames that a panorama taken at this pose is compared with."""
 
     @abstractmethod
@@ -77,12 +77,12 @@ class FloorWorld(World):
     """A floor of a data set that can render: a disc of the map's robot radius walks on its clear floor, and walls stop
     it.
 
-    The chart is made from the masks `floor` and the mapping frames taken on it. What stops the agent are the masks
+    The chart is made from the masks `floor` and the reference frames taken on it. What stops the agent are the masks
     `actual`: those of the building that `observe` shows, which may have changed since it was mapped.
     """
 
     def __init__(
-        self, id: str, dataset: Dataset, floor: FloorMasks, frames: Sequence[MapFrame], actual: FloorMasks
+        self, id: str, dataset: Dataset, floor: FloorMasks, frames: Sequence[ReferenceFrame], actual: FloorMasks
     ) -> None:
         from scipy import ndimage
 
@@ -90,7 +90,7 @@ class FloorWorld(World):
         self._grid = FloorGrid(floor, settings.robot_radius_m)
         super().__init__(id, FloorChart(build_topology([floor], frames, settings), self._grid, settings.robot_radius_m))
         self._dataset, self._radius_m = dataset, settings.robot_radius_m
-        self._mapping = mapping_frames(dataset)
+        self._mapping = reference_frames(dataset)
         self._camera_z_m = float(np.median([frame.T_world_pano[2, 3] for frame in frames]))
         self._names = self._grid.names
         self._free = FloorGrid(actual, settings.robot_radius_m).clear
@@ -121,7 +121,7 @@ class FloorWorld(World):
     def region(self, T_world_pano: np.ndarray) -> str:
         return self._names.get(int(self._grid.label[cell(self._grid.to_pixel(T_world_pano[:2, 3]))]), "")
 
-    def mapping(self, T_world_pano: np.ndarray) -> Sequence[MapFrame]:
+    def references(self, T_world_pano: np.ndarray) -> Sequence[ReferenceFrame]:
         return self._mapping
 
     def observe(self, T_world_pano: np.ndarray) -> Panorama:
@@ -167,21 +167,23 @@ def floor_worlds(dataset: Dataset, actual: Sequence[FloorMasks] | None = None) -
     """The floors of a data set that can render, each a world; `actual` as in FloorWorld, in the order of floors(), or
     None: the same.
 
-    Raises DataError where the data set has no floor, or a floor no mapping frame.
+    Raises DataError where the data set has no floor, or a floor no reference frame.
     """
     floors = dataset.floors()
     if not floors:
         raise DataError(f"{dataset.name} has no floor masks, which navigation needs to know where walls are")
     order = sorted(range(len(floors)), key=lambda number: floors[number].z_m)
     by_height = [floors[number] for number in order]
-    own: list[list[MapFrame]] = [[] for _ in floors]
-    for frame in mapping_frames(dataset):
+    own: list[list[ReferenceFrame]] = [[] for _ in floors]
+    for frame in reference_frames(dataset):
         place = find_floor(by_height, frame.T_world_pano[:3, 3])
         if place is not None:
             own[order[place]].append(frame)
     bare = [floor.z_m for floor, taken in zip(floors, own, strict=True) if not taken]
     if bare:
-        raise DataError(f"{dataset.name} has no mapping frame on its floor at z = {bare[0]:g} m, expected at least one")
+        raise DataError(
+            f"{dataset.name} has no reference frame on its floor at z = {bare[0]:g} m, expected at least one"
+        )
     names = ["floor" if len(floors) == 1 else f"floor-{number}" for number in range(len(floors))]
     return [
         FloorWorld(id=name, dataset=dataset, floor=floor, frames=frames, actual=changed)

@@ -6,21 +6,21 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from salframe.panoramas.frames import MapFrame, QueryFrame
+from salframe.panoramas.frames import QueryFrame, ReferenceFrame
 from salframe.panoramas.geometry import equirectangular_rays
 from salframe.panoramas.panorama import Panorama
 
-_Seen = MapFrame | QueryFrame | Panorama
+_Seen = ReferenceFrame | QueryFrame | Panorama
 
 ROWS = 96
 """The panorama is thinned to about this many rows: 2 deg a pixel."""
-LEAST_SLOPE_DEG = 12.0
+MIN_SLOPE_DEG = 12.0
 """Surfaces less far below the horizon are seen at too flat an angle to tell how they lie."""
 LEVEL = 0.93
 """Cosine of the steepest slope (22 deg) of what counts as level."""
 BIN_SHARE = 0.04
 """Heights of the same surface differ by less than about this share."""
-LEAST_SHARE, FLOOR_SHARE = 0.02, 0.3
+MIN_SHARE, FLOOR_SHARE = 0.02, 0.3
 """A surface is a floor where it fills so much of the sphere below the horizon, and so much of what the most visible
 level surface does: the lowest such is the floor, and not the table that the camera stands over."""
 USUAL_M, PLAUSIBLE_M = 1.5, (0.45, 2.8)
@@ -56,7 +56,7 @@ def camera_height(range_m: np.ndarray) -> float | None:
     rays = equirectangular_rays(len(range_m))[step // 2 :: step, step // 2 :: step]
     points = rays * range_m[step // 2 :: step, step // 2 :: step, None]
     down = -points[..., 2]
-    downward = rays[..., 2] <= -np.sin(np.radians(LEAST_SLOPE_DEG))
+    downward = rays[..., 2] <= -np.sin(np.radians(MIN_SLOPE_DEG))
     seen = downward & (down > 0) & (_slope_cosine(points) >= LEVEL)
     if not seen.any():
         return None
@@ -68,7 +68,7 @@ def camera_height(range_m: np.ndarray) -> float | None:
     below = np.append(0, np.cumsum(share))
     first, last = (np.searchsorted(height, height + offset) for offset in (-BIN_SHARE / 2, BIN_SHARE / 2))
     support = below[last] - below[first]
-    floors = np.flatnonzero(support >= max(LEAST_SHARE, FLOOR_SHARE * support.max()))
+    floors = np.flatnonzero(support >= max(MIN_SHARE, FLOOR_SHARE * support.max()))
     if not len(floors):
         return None
     lowest = floors[height[floors] >= height[floors[-1]] - 2 * BIN_SHARE]
@@ -97,16 +97,16 @@ def units_note(frames: Sequence[_Seen]) -> str | None:
     if not heights:
         return None
     height_m = float(np.median(list(heights.values())))
-    least_m, most_m = PLAUSIBLE_M
-    if least_m <= height_m <= most_m:
+    min_m, max_m = PLAUSIBLE_M
+    if min_m <= height_m <= max_m:
         return None
     first = next(iter(heights))
     seen = f"in {first}" if len(heights) == 1 else f"median of {len(heights)} panoramas from {first} on"
     factor = min(UNITS, key=lambda factor: abs(np.log(height_m * factor / USUAL_M)))
     times = f"{round(max(factor, 1 / factor), 2):g} times too {'large' if factor < 1 else 'small'}"
-    plausible = least_m <= height_m * factor <= most_m
+    plausible = min_m <= height_m * factor <= max_m
     cause = f"ranges may be about {times}, likely {UNITS[factor]}" if plausible else "are its ranges in metres?"
-    return f"the floor lies {height_m:.3g} m below the camera ({seen}), expected {least_m:g} to {most_m:g} m: {cause}"
+    return f"the floor lies {height_m:.3g} m below the camera ({seen}), expected {min_m:g} to {max_m:g} m: {cause}"
 
 
 def _few(frames: Sequence[_Seen]) -> list[_Seen]:

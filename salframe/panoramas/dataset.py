@@ -73,12 +73,12 @@ class Dataset(Role):
 
     @abstractmethod
     def folds(self) -> Sequence[Fold]:
-        """Each fold: mapping frames with poses and query frames without. Most sets have one, leave-one-out has many."""
+        """Each fold: reference frames with poses and query frames without. Most sets have one, leave-one-out has many."""
 
     @final
     def view(self, folds: Sequence[Fold]) -> list[Fold]:
         """The folds with queries seen as the settings of QueryView say: what `folds` of a data set gives whose Config
-        has these. Caches know its map frames as if there were none."""
+        has these. Caches know its reference frames as if there were none."""
         if not view_settings(self.config):
             return list(folds)
         return view_queries(folds, self.config, self._stored_key)

@@ -29,7 +29,7 @@ _FLOOR = {
 """What floors.npz holds of a floor."""
 SAME_FLOOR_M = 0.5
 """Masks whose heights differ by less are of one floor."""
-MOST_PIXELS = 1 << 28
+MAX_PIXELS = 1 << 28
 """Larger floors are not joined."""
 
 
@@ -140,10 +140,10 @@ def _lay_over(below: FloorMasks, above: FloorMasks) -> FloorMasks:
     shift = np.round([(top_m - above_top_m) / resolution_m, (above_left_m - left_m) / resolution_m]).astype(int)
     corner = np.minimum(shift, 0)
     rows, columns = (np.maximum(below.region.shape, shift + above.region.shape) - corner).tolist()
-    if rows * columns > MOST_PIXELS:
+    if rows * columns > MAX_PIXELS:
         raise DataError(
             f"masks of the floor at z = {above.z_m:g} m make one of {columns} x {rows} pixels with those of the map, "
-            f"expected at most {MOST_PIXELS}"
+            f"expected at most {MAX_PIXELS}"
         )
     above = _spread(_relabel(above, below), shift - corner, (rows, columns))
     below = _spread(below, -corner, (rows, columns))

@@ -66,7 +66,9 @@ class FolderDataset(Dataset):
     def folds(self) -> Sequence[Fold]:
         entries = self._folder.manifest.frames
         known = self.contents
-        mapping = tuple(self._folder.map_frame(one, known.get(one.id, "")) for one in entries if one.role != "query")
+        mapping = tuple(
+            self._folder.reference_frame(one, known.get(one.id, "")) for one in entries if one.role != "query"
+        )
         queries = tuple(self._folder.query_frame(one, known.get(one.id, "")) for one in entries if one.role == "query")
         folds = self.view([Fold("all", mapping, queries)])
         hidden = getattr(self.config, "hide_query_place", False)  # a data set that renders may do without the setting

@@ -20,7 +20,7 @@ from salframe.framework.validation import Settings
 from salframe.panoramas import images
 from salframe.panoramas.dataset import MANIFEST
 from salframe.panoramas.floors import FloorMasks
-from salframe.panoramas.frames import FrameKind, MapFrame, QueryFrame, Truth
+from salframe.panoramas.frames import FrameKind, QueryFrame, ReferenceFrame, Truth
 from salframe.panoramas.geometry import is_rigid
 from salframe.panoramas.panorama import Annotations, Panorama
 
@@ -46,7 +46,7 @@ Pose = Field(None, min_length=16, max_length=16, description="T_world_pano, 4 x 
 
 
 class FrameEntry(Settings):
-    """A panorama in the manifest: its image files relative to the folder; pose and place of mapping frames only."""
+    """A panorama in the manifest: its image files relative to the folder; pose and place of reference frames only."""
 
     id: str = Field(min_length=1)
     role: Literal["map", "transition", "query"]
@@ -162,13 +162,13 @@ class Folder:
             ) from None
         return Truth(entry.place, pose_matrix(entry.pose), entry.instances)
 
-    def map_frame(self, entry: FrameEntry, content: str = "") -> MapFrame:
-        """A mapping frame of the manifest, of this `content`; its images are read when it is loaded."""
+    def reference_frame(self, entry: FrameEntry, content: str = "") -> ReferenceFrame:
+        """A reference frame of the manifest, of this `content`; its images are read when it is loaded."""
         kind = FrameKind.TRANSITION if entry.role == "transition" else FrameKind.SCENE
         pose, place = pose_matrix(entry.pose), entry.place
         if pose is None or place is None:
             raise DataError(f"{self.root / MANIFEST}: the {entry.role} frame {entry.id} has no pose or no place")
-        return MapFrame(entry.id, place, pose, kind, partial(self.load, entry), content)
+        return ReferenceFrame(entry.id, place, pose, kind, partial(self.load, entry), content)
 
     def query_frame(self, entry: FrameEntry, content: str = "") -> QueryFrame:
         """A query of the manifest, of this `content`; its images are read when it is loaded."""

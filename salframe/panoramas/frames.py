@@ -14,7 +14,7 @@ from salframe.panoramas.panorama import Panorama
 
 
 class FrameKind(StrEnum):
-    """What a mapping frame shows: a place of its own, or the doorway between two."""
+    """What a reference frame shows: a place of its own, or the doorway between two."""
 
     SCENE = "scene"
     TRANSITION = "transition"
@@ -25,8 +25,8 @@ def _no_panorama() -> Panorama:
 
 
 @dataclass(frozen=True, eq=False)
-class MapFrame:
-    """A mapping frame: its id, its place, where it stands, T_world_pano (4, 4) float64, and what it shows.
+class ReferenceFrame:
+    """A reference frame: its id, its place, where it stands, T_world_pano (4, 4) float64, and what it shows.
 
     `load` gives its panorama; frames of a saved map have none, and raise DataError. `content` is what caches know the
     panorama by beside the id, "" the data set's content_key: data sets that show the same give the same. Raises
@@ -51,7 +51,7 @@ class MapFrame:
 
 @dataclass(frozen=True, eq=False)
 class QueryFrame:
-    """A panorama to localize: its id and `load`, which gives it; `content` as in MapFrame. Where it was taken is the
+    """A panorama to localize: its id and `load`, which gives it; `content` as in ReferenceFrame. Where it was taken is the
     data set's truth."""
 
     id: str
@@ -73,5 +73,5 @@ class Fold:
     """One map and the queries asked of it."""
 
     id: str
-    mapping: tuple[MapFrame, ...]
+    references: tuple[ReferenceFrame, ...]
     queries: tuple[QueryFrame, ...]

@@ -9,7 +9,7 @@ import numpy as np
 
 from salframe.framework.component import match_only
 from salframe.panoramas.floors import FloorMasks, find_floor
-from salframe.panoramas.frames import Fold, FrameKind, MapFrame, QueryFrame, Truth
+from salframe.panoramas.frames import Fold, FrameKind, QueryFrame, ReferenceFrame, Truth
 
 DOORWAY_M = 0.75
 """A doorway's panorama shows the places whose floor comes as near to it as this."""
@@ -17,7 +17,7 @@ DOORWAY_M = 0.75
 
 def hide_query_place_setting() -> Any:
     """The default of a dataset's setting `hide_query_place`, whose folds then come from `add_hidden_places`."""
-    help = "ask each query once more, of a map without its place and the doorways to it: the right answer is not-here"
+    help = "ask each query once more, of a map without its place and the doorways to it: the right answer is out-of-map"
     return match_only(False, description=help)
 
 
@@ -33,18 +33,20 @@ def add_hidden_places(
         for query in fold.queries:
             queries.setdefault(truth(query.id).place, []).append(query)
         for place, asked in queries.items():
-            mapping = _without(fold.mapping, place, floors)
-            if mapping:
-                extended.append(Fold(f"{fold.id} without {place}", mapping, tuple(asked)))
+            references = _without(fold.references, place, floors)
+            if references:
+                extended.append(Fold(f"{fold.id} without {place}", references, tuple(asked)))
     return extended
 
 
-def _without(mapping: Sequence[MapFrame], place: str, floors: Sequence[FloorMasks]) -> tuple[MapFrame, ...]:
-    """The mapping frames that are neither of a place nor of a doorway to it."""
+def _without(
+    references: Sequence[ReferenceFrame], place: str, floors: Sequence[FloorMasks]
+) -> tuple[ReferenceFrame, ...]:
+    """The reference frames that are neither of a place nor of a doorway to it."""
     floors = sorted(floors, key=lambda floor: floor.z_m)
     floor_m = [_floor_of(place, floor) for floor in floors]
     kept = []
-    for frame in mapping:
+    for frame in references:
         at_m, leads_there = frame.T_world_pano[:3, 3], False
         number = find_floor(floors, at_m)
         if frame.kind is FrameKind.TRANSITION and number is not None:

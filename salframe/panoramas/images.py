@@ -15,7 +15,7 @@ _PNG_COMPRESSION, _JPEG_QUALITY = 16, 1
 _ENCODING = {".png": [_PNG_COMPRESSION, 2], ".jpg": [_JPEG_QUALITY, 93], ".jpeg": [_JPEG_QUALITY, 93]}
 MILLIMETRE = 0.001
 """One step of a range image in metres."""
-_MOST = np.iinfo(np.uint16).max
+_MAX = np.iinfo(np.uint16).max
 
 
 def read_color(path: Path) -> np.ndarray:
@@ -42,7 +42,7 @@ def read_range(path: Path, unit_m: float = MILLIMETRE) -> np.ndarray:
 def write_range(path: Path, range_m: np.ndarray) -> None:
     """Write (H, W) range in metres as 16-bit millimetres; NaN and what 16 bits cannot hold (65.5 m) become 0."""
     millimetres = np.round(np.nan_to_num(range_m.astype(np.float64)) / MILLIMETRE)
-    _write(path, np.where(millimetres <= _MOST, millimetres, 0).astype(np.uint16))
+    _write(path, np.where(millimetres <= _MAX, millimetres, 0).astype(np.uint16))
 
 
 def read_ids(path: Path) -> np.ndarray:
@@ -58,8 +58,8 @@ def read_ids(path: Path) -> np.ndarray:
 
 def write_ids(path: Path, ids: np.ndarray) -> None:
     """Write (H, W) ids as a 16-bit grey image. Raises DataError on ids outside 0 to 65535."""
-    if ids.min(initial=0) < 0 or ids.max(initial=0) > _MOST:
-        raise DataError(f"{path}: ids from {ids.min()} to {ids.max()}, expected 0 to {_MOST}")
+    if ids.min(initial=0) < 0 or ids.max(initial=0) > _MAX:
+        raise DataError(f"{path}: ids from {ids.min()} to {ids.max()}, expected 0 to {_MAX}")
     _write(path, ids.astype(np.uint16))
 
 

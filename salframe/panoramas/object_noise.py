@@ -13,7 +13,7 @@ from salframe.framework.validation import Settings
 from salframe.panoramas.geometry import pose_2d, transform_points
 from salframe.panoramas.panorama import Annotations, ObjectBoxes, Panorama
 
-LEAST_FACTOR = 0.1
+MIN_FACTOR = 0.1
 """An object is at no less than this share of its range, however unlucky the draw."""
 
 
@@ -68,7 +68,7 @@ def spoil_annotations(panorama: Panorama, noise: AnnotationNoise, seed: int) -> 
     def draw(key: int, label: str) -> _Draw:
         rng = np.random.default_rng((seed, frame, key))
         missed, mislabelled, doubled = rng.random(3) < (noise.missed, noise.mislabelled, noise.made_up)
-        factor = max(1 + noise.range_share * rng.standard_normal(), LEAST_FACTOR)
+        factor = max(1 + noise.range_share * rng.standard_normal(), MIN_FACTOR)
         turn_rad = rng.uniform(0, 2 * np.pi)
         wrong = [another_label(label, vocabulary, rng) for _ in range(2)]
         return _Draw(missed, wrong[0] if mislabelled else label, factor, wrong[1] if doubled else None, turn_rad)

@@ -16,7 +16,7 @@ from salframe.framework.engines.engine import Engine, open_engine
 from salframe.framework.errors import DataError, UnknownName, unknown
 from salframe.panoramas.dataset import MANIFEST, Dataset
 from salframe.panoramas.folder import FolderDataset
-from salframe.panoramas.frames import MapFrame, QueryFrame
+from salframe.panoramas.frames import QueryFrame, ReferenceFrame
 
 Progress = Callable[[str, int, int], None]
 """progress(what, done, total): `what` is a data set's name while it is prepared, or a method's label."""
@@ -76,16 +76,16 @@ def find_dataset(
     return open_dataset(config, progress and partial(progress, name), made)
 
 
-def mapping_frames(dataset: Dataset) -> list[MapFrame]:
-    """The mapping frames of all folds, each once."""
-    return list({frame.id: frame for fold in dataset.folds() for frame in fold.mapping}.values())
+def reference_frames(dataset: Dataset) -> list[ReferenceFrame]:
+    """The reference frames of all folds, each once."""
+    return list({frame.id: frame for fold in dataset.folds() for frame in fold.references}.values())
 
 
-def find_frame(dataset: Dataset, name: str) -> MapFrame | QueryFrame:
-    """The query or mapping frame of this id. Raises UnknownName with the closest one."""
-    frames: dict[str, MapFrame | QueryFrame] = {}
+def find_frame(dataset: Dataset, name: str) -> ReferenceFrame | QueryFrame:
+    """The query or reference frame of this id. Raises UnknownName with the closest one."""
+    frames: dict[str, ReferenceFrame | QueryFrame] = {}
     for fold in dataset.folds():
-        frames.update((frame.id, frame) for frame in fold.mapping)
+        frames.update((frame.id, frame) for frame in fold.references)
         frames.update((query.id, query) for query in fold.queries)
     if name not in frames:
         raise UnknownName(unknown("frame", name, list(frames)))
@@ -115,7 +115,7 @@ def open_frame(
     data_dir: str | Path | None = None,
     overrides: Sequence[str] = (),
     progress: Progress | None = None,
-) -> MapFrame | QueryFrame:
+) -> ReferenceFrame | QueryFrame:
     """The frame of this id in a dataset; without one, the frame that the image at this path belongs to.
 
     Raises DataError, UnknownName.

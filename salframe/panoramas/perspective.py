@@ -84,7 +84,7 @@ def _sampling(rig: ViewRig, height: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def turned_similarity(query: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """(F, V) float: how alike a query's views (V, G) are to those of each map frame (F, V, G) when turned by 0 to V - 1
+    """(F, V) float: how alike a query's views (V, G) are to those of each reference frame (F, V, G) when turned by 0 to V - 1
     views.
 
     G values a view, of unit length, or zeros where it shows nothing. The mean cosine over query view i and map view i +

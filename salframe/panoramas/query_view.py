@@ -13,7 +13,7 @@ from salframe.framework.component import ComponentConfig, added
 from salframe.framework.components.identity import settings_identity
 from salframe.framework.errors import InputMissing
 from salframe.framework.files.hashes import digest
-from salframe.panoramas.frames import Fold, MapFrame, QueryFrame
+from salframe.panoramas.frames import Fold, QueryFrame, ReferenceFrame
 from salframe.panoramas.geometry import equirectangular_rays
 from salframe.panoramas.object_noise import AnnotationNoise, spoil_annotations
 from salframe.panoramas.panorama import Panorama
@@ -46,7 +46,7 @@ class QueryView(ComponentConfig):
         "width: 1, 2, 3 are 90, 53, 37 deg across and, at 4:3, 74, 41, 28 deg from top to bottom; null: panoramas",
     )
     query_noise: AnnotationNoise = added(
-        AnnotationNoise(), match_only=True, description="errors in the annotations of queries, not of map frames"
+        AnnotationNoise(), match_only=True, description="errors in the annotations of queries, not of reference frames"
     )
 
 
@@ -81,14 +81,14 @@ def view_queries(folds: Sequence[Fold], config: ComponentConfig, stored_key: str
     view = view_settings(config)
 
     @cache  # folds share their frames
-    def stored(frame: MapFrame) -> MapFrame:
+    def stored(frame: ReferenceFrame) -> ReferenceFrame:
         return replace(frame, content=frame.content or stored_key)
 
     def seen(query: QueryFrame) -> QueryFrame:
         content = digest([query.content or stored_key, view])
         return QueryFrame(query.id, partial(_load_seen, query, config), content)
 
-    return [Fold(fold.id, tuple(map(stored, fold.mapping)), tuple(map(seen, fold.queries))) for fold in folds]
+    return [Fold(fold.id, tuple(map(stored, fold.references)), tuple(map(seen, fold.queries))) for fold in folds]
 
 
 def _load_seen(query: QueryFrame, config: ComponentConfig) -> Panorama:

@@ -40,16 +40,16 @@ class RangeModel(Role):
 
 
 def estimate_range(
-    model: RangeModel, panorama: Panorama, cache: Cache | None = None, known_by: Mapping[str, str] | None = None
+    model: RangeModel, panorama: Panorama, cache: Cache | None = None, cache_key: Mapping[str, str] | None = None
 ) -> tuple[Panorama, float]:
     """The panorama with the range that a model estimates, unknown where nothing was seen, and `range_by` the model's
     name; the seconds that it took when it was estimated.
 
-    With a cache, `known_by` (the content_key of its dataset and the id of its frame) stands for the colour, and methods
+    With a cache, `cache_key` (the content_key of its dataset and the id of its frame) stands for the colour, and methods
     that share a model share its estimates. Raises InputMissing where the panorama lacks what the model needs,
     InvalidAnswer on an answer that is no range image.
     """
-    key = {**(known_by or {}), "range": identity(model.config)}
+    key = {**(cache_key or {}), "range": identity(model.config)}
     known = None if cache is None else cache.get(key)
     if known is None:
         absent = sorted(model.needs - panorama.provides)

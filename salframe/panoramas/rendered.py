@@ -81,7 +81,7 @@ class RenderedDataset(FolderDataset, Generic[Frame]):
 
     @abstractmethod
     def list_frames(self) -> Sequence[Frame]:
-        """The panoramas of the data set, mapping frames and queries. A query's id must not tell where it was taken."""
+        """The panoramas of the data set, reference frames and queries. A query's id must not tell where it was taken."""
 
     def depends_on(self, frame: Frame) -> str:
         """A digest of all that the pixels of a frame depend on, besides the frame itself and the version: that of the

@@ -9,7 +9,7 @@ from functools import cached_property
 from salframe.framework.errors import SalframeError
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.floors import FloorMasks
-from salframe.panoramas.frames import Fold, MapFrame, QueryFrame, Truth
+from salframe.panoramas.frames import Fold, QueryFrame, ReferenceFrame, Truth
 from salframe.panoramas.geometry import is_rigid
 from salframe.panoramas.panorama import Panorama
 from salframe.testing.asking import DoesNotApply, attempt, expect, same
@@ -18,7 +18,7 @@ from salframe.testing.rules import Rules
 
 
 class DatasetRules(Rules[Dataset]):
-    """Folds of mapping frames with poses and queries without, a truth for each query, and panoramas that have what
+    """Folds of reference frames with poses and queries without, a truth for each query, and panoramas that have what
     `provides` says."""
 
     @cached_property
@@ -55,7 +55,7 @@ class DatasetRules(Rules[Dataset]):
 
     def panoramas_have_what_is_provided(self) -> None:
         for fold in (self._folds[0], self._folds[-1]):
-            for mapped in fold.mapping[:1]:
+            for mapped in fold.references[:1]:
                 _check_panorama(self._dataset, mapped)
             for query in fold.queries[:1]:
                 _check_panorama(self._dataset, query)
@@ -82,19 +82,19 @@ class DatasetRules(Rules[Dataset]):
 def _check_fold(dataset: Dataset, fold: Fold) -> None:
     checked = f"fold {fold.id}"
     expect(
-        fold.mapping and fold.queries,
+        fold.references and fold.queries,
         checked,
-        f"{len(fold.mapping)} mapping frames and {len(fold.queries)} queries",
+        f"{len(fold.references)} reference frames and {len(fold.queries)} queries",
         "at least one of each",
     )
-    ids = [*(frame.id for frame in fold.mapping), *(frame.id for frame in fold.queries)]
+    ids = [*(frame.id for frame in fold.references), *(frame.id for frame in fold.queries)]
     twice = [id for id, count in Counter(ids).items() if count > 1]
     expect(not twice, checked, f"more than one frame {', '.join(twice)}", "a name of its own for each frame")
-    for frame in fold.mapping:
-        expect(isinstance(frame, MapFrame), f"mapping frame {frame.id}", type(frame).__name__, "MapFrame")
+    for frame in fold.references:
+        expect(isinstance(frame, ReferenceFrame), f"reference frame {frame.id}", type(frame).__name__, "ReferenceFrame")
         expect(
             frame.place and is_rigid(frame.T_world_pano),
-            f"mapping frame {frame.id}",
+            f"reference frame {frame.id}",
             f"place {frame.place!r} and pose {frame.T_world_pano}",
             "a place and a rigid motion (4, 4)",
         )
@@ -111,7 +111,7 @@ def _check_fold(dataset: Dataset, fold: Fold) -> None:
         )
 
 
-def _check_panorama(dataset: Dataset, frame: MapFrame | QueryFrame) -> None:
+def _check_panorama(dataset: Dataset, frame: ReferenceFrame | QueryFrame) -> None:
     checked = f"load of {frame.id}"
     panorama = attempt(checked, frame.load)
     expect(isinstance(panorama, Panorama), checked, type(panorama).__name__, "Panorama")

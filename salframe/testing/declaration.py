@@ -52,6 +52,6 @@ def check_config(component: type[Component], config: ComponentConfig | None) -> 
         "Config read from its own JSON", component.Config.model_validate, json.loads(used.model_dump_json())
     )
     expect(again == used, "Config read from its own JSON", again, repr(used))
-    known_by = attempt("identity of the settings as JSON", lambda: digest(identity(used)))
-    expect(digest(identity(again)) == known_by, "identity of the settings read from JSON", "another one", "the same")
+    cache_key = attempt("identity of the settings as JSON", lambda: digest(identity(used)))
+    expect(digest(identity(again)) == cache_key, "identity of the settings read from JSON", "another one", "the same")
     return used

@@ -37,7 +37,7 @@ def check_files(config: ComponentConfig) -> None:
 
 
 def check_identities(
-    make: Callable[[], Any], known_by: Callable[[Any], Any], describe: Callable[[Any], Any], what: str
+    make: Callable[[], Any], cache_key: Callable[[Any], Any], describe: Callable[[Any], Any], what: str
 ) -> None:
     """Another value of a `match_only` setting leaves the identity and the description of a panorama as they are;
     another content of a UserFile gives another identity.
@@ -50,16 +50,20 @@ def check_identities(
         if matters_to_matching_only(field):
             other = another_config(component.config, name)
             if other is not None:
-                _check_match_only(component, type(component)(other), known_by, describe, f"{what} with another {name}")
+                _check_match_only(component, type(component)(other), cache_key, describe, f"{what} with another {name}")
     for file in _user_files(component.config):
         if not file.match_only:
-            _check_file(type(component), known_by, file, what)
+            _check_file(type(component), cache_key, file, what)
 
 
 def _check_match_only(
-    component: Component, other: Component, known_by: Callable[[Any], Any], describe: Callable[[Any], Any], checked: str
+    component: Component,
+    other: Component,
+    cache_key: Callable[[Any], Any],
+    describe: Callable[[Any], Any],
+    checked: str,
 ) -> None:
-    before, after = (attempt(checked, lambda one: digest(known_by(one)), one) for one in (component, other))
+    before, after = (attempt(checked, lambda one: digest(cache_key(one)), one) for one in (component, other))
     expect(before == after, checked, "another one", "the same: the setting is match_only")
     before, after = (attempt(checked, describe, one) for one in (component, other))
     expect(same(before, after), checked, "another description", "the same: the setting is match_only")
@@ -141,7 +145,7 @@ def _types_in(annotation: Any) -> Iterator[type]:
 
 
 def _check_file(
-    make: Callable[[ComponentConfig], Any], known_by: Callable[[Any], Any], setting: _FileSetting, what: str
+    make: Callable[[ComponentConfig], Any], cache_key: Callable[[Any], Any], setting: _FileSetting, what: str
 ) -> None:
     """One file with two contents, and a copy of the latter by another name. A setting that takes no such file, and a
     component that cannot be made with one, are left alone."""
@@ -158,7 +162,7 @@ def _check_file(
                 made = make(config)
             except Exception:
                 return  # the suite cannot write a file of the component's own format
-            received.append(attempt(checked, lambda one: digest(known_by(one)), made))
+            received.append(attempt(checked, lambda one: digest(cache_key(one)), made))
     first, other, copy = received
     expect(other != first, checked, "the same one", "another one")
     expect(copy == other, f"{what} with another name of the file {setting.key}", "another one", "the same one")

@@ -14,7 +14,7 @@ from salframe.localization.answers import Localization, LocalizationStatus
 from salframe.localization.describing import complete_panorama, required_parts
 from salframe.localization.localizer import Description, Localizer
 from salframe.localization.map import LocalizationMap
-from salframe.panoramas.frames import MapFrame
+from salframe.panoramas.frames import ReferenceFrame
 from salframe.panoramas.geometry import pose_2d, pose_errors
 from salframe.panoramas.panorama import Panorama
 from salframe.testing.asking import ask, attempt, expect, same
@@ -31,7 +31,7 @@ class LocalizerRules(Rules[Localizer]):
     """Well-formed answers from any map, the same after saving and loading, and a pose that turns with the panorama."""
 
     @cached_property
-    def _frames(self) -> list[MapFrame]:
+    def _frames(self) -> list[ReferenceFrame]:
         return map_frames()
 
     @cached_property
@@ -54,9 +54,9 @@ class LocalizerRules(Rules[Localizer]):
         expect(self._answers, "match", "no answer", "an answer to each query")
 
     def it_is_known_by_its_settings(self) -> None:
-        known_by = attempt("describe_identity as JSON", lambda: digest(self._localizer.describe_identity()))
+        cache_key = attempt("describe_identity as JSON", lambda: digest(self._localizer.describe_identity()))
         other = digest(self.make().describe_identity())
-        expect(other == known_by, "describe_identity of another instance", "another one", "the same")
+        expect(other == cache_key, "describe_identity of another instance", "another one", "the same")
 
     def settings_change_what_they_may(self) -> None:
         query, _ = self._answers[0]
@@ -87,13 +87,13 @@ class LocalizerRules(Rules[Localizer]):
             for query, answer in self._answers:
                 checked = f"match of the {query.id} after save and open"
                 again = attempt(checked, lambda query: opened.answer(_describe(opened.localizer, query)), query)
-                for field in ("status", "places", "T_world_query", "covariance", "not_here"):
+                for field in ("status", "places", "T_world_query", "covariance", "out_of_map_probability"):
                     before, after = getattr(answer, field), getattr(again, field)
                     expect(same(before, after, _ROUNDING), checked, f"{field} {after}", f"{before} as before")
 
     def small_maps_answer(self) -> None:
         """What a vocabulary is learnt from, or a score divided by, may be missing altogether."""
-        nothing = MapFrame("nothing", "nowhere", np.eye(4), load=lambda: blind(PARTS))
+        nothing = ReferenceFrame("nothing", "nowhere", np.eye(4), load=lambda: blind(PARTS))
         first = self._frames[0]
         for what, few in (
             ("one frame", [first]),
@@ -105,7 +105,7 @@ class LocalizerRules(Rules[Localizer]):
                 _answer(small, f"of the {query.id} in a map of {what}", query, few)
 
 
-def _build(checked: str, localizer: Localizer, frames: Sequence[MapFrame]) -> LocalizationMap:
+def _build(checked: str, localizer: Localizer, frames: Sequence[ReferenceFrame]) -> LocalizationMap:
     built: LocalizationMap = attempt(checked, LocalizationMap.build, localizer, frames)
     return built
 
@@ -115,7 +115,7 @@ def _describe(localizer: Localizer, panorama: Panorama) -> Description:
     return localizer.describe(complete_panorama(localizer, panorama)[0])
 
 
-def _answer(known: LocalizationMap, what: str, panorama: Panorama, frames: Sequence[MapFrame]) -> Localization:
+def _answer(known: LocalizationMap, what: str, panorama: Panorama, frames: Sequence[ReferenceFrame]) -> Localization:
     """Describe and match, with every rule on the description and the answer checked."""
     description: Description = ask(f"describe {what}", lambda seen: _describe(known.localizer, seen), panorama)
     arrays = all(isinstance(array, np.ndarray) and array.dtype != object for array in description.values())
@@ -137,7 +137,7 @@ def _answer(known: LocalizationMap, what: str, panorama: Panorama, frames: Seque
         f"scores {scores}",
         "finite ones, best first",
     )
-    # That there is one for each place and that they and `not_here` are one together was checked when they were made.
+    # That there is one for each place and that they and `out_of_map_probability` are one together was checked when they were made.
     shares = [ranked.probability for ranked in answer.places if ranked.probability is not None]
     expect(shares == sorted(shares, reverse=True), checked, f"the probabilities {shares}", "the best place's first")
     pose = answer.T_world_query

@@ -12,7 +12,7 @@ import numpy as np
 from salframe.graphs.boxes import detections_from_points
 from salframe.graphs.detections import Detections
 from salframe.graphs.graph import GraphConfig, SaliencyGraph, build_graph
-from salframe.panoramas.frames import MapFrame, QueryFrame, Truth
+from salframe.panoramas.frames import QueryFrame, ReferenceFrame, Truth
 from salframe.panoramas.geometry import equirectangular_rays, invert_pose, pose_2d, transform_points
 from salframe.panoramas.panorama import PARTS, Annotations, Panorama
 
@@ -32,7 +32,7 @@ class Box:
 
 
 @dataclass(frozen=True)
-class Room:
+class FurnishedRoom:
     """A box to stand in from (0, 0, 0) to size_m, the furniture in it, and where its corner lies in the world."""
 
     name: str
@@ -40,13 +40,13 @@ class Room:
     boxes: tuple[Box, ...]
     corner_m: tuple[float, float] = (0.0, 0.0)
 
-    def emptied(self) -> Room:
+    def emptied(self) -> FurnishedRoom:
         """The same walls without furniture."""
         return replace(self, boxes=())
 
 
 ROOMS = (
-    Room(
+    FurnishedRoom(
         "bedroom",
         (4.2, 3.6, 2.6),
         (
@@ -59,7 +59,7 @@ ROOMS = (
             Box("picture", (1.2, 3.58, 1.6), (0.8, 0.04, 0.6)),
         ),
     ),
-    Room(
+    FurnishedRoom(
         "kitchen",
         (3.4, 3.0, 2.6),
         (
@@ -72,7 +72,7 @@ ROOMS = (
         ),
         (6.0, 0.0),
     ),
-    Room(
+    FurnishedRoom(
         "lounge",
         (5.0, 4.0, 2.6),
         (
@@ -88,14 +88,14 @@ ROOMS = (
 )
 
 
-def stand(room: Room, x_share: float = 0.5, y_share: float = 0.5, yaw_rad: float = 0.3) -> np.ndarray:
+def stand(room: FurnishedRoom, x_share: float = 0.5, y_share: float = 0.5, yaw_rad: float = 0.3) -> np.ndarray:
     """T_world_pano (4, 4) of a camera at eye height, at these shares of the room's sides."""
     return pose_2d(
         room.corner_m[0] + x_share * room.size_m[0], room.corner_m[1] + y_share * room.size_m[1], yaw_rad, EYE_M
     )
 
 
-def look(room: Room, id: str, T_world_pano: np.ndarray, parts: Set[str] = PARTS) -> Panorama:
+def look(room: FurnishedRoom, id: str, T_world_pano: np.ndarray, parts: Set[str] = PARTS) -> Panorama:
     """What a camera in the room sees: range to the surfaces along each ray, the box that each ray meets, and a pattern
     to tell surfaces by.
 
@@ -121,7 +121,7 @@ def look(room: Room, id: str, T_world_pano: np.ndarray, parts: Set[str] = PARTS)
     )
 
 
-def _paint(room: Room, points_m: np.ndarray, instance_id: np.ndarray) -> np.ndarray:
+def _paint(room: FurnishedRoom, points_m: np.ndarray, instance_id: np.ndarray) -> np.ndarray:
     """(H, 2H, 3) uint8: a colour of its own for each surface, in patches of 8 cm of random lightness."""
     seeds = [zlib.crc32(name.encode()) for name in (room.name, *(f"{room.name} {box.label}" for box in room.boxes))]
     colour = np.array([np.random.default_rng(seed).uniform(60, 230, 3) for seed in seeds])
@@ -168,16 +168,16 @@ def _changed(panorama: Panorama, change: Callable[[np.ndarray], np.ndarray]) -> 
     return replace(panorama, rgb=rgb, range_m=range_m, annotations=annotations)
 
 
-def map_frames(parts: Set[str] = PARTS) -> list[MapFrame]:
-    """A mapping frame in the middle of each room."""
+def map_frames(parts: Set[str] = PARTS) -> list[ReferenceFrame]:
+    """A reference frame in the middle of each room."""
     return [
-        MapFrame(f"{room.name}-map", room.name, pose, load=partial(look, room, f"{room.name}-map", pose, parts))
+        ReferenceFrame(f"{room.name}-map", room.name, pose, load=partial(look, room, f"{room.name}-map", pose, parts))
         for room, pose in ((room, stand(room)) for room in ROOMS)
     ]
 
 
 def query_frames(parts: Set[str] = PARTS) -> list[QueryFrame]:
-    """A query in each room, beside the mapping frame and turned."""
+    """A query in each room, beside the reference frame and turned."""
     return [QueryFrame(id, partial(look, room, id, pose, parts)) for id, room, pose in _queries()]
 
 
@@ -186,11 +186,11 @@ def query_truths() -> dict[str, Truth]:
     return {id: Truth(room.name, pose) for id, room, pose in _queries()}
 
 
-def _queries() -> list[tuple[str, Room, np.ndarray]]:
+def _queries() -> list[tuple[str, FurnishedRoom, np.ndarray]]:
     return [(f"{room.name}-query", room, stand(room, 0.55, 0.45, 2.0 + i)) for i, room in enumerate(ROOMS)]
 
 
-def box_detections(room: Room) -> Detections:
+def box_detections(room: FurnishedRoom) -> Detections:
     """The furniture as a perfect detector would give it from the middle of the room, each object by the eight corners
     of its box."""
     T_pano_world = invert_pose(stand(room))
@@ -200,7 +200,7 @@ def box_detections(room: Room) -> Detections:
     return detections_from_points([box.label for box in room.boxes], np.ones(len(points)), points)
 
 
-def room_graph(room: Room) -> SaliencyGraph:
+def room_graph(room: FurnishedRoom) -> SaliencyGraph:
     """The room's saliency graph, saliency the share of the boxes' volume."""
     detections = box_detections(room)
     volume = detections.size_m.prod(1)

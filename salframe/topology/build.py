@@ -1,4 +1,4 @@
-"""From floor masks and mapping frames to the topological map (docs/how-to/maps.md#what-the-map-is-made-of)."""
+"""From floor masks and reference frames to the topological map (docs/how-to/maps.md#what-the-map-is-made-of)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from salframe.framework.errors import DataError
 from salframe.panoramas.floors import FloorMasks, find_floor
-from salframe.panoramas.frames import FrameKind, MapFrame
+from salframe.panoramas.frames import FrameKind, ReferenceFrame
 from salframe.topology.edges import components, joining_paths, make_edge, sight_pairs
 from salframe.topology.grid import FloorGrid, cell, nearest_pixel
 from salframe.topology.topological_map import MapEdge, MapNode, NodeKind, TopologicalMap, TopologySettings
@@ -19,9 +19,9 @@ from salframe.topology.transitions import Doorway, close_doorways
 
 
 def build_topology(
-    floors: Sequence[FloorMasks], frames: Iterable[MapFrame] = (), settings: TopologySettings | None = None
+    floors: Sequence[FloorMasks], frames: Iterable[ReferenceFrame] = (), settings: TopologySettings | None = None
 ) -> TopologicalMap:
-    """The topological map of floors: transition nodes from the masks, scene nodes from mapping frames, edges by sight
+    """The topological map of floors: transition nodes from the masks, scene nodes from reference frames, edges by sight
     over clear floor.
 
     Frames of kind "scene" are scene points, those of kind "transition" are handed to the transition node they stand at.
@@ -58,12 +58,14 @@ def build_topology(
     return TopologicalMap(tuple(nodes), tuple(edges), tuple(floors), settings, tuple(notes))
 
 
-def _share_out(frames: Sequence[MapFrame], floors: Sequence[FloorMasks], notes: list[str]) -> list[list[MapFrame]]:
+def _share_out(
+    frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks], notes: list[str]
+) -> list[list[ReferenceFrame]]:
     """The frames of each floor."""
     for lower, upper in pairwise(floors):
         if lower.z_m == upper.z_m:
             raise DataError(f"two floors are at z = {lower.z_m:g} m, expected a z_m of its own for each floor")
-    frames_of: list[list[MapFrame]] = [[] for _ in floors]
+    frames_of: list[list[ReferenceFrame]] = [[] for _ in floors]
     for frame in frames:
         number = find_floor(floors, frame.T_world_pano[:3, 3])
         if number is None:
@@ -80,7 +82,12 @@ class _FloorMap:
     """Nodes and edges of one floor; what a reader must know is added to `notes`."""
 
     def __init__(
-        self, floor: FloorMasks, frames: Sequence[MapFrame], settings: TopologySettings, choose: bool, notes: list[str]
+        self,
+        floor: FloorMasks,
+        frames: Sequence[ReferenceFrame],
+        settings: TopologySettings,
+        choose: bool,
+        notes: list[str],
     ) -> None:
         self._grid = FloorGrid(floor, settings.robot_radius_m)
         self._settings = settings
@@ -112,9 +119,9 @@ class _FloorMap:
         self.nodes.append(MapNode(id, kind, self._grid.world(pixel), regions, frames))
         self._positions.append(pixel)
 
-    def _add_scenes(self, frames: Sequence[MapFrame]) -> None:
+    def _add_scenes(self, frames: Sequence[ReferenceFrame]) -> None:
         """A scene node where each frame stands; frames over one pixel share it."""
-        at: dict[tuple[int, int], list[tuple[MapFrame, np.ndarray]]] = {}
+        at: dict[tuple[int, int], list[tuple[ReferenceFrame, np.ndarray]]] = {}
         for frame in frames:
             pixel = self._snap(frame)
             if pixel is not None:
@@ -124,7 +131,7 @@ class _FloorMap:
             region = self._names.get(int(self._grid.label[row, column]), frame.place)
             self._add(frame.id, NodeKind.SCENE, pixel, (region,), tuple(other.id for other, _ in here))
 
-    def _snap(self, frame: MapFrame) -> np.ndarray | None:
+    def _snap(self, frame: ReferenceFrame) -> np.ndarray | None:
         """The clear pixel position nearest to a frame, one of the frame's own place where the floor has it; None where
         there is none near."""
         grid, reach_m = self._grid, self._settings.snap_m
@@ -142,7 +149,7 @@ class _FloorMap:
         self._notes.append(f"{why}: its node is {away_m:.2f} m from it")
         return pixel
 
-    def _choose_scenes(self, frames: Sequence[MapFrame]) -> None:
+    def _choose_scenes(self, frames: Sequence[ReferenceFrame]) -> None:
         """A scene node where each region is widest; it takes the frames of its place."""
         clear = np.where(self._grid.clear, self._grid.clearance_m, -1.0)
         for label, name in self._names.items():
@@ -174,7 +181,7 @@ class _FloorMap:
                 id = name if count[name] == 1 else f"{name}/{count[name]}"
                 self._add(id, NodeKind.TRANSITION, np.array(point) + 0.5, (first, second), ())
 
-    def _hand_frames(self, frames: Sequence[MapFrame]) -> None:
+    def _hand_frames(self, frames: Sequence[ReferenceFrame]) -> None:
         """Hand each transition frame to the transition node it stands at."""
         doors = [number for number, node in enumerate(self.nodes) if node.kind is NodeKind.TRANSITION]
         for frame in frames:

@@ -12,9 +12,9 @@ from salframe.localization.answers import Localization
 from salframe.localization.map import LocalizationMap, build_localization
 from salframe.localization.map_files import MapParts, check_output, read_map, write_map
 from salframe.localization.preparing import Tell, prepare, silent
-from salframe.panoramas.frames import MapFrame, QueryFrame
+from salframe.panoramas.frames import QueryFrame, ReferenceFrame
 from salframe.panoramas.geometry import pose_yaw
-from salframe.panoramas.opening import Progress, mapping_frames
+from salframe.panoramas.opening import Progress, reference_frames
 from salframe.panoramas.panorama import Panorama
 from salframe.topology.build import build_topology
 from salframe.topology.planner import Route
@@ -80,7 +80,7 @@ def build_map(
         raise ConfigError("received both choose and no topology, expected one of them: choose places the scene nodes")
     check_output(output)
     name, dataset, localizer = prepare(data, method, data_dir, overrides, engine, progress, tell)
-    floors, frames = dataset.floors() if topology else (), mapping_frames(dataset)
+    floors, frames = dataset.floors() if topology else (), reference_frames(dataset)
     if choose and not floors:
         raise DataError(f"{dataset.name} has no floor masks, expected a dataset with floor masks for its topology")
     made = None
@@ -118,11 +118,14 @@ class Whereabouts:
 
 
 def ask_map(
-    directory: str | Path, frame: MapFrame | QueryFrame | Panorama, goal: str | None = None, planner: str | None = None
+    directory: str | Path,
+    frame: ReferenceFrame | QueryFrame | Panorama,
+    goal: str | None = None,
+    planner: str | None = None,
 ) -> Whereabouts:
     """Localize a query with a saved map, find the nearest node, and plan the route to a node or place.
 
-    With a pose the route begins there, at the node `here`; without, at the node of the map frame that answered. Raises
+    With a pose the route begins there, at the node `here`; without, at the node of the reference frame that answered. Raises
     DataError where the map has no localizer, or no topology to plan a route on; UnknownName on a goal that is not on
     the map; NoRoute where there is no route or the query is not localized.
     """

@@ -16,8 +16,8 @@ from salframe.localization.map_files import MapParts, read_map, write_map
 from salframe.localization.preparing import Tell, silent
 from salframe.panoramas.camera_height import units_note
 from salframe.panoramas.floors import FloorMasks, join_floors, without_places
-from salframe.panoramas.frames import MapFrame
-from salframe.panoramas.opening import Progress, find_dataset, mapping_frames
+from salframe.panoramas.frames import ReferenceFrame
+from salframe.panoramas.opening import Progress, find_dataset, reference_frames
 from salframe.topology.build import build_topology
 from salframe.topology.building_map import BuildingMap
 from salframe.topology.store import TOPOLOGY, read_topology
@@ -25,7 +25,7 @@ from salframe.topology.topological_map import TopologicalMap
 
 _Change = Callable[[LocalizationMap, Sequence[FloorMasks]], Sequence[FloorMasks]]
 """A function that changes a map with these floors, and returns the floors of the changed map."""
-_Source = tuple[Path, Sequence[MapFrame]]
+_Source = tuple[Path, Sequence[ReferenceFrame]]
 """A map or dataset, and its frames."""
 
 
@@ -64,7 +64,7 @@ def add_to_map(
     directory = Path(directory)
     read_map(directory, MapParts.read_config)  # reports a missing map before the data are prepared
     dataset = find_dataset(data, data_dir, overrides, progress, engine)
-    frames = mapping_frames(dataset)
+    frames = reference_frames(dataset)
     if units := units_note(frames):
         tell(f"warning: {units}")
 
@@ -168,7 +168,7 @@ def _change(directory: Path, change: _Change) -> MapChange:
     )
 
 
-def _places(frames: Sequence[MapFrame], floors: Sequence[FloorMasks]) -> list[str]:
+def _places(frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks]) -> list[str]:
     """The places of frames, and those that floors have regions of, each once."""
     regions = (place for floor in floors for place in floor.regions.values())
     return list(dict.fromkeys([*(frame.place for frame in frames), *regions]))
@@ -188,7 +188,7 @@ def _check_alike(first: Localizer, folder: Path, other: Localizer, other_folder:
         )
 
 
-def _check_places(known: Iterable[_Source], frames: Sequence[MapFrame], folder: Path) -> None:
+def _check_places(known: Iterable[_Source], frames: Sequence[ReferenceFrame], folder: Path) -> None:
     """Raises DataError on frames of places that another map has."""
     places = {frame.place for frame in frames}
     for other, theirs in known:

@@ -22,7 +22,7 @@ class NodeKind(StrEnum):
 
 @dataclass(frozen=True)
 class MapNode:
-    """A node of the topological map: xyz_m on the floor in the world, its region(s), the mapping frames taken there."""
+    """A node of the topological map: xyz_m on the floor in the world, its region(s), the reference frames taken there."""
 
     id: str
     kind: NodeKind

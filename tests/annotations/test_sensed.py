@@ -15,7 +15,7 @@ from salframe.framework.errors import ConfigError, DataError
 from salframe.framework.files.hashes import file_sha256
 from salframe.framework.validation import validate
 from salframe.graphs.annotated import seen_objects
-from salframe.graphs.sensor import Errors, FalseObjects, FoundModel, Provenance, SensorModel, read_sensor
+from salframe.graphs.sensor import DetectionModel, Errors, FalseObjects, Provenance, SensorModel, read_sensor
 from salframe.graphs.sightings import sightings
 from salframe.panoramas.panorama import Annotations, ObjectBoxes, Panorama
 
@@ -27,8 +27,8 @@ SHIPPED = {
 """The sha256 of the sensor models that come with version 2 of the detector: others belong to another version."""
 
 SENSOR = SensorModel(
-    provenance=Provenance(salframe="0", detector={}, data={}, panoramas=1, objects=1, found=1),
-    found=FoundModel(
+    provenance=Provenance(salframe="0", detector={}, data={}, panoramas=1, objects=1, detected=1),
+    detection=DetectionModel(
         intercept=0.0,
         per_log_solid_angle=1.0,
         per_log_range=-1.0,
@@ -95,7 +95,7 @@ def drawn():
 def test_each_object_is_found_as_often_as_the_model_says(drawn):
     pano = panorama()
     shown = sightings(pano, seen_objects(pano))
-    chance = SENSOR.found.probability(shown.labels, shown.solid_angle_sr, shown.range_m, shown.hidden_share)
+    chance = SENSOR.detection.probability(shown.labels, shown.solid_angle_sr, shown.range_m, shown.hidden_share)
     assert np.ptp(chance) > 0.2
     keys = [one.key for _, found in drawn for one in found if one.key > 0]
     share = np.bincount(keys, minlength=OBJECTS + 1)[1:] / FRAMES
@@ -189,7 +189,7 @@ def test_without_range_bearings_and_labels_are_drawn(tmp_path):
     noise, pano = SensedNoise(SENSOR), replace(panorama(), range_m=None)
     objects = seen_objects(pano)
     shown = sightings(pano, objects)
-    chance = SENSOR.found.probability(shown.labels, shown.solid_angle_sr)
+    chance = SENSOR.detection.probability(shown.labels, shown.solid_angle_sr)
     found = [one for frame in range(FRAMES) for one in noise.spoil(pano, objects, (0, frame)) if one.key > 0]
     assert len(found) / FRAMES == pytest.approx(chance.sum(), abs=4 * np.sqrt((chance * (1 - chance)).sum() / FRAMES))
     detections = detect(pano, noise=write(tmp_path, SENSOR))
@@ -207,7 +207,7 @@ def test_object_lists_take_it():
     )
     listed = Panorama("list", annotations=Annotations(objects=boxes))
     objects = seen_objects(listed)
-    chance = SENSOR.found.probability(
+    chance = SENSOR.detection.probability(
         ("chair",) * 50, sightings(listed, objects).solid_angle_sr, sightings(listed, objects).range_m
     )
     counts = [len(SensedNoise(EXACT).spoil(listed, objects, (0, frame))) for frame in range(100)]

@@ -8,31 +8,31 @@ import numpy as np
 from salframe_graphs.localizer import SaliencyGraphLocalizer
 from salframe_house.building import Style, generate_building
 from salframe_house.frames import choose_frames
-from salframe_house.render import Renderer
+from salframe_house.render import HouseRenderer
 
 from salframe.graphs.city import City
 from salframe.graphs.graph import SaliencyGraph
 from salframe.graphs.packing import graph_from_arrays
 from salframe.localization.localizer import Localizer
-from salframe.panoramas.frames import MapFrame
+from salframe.panoramas.frames import ReferenceFrame
 from salframe.panoramas.geometry import pose_2d
 from salframe.panoramas.panorama import Annotations, Panorama
 
 
 def describe_rooms(
     style: Style, rooms: int, seed: int, method: type[Localizer] = SaliencyGraphLocalizer
-) -> list[tuple[dict[str, np.ndarray], MapFrame]]:
+) -> list[tuple[dict[str, np.ndarray], ReferenceFrame]]:
     """What `saliency-graph`, or another method of graphs, remembers of the rooms of a building, from annotations, each
-    with its mapping frame."""
+    with its reference frame."""
     localizer = method(method.Config(detector="annotations"))
     building = generate_building(style, rooms, seed)
-    renderer, described = Renderer(building.scene(), "day"), []
+    renderer, described = HouseRenderer(building.scene(), "day"), []
     for spec in choose_frames(building, building, seed, queries_per_room=1):
         if spec.role == "map" and spec.place not in [frame.place for _, frame in described]:
             T_world_pano = pose_2d(spec.x_m, spec.y_m, spec.yaw_rad, spec.z_m)
             range_m, instance_id = renderer.geometry(T_world_pano)
             seen = Panorama(spec.id, range_m=range_m, annotations=Annotations(instance_id, building.labels))
-            described.append((dict(localizer.describe(seen)), MapFrame(spec.id, spec.place, T_world_pano)))
+            described.append((dict(localizer.describe(seen)), ReferenceFrame(spec.id, spec.place, T_world_pano)))
     return described
 
 

@@ -5,14 +5,14 @@ from functools import partial
 import pytest
 from salframe_house.building import change_building, generate_building
 from salframe_house.frames import choose_frames
-from salframe_house.render import Renderer
+from salframe_house.render import HouseRenderer
 
 from salframe.framework.components.presets import configure_default
 from salframe.framework.components.registry import registry
 from salframe.localization.describing import describe_frame
 from salframe.localization.localizer import Localizer
 from salframe.localization.map import LocalizationMap
-from salframe.panoramas.frames import FrameKind, MapFrame, QueryFrame
+from salframe.panoramas.frames import FrameKind, QueryFrame, ReferenceFrame
 from salframe.panoramas.geometry import pose_2d
 from salframe.panoramas.panorama import Annotations, Panorama
 
@@ -21,10 +21,10 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def building():
-    """The mapping frames and queries of an office of 42 rooms, panoramas of 1024 x 512 in memory on demand."""
+    """The reference frames and queries of an office of 42 rooms, panoramas of 1024 x 512 in memory on demand."""
     before = generate_building("office", 42, 7)
     after = change_building(before, 0.1, 7)
-    renderers = {False: Renderer(before.scene(), "day"), True: Renderer(after.scene(), "day")}
+    renderers = {False: HouseRenderer(before.scene(), "day"), True: HouseRenderer(after.scene(), "day")}
     labels = {False: before.labels, True: after.labels}
 
     def load(spec):
@@ -35,7 +35,9 @@ def building():
     specs = choose_frames(before, after, 7, queries_per_room=1)
     poses = {spec.id: pose_2d(spec.x_m, spec.y_m, spec.yaw_rad, spec.z_m) for spec in specs}
     kinds = {"map": FrameKind.SCENE, "transition": FrameKind.TRANSITION}
-    mapping = [MapFrame(s.id, s.place, poses[s.id], kinds[s.role], partial(load, s)) for s in specs if s.role in kinds]
+    mapping = [
+        ReferenceFrame(s.id, s.place, poses[s.id], kinds[s.role], partial(load, s)) for s in specs if s.role in kinds
+    ]
     return mapping, [QueryFrame(s.id, partial(load, s)) for s in specs if s.role == "query"]
 
 

@@ -7,7 +7,7 @@ from salframe_house.building import generate_building
 from salframe_house.frames import choose_frames
 from salframe_planners.planners import Dijkstra, FloydWarshall
 
-from salframe.panoramas.frames import MapFrame
+from salframe.panoramas.frames import ReferenceFrame
 from salframe.panoramas.geometry import pose_2d
 from salframe.topology.build import build_topology
 
@@ -19,7 +19,7 @@ def masks_and_frames():
     building = generate_building("office", 106, 7)
     kinds = {"map": "scene", "transition": "transition"}
     specs = [spec for spec in choose_frames(building, building, 7, queries_per_room=1) if spec.role in kinds]
-    frames = [MapFrame(s.id, s.place, pose_2d(s.x_m, s.y_m, s.yaw_rad, s.z_m), kinds[s.role]) for s in specs]
+    frames = [ReferenceFrame(s.id, s.place, pose_2d(s.x_m, s.y_m, s.yaw_rad, s.z_m), kinds[s.role]) for s in specs]
     return building.floor_masks(), frames
 
 

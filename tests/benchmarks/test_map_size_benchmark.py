@@ -12,7 +12,7 @@ from salframe_graphs.places.localizer import SaliencyPlacesLocalizer
 from salframe.framework.components.installation import folder_bytes
 from salframe.framework.files import hashes
 from salframe.localization.map import LocalizationMap
-from salframe.panoramas.frames import MapFrame
+from salframe.panoramas.frames import ReferenceFrame
 
 pytestmark = pytest.mark.slow
 
@@ -41,7 +41,7 @@ def mapped(request, method, scenes):
     for number in range(request.param):
         storey, frame = number // 42, scenes[number % 42][1]
         pose = frame.T_world_pano + np.array([[0.0] * 4, [0.0] * 4, [0, 0, 0, 3.0 * storey], [0.0] * 4])
-        frames.append(MapFrame(f"{storey}/{frame.id}", f"{storey}/{frame.place}", pose))
+        frames.append(ReferenceFrame(f"{storey}/{frame.id}", f"{storey}/{frame.place}", pose))
     descriptions = [scenes[number % 42][0] for number in range(request.param)]
     return LocalizationMap.from_descriptions(new_localizer(method), descriptions, frames)
 

@@ -17,7 +17,7 @@ from tempfile import TemporaryDirectory
 from salframe.evaluation.runs.request import Request, resolve
 from salframe.framework.engines.engine import Engine, open_engine
 from salframe.localization.describing import describe_frames
-from salframe.panoramas.opening import configure_dataset, mapping_frames, open_dataset
+from salframe.panoramas.opening import configure_dataset, open_dataset, reference_frames
 
 DATA, METHOD, DETECTOR = "house-12", "proposed", "detector.kind=panoseg"
 ROUNDS, GOAL = 2, 1.7
@@ -39,7 +39,7 @@ def render_s(engine: str, workers: int) -> float:
 def describe_s(engine: str, workers: int) -> float:
     """Seconds a description."""
     resolved = resolve(Request([METHOD], DATA, settings=(DETECTOR,)))
-    frames = [frame.id for frame in mapping_frames(open_dataset(resolved.data))]
+    frames = [frame.id for frame in reference_frames(open_dataset(resolved.data))]
     (method,) = resolved.methods.values()
     return pace(
         [time.perf_counter() for _ in describe_frames(method, resolved.data, frames, made(engine, workers))], workers

@@ -127,7 +127,7 @@ def test_a_comparison_says_which_frames_it_could_not_use_and_measures_the_rest(d
     (row,) = compare("./data", "--json").json["rows"]
     assert row["status"] == {"no-pose": 2, "error": 1}
     assert re.fullmatch(
-        r"1 map frame\(s\) left out, the first: .*kitchen-map\.range\.png is no readable image.*; "
+        r"1 reference frame\(s\) left out, the first: .*kitchen-map\.range\.png is no readable image.*; "
         r"1 query frame\(s\) that cannot be used, the first: .*lounge-query\.range\.png is no readable image.*",
         row["reason"],
     )
@@ -139,7 +139,7 @@ def test_a_comparison_without_any_usable_frame_fails(data):
     done = compare("./data", "--json")
     assert done.code == 1
     assert re.fullmatch(
-        r"DataError: .*|fold all has no map frame that can be used; .*is no readable image.*",
+        r"DataError: .*|fold all has no reference frame that can be used; .*is no readable image.*",
         done.json["rows"][0]["reason"],
     )
 

@@ -17,7 +17,7 @@ def shipped(fakes, monkeypatch, tmp_path):
     """The fakes, noisy_plugin with its command, and a plugin with presets."""
     (tmp_path / "presets" / "methods").mkdir(parents=True)
     (tmp_path / "presets" / "methods" / "shifted.yaml").write_text("kind: reader\noffset: 1\n")
-    (tmp_path / "presets" / "methods" / "foreign.yaml").write_text("kind: not-here\n")
+    (tmp_path / "presets" / "methods" / "foreign.yaml").write_text("kind: out-of-map\n")
     (tmp_path / "presets" / "data").mkdir()
     (tmp_path / "presets" / "data" / "large.yaml").write_text("kind: rooms\nrooms: 50\n")
     (tmp_path / "shipped_presets.py").write_text(
@@ -38,7 +38,7 @@ def test_methods_are_listed_a_line_each_with_what_they_lack(shipped):
     assert lines["shifted"] == ["shipped_presets", "available"]
     missing = "cannot run: weightless.pth is not at hand: salframe weights fetch weightless"
     assert lines["weightless"] == ["fake_plugin", missing]
-    assert lines["foreign"][1].startswith("cannot run: unknown localizer 'not-here'.")
+    assert lines["foreign"][1].startswith("cannot run: unknown localizer 'out-of-map'.")
     assert not {"rooms", "large", "inline"} & set(lines)
     listed = {entry["name"]: entry for entry in run("methods", "--json").json}
     assert (listed["shifted"]["available"], listed["weightless"]["available"]) == (True, False)
@@ -144,8 +144,8 @@ def test_show_lists_settings_with_values_types_and_help():
     written = flatten(yaml.safe_load(registry().find_preset("methods", "paper").read_text()))
     assert (found["role"], found["kind"]) == ("localizer", written.pop(""))
     assert {key: shown[key]["value"] for key in written} == written
-    assert shown["matcher.keep"]["type"] == "float, at least 0, at most 1"
-    assert shown["matcher.keep"]["help"]
+    assert shown["matcher.min_candidate_ratio"]["type"] == "float, at least 0, at most 1"
+    assert shown["matcher.min_candidate_ratio"]["help"]
     assert (shown["detector"]["value"], shown["detector"]["default"]) == ("auto", "auto")
     assert "annotations, segments, panoseg" in shown["detector"]["help"]
     assert [shown[slot]["type"] for slot in ("detector", "matcher")] == ["detector", "matcher"]

@@ -20,7 +20,7 @@ from salframe.testing.rooms import query_frames, query_truths
 def test_data_list_and_info(fakes):
     assert "rooms" in [entry["name"] for entry in run("data", "list", "--json").json]
     facts = run("data", "info", "rooms", "--set", "data.leave_one_out=true", "--json").json
-    assert (facts["folds"], facts["mapping_frames"], facts["queries"], facts["mapped_places"]) == (10, 5, 10, 5)
+    assert (facts["folds"], facts["reference_frames"], facts["queries"], facts["mapped_places"]) == (10, 5, 10, 5)
     assert facts["provides"] == ["rgb"]
     assert run("data", "render", "rooms").code == 0
 
@@ -53,7 +53,7 @@ def test_probabilities_are_told(fakes, tmp_path):
     found = run("localize", "map", "query-2-0", "--data", "rooms", "--json").json
     weights = np.exp([0, -1, -1, -2, -2])
     assert [place["probability"] for place in found["places"]] == pytest.approx(0.5 * weights / weights.sum())
-    assert found["not_here"] == pytest.approx(0.5)
+    assert found["out_of_map_probability"] == pytest.approx(0.5)
     printed = run("localize", "map", "query-2-0", "--data", "rooms").out
     assert f"{50 / weights.sum():.1f}%  room-2" in printed
     assert "50.0%  in no place of the map" in printed

@@ -103,7 +103,7 @@ def test_route_prints_lengths_azimuths_and_turns(built):
 
 
 def test_query_finds_the_nearest_node_and_the_way_from_the_estimated_heading(built):
-    """The reader answers with the pose of its room's map frame: at (4, 0), looking along x."""
+    """The reader answers with the pose of its room's reference frame: at (4, 0), looking along x."""
     done = run("map", "query", "map", "query-1-0", "--data", "doored", "--to", "room-3", "--json").json
     assert (done["status"], done["node"], done["distance_m"], done["heading_deg"]) == ("ok", "map-1", 0.0, 0.0)
     assert done["route"]["nodes"][0] == "here"

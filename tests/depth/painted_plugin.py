@@ -18,7 +18,7 @@ def without_range(frame):
 
 
 class PaintedRooms(Dataset):
-    """Three rooms, a mapping frame and a query in each."""
+    """Three rooms, a reference frame and a query in each."""
 
     name, version = "painted-rooms", "1"
     provides = frozenset({"rgb", "annotations"})

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from salframe.panoramas.panorama import Panorama
-from salframe.testing.rooms import Room, look, stand
+from salframe.testing.rooms import FurnishedRoom, look, stand
 
 onnx = pytest.importorskip("onnx")
 
@@ -25,7 +25,7 @@ PLAIN = {"scale": 1.0, "mean": (0.0, 0.0, 0.0), "std": (1.0, 1.0, 1.0)}
 """Settings of a network that takes colours from 0 to 255."""
 
 
-def painted(room: Room) -> Panorama:
+def painted(room: FurnishedRoom) -> Panorama:
     """What a camera in the middle of the room sees, its range painted."""
     return paint(look(room, room.name, stand(room), {"rgb", "range"}))
 

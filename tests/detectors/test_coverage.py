@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from salframe_detectors.coverage import LEAST_FOV_DEG, RINGS, Rig
+from salframe_detectors.coverage import MIN_FOV_DEG, RINGS, Rig
 from salframe_detectors.depth import foreground
 from salframe_detectors.merging import group, outline
 from scipy.spatial.transform import Rotation
@@ -23,7 +23,7 @@ def rotations():
     ]
 
 
-@pytest.mark.parametrize("fov_deg", [LEAST_FOV_DEG, 90, 120])
+@pytest.mark.parametrize("fov_deg", [MIN_FOV_DEG, 90, 120])
 def test_every_direction_is_in_a_view(fov_deg):
     seen = Rig(96, 96, np.radians(fov_deg)).grid(256).seen
     assert seen.any(0).all()

@@ -16,7 +16,7 @@ from salframe.framework.components.registry import registry
 from salframe.framework.errors import ConfigError, InputMissing, UnknownName, WeightsMissing
 from salframe.localization.localizer import Localizer
 from salframe.localization.map import LocalizationMap
-from salframe.panoramas.frames import MapFrame, QueryFrame
+from salframe.panoramas.frames import QueryFrame, ReferenceFrame
 from salframe.panoramas.geometry import (
     column_azimuth,
     equirectangular_rays,
@@ -201,12 +201,12 @@ def test_without_range_labels_and_bearings_are_known(network, detector):
     built = LocalizationMap.build(
         objects,
         [
-            MapFrame(name, name, np.eye(4), load=lambda seen=seen: seen)
+            ReferenceFrame(name, name, np.eye(4), load=lambda seen=seen: seen)
             for name, seen in (("kitchen", kitchen), ("lounge", lounge))
         ],
     )
     assert built.localize(QueryFrame("query", lambda: turned(lounge, 100))).places[0].place == "lounge"
-    frames = [MapFrame("kitchen", "kitchen", np.eye(4), load=lambda: kitchen)]
+    frames = [ReferenceFrame("kitchen", "kitchen", np.eye(4), load=lambda: kitchen)]
     with pytest.raises(InputMissing, match=r"kitchen cannot be a frame of the map: it has no range; .* 'objects'"):
         LocalizationMap.build(localizer("saliency-graph", network), frames)
 
@@ -214,7 +214,9 @@ def test_without_range_labels_and_bearings_are_known(network, detector):
 def test_without_range_a_graph_is_localized_in_a_map_with_range(network):
     patches = ("red", -60, 0, 20, 20, 2.0), ("green", 90, 0, 20, 20, 2.5), ("blue", 170, 0, 20, 20, 1.5)
     graphs = localizer("saliency-graph", network)
-    built = LocalizationMap.build(graphs, [MapFrame("kitchen", "kitchen", np.eye(4), load=lambda: scene(*patches)[0])])
+    built = LocalizationMap.build(
+        graphs, [ReferenceFrame("kitchen", "kitchen", np.eye(4), load=lambda: scene(*patches)[0])]
+    )
     seen = replace(turned(scene(*patches)[0], 100), range_m=None)
     answer = built.localize(QueryFrame("query", lambda: seen))
     assert answer.places[0].place == "kitchen"
@@ -288,15 +290,15 @@ def test_caches_know_the_network_by_its_content(network, tmp_path):
     path = tmp_path / "mine.onnx"
     path.write_bytes(network.read_bytes())
 
-    def known_by():
+    def cache_key():
         """The detector's identity, and that of descriptions made with it."""
         config = configure("localizer", "objects", {"detector": {"kind": "onnx", **settings(path)}})
         return identity(config.detector), registry().build("localizer", config).describe_identity()
 
-    before = known_by()
+    before = cache_key()
     assert before[0] == identity(configure("detector", "onnx", settings(network)))
     write_network(path, near=50.0)
-    after = known_by()
+    after = cache_key()
     assert before[0] != after[0]
     assert before[1] != after[1]
     assert "weights" not in before[0]

@@ -18,18 +18,18 @@ from salframe.localization.localizer import Localizer
 from salframe.localization.ranking import rank_places
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.floors import FloorMasks
-from salframe.panoramas.frames import Fold, MapFrame, QueryFrame, Truth
+from salframe.panoramas.frames import Fold, QueryFrame, ReferenceFrame, Truth
 from salframe.panoramas.geometry import pose_2d
 from salframe.panoramas.panorama import Panorama
 
 PLACES = ("<!--<script>", "</script><img src=x onerror=alert(1)>", """it's "quoted" & 100 %""")
 OBJECTS = ("<i>lamp</i>", "table")
 STEP_M = 0.5
-"""So far ahead of the map frame each query stands."""
+"""So far ahead of the reference frame each query stands."""
 
 
 class Odd(Dataset):
-    """A map frame and a query in each room, 10 m apart."""
+    """A reference frame and a query in each room, 10 m apart."""
 
     name = "odd"
     version = "1"
@@ -41,7 +41,7 @@ class Odd(Dataset):
 
     def folds(self):
         mapping = tuple(
-            MapFrame(f"map <{k}>", place, pose_2d(10.0 * k, 0, 0), load=partial(self._load, f"m{k}", k, 0))
+            ReferenceFrame(f"map <{k}>", place, pose_2d(10.0 * k, 0, 0), load=partial(self._load, f"m{k}", k, 0))
             for k, place in enumerate(PLACES)
         )
         queries = tuple(QueryFrame(self.id(k), partial(self._load, f"q{k}", k, 1)) for k in range(len(PLACES)))

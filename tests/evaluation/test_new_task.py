@@ -22,7 +22,7 @@ from salframe.evaluation.runs.run_folder import Run
 from salframe.evaluation.runs.runner import conclude, run_task
 from salframe.evaluation.runs.task import Result, Worker
 from salframe.evaluation.statistics import Estimate, estimate_proportion
-from salframe.evaluation.tables.columns import GIVEN, Column, rate_column
+from salframe.evaluation.tables.columns import INPUT, Column, rate_column
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.frames import QueryFrame
 from salframe.panoramas.opening import open_dataset
@@ -47,7 +47,7 @@ class SizeLine(MethodRow):
 
 
 COLUMNS: dict[str, Column[SizeLine]] = {
-    "given": GIVEN,
+    "input": INPUT,
     "small": rate_column("small %\n(95 %)", lambda line: line.small),
 }
 
@@ -127,7 +127,7 @@ def test_it_has_rows_and_a_line(result):
 
 def test_it_has_a_table_and_json(result):
     (table,) = result.tables()
-    assert table.headings == ("method", "given", "small %\n(95 %)")
+    assert table.headings == ("method", "input", "small %\n(95 %)")
     assert table.rows[0][0] == "reader"
     assert table.rows[0][2].startswith("100.0 (")
     (row,) = result.to_json()["rows"]

@@ -5,12 +5,12 @@ import pytest
 from salframe_graphs.agreement import agree
 
 from salframe.graphs.matcher import GraphMatch
-from salframe.panoramas.frames import MapFrame
+from salframe.panoramas.frames import ReferenceFrame
 from salframe.panoramas.geometry import invert_pose, pose_2d
 
 
 def test_agreeing_matches_outvote_a_lone_one():
-    frames = [MapFrame(str(i), f"place-{i}", pose_2d(2.0 * i, 0, 0.5 * i)) for i in range(4)]
+    frames = [ReferenceFrame(str(i), f"place-{i}", pose_2d(2.0 * i, 0, 0.5 * i)) for i in range(4)]
     there = pose_2d(3.0, 1.0, 0.3)
     matches = [GraphMatch(3, 1.0, np.zeros((0, 2), int), pose_2d(0, 0, 2.0))]
     matches += [

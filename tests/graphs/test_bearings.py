@@ -13,7 +13,7 @@ from salframe.graphs.detections import Detections
 from salframe.graphs.graph import GraphConfig, build_graph
 from salframe.graphs.packing import graph_from_arrays, graph_to_arrays
 from salframe.localization.map import LocalizationMap
-from salframe.panoramas.frames import MapFrame, QueryFrame
+from salframe.panoramas.frames import QueryFrame, ReferenceFrame
 from salframe.panoramas.geometry import invert_pose, pose_2d, pose_errors, pose_yaw, transform_points, wrap_angle
 from salframe.testing.rooms import ROOMS, look, map_frames, query_frames, query_truths, stand
 
@@ -158,7 +158,7 @@ def graph_points(room, labels):
 
 
 def test_a_map_needs_range():
-    frame = MapFrame(
+    frame = ReferenceFrame(
         "flat", "bedroom", stand(ROOMS[0]), load=lambda: look(ROOMS[0], "flat", stand(ROOMS[0]), {"annotations"})
     )
     with pytest.raises(InputMissing, match="flat cannot be a frame of the map: it has no range"):

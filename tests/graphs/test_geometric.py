@@ -40,7 +40,10 @@ def test_candidates_are_those_of_a_large_jaccard_index_of_multisets(rooms):
     jaccard = [(labels & Counter(g.labels)).total() / (labels | Counter(g.labels)).total() for g in graphs]
     for share in (0.3, 0.6, 0.9):
         expected = {number for number, value in enumerate(jaccard) if value >= share * max(jaccard)}
-        assert candidates_of(matcher(rarity=False, keep=share, least_similarity=0.0), query, graphs) == expected
+        assert (
+            candidates_of(matcher(rarity=False, min_candidate_ratio=share, min_similarity=0.0), query, graphs)
+            == expected
+        )
 
 
 def test_rare_labels_count_more(rooms):
@@ -55,7 +58,7 @@ def test_rare_labels_count_more(rooms):
 
     jaccard = [weigh(labels & Counter(g.labels)) / weigh(labels | Counter(g.labels)) for g in graphs]
     expected = {number for number, value in enumerate(jaccard) if value >= 0.7 * max(jaccard)}
-    assert candidates_of(matcher(keep=0.7), query, graphs) == expected
+    assert candidates_of(matcher(min_candidate_ratio=0.7), query, graphs) == expected
 
 
 def test_a_moved_room_is_found_with_its_nodes_and_pose(rooms):
@@ -151,8 +154,8 @@ def test_a_match_tells_the_scale_that_the_positioner_uses(rooms):
     graphs = [graph_of(each) for each in rooms]
     query = graphs[3]
     stretched = replace(query, centroid_m=query.centroid_m * 1.2, size_m=query.size_m * 1.2)
-    index = matcher(largest_scale_error=0.3).index(graphs)
-    best = matcher(largest_scale_error=0.3).match(stretched, index, 3)[0]
+    index = matcher(max_scale_error=0.3).index(graphs)
+    best = matcher(max_scale_error=0.3).match(stretched, index, 3)[0]
     assert best.scene == 3
     assert best.scale == pytest.approx(1 / 1.2, abs=1e-6)
     assert matcher().match(stretched, index, 3)[0].scale == 1.0
@@ -162,7 +165,10 @@ def test_no_more_candidates_than_asked_for_are_matched(rooms):
     """The first of the scene index: the query's own room is one of three, among thirty."""
     graphs = [graph_of(r) for r in rooms]
     query = graph_of(rooms[7], pose_2d(0.3, -0.2, 1.0))
-    few, all_of_them = matcher(most=3, keep=0.0), matcher(most=None, keep=0.0)
+    few, all_of_them = (
+        matcher(max_candidates=3, min_candidate_ratio=0.0),
+        matcher(max_candidates=None, min_candidate_ratio=0.0),
+    )
     found, others = (one.match(query, one.index(graphs), 30) for one in (few, all_of_them))
     assert len(found) == 3 < len(others)
     assert (found[0].scene, found[0].score) == (7, pytest.approx(others[0].score, rel=1e-12))
@@ -175,7 +181,7 @@ def test_candidates_are_those_of_the_scene_index(rooms):
     scenes = InvertedLists()
     scenes.take(graphs)
     for error, asked in ((0.0, query), (0.2, without_range(query))):
-        one = matcher(most=5, keep=0.0, largest_scale_error=error)
+        one = matcher(max_candidates=5, min_candidate_ratio=0.0, max_scale_error=error)
         found = [match.scene for match in one.match(query, one.index(graphs), 30)]
         assert sorted(found) == sorted(scenes.candidates(asked, 5).scene.tolist())
 

@@ -5,7 +5,7 @@ import pytest
 from salframe_graphs.saliency import VolumetricSaliency, object_volumes_m3
 
 from salframe.framework.errors import DataError, InvalidAnswer
-from salframe.graphs.boxes import LEAST_SIDE_M, detections_from_points, upright_box
+from salframe.graphs.boxes import MIN_SIDE_M, detections_from_points, upright_box
 from salframe.graphs.detections import Detections
 from salframe.graphs.graph import GraphConfig, box_distances, build_graph
 from salframe.graphs.packing import graph_from_arrays, graph_to_arrays, pack_graph, unpack_graph
@@ -30,7 +30,7 @@ def test_upright_box_recovers_a_turned_box(yaw):
 
 def test_flat_points_get_the_least_side():
     points = box_points([2, 0, 1], [1.0, 0.0, 0.6])
-    assert upright_box(points)[0] == pytest.approx([1.0, LEAST_SIDE_M, 0.6], abs=1e-4)
+    assert upright_box(points)[0] == pytest.approx([1.0, MIN_SIDE_M, 0.6], abs=1e-4)
 
 
 def test_volumes_against_closed_form():
@@ -41,7 +41,7 @@ def test_volumes_against_closed_form():
         np.ones(3),
         [box_points([2, 1, 0], [1, 2, 0.5], 0.7), tetrahedron, box_points([2, 0, 1], [1.0, 0.0, 0.6])],
     )
-    np.testing.assert_allclose(object_volumes_m3(found), [1.0, 1.0, 1.0 * LEAST_SIDE_M * 0.6], rtol=1e-4)
+    np.testing.assert_allclose(object_volumes_m3(found), [1.0, 1.0, 1.0 * MIN_SIDE_M * 0.6], rtol=1e-4)
     saliency = VolumetricSaliency().score(found)
     assert saliency.sum() == pytest.approx(1)
     assert saliency[0] == pytest.approx(saliency[1], rel=1e-3)

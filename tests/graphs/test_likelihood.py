@@ -57,8 +57,10 @@ def at(x_m, y_m, yaw_rad, k=0):
 
 
 def found_by_hand(distance_m, log_saliency=0.0, sightings=1.0):
-    logit = RATES.found_logit + RATES.found_per_saliency * log_saliency
-    logit += LIKELIHOOD.found_per_sighting * np.log(sightings) + RATES.found_per_distance * np.log(distance_m / 2)
+    logit = RATES.detection_logit + RATES.detection_per_saliency * log_saliency
+    logit += LIKELIHOOD.detection_per_sighting * np.log(sightings) + RATES.detection_per_distance * np.log(
+        distance_m / 2
+    )
     return 1 / (1 + np.exp(-logit))
 
 

@@ -19,7 +19,7 @@ from salframe.localization.describing import describe_frame
 from salframe.localization.map import LocalizationMap
 from salframe.localization.map_files import write_map
 from salframe.localization.ranking import rank_places
-from salframe.panoramas.frames import FrameKind, MapFrame, QueryFrame
+from salframe.panoramas.frames import FrameKind, QueryFrame, ReferenceFrame
 from salframe.panoramas.geometry import invert_pose, pose_2d, pose_errors, transform_points
 from salframe.panoramas.panorama import Annotations, ObjectBoxes, Panorama
 
@@ -44,10 +44,10 @@ def seen(room, T_room_pano, name):
     )
 
 
-def map_frame(room, T_world_pano):
+def reference_frame(room, T_world_pano):
     """Of a room whose middle is seen from the middle."""
     name = f"map-{room}"
-    return MapFrame(name, f"room-{room}", T_world_pano, load=lambda: seen(room, np.eye(4), name))
+    return ReferenceFrame(name, f"room-{room}", T_world_pano, load=lambda: seen(room, np.eye(4), name))
 
 
 def query(room, T_room_pano=None):
@@ -62,7 +62,9 @@ def graph_localizer(**settings):
 
 @pytest.fixture(scope="module")
 def mapped():
-    return LocalizationMap.build(graph_localizer(), [map_frame(i, pose_2d(6.0 * i, 0, 0.3 * i)) for i in range(12)])
+    return LocalizationMap.build(
+        graph_localizer(), [reference_frame(i, pose_2d(6.0 * i, 0, 0.3 * i)) for i in range(12)]
+    )
 
 
 def test_place_and_pose(mapped):
@@ -87,15 +89,15 @@ def test_saved_map_gives_the_same_answers(mapped, tmp_path):
 @pytest.mark.parametrize("few", [0, 1000])
 def test_a_saved_map_is_not_indexed_again(few, tmp_path, monkeypatch):
     """Nor are its graphs read but for those that are matched: candidates, whose features are those kept in memory."""
-    made = graph_localizer(matcher={"most": 4})
-    frames = [map_frame(i, pose_2d(6.0 * i, 0, 0.3 * i)) for i in range(12)]
-    door = MapFrame("door", "door", pose_2d(3.0, 0, 0), FrameKind.TRANSITION, lambda: seen(5, np.eye(4), "door"))
+    made = graph_localizer(matcher={"max_candidates": 4})
+    frames = [reference_frame(i, pose_2d(6.0 * i, 0, 0.3 * i)) for i in range(12)]
+    door = ReferenceFrame("door", "door", pose_2d(3.0, 0, 0), FrameKind.TRANSITION, lambda: seen(5, np.eye(4), "door"))
     built = LocalizationMap.build(made, [*frames[:6], door, *frames[6:]])
     built.save(tmp_path)
     for role, hook in ((InvertedLists, "build"), (GeometricMatcher, "index"), (SaliencyGraphLocalizer, "index")):
         monkeypatch.setattr(role, hook, None)
     monkeypatch.setattr(node_matcher, "MAX_PRECOMPUTED", few)
-    again = LocalizationMap.open(tmp_path, graph_localizer(matcher={"most": 4}))
+    again = LocalizationMap.open(tmp_path, graph_localizer(matcher={"max_candidates": 4}))
     for i in range(12):
         description = describe_frame(made, query(i, pose_2d(0.2, 0.3, 2.0)))[0]
         before, after = built.answer(description), again.answer(description)
@@ -111,7 +113,9 @@ def test_a_matcher_that_keeps_no_index_indexes_anew(tmp_path, monkeypatch):
     """With the graphs as they were remembered."""
     monkeypatch.setattr(GeometricMatcher, "write_index", GraphMatcher.write_index)
     monkeypatch.setattr(GeometricMatcher, "open_index", GraphMatcher.open_index)
-    built = LocalizationMap.build(graph_localizer(), [map_frame(i, pose_2d(6.0 * i, 0, 0.3 * i)) for i in range(3)])
+    built = LocalizationMap.build(
+        graph_localizer(), [reference_frame(i, pose_2d(6.0 * i, 0, 0.3 * i)) for i in range(3)]
+    )
     built.save(tmp_path)
     again = LocalizationMap.open(tmp_path, graph_localizer())
     asked = query(2, pose_2d(0.2, 0.3, 2.0))
@@ -120,7 +124,7 @@ def test_a_matcher_that_keeps_no_index_indexes_anew(tmp_path, monkeypatch):
 
 def test_a_scene_is_a_few_hundred_bytes(mapped, tmp_path):
     """7 nodes of 16 bytes, a byte each for their labels, 3 for 21 edges, and their number."""
-    frames = [map_frame(i, pose_2d(6.0 * i, 0, 0.0)) for i in range(100)]
+    frames = [reference_frame(i, pose_2d(6.0 * i, 0, 0.0)) for i in range(100)]
     sizes = []
     for count in (50, 100):
         LocalizationMap.build(graph_localizer(), frames[:count]).save(tmp_path / str(count))
@@ -146,7 +150,7 @@ def test_failing_is_a_status(mapped):
         ).status
         == "no-match"
     )
-    picky = LocalizationMap.build(graph_localizer(min_score=10.0), [map_frame(1, np.eye(4))])
+    picky = LocalizationMap.build(graph_localizer(min_score=10.0), [reference_frame(1, np.eye(4))])
     answer = picky.localize(query(1))
     assert (answer.status, answer.places, answer.T_world_query) == ("low-score", (), None)
 
@@ -166,9 +170,9 @@ def test_bad_input_is_one_clear_line(mapped, tmp_path):
 def test_a_doorway_match_answers_with_the_scene_at_the_pose():
     """Of a room, a doorway and another room the doorway matches best; the pose is on the second room's side."""
     frames = [
-        MapFrame("a", "room-a", pose_2d(0, 0, 0)),
-        MapFrame("door", "transition-1", pose_2d(2, 0, 0), FrameKind.TRANSITION),
-        MapFrame("b", "room-b", pose_2d(4, 0, 0)),
+        ReferenceFrame("a", "room-a", pose_2d(0, 0, 0)),
+        ReferenceFrame("door", "transition-1", pose_2d(2, 0, 0), FrameKind.TRANSITION),
+        ReferenceFrame("b", "room-b", pose_2d(4, 0, 0)),
     ]
     scores = np.array([0.5, 0.9, 0.2])
     assert [p.place for p in rank_places(frames, scores)] == ["transition-1", "room-a", "room-b"]
@@ -179,7 +183,7 @@ def test_a_doorway_match_answers_with_the_scene_at_the_pose():
 def test_the_covariance_is_in_the_axes_of_the_world():
     """Of a map that stands turned by 90 degrees in the world, x and y change places."""
     plain, turned = (
-        LocalizationMap.build(graph_localizer(), [map_frame(3, pose_2d(1, 2, 0.3 + turn_rad))])
+        LocalizationMap.build(graph_localizer(), [reference_frame(3, pose_2d(1, 2, 0.3 + turn_rad))])
         for turn_rad in (0, np.pi / 2)
     )
     before, after = (made.localize(query(3, pose_2d(0.5, -0.4, 1.0))).covariance for made in (plain, turned))
@@ -189,7 +193,11 @@ def test_the_covariance_is_in_the_axes_of_the_world():
 
 
 def test_the_best_frame_of_a_place_stands_for_it():
-    frames = [MapFrame("1", "x", np.eye(4)), MapFrame("2", "y", np.eye(4)), MapFrame("3", "x", np.eye(4))]
+    frames = [
+        ReferenceFrame("1", "x", np.eye(4)),
+        ReferenceFrame("2", "y", np.eye(4)),
+        ReferenceFrame("3", "x", np.eye(4)),
+    ]
     assert [(p.frame, p.place) for p in rank_places(frames, np.array([0.1, -np.inf, 0.3]))] == [("3", "x")]
 
 
@@ -222,7 +230,7 @@ def test_paper_signed_is_the_paper_but_for_signs_and_salient_objects():
 @pytest.mark.parametrize(
     "change",
     [
-        {"matcher": {"keep": 0.8}},
+        {"matcher": {"min_candidate_ratio": 0.8}},
         {"positioner": "least-squares"},
         {"top_k": 3},
         {"min_score": 0.1},

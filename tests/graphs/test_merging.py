@@ -6,7 +6,7 @@ from salframe_graphs.places.merging import gather_places
 from salframe_graphs.places.rates import Rates, shipped_rates
 
 from salframe.graphs.graph import SaliencyGraph
-from salframe.panoramas.frames import FrameKind, MapFrame
+from salframe.panoramas.frames import FrameKind, ReferenceFrame
 from salframe.panoramas.geometry import invert_pose, pose_2d, transform_points
 
 RATES: Rates = shipped_rates().model_copy(update={"position_error_m": 0.1, "range_error_share": 0.1})
@@ -24,7 +24,7 @@ def graph(labels, world_m, T_world_pano, saliency=None, size_m=1.0):
 def gather(seen, kinds=None, place_of=None, merged=True):
     """Places of (place, pose, labels, positions in the world) for each panorama."""
     frames = [
-        MapFrame(f"f{i}", place, pose, FrameKind.SCENE if kinds is None else kinds[i])
+        ReferenceFrame(f"f{i}", place, pose, FrameKind.SCENE if kinds is None else kinds[i])
         for i, (place, pose, _, _) in enumerate(seen)
     ]
     graphs = [graph(labels, points, pose) for _, pose, labels, points in seen]
@@ -80,7 +80,7 @@ def test_unmerged_each_scene_frame_is_a_place():
 
 
 def test_saliency_and_size_are_means_of_logarithms():
-    frames = [MapFrame(str(i), "a", np.eye(4)) for i in range(2)]
+    frames = [ReferenceFrame(str(i), "a", np.eye(4)) for i in range(2)]
     graphs = [
         graph(["bed", "lamp"], [[2, 0, 0], [0, 3, 0]], np.eye(4), saliency=[0.8, 0.2], size_m=1.0),
         graph(["bed", "lamp"], [[2, 0, 0], [0, 3, 0]], np.eye(4), saliency=[0.5, 0.5], size_m=np.e),

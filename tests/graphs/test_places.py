@@ -8,7 +8,7 @@ import yaml
 from pydantic import ValidationError
 from salframe_graphs.localizer import SaliencyGraphLocalizer
 from salframe_graphs.places import localizer as places_localizer
-from salframe_graphs.places.evidence import Weights, label_evidence, shipped_weights
+from salframe_graphs.places.evidence import EvidenceWeights, label_evidence, shipped_weights
 from salframe_graphs.places.localizer import OUTLINE, SaliencyPlacesLocalizer
 from salframe_graphs.places.merging import Place
 from salframe_graphs.places.outline import BINS
@@ -20,7 +20,7 @@ from salframe.graphs.detections import unit_vectors
 from salframe.localization.describing import describe_frame
 from salframe.localization.map import LocalizationMap
 from salframe.panoramas.floors import FloorMasks
-from salframe.panoramas.frames import FrameKind, MapFrame, QueryFrame
+from salframe.panoramas.frames import FrameKind, QueryFrame, ReferenceFrame
 from salframe.panoramas.geometry import invert_pose, pose_2d, pose_errors, transform_points
 from salframe.panoramas.panorama import Annotations, ObjectBoxes, Panorama
 
@@ -49,7 +49,7 @@ def panorama(name, rooms, T_world_pano):
 
 def frame(name, place, rooms, x_m, yaw_rad=0.0, kind=FrameKind.SCENE):
     T = pose_2d(x_m, 0.2, yaw_rad)
-    return MapFrame(name, place, T, kind, partial(panorama, name, rooms, T))
+    return ReferenceFrame(name, place, T, kind, partial(panorama, name, rooms, T))
 
 
 FRAMES = [
@@ -128,7 +128,7 @@ def test_a_map_opened_again_answers_alike(settings, tmp_path, monkeypatch):
         np.testing.assert_array_equal(before.covariance, after.covariance)
         evidence, other = (one.evidence(description).values for one in (made, again))
         assert evidence["outline"].any()
-        for name in Weights.model_fields:
+        for name in EvidenceWeights.model_fields:
             np.testing.assert_array_equal(evidence[name], other[name])
 
 
@@ -180,9 +180,9 @@ def test_what_is_fitted_comes_from_a_file_or_the_settings(tmp_path):
     assert identity(shipped) != identity(filed) == identity(given)
     assert identity(shipped, describing=True) == identity(filed, describing=True)
     path.write_text("rates: {clutter: 1}")
-    parts = Config(detector="annotations", rates=str(path), posterior={"max_not_here": 0.5})
+    parts = Config(detector="annotations", rates=str(path), posterior={"max_out_of_map_probability": 0.5})
     assert parts.rates == shipped_rates().model_copy(update={"clutter": 1.0})  # the rest as shipped
-    assert parts.posterior == shipped.posterior.model_copy(update={"max_not_here": 0.5})
+    assert parts.posterior == shipped.posterior.model_copy(update={"max_out_of_map_probability": 0.5})
     assert Config(detector="annotations", posterior=None).posterior is None
     path.write_text("rates: {clutter: -1}")
     with pytest.raises(ValidationError, match="clutter"):
@@ -219,14 +219,14 @@ def test_each_part_of_the_evidence_is_what_it_says():
     query, _ = asked(["a"], 0.4)
     seen = describe_frame(made, query)[0]
     evidence = made.evidence(seen)
-    assert evidence.values.keys() == Weights.model_fields.keys()
+    assert evidence.values.keys() == EvidenceWeights.model_fields.keys()
     assert sorted(evidence.places) == ["a", "b"]
     row = list(evidence.places).index("a")
     parts = {name: values[row] for name, values in evidence.values.items()}
     single = SaliencyGraphLocalizer(SaliencyGraphLocalizer.Config(detector="annotations"))
     built = LocalizationMap.build(single, FRAMES)
     assert parts["panorama"] == built.answer(seen).places[0].score
-    assert parts["labels_found"] == parts["labels_shared"] == 1  # nothing else is in the room
+    assert parts["detected_labels"] == parts["labels_shared"] == 1  # nothing else is in the room
     assert parts["outline"] == 0  # object lists have none
     scores = {place.place: place.score for place in made.match(seen).places}
     assert scores == pytest.approx(evidence.place_scores(made.config.weights.model_dump()))
@@ -254,7 +254,7 @@ def test_of_many_places_those_that_the_index_puts_first_are_ranked(monkeypatch):
 @pytest.mark.parametrize("scale", [0.0, 0.3])
 def test_without_sure_range_it_answers_as_single_panoramas_do(scale):
     """Of bearings alone, and where ranges may be off by a factor."""
-    matcher = {"kind": "geometric", "largest_scale_error": scale}
+    matcher = {"kind": "geometric", "max_scale_error": scale}
     single = SaliencyGraphLocalizer(SaliencyGraphLocalizer.Config(detector="annotations", matcher=matcher))
     built = LocalizationMap.build(single, FRAMES)
     description = dict(single.describe(panorama("q", ["b"], pose_2d(5.5, 0, 0.4))))

@@ -176,4 +176,4 @@ def test_what_cannot_be_solved_says_so(positioner, points, status):
 def test_inconsistent_matches():
     query = np.array([[0, 0, 0], [1, 0, 0], [0, 2, 0]], float)
     reference = np.array([[0, 0, 0], [9, 0, 0], [0, -20, 0]], float)
-    assert robust(least_inliers=3).solve(query, reference).status == "inconsistent"
+    assert robust(min_inliers=3).solve(query, reference).status == "inconsistent"

@@ -9,9 +9,9 @@ import pytest
 
 from salframe.framework.errors import DataError
 from salframe.graphs.sensor import (
+    DetectionModel,
     Errors,
     FalseObjects,
-    FoundModel,
     Provenance,
     SensorModel,
     quantiles,
@@ -19,7 +19,7 @@ from salframe.graphs.sensor import (
     value_at,
 )
 
-FOUND = FoundModel(
+FOUND = DetectionModel(
     intercept=1.0,
     per_log_solid_angle=0.5,
     per_log_range=-2.0,
@@ -34,8 +34,8 @@ FOUND = FoundModel(
 
 def model(**changes):
     fields = {
-        "provenance": Provenance(salframe="0", detector={}, data={}, panoramas=1, objects=3, found=2),
-        "found": FOUND,
+        "provenance": Provenance(salframe="0", detector={}, data={}, panoramas=1, objects=3, detected=2),
+        "detection": FOUND,
         "confusion": {},
         "false_objects": FalseObjects(per_panorama=0, labels={}, range_m=(), elevation_rad=(), size_m=()),
         "errors": Errors(bearing_rad=0, range_share=0, size_log=0, height_m=0),
@@ -94,10 +94,10 @@ def test_a_file_gives_the_model_back(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("[1]", r"is no sensor file: its format is None, expected 'salframe sensor 1' as `salframe sensor` writes"),
-        ('{"format": "salframe sensor 9"}', r"its format is 'salframe sensor 9', expected 'salframe sensor 1'"),
+        ("[1]", r"is no sensor file: its format is None, expected 'salframe sensor 2' as `salframe sensor` writes"),
+        ('{"format": "salframe sensor 9"}', r"its format is 'salframe sensor 9', expected 'salframe sensor 2'"),
         ("{", "is not JSON"),
-        ('{"format": "salframe sensor 1"}', r"provenance is missing; .*found is missing"),
+        ('{"format": "salframe sensor 2"}', r"provenance is missing; .*detection is missing"),
     ],
 )
 def test_what_is_no_sensor_file_is_told_in_one_line(tmp_path, text, message):

@@ -17,7 +17,7 @@ from salframe.graphs.graph import GraphConfig, build_graph
 from salframe.graphs.packing import graph_to_arrays
 from salframe.localization.map import LocalizationMap
 from salframe.panoramas.floors import FloorMasks
-from salframe.panoramas.frames import FrameKind, MapFrame
+from salframe.panoramas.frames import FrameKind, ReferenceFrame
 from salframe.panoramas.geometry import invert_pose, pose_2d, transform_points
 
 LABELS = ("bed", "sofa", "chair", "chair", "table", "lamp", "plant", "tv")
@@ -26,26 +26,26 @@ CHANGES = {
     "matcher": ("triplet", {}),
     "matcher.rarity": (False, {}),
     "matcher.confidence": (False, {}),
-    "matcher.keep": (0.8, {}),
-    "matcher.most": (4, {}),
-    "matcher.scene_index": ("compiled-lists", {"matcher": {"most": 3}}),
+    "matcher.min_candidate_ratio": (0.8, {}),
+    "matcher.max_candidates": (4, {}),
+    "matcher.scene_index": ("compiled-lists", {"matcher": {"max_candidates": 3}}),
     "matcher.height_scale_m": (0.5, {}),
     "matcher.size_scale": ([0.4, 0.3], {}),
     "matcher.ring_edges_m": ([1.5, 3.0], {}),
     "matcher.hops": (0, {}),
     "matcher.structure_weight": (1.0, {}),
-    "matcher.least_similarity": (0.5, {}),
+    "matcher.min_similarity": (0.5, {}),
     "matcher.similarity_score": (0.2, {}),
     "matcher.geometry_score": (0.5, {}),
     "matcher.tolerance_m": (0.15, {}),
     "matcher.tolerance_share": (0.2, {}),
-    "matcher.largest_scale_error": (0.2, {}),
-    "matcher.largest_shift_m": (1.0, {}),
+    "matcher.max_scale_error": (0.2, {}),
+    "matcher.max_shift_m": (1.0, {}),
     "positioner": (None, {}),
-    "positioner.group": ("SE(3)", {"matcher": {"largest_scale_error": 0.2}}),
+    "positioner.group": ("SE(3)", {"matcher": {"max_scale_error": 0.2}}),
     "positioner.tolerance_m": (0.1, {}),
-    "positioner.least_inliers": (9, {"matcher": {"largest_scale_error": 0.2}}),
-    "positioner.ambiguity": (0.02, {"matcher": {"largest_scale_error": 0.2}}),
+    "positioner.min_inliers": (9, {"matcher": {"max_scale_error": 0.2}}),
+    "positioner.ambiguity": (0.02, {"matcher": {"max_scale_error": 0.2}}),
     "top_k": (2, {}),
     "min_score": (2.9, {}),
     "agreement": (0.0, {}),
@@ -57,16 +57,16 @@ CHANGES = {
     "rates.height_error_m": (0.5, {}),
     "rates.length_error_log": (0.5, {}),
     "rates.box_height_error_log": (0.5, {}),
-    "rates.found_logit": (1.0, {}),
-    "rates.found_per_saliency": (1.0, {}),
-    "rates.found_per_distance": (-0.5, {}),
+    "rates.detection_logit": (1.0, {}),
+    "rates.detection_per_saliency": (1.0, {}),
+    "rates.detection_per_distance": (-0.5, {}),
     "rates.clutter": (0.5, {}),
     "weights.likelihood": (0.2, {}),
     "weights.outline": (0.05, {}),
     "weights.panorama": (3.0, {}),
-    "weights.labels_found": (0.5, {}),
+    "weights.detected_labels": (0.5, {}),
     "weights.labels_shared": (1.0, {}),
-    "likelihood.found_per_sighting": (1.0, {}),
+    "likelihood.detection_per_sighting": (1.0, {}),
     "likelihood.area_m2": (30.0, {}),
     "likelihood.height_span_m": (1.0, {}),
     "likelihood.size_span_log": (1.0, {}),
@@ -77,7 +77,7 @@ CHANGES = {
     "posterior.head.top_probability": (0.1, {}),
     "posterior.head.margin": (0.1, {}),
     "posterior.head.log_objects": (-1.0, {}),
-    "posterior.max_not_here": (0.0001, {}),
+    "posterior.max_out_of_map_probability": (0.0001, {}),
     "candidates": (2, {}),
     "scene_index": ("compiled-lists", {"candidates": 2}),
     "merged": (False, {}),
@@ -149,11 +149,11 @@ def scene():
     for number in range(NUM_ROOMS):
         for view in range(2):
             T = pose_2d(WIDTH_M * number + (-1, 1)[view], 0.3, number + view)
-            frames.append(MapFrame(f"frame-{number}-{view}", f"room-{number}", T))
+            frames.append(ReferenceFrame(f"frame-{number}-{view}", f"room-{number}", T))
             descriptions.append(described([number], T, (number, view)))
     for number in range(NUM_ROOMS - 1):
         T = pose_2d(WIDTH_M * (number + 0.5), 0.0, 0.4)
-        frames.append(MapFrame(f"door-{number}", f"door-{number}", T, FrameKind.TRANSITION))
+        frames.append(ReferenceFrame(f"door-{number}", f"door-{number}", T, FrameKind.TRANSITION))
         descriptions.append(described([number, number + 1], T, (number, 7)))
     region = np.repeat(np.arange(1, NUM_ROOMS + 1, dtype=np.int32), 60)[None].repeat(60, 0)
     free = np.ones(region.shape, bool)
@@ -181,7 +181,7 @@ def answers(config):
 def _comparable(answer):
     pose = None if answer.T_world_query is None else answer.T_world_query.round(7).tolist()
     places = [(place.frame, round(place.score, 9), place.probability) for place in answer.places]
-    return answer.status, places, pose, answer.not_here
+    return answer.status, places, pose, answer.out_of_map_probability
 
 
 @pytest.mark.parametrize("key", CHANGES)

@@ -31,7 +31,7 @@ def test_candidates_are_those_of_a_large_jaccard_index_of_multisets(rooms):
     labels = Counter(query.labels)
     jaccard = [(labels & Counter(g.labels)).total() / (labels | Counter(g.labels)).total() for g in graphs]
     expected = {number for number, value in enumerate(jaccard) if value >= 0.6 * max(jaccard)}
-    assert candidates_of(triplets(rarity=False, keep=0.6), query, graphs) == expected
+    assert candidates_of(triplets(rarity=False, min_candidate_ratio=0.6), query, graphs) == expected
 
 
 def test_set_jaccard_ignores_numbers(rooms):
@@ -39,7 +39,7 @@ def test_set_jaccard_ignores_numbers(rooms):
     labels = set(query.labels)
     jaccard = [len(labels & set(g.labels)) / len(labels | set(g.labels)) for g in graphs]
     expected = {number for number, value in enumerate(jaccard) if value >= 0.8 * max(jaccard)}
-    assert candidates_of(triplets(rarity=False, labels="set", keep=0.8), query, graphs) == expected
+    assert candidates_of(triplets(rarity=False, labels="set", min_candidate_ratio=0.8), query, graphs) == expected
 
 
 def test_triplet_score_by_hand():

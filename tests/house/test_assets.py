@@ -17,7 +17,7 @@ from salframe_house.assets import Catalogue, asset_mesh, class_of, read_library
 from salframe_house.building import generate_building
 from salframe_house.dataset import House
 from salframe_house.furniture import CLASSES, object_mesh
-from salframe_house.render import Renderer
+from salframe_house.render import HouseRenderer
 from salframe_house.textures import TILE, texture_tile
 
 # A step: 2 wide (x), 1 high (y), 4 deep (z); the lower half lies in front (z from 0 to 2).
@@ -129,7 +129,7 @@ def test_a_building_takes_models_and_keeps_every_objects_box(folder):
     assert set(with_models.instance_id) == set(without.instance_id)
     pose = np.eye(4)
     pose[:3, 3] = (*np.mean([building.rooms[0].low_m, building.rooms[0].high_m], 0), 1.5)
-    assert Renderer(with_models, "day", 32).render(pose).rgb.shape == (32, 64, 3)
+    assert HouseRenderer(with_models, "day", 32).render(pose).rgb.shape == (32, 64, 3)
 
 
 def test_half_of_the_objects_of_a_covered_class_take_a_model_and_parts_share_none(folder):
@@ -159,7 +159,7 @@ def test_the_dataset_furnishes_with_models_where_asked(folder, tmp_path, monkeyp
     for models in (None, folder):
         house = House(House.Config(rooms=4, rgb=False, height=128, queries_per_room=0, models=models))
         house.prepare(lambda done, total: None)
-        frames.append([frame.load() for frame in house.folds()[0].mapping])
+        frames.append([frame.load() for frame in house.folds()[0].references])
     changed = 0
     for plain, furnished in zip(*frames, strict=True):
         seats = np.array([id for id, label in plain.annotations.labels.items() if label in ("sofa", "armchair")])

@@ -32,9 +32,9 @@ def house(cache: Path, monkeypatch: pytest.MonkeyPatch) -> House:
 
 def test_frames_have_what_they_should(house: House) -> None:
     (fold,) = house.folds()
-    assert house.provides == {"range", "annotations"} == fold.mapping[0].load().provides
+    assert house.provides == {"range", "annotations"} == fold.references[0].load().provides
     assert len(fold.queries) == 6
-    rooms = {frame.place for frame in fold.mapping if not frame.place.startswith("transition")}
+    rooms = {frame.place for frame in fold.references if not frame.place.startswith("transition")}
     assert len(rooms) == 6
     assert {house.truth(query.id).place for query in fold.queries} == rooms
     assert not any(room in query.id for query in fold.queries for room in rooms)
@@ -52,11 +52,11 @@ def test_a_hidden_place_is_gone_with_its_doorways_and_nothing_is_rendered_again(
     for fold in without:
         (query,) = fold.queries
         place = hidden.truth(query.id).place
-        gone = {frame.id: frame for frame in whole.mapping if frame.id not in {kept.id for kept in fold.mapping}}
+        gone = {frame.id: frame for frame in whole.references if frame.id not in {kept.id for kept in fold.references}}
         rooms = [frame for frame in gone.values() if frame.place == place]
         doors = [frame for frame in gone.values() if frame.place != place]
         assert rooms
-        assert not any(frame.place == place for frame in fold.mapping)
+        assert not any(frame.place == place for frame in fold.references)
         # a room has a door at least, and a door is at its edge: its floor is on one side within a step
         assert doors
         assert all(door.place.startswith("transition") for door in doors)
@@ -86,7 +86,7 @@ def test_objects_lie_where_the_table_says(house: House) -> None:
     """Points of the map's instance images fall into the boxes of objects.parquet."""
     rows = {row["instance_id"]: row for row in pq.read_table(house.root / "objects.parquet").to_pylist()}
     checked = 0
-    for frame in house.folds()[0].mapping:
+    for frame in house.folds()[0].references:
         panorama = frame.load()
         points = (
             equirectangular_rays(128) * panorama.range_m[..., None] @ frame.T_world_pano[:3, :3].T
@@ -118,7 +118,7 @@ def test_rendering_resumes(house: House, monkeypatch: pytest.MonkeyPatch) -> Non
     told = []
     again = House(house.config)
     again.prepare(lambda done, total: told.append((done, total)))
-    total = len(again.folds()[0].mapping) + len(again.folds()[0].queries)
+    total = len(again.folds()[0].references) + len(again.folds()[0].queries)
     assert told == [(total - 1, total), (total, total)]
     assert lost.read_bytes() == content
     assert (house.root / "manifest.json").read_bytes() == manifest
@@ -174,7 +174,7 @@ def test_queries_without_range_and_with_range_off_by_a_factor(
         data = House(House.Config(rooms=6, rgb=False, height=128, queries_per_room=1, **options))
         data.prepare(lambda done, total: None)
         (made[name],) = data.folds()
-        np.testing.assert_array_equal(made[name].mapping[0].load().range_m, plain.mapping[0].load().range_m)
+        np.testing.assert_array_equal(made[name].references[0].load().range_m, plain.references[0].load().range_m)
         assert data.provides == ({"annotations"} if name == "none" else {"range", "annotations"})
     factors = []
     for query, none, off in zip(plain.queries, made["none"].queries, made["off"].queries, strict=True):
@@ -194,7 +194,7 @@ def test_colour_is_rendered_under_other_light(tmp_path: Path, monkeypatch: pytes
     data = House(House.Config(rooms=4, height=128, queries_per_room=1, lighting="dim"))
     data.prepare(lambda done, total: None)
     (fold,) = data.folds()
-    day = np.mean([frame.load().rgb.mean() for frame in fold.mapping])
+    day = np.mean([frame.load().rgb.mean() for frame in fold.references])
     dim = np.mean([frame.load().rgb.mean() for frame in fold.queries])
     assert day > dim + 25
 

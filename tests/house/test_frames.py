@@ -152,7 +152,7 @@ def test_fewer_map_frames_a_room_leave_queries_and_doorways():
 
 
 def test_one_map_frame_stands_where_the_room_is_nearest_on_the_whole():
-    """No other place of the room's map frames, as many as it needs, is nearer to its free floor."""
+    """No other place of the room's reference frames, as many as it needs, is nearer to its free floor."""
     house, changed, frames = case("office", 42, 0)
     free = house.free_space(0.25, 0.1)
     for one in choose_frames(house, changed, 0, frames_per_room=1):

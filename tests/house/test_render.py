@@ -10,7 +10,7 @@ import pytest
 from room import ROOM_M, TABLE, SceneBuilder, box_room, furnished_room
 from salframe_house.bounce import Bounce, gather_directions
 from salframe_house.lighting import CONDITIONS, INTERLEAVED, Lights, is_hollow, lights_on
-from salframe_house.render import Renderer
+from salframe_house.render import HouseRenderer
 from salframe_house.scene import Light, Material
 from salframe_house.textures import MAX_PATTERN, TEXTURES, TILE, TextureKind, texture_tile
 from salframe_house.tracing import Tracer
@@ -23,8 +23,8 @@ POSE = pose_2d(1.8, 3.3, 0.3, 1.5)
 
 
 @pytest.fixture(scope="module")
-def furnished() -> Renderer:
-    return Renderer(furnished_room(), "evening", HEIGHT)
+def furnished() -> HouseRenderer:
+    return HouseRenderer(furnished_room(), "evening", HEIGHT)
 
 
 def look_up(image: np.ndarray, point_m, pose: np.ndarray = POSE) -> np.ndarray:
@@ -34,7 +34,7 @@ def look_up(image: np.ndarray, point_m, pose: np.ndarray = POSE) -> np.ndarray:
 
 
 def test_range_in_a_box_is_the_analytic_distance() -> None:
-    range_m, instance_id = Renderer(box_room(), "day", HEIGHT).geometry(POSE)
+    range_m, instance_id = HouseRenderer(box_room(), "day", HEIGHT).geometry(POSE)
     rays = equirectangular_rays(HEIGHT).astype(np.float64) @ POSE[:3, :3].T
     with np.errstate(divide="ignore"):
         expected = np.min(
@@ -49,7 +49,7 @@ def test_range_in_a_box_is_the_analytic_distance() -> None:
 def test_range_and_instance_of_a_box_in_the_open() -> None:
     build = SceneBuilder()
     build.box((2, -0.5, -0.5), (3, 0.5, 0.5), Material("wood", (0.4, 0.3, 0.2)), 7)
-    range_m, instance_id = Renderer(build.scene(), "day", HEIGHT).geometry(np.eye(4))
+    range_m, instance_id = HouseRenderer(build.scene(), "day", HEIGHT).geometry(np.eye(4))
     rays = equirectangular_rays(HEIGHT).astype(np.float64)
     front = np.abs(rays[..., 1:]).max(axis=-1) * 2 < 0.5 * rays[..., 0]
     np.testing.assert_array_equal(instance_id, np.where(front, 7, 0))
@@ -57,7 +57,7 @@ def test_range_and_instance_of_a_box_in_the_open() -> None:
     assert np.isnan(range_m[~front]).all()
 
 
-def test_turning_by_whole_columns_rolls_range_and_instances(furnished: Renderer) -> None:
+def test_turning_by_whole_columns_rolls_range_and_instances(furnished: HouseRenderer) -> None:
     columns = 37
     range_m, instance_id = furnished.geometry(POSE)
     turned_range_m, turned_instance_id = furnished.geometry(pose_2d(1.8, 3.3, 0.3 + columns * np.pi / HEIGHT, 1.5))
@@ -69,9 +69,9 @@ def test_turning_by_whole_columns_rolls_range_and_instances(furnished: Renderer)
     assert close.mean() > 0.9995
 
 
-def test_same_pose_same_bytes_and_lightings_share_geometry(furnished: Renderer) -> None:
+def test_same_pose_same_bytes_and_lightings_share_geometry(furnished: HouseRenderer) -> None:
     dim = furnished.relit("dim")
-    first, second = dim.render(POSE), Renderer(furnished_room(), "dim", HEIGHT).render(POSE)
+    first, second = dim.render(POSE), HouseRenderer(furnished_room(), "dim", HEIGHT).render(POSE)
     np.testing.assert_array_equal(first.rgb, second.rgb)
     evening = furnished.render(POSE)
     np.testing.assert_array_equal(first.range_m, evening.range_m)
@@ -80,7 +80,7 @@ def test_same_pose_same_bytes_and_lightings_share_geometry(furnished: Renderer) 
 
 
 @pytest.mark.parametrize("lighting", list(CONDITIONS))
-def test_pictures_are_exposed(furnished: Renderer, lighting: str) -> None:
+def test_pictures_are_exposed(furnished: HouseRenderer, lighting: str) -> None:
     rgb = furnished.relit(lighting).render(POSE).rgb
     assert rgb.shape == (HEIGHT, 2 * HEIGHT, 3)
     assert rgb.dtype == np.uint8
@@ -90,7 +90,7 @@ def test_pictures_are_exposed(furnished: Renderer, lighting: str) -> None:
     assert low < rgb.mean() < high
 
 
-def test_shadow_under_the_table(furnished: Renderer) -> None:
+def test_shadow_under_the_table(furnished: HouseRenderer) -> None:
     rendering = furnished.render(POSE)
     under, beside = (3.0, 2.25, 0.012), (3.0, 3.15, 0.012)
     assert look_up(rendering.instance_id, (3.0, 2.45, 0.74)) == TABLE
@@ -110,7 +110,7 @@ def test_a_corner_without_direct_light_is_lit_indirectly() -> None:
     tracer = Tracer(scene, is_hollow(scene))
     lights = Lights(scene, CONDITIONS["evening"], tracer)
     assert not lights.direct(corner, np.array([[0, 0, 1]], np.float32), np.zeros(1, int), 8).any()
-    rgb = Renderer(scene, "evening", HEIGHT).render(pose_2d(5.0, 4.5, 0.0, 1.5)).rgb
+    rgb = HouseRenderer(scene, "evening", HEIGHT).render(pose_2d(5.0, 4.5, 0.0, 1.5)).rgb
     assert look_up(rgb, corner[0], pose_2d(5.0, 4.5, 0.0, 1.5)).min() > 8
 
 
@@ -213,7 +213,7 @@ def test_no_specks(monkeypatch: pytest.MonkeyPatch) -> None:
     build.box((0, 0, 0), ROOM_M, Material("plain", (0.6, 0.6, 0.6)))
     build.box((2.7, 2.2, 2.60), (3.3, 2.8, 2.69), Material("plain", (0.7, 0.69, 0.66)), 15)
     build.lights.append(Light((3.0, 2.5, 2.65), (0.6, 0, 0), (0, 0.6, 0), "lamp", "room", 15))
-    rendering = Renderer(build.scene(), "evening", HEIGHT).render(POSE)
+    rendering = HouseRenderer(build.scene(), "evening", HEIGHT).render(POSE)
     grey = rendering.rgb.astype(float).mean(axis=-1)
     window = np.lib.stride_tricks.sliding_window_view(grey, (3, 3)).reshape(HEIGHT - 2, 2 * HEIGHT - 2, 9)
     speck = np.abs(grey[1:-1, 1:-1] - np.median(window, axis=-1))
@@ -242,12 +242,12 @@ def test_textures_have_mean_one_and_no_seam(name: str) -> None:
 
 def test_wrong_input_is_one_clear_line() -> None:
     with pytest.raises(DataError, match="unknown lighting 'noon', expected one of day, evening, dim"):
-        Renderer(box_room(), "noon", HEIGHT)
+        HouseRenderer(box_room(), "noon", HEIGHT)
     with pytest.raises(DataError, match="height of 130"):
-        Renderer(box_room(), "day", 130)
+        HouseRenderer(box_room(), "day", 130)
     scene = box_room()
     with pytest.raises(DataError, match="unknown texture 'velvet', expected one of books, carpet"):
-        Renderer(
+        HouseRenderer(
             replace(scene, materials=(replace(scene.materials[0], texture="velvet"), *scene.materials[1:])),
             "day",
             HEIGHT,

@@ -38,7 +38,7 @@ OTHERS = {
 }
 """Another value of every setting."""
 OF_THE_MAP = {"style", "rooms", "seed", "height", "rgb", "models", "models_part"}
-"""Settings that other map frames come of."""
+"""Settings that other reference frames come of."""
 OF_QUERIES = {"changed_fraction", "changes", "change_kinds", "query_range", "query_scale_share"}
 """Settings that other pixels of a query come of, wherever it stands."""
 
@@ -103,7 +103,7 @@ def test_arms_that_change_queries_alone_render_the_map_once(tmp_path: Path, monk
         arm.prepare(lambda done, total, told=told: told.append((done, total)))
         new = told[-1][1] - told[0][0] if told else 0
         assert new == (len(arm.list_frames()) if "seed" in settings else rendered), settings
-        shared = {f.content for f in arm.folds()[0].mapping} & {f.content for f in first.folds()[0].mapping}
+        shared = {f.content for f in arm.folds()[0].references} & {f.content for f in first.folds()[0].references}
         assert len(shared) == (0 if "seed" in settings else count - queries), settings
         assert not {f.content for f in arm.folds()[0].queries} & {f.content for f in first.folds()[0].queries}
 

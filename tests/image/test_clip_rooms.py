@@ -11,7 +11,7 @@ from salframe_image.clip import MEAN, STD, ClipRooms, room_type
 from salframe.framework.components.identity import identity
 from salframe.framework.errors import InputMissing, WeightsMissing
 from salframe.localization.map import LocalizationMap
-from salframe.panoramas.frames import FrameKind, MapFrame, QueryFrame
+from salframe.panoramas.frames import FrameKind, QueryFrame, ReferenceFrame
 from salframe.panoramas.panorama import Panorama
 
 pytest.importorskip("tokenizers")
@@ -58,7 +58,7 @@ def build(folder):
         return LocalizationMap.build(
             localizer,
             [
-                MapFrame(place, place, np.eye(4), load=lambda colour=colour: painted(colour))
+                ReferenceFrame(place, place, np.eye(4), load=lambda colour=colour: painted(colour))
                 for place, colour in rooms.items()
             ],
         )
@@ -128,9 +128,9 @@ def test_one_map_frame_is_enough(build):
 def test_room_types_are_those_of_scenes_unless_others_are_named(build, folder):
     localizer = ClipRooms(ClipRooms.Config(checkpoint=folder, views=4, hfov_deg=80))
     frames = [
-        MapFrame("1", "red-01", np.eye(4)),
-        MapFrame("2", "blue", np.eye(4)),
-        MapFrame("3", "green-01", np.eye(4), FrameKind.TRANSITION),
+        ReferenceFrame("1", "red-01", np.eye(4)),
+        ReferenceFrame("2", "blue", np.eye(4)),
+        ReferenceFrame("3", "green-01", np.eye(4), FrameKind.TRANSITION),
     ]
     described = [localizer.describe(painted(colour)) for colour in ("red", "blue", "green")]
     known = LocalizationMap.from_descriptions(localizer, described, frames)
@@ -207,16 +207,16 @@ def test_it_keeps_the_promises_of_a_localizer(folder):
 
 
 def test_descriptions_are_known_by_the_checkpoints_content_and_not_by_prompts(folder):
-    def known_by(**settings):
+    def cache_key(**settings):
         config = ClipRooms.Config(checkpoint=folder, views=2, **settings)
         return identity(config), ClipRooms(config).describe_identity()
 
-    before = known_by()
+    before = cache_key()
     for change in ({"prompt": "the {}"}, {"room_types": ("red",)}):
-        assert known_by(**change)[0] != before[0]
-        assert known_by(**change)[1] == before[1]
+        assert cache_key(**change)[0] != before[0]
+        assert cache_key(**change)[1] == before[1]
     path = folder / "onnx" / "vision_model.onnx"
     path.write_bytes(path.read_bytes() + b"\x12\x04test")  # another field of the file: its producer's name
-    after = known_by()
+    after = cache_key()
     assert before[0] != after[0]
     assert before[1] != after[1]

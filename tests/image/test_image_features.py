@@ -14,7 +14,7 @@ from salframe.framework.components.presets import settings
 from salframe.framework.components.registry import registry
 from salframe.framework.errors import InputMissing, WeightsMissing
 from salframe.localization.map import LocalizationMap
-from salframe.panoramas.frames import MapFrame, QueryFrame
+from salframe.panoramas.frames import QueryFrame, ReferenceFrame
 from salframe.panoramas.geometry import pose_2d, pose_yaw, wrap_angle
 from salframe.panoramas.panorama import Panorama
 
@@ -37,12 +37,12 @@ def configure(same_network):
 @pytest.fixture
 def known(configure):
     frames = [("hall", HALL, pose_2d(1, 2, 0.4, 1.5)), ("cellar", CELLAR, pose_2d(7, 2, -2, 1.5))]
-    described = [map_frame(name, compass(colours, pose), pose) for name, colours, pose in frames]
+    described = [reference_frame(name, compass(colours, pose), pose) for name, colours, pose in frames]
     return LocalizationMap.build(ImageFeatures(configure()), described)
 
 
-def map_frame(name, panorama, pose) -> MapFrame:
-    return MapFrame(name, name, pose, load=lambda: panorama)
+def reference_frame(name, panorama, pose) -> ReferenceFrame:
+    return ReferenceFrame(name, name, pose, load=lambda: panorama)
 
 
 def query(panorama) -> QueryFrame:
@@ -125,12 +125,12 @@ def test_without_texture_there_is_a_place_and_no_heading(known):
 
 def test_one_map_frame_is_enough(configure):
     localizer, pose = ImageFeatures(configure()), pose_2d(1, 2, 0.4)
-    built = LocalizationMap.build(localizer, [map_frame("hall", compass(HALL, pose), pose)])
+    built = LocalizationMap.build(localizer, [reference_frame("hall", compass(HALL, pose), pose)])
     answer = built.localize(query(compass(HALL, pose_2d(0, 0, -0.8))))
     assert abs(wrap_angle(pose_yaw(answer.T_world_query) + 0.8)) < 0.02
     plain = Panorama("plain", np.full((HEIGHT, 2 * HEIGHT, 3), 160, np.uint8))
     # all views are alike: nothing is left of them but their mean
-    built = LocalizationMap.build(localizer, [map_frame("cell", plain, pose)])
+    built = LocalizationMap.build(localizer, [reference_frame("cell", plain, pose)])
     assert built.localize(query(compass(HALL))).status == "no-pose"
 
 
@@ -188,17 +188,17 @@ def test_the_description_is_known_by_the_networks_content_not_by_its_path(config
     copy = tmp_path / "copy.onnx"
     copy.write_bytes(same_network.read_bytes())
 
-    def known_by(**change):
+    def cache_key(**change):
         config = configure(**change)
         return identity(config), ImageFeatures(config).describe_identity()
 
-    before = known_by()
-    assert known_by(network={"model": copy}) == before
+    before = cache_key()
+    assert cache_key(network={"model": copy}) == before
     copy.write_bytes(copy.read_bytes() + b"\x12\x04test")  # another field of the file: its producer's name
-    after = known_by(network={"model": copy})
+    after = cache_key(network={"model": copy})
     assert before[0] != after[0]
     assert before[1] != after[1]
-    assert known_by(power=2.0)[1] != before[1]
+    assert cache_key(power=2.0)[1] != before[1]
 
 
 def test_fetched_networks_are_known_by_their_hash():

@@ -12,7 +12,7 @@ from salframe.framework.component import ComponentConfig
 from salframe.framework.components.registry import registry
 from salframe.framework.errors import RequirementMissing, WeightsMissing
 from salframe.framework.validation import validate
-from salframe.panoramas.frames import MapFrame, QueryFrame
+from salframe.panoramas.frames import QueryFrame, ReferenceFrame
 from salframe.panoramas.geometry import equirectangular_rays
 from salframe.panoramas.panorama import Panorama
 
@@ -48,9 +48,9 @@ class BoxRoom:
                 ).clip(0, 255)
         return Panorama(name, rgb, range_m.astype(np.float32) if with_range else None)
 
-    def map_frame(self, name: str, T_world_pano: np.ndarray, place: str, **options) -> MapFrame:
+    def reference_frame(self, name: str, T_world_pano: np.ndarray, place: str, **options) -> ReferenceFrame:
         panorama = self.panorama(name, T_world_pano, **options)
-        return MapFrame(name, place, T_world_pano, load=lambda: panorama)
+        return ReferenceFrame(name, place, T_world_pano, load=lambda: panorama)
 
     def query(self, T_world_pano: np.ndarray, **options) -> QueryFrame:
         panorama = self.panorama("query", T_world_pano, **options)

@@ -88,7 +88,7 @@ def test_views_without_texture_leave_the_pose_to_the_others(rooms, configure):
     """Half of the query shows one even colour, as a near white wall would."""
     localizer = Keypoints(configure("sift", view_width_px=240, view_height_px=176))
     built = LocalizationMap.build(
-        localizer, [room.map_frame(f"m{i}", np.eye(4), f"room {i}", height=256) for i, room in enumerate(rooms)]
+        localizer, [room.reference_frame(f"m{i}", np.eye(4), f"room {i}", height=256) for i, room in enumerate(rooms)]
     )
     seen = rooms[1].panorama("query", QUERY, 256)
     rgb = seen.rgb.copy()

@@ -32,8 +32,8 @@ QUERY = pose_2d(0.6, -0.4, 2.2, z_m=0.05)
 
 
 @pytest.fixture(scope="module")
-def mapping(rooms):
-    return [room.map_frame(f"m{i}", pose_2d(0.1 * i, 0.0, 0.3 * i), f"room {i}") for i, room in enumerate(rooms)]
+def references(rooms):
+    return [room.reference_frame(f"m{i}", pose_2d(0.1 * i, 0.0, 0.3 * i), f"room {i}") for i, room in enumerate(rooms)]
 
 
 @pytest.fixture(scope="module")
@@ -47,15 +47,15 @@ def make(configure):
 
 
 @pytest.fixture(scope="module")
-def sift(make, mapping):
+def sift(make, references):
     localizer = make()
-    return LocalizationMap.build(localizer, mapping)
+    return LocalizationMap.build(localizer, references)
 
 
 @pytest.mark.parametrize("kind", ["sift", "xfeat"])
-def test_the_room_is_found_and_the_pose_is_right_to_centimetres(make, kind, mapping, query):
+def test_the_room_is_found_and_the_pose_is_right_to_centimetres(make, kind, references, query):
     localizer = make(kind)
-    built = LocalizationMap.build(localizer, mapping)
+    built = LocalizationMap.build(localizer, references)
     answer = built.localize(query)
     assert answer.status == "ok"
     assert answer.places[0].place == "room 1"
@@ -85,15 +85,16 @@ def test_only_the_map_needs_range(sift, rooms):
 def test_a_map_without_range_gives_the_place_and_no_pose(make, rooms, query):
     localizer = make()
     built = LocalizationMap.build(
-        localizer, [room.map_frame(f"m{i}", np.eye(4), f"room {i}", with_range=False) for i, room in enumerate(rooms)]
+        localizer,
+        [room.reference_frame(f"m{i}", np.eye(4), f"room {i}", with_range=False) for i, room in enumerate(rooms)],
     )
     answer = built.localize(query)
     assert (answer.status, answer.T_world_query, answer.places[0].place) == ("no-pose", None, "room 1")
 
 
-def test_a_place_that_is_not_in_the_map_has_no_pose(make, sift, mapping, query):
+def test_a_place_that_is_not_in_the_map_has_no_pose(make, sift, references, query):
     localizer = make()
-    built = LocalizationMap.build(localizer, [mapping[0], mapping[2]])
+    built = LocalizationMap.build(localizer, [references[0], references[2]])
     answer = built.localize(query)
     assert answer.status == "no-pose"
     assert len(answer.places) == 2
@@ -105,9 +106,9 @@ def test_a_blank_panorama_has_no_features(sift):
     assert (answer.status, answer.places, answer.T_world_query) == ("no-features", (), None)
 
 
-def test_frames_off_the_shortlist_are_ranked_but_not_matched(make, mapping, query):
+def test_frames_off_the_shortlist_are_ranked_but_not_matched(make, references, query):
     localizer = make(shortlist=1)
-    built = LocalizationMap.build(localizer, mapping)
+    built = LocalizationMap.build(localizer, references)
     matched = []
     match = localizer._matcher.match
     localizer._matcher.match = lambda seen, reference: matched.append(1) or match(seen, reference)
@@ -123,7 +124,7 @@ def test_the_shortlist_takes_no_network_unless_it_is_set():
 
 
 @pytest.mark.parametrize("kind", ["tokens", "network"])
-def test_the_shortlist_may_be_made_by_something_else_than_sift(make, write_network, mapping, query, kind):
+def test_the_shortlist_may_be_made_by_something_else_than_sift(make, write_network, references, query, kind):
     """The matches and the pose are those of the matcher, whatever finds its candidates."""
     from onnx import helper
 
@@ -133,7 +134,7 @@ def test_the_shortlist_may_be_made_by_something_else_than_sift(make, write_netwo
         settings = {"features": "loftr-compact", "shortlist_network": {"kind": "onnx", "model": same, "size_px": 32}}
     chosen = Keypoints.Config(view_width_px=320, view_height_px=240, shortlist=1, **settings)
     localizer = Keypoints(chosen)
-    built = LocalizationMap.build(localizer, mapping)
+    built = LocalizationMap.build(localizer, references)
     described = localizer.describe(query.load())
     assert ("global" in described) == (kind == "network")
     answer = built.localize(query)
@@ -144,13 +145,15 @@ def test_the_shortlist_may_be_made_by_something_else_than_sift(make, write_netwo
 
 def test_exhaustive_matching_agrees_with_the_shortlist(make, rooms, query):
     poses = [pose_2d(0.0, 0.1, 0.3), pose_2d(0.5, 0.1, -0.7)]
-    mapping = [
-        room.map_frame(f"m{i}{j}", poses[j], f"room {i}", height=256) for i, room in enumerate(rooms) for j in range(2)
+    references = [
+        room.reference_frame(f"m{i}{j}", poses[j], f"room {i}", height=256)
+        for i, room in enumerate(rooms)
+        for j in range(2)
     ]
     answers = []
     for shortlist in (2, None):
         localizer = make(shortlist=shortlist, view_width_px=240, view_height_px=176)
-        built = LocalizationMap.build(localizer, mapping)
+        built = LocalizationMap.build(localizer, references)
         answers.append(built.localize(query))
     short, exhaustive = answers
     assert (short.status, short.places[0].place) == ("ok", "room 1")
@@ -166,7 +169,7 @@ def test_exhaustive_matching_agrees_with_the_shortlist(make, rooms, query):
 def test_one_map_frame_with_and_without_range_and_a_blank_query(make, kind, rooms):
     localizer = make(kind, view_width_px=240, view_height_px=176)
     query = rooms[1].query(QUERY)
-    built = LocalizationMap.build(localizer, [rooms[1].map_frame("m", pose_2d(0.1, 0.0, 0.3), "room 1")])
+    built = LocalizationMap.build(localizer, [rooms[1].reference_frame("m", pose_2d(0.1, 0.0, 0.3), "room 1")])
     answer = built.localize(query)
     assert (answer.status, [place.place for place in answer.places]) == ("ok", ["room 1"])
     translation, rotation = pose_errors(answer.T_world_query, QUERY)
@@ -179,7 +182,7 @@ def test_one_map_frame_with_and_without_range_and_a_blank_query(make, kind, room
         assert answer.T_world_query is None
 
     built = LocalizationMap.build(
-        localizer, [rooms[1].map_frame("m", pose_2d(0.1, 0.0, 0.3), "room 1", with_range=False)]
+        localizer, [rooms[1].reference_frame("m", pose_2d(0.1, 0.0, 0.3), "room 1", with_range=False)]
     )
     answer = built.localize(query)
     assert (answer.status, answer.T_world_query, answer.places[0].place) == ("no-pose", None, "room 1")
@@ -194,17 +197,17 @@ def test_the_median_rotation_error_is_below_a_tenth_of_a_degree(sift, rooms):
     )
 
 
-def test_points_are_where_their_range_was_measured(make, mapping):
+def test_points_are_where_their_range_was_measured(make, references):
     localizer = make()
-    description = localizer.describe(mapping[0].load())
-    points = np.concatenate(localizer._lift(description)) + mapping[0].T_world_pano[:3, 3]
+    description = localizer.describe(references[0].load())
+    points = np.concatenate(localizer._lift(description)) + references[0].T_world_pano[:3, 3]
     # every point of an empty box lies on a wall: 3.5, 2, 1.3 ahead and -3, -2.5, -1.5 behind
     distance = np.minimum(np.abs(points - (3.5, 2.0, 1.3)), np.abs(points - (-3.0, -2.5, -1.5))).min(1)
     assert np.quantile(distance, 0.99) < 0.02  # half a pixel of the panorama on a slanted wall
 
 
-def test_nothing_is_described_outside_the_part_that_was_seen(make, mapping):
-    whole = mapping[0].load()
+def test_nothing_is_described_outside_the_part_that_was_seen(make, references):
+    whole = references[0].load()
     valid = np.zeros(whole.range_m.shape, bool)
     valid[:, 256:768] = True  # the half ahead
     half = Panorama("half", np.where(valid[..., None], whole.rgb, 0), whole.range_m, valid)
@@ -216,14 +219,14 @@ def test_nothing_is_described_outside_the_part_that_was_seen(make, mapping):
     assert len(localizer.describe(whole)["range_m"]) > 1.5 * len(points)
 
 
-def test_descriptions_are_cached_by_what_they_depend_on(make, mapping, tmp_path):
+def test_descriptions_are_cached_by_what_they_depend_on(make, references, tmp_path):
     cache = Cache(tmp_path)
-    description, seconds = describe_frame(make(), mapping[0], cache, "rooms")
-    again, remembered = describe_frame(make(min_inliers=20, shortlist=2), mapping[0], cache, "rooms")
+    description, seconds = describe_frame(make(), references[0], cache, "rooms")
+    again, remembered = describe_frame(make(min_inliers=20, shortlist=2), references[0], cache, "rooms")
     assert remembered == seconds
     np.testing.assert_array_equal(again["features"], description["features"])
     assert len(list(tmp_path.rglob("*.npz"))) == 1
-    describe_frame(make(features={"max_keypoints": 100}), mapping[0], cache, "rooms")
+    describe_frame(make(features={"max_keypoints": 100}), references[0], cache, "rooms")
     assert len(list(tmp_path.rglob("*.npz"))) == 2
 
 
@@ -289,14 +292,14 @@ def test_descriptions_are_known_by_the_content_of_a_checkpoint(configure, tmp_pa
     shutil.copytree(FOLDER, tmp_path / "copy")
     size = {"view_width_px": 320, "view_height_px": 240}
 
-    def known_by(folder):
+    def cache_key(folder):
         config = configure("loftr-compact", {"checkpoint": folder}, **size)
         return identity(config), Keypoints(config).describe_identity()
 
-    before = known_by(tmp_path / "mine")
-    assert known_by(tmp_path / "copy") == before
+    before = cache_key(tmp_path / "mine")
+    assert cache_key(tmp_path / "copy") == before
     (tmp_path / "mine" / STATE).write_bytes(b"another training")
-    after = known_by(tmp_path / "mine")
+    after = cache_key(tmp_path / "mine")
     assert before[0] != after[0]
     assert before[1] != after[1]
 
@@ -317,7 +320,7 @@ def test_a_third_partys_matcher_is_found_and_used(monkeypatch, rooms):
         localizer = Keypoints(Keypoints.Config(features={"kind": "corners", "count": 200}, min_inliers=15))
         assert conforms(registry().get("feature-matcher", "corners"))
         built = LocalizationMap.build(
-            localizer, [room.map_frame(f"m{i}", np.eye(4), f"room {i}") for i, room in enumerate(rooms)]
+            localizer, [room.reference_frame(f"m{i}", np.eye(4), f"room {i}") for i, room in enumerate(rooms)]
         )
         answer = built.localize(rooms[1].query(pose_2d(0.05, 0.02, 0.1)))
     finally:

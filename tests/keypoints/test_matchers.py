@@ -153,7 +153,7 @@ class TestLoftrCheckpoint:
     def test_it_localizes(self, rooms, configure):
         localizer = Keypoints(configure("loftr", DISTILLED_SETTINGS))
         built = LocalizationMap.build(
-            localizer, [room.map_frame(f"m{i}", np.eye(4), f"room {i}") for i, room in enumerate(rooms)]
+            localizer, [room.reference_frame(f"m{i}", np.eye(4), f"room {i}") for i, room in enumerate(rooms)]
         )
         answer = built.localize(rooms[1].query(pose_2d(0.4, -0.3, 2.0)))
         assert answer.status == "ok"

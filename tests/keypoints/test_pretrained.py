@@ -181,7 +181,7 @@ def test_a_localizer_of_the_matcher_builds_and_answers(name, checkpoints, config
     small = {"views": 3, "view_width_px": 128, "view_height_px": 96, "hypotheses": 20}
     localizer = Keypoints(configure(name, {"checkpoint": checkpoints / name, "max_keypoints": 32}, **small))
     built = LocalizationMap.build(
-        localizer, [rooms[0].map_frame("m", np.eye(4), "room 0", height=64)], Cache(tmp_path), "rooms"
+        localizer, [rooms[0].reference_frame("m", np.eye(4), "room 0", height=64)], Cache(tmp_path), "rooms"
     )
     blank = Panorama("blank", np.full((64, 128, 3), 90, np.uint8))
     for query in (rooms[0].query(np.eye(4), height=64), QueryFrame("blank", lambda: blank)):

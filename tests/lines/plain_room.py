@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from salframe.panoramas.frames import MapFrame
+from salframe.panoramas.frames import ReferenceFrame
 from salframe.panoramas.geometry import equirectangular_rays
 from salframe.panoramas.panorama import Panorama
 
@@ -50,6 +50,6 @@ class PlainRoom:
             rgb[(axis == normal) & (high == side) & ((on_wall > low_m) & (on_wall < high_m)).all(-1)] = colour
         return rgb, range_m
 
-    def map_frame(self, name: str, T_world_pano: np.ndarray, place: str, **options) -> MapFrame:
+    def reference_frame(self, name: str, T_world_pano: np.ndarray, place: str, **options) -> ReferenceFrame:
         panorama = self.panorama(name, T_world_pano, **options)
-        return MapFrame(name, place, T_world_pano, load=lambda: panorama)
+        return ReferenceFrame(name, place, T_world_pano, load=lambda: panorama)

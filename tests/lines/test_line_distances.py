@@ -7,7 +7,7 @@ import pytest
 from salframe_lines.arcs import Arcs, Lines3d, seen_from
 from salframe_lines.distances import (
     CODES_PER_RAD,
-    LARGEST_CODE,
+    MAX_CODE,
     agreeing_share,
     distance_codes,
     distance_codes_from,
@@ -44,7 +44,7 @@ def test_distances_are_those_to_the_nearest_point():
     codes = distance_codes(arcs, points).reshape(3, 162)
     for axis in range(3):
         nearest_rad = np.arccos(np.clip(points @ sampled(arcs[axis], axis).reshape(-1, 3).T, -1, 1)).min(1)
-        expected = np.minimum(nearest_rad * CODES_PER_RAD, LARGEST_CODE)
+        expected = np.minimum(nearest_rad * CODES_PER_RAD, MAX_CODE)
         np.testing.assert_allclose(
             codes[axis], expected, atol=1.3
         )  # a code is the whole part, and samples are 0.0015 rad apart
@@ -52,10 +52,10 @@ def test_distances_are_those_to_the_nearest_point():
 
 def test_a_direction_without_lines_is_far_from_all_points():
     none = Arcs(np.zeros(0), np.zeros((0, 2)))
-    assert (distance_codes([none] * 3, sphere_points(10)) == LARGEST_CODE).all()
+    assert (distance_codes([none] * 3, sphere_points(10)) == MAX_CODE).all()
     assert (
         distance_codes_from([Lines3d(np.zeros((0, 2)), np.zeros((0, 2)))] * 3, np.zeros((9, 3)), sphere_points(10))
-        == LARGEST_CODE
+        == MAX_CODE
     ).all()
 
 
@@ -73,8 +73,8 @@ def test_lines_in_space_have_the_distances_of_the_arcs_they_are_seen_as():
 def test_the_share_of_agreeing_distances(within_rad):
     rng = np.random.default_rng(3)
     codes, query = (
-        rng.integers(0, LARGEST_CODE + 1, (20, 300)).astype(np.uint8),
-        rng.integers(0, LARGEST_CODE + 1, 300).astype(np.uint8),
+        rng.integers(0, MAX_CODE + 1, (20, 300)).astype(np.uint8),
+        rng.integers(0, MAX_CODE + 1, 300).astype(np.uint8),
     )
     expected = (np.abs(codes.astype(int) - query.astype(int)) <= round(within_rad * CODES_PER_RAD)).mean(1)
     np.testing.assert_allclose(agreeing_share(codes, query, within_rad), expected)

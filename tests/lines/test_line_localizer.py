@@ -12,7 +12,7 @@ from salframe_lines.localizer import Lines
 
 from salframe.framework.components.identity import identity
 from salframe.localization.map import LocalizationMap
-from salframe.panoramas.frames import MapFrame
+from salframe.panoramas.frames import ReferenceFrame
 from salframe.panoramas.geometry import pose_2d, pose_errors
 from salframe.panoramas.panorama import Panorama
 
@@ -20,9 +20,9 @@ QUERY = pose_2d(3.1, 2.3, 2.2, EYE_M + 0.03)
 
 
 @pytest.fixture(scope="module")
-def mapping(rooms):
+def references(rooms):
     return [
-        room.map_frame(f"m{i}", pose_2d(2.2 + 0.1 * i, 1.8, 0.3 + 0.4 * i, EYE_M), f"room {i}")
+        room.reference_frame(f"m{i}", pose_2d(2.2 + 0.1 * i, 1.8, 0.3 + 0.4 * i, EYE_M), f"room {i}")
         for i, room in enumerate(rooms)
     ]
 
@@ -33,8 +33,8 @@ def query(rooms):
 
 
 @pytest.fixture(scope="module")
-def known(mapping):
-    return LocalizationMap.build(Lines(), mapping)
+def known(references):
+    return LocalizationMap.build(Lines(), references)
 
 
 def ask(known, panorama):
@@ -92,31 +92,31 @@ def test_the_end_of_a_partial_panorama_is_no_line(known, query):
     assert pose_errors(ask(known, partial).T_world_query, QUERY)[0] < 0.03
 
 
-def test_one_map_frame_is_enough(rooms, mapping, query):
-    known = LocalizationMap.build(Lines(), mapping[1:2])
+def test_one_map_frame_is_enough(rooms, references, query):
+    known = LocalizationMap.build(Lines(), references[1:2])
     assert pose_errors(ask(known, query).T_world_query, QUERY)[0] < 0.02
 
 
-def test_a_map_without_range_gives_the_place_and_no_pose(mapping, query):
+def test_a_map_without_range_gives_the_place_and_no_pose(references, query):
     known = LocalizationMap.build(
-        Lines(), [replace(frame, load=lambda frame=frame: replace(frame.load(), range_m=None)) for frame in mapping]
+        Lines(), [replace(frame, load=lambda frame=frame: replace(frame.load(), range_m=None)) for frame in references]
     )
-    answer = ask(known, replace(mapping[1].load(), rgb=np.roll(mapping[1].load().rgb, 100, axis=1)))
+    answer = ask(known, replace(references[1].load(), rgb=np.roll(references[1].load().rgb, 100, axis=1)))
     assert (answer.status, answer.T_world_query) == ("no-pose", None)
     assert answer.places[0].place == "room 1"
     assert ask(known, query).status == "no-pose"
 
 
-def test_another_room_is_no_pose(mapping, query):
-    known = LocalizationMap.build(Lines(Lines.Config(min_agreement=0.5)), mapping[:1])
+def test_another_room_is_no_pose(references, query):
+    known = LocalizationMap.build(Lines(Lines.Config(min_agreement=0.5)), references[:1])
     answer = ask(known, query)
     assert (answer.status, answer.T_world_query, answer.places[0].place) == ("no-pose", None, "room 0")
 
 
-def test_a_map_frame_in_which_nothing_is_seen(mapping, query):
+def test_a_map_frame_in_which_nothing_is_seen(references, query):
     black = Panorama("dark", np.zeros((256, 512, 3), np.uint8))
-    dark = MapFrame("dark", "nowhere", np.eye(4), load=lambda: black)
-    known = LocalizationMap.build(Lines(), [dark, mapping[1]])
+    dark = ReferenceFrame("dark", "nowhere", np.eye(4), load=lambda: black)
+    known = LocalizationMap.build(Lines(), [dark, references[1]])
     assert ask(known, query).places[0].place == "room 1"
 
 

@@ -9,14 +9,14 @@ from salframe.framework.errors import DataError, InvalidAnswer
 from salframe.localization.answers import Localization, LocalizationStatus, NodeMatches, PointMatches, RankedPlace
 from salframe.localization.positioner import PoseEstimate, PoseStatus
 from salframe.localization.ranking import rank_places
-from salframe.panoramas.frames import FrameKind, MapFrame
+from salframe.panoramas.frames import FrameKind, ReferenceFrame
 from salframe.panoramas.geometry import pose_2d
 
 
 def test_a_status_may_be_written_as_text():
     assert Localization((), None, "no-match").status is LocalizationStatus.NO_MATCH
     assert PoseEstimate(None, "too-few", None, np.zeros(0, bool)).status is PoseStatus.TOO_FEW
-    assert MapFrame("a", "room", np.eye(4), "transition").kind is FrameKind.TRANSITION
+    assert ReferenceFrame("a", "room", np.eye(4), "transition").kind is FrameKind.TRANSITION
 
 
 def test_an_unknown_status_is_told_with_the_known_ones():
@@ -25,7 +25,7 @@ def test_an_unknown_status_is_told_with_the_known_ones():
     with pytest.raises(InvalidAnswer, match="the status 'lost', expected one of ok, too-few, degenerate"):
         PoseEstimate(None, "lost", None, np.zeros(0, bool))
     with pytest.raises(DataError, match="the frame a has the kind 'door', expected one of scene, transition"):
-        MapFrame("a", "room", np.eye(4), "door")
+        ReferenceFrame("a", "room", np.eye(4), "door")
 
 
 def test_only_a_place_or_a_pose_is_an_answer():
@@ -33,7 +33,7 @@ def test_only_a_place_or_a_pose_is_an_answer():
 
 
 def test_a_status_denies_the_map_where_the_query_was_compared_with_it():
-    assert {status for status in LocalizationStatus if status.denies_the_map} == {"not-here", "no-match", "low-score"}
+    assert {status for status in LocalizationStatus if status.denies_the_map} == {"out-of-map", "no-match", "low-score"}
 
 
 def probable(*probabilities):
@@ -41,31 +41,31 @@ def probable(*probabilities):
 
 
 def test_probabilities_of_places_and_none_of_them_are_one_together():
-    answer = Localization(probable(0.5, 0.25), None, "not-here", not_here=0.25)
+    answer = Localization(probable(0.5, 0.25), None, "out-of-map", out_of_map_probability=0.25)
     assert [place.place for place in answer.places] == ["p0", "p1"]
     assert not answer.status.names_a_place
 
 
 @pytest.mark.parametrize(
-    ("probabilities", "not_here", "message"),
+    ("probabilities", "out_of_map_probability", "message"),
     [
         ((0.5, 0.25), 0.2, "probabilities that sum to 0.95, expected 1"),
         ((0.5, 0.5), 2e-6, "probabilities that sum to 1.000002, expected 1"),
         ((1.5, -0.5), 0.0, r"the probability 1.5, expected one in \[0, 1\]"),
         ((float("nan"), 0.5), 0.5, r"the probability nan, expected one in \[0, 1\]"),
-        ((0.5, None), 0.5, "2 of 3 probabilities, expected one for each place and one for `not_here`"),
+        ((0.5, None), 0.5, "2 of 3 probabilities, expected one for each place and one for `out_of_map_probability`"),
         ((0.5, 0.5), None, "2 of 3 probabilities"),
         ((None, None), 1.0, "1 of 3 probabilities"),
     ],
 )
-def test_other_probabilities_are_refused(probabilities, not_here, message):
+def test_other_probabilities_are_refused(probabilities, out_of_map_probability, message):
     with pytest.raises(InvalidAnswer, match=message):
-        Localization(probable(*probabilities), None, "no-pose", not_here=not_here)
+        Localization(probable(*probabilities), None, "no-pose", out_of_map_probability=out_of_map_probability)
 
 
 def test_what_is_not_here_has_no_pose():
-    with pytest.raises(InvalidAnswer, match="the status not-here and a pose, expected none"):
-        Localization(probable(None), np.eye(4), "not-here")
+    with pytest.raises(InvalidAnswer, match="the status out-of-map and a pose, expected none"):
+        Localization(probable(None), np.eye(4), "out-of-map")
 
 
 def mirrored() -> np.ndarray:
@@ -108,10 +108,10 @@ def test_matches_must_fit_together():
 
 
 FRAMES = [
-    MapFrame("a-1", "a", pose_2d(0, 0, 0)),
-    MapFrame("door", "a/b", pose_2d(2, 0, 0), FrameKind.TRANSITION),
-    MapFrame("b-1", "b", pose_2d(4, 0, 0)),
-    MapFrame("a-2", "a", pose_2d(0, 3, 0)),
+    ReferenceFrame("a-1", "a", pose_2d(0, 0, 0)),
+    ReferenceFrame("door", "a/b", pose_2d(2, 0, 0), FrameKind.TRANSITION),
+    ReferenceFrame("b-1", "b", pose_2d(4, 0, 0)),
+    ReferenceFrame("a-2", "a", pose_2d(0, 3, 0)),
 ]
 
 

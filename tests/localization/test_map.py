@@ -20,9 +20,9 @@ from salframe.localization.describing import describe_frame
 from salframe.localization.localizer import Localizer
 from salframe.localization.map import LocalizationMap, open_map
 from salframe.localization.map_files import METHOD, MapParts, write_map
-from salframe.panoramas.frames import FrameKind, MapFrame, QueryFrame
+from salframe.panoramas.frames import FrameKind, QueryFrame, ReferenceFrame
 from salframe.panoramas.geometry import pose_2d
-from salframe.panoramas.opening import find_dataset, find_frame, mapping_frames
+from salframe.panoramas.opening import find_dataset, find_frame, reference_frames
 from salframe.topology.building_map import build_map
 
 
@@ -68,7 +68,7 @@ def test_frames_that_stand_askew_are_refused(turn, tmp_path):
     tilted, askew = np.eye(4), np.eye(4)
     tilted[:3, :3], askew[:3, :3] = Rotation.from_rotvec([0.3, -0.2, 1.0]).as_matrix(), turn
     poses = [pose_2d(1, 2, 0.5), tilted, askew]
-    frames = [MapFrame(f"map-{i}", "hall", pose) for i, pose in enumerate(poses)]
+    frames = [ReferenceFrame(f"map-{i}", "hall", pose) for i, pose in enumerate(poses)]
     for count in (2, 3):
         (parts := tmp_path / str(count)).mkdir()
         MapParts(parts).write_scenes(({} for _ in range(count)), frames[:count])
@@ -89,7 +89,7 @@ def test_poses_come_back_in_every_bit_level_and_tilted(tmp_path):
         ("tilted", [*tilted, upside_down], 12 * 21),
         ("both", [level[0], tilted[0], upside_down, level[1]], 2 * 5 + 2 * 12),
     ):
-        frames = [MapFrame(f"map-{i}", "hall", pose) for i, pose in enumerate(poses)]
+        frames = [ReferenceFrame(f"map-{i}", "hall", pose) for i, pose in enumerate(poses)]
         (tmp_path / name).mkdir()
         MapParts(tmp_path / name).write_scenes(({} for _ in frames), frames)
         _, saved = MapParts(tmp_path / name).read_scenes()
@@ -149,7 +149,7 @@ class Noting(Reader):
 
 def test_a_map_described_with_another_file_is_not_asked(fakes):
     Path("note.txt").write_text("one")
-    LocalizationMap.build(Noting(), mapping_frames(Rooms())).save("map")
+    LocalizationMap.build(Noting(), reference_frames(Rooms())).save("map")
     LocalizationMap.open("map", Noting())
     Path("note.txt").write_text("two")
     with pytest.raises(DataError, match=r"was described with other .* files than noting has now: build it again"):
@@ -184,7 +184,7 @@ def test_a_map_is_asked_as_it_is_stored(fakes):
         def unpack(self, packed):
             return {"room": packed["tens"] * np.int64(10)}
 
-    rough, frames = Rough(), mapping_frames(Rooms())[:3]
+    rough, frames = Rough(), reference_frames(Rooms())[:3]
     built = LocalizationMap.from_descriptions(rough, [{"room": np.array([n, 0])} for n in (7, 23, 48)], frames)
     assert rough.rooms.tolist() == [0, 20, 40]
     built.save("map")
@@ -211,7 +211,7 @@ class Indexed(Reader):
 
 @pytest.fixture
 def indexed(fakes, tmp_path) -> Path:
-    LocalizationMap.build(Indexed(), mapping_frames(Rooms())).save(tmp_path / "map")
+    LocalizationMap.build(Indexed(), reference_frames(Rooms())).save(tmp_path / "map")
     return tmp_path / "map"
 
 
@@ -285,7 +285,7 @@ def test_a_map_needs_a_frame(fakes):
 def test_what_a_method_needs_is_named(fakes):
     localizer = registry().build("localizer", registry().get("localizer", "ranger").Config())
     with pytest.raises(InputMissing, match="ranger needs range, which map-0 does not have"):
-        LocalizationMap.build(localizer, mapping_frames(Rooms()))
+        LocalizationMap.build(localizer, reference_frames(Rooms()))
 
 
 def test_descriptions_are_cached_by_data_frame_and_identity(fakes):
@@ -308,7 +308,7 @@ def test_descriptions_are_cached_by_data_frame_and_identity(fakes):
 
 
 def test_a_damaged_cache_entry_is_computed_again(fakes):
-    frame, cache = mapping_frames(Rooms())[2], Cache()
+    frame, cache = reference_frames(Rooms())[2], Cache()
     describe_frame(Reader(), frame, cache, "data")
     (entry,) = cache.directory.rglob("*.npz")
     entry.write_bytes(entry.read_bytes()[:40])
@@ -317,5 +317,5 @@ def test_a_damaged_cache_entry_is_computed_again(fakes):
 
 def test_building_tells_how_far_it_is(fakes):
     told = []
-    LocalizationMap.build(Reader(), mapping_frames(Rooms()), progress=lambda *call: told.append(call))
+    LocalizationMap.build(Reader(), reference_frames(Rooms()), progress=lambda *call: told.append(call))
     assert told == [(done, 5) for done in range(6)]

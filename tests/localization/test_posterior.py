@@ -21,8 +21,10 @@ from salframe.localization.posterior import (
 NEUTRAL = {"bias": 0.0, "top_score": 0.0, "top_probability": 0.0, "margin": 0.0, "log_objects": 0.0}
 
 
-def posterior(temperature=2.0, max_not_here=0.5, **head):
-    return Posterior(temperature=temperature, head=Head(**{**NEUTRAL, **head}), max_not_here=max_not_here)
+def posterior(temperature=2.0, max_out_of_map_probability=0.5, **head):
+    return Posterior(
+        temperature=temperature, head=Head(**{**NEUTRAL, **head}), max_out_of_map_probability=max_out_of_map_probability
+    )
 
 
 def answer(*scores, status="ok"):
@@ -34,7 +36,7 @@ def test_probabilities_are_shares_times_here():
     found = posterior(bias=np.log(3)).apply(answer(4.0, 2.0))
     share = np.e / (1 + np.e)  # the scores differ by one temperature
     assert [place.probability for place in found.places] == pytest.approx([0.75 * share, 0.75 * (1 - share)])
-    assert found.not_here == pytest.approx(0.25)
+    assert found.out_of_map_probability == pytest.approx(0.25)
     assert found.status == "ok"
     assert (found.T_world_query == np.eye(4)).all()
 
@@ -47,13 +49,13 @@ def test_features_of_the_head():
     assert head_features(scores[:1], np.ones(1), 0) == pytest.approx([5.0, 1.0, 5.0, 0.0])
     for name, value in (("top_score", 4.0), ("margin", 2.0), ("log_objects", np.log(9))):
         found = posterior(**{name: 0.1}).apply(answer(4.0, 2.0), objects=8)
-        assert 1 - found.not_here == pytest.approx(1 / (1 + np.exp(-0.1 * value)))
+        assert 1 - found.out_of_map_probability == pytest.approx(1 / (1 + np.exp(-0.1 * value)))
 
 
 def test_an_answer_that_is_not_here_loses_its_pose_and_keeps_its_places():
     found = posterior(bias=-1.0).apply(answer(4.0, 2.0))
-    assert (found.status, found.T_world_query, len(found.places)) == ("not-here", None, 2)
-    assert posterior(bias=-1.0, max_not_here=0.8).apply(answer(4.0, 2.0)).status == "ok"
+    assert (found.status, found.T_world_query, len(found.places)) == ("out-of-map", None, 2)
+    assert posterior(bias=-1.0, max_out_of_map_probability=0.8).apply(answer(4.0, 2.0)).status == "ok"
 
 
 def test_failures_stay_what_they_are():
@@ -90,7 +92,7 @@ def test_a_fit_recovers_what_the_answers_were_drawn_from():
     assert found.posterior.temperature == pytest.approx(1.7, rel=0.05)
     true = posterior(1.7, **head)
     fresh = [answer(*a.scores.tolist(), status="no-pose") for a in drawn(300, 1.7, head, seed=1)]
-    here = np.array([[1 - one.apply(a, 10).not_here for a in fresh] for one in (true, found.posterior)])
+    here = np.array([[1 - one.apply(a, 10).out_of_map_probability for a in fresh] for one in (true, found.posterior)])
     assert np.abs(here[0] - here[1]).mean() < 0.03
     assert found.place_nll_after < found.place_nll_before
     assert found.here_nll_after < found.here_nll_before
@@ -108,7 +110,7 @@ def test_answers_that_can_be_told_apart_have_finite_weights():
     found = fit_posterior([*answers, ScoredAnswer(np.array([9.0, 2.0]), 0, True, 5)])
     assert np.isfinite([*found.posterior.head.model_dump().values()]).all()
     assert found.posterior.head.log_objects == 0.0  # it never varies
-    assert found.posterior.apply(answer(2.0, 1.9), 5).status == "not-here"
+    assert found.posterior.apply(answer(2.0, 1.9), 5).status == "out-of-map"
 
 
 def test_what_cannot_be_fitted_is_told():

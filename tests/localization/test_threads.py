@@ -20,7 +20,7 @@ def test_threads_get_the_answers_that_one_gets(tmp_path, monkeypatch, method):
     salframe.build_map(folder, tmp_path / "map", method, overrides=["detector.kind=annotations"])
     opened = salframe.open_map(tmp_path / "map")
     fold = salframe.find_dataset(folder).folds()[0]
-    asked = [frame.load() for frame in (*fold.queries, *fold.mapping)]
+    asked = [frame.load() for frame in (*fold.queries, *fold.references)]
     alone = [opened.localize(panorama) for panorama in asked]
     assert any(answer.status.names_a_place for answer in alone)
     with ThreadPoolExecutor(THREADS) as threads:

@@ -27,15 +27,15 @@ def test_folds_leave_one_viewpoint_out(building):
     folds = opened(building).folds()
     # c is alone in its region, "hidden" is not included.
     assert [fold.queries[0].id for fold in folds] == ["fake/a/query", "fake/b/query"]
-    assert [[frame.id for frame in fold.mapping] for fold in folds] == [["fake/b", "fake/c"], ["fake/a", "fake/c"]]
-    assert [frame.place for frame in folds[0].mapping] == ["fake/region-0", "fake/region-1"]
-    assert folds[0].mapping[1] is folds[1].mapping[1]
+    assert [[frame.id for frame in fold.references] for fold in folds] == [["fake/b", "fake/c"], ["fake/a", "fake/c"]]
+    assert [frame.place for frame in folds[0].references] == ["fake/region-0", "fake/region-1"]
+    assert folds[0].references[1] is folds[1].references[1]
 
 
 def test_viewpoints_with_few_objects_stay_in_the_map_but_are_no_queries(building):
     folds = opened(building, min_visible=4).folds()
     assert [fold.id for fold in folds] == ["fake/b"]
-    assert [frame.id for frame in folds[0].mapping] == ["fake/a", "fake/c"]
+    assert [frame.id for frame in folds[0].references] == ["fake/a", "fake/c"]
 
 
 def test_queries_carry_no_pose_and_no_place_not_even_inside(building):
@@ -51,7 +51,7 @@ def test_queries_carry_no_pose_and_no_place_not_even_inside(building):
 
 def test_objects_stand_where_they_are_in_the_world(building):
     dataset = opened(building, range_noise=0.0)
-    frames = {frame.id: frame for fold in dataset.folds() for frame in fold.mapping}
+    frames = {frame.id: frame for fold in dataset.folds() for frame in fold.references}
     for frame in frames.values():
         objects = objects_of(frame)
         for label, centroid, size in zip(
@@ -83,7 +83,7 @@ def test_query_is_turned_and_truth_knows_how_far(building):
 
 
 def test_box_length_lies_across_the_bearing(building):
-    objects = objects_of(opened(building).folds()[0].mapping[0])
+    objects = objects_of(opened(building).folds()[0].references[0])
     across = np.stack([np.cos(objects.yaw_rad), np.sin(objects.yaw_rad)], 1)
     assert np.einsum("ni,ni->n", across, objects.centroid_m[:, :2]) == pytest.approx(0, abs=1e-9)
     assert (objects.yaw_rad >= 0).all()
@@ -127,15 +127,15 @@ def test_unknown_range_is_nan_where_nothing_can_be_triangulated(building):
 
 
 def test_keys_and_order_do_not_link_an_object_across_viewpoints(building):
-    mapping = {frame.id: objects_of(frame) for fold in opened(building).folds() for frame in fold.mapping}
-    keys = [key for objects in mapping.values() for key in objects.keys]
+    references = {frame.id: objects_of(frame) for fold in opened(building).folds() for frame in fold.references}
+    keys = [key for objects in references.values() for key in objects.keys]
     assert len(set(keys)) == len(keys) == 3 + 4 + 3
-    assert all(list(objects.keys) == sorted(objects.keys) for objects in mapping.values())
+    assert all(list(objects.keys) == sorted(objects.keys) for objects in references.values())
 
 
 def test_keys_stay_when_the_panorama_is_turned(building):
     first, second = opened(building).folds()
-    mapped = objects_of(next(frame for frame in second.mapping if frame.id == "fake/a"))
+    mapped = objects_of(next(frame for frame in second.references if frame.id == "fake/a"))
     turned = objects_of(first.queries[0])
     assert mapped.keys == turned.keys
     assert mapped.labels == turned.labels
@@ -194,7 +194,7 @@ def row_of(building, count):
 
 def test_leave_out_takes_the_nearest_of_the_region_out_too(building):
     row = row_of(building, 4)
-    frames = {fold.id: [frame.id for frame in fold.mapping] for fold in opened(row, leave_out=2).folds()}
+    frames = {fold.id: [frame.id for frame in fold.references] for fold in opened(row, leave_out=2).folds()}
     assert frames == {
         "fake/v0": ["fake/v2", "fake/v3", "fake/c"],
         "fake/v1": ["fake/v2", "fake/v3", "fake/c"],
@@ -220,8 +220,8 @@ def test_one_map_holds_all_buildings_apart_and_not_the_query(building, tmp_path)
         ["fake/b/query", "other/b/query"],
     ]
     for fold in whole.folds():
-        assert {frame.id for frame in fold.mapping} == every - {query.id[:-6] for query in fold.queries}
-        at_m = {frame.id: frame.T_world_pano[0, 3] for frame in fold.mapping}
+        assert {frame.id for frame in fold.references} == every - {query.id[:-6] for query in fold.queries}
+        at_m = {frame.id: frame.T_world_pano[0, 3] for frame in fold.references}
         assert at_m["other/c"] - at_m["fake/c"] == pytest.approx(1000)
         for query in fold.queries:
             alone, shift_m = opened(building).truth(query.id), 1000.0 * query.id.startswith("other")
@@ -234,7 +234,7 @@ def test_one_map_holds_all_buildings_apart_and_not_the_query(building, tmp_path)
 def test_ranges_of_a_map_without_the_bearings_of_its_query(building):
     """A bearing of v1 to object 1 that is far off moves the ranges of the other viewpoints, unless v1 asks."""
     row = row_of(building, 4)
-    right = {frame.id: objects_of(frame) for frame in opened(row, range_noise=0.0).folds()[0].mapping}
+    right = {frame.id: objects_of(frame) for frame in opened(row, range_noise=0.0).folds()[0].references}
     path = boxes_path(row.root, "fake", "v1")
     content = json.loads(path.read_text())
     views, boxes = ball_boxes(np.array([0.5, -1.4, -0.9]), 0.3)
@@ -253,7 +253,7 @@ def test_ranges_of_a_map_without_the_bearings_of_its_query(building):
         """How far the range of object 1 at v2 and v3 is from that without the bad bearing."""
         return max(
             abs(range_m(frame) - np.linalg.norm(right[id].centroid_m[right[id].labels.index("arm chair")]))
-            for frame in fold.mapping
+            for frame in fold.references
             for id in ("fake/v2", "fake/v3")
             if frame.id.startswith(id)
         )
@@ -261,10 +261,10 @@ def test_ranges_of_a_map_without_the_bearings_of_its_query(building):
     assert off_m(without["fake/v1"]) < 0.2 * off_m(as_it_is["fake/v1"])
     assert off_m(without["fake/v1"]) < 0.03
     # Ranges depend on the query here, so frames have names of their own; those that share no object keep theirs.
-    ids = {frame.id for frame in without["fake/v1"].mapping}
+    ids = {frame.id for frame in without["fake/v1"].references}
     assert len(ids) == 4
     assert ids.isdisjoint({"fake/v0", "fake/v2", "fake/v3", "fake/c"})
-    assert ids.isdisjoint(frame.id for frame in without["fake/v0"].mapping)
+    assert ids.isdisjoint(frame.id for frame in without["fake/v0"].references)
     # The query sees what it always saw.
     query = [objects_of(folds["fake/v1"].queries[0]).centroid_m for folds in (as_it_is, without)]
     assert query[0] == pytest.approx(query[1])
@@ -278,7 +278,7 @@ def test_hidden_places_and_other_maps_change_the_questions_and_no_panorama(build
     folds = hidden.folds()
     assert len(folds) == 2 * len(plain.folds())
     for fold in folds[1::2]:
-        places = {frame.place for frame in fold.mapping}
+        places = {frame.place for frame in fold.references}
         assert hidden.truth(fold.queries[0].id).place not in places
         assert places == {"fake/region-1"}
     keys = {plain.question_key}
@@ -296,8 +296,10 @@ def test_a_field_of_view_shows_the_objects_before_a_query_and_all_of_the_map(bui
         objects = objects_of(taken)
         ahead = [label for label, (x_m, *_) in zip(objects.labels, objects.centroid_m, strict=True) if x_m >= 0]
         assert objects_of(seen).labels == tuple(ahead) != objects.labels
-        assert [objects_of(frame).labels for frame in after.mapping] == [objects_of(f).labels for f in before.mapping]
-        assert {frame.content for frame in after.mapping} == {whole.content_key}
+        assert [objects_of(frame).labels for frame in after.references] == [
+            objects_of(f).labels for f in before.references
+        ]
+        assert {frame.content for frame in after.references} == {whole.content_key}
         assert seen.content not in ("", whole.content_key)
     assert half.fingerprint == whole.fingerprint
     assert half.question_key != whole.question_key
@@ -307,4 +309,4 @@ def test_missed_objects_of_queries_are_those_of_no_map_frame(building):
     blind = opened(building, query_noise={"missed": 1.0})
     for fold in blind.folds():
         assert objects_of(fold.queries[0]).labels == ()
-        assert all(objects_of(frame).labels for frame in fold.mapping)
+        assert all(objects_of(frame).labels for frame in fold.references)

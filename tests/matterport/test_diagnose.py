@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from salframe_matterport.dataset import MatterportAnnotations
 from salframe_matterport.diagnose import cause_of, main
-from salframe_matterport.scenes import Scene
+from salframe_matterport.scenes import ViewpointScene
 
 from salframe.evaluation.runs.request import Resolved
 from salframe.evaluation.runs.run_folder import ROWS, Run
@@ -23,7 +23,7 @@ OBJECTS = {
 def scene(x_m, y_m, objects, range_factor=1.0):
     """A viewpoint that sees these objects where they are, all ranges wrong by a factor."""
     offset = np.array([OBJECTS[number][1] for number in objects], float) - (x_m, y_m, 1.5)
-    return Scene(
+    return ViewpointScene(
         id="",
         place="",
         T_world_pano=pose_2d(x_m, y_m, 0.3, 1.5),

@@ -154,6 +154,6 @@ def test_real_viewpoints_stand_on_the_floor_of_their_regions(real_root):
         )
         > 0.9
     )
-    scenes = {frame.id for fold in dataset.folds() for frame in fold.mapping}
+    scenes = {frame.id for fold in dataset.folds() for frame in fold.references}
     alone = MatterportAnnotations(MatterportAnnotations.Config(root=real_root, scans=("17DRP5sb8fy",)))
-    assert scenes == {frame.id for fold in alone.folds() for frame in fold.mapping}
+    assert scenes == {frame.id for fold in alone.folds() for frame in fold.references}

@@ -10,7 +10,7 @@ from salframe_matterport.dataset import MatterportAnnotations
 from salframe_planners.planners import Dijkstra
 
 from salframe.framework.errors import DataError
-from salframe.navigation.episodes import Site, draw_episodes, place_episodes, read_asked
+from salframe.navigation.episodes import Site, draw_episodes, place_episodes, read_episode_requests
 from salframe.navigation.guide import Guide
 from salframe.navigation.sight import see_place
 from salframe.panoramas.geometry import pose_yaw
@@ -78,8 +78,8 @@ def test_a_walk_leads_to_the_neighbour_it_points_at(world, start, azimuth_deg, l
 
 
 def test_the_own_frame_is_left_out_of_the_map(world):
-    assert [frame.id for frame in world.mapping(at(world, "a"))] == ["fake/b", "fake/c"]
-    assert [frame.id for frame in world.mapping(at(world, "c"))] == ["fake/a", "fake/b"]
+    assert [frame.id for frame in world.references(at(world, "a"))] == ["fake/b", "fake/c"]
+    assert [frame.id for frame in world.references(at(world, "c"))] == ["fake/a", "fake/b"]
 
 
 def test_a_panorama_shows_the_annotations_as_the_agent_is_turned(world, building):
@@ -136,7 +136,7 @@ def test_an_unknown_viewpoint_is_one_line(world, tmp_path, entry, line):
     path = tmp_path / "episodes.json"
     path.write_text(json.dumps([entry]))
     with pytest.raises(DataError, match=line):
-        place_episodes(read_asked(path), {"fake": Site(world, Guide(world.chart, Dijkstra.Config()))}, 0)
+        place_episodes(read_episode_requests(path), {"fake": Site(world, Guide(world.chart, Dijkstra.Config()))}, 0)
 
 
 def test_a_building_without_neighbours_is_malformed(building):

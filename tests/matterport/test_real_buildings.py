@@ -63,16 +63,18 @@ def test_queries_are_those_of_the_rule(dataset):
 
 def test_label_multisets_score_what_is_stated(dataset):
     labels = {
-        frame.id: Counter(frame.load().annotations.objects.labels) for fold in dataset.folds() for frame in fold.mapping
+        frame.id: Counter(frame.load().annotations.objects.labels)
+        for fold in dataset.folds()
+        for frame in fold.references
     }
     correct = 0.0
     for fold in dataset.folds():
         query = fold.queries[0]
         seen = Counter(query.load().annotations.objects.labels)
         jaccard = np.array(
-            [(seen & labels[frame.id]).total() / (seen | labels[frame.id]).total() for frame in fold.mapping]
+            [(seen & labels[frame.id]).total() / (seen | labels[frame.id]).total() for frame in fold.references]
         )
-        best = [frame.place for frame, score in zip(fold.mapping, jaccard, strict=True) if score == jaccard.max()]
+        best = [frame.place for frame, score in zip(fold.references, jaccard, strict=True) if score == jaccard.max()]
         correct += best.count(dataset.truth(query.id).place) / len(best)  # ties share the point
     assert correct / 1009 == pytest.approx(0.764, abs=0.002)
 
@@ -85,7 +87,7 @@ def test_one_query_in_twenty_shares_no_object_with_its_region(dataset):
     lonely = sum(
         not any(
             instances[fold.id] & set(scenes[frame.id].object_id.tolist())
-            for frame in fold.mapping
+            for frame in fold.references
             if frame.place == places[fold.id]
         )
         for fold in folds
@@ -101,7 +103,7 @@ def test_shared_objects_give_the_relative_pose(dataset):
     shift_m, turn_deg = [], []
     for fold in folds:
         truth, query = dataset.truth(fold.queries[0].id), fold.queries[0].load().annotations.objects.centroid_m
-        for frame in fold.mapping:
+        for frame in fold.references:
             common, in_query, in_frame = np.intersect1d(
                 scenes[fold.id].object_id, scenes[frame.id].object_id, return_indices=True
             )

@@ -86,10 +86,10 @@ def test_every_direction_shows_the_room_as_it_is_seen_from_amid_the_cameras(rele
 def test_folds_leave_one_viewpoint_out_and_queries_carry_nothing(prepared):
     folds = prepared.folds()
     assert [fold.id for fold in folds] == [f"drawn/{name}" for name in NAMES[:2]]
-    assert [[frame.id for frame in fold.mapping] for fold in folds] == [
+    assert [[frame.id for frame in fold.references] for fold in folds] == [
         [f"drawn/{NAMES[1 - i]}", f"drawn/{NAMES[2]}"] for i in (0, 1)
     ]
-    assert {frame.place for frame in folds[0].mapping} == {"drawn/region-0", "drawn/region-1"}
+    assert {frame.place for frame in folds[0].references} == {"drawn/region-0", "drawn/region-1"}
     (query,) = folds[0].queries
     packed = pickle.dumps(query)
     assert b"region" not in packed
@@ -155,7 +155,7 @@ def test_bad_images_cost_their_own_viewpoint_only(release, tmp_path, monkeypatch
     cut.write_bytes(whole[: len(whole) // 2])
     dataset = of(tmp_path)
     dataset.prepare(lambda done, total: None)
-    frames = {frame.id: frame for fold in dataset.folds() for frame in (*fold.mapping, *fold.queries)}
+    frames = {frame.id: frame for fold in dataset.folds() for frame in (*fold.references, *fold.queries)}
     with pytest.raises(
         DataError,
         match=rf"{NAMES[0]}_d1_3\.png is missing: unpack undistorted_depth_images\.zip .* Matterport3D release",

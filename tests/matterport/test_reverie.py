@@ -256,11 +256,11 @@ def test_an_experiment_takes_published_episodes(walked):
     table = {"title": "T", "task": "navigation", "data": "matterport-annotations", "methods": ["objects"]}
     content = {"title": "E", "question": "?", "tables": {"bound": {**table, "episodes": "reverie:val_seen"}}}
     write(Path("bound.yaml"), content)
-    (without,) = run_experiment("bound.yaml", Request(), results="kept").tables
+    (without,) = run_experiment("bound.yaml", Request(), results="stored").tables
     assert without.skipped.endswith("--data-dir DIR")
-    (found,) = run_experiment("bound.yaml", Request(data_dir=walked, engine="inline"), results="kept").tables
-    assert set(found.kept.rows[0]["scores"]) == set(BY_HAND)
-    assert list(found.tables()[1].headings) == ["method", "given", *BY_HAND]
+    (found,) = run_experiment("bound.yaml", Request(data_dir=walked, engine="inline"), results="stored").tables
+    assert set(found.stored.rows[0]["scores"]) == set(BY_HAND)
+    assert list(found.tables()[1].headings) == ["method", "input", *BY_HAND]
 
 
 def test_data_without_a_folder_has_no_published_episodes():

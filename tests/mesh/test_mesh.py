@@ -10,11 +10,11 @@ from conformance import conforms
 pytest.importorskip("open3d", reason="the extra `mesh` is not installed: pip install 'salframe[mesh]'")
 
 from salframe_house.building import generate_building
-from salframe_house.render import Renderer as HouseRenderer
+from salframe_house.render import HouseRenderer as HouseRenderer
 from salframe_mesh.dataset import MeshDataset
 from salframe_mesh.floors import floor_masks, read_rooms
 from salframe_mesh.mesh_file import read_mesh
-from salframe_mesh.renderer import Renderer
+from salframe_mesh.renderer import HouseRenderer
 
 from salframe.framework.errors import DataError, RequirementMissing
 from salframe.panoramas.geometry import pose_2d, rays_to_pixels
@@ -30,7 +30,7 @@ def color_towards(panorama, *point):
 @pytest.mark.parametrize(("write", "name", "up"), [(write_obj, "room.obj", "z"), (write_glb, "room.glb", "y")])
 def test_textures_lie_the_right_way_round(tmp_path, write, name, up):
     write(tmp_path)
-    panorama = Renderer(read_mesh(tmp_path / name, up)).render(np.eye(4), 128, "p")
+    panorama = HouseRenderer(read_mesh(tmp_path / name, up)).render(np.eye(4), 128, "p")
     for height, expected in ((0.5, RED), (-0.5, BLUE)):
         assert color_towards(panorama, 2, 0.6, height) == pytest.approx(expected, abs=3)
         assert color_towards(panorama, 2, -0.8, height) == pytest.approx(
@@ -43,14 +43,14 @@ def test_textures_lie_the_right_way_round(tmp_path, write, name, up):
 
 def test_materials_without_a_texture_have_their_colour(tmp_path):
     write_obj(tmp_path)
-    panorama = Renderer(read_mesh(tmp_path / "room.obj", "z")).render(np.eye(4), 64, "p")
+    panorama = HouseRenderer(read_mesh(tmp_path / "room.obj", "z")).render(np.eye(4), 64, "p")
     assert color_towards(panorama, 0.1, 0.1, 1.5) == pytest.approx((51, 102, 153), abs=1)
 
 
 def test_colours_of_vertices_are_blended_over_polygons(tmp_path):
     corners = [[2, 1, -1], [2, -1, -1], [2, -1, 1], [2, 1, 1]]
     write_ply(tmp_path / "quad.ply", corners, [[0, 1, 2, 3]], [(0, 0, 0), (200, 0, 0), (200, 0, 100), (0, 0, 100)])
-    panorama = Renderer(read_mesh(tmp_path / "quad.ply", "z")).render(np.eye(4), 256, "p")
+    panorama = HouseRenderer(read_mesh(tmp_path / "quad.ply", "z")).render(np.eye(4), 256, "p")
     for y, z in ((0.9, 0.9), (-0.5, 0.2), (0.3, -0.7)):
         assert color_towards(panorama, 2, y, z) == pytest.approx((100 * (1 - y), 0, 50 * (1 + z)), abs=2)
 
@@ -102,7 +102,7 @@ def colors(instance_id):
 
 def test_ranges_are_those_of_the_building_s_own_renderer(building, exported):
     scene = building.scene()
-    house, renderer = HouseRenderer(scene, "day", 128), Renderer(read_mesh(exported / "home.ply", "z"))
+    house, renderer = HouseRenderer(scene, "day", 128), HouseRenderer(read_mesh(exported / "home.ply", "z"))
     random = np.random.default_rng(0)
     points = np.concatenate(list(building.free_space(0.25, 0.1).values()))
     for x, y in points[random.integers(len(points), size=4)]:
@@ -120,7 +120,7 @@ def test_ranges_are_those_of_the_building_s_own_renderer(building, exported):
 
 def test_floor_masks_are_those_of_the_generator(building, exported):
     surface = read_mesh(exported / "home.ply", "z")
-    masks, truth = floor_masks(surface, Renderer(surface), read_rooms(exported), 0.05), building.floor_masks(0.05)
+    masks, truth = floor_masks(surface, HouseRenderer(surface), read_rooms(exported), 0.05), building.floor_masks(0.05)
     row, column = np.nonzero(truth.free)
     x, y = truth.origin_m[0] + (column + 0.5) * 0.05, truth.origin_m[1] - (row + 0.5) * 0.05
     at = ((masks.origin_m[1] - y) / 0.05).astype(int), ((x - masks.origin_m[0]) / 0.05).astype(int)
@@ -141,7 +141,7 @@ def test_floor_masks_are_those_of_the_generator(building, exported):
 
 @pytest.fixture
 def dataset(exported, tmp_path, monkeypatch):
-    """Two map frames and a query of frames.csv."""
+    """Two reference frames and a query of frames.csv."""
     monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path / "cache"))
     for path in exported.iterdir():
         (tmp_path / "data" / path.name).parent.mkdir(exist_ok=True)
@@ -161,7 +161,7 @@ def test_frames_are_rendered_where_the_table_says(dataset):
     dataset.prepare(lambda done, total: seen.append((done, total)))
     assert seen == [(0, 3), (1, 3), (2, 3), (3, 3)]
     (fold,) = dataset.folds()
-    assert [(frame.id, frame.place) for frame in fold.mapping] == [("m1", "kitchen"), ("m2", "hall")]
+    assert [(frame.id, frame.place) for frame in fold.references] == [("m1", "kitchen"), ("m2", "hall")]
     (query,) = fold.queries
     truth = dataset.truth("q1")
     assert np.allclose(truth.T_world_pano, pose_2d(4.5, 0.2, 2.0, 1.4))
@@ -188,9 +188,9 @@ def test_a_house_file_gives_frames_and_queries_beside_them(exported, building, t
     dataset.prepare(lambda done, total: None)
     (fold,) = dataset.folds()
     (floor,) = dataset.floors()
-    assert len(fold.mapping) == len(building.rooms)
+    assert len(fold.references) == len(building.rooms)
     assert len(fold.queries) == 2 * len(building.rooms)
-    poses = {frame.place: frame.T_world_pano for frame in fold.mapping}
+    poses = {frame.place: frame.T_world_pano for frame in fold.references}
     for query in fold.queries:
         truth = dataset.truth(query.id)
         x, y, z = truth.T_world_pano[:3, 3]

@@ -21,7 +21,7 @@ from salframe.localization.localizer import Description, Localizer
 from salframe.localization.ranking import rank_places
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.floors import FloorMasks
-from salframe.panoramas.frames import Fold, FrameKind, MapFrame, QueryFrame, Truth
+from salframe.panoramas.frames import Fold, FrameKind, QueryFrame, ReferenceFrame, Truth
 from salframe.panoramas.geometry import pose_2d, pose_yaw
 from salframe.panoramas.panorama import Panorama
 
@@ -50,12 +50,12 @@ def panorama(id: str, pose: np.ndarray) -> Panorama:
     return Panorama(id, range_m=range_m)
 
 
-def mapping() -> tuple[MapFrame, ...]:
+def references() -> tuple[ReferenceFrame, ...]:
     frames = []
     for id, (x, y, yaw) in POSES.items():
         pose = pose_2d(x, y, yaw, 1.5)
         kind, place = (FrameKind.TRANSITION, id) if id == "door" else (FrameKind.SCENE, id[0])
-        frames.append(MapFrame(id, place, pose, kind, partial(panorama, id, pose)))
+        frames.append(ReferenceFrame(id, place, pose, kind, partial(panorama, id, pose)))
     return tuple(frames)
 
 
@@ -68,7 +68,7 @@ class Still(Dataset):
     fingerprint = "still"
 
     def folds(self) -> Sequence[Fold]:
-        return [Fold("all", mapping(), (QueryFrame("query", mapping()[0].load),))]
+        return [Fold("all", references(), (QueryFrame("query", references()[0].load),))]
 
     def truth(self, query_id: str) -> Truth:
         return Truth("a")
@@ -115,7 +115,7 @@ class Seer(Localizer):
     def describe_identity(self) -> dict:
         return {"name": self.name}
 
-    def index(self, descriptions: Sequence[Description], frames: Sequence[MapFrame]) -> None:
+    def index(self, descriptions: Sequence[Description], frames: Sequence[ReferenceFrame]) -> None:
         self.frames = frames
 
     def match(self, description: Description) -> Localization:

@@ -98,7 +98,7 @@ def test_the_turn_is_the_azimuth_of_the_leg_minus_the_heading(world):
 def test_long_legs_are_walked_in_stretches(world):
     agent = make(world)
     agent.belief.localized(Located(at(1.0, 2.0), 1.0))
-    assert agent.decide() == (pytest.approx(0.0), world.chart.longest_move_m)
+    assert agent.decide() == (pytest.approx(0.0), world.chart.max_move_m)
 
 
 def test_it_says_that_it_has_arrived_by_its_own_estimate(world):

@@ -11,7 +11,7 @@ from apartment_plugin import Apartment, mapping, masks
 from salframe_planners.planners import Dijkstra
 
 from salframe.framework.errors import DataError
-from salframe.navigation.episodes import Site, draw_episodes, place_episodes, read_asked
+from salframe.navigation.episodes import Site, draw_episodes, place_episodes, read_episode_requests
 from salframe.navigation.guide import Guide
 from salframe.navigation.world import FloorWorld
 from salframe.panoramas.geometry import pose_yaw
@@ -51,7 +51,7 @@ def test_a_file_gives_starts_and_goals(sites):
     path = write(
         [{"start": [1.0, 1.0], "goal": "b", "yaw_deg": 90}, {"start": "a-west", "goal": "b", "world": "floor"}]
     )
-    episodes, left_out = place_episodes(read_asked(path), sites, 0)
+    episodes, left_out = place_episodes(read_episode_requests(path), sites, 0)
     assert not left_out
     first, second = (np.reshape(episode.start, (4, 4)) for episode in episodes)
     np.testing.assert_allclose(first[:3, 3], [1.0, 1.0, 1.5])
@@ -70,12 +70,14 @@ def test_a_file_gives_starts_and_goals(sites):
     ],
 )
 def test_an_episode_that_cannot_be_walked_costs_only_itself(sites, entry, line):
-    episodes, left_out = place_episodes(read_asked(write([{"start": "a-west", "goal": "b"}, entry])), sites, 0)
+    episodes, left_out = place_episodes(
+        read_episode_requests(write([{"start": "a-west", "goal": "b"}, entry])), sites, 0
+    )
     assert [episode.number for episode in episodes] == [0]
     with pytest.raises(DataError, match=line):
         raise DataError(*left_out)
     with pytest.raises(DataError, match=line.replace("episode 1", "episode 0")):
-        place_episodes(read_asked(write([entry])), sites, 0)
+        place_episodes(read_episode_requests(write([entry])), sites, 0)
 
 
 def test_goals_that_what_was_moved_shuts_off_are_not_asked_for():
@@ -84,7 +86,7 @@ def test_goals_that_what_was_moved_shuts_off_are_not_asked_for():
     with pytest.raises(DataError, match="floor gives no episode"):
         draw_episodes(sites, 5, 3)
     with pytest.raises(DataError, match="episode 0: what stands in floor today shuts b off from the start"):
-        place_episodes(read_asked(write([{"start": "a-west", "goal": "b"}])), sites, 0)
+        place_episodes(read_episode_requests(write([{"start": "a-west", "goal": "b"}])), sites, 0)
 
 
 @pytest.mark.parametrize(
@@ -98,15 +100,17 @@ def test_goals_that_what_was_moved_shuts_off_are_not_asked_for():
 )
 def test_a_malformed_file_is_one_line(sites, content, line):
     with pytest.raises(DataError, match=line) as caught:
-        read_asked(write(content))
+        read_episode_requests(write(content))
     assert "\n" not in str(caught.value)
 
 
 def test_a_file_without_episodes_is_one_line(sites):
     with pytest.raises(DataError, match="received no episode, expected at least one"):
-        place_episodes(read_asked(write([])), sites, 0)
+        place_episodes(read_episode_requests(write([])), sites, 0)
 
 
 def test_several_worlds_must_be_told_apart(sites):
     with pytest.raises(DataError, match="episode 0: it names no world, expected one of floor, attic"):
-        place_episodes(read_asked(write([{"start": "b", "goal": "a-west"}])), {**sites, "attic": sites["floor"]}, 0)
+        place_episodes(
+            read_episode_requests(write([{"start": "b", "goal": "a-west"}])), {**sites, "attic": sites["floor"]}, 0
+        )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from apartment_plugin import POSES, Apartment, Still, Unmasked, mapping, masks
+from apartment_plugin import POSES, Apartment, Still, Unmasked, masks, references
 
 from salframe.framework.errors import DataError, InputMissing, UnknownName
 from salframe.navigation.world import FloorWorld, open_worlds
@@ -45,7 +45,7 @@ def test_a_turn_alone_moves_nothing(world):
 
 
 def test_what_was_moved_since_the_map_was_made_stops_the_agent():
-    changed = FloorWorld("floor", Apartment(), masks(), mapping(), masks((2.0, 1.0, 2.5, 3.0)))
+    changed = FloorWorld("floor", Apartment(), masks(), references(), masks((2.0, 1.0, 2.5, 3.0)))
     end, stopped = changed.move(pose_2d(1.0, 2.0, 0.0, 1.5), 0.0, 2.0)
     assert stopped
     assert end[0, 3] == pytest.approx(2.0 - RADIUS_M, abs=PIXEL_M + 0.01)
@@ -53,7 +53,7 @@ def test_what_was_moved_since_the_map_was_made_stops_the_agent():
 
 
 def test_what_was_moved_may_shut_a_room_off(world):
-    shut = FloorWorld("floor", Apartment(), masks(), mapping(), masks((3.7, 1.0, 4.0, 3.0)))
+    shut = FloorWorld("floor", Apartment(), masks(), references(), masks((3.7, 1.0, 4.0, 3.0)))
     here, there = pose_2d(1.0, 2.0, 0.0, 1.5), pose_2d(7.0, 2.0, 0.0, 1.5)
     assert world.joined(here, there)
     assert not shut.joined(here, there)
@@ -82,7 +82,7 @@ def test_starts_are_uniform_over_the_floor_and_the_circle(world, rng):
 
 
 def test_the_map_has_every_frame(world):
-    assert [frame.id for frame in world.mapping(world.stand(1.0, 1.0, 0.0))] == list(POSES)
+    assert [frame.id for frame in world.references(world.stand(1.0, 1.0, 0.0))] == list(POSES)
     assert {frame for node in world.chart.map.nodes for frame in node.frames} == set(POSES)
 
 

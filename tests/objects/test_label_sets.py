@@ -8,7 +8,7 @@ from salframe.framework.components.identity import identity
 from salframe.framework.components.presets import configure, settings
 from salframe.graphs.detections import Detections
 from salframe.localization.map import LocalizationMap
-from salframe.panoramas.frames import MapFrame
+from salframe.panoramas.frames import ReferenceFrame
 from salframe.panoramas.panorama import Annotations, ObjectBoxes, Panorama
 
 
@@ -44,7 +44,7 @@ def scores(localizer, query=QUERY):
     known = LocalizationMap.from_descriptions(
         localizer,
         [localizer.describe(seen(*room)) for room in rooms.values()],
-        [MapFrame(name, name, np.eye(4)) for name in rooms],
+        [ReferenceFrame(name, name, np.eye(4)) for name in rooms],
     )
     answer = known.answer(localizer.describe(seen(*query)))
     return answer.status, {ranked.place: ranked.score for ranked in answer.places}

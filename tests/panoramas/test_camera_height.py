@@ -16,7 +16,7 @@ from salframe.panoramas.frames import QueryFrame
 from salframe.panoramas.geometry import equirectangular_rays
 from salframe.panoramas.images import read_range
 from salframe.panoramas.panorama import Panorama
-from salframe.testing.rooms import EYE_M, ROOMS, Box, Room, look, map_frames, stand
+from salframe.testing.rooms import EYE_M, ROOMS, Box, FurnishedRoom, look, map_frames, stand
 
 REAL = Path(os.environ.get("SALFRAME_SHARED_DATA", Path(__file__).parents[3] / "shared" / "data")) / "matterport3d"
 
@@ -53,7 +53,7 @@ def test_furniture_is_no_floor(room, x_share):
 
 
 def test_the_floor_beside_a_table_under_the_camera_counts():
-    table = Room("canteen", (6.0, 5.0, 2.6), (Box("table", (3.0, 2.5, 0.36), (2.0, 1.2, 0.72)),))
+    table = FurnishedRoom("canteen", (6.0, 5.0, 2.6), (Box("table", (3.0, 2.5, 0.36), (2.0, 1.2, 0.72)),))
     assert camera_height(look(table, "a", stand(table)).range_m) == pytest.approx(EYE_M, rel=0.02)
 
 

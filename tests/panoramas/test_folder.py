@@ -62,7 +62,7 @@ def images() -> dict[str, np.ndarray]:
 
 @pytest.fixture
 def folder(tmp_path: Path, images: dict[str, np.ndarray]) -> Path:
-    """A map frame, a transition and a query with everything there is."""
+    """A reference frame, a transition and a query with everything there is."""
     entries = [
         FrameEntry(
             id="a",
@@ -110,12 +110,12 @@ def test_reads_what_was_written(folder: Path, images: dict[str, np.ndarray]) -> 
     data = dataset(folder)
     assert data.provides == {"rgb", "range", "annotations"}
     (fold,) = data.folds()
-    assert [(f.id, f.place, f.kind) for f in fold.mapping] == [
+    assert [(f.id, f.place, f.kind) for f in fold.references] == [
         ("a", "room-a", FrameKind.SCENE),
         ("t", "door", FrameKind.TRANSITION),
     ]
-    np.testing.assert_array_equal(fold.mapping[0].T_world_pano, POSE)
-    panorama = fold.mapping[0].load()
+    np.testing.assert_array_equal(fold.references[0].T_world_pano, POSE)
+    panorama = fold.references[0].load()
     np.testing.assert_array_equal(panorama.rgb, images["rgb"])
     np.testing.assert_allclose(panorama.range_m, images["range_m"], atol=0.0005001)
     np.testing.assert_array_equal(panorama.annotations.instance_id, images["instance_id"])
@@ -161,7 +161,7 @@ def test_floor_masks(folder: Path) -> None:
 
 
 def test_optional_parts_are_optional(tmp_path: Path, images: dict[str, np.ndarray]) -> None:
-    """A manifest by hand, with colour alone, no truth, no floors and a map frame only."""
+    """A manifest by hand, with colour alone, no truth, no floors and a reference frame only."""
     cv2.imwrite(str(tmp_path / "mine.png"), images["rgb"])
     frame = {"id": "mine", "role": "map", "rgb": "mine.png", "pose": np.eye(4).ravel().tolist(), "place": "kitchen"}
     (tmp_path / "manifest.json").write_text(json.dumps({"format": "salframe-folder", "version": 1, "frames": [frame]}))
@@ -169,7 +169,7 @@ def test_optional_parts_are_optional(tmp_path: Path, images: dict[str, np.ndarra
     assert data.provides == {"rgb"}
     assert data.floors() == []
     assert data.folds()[0].queries == ()
-    panorama = data.folds()[0].mapping[0].load()
+    panorama = data.folds()[0].references[0].load()
     assert panorama.range_m is None
     assert panorama.annotations is None
     with pytest.raises(DataError, match="has no truth of the query 'x'"):
@@ -202,7 +202,7 @@ def test_valid_mask_marks_a_partial_field_of_view(folder: Path) -> None:
     seen[:, 10:20] = 255
     cv2.imwrite(str(folder / "seen.png"), seen)
     edit(folder, lambda m: m["frames"][0].update(valid="seen.png"))
-    np.testing.assert_array_equal(dataset(folder).folds()[0].mapping[0].load().valid, seen > 0)
+    np.testing.assert_array_equal(dataset(folder).folds()[0].references[0].load().valid, seen > 0)
 
 
 @pytest.mark.parametrize(
@@ -212,7 +212,7 @@ def test_valid_mask_marks_a_partial_field_of_view(folder: Path) -> None:
         (lambda m: m.pop("frames"), r"manifest.json: frames is missing"),
         (lambda m: m.update(frames=[]), r"0 frames and none to map with"),
         (lambda m: m.update(version=2), r"version: received 2, expected 1"),
-        (lambda m: m["frames"][0].pop("pose"), r"the map frame a has no pose"),
+        (lambda m: m["frames"][0].pop("pose"), r"the reference frame a has no pose"),
         (lambda m: m["frames"][1].pop("place"), r"the transition frame t has no place"),
         (lambda m: m["frames"][2].update(place="room-a"), r"the query q has a pose or place in the manifest"),
         (lambda m: m["frames"][1].update(id="a"), r"two frames have the id a"),

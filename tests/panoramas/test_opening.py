@@ -9,14 +9,14 @@ import pytest
 from tiny_folder import write_tiny_folder
 
 from salframe.framework.errors import ConfigError, DataError, UnknownName
-from salframe.panoramas.frames import MapFrame, QueryFrame
+from salframe.panoramas.frames import QueryFrame, ReferenceFrame
 from salframe.panoramas.opening import (
     configure_dataset,
     find_dataset,
     find_frame,
     find_image,
-    mapping_frames,
     open_frame,
+    reference_frames,
 )
 
 
@@ -51,7 +51,7 @@ def test_data_dir_becomes_an_absolute_root(fakes, tmp_path):
 
 
 def test_overrides_are_laid_on_top(fakes):
-    assert len(mapping_frames(find_dataset("rooms", overrides=("data.rooms=2", "data.queries=1")))) == 2
+    assert len(reference_frames(find_dataset("rooms", overrides=("data.rooms=2", "data.queries=1")))) == 2
     with pytest.raises(ConfigError, match=r"received the setting rooms, expected data\.KEY"):
         find_dataset("rooms", overrides=("rooms=2",))
 
@@ -71,12 +71,12 @@ def test_preparing_is_told_by_the_datasets_name(fakes):
 def test_mapping_frames_of_all_folds_come_once(fakes):
     dataset = find_dataset("rooms", overrides=("data.leave_one_out=true",))
     assert len(dataset.folds()) == 10
-    assert [frame.id for frame in mapping_frames(dataset)] == [f"map-{room}" for room in range(5)]
+    assert [frame.id for frame in reference_frames(dataset)] == [f"map-{room}" for room in range(5)]
 
 
 def test_frames_are_found_by_their_ids(fakes):
     dataset = find_dataset("rooms")
-    assert isinstance(find_frame(dataset, "map-3"), MapFrame)
+    assert isinstance(find_frame(dataset, "map-3"), ReferenceFrame)
     assert isinstance(find_frame(dataset, "query-3-1"), QueryFrame)
     with pytest.raises(UnknownName, match="unknown frame 'query-3-7', did you mean 'query-3-"):
         find_frame(dataset, "query-3-7")

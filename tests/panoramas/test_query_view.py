@@ -115,7 +115,7 @@ SETTINGS = [{"query_fov_deg": 90.0}, {"query_focal": 2.0}, {"query_noise": {"mis
 def test_a_folder_shows_its_queries_so_and_its_map_as_it_is(tmp_path: Path, settings: dict) -> None:
     root = write_tiny_folder(tmp_path / "folder")
     plain, narrowed = FolderDataset(config(root=root)), FolderDataset(config(root=root, **settings))
-    for before, after in zip(plain.folds()[0].mapping, narrowed.folds()[0].mapping, strict=True):
+    for before, after in zip(plain.folds()[0].references, narrowed.folds()[0].references, strict=True):
         np.testing.assert_array_equal(before.load().annotations.instance_id, after.load().annotations.instance_id)
         assert after.load().valid is None
         assert (before.content or plain.content_key) == (after.content or narrowed.content_key)

@@ -141,11 +141,11 @@ def test_what_was_rendered_is_read_from_the_folder(cache: Path) -> None:
     assert seen == [(0, 3), (1, 3), (2, 3), (3, 3)]
     assert data.root == cache / "plain" / data.fingerprint[:16]
     (fold,) = data.folds()
-    assert [(f.id, f.place, f.kind) for f in fold.mapping] == [
+    assert [(f.id, f.place, f.kind) for f in fold.references] == [
         ("hall/1", "hall", FrameKind.SCENE),
         ("door", "door-1", FrameKind.TRANSITION),
     ]
-    assert [float(frame.load().range_m[3, 3]) for frame in (*fold.mapping, *fold.queries)] == [2.0, 3.0, 4.0]
+    assert [float(frame.load().range_m[3, 3]) for frame in (*fold.references, *fold.queries)] == [2.0, 3.0, 4.0]
     (query,) = fold.queries
     annotations = query.load().annotations
     assert annotations.labels == {1: "bed", 2: "lamp", 7: "sofa"}
@@ -269,7 +269,7 @@ def later(**settings: float | str) -> Later:
 
 def known(data: Later) -> dict[str, str]:
     (fold,) = data.folds()
-    return {frame.id: frame.content for frame in (*fold.mapping, *fold.queries)}
+    return {frame.id: frame.content for frame in (*fold.references, *fold.queries)}
 
 
 def test_frames_that_do_not_depend_on_a_setting_are_shared() -> None:
@@ -340,7 +340,7 @@ def test_how_queries_are_seen_renders_nothing_anew() -> None:
     assert before.content != after.content
     assert np.isnan(after.load().range_m).mean() == 0.5
     assert not np.isnan(before.load().range_m).any()
-    for one, other in zip(whole.folds()[0].mapping, half.folds()[0].mapping, strict=True):
+    for one, other in zip(whole.folds()[0].references, half.folds()[0].references, strict=True):
         assert one.content == other.content
         assert other.load().valid is None
 
@@ -366,6 +366,6 @@ def test_descriptions_are_shared_as_images_are(tmp_path: Path) -> None:
         data = Narrow(Narrow.Config(**settings))
         data.prepare(lambda done, total: None)
         (fold,) = data.folds()
-        for frame in (*fold.mapping, *fold.queries):
+        for frame in (*fold.references, *fold.queries):
             describe_frame(localizer, frame, store, data.content_key)
     assert described == ["hall/1", "door", "q", "q"]

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from salframe_panoseg.detector import from_panorama, into_panorama
-from salframe_panoseg.objects import LEAST_POINTS, group_pixels
+from salframe_panoseg.objects import MIN_POINTS, group_pixels
 
 H, W = 32, 64
 
@@ -53,7 +53,7 @@ def test_parts_whose_votes_differ_by_less_than_the_larger_is_long_are_one(length
 
 
 def test_two_classes_at_one_place_are_two_objects_and_what_is_unseen_or_tiny_is_none():
-    tiny = (slice(0, 1), slice(0, LEAST_POINTS - 1), 6, (2, 2, 2))
+    tiny = (slice(0, 1), slice(0, MIN_POINTS - 1), 6, (2, 2, 2))
     class_id, centre_m = scene(
         (slice(8, 16), slice(10, 20), 3, (1, 0, 0)), (slice(8, 16), slice(20, 30), 4, (1, 0, 0)), tiny
     )

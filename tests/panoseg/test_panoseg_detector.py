@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from salframe_house.building import Building, generate_building
-from salframe_house.render import Renderer
+from salframe_house.render import HouseRenderer
 from salframe_panoseg.detector import PANOSEG, PanoSegDetector
 
 from salframe.evaluation.tasks.detection.judging import count_right
@@ -44,7 +44,7 @@ def panoramas(building) -> list[Panorama]:
 
 def shots(building: Building, yaw_rad: float) -> list[Panorama]:
     """In the middle of each room, by day."""
-    renderer = Renderer(building.scene(), "day", HEIGHT)
+    renderer = HouseRenderer(building.scene(), "day", HEIGHT)
     shots = []
     for room, points in building.free_space(0.3).items():
         x, y = points[np.argmin(np.linalg.norm(points - points.mean(0), axis=1))]

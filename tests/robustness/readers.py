@@ -28,7 +28,7 @@ from salframe.framework.files.hashes import file_sha256
 from salframe.framework.onnx import open_model
 from salframe.localization.map import open_map
 from salframe.localization.map_files import MAP
-from salframe.navigation.episodes import read_asked
+from salframe.navigation.episodes import read_episode_requests
 from salframe.panoramas import images
 from salframe.panoramas.folder_format import Folder
 from salframe.panoramas.house_file import read_house
@@ -99,7 +99,7 @@ READERS = {
     "run": Reader("run", _run),
     "study": Reader("study", _study),
     "preset": Reader("preset", lambda root: configure_default("localizer", str(root / "preset.yaml"))),
-    "episodes": Reader("episodes", lambda root: read_asked(root / "episodes.json")),
+    "episodes": Reader("episodes", lambda root: read_episode_requests(root / "episodes.json")),
     "reverie": Reader("reverie", lambda root: Reverie().score(root / "answers.json", root)),
     "connectivity": Reader("reverie", lambda root: read_ways(root / "connectivity" / "s_connectivity.json")),
     "boxes": Reader("reverie", lambda root: read_boxes(root / "reverie" / "BBox" / "s_a.json", "a")),

@@ -10,7 +10,7 @@ import numpy as np
 from fake_plugin import Reader
 
 import salframe
-from salframe.framework.files.weights import Download, Weights, WeightsFile
+from salframe.framework.files.weights import Download, NetworkWeights, WeightsFile
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.panorama import Annotations, Panorama
 from salframe.panoramas.rendered import FrameSpec, RenderedDataset
@@ -57,7 +57,7 @@ class Weighted(Reader):
 
     name = "weighted"
     weights = (
-        Weights(
+        NetworkWeights(
             "small",
             "MIT",
             (WeightsFile("small.bin", hashlib.sha256(NUMBERS).hexdigest(), len(NUMBERS)),),

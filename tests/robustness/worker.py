@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-HANG_S, MEMORY_MB, LONGEST_LINE = 20.0, 1000.0, 12_000
+HANG_S, MEMORY_MB, MAX_LINE = 20.0, 1000.0, 12_000
 _TESTS = Path(__file__).parent.parent
 
 
@@ -102,7 +102,7 @@ def serve(pipe, sound: Path, scratch: Path) -> None:
         try:
             read = repr(reader.read(copy))
         except SalframeError as error:
-            one_line = "\n" not in str(error) and len(str(error)) < LONGEST_LINE
+            one_line = "\n" not in str(error) and len(str(error)) < MAX_LINE
             verdict = "refused" if one_line else "traceback"
             what += f": {error}"
         except BaseException:

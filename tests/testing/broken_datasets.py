@@ -13,7 +13,7 @@ class Leaky(FolderDataset):
 
     def folds(self):
         (fold,) = super().folds()
-        return [replace(fold, queries=fold.mapping)]
+        return [replace(fold, queries=fold.references)]
 
 
 class Questionless(FolderDataset):
@@ -21,7 +21,7 @@ class Questionless(FolderDataset):
 
     def folds(self):
         (fold,) = super().folds()
-        return [Fold(fold.id, fold.mapping, ())]
+        return [Fold(fold.id, fold.references, ())]
 
 
 class Ambiguous(FolderDataset):
@@ -52,7 +52,10 @@ class Promising(FolderDataset):
     def folds(self):
         (fold,) = super().folds()
         return [
-            replace(fold, mapping=tuple(replace(f, load=lambda f=f: replace(f.load(), rgb=None)) for f in fold.mapping))
+            replace(
+                fold,
+                references=tuple(replace(f, load=lambda f=f: replace(f.load(), rgb=None)) for f in fold.references),
+            )
         ]
 
 
@@ -63,7 +66,8 @@ class Anonymous(FolderDataset):
         (fold,) = super().folds()
         return [
             replace(
-                fold, mapping=tuple(replace(f, load=lambda f=f: replace(f.load(), id="frame")) for f in fold.mapping)
+                fold,
+                references=tuple(replace(f, load=lambda f=f: replace(f.load(), id="frame")) for f in fold.references),
             )
         ]
 
@@ -91,7 +95,7 @@ class Late(FolderDataset):
 
 BROKEN_DATASETS = [
     (Leaky, "more than one frame bedroom-map"),
-    (Questionless, "received 3 mapping frames and 0 queries, expected at least one of each"),
+    (Questionless, "received 3 reference frames and 0 queries, expected at least one of each"),
     (Ambiguous, "received more than one frame bedroom-query"),
     (Truthless, "truth of bedroom-query: received KeyError"),
     (Agreeable, "truth of a query that is not there: received an answer, expected DataError"),

@@ -65,7 +65,7 @@ def weighed(answer, probabilities):
     """The answer with these probabilities of its first places, 0 of the others, and 0.1 of none of them."""
     padded = [*probabilities, *[0.0] * len(answer.places)]
     places = [place._replace(probability=padded[i]) for i, place in enumerate(answer.places)]
-    return replace(answer, places=tuple(places), not_here=0.1) if len(places) > 1 else answer
+    return replace(answer, places=tuple(places), out_of_map_probability=0.1) if len(places) > 1 else answer
 
 
 class Lavish(ObjectSetLocalizer):

@@ -85,7 +85,7 @@ class Upstairs(DooredRooms):
 
     def folds(self):
         (fold,) = super().folds()
-        return [Fold(fold.id, tuple(map(self._raise, fold.mapping)), fold.queries)]
+        return [Fold(fold.id, tuple(map(self._raise, fold.references)), fold.queries)]
 
     def _raise(self, frame):
         T_world_pano = frame.T_world_pano.copy()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from salframe.panoramas.floors import FloorMasks
-from salframe.panoramas.frames import FrameKind, MapFrame
+from salframe.panoramas.frames import FrameKind, ReferenceFrame
 from salframe.panoramas.geometry import pose_2d
 
 RESOLUTION_M = 0.05
@@ -44,5 +44,5 @@ def block(floor: FloorMasks, low_m: tuple[float, float], high_m: tuple[float, fl
 
 def frame(
     id: str, x_m: float, y_m: float, place: str = "west", kind: FrameKind = FrameKind.SCENE, z_m: float = 1.5
-) -> MapFrame:
-    return MapFrame(id, place, pose_2d(x_m, y_m, 0.3, z_m), kind)
+) -> ReferenceFrame:
+    return ReferenceFrame(id, place, pose_2d(x_m, y_m, 0.3, z_m), kind)

@@ -13,7 +13,7 @@ from salframe_house.frames import choose_frames
 from scipy import ndimage
 
 from salframe.framework.errors import DataError
-from salframe.panoramas.frames import FrameKind, MapFrame
+from salframe.panoramas.frames import FrameKind, ReferenceFrame
 from salframe.panoramas.geometry import pose_2d
 from salframe.topology.build import build_topology
 from salframe.topology.grid import FloorGrid, cell
@@ -25,11 +25,11 @@ def edge(topology: TopologicalMap, start: str, end: str) -> MapEdge:
     return found
 
 
-def house_frames(building) -> list[MapFrame]:
+def house_frames(building) -> list[ReferenceFrame]:
     kinds = {"map": FrameKind.SCENE, "transition": FrameKind.TRANSITION}
     specs = choose_frames(building, building, 0, queries_per_room=1)
     return [
-        MapFrame(s.id, s.place, pose_2d(s.x_m, s.y_m, s.yaw_rad, s.z_m), kinds[s.role])
+        ReferenceFrame(s.id, s.place, pose_2d(s.x_m, s.y_m, s.yaw_rad, s.z_m), kinds[s.role])
         for s in specs
         if s.role in kinds
     ]

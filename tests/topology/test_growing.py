@@ -81,12 +81,13 @@ def house(tmp_path_factory) -> Callable[[str, Sequence[str]], Path]:
 def halves() -> tuple[list[str], list[str]]:
     """The places of the home, those of its first rooms and the others, doorways among them."""
     (fold,) = find_dataset(*HOUSE[:1], overrides=HOUSE[1]).folds()
-    places = list(dict.fromkeys(frame.place for frame in fold.mapping))
+    places = list(dict.fromkeys(frame.place for frame in fold.references))
     return places[::2], places[1::2]
 
 
 @pytest.mark.parametrize(
-    ("method", "overrides"), [("proposed", ()), ("saliency-graph", ("matcher.most=3",)), ("sift", ("min_inliers=6",))]
+    ("method", "overrides"),
+    [("proposed", ()), ("saliency-graph", ("matcher.max_candidates=3",)), ("sift", ("min_inliers=6",))],
 )
 def test_a_map_that_grew_is_the_one_that_was_built_at_once(house, halves, method, overrides, tmp_path):
     first, second = halves

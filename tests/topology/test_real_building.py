@@ -12,7 +12,7 @@ from salframe_matterport.habitat_maps import maps_path, read_floor
 from salframe_matterport.readers import connectivity_path, read_connectivity, read_regions, regions_path
 
 from salframe.framework.files.reading import read_json
-from salframe.panoramas.frames import MapFrame
+from salframe.panoramas.frames import ReferenceFrame
 from salframe.topology.build import build_topology
 
 ROOT = Path(os.environ.get("SALFRAME_SHARED_DATA", Path(__file__).parents[3] / "shared" / "data")) / "matterport3d"
@@ -33,7 +33,7 @@ def viewpoints() -> dict[str, int]:
 @pytest.fixture(scope="module")
 def topology(viewpoints):
     poses = read_connectivity(connectivity_path(ROOT, SCAN))
-    frames = [MapFrame(name, f"{SCAN}/region-{viewpoints[name]}", pose) for name, pose in poses.items()]
+    frames = [ReferenceFrame(name, f"{SCAN}/region-{viewpoints[name]}", pose) for name, pose in poses.items()]
     return build_topology([read_floor(ROOT, SCAN, 0.05)], frames)
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import torch
 from kornia.feature.loftr import loftr
-from salframe_keypoints.loftr_compact import FILES, FINE_STRIDE_PX, LARGEST_PX, STATE, STRIDE_PX
+from salframe_keypoints.loftr_compact import FILES, FINE_STRIDE_PX, MAX_PX, STATE, STRIDE_PX
 from torch import Tensor, nn
 
 from salframe.framework.files.writing import atomic_path
@@ -64,10 +64,10 @@ class _Fine(nn.Module):
 
 
 def export(network: loftr.LoFTR, folder: Path) -> None:
-    """Write the files to a folder. Image sides are multiples of 8 up to LARGEST_PX; a file holds position encodings no
+    """Write the files to a folder. Image sides are multiples of 8 up to MAX_PX; a file holds position encodings no
     further than that."""
     network = copy.deepcopy(network).eval().to(memory_format=torch.contiguous_format)
-    cells = LARGEST_PX // STRIDE_PX
+    cells = MAX_PX // STRIDE_PX
     network.pos_encoding.pe = network.pos_encoding.pe[:, :, :cells, :cells].clone()
     dims, window = network.config["resnetfpn"]["block_dims"], network.config["fine_window_size"] ** 2
     tokens, points = torch.rand(1, 300, dims[-1]), torch.rand(40, dims[-1])

@@ -13,7 +13,7 @@ from torch.nn import functional
 from salframe.framework.config import merge
 
 FINE_RADIUS_PX = WINDOW // 2 * FINE_STRIDE_PX
-LARGEST_CELLS = 320 // STRIDE_PX, 240 // STRIDE_PX
+MAX_CELLS = 320 // STRIDE_PX, 240 // STRIDE_PX
 """Width and height of the coarse grid at run time."""
 
 _RESIDUAL_GAIN = 0.2
@@ -72,7 +72,7 @@ def _encode(network: loftr.LoFTR, maps: torch.Tensor, generator: torch.Generator
     shifts = torch.rand(2, 2, generator=generator)
     parts = []
     for part, (down, right) in zip(maps.chunk(2), shifts.tolist(), strict=True):
-        row, column = int(down * (LARGEST_CELLS[1] - height + 1)), int(right * (LARGEST_CELLS[0] - width + 1))
+        row, column = int(down * (MAX_CELLS[1] - height + 1)), int(right * (MAX_CELLS[0] - width + 1))
         parts.append(part + network.pos_encoding.pe[:, :, row : row + height, column : column + width])
     return torch.cat(parts)
 

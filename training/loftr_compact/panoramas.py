@@ -65,12 +65,15 @@ def read_rooms(config: Panoramas, seeds: Sequence[int]) -> list[tuple[Shot, ...]
 
 def _render_building(config: Panoramas, seed: int) -> None:
     from salframe_house.building import change_building, generate_building
-    from salframe_house.render import Renderer
+    from salframe_house.render import HouseRenderer
 
     building = generate_building(STYLES[seed % len(STYLES)], config.rooms, seed)
     changed = change_building(building, config.changed_fraction, seed)
     rng = np.random.default_rng((seed, 8))
-    day, later = Renderer(building.scene(), "day", config.height), Renderer(changed.scene(), "evening", config.height)
+    day, later = (
+        HouseRenderer(building.scene(), "day", config.height),
+        HouseRenderer(changed.scene(), "evening", config.height),
+    )
     renderers = {"day": day, "evening": later, "dim": later.relit("dim")}
     free, free_later = building.free_space(CLEARANCE_M), changed.free_space(CLEARANCE_M)
     for room in building.rooms:

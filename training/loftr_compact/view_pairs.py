@@ -20,7 +20,7 @@ FOCAL_PX = 160.0
 """Of the views that `loftr-compact` cuts at run time: 320 pixels for 90 degrees."""
 
 DEPTH_TOLERANCE = 0.05
-LEAST_MATCHED = 0.1
+MIN_MATCHED = 0.1
 """Share of the first view's cells with a true match below which another pair of views is drawn."""
 
 ATTEMPTS = 10
@@ -116,7 +116,7 @@ def draw_pair(
         room = rooms[rng.integers(len(rooms))]
         homography = rng.random() < HOMOGRAPHIES or len(room) < 2
         pair = (_draw_homography if homography else _draw_views)(room, size_px, rng)
-        if (correspondences(*pair)[0] >= 0).mean() >= LEAST_MATCHED:
+        if (correspondences(*pair)[0] >= 0).mean() >= MIN_MATCHED:
             break
     return pair
 

@@ -12,7 +12,7 @@ import numpy as np
 from salframe_house.assets import Catalogue, Part
 from salframe_house.building import generate_building
 from salframe_house.lighting import CONDITIONS
-from salframe_house.render import Renderer
+from salframe_house.render import HouseRenderer
 
 from salframe.framework.engines.process_pool import ProcessPool
 from salframe.framework.files.reading import read_json
@@ -75,7 +75,7 @@ def _render_building(root: Path, seed: int, count: int, height: int, assets: Pat
     rng = np.random.default_rng((seed, 11))
     building = generate_building(STYLES[seed % len(STYLES)], int(rng.integers(ROOMS[0], ROOMS[1] + 1)), seed)
     scene = building.scene(Catalogue(assets, part) if assets else None)
-    renderer = Renderer(scene, "day", height)
+    renderer = HouseRenderer(scene, "day", height)
     renderers = {lighting: renderer.relit(lighting) for lighting in CONDITIONS}
     free = {room: points for room, points in building.free_space(CLEARANCE_M).items() if len(points)}
     poses = []

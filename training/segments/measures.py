@@ -13,7 +13,7 @@ from training.segments.thirteen import CLASSES, STRUCTURE, class_of
 
 ROWS = 256
 """Objects are compared on a panorama of so many rows."""
-LEAST_PIXELS = 13
+MIN_PIXELS = 13
 """A part of the labels that covers fewer pixels of it is no object: 2e-3 sr, as for the detector."""
 OVERLAP = 0.5
 """An object is found where it and a part of the labels share so much of their union."""
@@ -111,15 +111,15 @@ def parts_of(labels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     first = np.unique(part, return_index=True)[1]
     label = classes[labelled][first].astype(int)
     masks = part == np.arange(len(first))[:, None]
-    kept = (masks.sum(1) >= LEAST_PIXELS) & ~np.isin(label, [CLASSES.index(name) for name in STRUCTURE])
+    kept = (masks.sum(1) >= MIN_PIXELS) & ~np.isin(label, [CLASSES.index(name) for name in STRUCTURE])
     return label[kept], masks[kept]
 
 
-def count(objects: Objects, parts: tuple[np.ndarray, np.ndarray], least_score: float) -> Counts:
+def count(objects: Objects, parts: tuple[np.ndarray, np.ndarray], min_score: float) -> Counts:
     """How many objects of at least this score are right, and how many parts of the labels are found."""
     from scipy.optimize import linear_sum_assignment
 
-    chosen = objects.score >= least_score
+    chosen = objects.score >= min_score
     masks, label = objects.masks[chosen].astype(np.float32), objects.label[chosen]
     part_label, part_masks = parts
     common = masks @ part_masks.T.astype(np.float32)

@@ -41,7 +41,7 @@ def test_a_file_says_what_objects_are_called(tmp_path):
 
 
 def test_the_range_finder_sees_floor_ceiling_and_walls_where_they_are():
-    range_m = BoxRooms(BoxRooms.Config(height=128, boxes=1)).folds()[0].mapping[0].load().range_m
+    range_m = BoxRooms(BoxRooms.Config(height=128, boxes=1)).folds()[0].references[0].load().range_m
     half = np.pi / 256  # rows and columns look half a pixel beside the axes
     assert range_m[0, 0] == pytest.approx(1.1 / np.cos(half), rel=1e-5)
     assert range_m[-1, 0] == pytest.approx(1.5 / np.cos(half), rel=1e-5)

@@ -15,7 +15,7 @@ from salframe_graphs.places.place_index import PlaceIndex
 from salframe_graphs.places.rates import SHIPPED
 
 
-class Weights(Settings):
+class EvidenceWeights(Settings):
     """Weights of the columns of evidence in a place's score; the softmax of the scores gives the places' shares of
     probability."""
 
@@ -24,7 +24,7 @@ class Weights(Settings):
         description="of the log likelihood ratio of the outline of free space under that pose (nats)"
     )
     panorama: float = Field(description="of the score of the place's panorama that is most like the query, one by one")
-    labels_found: float = Field(description="of the share of the query's labels, by rarity, that the place has")
+    detected_labels: float = Field(description="of the share of the query's labels, by rarity, that the place has")
     labels_shared: float = Field(description="of the Jaccard index of both multisets of labels, by rarity")
 
 
@@ -49,6 +49,6 @@ def label_evidence(label: np.ndarray, index: PlaceIndex, places: np.ndarray) -> 
 
 
 @cache
-def shipped_weights() -> Weights:
+def shipped_weights() -> EvidenceWeights:
     """The weights that come with the method."""
-    return validate(Weights, read_yaml(SHIPPED)["weights"], f"{SHIPPED}: weights:")
+    return validate(EvidenceWeights, read_yaml(SHIPPED)["weights"], f"{SHIPPED}: weights:")

@@ -15,7 +15,7 @@ from salframe_graphs.places.place_index import PlaceIndex
 from salframe_graphs.places.rates import Likelihood, Rates
 
 MIN_RANGE_M, REFERENCE_M = 0.5, 2.0
-"""Distance below which the probability of detection stays the same, and the distance at which `found_logit` holds."""
+"""Distance below which the probability of detection stays the same, and the distance at which `detection_logit` holds."""
 MIN_SCORE = 1e-3
 """Lower bound of a detector's score, so that its logarithm is finite."""
 MAX_LOGIT, MAX_LOG_RATIO = 6.0, 50.0
@@ -135,10 +135,10 @@ class PlaceLikelihood:
         """Return the variances of a deviation along the ray, (n, m), and across it, (m,), of some map objects."""
         return self._along[:, objects], self._across[objects]
 
-    def found_logit(self, objects: np.ndarray, distance_m: np.ndarray) -> np.ndarray:
+    def detection_logit(self, objects: np.ndarray, distance_m: np.ndarray) -> np.ndarray:
         """Return the logit of detecting map objects (T,) from distances (T,), (T,) float32."""
         distance = np.maximum(distance_m, MIN_RANGE_M)
-        logit = self.index.found_logit[objects] + self.rates.found_per_distance * np.log(distance / REFERENCE_M)
+        logit = self.index.detection_logit[objects] + self.rates.detection_per_distance * np.log(distance / REFERENCE_M)
         return np.minimum(np.maximum(logit, -MAX_LOGIT), MAX_LOGIT).astype(np.float32)
 
     @cached_property
@@ -152,7 +152,7 @@ class PlaceLikelihood:
         """(M,) float32: the logit of detecting each object from the first camera of its place."""
         index = self.index
         camera = as_complex(index.cameras_m[:, 0])
-        return self.found_logit(np.arange(len(index.label)), np.abs(index.position - camera[index.place]))
+        return self.detection_logit(np.arange(len(index.label)), np.abs(index.position - camera[index.place]))
 
     def unplaced(self) -> np.ndarray:
         """Return the score of each place without a pose, (K,): positions are left out, and an object counts less."""
@@ -205,7 +205,7 @@ class PlaceLikelihood:
         """The scores of poses (C,), the odds (n, T) of each pair, and 1 + their sum for each query object (n, C)."""
         objects = columns.objects
         away = self.index.position[objects] - columns.poses.spread(as_complex(poses.shift_m))
-        logit = self.found_logit(objects, np.abs(away))
+        logit = self.detection_logit(objects, np.abs(away))
         away *= columns.poses.spread(np.exp(-1j * poses.yaw_rad))
         turned = np.array([away.real, away.imag], np.float32)
         ray, normal, range_m = self._rays

@@ -27,12 +27,12 @@ from salframe.localization.localizer import Description
 from salframe.localization.posterior import Posterior, read_fitted
 from salframe.localization.saved_frames import SavedFrames
 from salframe.panoramas.floors import Regions
-from salframe.panoramas.frames import MapFrame
+from salframe.panoramas.frames import ReferenceFrame
 from salframe.panoramas.geometry import pose_2d
 from salframe.panoramas.panorama import Panorama
 from salframe_graphs.graph_localizer import GraphLocalizer, GraphLocalizerConfig
 from salframe_graphs.panorama_matching import PanoramaMatching, PanoramaMatchingConfig
-from salframe_graphs.places.evidence import Weights, label_evidence, shipped_weights
+from salframe_graphs.places.evidence import EvidenceWeights, label_evidence, shipped_weights
 from salframe_graphs.places.likelihood import Poses
 from salframe_graphs.places.map_places import MapPlaces
 from salframe_graphs.places.outline import free_outline, pack_outline, unpack_outline
@@ -52,9 +52,9 @@ MAX_RANKED = 2000
 
 @cache
 def shipped_posterior() -> Posterior:
-    """Return the posterior that comes with the method; it never says not-here, as most robots are on their map."""
+    """Return the posterior that comes with the method; it never says out-of-map, as most robots are on their map."""
     fitted = validate(Posterior, read_yaml(SHIPPED)["posterior"], f"{SHIPPED}: posterior:")
-    return fitted.model_copy(update={"max_not_here": 1.0})  # type: ignore[no-any-return]
+    return fitted.model_copy(update={"max_out_of_map_probability": 1.0})  # type: ignore[no-any-return]
 
 
 def _over_shipped(part: str, shipped: Callable[[], Settings], value: Any) -> Any:
@@ -98,10 +98,12 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
             description="the detector's errors, or a file of `salframe fit`",
             json_schema_extra={"match_only": True},
         )
-        weights: Annotated[Weights, BeforeValidator(partial(_over_shipped, "weights", shipped_weights))] = Field(
-            default_factory=shipped_weights,
-            description="weight of each column of evidence, or a file of `salframe fit`",
-            json_schema_extra={"match_only": True},
+        weights: Annotated[EvidenceWeights, BeforeValidator(partial(_over_shipped, "weights", shipped_weights))] = (
+            Field(
+                default_factory=shipped_weights,
+                description="weight of each column of evidence, or a file of `salframe fit`",
+                json_schema_extra={"match_only": True},
+            )
         )
         likelihood: Likelihood = match_only(Likelihood(), description="what holds for every detector")
         posterior: Annotated[
@@ -109,7 +111,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         ] = Field(
             default_factory=shipped_posterior,
             description="a file of `salframe fit`, or its parameters: scores become probabilities; as shipped no "
-            "answer is not-here, which max_not_here=0.5 changes; null: none",
+            "answer is out-of-map, which max_out_of_map_probability=0.5 changes; null: none",
             json_schema_extra={"match_only": True},
         )
         candidates: int = match_only(
@@ -142,7 +144,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         description = super().unpack(packed)
         return {**description, OUTLINE: unpack_outline(packed[PACKED])} if PACKED in packed else description
 
-    def index(self, descriptions: Sequence[Description], frames: Sequence[MapFrame]) -> None:
+    def index(self, descriptions: Sequence[Description], frames: Sequence[ReferenceFrame]) -> None:
         graphs = [graph_from_arrays(description) for description in descriptions]
         self._matching.index(graphs, frames)
         outlines_m = [description.get(OUTLINE) for description in descriptions]
@@ -258,12 +260,12 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         for name, score in self._matching.place_scores(query).items():
             if name in places.number:
                 panorama[places.number[name]] = score
-        labels_found, labels_shared = label_evidence(nodes.label, places.index, rows)
+        detected_labels, labels_shared = label_evidence(nodes.label, places.index, rows)
         evidence = {
             "likelihood": np.concatenate([np.logaddexp(result.score, unplaced[result.poses.place]), of_others]),
             "outline": np.concatenate([outline, none]),
             "panorama": panorama[places.shown.name[rows]],
-            "labels_found": labels_found,
+            "detected_labels": detected_labels,
             "labels_shared": labels_shared,
         }
         numbers = np.concatenate([stands, places.shown.name[others]])

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from salframe.framework.files.array_files import ArrayKind
-from salframe.framework.files.columns import Column, read_columns, write_columns
+from salframe.framework.files.columns import PackedColumn, read_columns, write_columns
 from salframe.graphs.graph import SaliencyGraph
 from salframe.panoramas.floors import Regions
-from salframe.panoramas.frames import MapFrame
+from salframe.panoramas.frames import ReferenceFrame
 from salframe_graphs.places.likelihood import Poses
 from salframe_graphs.places.merging import gather_places
 from salframe_graphs.places.outline import BINS, MapOutlines, unpack_outline
@@ -45,7 +45,7 @@ class MapPlaces:
     def gathered(
         cls,
         graphs: Sequence[SaliencyGraph],
-        frames: Sequence[MapFrame],
+        frames: Sequence[ReferenceFrame],
         outlines_m: Sequence[np.ndarray | None],
         regions: Regions | None,
         rates: Rates,
@@ -76,7 +76,12 @@ class MapPlaces:
 
     @classmethod
     def read(
-        cls, folder: Path, outline_mm: Column | None, num_frames: int, T_world_pano: np.ndarray, regions: Regions | None
+        cls,
+        folder: Path,
+        outline_mm: PackedColumn | None,
+        num_frames: int,
+        T_world_pano: np.ndarray,
+        regions: Regions | None,
     ) -> MapPlaces:
         """Return the places that `write` wrote; outline_mm: the packed outlines of the frames, where any has one."""
         columns = read_columns(folder / _PLACES, {**_SHOWN_COLUMNS, **PLACE_COLUMNS}).columns
@@ -130,7 +135,7 @@ class MapPlaces:
         return nearest
 
 
-def _places_at(regions: Regions, xy_m: np.ndarray, frame: MapFrame) -> list[str | None]:
+def _places_at(regions: Regions, xy_m: np.ndarray, frame: ReferenceFrame) -> list[str | None]:
     """The places of positions (N, 2) on the floor that a frame stands on, None off the floor."""
     numbers = regions.at(xy_m, np.full(len(xy_m), frame.T_world_pano[2, 3]))
     return [regions.places[number] if number >= 0 else None for number in numbers.tolist()]

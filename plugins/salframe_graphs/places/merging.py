@@ -8,17 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from salframe.graphs.graph import SaliencyGraph
-from salframe.panoramas.frames import FrameKind, MapFrame
+from salframe.panoramas.frames import FrameKind, ReferenceFrame
 from salframe.panoramas.geometry import transform_points
 from salframe_graphs.places.rates import Rates
 
-MOST_SIGMAS = 3.0
+MAX_SIGMAS = 3.0
 """Two sightings further apart than so many standard deviations of their difference are of two objects."""
-LEAST_SALIENCY = 1e-3
+MIN_SALIENCY = 1e-3
 """Least saliency, relative to the panorama's average, that is told from none."""
 
-PlaceOf = Callable[[np.ndarray, MapFrame], Sequence[str | None]]
-"""The places of positions (N, 2) in the world that a mapping frame sees; None off the floor."""
+PlaceOf = Callable[[np.ndarray, ReferenceFrame], Sequence[str | None]]
+"""The places of positions (N, 2) in the world that a reference frame sees; None off the floor."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +42,7 @@ class Place:
 
 
 @dataclass(frozen=True, eq=False)
-class Sightings:
+class MapSightings:
     """Objects as panoramas saw them, in the world; a row a sighting: frame, position in the map; range_m; the rest as
     in Place."""
 
@@ -56,7 +56,7 @@ class Sightings:
 
 def gather_places(
     graphs: Sequence[SaliencyGraph],
-    frames: Sequence[MapFrame],
+    frames: Sequence[ReferenceFrame],
     rates: Rates,
     place_of: PlaceOf | None = None,
     merged: bool = True,
@@ -90,7 +90,7 @@ def gather_places(
     return places
 
 
-def merge(name: str, frames: Sequence[int], seen: Sightings, rates: Rates) -> Place:
+def merge(name: str, frames: Sequence[int], seen: MapSightings, rates: Rates) -> Place:
     """A place of sightings (N): nearest first, each joins the nearest object of its label that its own panorama has not
     seen yet and that is near enough by the errors of both; else it is another object."""
     variance = rates.position_error_m**2 + (rates.range_error_share * seen.range_m) ** 2
@@ -101,7 +101,7 @@ def merge(name: str, frames: Sequence[int], seen: Sightings, rates: Rates) -> Pl
     for row in np.argsort(seen.range_m, kind="stable"):
         open_ = [g for g in range(len(held)) if label[g] == seen.labels[row] and seen.frame[row] not in held[g]]
         distance = np.hypot(*(centre[open_, :2] - seen.centroid_m[row, :2]).T)
-        near = distance < MOST_SIGMAS * np.sqrt(1 / weight[open_] + variance[row])
+        near = distance < MAX_SIGMAS * np.sqrt(1 / weight[open_] + variance[row])
         if near.any():
             group = int(open_[int(np.argmin(np.where(near, distance, np.inf)))])
         else:
@@ -132,11 +132,11 @@ def merge(name: str, frames: Sequence[int], seen: Sightings, rates: Rates) -> Pl
 
 def relative_log_saliency(graph: SaliencyGraph) -> np.ndarray:
     """(N,) logarithm of each node's saliency relative to the average node of its panorama: 0 where all are alike."""
-    return np.log(np.maximum(graph.saliency * len(graph), LEAST_SALIENCY))
+    return np.log(np.maximum(graph.saliency * len(graph), MIN_SALIENCY))
 
 
-def _sightings(number: int, graph: SaliencyGraph, frame: MapFrame) -> Sightings:
-    return Sightings(
+def _sightings(number: int, graph: SaliencyGraph, frame: ReferenceFrame) -> MapSightings:
+    return MapSightings(
         np.full(len(graph), number),
         np.array(graph.labels, object),
         transform_points(frame.T_world_pano, graph.centroid_m),
@@ -146,11 +146,11 @@ def _sightings(number: int, graph: SaliencyGraph, frame: MapFrame) -> Sightings:
     )
 
 
-def _taken(seen: Sightings, rows: np.ndarray) -> Sightings:
-    return Sightings(*(getattr(seen, name)[rows] for name in Sightings.__dataclass_fields__))
+def _taken(seen: MapSightings, rows: np.ndarray) -> MapSightings:
+    return MapSightings(*(getattr(seen, name)[rows] for name in MapSightings.__dataclass_fields__))
 
 
-def _joined(parts: Sequence[Sightings]) -> Sightings:
-    return Sightings(
-        *(np.concatenate([getattr(part, name) for part in parts]) for name in Sightings.__dataclass_fields__)
+def _joined(parts: Sequence[MapSightings]) -> MapSightings:
+    return MapSightings(
+        *(np.concatenate([getattr(part, name) for part in parts]) for name in MapSightings.__dataclass_fields__)
     )

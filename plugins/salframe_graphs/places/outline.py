@@ -13,10 +13,10 @@ from salframe_graphs.places.likelihood import Poses
 BINS = 72
 LOWEST_M, HIGHEST_M = 0.35, 0.8
 """Heights over the camera whose points make the outline: over most furniture and under lintels."""
-ERROR_LOG, STRAY, PEAK, MOST_SQUARED = 0.1, 0.15, 3.0, 50.0
+ERROR_LOG, STRAY, PEAK, MAX_SQUARED = 0.1, 0.15, 3.0, 50.0
 """Standard deviation of the logarithm of a range, the share of bins that do not fit, the ratio of one that does, and
 the square of standard deviations beyond which none is further off."""
-_LARGEST_M = 65.535
+_MAX_M = 65.535
 _MIDDLES = np.array([(np.cos(azimuth), np.sin(azimuth)) for azimuth in (np.arange(BINS) + 0.5) * (2 * np.pi / BINS)])
 """(BINS, 2): the directions of the bins' middles."""
 
@@ -34,7 +34,7 @@ def free_outline(range_m: np.ndarray) -> np.ndarray:
 
 def pack_outline(outline_m: np.ndarray) -> np.ndarray:
     """The outline (BINS,) uint16 in millimetres, 0 where it is not known."""
-    known = np.minimum(np.nan_to_num(outline_m), _LARGEST_M)
+    known = np.minimum(np.nan_to_num(outline_m), _MAX_M)
     return np.round(known * 1000).astype(np.uint16)
 
 
@@ -54,7 +54,7 @@ def _fit(offset_m: np.ndarray, yaw_rad: np.ndarray, outline_m: np.ndarray) -> np
     expected = outline_m.ravel().take(bins + BINS * np.arange(len(bins))[:, None])
     with np.errstate(divide="ignore"):
         off = (0.5 / ERROR_LOG) * np.log((x * x + y * y) / (expected * expected))
-    ratio = np.log(STRAY + (1 - STRAY) * PEAK * np.exp(-0.5 * np.minimum(off * off, MOST_SQUARED)))
+    ratio = np.log(STRAY + (1 - STRAY) * PEAK * np.exp(-0.5 * np.minimum(off * off, MAX_SQUARED)))
     return np.where(np.isfinite(off), ratio, 0).sum(-1)
 
 

@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from salframe.framework.files.array_files import ArrayKind
-from salframe.framework.files.columns import Column, Row
+from salframe.framework.files.columns import PackedColumn, Row
 from salframe.graphs.segments import Segments, ranges
 from salframe.graphs.table import count_having
 from salframe.panoramas.geometry import as_complex
@@ -22,7 +22,7 @@ PLACE_COLUMNS = {
     "xyz_m": ArrayKind("f", (None, 3)),
     "variance_m2": ArrayKind("f", (None,)),
     "log_size": ArrayKind("f", (None, 3)),
-    "found_logit": ArrayKind("f", (None,)),
+    "detection_logit": ArrayKind("f", (None,)),
 }
 """Columns of a place's objects on disk, as in PlaceIndex. xyz_m: in the world, height over the camera."""
 
@@ -34,7 +34,7 @@ class PlaceIndex:
     vocabulary: label -> number, L labels. frequency: (L + 1,) share of each label among the map's objects, the last one
     that of a label which the map lacks. rarity: (L + 1,) smooth inverse document frequency over the places.
     count: (K,) number of objects. label: (M,). xy_m: (M, 2) in the world. z_m: (M,) over the camera.
-    variance_m2: (M,) of the position along each axis. log_size: (M, 3). found_logit: (M,) logit of being detected from
+    variance_m2: (M,) of the position along each axis. log_size: (M, 3). detection_logit: (M,) logit of being detected from
     2 m away. cameras_m: (K, F, 2) positions of the scene frames, the last one repeated.
     """
 
@@ -47,7 +47,7 @@ class PlaceIndex:
     z_m: np.ndarray
     variance_m2: np.ndarray
     log_size: np.ndarray
-    found_logit: np.ndarray
+    detection_logit: np.ndarray
     cameras_m: np.ndarray
 
     def __len__(self) -> int:
@@ -84,7 +84,7 @@ class PlaceIndex:
         if len(places) == len(self):
             return self
         objects = ranges(self.segments.start[places], self.count[places])
-        of_objects = ("label", "xy_m", "z_m", "variance_m2", "log_size", "found_logit")
+        of_objects = ("label", "xy_m", "z_m", "variance_m2", "log_size", "detection_logit")
         taken = {name: getattr(self, name)[objects] for name in of_objects}
         return replace(self, count=self.count[places], cameras_m=self.cameras_m[places], **taken)
 
@@ -100,9 +100,9 @@ def index_places(
     for k, (place, stood) in enumerate(zip(places, cameras_m, strict=True)):
         over_camera.append(place.centroid_m - [0, 0, np.median(stood[:, 2])])
         logit.append(
-            rates.found_logit
-            + rates.found_per_saliency * place.log_saliency
-            + likelihood.found_per_sighting * np.log(place.sightings)
+            rates.detection_logit
+            + rates.detection_per_saliency * place.log_saliency
+            + likelihood.detection_per_sighting * np.log(place.sightings)
         )
         cameras[k] = stood[np.minimum(np.arange(cameras.shape[1]), len(stood) - 1), :2]
     return _index(
@@ -113,7 +113,7 @@ def index_places(
             "xyz_m": np.concatenate(over_camera),
             "variance_m2": np.concatenate([np.zeros(0), *(place.variance_m2 for place in places)]),
             "log_size": np.concatenate([np.zeros((0, 3)), *(place.log_size for place in places)]),
-            "found_logit": np.concatenate(logit),
+            "detection_logit": np.concatenate(logit),
         },
         cameras,
     )
@@ -128,11 +128,11 @@ def place_rows(index: PlaceIndex) -> Iterator[Row]:
         yield {
             "labels": names[index.label[objects]],
             "xyz_m": xyz_m[objects],
-            **{name: getattr(index, name)[objects] for name in ("variance_m2", "log_size", "found_logit")},
+            **{name: getattr(index, name)[objects] for name in ("variance_m2", "log_size", "detection_logit")},
         }
 
 
-def read_places(columns: Mapping[str, Column], cameras_m: np.ndarray) -> PlaceIndex:
+def read_places(columns: Mapping[str, PackedColumn], cameras_m: np.ndarray) -> PlaceIndex:
     """Return the index of the places in the columns PLACE_COLUMNS; cameras_m (K, F, 2) as in PlaceIndex."""
     labels = columns["labels"]
     values = {
@@ -158,6 +158,6 @@ def _index(
         values["xyz_m"][:, 2],
         values["variance_m2"],
         values["log_size"],
-        values["found_logit"],
+        values["detection_logit"],
         cameras_m,
     )

@@ -23,11 +23,11 @@ class Rates(Settings):
     height_error_m: float = Field(gt=0, description="standard deviation of a centroid's height over the camera")
     length_error_log: float = Field(gt=0, description="standard deviation of the logarithm of a box's length")
     box_height_error_log: float = Field(gt=0, description="standard deviation of the logarithm of a box's height")
-    found_logit: float = Field(
+    detection_logit: float = Field(
         description="logit of finding again an object of average saliency 2 m away that was seen once"
     )
-    found_per_saliency: float = Field(description="what a saliency e times the average adds to that logit")
-    found_per_distance: float = Field(description="what a distance e times as long adds to it")
+    detection_per_saliency: float = Field(description="what a saliency e times the average adds to that logit")
+    detection_per_distance: float = Field(description="what a distance e times as long adds to it")
     clutter: float = Field(
         gt=0, description="rate of objects that are none of the place's, to those of the map as a whole"
     )
@@ -36,7 +36,9 @@ class Rates(Settings):
 class Likelihood(Settings):
     """What the likelihood takes for granted whatever the detector."""
 
-    found_per_sighting: float = Field(0.5, description="what e times as many sightings in the map add to found_logit")
+    detection_per_sighting: float = Field(
+        0.5, description="what e times as many sightings in the map add to detection_logit"
+    )
     area_m2: float = Field(60.0, gt=0, description="floor over which clutter is spread evenly")
     height_span_m: float = Field(2.5, gt=0, description="heights over which clutter is spread evenly")
     size_span_log: float = Field(2.5, gt=0, description="logarithms of size over which clutter is spread evenly")

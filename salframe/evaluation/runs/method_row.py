@@ -32,7 +32,7 @@ class MethodRow(ABC):
     """
 
     method: str
-    given: tuple[str, ...] = ()
+    input: tuple[str, ...] = ()
     available: bool = True
     ended: MethodStatus = MethodStatus.DONE
     reason: str | None = None
@@ -72,7 +72,7 @@ class MethodRow(ABC):
     @property
     def remark(self) -> str | None:
         """Note beside the numbers: input that was estimated, and why the method was not measured, or a warning."""
-        marks = [f"input {', '.join(self.given).replace('rgb', 'colour')}"] if ESTIMATED_RANGE in self.given else []
+        marks = [f"input {', '.join(self.input).replace('rgb', 'colour')}"] if ESTIMATED_RANGE in self.input else []
         return "; ".join([*marks, *([self.reason] if self.reason else [])]) or None
 
     @property

@@ -64,7 +64,7 @@ def in_common(records: Sequence[Record[Any]]) -> dict[str, Any]:
     reasons = dict.fromkeys(record.outcome.reason for record in records if record.outcome.reason)
     return {
         "method": records[0].label,
-        "given": worst.given,
+        "input": worst.input,
         "available": worst.status is not MethodStatus.UNAVAILABLE,
         "ended": worst.status,
         "reason": "; ".join(reasons) or None,

@@ -101,7 +101,7 @@ class Resolved:
     engine: ComponentConfig
     scopes: Mapping[str, Sequence[Mapping[str, Any]]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
-    asked_as: Mapping[str, str] = field(default_factory=dict)
+    requested_as: Mapping[str, str] = field(default_factory=dict)
 
 
 def resolve(request: Request, role: str = "localizer", scopes: Sequence[str] = ()) -> Resolved:
@@ -134,7 +134,7 @@ def resolve(request: Request, role: str = "localizer", scopes: Sequence[str] = (
     methods: dict[str, ComponentConfig] = {}
     notes: list[str] = []
     taken: dict[str, list[str]] = {}
-    asked_as: dict[str, str] = {}
+    requested_as: dict[str, str] = {}
     for label, variant in requested.items():
         choice = Choice(data_name, provides)
         settings_of_variant = [nest(key.split("."), value) for key, value in variant.settings.items()]
@@ -145,12 +145,12 @@ def resolve(request: Request, role: str = "localizer", scopes: Sequence[str] = (
         named = variant.name == short_name(variant.method)  # named after the preset, not by the user
         runs = label.replace(variant.name, other, 1) if other is not None and named else label
         if runs == label or runs not in requested:
-            methods[runs], asked_as[runs] = instead, label
+            methods[runs], requested_as[runs] = instead, label
             for line in choice.notes:
                 taken.setdefault(line, []).append(runs)
     notes += [f"{list_methods(takers, methods)}: {line}" for line, takers in taken.items()]
     engine = configure_default("engine", request.engine or default_of("engine"), overrides.scopes["engine"])
-    return Resolved(methods, data_name, data, engine, overrides.scopes, tuple(notes), asked_as)
+    return Resolved(methods, data_name, data, engine, overrides.scopes, tuple(notes), requested_as)
 
 
 def decide(

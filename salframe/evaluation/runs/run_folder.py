@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 from urllib.parse import quote
 
 import yaml
@@ -28,6 +28,8 @@ from salframe.framework.files.writing import write_json, write_text
 from salframe.framework.validation import Settings, validate
 
 REQUEST, NOTES, METHODS = "request.yaml", "notes.json", "methods"
+RUN_FORMAT: Literal[2] = 2
+"""Version of the layout of run folders. It changes when a key of their files is renamed."""
 """Names in a run folder: the request, its notes, and the folder that holds a folder for each method."""
 ROWS, DESCRIPTIONS, MAPS = "rows.jsonl", "descriptions.jsonl", "maps.jsonl"
 OUTCOME, IDENTITY, CRASH_LOG = "outcome.json", "identity.json", "crash.log"
@@ -61,7 +63,7 @@ class Outcome:
 
     status: MethodStatus
     reason: str | None = None
-    given: tuple[str, ...] = ()
+    input: tuple[str, ...] = ()
     seconds: float | None = None
 
 
@@ -83,6 +85,7 @@ class _Identity(Settings):
 class _Request(Settings):
     """Content of request.yaml."""
 
+    format: Literal[2]
     task: dict[str, Any]
     seed: int
     data: dict[str, Any]
@@ -116,7 +119,13 @@ class Run:
             raise ConfigError(f"received a run name of {size} bytes, expected at most {MAX_NAME_BYTES}")
         key = _fingerprint(task, seed, resolved.data, resolved.methods)
         settings = {label: config.model_dump(mode="json") for label, config in resolved.methods.items()}
-        request = {"task": dict(task), "seed": seed, "data": resolved.data.model_dump(mode="json"), "methods": settings}
+        request = {
+            "format": RUN_FORMAT,
+            "task": dict(task),
+            "seed": seed,
+            "data": resolved.data.model_dump(mode="json"),
+            "methods": settings,
+        }
         text = yaml.safe_dump(request, sort_keys=False)
         directory, content = runs / f"{name}-{key[:8]}", parse_yaml(text)
         path = directory / REQUEST
@@ -138,6 +147,9 @@ class Run:
         if not path.exists():
             raise ConfigError(f"{directory} is no run folder: it has no {REQUEST}")
         content = read_yaml(path)
+        if isinstance(content, Mapping) and content.get("format") != RUN_FORMAT:
+            version = content.get("format", 1)
+            raise ConfigError(f"{directory} has run format {version}, expected {RUN_FORMAT}: run the command again")
         validate(_Request, content, f"{path}:")
         return cls(directory, content)
 
@@ -210,7 +222,7 @@ class Run:
 
     def end(self, label: str, outcome: Outcome) -> None:
         """Write the outcome of a method."""
-        write_json(self.folder(label) / OUTCOME, {**asdict(outcome), "given": list(outcome.given)})
+        write_json(self.folder(label) / OUTCOME, {**asdict(outcome), "input": list(outcome.input)})
 
     def bind(self, fingerprint: str) -> None:
         """Bind the run to the fingerprint of its data, and write env.json. Raises DataError where the data changed."""

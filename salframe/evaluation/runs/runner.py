@@ -31,7 +31,7 @@ from salframe.framework.files.writing import alone, write_json
 from salframe.localization.describing import describe_frames
 from salframe.localization.map_files import MAP_FORMAT
 from salframe.panoramas.camera_height import units_note
-from salframe.panoramas.opening import Progress, mapping_frames, open_dataset
+from salframe.panoramas.opening import Progress, open_dataset, reference_frames
 
 POLL_SECONDS = 0.5
 TRIES, DEATHS = 2, 3
@@ -87,7 +87,7 @@ def _resume(
         key = {"task": identity, "data": data, "mode": task.mode(label), "method": identity_of(config)}
         map_format = {"map_format": MAP_FORMAT} if task.maps else {}  # rows hold the size of their maps
         run.reuse(label, digest({**key, **map_format}))
-    units = units_note(mapping_frames(dataset))
+    units = units_note(reference_frames(dataset))
     run.set_notes([*resolved.notes, *([units] if units else [])])
     if request.limits and not engine.isolates:
         raise ConfigError(f"the engine {engine.name!r} has no worker processes, which limits of time and memory need")
@@ -163,9 +163,9 @@ class _Work:
             yield answer
 
     def _describe_maps(self, config: ComponentConfig, folder: Path) -> None:
-        """Describe the map frames that have no recorded description, and record the time of each."""
+        """Describe the reference frames that have no recorded description, and record the time of each."""
         described = {row.frame for row in read_rows(folder / DESCRIPTIONS, DescriptionLine)}
-        frames = [frame.id for frame in mapping_frames(self.survey.dataset) if frame.id not in described]
+        frames = [frame.id for frame in reference_frames(self.survey.dataset) if frame.id not in described]
         with RowWriter(folder / DESCRIPTIONS) as costs:
             for frame, seconds in describe_frames(config, self.run.data(), frames, self.engine):
                 costs.append({"frame": frame, "ms": seconds * 1e3})
@@ -246,7 +246,7 @@ def _record(task: AnyTask, run: Run, label: str, survey: Survey[Any]) -> Record[
     rows = tuple(rows_by_key.get(task.key(piece)) for piece in survey.pieces)
     answered = len(rows) - rows.count(None)
     if outcome is None or (outcome.status is MethodStatus.DONE and answered < len(rows)):
-        parts = outcome.given if outcome else ()
+        parts = outcome.input if outcome else ()
         reason = f"unfinished: {answered} of {len(rows)} {task.counts} done"
         outcome = Outcome(MethodStatus.UNFINISHED, reason, parts)
     return Record(label, outcome, rows, run.folder(label))

@@ -73,5 +73,5 @@ def join_outcomes(outcomes: Sequence[Outcome]) -> Outcome:
     """Return the outcome of a method from those of its shares: the worst status, and all reasons."""
     status = max((outcome.status for outcome in outcomes), key=list(MethodStatus).index)
     reasons = dict.fromkeys(outcome.reason for outcome in outcomes if outcome.reason)
-    parts = max((outcome.given for outcome in outcomes), key=len)
+    parts = max((outcome.input for outcome in outcomes), key=len)
     return Outcome(status, "; ".join(reasons) or None, parts)

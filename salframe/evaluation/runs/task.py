@@ -21,7 +21,7 @@ from salframe.framework.validation import Settings
 from salframe.panoramas.dataset import Dataset
 
 LineT = TypeVar("LineT", bound=MethodRow)
-RESULT_FORMAT = 1
+RESULT_FORMAT = 2
 """Version of the layout of `to_json`. It changes when a key is renamed or changes its meaning."""
 
 
@@ -172,7 +172,7 @@ class Task(ABC, Generic[Piece, Surveyed, PieceRowT, LineT]):
         """
         return ""
 
-    def given(self, label: str, method: Any, dataset: Dataset) -> tuple[str, ...]:
+    def input(self, label: str, method: Any, dataset: Dataset) -> tuple[str, ...]:
         """Return the parts of a data set's panoramas that a method receives as input, as `input_parts` does."""
         return input_parts(method, dataset)
 

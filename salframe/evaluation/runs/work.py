@@ -42,7 +42,7 @@ def work_share(task: AnyTask, directory: Path, label: str, limits: Limits, share
         config = run.method(label, task.role, Choice(data.kind, partial(provided, data)))
         method = registry().build(task.role, config)
         survey = task.survey(open_dataset(data))
-        parts = task.given(label, method, survey.dataset)
+        parts = task.input(label, method, survey.dataset)
         keys = set(share.keys)
         todo = [piece for piece in survey.pieces if task.key(piece) in keys]
         with task.open(label, method, survey, todo, share.folder) as worker, RowWriter(share.folder / ROWS) as rows:

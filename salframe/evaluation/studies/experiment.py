@@ -12,7 +12,14 @@ from pydantic import Field
 
 from salframe.evaluation.runs.request import Request
 from salframe.evaluation.runs.run_folder import identity_of
-from salframe.evaluation.studies.kept import KEPT_FORMAT, Kept, has_ended, keep, kept_tables, read_results
+from salframe.evaluation.studies.stored import (
+    RESULTS_FORMAT,
+    StoredTable,
+    has_ended,
+    read_results,
+    store_table,
+    stored_tables,
+)
 from salframe.evaluation.studies.study import PooledRuns, Study, StudyResult, plan, run_study
 from salframe.evaluation.tables.reported import ReportedTable, read_reported
 from salframe.evaluation.tables.table import Table
@@ -66,13 +73,13 @@ class TableResult:
 
     name: str
     study: TableStudy
-    kept: Kept | None = None
+    stored: StoredTable | None = None
     skipped: str | None = None
     fresh: StudyResult | None = None
 
     def tables(self) -> list[Table]:
         """Return the stored rows as tables."""
-        shown = [] if self.kept is None else kept_tables(self.study, self.kept, self.study.columns)
+        shown = [] if self.stored is None else stored_tables(self.study, self.stored, self.study.columns)
         return [replace(table, title=", ".join(filter(None, (self.study.title, table.title)))) for table in shown]
 
 
@@ -94,10 +101,10 @@ class ExperimentResult:
 
     def to_json(self) -> dict[str, Any]:
         """Return the stored results and the skipped tables as JSON."""
-        stored = {table.name: table.kept.model_dump(mode="json") for table in self.tables if table.kept}
+        stored = {table.name: table.stored.model_dump(mode="json") for table in self.tables if table.stored}
         skipped = {table.name: table.skipped for table in self.tables if table.skipped}
         return {
-            "format": KEPT_FORMAT,
+            "format": RESULTS_FORMAT,
             "experiment": self.name,
             "quick": self.quick,
             "tables": stored,
@@ -171,14 +178,14 @@ def _table(
         request = _with_data(study, request)
         cache_key = _cache_key(plan(study, request))
         candidates = (
-            one for one in (results.whole.get(name), results.quick.get(name)) if one and one.known_by == cache_key
+            one for one in (results.whole.get(name), results.quick.get(name)) if one and one.cache_key == cache_key
         )
         finished = [one for one in candidates if has_ended(study, one)]
         if finished and not force:
             stored = finished[0]
         else:
             fresh = (_run_again if force else run_study)(study, request, progress=progress)
-            stored = keep(fresh, cache_key)
+            stored = store_table(fresh, cache_key)
     except SalframeError as error:
         return TableResult(name, study, stored, skipped=str(error))
     results = read_results(file)  # another table may have been measured meanwhile

@@ -28,7 +28,7 @@ from salframe.localization.map import LocalizationMap
 from salframe.localization.posterior import Fit, ScoredAnswer, fit_posterior
 from salframe.localization.preparing import Tell, prepare, silent
 from salframe.panoramas.dataset import Dataset
-from salframe.panoramas.frames import MapFrame, QueryFrame
+from salframe.panoramas.frames import QueryFrame, ReferenceFrame
 from salframe.panoramas.opening import Progress
 
 HIDE = "data.hide_query_place=true"
@@ -70,16 +70,16 @@ class Tuning:
             raise ConfigError(f"received {dict(changes)} to try, expected settings that affect matching only")
         for fold in self.dataset.folds():
             places = [self.dataset.truth(query.id).place for query in fold.queries]
-            here = [any(frame.place == place for frame in fold.mapping) for place in places]
+            here = [any(frame.place == place for frame in fold.references) for place in places]
             if not (absent or any(here)):
                 continue
             usable = [
                 (frame, description)
-                for frame in fold.mapping
+                for frame in fold.references
                 if (description := self.descriptions[frame.id]) is not None
             ]
             if not usable:
-                raise DataError(f"fold {fold.id} has no map frame that {localizer.name} can use")
+                raise DataError(f"fold {fold.id} has no reference frame that {localizer.name} can use")
             frames, described = [frame for frame, _ in usable], [description for _, description in usable]
             fold_map = LocalizationMap.from_descriptions(localizer, described, frames, self.dataset.floors())
             for query, place, is_here in zip(fold.queries, places, here, strict=True):
@@ -183,9 +183,9 @@ def _describe(
             f"{name} is a {localizer.name!r}, which has no setting `posterior`: its answers cannot carry probabilities"
         )
     check_needs(localizer, dataset)
-    frames: dict[str, MapFrame | QueryFrame] = {}
+    frames: dict[str, ReferenceFrame | QueryFrame] = {}
     for fold in dataset.folds():
-        frames.update({frame.id: frame for frame in fold.mapping})
+        frames.update({frame.id: frame for frame in fold.references})
         frames.update({frame.id: frame for frame in fold.queries})
     descriptions: dict[str, Description | None] = {}
     cache = Cache()

@@ -16,7 +16,7 @@ class TableRow(Protocol):
     @property
     def method(self) -> str: ...
     @property
-    def given(self) -> tuple[str, ...]: ...
+    def input(self) -> tuple[str, ...]: ...
     @property
     def by_part(self) -> tuple[float, ...]: ...
     @property
@@ -47,8 +47,8 @@ class Column(Generic[RowT]):
     unmeasured: bool = False
 
 
-GIVEN: Column[TableRow] = Column(
-    "given", lambda row: ", ".join(row.given).replace("rgb", "colour") or NONE, unmeasured=True
+INPUT: Column[TableRow] = Column(
+    "input", lambda row: ", ".join(row.input).replace("rgb", "colour") or NONE, unmeasured=True
 )
 """The input of a method."""
 SEEDS: Column[TableRow] = Column("of each\nseed %", lambda row: _spread(row.by_part))

@@ -7,10 +7,10 @@ from pathlib import Path
 from salframe.evaluation.runs.run_folder import Run
 from salframe.evaluation.runs.task import AnyTask
 from salframe.evaluation.tasks.detection.task import DetectionTask
+from salframe.evaluation.tasks.latency.task import LatencyTask
 from salframe.evaluation.tasks.localization.task import LocalizationTask
 from salframe.evaluation.tasks.matching.task import MatchingTask
 from salframe.evaluation.tasks.navigation.task import NavigationTask
-from salframe.evaluation.tasks.running.task import RunningTask
 from salframe.evaluation.tasks.scale.task import ScaleTask
 from salframe.evaluation.tasks.sensor.task import SensorTask
 from salframe.framework.errors import ConfigError, UnknownName, unknown
@@ -22,7 +22,7 @@ ALL: tuple[type[AnyTask], ...] = (
     SensorTask,
     NavigationTask,
     ScaleTask,
-    RunningTask,
+    LatencyTask,
 )
 TASKS: dict[str, type[AnyTask]] = {task.name: task for task in ALL}
 """The tasks by name."""

@@ -16,7 +16,7 @@ from salframe.framework.components.presets import configure, names, preset_names
 from salframe.framework.components.registry import Failure, Registry, registry
 from salframe.framework.errors import SalframeError, UnknownName, failure_of, unknown
 from salframe.framework.files.cache import cache_home
-from salframe.framework.files.weights import ByteProgress, Weights
+from salframe.framework.files.weights import ByteProgress, NetworkWeights
 
 
 def environment() -> dict[str, Any]:
@@ -36,13 +36,13 @@ def environment() -> dict[str, Any]:
     }
 
 
-def list_weights(plugins: Registry) -> list[Weights]:
+def list_weights(plugins: Registry) -> list[NetworkWeights]:
     """All weights that registered components declare, by name."""
     declared = {weights.name: weights for component, _ in plugins for weights in component.weights}
     return [declared[name] for name in sorted(declared)]
 
 
-def find_weights(name: str, plugins: Registry) -> Weights:
+def find_weights(name: str, plugins: Registry) -> NetworkWeights:
     """The weights of this name. Raises UnknownName."""
     declared = {weights.name: weights for weights in list_weights(plugins)}
     if name not in declared:

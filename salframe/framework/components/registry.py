@@ -21,7 +21,7 @@ from salframe.framework.components.defaults import AUTO, auto_order
 from salframe.framework.components.entry_points import COMMANDS, GROUP, discover
 from salframe.framework.config import read_yaml
 from salframe.framework.errors import ConfigError, PluginFailed, SalframeError, UnknownName, describe_error, unknown
-from salframe.framework.files.weights import Weights
+from salframe.framework.files.weights import NetworkWeights
 from salframe.framework.hookspecs import Presets
 
 BUILTIN = "salframe.builtin"
@@ -227,7 +227,7 @@ def check_declaration(component: Any, roles: dict[str, type[Role]]) -> None:
         if not (isinstance(package, str) and package.isidentifier()):
             raise SalframeError(f"{where}.requires holds {package!r}, expected the name of a top-level package")
     for weights in component.weights:
-        if not isinstance(weights, Weights):
+        if not isinstance(weights, NetworkWeights):
             raise SalframeError(f"{where}.weights holds {weights!r}, expected Weights")
     _check_settings(component, where)
 

@@ -13,9 +13,9 @@ import numpy as np
 from salframe.framework.errors import DataError
 from salframe.framework.files.bounded import check_regular
 
-MOST_BYTES = 1 << 29
+MAX_BYTES = 1 << 29
 """Of the arrays of one .npz."""
-LONGEST_AXIS = 1 << 24
+MAX_AXIS = 1 << 24
 """Of an array without elements, whose axes no byte vouches for."""
 
 
@@ -53,8 +53,8 @@ def parse_arrays(content: bytes) -> dict[str, np.ndarray]:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             members = archive.infolist()
             claimed = sum(member.file_size for member in members)
-            if claimed > MOST_BYTES:
-                raise ValueError(f"arrays of {claimed} bytes, expected at most {MOST_BYTES}")
+            if claimed > MAX_BYTES:
+                raise ValueError(f"arrays of {claimed} bytes, expected at most {MAX_BYTES}")
             arrays = {member.filename.removesuffix(".npy"): _parse(archive.read(member)) for member in members}
     except ValueError:
         raise
@@ -103,10 +103,6 @@ def _header(file: BinaryIO, size: int) -> tuple[np.dtype[Any], tuple[int, ...], 
     count, held = 1, size - file.tell()
     for length in shape:
         count *= length
-    if (
-        min(shape, default=0) < 0
-        or count * dtype.itemsize != held
-        or (not held and max(shape, default=0) > LONGEST_AXIS)
-    ):
+    if min(shape, default=0) < 0 or count * dtype.itemsize != held or (not held and max(shape, default=0) > MAX_AXIS):
         raise ValueError(f"{held} bytes of values, expected {count * dtype.itemsize} of {dtype} {shape}")
     return dtype, shape, "F" if by_columns else "C"

@@ -19,17 +19,17 @@ import yaml
 
 from salframe.framework.errors import one_line, shorten
 
-LARGEST_BYTES = 1 << 28
+MAX_BYTES = 1 << 28
 """Of a JSON, YAML or text file, a table or an image."""
 DEEPEST = 64
 """Levels of lists and mappings in one another."""
-MOST_NODES = 1_000_000
+MAX_NODES = 1_000_000
 """Values in a YAML document, each counted as often as its aliases repeat it."""
 _SAFE: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # that of libyaml is six times as fast on our presets
 _STRING = re.compile(rb'"[^"\\]*+(?:\\.[^"\\]*+)*+"?', re.DOTALL)
 _NO_BRACKET = bytes(sorted({*range(256)} - {*b"[]{}"}))
 _OPENING = b"[{"
-_LEAST_INTEGER, _END_INTEGER = -(1 << 63), 1 << 64
+_MIN_INTEGER, _END_INTEGER = -(1 << 63), 1 << 64
 
 
 def why(error: OSError | ValueError) -> str:
@@ -37,32 +37,32 @@ def why(error: OSError | ValueError) -> str:
     return (error.strerror if isinstance(error, OSError) else None) or one_line(error)
 
 
-def check_regular(path: Path, most_bytes: int = LARGEST_BYTES) -> int:
+def check_regular(path: Path, max_bytes: int = MAX_BYTES) -> int:
     """The bytes of a regular file of limited size. Raises OSError, and ValueError on anything else."""
     status = path.stat()
     if not stat.S_ISREG(status.st_mode):
         kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a pipe, socket or device"
         raise ValueError(f"it is {kind}, expected a regular file")
-    if status.st_size > most_bytes:
-        raise ValueError(f"it has {status.st_size} bytes, expected at most {most_bytes}")
+    if status.st_size > max_bytes:
+        raise ValueError(f"it has {status.st_size} bytes, expected at most {max_bytes}")
     return status.st_size
 
 
-def read_bytes(path: Path, most_bytes: int = LARGEST_BYTES) -> bytes:
+def read_bytes(path: Path, max_bytes: int = MAX_BYTES) -> bytes:
     """The content of a regular file of limited size. Raises OSError, and ValueError on anything else."""
-    check_regular(path, most_bytes)
+    check_regular(path, max_bytes)
     with path.open("rb") as file:
-        content = file.read(most_bytes + 1)
-    if len(content) > most_bytes:  # files of /proc say that they are empty
-        raise ValueError(f"it has more than {most_bytes} bytes, expected at most as many")
+        content = file.read(max_bytes + 1)
+    if len(content) > max_bytes:  # files of /proc say that they are empty
+        raise ValueError(f"it has more than {max_bytes} bytes, expected at most as many")
     return content
 
 
-def read_start(path: Path, most_bytes: int) -> bytes:
+def read_start(path: Path, max_bytes: int) -> bytes:
     """What a regular file of any size begins with. Raises OSError, and ValueError on anything else."""
     check_regular(path, sys.maxsize)
     with path.open("rb") as file:
-        return file.read(most_bytes)
+        return file.read(max_bytes)
 
 
 def parse_json(content: bytes) -> Any:
@@ -100,7 +100,7 @@ def _finite(text: str) -> float:
 
 
 def _integer(text: str) -> int:
-    if len(text) > 20 or not _LEAST_INTEGER <= (value := int(text)) < _END_INTEGER:
+    if len(text) > 20 or not _MIN_INTEGER <= (value := int(text)) < _END_INTEGER:
         raise ValueError(f"the integer {shorten(text, 40)}, expected one of 64 bits")
     return value
 
@@ -134,8 +134,8 @@ def _check_events(content: bytes | str) -> None:
             anchor, before = open_.pop()
             if anchor:
                 counts[anchor] = nodes - before
-        if nodes > MOST_NODES:
-            raise ValueError(f"more than {MOST_NODES} values, those that aliases repeat among them")
+        if nodes > MAX_NODES:
+            raise ValueError(f"more than {MAX_NODES} values, those that aliases repeat among them")
 
 
 def _check_plain(value: Any) -> None:
@@ -152,7 +152,7 @@ def _check_plain(value: Any) -> None:
     elif isinstance(value, str):
         value.encode()  # no half of a character
     elif isinstance(value, int):
-        if not _LEAST_INTEGER <= value < _END_INTEGER:
+        if not _MIN_INTEGER <= value < _END_INTEGER:
             raise ValueError("an integer of more than 64 bits")
     elif isinstance(value, float):
         _finite(str(value))

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from salframe.framework.errors import ConfigError
-from salframe.framework.files.array_files import MOST_BYTES, pack_arrays, parse_arrays
+from salframe.framework.files.array_files import MAX_BYTES, pack_arrays, parse_arrays
 from salframe.framework.files.bounded import read_bytes
 from salframe.framework.files.hashes import digest
 from salframe.framework.files.writing import write_bytes
@@ -65,7 +65,7 @@ class Cache:
         """The arrays of `key` (JSON-serialisable) and the seconds it took to compute them when they were, or None."""
         path = self._path(key)
         try:
-            content = read_bytes(path, MOST_BYTES)
+            content = read_bytes(path, MAX_BYTES)
             whole, checksum = content[:-_SHA256_BYTES], content[-_SHA256_BYTES:]
             if hashlib.sha256(whole).digest() != checksum:
                 return None

@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from salframe.framework.errors import DataError
-from salframe.framework.files.array_files import LONGEST_AXIS, ArrayKind, map_array
+from salframe.framework.files.array_files import MAX_AXIS, ArrayKind, map_array
 from salframe.framework.files.reading import read_model, reading
 from salframe.framework.files.writing import write_text
 from salframe.framework.validation import Settings
@@ -51,7 +51,7 @@ class _Table(Settings):
         return self
 
 
-class Column:
+class PackedColumn:
     """The arrays of one name in R rows, their values mapped into memory, one row's after the other's.
 
     values (V,), read-only, numbers of `words` where the arrays are of strings; words: None where they are not; absent:
@@ -80,7 +80,7 @@ class Column:
 class Columns(Sequence[dict[str, np.ndarray]]):
     """The rows that `write_columns` wrote to `folder`, each made when it is asked for; columns: by their names."""
 
-    def __init__(self, folder: Path, rows: int, columns: Mapping[str, Column]) -> None:
+    def __init__(self, folder: Path, rows: int, columns: Mapping[str, PackedColumn]) -> None:
         self.folder, self.columns, self._rows = folder, columns, rows
 
     def __len__(self) -> int:
@@ -215,14 +215,14 @@ def read_columns(folder: Path, expected: Mapping[str, ArrayKind] | None = None) 
             values = np.asarray(map_array(path))
         shapes = np.empty((table.rows, len(column.shape)), np.int64)
         for axis, length in enumerate(column.shape):
-            shapes[:, axis] = next(lengths) if length is None else min(length, LONGEST_AXIS)
+            shapes[:, axis] = next(lengths) if length is None else min(length, MAX_AXIS)
         if values.ndim != 1 or shapes.prod(1, dtype=float).sum() != len(values):
             raise DataError(f"{path} has values {values.shape}, expected as many as {folder / TABLE} says")
         if expected is not None and column.words is None:
             _check_values(path, values, expected[column.name])
         if column.words is not None:
             _check_words(path, values, column.words)
-        columns[column.name] = Column(values, column.words, column.absent, shapes)
+        columns[column.name] = PackedColumn(values, column.words, column.absent, shapes)
     return Columns(folder, table.rows, columns)
 
 
@@ -230,7 +230,7 @@ def _read_lengths(path: Path, shape: tuple[int, int]) -> np.ndarray:
     """(axes, rows) the lengths along axes where rows differ."""
     with reading(path, "an array of numpy"):
         lengths = np.asarray(map_array(path))
-    if lengths.shape != shape or lengths.dtype.kind != "u" or lengths.max(initial=0) > LONGEST_AXIS:
+    if lengths.shape != shape or lengths.dtype.kind != "u" or lengths.max(initial=0) > MAX_AXIS:
         raise DataError(f"{path} is {lengths.dtype} {lengths.shape}, expected lengths {shape}")
     return lengths.T
 

@@ -17,15 +17,15 @@ import numpy as np
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from salframe.framework.errors import ConfigError, DataError, WeightsMissing, one_line
-from salframe.framework.files.array_files import MOST_BYTES, parse_arrays
+from salframe.framework.files.array_files import MAX_BYTES, parse_arrays
 from salframe.framework.files.bounded import parse_json, read_bytes, why
 from salframe.framework.validation import describe_faults, validate
 
 _Model = TypeVar("_Model", bound=BaseModel)
 
-_LARGEST_LOG, _LARGEST_NETWORK = 1 << 30, 1 << 31
+_MAX_LOG, _MAX_NETWORK = 1 << 30, 1 << 31
 """Bytes of a .jsonl file, and of a network."""
-_MOST_ROWS, _MOST_PIXELS = 1 << 20, 1 << 26
+_MAX_ROWS, _MAX_PIXELS = 1 << 20, 1 << 26
 _END_OF_JPEG, _SCAN_OF_JPEG = b"\xff\xd9", b"\xff\xda"
 _END_OF_PNG = b"\0\0\0\0IEND\xaeB`\x82"
 
@@ -85,7 +85,7 @@ def read_lines(path: Path) -> Iterator[Any]:
     """The values of a .jsonl file, one a line; what follows the last newline was cut off by a kill, and is left out.
     Raises DataError."""
     with reading(path, "a file of JSON lines"):
-        lines = read_bytes(path, _LARGEST_LOG).split(b"\n")[:-1]
+        lines = read_bytes(path, _MAX_LOG).split(b"\n")[:-1]
     for number, line in enumerate(lines, 1):
         try:
             yield parse_json(line)
@@ -96,13 +96,13 @@ def read_lines(path: Path) -> Iterator[Any]:
 def whole_lines_bytes(path: Path) -> int:
     """How many bytes of a .jsonl file are whole lines. Raises DataError."""
     with reading(path, "a file of JSON lines"):
-        return read_bytes(path, _LARGEST_LOG).rfind(b"\n") + 1
+        return read_bytes(path, _MAX_LOG).rfind(b"\n") + 1
 
 
 def read_arrays(path: Path) -> dict[str, np.ndarray]:
     """Read named arrays from .npz, never unpickling. Raises DataError."""
     with reading(path, "an array archive"):
-        return parse_arrays(read_bytes(path, MOST_BYTES))
+        return parse_arrays(read_bytes(path, MAX_BYTES))
 
 
 def read_table(path: Path, row: type[_Model]) -> list[_Model]:
@@ -118,8 +118,8 @@ def read_table(path: Path, row: type[_Model]) -> list[_Model]:
             absent = row.model_fields.keys() - names
             if absent:
                 raise DataError(f"{path} has no column {' and no column '.join(sorted(absent))}")
-            if table.metadata.num_rows > _MOST_ROWS:
-                raise ValueError(f"{table.metadata.num_rows} rows, expected at most {_MOST_ROWS}")
+            if table.metadata.num_rows > _MAX_ROWS:
+                raise ValueError(f"{table.metadata.num_rows} rows, expected at most {_MAX_ROWS}")
             rows = table.read(columns=list(row.model_fields), use_threads=False).to_pylist()
     except (pa.ArrowException, MemoryError, KeyError) as error:
         raise DataError(f"{path} is not a Parquet table: {one_line(error)}") from None
@@ -144,8 +144,8 @@ def read_image(path: Path, mode: int) -> np.ndarray:
             picture.verify()
     except Exception:  # Pillow raises whatever it stumbles over
         whole, width, height = False, 0, 0
-    if width * height > _MOST_PIXELS:
-        raise DataError(f"{path} is {width} x {height}, expected at most {_MOST_PIXELS} pixels")
+    if width * height > _MAX_PIXELS:
+        raise DataError(f"{path} is {width} x {height}, expected at most {_MAX_PIXELS} pixels")
     image = cv2.imdecode(np.frombuffer(content, np.uint8), mode) if whole else None
     if image is None:
         raise DataError(f"{path} is no readable image ({len(content)} bytes), expected a JPEG or PNG that is whole")
@@ -166,6 +166,6 @@ def image_notes(path: Path) -> dict[str, Any]:
 def read_network(path: Path) -> bytes:
     """The bytes of a network's file. Raises WeightsMissing where it is missing or too large."""
     try:
-        return read_bytes(path, _LARGEST_NETWORK)
+        return read_bytes(path, _MAX_NETWORK)
     except (OSError, ValueError) as error:
         raise WeightsMissing(f"cannot read {path}: {why(error)}") from None

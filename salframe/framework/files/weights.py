@@ -147,9 +147,9 @@ def check_redirect(address: str, target: str) -> None:
         raise OSError(f"it leads to {target}, which is not encrypted")
 
 
-def receive(address: str, path: Path, most_bytes: int, progress: Callable[[int], None]) -> None:
+def receive(address: str, path: Path, max_bytes: int, progress: Callable[[int], None]) -> None:
     """Write what a URL gives to a file. Raises OSError where nothing answers, where it breaks off, where it gives more
-    bytes than `most_bytes`, and where https leads to an address without it."""
+    bytes than `max_bytes`, and where https leads to an address without it."""
     import http.client
     import urllib.request
 
@@ -163,8 +163,8 @@ def receive(address: str, path: Path, most_bytes: int, progress: Callable[[int],
         with opened.open(address, timeout=TIMEOUT_S) as answer, path.open("wb") as sink:
             while chunk := answer.read(CHUNK_BYTES):
                 sink.write(chunk)
-                if sink.tell() > most_bytes:
-                    raise OSError(f"it gives more than {most_bytes} bytes")
+                if sink.tell() > max_bytes:
+                    raise OSError(f"it gives more than {max_bytes} bytes")
                 progress(sink.tell())
             told = answer.headers.get("Content-Length")
             if told is not None and sink.tell() < int(told):
@@ -204,7 +204,7 @@ class Shipped:
 
 
 @dataclass(frozen=True)
-class Weights:
+class NetworkWeights:
     """The files of one trained network, their licence (SPDX), and where they come from; `data` says what the network
     was trained on where that has terms of its own.
 

@@ -13,7 +13,7 @@ from salframe.evaluation.tasks.localization.task import compare
 from salframe.evaluation.tasks.matching.task import measure_matching
 from salframe.framework.errors import ConfigError, DataError
 
-LARGEST_BUNDLE = 1.5e6
+MAX_BUNDLE = 1.5e6
 
 
 @pytest.fixture
@@ -32,7 +32,7 @@ def test_the_page_needs_nothing_else(comparison):
 
 
 def test_the_plotly_bundle_is_small_and_comes_with_its_licence():
-    assert (FOLDER / "assets/plotly-basic.min.js").stat().st_size < LARGEST_BUNDLE
+    assert (FOLDER / "assets/plotly-basic.min.js").stat().st_size < MAX_BUNDLE
     assert "MIT License" in (FOLDER / "assets/plotly-LICENSE.txt").read_text()
 
 

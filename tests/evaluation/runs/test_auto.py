@@ -107,7 +107,7 @@ def test_it_is_told_in_table_json_and_report_and_is_what_ran(detectors):
     assert named["notes"] == []
     other = salframe(*asked, "--json", "--set", BARE).json
     assert other["run"] != given["run"]
-    assert other["rows"][0]["given"] == ["rgb"]
+    assert other["rows"][0]["input"] == ["rgb"]
 
 
 def test_a_run_is_another_one_once_it_becomes_another(detectors):
@@ -115,7 +115,7 @@ def test_a_run_is_another_one_once_it_becomes_another(detectors):
     ABSENT.touch()
     without = compare(request(settings=(BARE,)))
     assert with_segments.run != without.run
-    assert without.row("objects").given == ("rgb", "range")
+    assert without.row("objects").input == ("rgb", "range")
 
 
 def test_a_map_holds_what_it_became_and_opens_without_the_data(detectors):
@@ -135,7 +135,7 @@ def test_it_is_varied_by_an_ablation(detectors):
     plan = {"method": "objects", "data": "furnished", "vary": {"detector.kind": ["auto", "panoseg"]}}
     Path("kinds.yaml").write_text(yaml.safe_dump(plan))
     done = salframe("ablate", "kinds.yaml", "--engine", "inline", "--json")
-    assert [row["given"] for row in done.json["rows"]] == [["annotations"], ["rgb", "range"]]
+    assert [row["input"] for row in done.json["rows"]] == [["annotations"], ["rgb", "range"]]
     assert "objects[detector.kind=auto]: auto took the detector annotations" in done.json["notes"]
 
 

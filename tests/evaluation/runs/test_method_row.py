@@ -10,7 +10,7 @@ import pytest
 from salframe.evaluation.runs.run_folder import MethodStatus
 from salframe.evaluation.statistics import Estimate
 from salframe.evaluation.studies.experiment import experiment_names, read_experiment
-from salframe.evaluation.studies.kept import kept_rows, read_results
+from salframe.evaluation.studies.stored import read_results, stored_rows
 from salframe.evaluation.tasks.detection.table import Counts, DetectionRow
 from salframe.evaluation.tasks.localization.table import LocalizationRow
 from salframe.framework.errors import DataError
@@ -19,7 +19,7 @@ RESULTS = Path(__file__).parents[3] / "docs" / "results"
 
 
 def test_an_estimate_is_three_keys():
-    row = LocalizationRow(method="m", queries=4, accuracy=Estimate(0.5, 0.25, 0.75), given=("range",))
+    row = LocalizationRow(method="m", queries=4, accuracy=Estimate(0.5, 0.25, 0.75), input=("range",))
     content = json.loads(json.dumps(row.to_json()))
     assert (content["accuracy"], content["accuracy_low"], content["accuracy_high"]) == (0.5, 0.25, 0.75)
     assert (content["roc_area"], content["roc_area_low"], content["roc_area_high"]) == (None, None, None)
@@ -56,7 +56,7 @@ def test_kept_rows_are_read_as_they_were_measured(name):
     experiment, results = read_experiment(name), read_results(RESULTS / f"{name}.json")
     for table, study in experiment.tables.items():
         for kept in (results.whole.get(table), results.quick.get(table)):
-            for row, content in zip(kept_rows(study, kept), kept.rows, strict=True) if kept else ():
+            for row, content in zip(stored_rows(study, kept), kept.rows, strict=True) if kept else ():
                 assert row.measured == content["measured"]
                 written = json.loads(json.dumps(row.to_json()))
                 assert {key: written[key] for key in content.keys() & written.keys()} == {

@@ -44,28 +44,30 @@ def write(**tables: object) -> Path:
 
 def test_an_experiment_is_measured_once_and_kept(rooms):
     file = write(first=ROOMS)
-    result = run_experiment(file, REQUEST, results="kept")
+    result = run_experiment(file, REQUEST, results="stored")
     (table,) = result.tables
     assert table.fresh is not None
-    kept = json.loads(Path("kept/rooms.json").read_text())["whole"]["first"]
+    kept = json.loads(Path("results/rooms.json").read_text())["whole"]["first"]
     assert [(row["method"], row["accuracy"]) for row in kept["rows"]] == [("right", 1.0), ("one off", 0.25)]
     assert kept["rows"][1]["p_value"] == table.fresh.rows[1].p_value
     assert 0 < kept["seconds"] < 600
-    again = run_experiment(file, REQUEST, results="kept")
+    again = run_experiment(file, REQUEST, results="stored")
     assert again.tables[0].fresh is None
-    assert again.tables[0].kept == table.kept
+    assert again.tables[0].stored == table.stored
     assert list(map(list, again.tables[0].tables()[0].rows)) == list(map(list, table.tables()[0].rows))
 
 
 def test_what_is_there_is_measured_again_by_force(rooms):
     file = write(first=ROOMS)
-    (measured,) = run_experiment(file, REQUEST, results="kept").tables
+    (measured,) = run_experiment(file, REQUEST, results="stored").tables
     rows = {path: path.read_text() for path in Path("runs").glob("*/methods/*/rows.jsonl")}
     for path, text in rows.items():
         path.write_text(text.replace('"status": "ok"', '"status": "no-match"'))
-    (forced,) = run_experiment(file, REQUEST, results="kept", force=True).tables
+    (forced,) = run_experiment(file, REQUEST, results="stored", force=True).tables
     assert (
-        [row["accuracy"] for row in forced.kept.rows] == [row["accuracy"] for row in measured.kept.rows] == [1.0, 0.25]
+        [row["accuracy"] for row in forced.stored.rows]
+        == [row["accuracy"] for row in measured.stored.rows]
+        == [1.0, 0.25]
     )
     assert {path: len(path.read_text().splitlines()) for path in Path("runs").rglob("rows.jsonl")} == {
         path: len(text.splitlines()) for path, text in rows.items()
@@ -75,7 +77,7 @@ def test_what_is_there_is_measured_again_by_force(rooms):
 
 def test_what_was_cut_off_when_measured_again_goes_on(rooms, monkeypatch):
     file = write(first=ROOMS)
-    run_experiment(file, REQUEST, results="kept")
+    run_experiment(file, REQUEST, results="stored")
     from fake_plugin import Reader
 
     calls, match = [], Reader.match
@@ -88,30 +90,30 @@ def test_what_was_cut_off_when_measured_again_goes_on(rooms, monkeypatch):
 
     monkeypatch.setattr(Reader, "match", cut_off)
     with pytest.raises(KeyboardInterrupt):
-        run_experiment(file, REQUEST, results="kept", force=True)
-    (table,) = run_experiment(file, REQUEST, results="kept", force=True).tables
+        run_experiment(file, REQUEST, results="stored", force=True)
+    (table,) = run_experiment(file, REQUEST, results="stored", force=True).tables
     assert len(calls) == 17  # the fourth of 16 was asked twice
-    assert [row["accuracy"] for row in table.kept.rows] == [1.0, 0.25]
+    assert [row["accuracy"] for row in table.stored.rows] == [1.0, 0.25]
 
 
 def test_another_setting_or_version_is_measured_again(rooms, monkeypatch):
-    run_experiment(write(first=ROOMS), REQUEST, results="kept")
+    run_experiment(write(first=ROOMS), REQUEST, results="stored")
     changed = write(first={**ROOMS, "set": {"data.rooms": 5}}, second=ROOMS)
-    first, second = run_experiment(changed, REQUEST, results="kept").tables
+    first, second = run_experiment(changed, REQUEST, results="stored").tables
     assert first.fresh is not None
     assert second.fresh is not None
-    assert first.kept.rows[0]["queries"] == 10
+    assert first.stored.rows[0]["queries"] == 10
     from fake_plugin import Reader
 
     monkeypatch.setattr(Reader, "version", "another")
-    assert all(table.fresh is not None for table in run_experiment(changed, REQUEST, results="kept").tables)
+    assert all(table.fresh is not None for table in run_experiment(changed, REQUEST, results="stored").tables)
 
 
 def test_the_quick_measurement_stands_beside_the_whole(rooms):
     file = write(first=ROOMS, second={**ROOMS, "quick": False})
-    run_experiment(file, REQUEST, results="kept", quick=True)
-    run_experiment(file, REQUEST, results="kept")
-    kept = json.loads(Path("kept/rooms.json").read_text())
+    run_experiment(file, REQUEST, results="stored", quick=True)
+    run_experiment(file, REQUEST, results="stored")
+    kept = json.loads(Path("results/rooms.json").read_text())
     assert [row["method"] for row in kept["quick"]["first"]["rows"]] == ["one off"]
     assert kept["quick"]["first"]["rows"][0]["accuracy"] == 0.5
     assert set(kept["quick"]) == {"first"}
@@ -120,34 +122,34 @@ def test_the_quick_measurement_stands_beside_the_whole(rooms):
 
 def test_a_table_that_quick_does_not_change_is_measured_once(rooms):
     file = write(first={**ROOMS, "quick": {}})
-    assert run_experiment(file, REQUEST, results="kept", quick=True).tables[0].fresh is not None
-    assert run_experiment(file, REQUEST, results="kept").tables[0].fresh is None
-    kept = json.loads(Path("kept/rooms.json").read_text())
+    assert run_experiment(file, REQUEST, results="stored", quick=True).tables[0].fresh is not None
+    assert run_experiment(file, REQUEST, results="stored").tables[0].fresh is None
+    kept = json.loads(Path("results/rooms.json").read_text())
     assert kept["whole"] == kept["quick"]
 
 
 def test_a_table_of_which_a_method_crashed_is_measured_again(rooms):
     file = write(first={**ROOMS, "quick": {}})
-    run_experiment(file, REQUEST, results="kept")
-    content = json.loads(Path("kept/rooms.json").read_text())
+    run_experiment(file, REQUEST, results="stored")
+    content = json.loads(Path("results/rooms.json").read_text())
     for row in content["whole"]["first"]["rows"]:
         row["status"]["crashed"] = 1
-    Path("kept/rooms.json").write_text(json.dumps(content))
-    assert run_experiment(file, REQUEST, results="kept").tables[0].fresh is not None
-    assert run_experiment(file, REQUEST, results="kept").tables[0].fresh is None
+    Path("results/rooms.json").write_text(json.dumps(content))
+    assert run_experiment(file, REQUEST, results="stored").tables[0].fresh is not None
+    assert run_experiment(file, REQUEST, results="stored").tables[0].fresh is None
 
 
 def test_what_is_kept_names_nothing_of_the_data(rooms):
     broken = {**ROOMS, "methods": ["reader"], "set": {"data.rooms": 4, "data.broken": ["map-1", "query-2-0"]}}
-    run_experiment(write(first=broken), REQUEST, results="kept")
-    text = Path("kept/rooms.json").read_text()
+    run_experiment(write(first=broken), REQUEST, results="stored")
+    text = Path("results/rooms.json").read_text()
     assert "query-2" not in text.replace(json.dumps(["map-1", "query-2-0"]), "")
     assert "map-1" not in text
 
 
 def test_a_table_that_is_wrong_costs_itself(rooms):
     wrong = {**ROOMS, "vary": {"ofset": [1]}}
-    first, second = run_experiment(write(first=wrong, second=ROOMS), REQUEST, results="kept").tables
+    first, second = run_experiment(write(first=wrong, second=ROOMS), REQUEST, results="stored").tables
     assert "unknown key 'ofset', did you mean 'offset'?" in first.skipped
     assert second.fresh is not None
 
@@ -156,7 +158,7 @@ def test_wrong_experiments_are_told(rooms):
     with pytest.raises(UnknownName, match="unknown experiment 'roms', did you mean 'rooms'"):
         read_experiment("roms")
     with pytest.raises(ConfigError, match="first: quick: unknown method 'one of', did you mean 'one off'"):
-        run_experiment(write(first={**ROOMS, "quick": {"methods": ["one of"]}}), REQUEST, results="kept", quick=True)
+        run_experiment(write(first={**ROOMS, "quick": {"methods": ["one of"]}}), REQUEST, results="stored", quick=True)
     with pytest.raises(ConfigError, match="unknown column 'acuracy'"):
         read_experiment(write(first={**ROOMS, "columns": ["acuracy"]}))
 
@@ -174,13 +176,13 @@ def test_a_shipped_experiment_is_sound(name):
 
 
 def test_the_command_prints_measured_and_reported_apart(rooms):
-    done = run("experiment", str(write(first=ROOMS)), "--engine", "inline", "--results", "kept")
+    done = run("experiment", str(write(first=ROOMS)), "--engine", "inline", "--results", "stored")
     assert done.code == 0
     measured, reported = done.out.split("reported, not measured")
     assert "100.0 (68-100)" in measured
     assert "106 rooms" in reported
-    assert done.out.rstrip().endswith("kept in kept/rooms.json")
-    told = run("experiment", "rooms.yaml", "--engine", "inline", "--results", "kept", "--json").json
+    assert done.out.rstrip().endswith("kept in results/rooms.json")
+    told = run("experiment", "rooms.yaml", "--engine", "inline", "--results", "stored", "--json").json
     assert told[0]["tables"]["first"]["rows"][0]["accuracy"] == 1.0
 
 
@@ -198,7 +200,7 @@ def test_the_command_prints_measured_and_reported_apart(rooms):
     ],
 )
 def test_the_command_prints_what_papers_take(rooms, style, first, row, last):
-    done = run("experiment", str(write(first=ROOMS)), "--engine", "inline", "--results", "kept", "--format", style)
+    done = run("experiment", str(write(first=ROOMS)), "--engine", "inline", "--results", "stored", "--format", style)
     assert done.code == 0
     assert done.out.startswith(first)
     assert row in done.out

@@ -54,7 +54,7 @@ def test_a_method_with_the_file_knows_what_it_does_not(fitted, read):
     assert (after.accuracy.value, after.present_accuracy.value, after.denied_absent.value) == (1.0, 1.0, 1.0)
     assert after.roc_area.value == 1.0
     assert after.calibration_error < 0.15
-    assert after.status == {"ok": 10, "not-here": 10}
+    assert after.status == {"ok": 10, "out-of-map": 10}
     assert "10 of 20 queries are out-of-map queries" in known.notes[0]
     shown, hidden = (read(result.report)[0] for result in (known, plain))
     titles = [[figure["title"] for figure in content["figures"]] for content in (shown, hidden)]
@@ -63,7 +63,7 @@ def test_a_method_with_the_file_knows_what_it_does_not(fitted, read):
     assert "calibration\\nerror" in json.dumps(shown["tables"])
     rows = [json.loads(line) for line in (known.run / "methods" / "reader" / "rows.jsonl").read_text().splitlines()]
     for row in rows:
-        assert sum(row["probabilities"]) + row["not_here"] == pytest.approx(1, abs=1e-6)
+        assert sum(row["probabilities"]) + row["out_of_map_probability"] == pytest.approx(1, abs=1e-6)
 
 
 def test_the_table_tells_of_presence(fitted):

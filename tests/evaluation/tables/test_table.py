@@ -27,15 +27,15 @@ def row(method: str, accuracy: float | None, **given) -> LocalizationRow:
 
 
 ROWS = [
-    row("a_b", 0.75, given=("annotations + panoseg noise", "range"), by_part=(0.5, 1.0), p_adjusted=None),
-    row("50 % | more", 0.5, given=("rgb",), by_part=(0.25, 0.75), p_adjusted=0.0421),
+    row("a_b", 0.75, input=("annotations + panoseg noise", "range"), by_part=(0.5, 1.0), p_adjusted=None),
+    row("50 % | more", 0.5, input=("rgb",), by_part=(0.25, 0.75), p_adjusted=0.0421),
     row("absent", None, ended=MethodStatus.UNAVAILABLE),
 ]
 
 
 def test_a_table_has_a_row_a_method_and_says_what_it_was_given():
-    (table,) = LocalizationTask.tables(ROWS, ("given", "accuracy", "seeds", "p"))
-    assert table.headings == ("method", "given", "accuracy %\n(95 %)", "of each\nseed %", "p\n(Holm)")
+    (table,) = LocalizationTask.tables(ROWS, ("input", "accuracy", "seeds", "p"))
+    assert table.headings == ("method", "input", "accuracy %\n(95 %)", "of each\nseed %", "p\n(Holm)")
     assert list(map(list, table.rows)) == [
         ["a_b", "annotations + panoseg noise, range", "75.0 (38-100)", "50-100", ""],
         ["50 % | more", "colour", "50.0 (25-100)", "25-75", "0.042"],

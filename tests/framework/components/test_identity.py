@@ -22,12 +22,12 @@ from salframe.framework.components.registry import registry
 from salframe.framework.components.slots import slot
 from salframe.framework.errors import ConfigError
 from salframe.framework.files.hashes import digest
-from salframe.framework.files.weights import Download, Weights, WeightsFile
+from salframe.framework.files.weights import Download, NetworkWeights, WeightsFile
 from salframe.framework.validation import Settings, validate
 from salframe.graphs.saliency import SaliencyModel
 
 SMALL, LARGE = (
-    Weights(name, "MIT", (WeightsFile(f"{name}.pt", sha256, 1),), Download(("file:///nowhere",)))
+    NetworkWeights(name, "MIT", (WeightsFile(f"{name}.pt", sha256, 1),), Download(("file:///nowhere",)))
     for name, sha256 in (("small", "5" * 64), ("large", "1" * 64))
 )
 

@@ -17,7 +17,7 @@ from salframe.framework.components.installation import (
 )
 from salframe.framework.components.registry import Failure, registry
 from salframe.framework.errors import RequirementMissing
-from salframe.framework.files.weights import Weights, WeightsFile
+from salframe.framework.files.weights import NetworkWeights, WeightsFile
 from salframe.framework.hookspecs import Presets
 from salframe.graphs.saliency import SaliencyModel
 
@@ -134,7 +134,7 @@ class Hidden(Model):
     """Its weights cannot be looked for."""
 
     name = "hidden"
-    weights = (Weights("hidden", "MIT", (WeightsFile("hidden.pt", "0" * 64, 1),), Gone()),)
+    weights = (NetworkWeights("hidden", "MIT", (WeightsFile("hidden.pt", "0" * 64, 1),), Gone()),)
 
 
 def test_a_component_that_ends_the_process_ends_no_listing(fakes):

@@ -11,7 +11,7 @@ import pytest
 
 from salframe.framework.errors import DataError
 from salframe.framework.files.array_files import map_array, parse_arrays
-from salframe.framework.files.bounded import DEEPEST, MOST_NODES, parse_json, parse_yaml, read_bytes
+from salframe.framework.files.bounded import DEEPEST, MAX_NODES, parse_json, parse_yaml, read_bytes
 from salframe.framework.files.reading import read_image
 
 PARSERS = {"json": parse_json, "yaml": parse_yaml}
@@ -66,7 +66,7 @@ def test_yaml_that_is_no_plain_data(text, message):
 def test_aliases_do_not_multiply():
     assert parse_yaml("a: &a [1, 2]\nb: *a") == {"a": [1, 2], "b": [1, 2]}
     laughs = "a0: &a0 [1]\n" + "".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]\n" for i in range(1, 12))
-    with pytest.raises(ValueError, match=f"more than {MOST_NODES} values"):
+    with pytest.raises(ValueError, match=f"more than {MAX_NODES} values"):
         parse_yaml(laughs)
 
 

@@ -16,7 +16,7 @@ from salframe.framework.components.installation import find_weights, list_weight
 from salframe.framework.components.registry import Registry
 from salframe.framework.errors import UnknownName, WeightsMissing
 from salframe.framework.files.hashes import file_sha256
-from salframe.framework.files.weights import Download, Link, Weights, WeightsFile, Wheel, check_redirect
+from salframe.framework.files.weights import Download, Link, NetworkWeights, WeightsFile, Wheel, check_redirect
 from salframe.graphs.saliency import SaliencyModel
 
 CONTENT = b"numbers" * 1000
@@ -30,13 +30,13 @@ def cache(monkeypatch, tmp_path) -> Path:
 
 
 @pytest.fixture
-def served(tmp_path) -> Weights:
+def served(tmp_path) -> NetworkWeights:
     """Weights behind two URLs, of which the first has nothing."""
     folder = tmp_path / "server"
     folder.mkdir()
     (folder / "net.pt").write_bytes(CONTENT)
     urls = ((tmp_path / "nowhere").as_uri(), folder.as_uri())
-    return Weights("net", "MIT", (WeightsFile("net.pt", DIGEST, len(CONTENT)),), Download(urls))
+    return NetworkWeights("net", "MIT", (WeightsFile("net.pt", DIGEST, len(CONTENT)),), Download(urls))
 
 
 def test_missing_weights_say_where_what_and_how(served, cache):
@@ -86,7 +86,7 @@ def test_a_download_with_another_hash_is_refused_and_leaves_nothing(served, tmp_
 
 def test_urls_that_do_not_answer_are_all_named(tmp_path):
     urls = ((tmp_path / "one").as_uri(), (tmp_path / "two").as_uri())
-    weights = Weights("net", "MIT", (WeightsFile("net.pt", DIGEST, 1),), Download(urls))
+    weights = NetworkWeights("net", "MIT", (WeightsFile("net.pt", DIGEST, 1),), Download(urls))
     with pytest.raises(WeightsMissing, match=r"download failed: .*one/net.pt: .*; .*two/net.pt: ") as caught:
         weights.fetch()
     assert "\n" not in str(caught.value)
@@ -107,12 +107,12 @@ def test_one_file_for_weights_of_two_is_refused(tmp_path):
     with pytest.raises(
         WeightsMissing, match=r"received the file .*own\.pt, expected a folder that holds one\.pt, two\.pt"
     ):
-        Weights("net", "MIT", files, Download(("file:///nowhere",))).paths(tmp_path / "own.pt")
+        NetworkWeights("net", "MIT", files, Download(("file:///nowhere",))).paths(tmp_path / "own.pt")
 
 
 @pytest.fixture
-def carried() -> Weights:
-    return Weights(
+def carried() -> NetworkWeights:
+    return NetworkWeights(
         "net", "MIT", (WeightsFile("net.pt", DIGEST, len(CONTENT)),), Wheel("no-such-package", "1.0", "package/weights")
     )
 
@@ -144,7 +144,7 @@ def test_an_installed_package_is_used_where_it_is():
 
     content = Path(pluggy.__file__).with_name("py.typed")
     file = WeightsFile("py.typed", file_sha256(content), 0)
-    assert Weights("net", "MIT", (file,), Wheel("pluggy", "1", "pluggy")).paths() == (content,)
+    assert NetworkWeights("net", "MIT", (file,), Wheel("pluggy", "1", "pluggy")).paths() == (content,)
 
 
 def test_weights_are_listed_and_found_by_name(served, cache):
@@ -170,7 +170,9 @@ def test_weights_are_listed_and_found_by_name(served, cache):
 def test_a_link_is_the_whole_address_and_terms_name_the_data(served, tmp_path, cache):
     whole = (tmp_path / "server" / "net.pt").as_uri()
     file = WeightsFile("own-name.pt", DIGEST, len(CONTENT))
-    weights = Weights("net", "MIT", (file,), Link(((tmp_path / "gone.pt").as_uri(), whole)), "pictures, research only")
+    weights = NetworkWeights(
+        "net", "MIT", (file,), Link(((tmp_path / "gone.pt").as_uri(), whole)), "pictures, research only"
+    )
     assert weights.fetch() == (cache / "net" / "own-name.pt",)
     assert weights.terms == "MIT; trained on pictures, research only"
     assert served.terms == "MIT"
@@ -204,8 +206,8 @@ def server():
         yield address
 
 
-def weights_at(*urls: str) -> Weights:
-    return Weights("net", "MIT", (WeightsFile("net.pt", DIGEST, len(CONTENT)),), Download(urls))
+def weights_at(*urls: str) -> NetworkWeights:
+    return NetworkWeights("net", "MIT", (WeightsFile("net.pt", DIGEST, len(CONTENT)),), Download(urls))
 
 
 @pytest.mark.parametrize(

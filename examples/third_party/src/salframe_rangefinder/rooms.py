@@ -13,7 +13,7 @@ EYE_M, PITCH_M = 1.5, 10.0
 
 
 class BoxRooms(salframe.Dataset):
-    """Rooms in a row with boxes along their walls: a mapping frame in the middle of each, a query beside it."""
+    """Rooms in a row with boxes along their walls: a reference frame in the middle of each, a query beside it."""
 
     name = "box-rooms"
     version = "1"
@@ -22,7 +22,7 @@ class BoxRooms(salframe.Dataset):
     class Config(salframe.ComponentConfig):
         rooms: int = Field(4, ge=1, description="how many rooms")
         boxes: int = Field(6, ge=1, description="boxes in each")
-        shift_m: float = Field(0.3, ge=0, le=1, description="how far from the mapping frame a query is, at most")
+        shift_m: float = Field(0.3, ge=0, le=1, description="how far from the reference frame a query is, at most")
         height: int = Field(128, ge=32, description="rows of a panorama")
         seed: int = Field(0, ge=0, description="seed of rooms and queries")
 
@@ -34,7 +34,7 @@ class BoxRooms(salframe.Dataset):
         mapping = []
         for number in range(self.config.rooms):
             id, pose = f"room-{number}/map", salframe.pose_2d(PITCH_M * number, 0, 0, EYE_M)
-            mapping.append(salframe.MapFrame(id, f"room-{number}", pose, load=partial(self._look, id, pose)))
+            mapping.append(salframe.ReferenceFrame(id, f"room-{number}", pose, load=partial(self._look, id, pose)))
         queries = [
             salframe.QueryFrame(id, partial(self._look, id, self.truth(id).T_world_pano)) for id in self._queries
         ]

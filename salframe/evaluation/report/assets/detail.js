@@ -202,14 +202,14 @@ function scoreTable(set, i, known) {
           make("td", {}, chance === null ? "–" : `${(100 * chance).toFixed(1)} %`),
         ),
       ),
-      answers.not_here[i] === null
+      answers.out_of_map_probability[i] === null
         ? null
         : make(
             "tr",
             {},
             make("td", {class: "text"}, "not on the map"),
             make("td", {}, ""),
-            make("td", {}, `${(100 * answers.not_here[i]).toFixed(1)} %`),
+            make("td", {}, `${(100 * answers.out_of_map_probability[i]).toFixed(1)} %`),
           ),
     ),
   );

@@ -7,7 +7,7 @@ const WIDE = 512,
   SEEN = (HIGH * 2) / 3,
   GAP = 14,
   NAMED = 16;
-const LEAST_M = 4,
+const MIN_M = 4,
   NEAR_M = 6; // a graph from above shows so much at least, and what is so near to the camera
 
 const pixel = ([x, y, z]) => [
@@ -216,7 +216,7 @@ function planOf(query, reference, match, pose, truth, floor) {
   const points = [...near, ...cameras.map((one) => one[0])],
     xs = points.map((p) => p[0]),
     ys = points.map((p) => p[1]);
-  const spread = (values) => Math.max(0, LEAST_M - Math.max(...values) + Math.min(...values)) / 2 + 1;
+  const spread = (values) => Math.max(0, MIN_M - Math.max(...values) + Math.min(...values)) / 2 + 1;
   const left = Math.min(...xs) - spread(xs),
     top = Math.max(...ys) + spread(ys),
     width = Math.max(...xs) + spread(xs) - left,

@@ -39,10 +39,10 @@ def summarize_detector(
     counted, places = [row for row, _ in readable], [place for _, place in readable]
     annotated, detected, right = (
         sum((Counter(objects) for objects in of_rows), Counter[str]())
-        for of_rows in zip(*((row.annotated, row.found, row.right) for row in counted), strict=True)
+        for of_rows in zip(*((row.annotated, row.detections, row.right) for row in counted), strict=True)
     )
     num_annotated, num_detected, num_right = np.array(
-        [[sum((objects or {}).values()) for objects in (row.annotated, row.found, row.right)] for row in counted]
+        [[sum((objects or {}).values()) for objects in (row.annotated, row.detections, row.right)] for row in counted]
     ).T
     classes = {
         label: Counts.of(annotated[label], detected[label], right[label]) for label in sorted({*annotated, *detected})

@@ -12,14 +12,14 @@ class PanoramaRow(PieceRow):
 
     query: str
     annotated: dict[str, Count] | None = None
-    found: dict[str, Count] | None = None
+    detections: dict[str, Count] | None = None
     right: dict[str, Count] | None = None
     joined: dict[str, str] | None = None
     ms: Amount | None = None
 
     @model_validator(mode="after")
     def _complete(self) -> PanoramaRow:
-        counted = (self.annotated, self.found, self.right, self.joined)
+        counted = (self.annotated, self.detections, self.right, self.joined)
         if None in counted and (self.status == PieceStatus.OK or any(part is not None for part in counted)):
             raise ValueError("a row has only some of annotated, found, right and joined, expected all of them")
         return self

@@ -8,7 +8,7 @@ from typing import Any, Self
 
 from salframe.evaluation.runs.method_row import MethodRow
 from salframe.evaluation.statistics import Estimate
-from salframe.evaluation.tables.columns import GIVEN, Column, cost_column, rate_column
+from salframe.evaluation.tables.columns import INPUT, Column, cost_column, rate_column
 from salframe.evaluation.tables.table import Table
 from salframe.evaluation.tables.text import NONE, percent
 from salframe.evaluation.tasks.detection.judging import NEAR_M
@@ -25,7 +25,7 @@ class Counts:
     """
 
     annotated: int
-    found: int
+    detections: int
     right: int
     precision: float | None = None
     recall: float | None = None
@@ -78,11 +78,11 @@ def _overall(row: DetectionRow, get: Callable[[Counts], int]) -> str:
 
 
 COLUMNS: dict[str, Column[DetectionRow]] = {
-    "given": GIVEN,
+    "input": INPUT,
     "precision": rate_column("precision %\n(95 %)", lambda row: row.precision),
     "recall": rate_column("recall %\n(95 %)", lambda row: row.recall),
     "annotated": Column("annotated", lambda row: _overall(row, lambda counts: counts.annotated)),
-    "found": Column("found", lambda row: _overall(row, lambda counts: counts.found)),
+    "detections": Column("detections", lambda row: _overall(row, lambda counts: counts.detections)),
     "right": Column("right", lambda row: _overall(row, lambda counts: counts.right)),
     "ms": cost_column("ms", lambda row: row.ms, 0),
 }
@@ -93,9 +93,14 @@ def class_tables(rows: Sequence[DetectionRow]) -> list[Table]:
     """Return a table of the classes of each detector that was measured."""
     return [
         Table(
-            (row.method, "precision %", "recall %", "annotated", "found", "right"),
+            (row.method, "precision %", "recall %", "annotated", "detections", "right"),
             [
-                [label, percent(one.precision), percent(one.recall), *map(str, (one.annotated, one.found, one.right))]
+                [
+                    label,
+                    percent(one.precision),
+                    percent(one.recall),
+                    *map(str, (one.annotated, one.detections, one.right)),
+                ]
                 for label, one in row.classes.items()
             ],
         )

@@ -25,7 +25,7 @@ from salframe.graphs.annotated import annotated_detections
 from salframe.graphs.detections import Detections
 from salframe.graphs.detector import Detector
 from salframe.panoramas.dataset import Dataset
-from salframe.panoramas.frames import MapFrame, QueryFrame
+from salframe.panoramas.frames import QueryFrame, ReferenceFrame
 from salframe.panoramas.opening import Progress
 
 
@@ -84,7 +84,7 @@ class DetectionTask(Task[QueryFrame, Survey[QueryFrame], PanoramaRow, DetectionR
         except FRAME_ERRORS:
             return {}
         annotated = Counter(in_common_words(truth).labels)
-        return {"annotated": annotated, "found": {}, "right": {}, "joined": joined_labels(truth), "ms": None}
+        return {"annotated": annotated, "detections": {}, "right": {}, "joined": joined_labels(truth), "ms": None}
 
     def summarize(self, parts: Sequence[Part[Survey[QueryFrame], PanoramaRow]], seed: int) -> tuple[DetectionRow, ...]:
         panoramas = sum(len(survey.pieces) for survey, _ in parts)
@@ -104,9 +104,9 @@ class DetectionTask(Task[QueryFrame, Survey[QueryFrame], PanoramaRow, DetectionR
         return what_is_right(rows)
 
 
-def place_of(dataset: Dataset, frame: MapFrame | QueryFrame) -> str:
+def place_of(dataset: Dataset, frame: ReferenceFrame | QueryFrame) -> str:
     """Return the place of a panorama, or its id where the place is unknown."""
-    if isinstance(frame, MapFrame):
+    if isinstance(frame, ReferenceFrame):
         return frame.place
     try:
         return dataset.truth(frame.id).place
@@ -133,6 +133,6 @@ class _Detecting(Worker[QueryFrame]):
         truth = annotated_detections(panorama)
         joined = joined_labels(truth) | joined_labels(detections)
         truth, detections = in_common_words(truth), in_common_words(detections)
-        counted = {"annotated": Counter(truth.labels), "found": Counter(detections.labels)}
+        counted = {"annotated": Counter(truth.labels), "detections": Counter(detections.labels)}
         counted["right"] = count_right(detections, truth)
         return {**counted, "joined": joined, "ms": ms, "status": PieceStatus.OK, "error": None}

@@ -21,7 +21,7 @@ from salframe.localization.describing import describe_frame
 from salframe.localization.localizer import Description, Localizer
 from salframe.localization.map import LocalizationMap
 from salframe.panoramas.dataset import Dataset
-from salframe.panoramas.frames import Fold, MapFrame, QueryFrame
+from salframe.panoramas.frames import Fold, QueryFrame, ReferenceFrame
 
 TOP_PLACES = 10
 """Maximum number of places of an answer that a row holds."""
@@ -35,7 +35,7 @@ class Answering(Worker[Query]):
 
     def __init__(self, localizer: Localizer, dataset: Dataset, todo: Sequence[Query], folder: Path) -> None:
         folds = {piece.fold.id: piece.fold for piece in todo}
-        uses = Counter(frame.id for fold in folds.values() for frame in fold.mapping)
+        uses = Counter(frame.id for fold in folds.values() for frame in fold.references)
         uses.update(piece.frame.id for piece in todo)
         self._localizer, self._floors, self._fold = localizer, dataset.floors(), ""
         self._places: dict[str, str] = {}
@@ -73,7 +73,7 @@ class Answering(Worker[Query]):
     def _index(self, fold: Fold) -> LocalizationMap:
         """Index the reference frames of a fold; `warning` reports those that cannot be used and are left out."""
         descriptions, frames = [], []
-        for frame in fold.mapping:
+        for frame in fold.references:
             try:
                 description, _ = self._descriptions.take(frame)
             except FRAME_ERRORS as error:
@@ -83,7 +83,7 @@ class Answering(Worker[Query]):
                 frames.append(frame)
         if not frames:
             reasons = list(self._left_out.values())[:1]
-            raise MethodFailed("; ".join([f"fold {fold.id} has no map frame that can be used", *reasons]))
+            raise MethodFailed("; ".join([f"fold {fold.id} has no reference frame that can be used", *reasons]))
         indexed = LocalizationMap.from_descriptions(self._localizer, descriptions, frames, self._floors)
         self._places = {frame.id: frame.place for frame in frames}
         if fold.id not in self._measured:
@@ -98,7 +98,7 @@ class Answering(Worker[Query]):
     @property
     def warning(self) -> str | None:
         problems = {
-            "map frame(s) left out": list(self._left_out.values()),
+            "reference frame(s) left out": list(self._left_out.values()),
             "query frame(s) that cannot be used": self._unusable,
             "frame(s) partly described": list(self._descriptions.notes.values()),
         }
@@ -116,7 +116,7 @@ class _Descriptions:
         self._results: dict[str, tuple[Description, float] | Exception] = {}
         self.notes: dict[str, str] = {}
 
-    def take(self, frame: MapFrame | QueryFrame) -> tuple[Description, float]:
+    def take(self, frame: ReferenceFrame | QueryFrame) -> tuple[Description, float]:
         """Return the description of a frame, and the milliseconds that computing it took.
 
         Raises one of FRAME_ERRORS on a frame that cannot be used.
@@ -132,7 +132,7 @@ class _Descriptions:
             raise result
         return result
 
-    def _describe(self, frame: MapFrame | QueryFrame) -> tuple[Description, float]:
+    def _describe(self, frame: ReferenceFrame | QueryFrame) -> tuple[Description, float]:
         description, seconds = describe_frame(self._localizer, frame, self._cache, self._dataset)
         if note := self._localizer.note(description):
             self.notes[frame.id] = f"{frame.id}: {note}"
@@ -160,7 +160,9 @@ def answer_row(answer: Localization | None, describe_ms: float | None = None, qu
         "pose": None if pose is None else np.asarray(pose, float).ravel().tolist(),
         "heading": answer.heading_rad if answer else None,
         "probabilities": probabilities or None,
-        "not_here": None if answer is None or answer.not_here is None else float(answer.not_here),
+        "out_of_map_probability": None
+        if answer is None or answer.out_of_map_probability is None
+        else float(answer.out_of_map_probability),
         "covariance": None if covariance is None else np.asarray(covariance, float).tolist(),
         "query_ms": query_ms,
         "describe_ms": describe_ms,

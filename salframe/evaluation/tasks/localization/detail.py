@@ -1,4 +1,4 @@
-"""Details of each query: the objects that a method described, its matches with map frames, and the terms of its
+"""Details of each query: the objects that a method described, its matches with reference frames, and the terms of its
 scores."""
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from salframe.localization.evidence import Evidence
 from salframe.localization.localizer import Description, Localizer
 from salframe.localization.map import LocalizationMap
 from salframe.panoramas.dataset import Dataset
-from salframe.panoramas.frames import Fold, MapFrame, QueryFrame, Truth
+from salframe.panoramas.frames import Fold, QueryFrame, ReferenceFrame, Truth
 from salframe.panoramas.opening import Progress
 
 POINTS_SHOWN = 60
@@ -58,7 +58,7 @@ class Details:
 
     queries: list[Json]
     frames: dict[str, Json] = field(default_factory=dict)
-    map_frames: dict[str, MapFrame] = field(default_factory=dict)
+    map_frames: dict[str, ReferenceFrame] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
 
 
@@ -121,12 +121,12 @@ class _Method:
         self._describer = digest(localizer.describe_identity())[:8]
         weights = getattr(localizer.config, "weights", None)
         self._weights: dict[str, float] = weights.model_dump() if isinstance(weights, BaseModel) else {}
-        self._frames: dict[str, MapFrame] = {}
+        self._frames: dict[str, ReferenceFrame] = {}
 
     def take(self, fold: Fold) -> None:
         """Describe the map frames of a fold, and index them where the localizer has evidence to show."""
         usable = {}
-        for frame in fold.mapping:
+        for frame in fold.references:
             try:
                 self._describe(frame)
             except FRAME_ERRORS:
@@ -160,7 +160,7 @@ class _Method:
             "evidence": None if evidence is None or row is None else self._weigh(evidence, row, truth, correct),
         }
 
-    def _describe(self, frame: MapFrame | QueryFrame) -> Description:
+    def _describe(self, frame: ReferenceFrame | QueryFrame) -> Description:
         if isinstance(frame, QueryFrame):
             return describe_frame(self._localizer, frame, self._cache, self._dataset.content_key)[0]
         if frame.id not in self._descriptions:
@@ -169,7 +169,7 @@ class _Method:
             )[0]
         return self._descriptions[frame.id]
 
-    def _references(self, row: AnswerRow | None, truth: Truth, correct: bool) -> Iterator[tuple[str, MapFrame]]:
+    def _references(self, row: AnswerRow | None, truth: Truth, correct: bool) -> Iterator[tuple[str, ReferenceFrame]]:
         """Yield the map frame of the answer and, where the answer is wrong, a frame of the true place.
 
         The latter is the frame that is ranked first, otherwise the nearest one.
@@ -186,7 +186,7 @@ class _Method:
             frames_of_place.sort(key=lambda frame: float(np.linalg.norm(frame.T_world_pano[:3, 3] - position_m)))
         yield "truth", (ranked or frames_of_place)[0]
 
-    def _show(self, frame: MapFrame) -> None:
+    def _show(self, frame: ReferenceFrame) -> None:
         shown = self._details.frames.setdefault(
             frame.id, {"id": frame.id, "place": frame.place, "pose": xy_yaw(frame.T_world_pano), "objects": {}}
         )

@@ -152,18 +152,18 @@ def _right_type(
 def _evidence(answers: Sequence[AnswerRow | None]) -> np.ndarray:
     """Return `evidence` of Judged."""
     scores = [answer.places[0].score if answer and answer.places else None for answer in answers]
-    not_here = [answer.not_here if answer else None for answer in answers]
-    if any(value is not None for value in not_here):
-        scores = [None if value is None else 1 - value for value in not_here]
+    out_of_map_probability = [answer.out_of_map_probability if answer else None for answer in answers]
+    if any(value is not None for value in out_of_map_probability):
+        scores = [None if value is None else 1 - value for value in out_of_map_probability]
     return np.array([-np.inf if value is None else value for value in scores], float)
 
 
 def _confidence(answer: AnswerRow | None) -> float:
     """Return `confidence` of Judged for one answer."""
-    if answer is None or answer.not_here is None:
+    if answer is None or answer.out_of_map_probability is None:
         return np.nan
-    if answer.status == LocalizationStatus.NOT_HERE:
-        return answer.not_here
+    if answer.status == LocalizationStatus.OUT_OF_MAP:
+        return answer.out_of_map_probability
     return answer.probabilities[0] if answer.probabilities and answer.status in PLACED else np.nan
 
 

@@ -1,4 +1,4 @@
-"""The islands of a page: details of queries and map frames that are read on demand, and their panoramas."""
+"""The islands of a page: details of queries and reference frames that are read on demand, and their panoramas."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from salframe.evaluation.report.page import as_json, picture
 from salframe.evaluation.tasks.localization.detail import Details, QuerySet
 from salframe.framework.errors import FRAME_ERRORS
-from salframe.panoramas.frames import MapFrame, QueryFrame
+from salframe.panoramas.frames import QueryFrame, ReferenceFrame
 from salframe.panoramas.opening import Progress
 from salframe.panoramas.panorama import Panorama
 
@@ -24,7 +24,7 @@ def make_islands(
 ) -> Iterator[tuple[str, str]]:
     """Yield the ids and texts of islands.
 
-    In set s, q{s}-{i} is query i and f{s}-{j} is map frame j. Their panoramas are pq{s}-{i} and pf{s}-{j}; a frame that
+    In set s, q{s}-{i} is query i and f{s}-{j} is reference frame j. Their panoramas are pq{s}-{i} and pf{s}-{j}; a frame that
     cannot be read has none.
     """
     total, done = sum(len(query_set.queries) + len(details.frames) for query_set, details in sets), 0
@@ -35,9 +35,9 @@ def make_islands(
                 for reference in one["references"]:
                     reference["frame"] = order.get(reference["frame"], reference["frame"])
             yield f"q{s}-{i}", as_json(query)
-        for j, map_frame in enumerate(details.frames.values()):
-            yield f"f{s}-{j}", as_json(map_frame)
-        frames: list[tuple[str, MapFrame | QueryFrame]] = [
+        for j, reference_frame in enumerate(details.frames.values()):
+            yield f"f{s}-{j}", as_json(reference_frame)
+        frames: list[tuple[str, ReferenceFrame | QueryFrame]] = [
             *((f"pq{s}-{i}", frame) for i, (_, frame) in enumerate(query_set.queries)),
             *((f"pf{s}-{j}", details.map_frames[id]) for id, j in order.items()),
         ]

@@ -78,7 +78,7 @@ def _columns(rows: Sequence[AnswerRow | None], judged: Judged, index: dict[str, 
         "rotation_deg": numbers(judged.rotation_deg, 2),
         "pose": [None if pose is None else xy_yaw(pose) for pose in poses],
         "ranked": [_ranked(row) for row in rows],
-        "not_here": [None if row is None else number(row.not_here) for row in rows],
+        "out_of_map_probability": [None if row is None else number(row.out_of_map_probability) for row in rows],
         "ms": [None if row is None else number(row.query_ms, 1) for row in rows],
     }
 

@@ -23,7 +23,7 @@ class AnswerRow(PieceRow):
     pose: Annotated[tuple[float, ...], Field(min_length=16, max_length=16)] | None
     heading: float | None = None
     probabilities: tuple[float, ...] | None = None
-    not_here: float | None = None
+    out_of_map_probability: float | None = None
     covariance: tuple[tuple[float, ...], ...] | None = None
     query_ms: Amount | None
     describe_ms: Amount | None
@@ -42,6 +42,8 @@ class AnswerRow(PieceRow):
             sides = {len(self.covariance), *map(len, self.covariance)}
             if sides not in ({3}, {6}):
                 raise ValueError("a covariance is neither (3, 3) nor (6, 6)")
-        if len(self.probabilities or ()) != (0 if self.not_here is None else len(self.places)):
-            raise ValueError("an answer has not_here or probabilities, expected both, one for each place, or neither")
+        if len(self.probabilities or ()) != (0 if self.out_of_map_probability is None else len(self.places)):
+            raise ValueError(
+                "an answer has out_of_map_probability or probabilities, expected both, one for each place, or neither"
+            )
         return self

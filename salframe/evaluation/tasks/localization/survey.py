@@ -29,13 +29,13 @@ class LocalizationSurvey(Survey[Query]):
     def doorways(self) -> frozenset[str]:
         """Return the places of the maps that are not scenes."""
         folds = {piece.fold.id: piece.fold for piece in self.pieces}.values()
-        frames = [frame for fold in folds for frame in fold.mapping]
+        frames = [frame for fold in folds for frame in fold.references]
         scenes = {frame.place for frame in frames if frame.kind is FrameKind.SCENE}
         return frozenset(frame.place for frame in frames) - scenes
 
     def present(self) -> np.ndarray:
         """Return whether the map of each query contains its place, (Q,) bool."""
         folds = {piece.fold.id: piece.fold for piece in self.pieces}
-        places = {id: {frame.place for frame in fold.mapping} for id, fold in folds.items()}
+        places = {id: {frame.place for frame in fold.references} for id, fold in folds.items()}
         paired = zip(self.pieces, self.truths(), strict=True)
         return np.array([truth.place in places[piece.fold.id] for piece, truth in paired], bool)

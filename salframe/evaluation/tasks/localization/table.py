@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from salframe.evaluation.runs.method_row import MethodRow
 from salframe.evaluation.statistics import Estimate
 from salframe.evaluation.tables.columns import (
-    GIVEN,
+    INPUT,
     SEEDS,
     Column,
     area_column,
@@ -56,7 +56,7 @@ class LocalizationRow(MethodRow):
         recall_025m_2deg: Pose recall at (0.25 m, 2 deg), see judging.RECALLS.
         recall_05m_5deg: Pose recall at (0.5 m, 5 deg).
         recall_1m_10deg: Pose recall at (1 m, 10 deg).
-        bytes_per_scene: Size of the saved maps without index, per map frame.
+        bytes_per_scene: Size of the saved maps without index, per reference frame.
         describe_ms: Median time to describe a panorama.
         query_ms: Median time to answer a query.
         peak_memory_mb: Peak memory (1e6 bytes).
@@ -117,7 +117,7 @@ def _precision_at(row: LocalizationRow) -> str:
 
 
 COLUMNS: dict[str, Column[LocalizationRow]] = {
-    "given": GIVEN,
+    "input": INPUT,
     "accuracy": rate_column("accuracy %\n(95 %)", lambda row: row.accuracy),
     "seeds": SEEDS,
     "scenes": share_column("scenes\nonly %", lambda row: row.scene_accuracy),
@@ -148,7 +148,7 @@ COLUMNS: dict[str, Column[LocalizationRow]] = {
     "p": p_value_column(lambda row: row.p_adjusted),
 }
 USUAL = (
-    *("given", "accuracy", "seeds", "scenes", "recall_at_5", "pose", "within"),
+    *("input", "accuracy", "seeds", "scenes", "recall_at_5", "pose", "within"),
     *("bytes", "describe", "query", "p"),
 )
 OUT_OF_MAP = (
@@ -180,6 +180,6 @@ def out_of_map_tables(
 
 def describe_times_note(rows: Sequence[LocalizationRow]) -> list[str]:
     """Return a note on the methods whose time to describe a panorama includes no detector; none without them."""
-    methods = [row.method for row in rows if row.measured and any(part.startswith("annotations") for part in row.given)]
+    methods = [row.method for row in rows if row.measured and any(part.startswith("annotations") for part in row.input)]
     listed = list_methods(methods, [row.method for row in rows])
     return [f"describe ms: no detector ran for {listed}, which had annotations"] if methods else []

@@ -78,7 +78,7 @@ class LocalizationTask(PagedTask[Query, LocalizationSurvey, AnswerRow, Localizat
             raise DataError(f"{dataset.name} has no query, expected at least one")
         survey = LocalizationSurvey(dataset, queries)
         absent = int((~survey.present()).sum())
-        note = f"{absent} of {len(queries)} queries are out-of-map queries: not-here is correct"
+        note = f"{absent} of {len(queries)} queries are out-of-map queries: out-of-map is correct"
         return replace(survey, notes=(note,)) if absent else survey
 
     def key(self, piece: Query) -> tuple[str, str]:
@@ -86,7 +86,7 @@ class LocalizationTask(PagedTask[Query, LocalizationSurvey, AnswerRow, Localizat
 
     def total(self, survey: LocalizationSurvey) -> int:
         folds = survey.dataset.folds()
-        mapped = {frame.id for fold in folds for frame in fold.mapping}
+        mapped = {frame.id for fold in folds for frame in fold.references}
         return len(mapped | {frame.id for fold in folds for frame in fold.queries}) + len(survey.pieces)
 
     def open(

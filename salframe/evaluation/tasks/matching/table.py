@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from salframe.evaluation.runs.method_row import MethodRow
 from salframe.evaluation.statistics import Estimate
-from salframe.evaluation.tables.columns import GIVEN, Column, count_column, number_column, rate_column
+from salframe.evaluation.tables.columns import INPUT, Column, count_column, number_column, rate_column
 from salframe.evaluation.tables.table import Table, draw_table, select_leading
 
 
@@ -37,7 +37,7 @@ class MatchingRow(MethodRow):
 
 
 COLUMNS: dict[str, Column[MatchingRow]] = {
-    "given": GIVEN,
+    "input": INPUT,
     "mma_1": rate_column("MMA@1 %\n(95 %)", lambda row: row.mma_1),
     "mma_3": rate_column("MMA@3 %\n(95 %)", lambda row: row.mma_3),
     "mma_5": rate_column("MMA@5 %\n(95 %)", lambda row: row.mma_5),
@@ -49,8 +49,8 @@ COLUMNS: dict[str, Column[MatchingRow]] = {
     "pairs": count_column("pairs", lambda row: row.pairs),
 }
 USUAL_BY_KIND: dict[str, tuple[str, ...]] = {
-    "points": ("given", "mma_1", "mma_3", "mma_5", "matches", "unmatched", "pairs"),
-    "nodes": ("given", "precision", "recall", "matches", "true", "pairs"),
+    "points": ("input", "mma_1", "mma_3", "mma_5", "matches", "unmatched", "pairs"),
+    "nodes": ("input", "precision", "recall", "matches", "true", "pairs"),
 }
 """Usual columns of methods that match points, and of methods that match objects."""
 USUAL = tuple(COLUMNS)

@@ -26,7 +26,7 @@ from salframe.localization.answers import NodeMatches, PointMatches
 from salframe.localization.describing import describe_frame
 from salframe.localization.localizer import Localizer
 from salframe.panoramas.dataset import Dataset
-from salframe.panoramas.frames import FrameKind, MapFrame, QueryFrame
+from salframe.panoramas.frames import FrameKind, QueryFrame, ReferenceFrame
 from salframe.panoramas.geometry import invert_pose
 from salframe.panoramas.opening import Progress
 
@@ -34,12 +34,12 @@ from salframe.panoramas.opening import Progress
 @dataclass(frozen=True, eq=False)
 class FramePair:
     """A query of a fold, a map frame of the same place, and the true pose T_reference_query (4, 4) of the query in the
-    axes of the map frame.
+    axes of the reference frame.
     """
 
     fold: str
     query: QueryFrame
-    reference: MapFrame
+    reference: ReferenceFrame
     T_reference_query: np.ndarray
 
 
@@ -131,8 +131,8 @@ def choose_pairs(dataset: Dataset) -> list[FramePair]:
     """
     pairs = []
     for fold in dataset.folds():
-        scenes: dict[str, list[MapFrame]] = {}
-        for frame in fold.mapping:
+        scenes: dict[str, list[ReferenceFrame]] = {}
+        for frame in fold.references:
             if frame.kind is FrameKind.SCENE:
                 scenes.setdefault(frame.place, []).append(frame)
         for query in fold.queries:

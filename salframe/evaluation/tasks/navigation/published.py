@@ -16,7 +16,7 @@ from salframe.framework.component import ComponentConfig
 from salframe.framework.components.registry import registry
 from salframe.framework.errors import InputMissing
 from salframe.framework.files.writing import write_json
-from salframe.navigation.episodes import Asked
+from salframe.navigation.episodes import EpisodeRequest
 
 SUBMISSION = "submission.json"
 """Name of the file of answers in a method's folder, in the format of `salframe score`."""
@@ -40,7 +40,7 @@ class Published:
             f"its answers: methods/METHOD/{SUBMISSION} in the folder of the run"
         )
 
-    def episodes(self, data: ComponentConfig) -> tuple[Asked, ...]:
+    def episodes(self, data: ComponentConfig) -> tuple[EpisodeRequest, ...]:
         """Return the episodes of the split.
 
         Raises UnknownName, DataError, and InputMissing where the data has no folder or the task no episodes.

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from salframe.evaluation.runs.method_row import MethodRow
 from salframe.evaluation.statistics import Estimate
 from salframe.evaluation.tables.columns import (
-    GIVEN,
+    INPUT,
     SEEDS,
     Column,
     number_column,
@@ -54,7 +54,7 @@ def _value_column(heading: str, get: Callable[[NavigationRow], Estimate | None])
 
 
 COLUMNS: dict[str, Column[NavigationRow]] = {
-    "given": GIVEN,
+    "input": INPUT,
     "success": rate_column("SR %\n(95 %)", lambda row: row.success_rate),
     "seeds": SEEDS,
     "oracle": _value_column("oracle\nSR %", lambda row: row.oracle_success_rate),
@@ -80,7 +80,7 @@ def score_tables(rows: Sequence[NavigationRow], leading: Mapping[str, Sequence[s
     scored = [row for row in rows if row.scores]
     if not scored:
         return []
-    columns: list[Column[NavigationRow]] = [GIVEN, *map(_score_column, scored[0].scores)]
+    columns: list[Column[NavigationRow]] = [INPUT, *map(_score_column, scored[0].scores)]
     title = "by the task's own scorer: an upper bound, goals are known"
     return [draw_table(columns, scored, select_leading(leading, rows, scored), title)]
 

@@ -34,7 +34,14 @@ from salframe.framework.errors import ConfigError
 from salframe.framework.files.writing import write_json
 from salframe.framework.validation import validate
 from salframe.localization.localizer import Localizer
-from salframe.navigation.episodes import Asked, Episode, Site, draw_episodes, place_episodes, read_asked
+from salframe.navigation.episodes import (
+    Episode,
+    EpisodeRequest,
+    Site,
+    draw_episodes,
+    place_episodes,
+    read_episode_requests,
+)
 from salframe.navigation.guide import Guide
 from salframe.navigation.sight import Sight
 from salframe.navigation.walk import LOOSER_M, NavigationConfig
@@ -55,7 +62,7 @@ class NavigationTask(PagedTask[Episode, NavigationSurvey, EpisodeRow, Navigation
     """
 
     config: NavigationConfig
-    asked: int | tuple[Asked, ...]
+    requests: int | tuple[EpisodeRequest, ...]
     seed: int
     published: Published | None = None
 
@@ -73,7 +80,9 @@ class NavigationTask(PagedTask[Episode, NavigationSurvey, EpisodeRow, Navigation
     maps = True
 
     def asks(self) -> dict[str, Any]:
-        episodes = self.asked if isinstance(self.asked, int) else [one.model_dump(mode="json") for one in self.asked]
+        episodes = (
+            self.requests if isinstance(self.requests, int) else [one.model_dump(mode="json") for one in self.requests]
+        )
         parameters = {"episodes": episodes, "seed": self.seed, "settings": self.config.model_dump(mode="json")}
         return {**parameters, **({"published": str(self.published)} if self.published else {})}
 
@@ -83,21 +92,21 @@ class NavigationTask(PagedTask[Episode, NavigationSurvey, EpisodeRow, Navigation
     @classmethod
     def from_run(cls, run: Run) -> NavigationTask:
         content, config = run.task["episodes"], validate(NavigationConfig, run.task["settings"], "navigation")
-        episodes = content if isinstance(content, int) else tuple(Asked.model_validate(one) for one in content)
+        episodes = content if isinstance(content, int) else tuple(EpisodeRequest.model_validate(one) for one in content)
         return cls(config, episodes, run.task["seed"], find_published(run.task.get("published", "")))
 
     def mode(self, label: str) -> str:
         return next((mode for mode in (TRUE_PLACE, WITHOUT) if label.endswith(mode)), "")
 
-    def given(self, label: str, method: Localizer, dataset: Dataset) -> tuple[str, ...]:
-        return (TRUE_PLACE,) if label == TRUE_PLACE else super().given(label, method, dataset)
+    def input(self, label: str, method: Localizer, dataset: Dataset) -> tuple[str, ...]:
+        return (TRUE_PLACE,) if label == TRUE_PLACE else super().input(label, method, dataset)
 
     def survey(self, dataset: Dataset) -> NavigationSurvey:
         sites = {world.id: Site(world, Guide(world.chart, self.config.planner)) for world in open_worlds(dataset)}
-        if isinstance(self.asked, int):
-            episodes, left_out = draw_episodes(sites, self.asked, self.seed)
+        if isinstance(self.requests, int):
+            episodes, left_out = draw_episodes(sites, self.requests, self.seed)
         else:
-            episodes, left_out = place_episodes(self.asked, sites, self.seed)
+            episodes, left_out = place_episodes(self.requests, sites, self.seed)
         if self.published:
             left_out.append(self.published.note)
         # World by world, so that a localizer loads the map of each world once.
@@ -128,10 +137,10 @@ class NavigationTask(PagedTask[Episode, NavigationSurvey, EpisodeRow, Navigation
         self, parts: Sequence[Part[NavigationSurvey, EpisodeRow]], records: Sequence[Record[EpisodeRow]]
     ) -> dict[str, float]:
         """Return the `scores` of NavigationRow for one method."""
-        if self.published is None or isinstance(self.asked, int):
+        if self.published is None or isinstance(self.requests, int):
             return {}
         paired = zip(parts, records, strict=True)
-        scores = [self.published.score(part.dataset.config, len(self.asked), record) for (part, _), record in paired]
+        scores = [self.published.score(part.dataset.config, len(self.requests), record) for (part, _), record in paired]
         return {
             name: float(np.mean([row[name] for row in scores]))
             for name, value in scores[0].items()
@@ -210,13 +219,13 @@ def plan_navigation(
     positioning = Positioning(positioning)
     arms = {label + arm: label for label in resolved.methods for arm in ARMS[positioning]}
     methods = {arm: resolved.methods[label] for arm, label in arms.items()}
-    asked_as = {arm: resolved.asked_as[label] for arm, label in arms.items()}
+    requested_as = {arm: resolved.requested_as[label] for arm, label in arms.items()}
     if positioning is Positioning.ALL:  # every label of a run folder needs a method; the first one is a placeholder
         methods[TRUE_PLACE] = next(iter(resolved.methods.values()))
     published = find_published(episodes)
     if published:
-        task_episodes: int | tuple[Asked, ...] = published.episodes(resolved.data)
+        task_episodes: int | tuple[EpisodeRequest, ...] = published.episodes(resolved.data)
     else:
-        task_episodes = episodes if isinstance(episodes, int) else read_asked(Path(episodes))
+        task_episodes = episodes if isinstance(episodes, int) else read_episode_requests(Path(episodes))
     task = NavigationTask(validate(NavigationConfig, content, "navigation"), task_episodes, request.seed, published)
-    return task, replace(resolved, methods=methods, asked_as=asked_as)
+    return task, replace(resolved, methods=methods, requested_as=requested_as)

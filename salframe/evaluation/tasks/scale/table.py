@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from salframe.evaluation.runs.method_row import MethodRow
 from salframe.evaluation.statistics import Estimate
-from salframe.evaluation.tables.columns import GIVEN, Column, bytes_column, cost_column, rate_column
+from salframe.evaluation.tables.columns import INPUT, Column, bytes_column, cost_column, rate_column
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,7 +43,7 @@ class ScaleRow(MethodRow):
 
 
 COLUMNS: dict[str, Column[ScaleRow]] = {
-    "given": GIVEN,
+    "input": INPUT,
     "build": cost_column("build\ns", lambda row: row.build_s),
     "memory": cost_column("building\nMB", lambda row: row.build_memory_mb, 0),
     "bytes": bytes_column("bytes\n/scene", lambda row: row.bytes_per_scene),

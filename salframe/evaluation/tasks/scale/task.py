@@ -39,7 +39,7 @@ from salframe.localization.describing import describe_frame
 from salframe.localization.localizer import Localizer
 from salframe.localization.map_files import INDEX, SCENES, MapParts, read_map, write_map
 from salframe.panoramas.dataset import Dataset
-from salframe.panoramas.frames import FrameKind, MapFrame
+from salframe.panoramas.frames import FrameKind, ReferenceFrame
 from salframe.panoramas.geometry import pose_2d
 
 QUERIES, EXHAUSTIVE = 200, 50
@@ -225,7 +225,7 @@ def rooms_of(method: Localizer, dataset: Dataset) -> tuple[SaliencyGraph, ...]:
     Raises DataError where there is none.
     """
     cache = Cache()
-    frames = {frame.id: frame for fold in dataset.folds() for frame in fold.mapping if frame.kind is FrameKind.SCENE}
+    frames = {frame.id: frame for fold in dataset.folds() for frame in fold.references if frame.kind is FrameKind.SCENE}
     described = (describe_frame(method, frame, cache, dataset.content_key)[0] for frame in frames.values())
     rooms = tuple(graph for one in described if len(graph := graph_from_arrays(one)) >= MIN_OBJECTS)
     if not rooms:
@@ -233,8 +233,8 @@ def rooms_of(method: Localizer, dataset: Dataset) -> tuple[SaliencyGraph, ...]:
     return rooms
 
 
-def _frames(count: int) -> Iterator[MapFrame]:
+def _frames(count: int) -> Iterator[ReferenceFrame]:
     """Yield the frames of scenes on a grid, ten metres apart, each a different place."""
     for number in range(count):
         y, x = divmod(number, 1000)
-        yield MapFrame(f"frame-{number}", f"room-{number}", pose_2d(10.0 * x, 10.0 * y, 0.0), FrameKind.SCENE)
+        yield ReferenceFrame(f"frame-{number}", f"room-{number}", pose_2d(10.0 * x, 10.0 * y, 0.0), FrameKind.SCENE)

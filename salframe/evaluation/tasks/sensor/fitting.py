@@ -10,8 +10,8 @@ import numpy as np
 
 from salframe.evaluation.tasks.detection.judging import NEAR_M
 from salframe.graphs.detections import Detections
-from salframe.graphs.sensor import Errors, FalseObjects, FoundModel, Provenance, SensorModel, quantiles
-from salframe.graphs.sightings import Sightings
+from salframe.graphs.sensor import DetectionModel, Errors, FalseObjects, Provenance, SensorModel, quantiles
+from salframe.graphs.sightings import ObjectVisibility
 from salframe.graphs.vocabulary import common_label
 
 REACH_SHARE, OTHER_REACH_SHARE = 0.5, 0.25
@@ -25,12 +25,12 @@ FLOOR_VARIANCE = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
+class SensorSample:
     """One panorama: the annotated objects, how visible each is, and the detections."""
 
     truth: Detections
-    shown: Sightings
-    found: Detections
+    shown: ObjectVisibility
+    detections: Detections
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +52,7 @@ class Observations:
     """
 
     panoramas: int
-    shown: Sightings
+    shown: ObjectVisibility
     said: tuple[str | None, ...]
     bearing_rad: np.ndarray
     range_log: np.ndarray
@@ -64,7 +64,7 @@ class Observations:
     false_size_m: np.ndarray
 
     @property
-    def found(self) -> np.ndarray:
+    def is_detected(self) -> np.ndarray:
         """(N,) bool: whether each object was detected."""
         return np.array([said is not None for said in self.said], bool)
 
@@ -119,24 +119,26 @@ def _distances(detections: Detections, truth: Detections) -> np.ndarray:
     return np.nan_to_num(np.where(np.isnan(apart), across, apart), nan=np.inf)
 
 
-def observe(looks: Iterable[Look]) -> Observations:
+def observe(looks: Iterable[SensorSample]) -> Observations:
     """Match the detections of each panorama with its annotations, and collect the results."""
     looks = list(looks)
     said: list[str | None] = []
     errors, false = [np.zeros((0, 5))], [np.zeros((0, 3))]
     false_labels: list[str] = []
     for look in looks:
-        index = match_objects(look.found, look.truth)
-        said += [None if i < 0 else look.found.labels[i] for i in index]
-        errors.append(_errors(look.found.take(index[index >= 0]), look.truth.take(np.flatnonzero(index >= 0))))
-        extra = look.found.take(np.setdiff1d(np.arange(len(look.found)), index))
+        index = match_objects(look.detections, look.truth)
+        said += [None if i < 0 else look.detections.labels[i] for i in index]
+        errors.append(_errors(look.detections.take(index[index >= 0]), look.truth.take(np.flatnonzero(index >= 0))))
+        extra = look.detections.take(np.setdiff1d(np.arange(len(look.detections)), index))
         false_labels += extra.labels
         range_m = np.linalg.norm(extra.centroid_m, axis=1)
         false.append(np.column_stack([range_m, _elevation(extra), _size(extra)]))
     shown = [look.shown for look in looks]
     labels = tuple(label for one in shown for label in one.labels)
     columns = ("solid_angle_sr", "range_m", "hidden_share")
-    together = Sightings(labels, *(np.concatenate([[], *(getattr(one, name) for one in shown)]) for name in columns))
+    together = ObjectVisibility(
+        labels, *(np.concatenate([[], *(getattr(one, name) for one in shown)]) for name in columns)
+    )
     error, extras = np.concatenate(errors), np.concatenate(false)
     return Observations(
         panoramas=len(looks),
@@ -187,9 +189,9 @@ def fit_sensor(observations: Observations, provenance: Mapping[str, object]) -> 
             **provenance,
             panoramas=observations.panoramas,
             objects=len(observations.said),
-            found=int(observations.found.sum()),
+            detected=int(observations.is_detected.sum()),
         ),
-        found=fit_found(observations.shown, observations.found),
+        detection=fit_detection(observations.shown, observations.is_detected),
         confusion={label: dict(sorted(confusion[label].items())) for label in sorted(confusion)},
         false_objects=FalseObjects(
             per_panorama=_rounded(len(observations.false_labels) / max(observations.panoramas, 1)),
@@ -213,7 +215,7 @@ def robust_deviation(values: np.ndarray) -> float:
     return _rounded(1.4826 * np.median(np.abs(values - np.median(values)))) if len(values) else 0.0
 
 
-def fit_found(shown: Sightings, is_found: np.ndarray) -> FoundModel:
+def fit_detection(shown: ObjectVisibility, is_detected: np.ndarray) -> DetectionModel:
     """Fit the probability of detection by penalized maximum likelihood.
 
     The model is a logistic regression whose offsets by group have a normal prior. Expectation maximization with
@@ -230,7 +232,7 @@ def fit_found(shown: Sightings, is_found: np.ndarray) -> FoundModel:
         "reference_range_m": _median(shown.range_m, 3.0),
         "reference_hidden_share": _median(shown.hidden_share, 0.0),
     }
-    flat = FoundModel(
+    flat = DetectionModel(
         intercept=0, per_log_solid_angle=0, per_log_range=0, per_hidden_share=0, offsets={}, offset_deviation=0,
         **references,
     )  # fmt: skip
@@ -239,14 +241,14 @@ def fit_found(shown: Sightings, is_found: np.ndarray) -> FoundModel:
     weights, variance = np.zeros(design.shape[1]), 1.0
     for _ in range(ROUNDS):
         precision = np.repeat([WEAK_PRECISION, 1 / variance], [4, len(groups)])
-        weights, covariance = _maximize(design, is_found.astype(float), precision, weights)
+        weights, covariance = _maximize(design, is_detected.astype(float), precision, weights)
         spread = float(np.mean(weights[4:] ** 2 + np.diag(covariance)[4:])) if groups else 0.0
         settled, variance = abs(spread - variance) < TOLERANCE * variance, max(spread, FLOOR_VARIANCE)
         if settled:
             break
     intercept, *slopes = map(_rounded, weights[:4])
     names = ("per_log_solid_angle", "per_log_range", "per_hidden_share")
-    return FoundModel(
+    return DetectionModel(
         intercept=intercept,
         **dict(zip(names, slopes, strict=True)),
         **references,
@@ -256,7 +258,7 @@ def fit_found(shown: Sightings, is_found: np.ndarray) -> FoundModel:
 
 
 def _maximize(
-    design: np.ndarray, is_found: np.ndarray, precision: np.ndarray, start: np.ndarray
+    design: np.ndarray, is_detected: np.ndarray, precision: np.ndarray, start: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the maximum a posteriori coefficients under a normal prior of these precisions, and their covariance.
 
@@ -265,13 +267,13 @@ def _maximize(
 
     def loss(weights: np.ndarray) -> float:
         logit = design @ weights
-        return float(np.logaddexp(0, logit).sum() - is_found @ logit + precision @ weights**2 / 2)
+        return float(np.logaddexp(0, logit).sum() - is_detected @ logit + precision @ weights**2 / 2)
 
     coefficients, min_loss = start, loss(start)
     for _ in range(ROUNDS):
         chance = 1 / (1 + np.exp(-(design @ coefficients)))
         curvature = (design * (chance * (1 - chance))[:, None]).T @ design + np.diag(precision)
-        step = np.linalg.solve(curvature, design.T @ (is_found - chance) - precision * coefficients)
+        step = np.linalg.solve(curvature, design.T @ (is_detected - chance) - precision * coefficients)
         while (new_loss := loss(coefficients + step)) > min_loss and np.abs(step).max() > TOLERANCE:
             step = step / 2
         coefficients, min_loss = coefficients + step, new_loss

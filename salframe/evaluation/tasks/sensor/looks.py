@@ -9,11 +9,11 @@ import numpy as np
 
 from salframe.evaluation.runs.records import Record
 from salframe.evaluation.runs.rows import PieceStatus, Row
-from salframe.evaluation.tasks.sensor.fitting import Look
+from salframe.evaluation.tasks.sensor.fitting import SensorSample
 from salframe.evaluation.tasks.sensor.rows import LookRow, ObjectsLine
 from salframe.graphs.annotated import annotated_objects, as_detections
 from salframe.graphs.detections import Detections
-from salframe.graphs.sightings import Sightings, sightings
+from salframe.graphs.sightings import ObjectVisibility, sightings
 from salframe.panoramas.panorama import Panorama
 
 PARTS: dict[str, tuple[int, ...]] = {
@@ -27,15 +27,15 @@ PARTS: dict[str, tuple[int, ...]] = {
 """Arrays of Detections that a row holds, with the shape of the values of one object."""
 
 
-def annotated(panorama: Panorama) -> tuple[Detections, Sightings]:
+def annotated(panorama: Panorama) -> tuple[Detections, ObjectVisibility]:
     """Return the annotated objects of a panorama, and the visibility of each."""
     objects = annotated_objects(panorama)
     return as_detections(objects), sightings(panorama, objects)
 
 
-def pack_look(look: Look) -> Row:
+def pack_look(look: SensorSample) -> Row:
     """Return a look as JSON, with None for unknown values."""
-    sides = {"truth": look.truth, "found": look.found}
+    sides = {"truth": look.truth, "detections": look.detections}
     packed: Row = {
         name: {"labels": list(side.labels), **{part: _listed(getattr(side, part)) for part in PARTS}}
         for name, side in sides.items()
@@ -43,13 +43,13 @@ def pack_look(look: Look) -> Row:
     return {**packed, "range_m": _listed(look.shown.range_m), "hidden_share": _listed(look.shown.hidden_share)}
 
 
-def unpack_look(row: LookRow) -> Look | None:
+def unpack_look(row: LookRow) -> SensorSample | None:
     """Return the look of a row; None where the panorama could not be read."""
-    if row.truth is None or row.found is None:
+    if row.truth is None or row.detections is None:
         return None
-    truth, detections = _unpack_objects(row.truth), _unpack_objects(row.found)
+    truth, detections = _unpack_objects(row.truth), _unpack_objects(row.detections)
     range_m, hidden_share = np.array(row.range_m, float), np.array(row.hidden_share, float)
-    return Look(truth, Sightings(truth.labels, truth.solid_angle_sr, range_m, hidden_share), detections)
+    return SensorSample(truth, ObjectVisibility(truth.labels, truth.solid_angle_sr, range_m, hidden_share), detections)
 
 
 def _unpack_objects(line: ObjectsLine) -> Detections:
@@ -67,7 +67,7 @@ def _listed(values: np.ndarray) -> list[Any]:
     return as_list
 
 
-def looks_of(records: Sequence[Record[LookRow]]) -> list[Look | None]:
+def looks_of(records: Sequence[Record[LookRow]]) -> list[SensorSample | None]:
     """Return the looks of a detector, in order; None where the panorama could not be read."""
     rows = [row for record in records for row in record.rows]
     return [None if row is None else unpack_look(row) for row in rows]

@@ -15,8 +15,8 @@ from salframe.evaluation.runs.run_folder import MethodStatus, Run
 from salframe.evaluation.runs.runner import records_of, run_task
 from salframe.evaluation.tables.table import Table
 from salframe.evaluation.tables.text import percent
+from salframe.evaluation.tasks.sensor.detection_lines import FoundLine, by_label, by_sight
 from salframe.evaluation.tasks.sensor.fitting import fit_sensor, observe
-from salframe.evaluation.tasks.sensor.found_lines import FoundLine, by_label, by_sight
 from salframe.evaluation.tasks.sensor.looks import failures_of, looks_of
 from salframe.evaluation.tasks.sensor.rows import LookRow
 from salframe.evaluation.tasks.sensor.task import SensorTask
@@ -54,7 +54,7 @@ class SensorMeasurement:
         """Return the measured and the modelled detection rates as a table."""
         headings = ("objects", "annotated", "found %", "model %", "found by its\nright name %")
         cells = [
-            [line.by, str(line.objects), *map(percent, (line.found, line.modelled, line.right))]
+            [line.by, str(line.objects), *map(percent, (line.detection_rate, line.modelled, line.right))]
             for line in self.lines
             if line.objects
         ]
@@ -100,7 +100,7 @@ def measure_sensor(
     runs: str | Path = "runs",
     progress: Progress | None = None,
 ) -> SensorMeasurement:
-    """Run a detector on all panoramas of data sets, map frames and queries, and calibrate a sensor model.
+    """Run a detector on all panoramas of data sets, reference frames and queries, and calibrate a sensor model.
 
     An interrupted run is resumed.
 

@@ -35,7 +35,7 @@ class LookRow(PieceRow):
 
     frame: str
     truth: ObjectsLine | None = None
-    found: ObjectsLine | None = None
+    detections: ObjectsLine | None = None
     range_m: tuple[float | None, ...] | None = None
     hidden_share: tuple[float | None, ...] | None = None
 
@@ -43,7 +43,7 @@ class LookRow(PieceRow):
     def _complete(self) -> LookRow:
         if self.status != PieceStatus.OK:
             return self
-        if self.truth is None or self.found is None or self.range_m is None or self.hidden_share is None:
+        if self.truth is None or self.detections is None or self.range_m is None or self.hidden_share is None:
             raise ValueError("a measured panorama lacks a field, expected truth, found, range_m and hidden_share")
         if not len(self.truth.labels) == len(self.range_m) == len(self.hidden_share):
             raise ValueError("expected range_m and hidden_share of each annotated object")

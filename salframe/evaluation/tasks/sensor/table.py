@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 
 from salframe.evaluation.runs.method_row import MethodRow
 from salframe.evaluation.statistics import Estimate
-from salframe.evaluation.tables.columns import GIVEN, Column, count_column, number_column, rate_column
+from salframe.evaluation.tables.columns import INPUT, Column, count_column, number_column, rate_column
 from salframe.evaluation.tables.table import Table, leading_methods
 from salframe.evaluation.tables.text import percent
-from salframe.evaluation.tasks.sensor.found_lines import FoundLine
+from salframe.evaluation.tasks.sensor.detection_lines import FoundLine
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,7 +21,7 @@ class SensorRow(MethodRow):
     Attributes:
         panoramas: Number of panoramas.
         objects: Number of annotated objects.
-        found: Share of the objects that were detected, with the 95 % interval of objects clustered by place.
+        detection_rate: Share of the objects that were detected, with the 95 % interval of objects clustered by place.
         right: Share of the objects that were detected with the correct label, likewise.
         false_per_panorama: Number of false positives per panorama.
         bearing_rad: Robust standard deviation of the error of the bearing, as in `Errors`; the next three likewise.
@@ -33,7 +33,7 @@ class SensorRow(MethodRow):
 
     panoramas: int | None = None
     objects: int | None = None
-    found: Estimate | None = None
+    detection_rate: Estimate | None = None
     right: Estimate | None = None
     false_per_panorama: float | None = None
     bearing_rad: float | None = None
@@ -44,12 +44,12 @@ class SensorRow(MethodRow):
 
     @property
     def measured(self) -> bool:
-        return self.found is not None
+        return self.detection_rate is not None
 
 
 COLUMNS: dict[str, Column[SensorRow]] = {
-    "given": GIVEN,
-    "found": rate_column("found %\n(95 %)", lambda row: row.found),
+    "input": INPUT,
+    "detection_rate": rate_column("detection\nrate % (95 % CI)", lambda row: row.detection_rate),
     "right": rate_column("found by the\nright name %", lambda row: row.right),
     "false": number_column("false objects\na panorama", lambda row: row.false_per_panorama, 1),
     "bearing": number_column("bearing\ndeg", lambda row: _scaled(row.bearing_rad, math.degrees(1)), 2),
@@ -75,7 +75,7 @@ def alike_tables(rows: Sequence[SensorRow], leading: Mapping[str, Sequence[str]]
         return []
     leading = leading_methods(rows) if leading is None else leading
     cells = [
-        [*labels, name, str(line.objects), *map(percent, (line.found, line.modelled, line.right))]
+        [*labels, name, str(line.objects), *map(percent, (line.detection_rate, line.modelled, line.right))]
         for row, *labels in zip(rows, *leading.values(), strict=True)
         for name, line in row.lines.items()
     ]

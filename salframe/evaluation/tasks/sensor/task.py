@@ -13,7 +13,7 @@ from salframe.evaluation.runs.run_folder import Run
 from salframe.evaluation.runs.task import Task, Worker
 from salframe.evaluation.tables.table import Table
 from salframe.evaluation.tasks.detection.task import place_of
-from salframe.evaluation.tasks.sensor.fitting import Look
+from salframe.evaluation.tasks.sensor.fitting import SensorSample
 from salframe.evaluation.tasks.sensor.looks import annotated, pack_look
 from salframe.evaluation.tasks.sensor.measures import summarize_detector
 from salframe.evaluation.tasks.sensor.rows import LookRow
@@ -22,9 +22,9 @@ from salframe.framework.errors import FRAME_ERRORS, InputMissing, InvalidAnswer
 from salframe.graphs.detections import Detections
 from salframe.graphs.detector import Detector
 from salframe.panoramas.dataset import Dataset
-from salframe.panoramas.frames import MapFrame, QueryFrame
+from salframe.panoramas.frames import QueryFrame, ReferenceFrame
 
-Frame = MapFrame | QueryFrame
+Frame = ReferenceFrame | QueryFrame
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class SensorTask(Task[Frame, Survey[Frame], LookRow, SensorRow]):
             raise InputMissing(f"a sensor is measured by annotations and range, and {lacks}")
         frames: dict[str, Frame] = {}
         for fold in dataset.folds():
-            frames.update((frame.id, frame) for frame in fold.mapping)
+            frames.update((frame.id, frame) for frame in fold.references)
             frames.update((query.id, query) for query in fold.queries)
         return Survey(dataset, list(frames.values()))
 
@@ -70,7 +70,7 @@ class SensorTask(Task[Frame, Survey[Frame], LookRow, SensorRow]):
             truth, shown = annotated(piece.load())
         except FRAME_ERRORS:
             return {}
-        return pack_look(Look(truth, shown, Detections.empty()))
+        return pack_look(SensorSample(truth, shown, Detections.empty()))
 
     def summarize(self, parts: Sequence[Part[Survey[Frame], LookRow]], seed: int) -> tuple[SensorRow, ...]:
         places = [
@@ -99,4 +99,4 @@ class _Looking(Worker[Frame]):
         detections = self._detector.detect(panorama)
         if not isinstance(detections, Detections):
             raise InvalidAnswer(f"detect gave {type(detections).__name__}, expected Detections")
-        return {**pack_look(Look(truth, shown, detections)), "status": PieceStatus.OK, "error": None}
+        return {**pack_look(SensorSample(truth, shown, detections)), "status": PieceStatus.OK, "error": None}

@@ -64,7 +64,7 @@ def test_annotations_without_error_are_all_right_and_with_error_as_many_as_the_n
     (half,) = measure(tiny, 'annotations.noise={"missed": 0.5}').rows
     assert half.overall.precision == 1
     assert half.overall.annotated == perfect.overall.annotated
-    assert half.overall.recall == half.overall.found / half.overall.annotated < 1
+    assert half.overall.recall == half.overall.detections / half.overall.annotated < 1
     assert 0 <= half.recall.low <= half.overall.recall <= half.recall.high < 1
     assert (perfect.recall.low, perfect.recall.high) == (half.precision.low, half.precision.high) == (1, 1)
     assert half.ms > 0
@@ -113,7 +113,7 @@ def test_what_a_crash_had_to_find_was_not_found(tiny, monkeypatch):
     row = measure(tiny, runs=tiny.parent / "other").rows[0]
     assert (row.status, row.crashed) == ({"ok": 2, "crashed": 1}, True)
     assert row.overall.annotated == whole.annotated
-    assert 0 < row.overall.found < whole.found
+    assert 0 < row.overall.detections < whole.detections
     assert row.overall.recall == row.overall.right / whole.annotated < 1
 
 

@@ -15,7 +15,7 @@ from salframe.evaluation.tasks.localization.judging import Judged, judge, pose_r
 from salframe.evaluation.tasks.localization.rows import AnswerRow
 from salframe.evaluation.tasks.localization.survey import LocalizationSurvey, Query
 from salframe.evaluation.tasks.localization.task import LocalizationTask
-from salframe.panoramas.frames import Fold, MapFrame, QueryFrame, Truth
+from salframe.panoramas.frames import Fold, QueryFrame, ReferenceFrame, Truth
 from salframe.panoramas.geometry import pose_2d
 
 TRUTH = Truth("kitchen", pose_2d(1, 2, 0))
@@ -99,11 +99,11 @@ def test_a_truth_without_a_pose_is_not_judged():
 
 
 class Kitchen:
-    """A data set of four queries in the kitchen and three mapping frames, as far as a summary looks at it."""
+    """A data set of four queries in the kitchen and three reference frames, as far as a summary looks at it."""
 
     fold = Fold(
         "all",
-        tuple(MapFrame(id, "kitchen", np.eye(4)) for id in ("map-1", "map-2", "left-out")),
+        tuple(ReferenceFrame(id, "kitchen", np.eye(4)) for id in ("map-1", "map-2", "left-out")),
         tuple(QueryFrame(f"query-{i}", lambda: None) for i in range(4)),
     )
 
@@ -149,7 +149,7 @@ def test_summary_of_four_queries(tmp_path):
 
 
 def test_a_refused_answer_names_no_place():
-    found = judge([answer("kitchen", status="not-here"), answer("kitchen", status="no-pose")], [TRUTH] * 2)
+    found = judge([answer("kitchen", status="out-of-map"), answer("kitchen", status="no-pose")], [TRUTH] * 2)
     assert found.first_place == (None, "kitchen")
     assert found.best_place.tolist() == [True, True]
 
@@ -170,31 +170,31 @@ def test_the_places_of_two_buildings_are_not_the_same():
 
 
 def test_denying_the_map_is_right_where_the_place_is_not_in_it():
-    statuses = ["not-here", "low-score", "no-match", "no-objects", "ok"]
+    statuses = ["out-of-map", "low-score", "no-match", "no-objects", "ok"]
     asked = [answer("hall", status=status) for status in statuses] + [None]
     absent = judge(asked, [TRUTH] * 6, [False] * 6)
     assert absent.correct.tolist() == [True, True, True, False, False, False]
     assert np.isnan(absent.translation_m).all()  # such a map has no pose of the query
-    assert not judge([answer("kitchen", status="not-here")], [TRUTH]).correct[0]
+    assert not judge([answer("kitchen", status="out-of-map")], [TRUTH]).correct[0]
 
 
 def test_evidence_is_the_probability_of_the_map_where_there_is_one_else_the_score():
     others = [answer(status="no-objects"), None]
     assert judge([answer("hall", score=7.0), *others], [TRUTH] * 3).evidence.tolist() == [7.0, -np.inf, -np.inf]
-    worth = {"score": 7.0, "probabilities": [0.2], "not_here": 0.75}
+    worth = {"score": 7.0, "probabilities": [0.2], "out_of_map_probability": 0.75}
     found = judge([answer("hall", **worth), *others], [TRUTH] * 3)
     assert found.evidence.tolist() == [0.25, -np.inf, -np.inf]
     assert found.confidence[0] == 0.2
     assert np.isnan(found.confidence[1:]).all()
-    refused = answer("hall", status="not-here", **worth)
+    refused = answer("hall", status="out-of-map", **worth)
     assert judge([refused, *others], [TRUTH] * 3).confidence[0] == 0.75
 
 
 def test_calibration_error_of_two_bins_by_hand():
     """Four answers of 0.9 of which two are right, one of 0.25 that is wrong: (4 * 0.4 + 0.25) / 5."""
-    sure = answer("kitchen", probabilities=[0.9], not_here=0.1)
-    wrong = answer("hall", probabilities=[0.9], not_here=0.1)
-    unsure = answer("hall", probabilities=[0.25], not_here=0.75)
+    sure = answer("kitchen", probabilities=[0.9], out_of_map_probability=0.1)
+    wrong = answer("hall", probabilities=[0.9], out_of_map_probability=0.1)
+    unsure = answer("hall", probabilities=[0.25], out_of_map_probability=0.75)
     judged = judge([sure, sure, wrong, wrong, unsure, answer("kitchen")], [TRUTH] * 6)
     found = reliability(judged.confidence, judged.correct)
     assert found.confidence == pytest.approx([0.25, 0.9])

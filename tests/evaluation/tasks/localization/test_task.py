@@ -43,7 +43,7 @@ def test_rows_have_the_promised_numbers(fakes):
     assert isinstance(row, LocalizationRow)
     assert (row.queries, row.accuracy.value, row.status) == (10, 0.8, {"ok": 10})
     assert row.recall_at_5 == 1.0
-    # queries stand 0.1 and 0.2 m from the map frame whose pose is answered
+    # queries stand 0.1 and 0.2 m from the reference frame whose pose is answered
     assert row.median_translation_m == pytest.approx(0.15)
     assert row.recall_025m_2deg == 0.8  # room 3 is answered 4 m off
     build_map("rooms", Path("map"), "reader", topology=False, overrides=("wrong_from=3",))
@@ -54,7 +54,7 @@ def test_rows_have_the_promised_numbers(fakes):
     assert json.loads(kept) == json.loads(json.dumps(result.to_json()["rows"][0]))
     assert result.measured
     assert not result.crashed
-    assert row.given == ("rgb",)
+    assert row.input == ("rgb",)
     assert result.row("reader") is row
     with pytest.raises(KeyError):
         result.row("raeder")
@@ -125,12 +125,12 @@ def test_a_corrupt_query_is_an_error_of_its_own(fakes):
 def test_a_corrupt_mapping_frame_is_left_out_and_said_so(fakes):
     rows, _, _ = run(["reader"], "data.broken=[map-0]")
     assert rows["reader"].accuracy.value == 0.8
-    assert rows["reader"].reason == "1 map frame(s) left out, the first: map-0.png is no image"
+    assert rows["reader"].reason == "1 reference frame(s) left out, the first: map-0.png is no image"
 
 
 def test_a_map_without_a_frame_crashes(fakes):
     rows, _, result = run(["reader"], "data.rooms=1", "data.broken=[map-0]")
-    assert "no map frame that can be used; map-0.png is no image" in rows["reader"].reason
+    assert "no reference frame that can be used; map-0.png is no image" in rows["reader"].reason
     assert result.crashed
 
 
@@ -253,7 +253,10 @@ def test_evaluate_measures_again_from_the_answers(fakes):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"not_here": 0.5}, "an answer has not_here or probabilities, expected both, one for each place, or neither"),
+        (
+            {"out_of_map_probability": 0.5},
+            "an answer has out_of_map_probability or probabilities, expected both, one for each place, or neither",
+        ),
         ({"places": []}, "an answer of status ok has no place, expected one"),
     ],
 )

@@ -84,7 +84,7 @@ def test_beside_it_an_agent_is_told_its_true_place():
     """It stands at the node that it is nearest to, whatever the method answers, and no method is given anything."""
     table, result = run(["seer"], "blind=true", positioning=Positioning.ALL)
     assert list(table) == ["seer", "seer without positioning", TRUE_PLACE]
-    assert [row.given for row in table.values()] == [("range",), ("range",), (TRUE_PLACE,)]
+    assert [row.input for row in table.values()] == [("range",), ("range",), (TRUE_PLACE,)]
     assert [row.success_rate.value for row in table.values()][:2] == [0.0, 0.0]
     assert table[TRUE_PLACE].success_rate_3m.value > 0
     nodes_m = [(1.0, 2.0), (3.0, 3.5), (7.0, 2.0), (4.075, 2.025)]  # the last is the doorway of the masks

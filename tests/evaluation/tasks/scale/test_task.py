@@ -19,7 +19,7 @@ from salframe.graphs.packing import graph_to_arrays
 from salframe.graphs.table import MappedGraphs
 from salframe.localization.map import LocalizationMap
 from salframe.localization.map_files import MapParts
-from salframe.panoramas.frames import MapFrame
+from salframe.panoramas.frames import ReferenceFrame
 from salframe.panoramas.opening import configure_dataset, open_dataset
 
 SCENES = 60
@@ -30,8 +30,8 @@ STUDY = {
     "set": {"detector.kind": "annotations", "detector.noise": "none"},
 }
 METHODS = {
-    "one": {"method": "saliency-graph", "set": {"matcher.most": 1}},
-    "twenty": {"method": "saliency-graph", "set": {"matcher.most": 20}},
+    "one": {"method": "saliency-graph", "set": {"matcher.max_candidates": 1}},
+    "twenty": {"method": "saliency-graph", "set": {"matcher.max_candidates": 20}},
 }
 
 
@@ -48,16 +48,16 @@ def test_what_a_map_costs_and_what_is_found_in_it(furnished, tmp_path, monkeypat
     result = run_study(Study(**STUDY, methods=METHODS), Request(engine="inline"))
     one, twenty = result.rows
     assert [row["scenes"] for row in result.settings] == [SCENES, SCENES]
-    settings = {"detector": {"kind": "annotations", "noise": "none"}, "matcher": {"most": 1}}
+    settings = {"detector": {"kind": "annotations", "noise": "none"}, "matcher": {"max_candidates": 1}}
     method = registry().build("localizer", configure_default("localizer", "saliency-graph", [settings]))
     city = City(scale.SEED, scale.rooms_of(method, open_dataset(configure_dataset("furnished", None, [])[1])))
     described = [graph_to_arrays(graph) for graph in city.scenes(SCENES)]
-    frames = [MapFrame(f"frame-{i}", f"room-{i}", np.eye(4)) for i in range(SCENES)]
+    frames = [ReferenceFrame(f"frame-{i}", f"room-{i}", np.eye(4)) for i in range(SCENES)]
     LocalizationMap.from_descriptions(method, described, frames).save(tmp_path / "map")
     # the index has another path in map.json
     assert one.bytes_per_scene == pytest.approx(folder_bytes(tmp_path / "map") / SCENES, rel=0.02)
     graphs = MappedGraphs(MapParts(next((tmp_path / "map").glob("parts-*"))).read_scenes()[0])
-    matcher = GeometricMatcher(GeometricMatcher.Config(most=None))
+    matcher = GeometricMatcher(GeometricMatcher.Config(max_candidates=None))
     index, rows = matcher.index(graphs), Run.load(result.runs[0]).rows("twenty", scale.ScaleTask.row)
     assert len({row.query for row in rows}) == 12
     expected = {row.query: matcher.match(city.query(row.query), index, 1)[0].scene == row.query for row in rows}

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from salframe.evaluation.tasks.sensor.fitting import (
-    Look,
-    fit_found,
+    SensorSample,
+    fit_detection,
     fit_sensor,
     match_objects,
     observe,
@@ -17,7 +17,7 @@ from salframe.evaluation.tasks.sensor.fitting import (
 )
 from salframe.graphs.boxes import detections_where_known
 from salframe.graphs.detections import Detections
-from salframe.graphs.sightings import Sightings
+from salframe.graphs.sightings import ObjectVisibility
 
 LABELS = ("chair", "table", "sofa", "plant", "lamp", "mirror")
 INTERCEPT, SLOPES, OFFSETS = 0.5, np.array([0.8, -1.5, -2.0]), {"chair": -1.0, "sofa": 1.0}
@@ -62,7 +62,7 @@ def look(rng):
     )  # fmt: skip
     columns = (np.concatenate([a[seen], b]) for a, b in zip(found, made_up, strict=True))
     truth = boxes(labels, azimuth, elevation, range_m, size_m)
-    return Look(truth, Sightings(tuple(labels), angle_sr, range_m, hidden), boxes(*columns))
+    return SensorSample(truth, ObjectVisibility(tuple(labels), angle_sr, range_m, hidden), boxes(*columns))
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +79,7 @@ def sensor(looks):
 def test_chances_are_recovered(sensor, looks):
     """The slopes within four standard errors, which a regression on 7,200 objects has: 0.03, 0.1 and 0.12; the chance
     of every object within 0.08, on average within 0.015."""
-    found = sensor.found
+    found = sensor.detection
     slopes = (found.per_log_solid_angle, found.per_log_range, found.per_hidden_share)
     assert (np.abs(slopes - SLOPES) < [0.12, 0.4, 0.5]).all()
     assert found.offsets["sofa"] - found.offsets["plant"] == pytest.approx(1, abs=0.4)
@@ -131,7 +131,7 @@ def test_false_objects_are_counted(sensor):
 def test_provenance_counts(sensor):
     told = sensor.provenance
     assert (told.panoramas, told.objects) == (PANORAMAS, PANORAMAS * OBJECTS)
-    assert told.found == sum(sum(row.values()) for row in sensor.confusion.values())
+    assert told.detected == sum(sum(row.values()) for row in sensor.confusion.values())
 
 
 def three(*labels, x=(1.0, 2.0, 3.0), side=0.2):
@@ -166,15 +166,15 @@ def test_without_range_what_is_found_is_matched_by_its_bearing():
     turned = np.array([[np.cos(a), np.sin(a), 0] for a in (0.05, 0.2, 0.05)])
     found = detections_where_known(("chair", "lamp", "table"), np.ones(3), None, turned, np.full(3, np.nan))
     assert match_objects(found, truth).tolist() == [0, -1, 2]
-    seen = observe([Look(truth, Sightings(truth.labels, *np.full((3, 3), np.nan)), found)])
+    seen = observe([SensorSample(truth, ObjectVisibility(truth.labels, *np.full((3, 3), np.nan)), found)])
     np.testing.assert_allclose(np.sort(seen.bearing_rad[:, 0]), [0.05, 0.05])
     assert np.isnan(seen.range_log).all()
 
 
 @pytest.mark.parametrize("found", [True, False])
 def test_finding_all_or_none_gives_a_model_that_is_finite(found):
-    shown = Sightings(("chair",) * 30, *np.full((3, 30), 0.5))
-    fitted = fit_found(shown, np.full(30, found))
+    shown = ObjectVisibility(("chair",) * 30, *np.full((3, 30), 0.5))
+    fitted = fit_detection(shown, np.full(30, found))
     (chance,) = fitted.probability(("chair",), np.array([0.5]))
     assert chance > 0.95 if found else chance < 0.05
 
@@ -182,7 +182,8 @@ def test_finding_all_or_none_gives_a_model_that_is_finite(found):
 def test_nothing_seen_gives_a_model():
     empty = Detections.empty()
     sensor = fit_sensor(
-        observe([Look(empty, Sightings((), *np.zeros((3, 0))), empty)]), {"salframe": "0", "detector": {}, "data": {}}
+        observe([SensorSample(empty, ObjectVisibility((), *np.zeros((3, 0))), empty)]),
+        {"salframe": "0", "detector": {}, "data": {}},
     )
     assert (sensor.provenance.objects, sensor.false_objects.per_panorama, sensor.errors.bearing_rad) == (0, 0, 0)
 

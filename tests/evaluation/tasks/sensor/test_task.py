@@ -37,13 +37,13 @@ def test_a_detector_without_error_finds_all_and_errs_nowhere(tiny):
     measured = measure_sensor("annotations", [tiny], settings=PERFECT)
     sensor = measured.sensor
     whole = measured.lines[0]
-    assert (whole.by, whole.found, whole.right) == ("all", 1, 1)
-    assert sensor.provenance.found == sensor.provenance.objects == whole.objects > 10
+    assert (whole.by, whole.detection_rate, whole.right) == ("all", 1, 1)
+    assert sensor.provenance.detected == sensor.provenance.objects == whole.objects > 10
     assert all(set(row) == {label} for label, row in sensor.confusion.items())
     assert sensor.false_objects.per_panorama == 0
     assert max(sensor.errors.model_dump().values()) < 1e-6
     assert sensor.provenance.detector["settings"]["noise"] == "none"
-    assert sensor.provenance.panoramas == 6  # mapping frames and queries
+    assert sensor.provenance.panoramas == 6  # reference frames and queries
 
 
 def test_every_split_of_the_objects_adds_up_and_the_model_fits_each_line(tiny):
@@ -52,8 +52,8 @@ def test_every_split_of_the_objects_adds_up_and_the_model_fits_each_line(tiny):
     for words in ("across", "away", "hidden"):
         assert sum(line.objects for line in measured.lines if words in line.by) == total
     whole = measured.lines[0]
-    assert whole.modelled == pytest.approx(whole.found, abs=0.02)
-    assert 0.3 < whole.found < 0.9
+    assert whole.modelled == pytest.approx(whole.detection_rate, abs=0.02)
+    assert 0.3 < whole.detection_rate < 0.9
 
 
 def test_what_a_detector_makes_up_and_calls_otherwise_is_counted(tiny, monkeypatch):
@@ -74,15 +74,15 @@ def test_what_a_detector_makes_up_and_calls_otherwise_is_counted(tiny, monkeypat
     assert sensor.false_objects.labels == {"vase": 6}
     assert sensor.false_objects.range_m == (9.0,) * 11
     pianos = sum(row.get("piano", 0) for row in sensor.confusion.values())
-    assert pianos >= sensor.provenance.found / 2
-    assert sensor.right_share == pytest.approx(1 - pianos / sensor.provenance.found)
+    assert pianos >= sensor.provenance.detected / 2
+    assert sensor.right_share == pytest.approx(1 - pianos / sensor.provenance.detected)
 
 
 def test_the_same_command_writes_the_same_file_and_looks_at_nothing_twice(tiny, tmp_path, monkeypatch):
     arguments = ("sensor", "annotations", "--data", tiny, "--set", "detector.noise=uniform", "--engine", "inline", "-o")
     first = run(*arguments, tmp_path / "first.json")
     assert first.code == 0, first.err
-    assert "found %" in first.out
+    assert "detection\nrate %" in first.out
     assert "false positives: 0.0 per panorama" in first.out
     monkeypatch.setattr(AnnotationDetector, "detect", lambda self, panorama: pytest.fail("looked again"))
     assert run(*arguments, tmp_path / "second.json").code == 0
@@ -100,7 +100,9 @@ def test_a_measured_file_is_noise_that_the_detector_takes(tiny, tmp_path):
     measured.write(path)
     again = measure_sensor("annotations", [tiny], settings=[f"detector.noise={path}"])
     count = measured.lines[0].objects
-    assert again.lines[0].found == pytest.approx(measured.lines[0].found, abs=4 * np.sqrt(0.5 / count))
+    assert again.lines[0].detection_rate == pytest.approx(
+        measured.lines[0].detection_rate, abs=4 * np.sqrt(0.5 / count)
+    )
 
 
 def test_data_sets_and_seeds_are_pooled_and_named(tiny, tmp_path):
@@ -147,14 +149,17 @@ def test_an_experiment_pools_seeds_as_one_measurement_of_both(tmp_path):
     file = tmp_path / "sensor.yaml"
     file.write_text(json.dumps({"title": "Sensor", "question": "?", "tables": {"homes": study}}))
     table = run_experiment(file, Request(), results=tmp_path / "results").tables[0]
-    (row,) = table.kept.rows
+    (row,) = table.stored.rows
     lines = {line.by: line for line in both.lines}
     assert row["objects"] == lines["all"].objects == both.sensor.provenance.objects
     assert row["panoramas"] == both.sensor.provenance.panoramas
     assert row["false_per_panorama"] == 0
     for name, line in row["lines"].items():
-        assert (line["objects"], line["found"]) == (lines[name].objects, pytest.approx(lines[name].found, abs=1e-5))
-    assert 0 < row["found_low"] < row["found"] < row["found_high"] < 1
+        assert (line["objects"], line["detection_rate"]) == (
+            lines[name].objects,
+            pytest.approx(lines[name].detection_rate, abs=1e-5),
+        )
+    assert 0 < row["detection_rate_low"] < row["detection_rate"] < row["detection_rate_high"] < 1
     again = run_experiment(file, Request(), results=tmp_path / "results").tables[0]
     assert again.fresh is None
     assert [drawn.rows for drawn in again.tables()] == [drawn.rows for drawn in table.fresh.tables()]
@@ -173,7 +178,7 @@ def test_what_a_detector_fails_on_counts_as_not_found_and_is_told(tiny, monkeypa
     monkeypatch.setattr(AnnotationDetector, "detect", fail)
     measured = measure_sensor("annotations", [tiny], settings=PERFECT, engine="inline", runs="dark")
     assert measured.lines[0].objects == whole.lines[0].objects
-    assert measured.lines[0].found < 1 == whole.lines[0].found
+    assert measured.lines[0].detection_rate < 1 == whole.lines[0].detection_rate
     assert measured.crashed
     assert not whole.crashed
     (note,) = measured.notes
@@ -198,12 +203,12 @@ def test_a_look_that_was_kept_in_part_is_refused():
         "status": "ok",
         "error": None,
         "truth": nothing,
-        "found": nothing,
+        "detections": nothing,
         "range_m": [],
         "hidden_share": [],
     }
     LookRow.model_validate(row)
-    for part, wrong in (("truth", None), ("found", {**nothing, "labels": ["vase"]}), ("range_m", [1.0])):
+    for part, wrong in (("truth", None), ("detections", {**nothing, "labels": ["vase"]}), ("range_m", [1.0])):
         with pytest.raises(ValueError, match="expected"):
             LookRow.model_validate({**row, part: wrong})
 

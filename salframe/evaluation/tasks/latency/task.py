@@ -1,4 +1,4 @@
-"""The task `running`: the latency and memory of a saved map that a program opens once and queries many times."""
+"""The task `latency`: the latency and memory of a saved map that a program opens once and queries many times."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from salframe.evaluation.runs.records import Part, Survey, by_method
 from salframe.evaluation.runs.rows import PieceStatus, Row
 from salframe.evaluation.runs.run_folder import Run
 from salframe.evaluation.runs.task import Task, Worker
-from salframe.evaluation.tasks.running.measures import summarize_program
-from salframe.evaluation.tasks.running.rows import ProgramRow
-from salframe.evaluation.tasks.running.table import COLUMNS, USUAL, RunningRow
+from salframe.evaluation.tasks.latency.measures import summarize_program
+from salframe.evaluation.tasks.latency.rows import ProgramRow
+from salframe.evaluation.tasks.latency.table import COLUMNS, USUAL, LatencyRow
 from salframe.framework.component import ComponentConfig
 from salframe.framework.components.installation import folder_bytes
 from salframe.framework.components.registry import registry
@@ -39,46 +39,46 @@ QUERIES = 100
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class RunningSurvey(Survey[QueryFrame]):
+class LatencySurvey(Survey[QueryFrame]):
     """Queries of the first fold of a data set that has any."""
 
     fold: Fold
 
 
 @dataclass(frozen=True)
-class RunningTask(Task[QueryFrame, RunningSurvey, ProgramRow, RunningRow]):
+class LatencyTask(Task[QueryFrame, LatencySurvey, ProgramRow, LatencyRow]):
     """How much time and memory do opening a map and querying it take?"""
 
-    name = "running"
-    prefix = "running-"
+    name = "latency"
+    prefix = "latency-"
     counts = "queries"
     key_fields = ("query",)
     row = ProgramRow
-    line = RunningRow
+    line = LatencyRow
     columns = COLUMNS
     usual = USUAL
 
     @classmethod
-    def from_run(cls, run: Run) -> RunningTask:
+    def from_run(cls, run: Run) -> LatencyTask:
         return cls()
 
-    def survey(self, dataset: Dataset) -> RunningSurvey:
+    def survey(self, dataset: Dataset) -> LatencySurvey:
         fold = next((fold for fold in dataset.folds() if fold.queries), None)
         if fold is None:
             raise DataError(f"{dataset.name} has no query, expected at least one")
         step = -(-len(fold.queries) // QUERIES)
-        return RunningSurvey(dataset, fold.queries[::step], fold=fold)
+        return LatencySurvey(dataset, fold.queries[::step], fold=fold)
 
     def key(self, piece: QueryFrame) -> tuple[str]:
         return (piece.id,)
 
     def open(
-        self, label: str, method: Localizer, survey: RunningSurvey, todo: Sequence[QueryFrame], folder: Path
+        self, label: str, method: Localizer, survey: LatencySurvey, todo: Sequence[QueryFrame], folder: Path
     ) -> Worker[QueryFrame]:
         check_needs(method, survey.dataset)
         return _SavedMapWorker(method.config, survey, folder)
 
-    def summarize(self, parts: Sequence[Part[RunningSurvey, ProgramRow]], seed: int) -> tuple[RunningRow, ...]:
+    def summarize(self, parts: Sequence[Part[LatencySurvey, ProgramRow]], seed: int) -> tuple[LatencyRow, ...]:
         queries = sum(len(survey.pieces) for survey, _ in parts)
         return tuple(summarize_program(records, queries) for records in by_method(parts))
 
@@ -86,9 +86,9 @@ class RunningTask(Task[QueryFrame, RunningSurvey, ProgramRow, RunningRow]):
 class _SavedMapWorker(Worker[QueryFrame]):
     """Saves a map in one process, and opens and queries it in another, fresh process."""
 
-    def __init__(self, method: ComponentConfig, survey: RunningSurvey, folder: Path) -> None:
+    def __init__(self, method: ComponentConfig, survey: LatencySurvey, folder: Path) -> None:
         self._contents = tuple(config.model_dump_json() for config in (method, survey.dataset.config))
-        self._scenes = len(survey.fold.mapping)
+        self._scenes = len(survey.fold.references)
         folder.mkdir(parents=True, exist_ok=True)
         for leftover in folder.glob("map-*"):  # of a process that was killed
             shutil.rmtree(leftover, ignore_errors=True)
@@ -135,8 +135,8 @@ def save_first_map(method: str, data: str, output: str) -> None:
     """
     dataset = open_dataset(read_config("dataset", data))
     localizer: Localizer = registry().build("localizer", read_config("localizer", method))
-    fold = RunningTask().survey(dataset).fold
-    built = LocalizationMap.build(localizer, fold.mapping, Cache(), dataset.content_key, floors=dataset.floors())
+    fold = LatencyTask().survey(dataset).fold
+    built = LocalizationMap.build(localizer, fold.references, Cache(), dataset.content_key, floors=dataset.floors())
     built.save(output)
 
 
@@ -157,7 +157,7 @@ _programs: list[_Program] = []
 
 def _open_program(data: str, saved: str) -> Row:
     """Open a saved map, and return its cost."""
-    queries = {query.id: query for query in RunningTask().survey(open_dataset(read_config("dataset", data))).pieces}
+    queries = {query.id: query for query in LatencyTask().survey(open_dataset(read_config("dataset", data))).pieces}
     before_mb, start = memory_mb("VmRSS"), time.perf_counter()
     opened = open_map(saved)
     open_s = time.perf_counter() - start

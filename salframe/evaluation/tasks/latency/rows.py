@@ -1,4 +1,4 @@
-"""The row of the task `running`: the cost of one query and of its map."""
+"""The row of the task `latency`: the cost of one query and of its map."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class ProgramRow(PieceRow):
     bytes: Count | None = None
     open_s: Amount | None = None
     opened_mb: Amount | None = None
-    asked_mb: Amount | None = None
+    queried_mb: Amount | None = None
 
     @model_validator(mode="after")
     def _complete(self) -> ProgramRow:

@@ -16,8 +16,8 @@ from salframe.evaluation.runs.records import Record
 from salframe.evaluation.runs.request import Request, resolve
 from salframe.evaluation.runs.run_folder import MethodStatus, Outcome
 from salframe.evaluation.runs.runner import run_task
-from salframe.evaluation.tasks.running.rows import ProgramRow
-from salframe.evaluation.tasks.running.task import RunningTask, _result
+from salframe.evaluation.tasks.latency.rows import ProgramRow
+from salframe.evaluation.tasks.latency.task import LatencyTask, _result
 from salframe.framework.engines.process_pool import ProcessPool
 from salframe.framework.errors import DataError, MethodFailed
 
@@ -32,7 +32,7 @@ def tiny(tmp_path, monkeypatch):
 
 def running(folder, runs, *methods, engine="processes"):
     request = Request(methods or ("saliency-graph",), str(folder), settings=SETTINGS, engine=engine, runs=runs)
-    return run_task(RunningTask(), request, resolve(request))
+    return run_task(LatencyTask(), request, resolve(request))
 
 
 def test_the_map_that_is_opened_is_the_one_that_users_build(tiny, tmp_path):
@@ -45,7 +45,7 @@ def test_the_map_that_is_opened_is_the_one_that_users_build(tiny, tmp_path):
     assert row.queries == len(salframe.find_dataset(tiny).folds()[0].queries)
     assert min(row.open_s, row.first_ms, row.describe_ms) > 0
     assert 0 < row.query_median_ms <= row.query_p95_ms
-    (table,) = RunningTask.tables([row])
+    (table,) = LatencyTask.tables([row])
     assert table.rows[0][:2] == ["saliency-graph", "annotations, range"]
     assert not list((tmp_path / "runs").rglob("map-*"))
 
@@ -55,7 +55,7 @@ def test_the_map_that_is_opened_is_the_one_that_users_build(tiny, tmp_path):
 def test_memory_is_that_of_a_process_of_its_own(tiny, tmp_path, engine):
     """A few pictures and graphs, and what the first question imports."""
     row = running(tiny, tmp_path / "runs", engine=engine).row("saliency-graph")
-    assert 0 <= row.opened_mb <= row.asked_mb < 400
+    assert 0 <= row.opened_mb <= row.queried_mb < 400
 
 
 def asked(query_ms, first=False, **given):
@@ -66,17 +66,17 @@ def asked(query_ms, first=False, **given):
 
 def summarize(*rows):
     record = Record("m", Outcome(MethodStatus.DONE, None, ("range",)), rows, Path())
-    (row,) = RunningTask().summarize([(SimpleNamespace(pieces=rows), [record])], 0)
+    (row,) = LatencyTask().summarize([(SimpleNamespace(pieces=rows), [record])], 0)
     return row
 
 
 def test_the_first_question_of_each_process_stands_apart():
     """Two processes, whose first questions take 300 and 500 ms; of 1 to 9 ms the median is 5."""
-    firsts = [asked(ms, first=True, asked_mb=mb) for ms, mb in ((300.0, 20.0), (500.0, 40.0))]
+    firsts = [asked(ms, first=True, queried_mb=mb) for ms, mb in ((300.0, 20.0), (500.0, 40.0))]
     row = summarize(
         firsts[0], *(asked(float(ms)) for ms in range(1, 5)), firsts[1], *map(asked, (5.0, 6.0, 7.0, 8.0, 9.0))
     )
-    assert (row.first_ms, row.asked_mb, row.query_median_ms, row.describe_ms) == (410.0, 30.0, 5.0, 10.0)
+    assert (row.first_ms, row.queried_mb, row.query_median_ms, row.describe_ms) == (410.0, 30.0, 5.0, 10.0)
     assert row.query_p95_ms == pytest.approx(np.percentile(np.arange(1, 10), 95))
     assert (row.scenes, row.bytes_per_scene, row.reason) == (4, 250.0, None)
 

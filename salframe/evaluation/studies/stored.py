@@ -19,18 +19,18 @@ from salframe.framework.files.reading import read_model
 from salframe.framework.validation import Settings
 from salframe.framework.version import __version__
 
-KEPT_FORMAT: Literal[1] = 1
+RESULTS_FORMAT: Literal[2] = 2
 DIGITS = 6
 """Number of significant digits that are stored."""
 EXCLUDED_FIELDS = frozenset({"errors", "reason", "classes", "joined"})
 """Fields of rows that are not stored, since they may reveal the content of the data."""
 
 
-class Kept(Settings):
+class StoredTable(Settings):
     """The stored result of a table.
 
     Attributes:
-        known_by: Hash of its settings and of the versions of its components.
+        cache_key: Hash of its settings and of the versions of its components.
         date: Date of the measurement.
         version: Version of salframe.
         machine: Number of cores and architecture.
@@ -39,7 +39,7 @@ class Kept(Settings):
         seconds: Duration of the work of all methods; None where some of it was resumed.
     """
 
-    known_by: str
+    cache_key: str
     date: str
     version: str
     machine: str
@@ -51,12 +51,12 @@ class Kept(Settings):
 class Results(Settings):
     """The stored results of an experiment: tables by name, of the whole measurement and of the quick one."""
 
-    format: Literal[1] = KEPT_FORMAT
-    whole: dict[str, Kept] = Field({})
-    quick: dict[str, Kept] = Field({})
+    format: Literal[2] = RESULTS_FORMAT
+    whole: dict[str, StoredTable] = Field({})
+    quick: dict[str, StoredTable] = Field({})
 
 
-def keep(result: StudyResult, cache_key: str) -> Kept:
+def store_table(result: StudyResult, cache_key: str) -> StoredTable:
     """Return the result of a study for storage: numbers and settings, without anything that names the data."""
     rows = []
     for row in result.rows:
@@ -65,8 +65,8 @@ def keep(result: StudyResult, cache_key: str) -> Kept:
     machine = f"{os.cpu_count()} cores, {platform.machine()}"
     settings = tuple(dict(one) for one in result.settings)
     today = date.today().isoformat()
-    return Kept(
-        known_by=cache_key,
+    return StoredTable(
+        cache_key=cache_key,
         date=today,
         version=__version__,
         machine=machine,
@@ -93,19 +93,19 @@ def _short(value: Any) -> Any:
     return [_short(one) for one in value] if isinstance(value, list | tuple) else value
 
 
-def kept_rows(study: Study, stored: Kept) -> list[MethodRow]:
+def stored_rows(study: Study, stored: StoredTable) -> list[MethodRow]:
     """Return the stored rows of methods. Raises DataError."""
     return [study.kind.line.from_json(row, f"the stored row of {row.get('method')}") for row in stored.rows]
 
 
-def has_ended(study: Study, stored: Kept) -> bool:
+def has_ended(study: Study, stored: StoredTable) -> bool:
     """Return whether every method completed its work. Otherwise the table is measured again."""
-    return all(row.ended is MethodStatus.DONE and not row.crashed for row in kept_rows(study, stored))
+    return all(row.ended is MethodStatus.DONE and not row.crashed for row in stored_rows(study, stored))
 
 
-def kept_tables(study: Study, stored: Kept, columns: Sequence[str] = ()) -> list[Table]:
+def stored_tables(study: Study, stored: StoredTable, columns: Sequence[str] = ()) -> list[Table]:
     """Return the stored rows as tables. `columns` are the names of the columns, by default the usual ones."""
-    rows = kept_rows(study, stored)
+    rows = stored_rows(study, stored)
     return study.kind.tables(rows, columns, leading_columns(study.kind, rows, stored.settings))
 
 

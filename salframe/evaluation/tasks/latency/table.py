@@ -1,15 +1,15 @@
-"""The table of the task `running`: its rows and columns."""
+"""The table of the task `latency`: its rows and columns."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from salframe.evaluation.runs.method_row import MethodRow
-from salframe.evaluation.tables.columns import GIVEN, Column, bytes_column, cost_column, count_column
+from salframe.evaluation.tables.columns import INPUT, Column, bytes_column, cost_column, count_column
 
 
 @dataclass(frozen=True, kw_only=True)
-class RunningRow(MethodRow):
+class LatencyRow(MethodRow):
     """The row of a method. The map is the saved map of the first fold.
 
     Attributes:
@@ -30,7 +30,7 @@ class RunningRow(MethodRow):
     bytes_per_scene: float | None = None
     open_s: float | None = None
     opened_mb: float | None = None
-    asked_mb: float | None = None
+    queried_mb: float | None = None
     first_ms: float | None = None
     describe_ms: float | None = None
     query_median_ms: float | None = None
@@ -41,14 +41,14 @@ class RunningRow(MethodRow):
         return self.query_median_ms is not None
 
 
-COLUMNS: dict[str, Column[RunningRow]] = {
-    "given": GIVEN,
+COLUMNS: dict[str, Column[LatencyRow]] = {
+    "input": INPUT,
     "scenes": count_column("scenes", lambda row: row.scenes),
     "bytes": bytes_column("bytes\n/scene", lambda row: row.bytes_per_scene),
     "open": cost_column("open\nms", lambda row: None if row.open_s is None else row.open_s * 1e3),
     "opened": cost_column("opened\nMB", lambda row: row.opened_mb, 0),
     "first": cost_column("first\nms", lambda row: row.first_ms),
-    "asked": cost_column("asked\nMB", lambda row: row.asked_mb, 0),
+    "asked": cost_column("asked\nMB", lambda row: row.queried_mb, 0),
     "describe": cost_column("describe\nms", lambda row: row.describe_ms),
     "median": cost_column("query\nmedian ms", lambda row: row.query_median_ms),
     "p95": cost_column("query\np95 ms", lambda row: row.query_p95_ms),

@@ -25,21 +25,21 @@ class FoundLine:
     Attributes:
         by: Name of the group.
         objects: Number of objects.
-        found: Share of the objects that were detected.
+        detection_rate: Share of the objects that were detected.
         modelled: Mean probability of detection by the model.
         right: Share of the objects that were detected with the correct label.
     """
 
     by: str
     objects: int
-    found: float | None
+    detection_rate: float | None
     modelled: float | None
     right: float | None
 
 
 def by_sight(observations: Observations, sensor: SensorModel) -> Iterator[FoundLine]:
     """Yield the line of all objects, and of groups by size, range and hidden share."""
-    shown, is_found, is_right = observations.shown, observations.found, observations.right
+    shown, is_detected, is_right = observations.shown, observations.is_detected, observations.right
     probability = _modelled(observations, sensor)
     apparent_deg = np.degrees(2 * np.sqrt(shown.solid_angle_sr / np.pi))
     splits = (
@@ -47,12 +47,12 @@ def by_sight(observations: Observations, sensor: SensorModel) -> Iterator[FoundL
         ("{} m away", shown.range_m, RANGES_M),
         ("{} of the outline hidden", shown.hidden_share, HIDDEN),
     )
-    yield _line("all", np.ones(len(is_found), bool), is_found, probability, is_right)
+    yield _line("all", np.ones(len(is_detected), bool), is_detected, probability, is_right)
     for words, values, parts in splits:
         bins = np.digitize(values, parts)
         between = [f"{low} to {high}" for low, high in pairwise(parts)]
         for number, name in enumerate([f"under {parts[0]}", *between, f"{parts[-1]} and more"]):
-            yield _line(words.format(name), (bins == number) & np.isfinite(values), is_found, probability, is_right)
+            yield _line(words.format(name), (bins == number) & np.isfinite(values), is_detected, probability, is_right)
 
 
 def by_label(observations: Observations, sensor: SensorModel) -> Iterator[FoundLine]:
@@ -60,19 +60,19 @@ def by_label(observations: Observations, sensor: SensorModel) -> Iterator[FoundL
     probability = _modelled(observations, sensor)
     for label, _ in Counter(observations.shown.labels).most_common(COMMONEST):
         chosen = np.array([other == label for other in observations.shown.labels])
-        yield _line(label, chosen, observations.found, probability, observations.right)
+        yield _line(label, chosen, observations.is_detected, probability, observations.right)
 
 
 def _modelled(observations: Observations, sensor: SensorModel) -> np.ndarray:
     """Return the probability (N,) of detection of each object by the model."""
     shown = observations.shown
-    return sensor.found.probability(shown.labels, shown.solid_angle_sr, shown.range_m, shown.hidden_share)
+    return sensor.detection.probability(shown.labels, shown.solid_angle_sr, shown.range_m, shown.hidden_share)
 
 
 def _line(
-    by: str, chosen: np.ndarray, is_found: np.ndarray, probability: np.ndarray, is_right: np.ndarray
+    by: str, chosen: np.ndarray, is_detected: np.ndarray, probability: np.ndarray, is_right: np.ndarray
 ) -> FoundLine:
     count = int(chosen.sum())
     if not count:
         return FoundLine(by, 0, None, None, None)
-    return FoundLine(by, count, *(float(values[chosen].mean()) for values in (is_found, probability, is_right)))
+    return FoundLine(by, count, *(float(values[chosen].mean()) for values in (is_detected, probability, is_right)))

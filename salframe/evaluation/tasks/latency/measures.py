@@ -10,12 +10,12 @@ import numpy as np
 from salframe.evaluation.runs.records import Record, in_common
 from salframe.evaluation.runs.rows import PieceStatus
 from salframe.evaluation.statistics import median
-from salframe.evaluation.tasks.running.rows import ProgramRow
-from salframe.evaluation.tasks.running.table import RunningRow
+from salframe.evaluation.tasks.latency.rows import ProgramRow
+from salframe.evaluation.tasks.latency.table import LatencyRow
 
 
-def summarize_program(records: Sequence[Record[ProgramRow]], queries: int) -> RunningRow:
-    line = RunningRow(**in_common(records), queries=queries)
+def summarize_program(records: Sequence[Record[ProgramRow]], queries: int) -> LatencyRow:
+    line = LatencyRow(**in_common(records), queries=queries)
     rows = [row for record in records for row in record.rows if row is not None and row.status == PieceStatus.OK]
     if not rows or not all(record.done for record in records):
         return line
@@ -32,7 +32,7 @@ def summarize_program(records: Sequence[Record[ProgramRow]], queries: int) -> Ru
         bytes_per_scene=size / scenes if size is not None and scenes else None,
         open_s=median([row.open_s for row in firsts if row.open_s is not None]),
         opened_mb=median([row.opened_mb for row in firsts if row.opened_mb is not None]),
-        asked_mb=median([row.asked_mb for row in firsts if row.asked_mb is not None]),
+        queried_mb=median([row.queried_mb for row in firsts if row.queried_mb is not None]),
         first_ms=median([(row.describe_ms or 0.0) + (row.query_ms or 0.0) for row in firsts]),
         describe_ms=median([row.describe_ms for row in later if row.describe_ms is not None]),
         query_median_ms=median(query_ms),

@@ -1,0 +1,1 @@
+"""The task `latency`: the latency and memory of a saved map."""

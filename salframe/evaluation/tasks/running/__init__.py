@@ -1,1 +1,0 @@
-"""The task `running`: the latency and memory of a saved map."""
