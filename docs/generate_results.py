@@ -52,9 +52,9 @@ def _options(experiment: Experiment) -> str:
 
 
 def _table(study: TableStudy, stored: StoredTable, how: str) -> list[str]:
-    took = "" if kept.seconds is None else f", {duration(kept.seconds)}"
-    parts = [f"**{study.title}** ({kept.date}, {kept.machine}{took}{how})"]
-    for table in stored_tables(study, kept, study.columns):
+    took = "" if stored.seconds is None else f", {duration(stored.seconds)}"
+    parts = [f"**{study.title}** ({stored.date}, {stored.machine}{took}{how})"]
+    for table in stored_tables(study, stored, study.columns):
         parts += [f"*{table.title}*"] if table.title else []
         parts.append(to_markdown(table).rstrip())
     return parts

@@ -29,7 +29,7 @@ def turned_by(bearings, angle_rad):
 
 
 class Furnished(Dataset):
-    """Rooms with a reference frame in the middle, another in a corner, a transition, and a query a step from the middle."""
+    """Rooms with a reference frame in the middle and in a corner, a transition, and a query a step from the middle."""
 
     name = "furnished"
     version = "1"

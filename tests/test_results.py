@@ -60,12 +60,12 @@ def test_a_measured_table_says_what_each_method_was_given():
             place = header.index("input")
             assert all(len(row) == len(header) and row[place] for row in rest)
         else:
-            assert set(header) & {"MMA@3 %", "ROC area", "the model says %"}
+            assert set(header) & {"MMA@3 %", "ROC area", "model %"}
 
 
 def test_every_row_of_readmes_results_stands_on_the_page_of_results():
     header, *told = tables(README.partition("\n## Results")[2].partition("\n## ")[0])[0]
-    assert header[:3] == ["method", "input", "accuracy % (95 %)"]
+    assert header[:3] == ["method", "input", "accuracy % (95 % CI)"]
     assert len(told) == 10
     measured = [set(row) for table in tables(RESULTS) for row in table]
     for row in told:

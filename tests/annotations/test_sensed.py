@@ -21,8 +21,8 @@ from salframe.panoramas.panorama import Annotations, ObjectBoxes, Panorama
 
 HEIGHT, OBJECTS, FRAMES = 64, 8, 400
 SHIPPED = {
-    "panoseg": "e5ac6052cb70d442dc39c74d43abe1c3fa9b4db6b1f33e95b259baf1762bb2c1",
-    "segments": "6950c6845c1d2a216222636a6a0c38ea4babc8450c7a1a48a6381fefdcf35645",
+    "panoseg": "2efe9ebb73c427ba9446c90c8225b45b7d503f22a7fbbc7d2509c039cf50e8a3",
+    "segments": "0f68e6043ef82e753261ca7c50fc7092a19767aca9feeed0b2ec074eef60dd34",
 }
 """The sha256 of the sensor models that come with version 2 of the detector: others belong to another version."""
 

@@ -34,7 +34,7 @@ def test_a_pair_by_onnxruntime(benchmark, images):
 
 
 def test_a_pair_whose_views_are_known(benchmark, images):
-    """As most of a query is: its views are matched with one reference frame after the other, and their features are kept."""
+    """Most of a query: its views are matched with each reference frame, and their features are cached."""
     network = Network(LOFTR_COMPACT.paths())
     first, second = map(network.features, images)
     cells, _, _ = benchmark(network.match, first, second)

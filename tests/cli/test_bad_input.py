@@ -297,7 +297,7 @@ def test_a_detector_that_lacks_something_is_named_and_others_that_could_look(dat
     assert not any("annotations" in one for one in offered)
     (row,) = compare("./data", "--json", *offered[0].split()).json["rows"]
     assert (row["available"], row["status"].get("crashed")) == (True, None)
-    assert set(row["given"]) <= {"rgb", "range"}
+    assert set(row["input"]) <= {"rgb", "range"}
 
 
 def test_where_no_detector_can_look_that_is_said(data, monkeypatch):

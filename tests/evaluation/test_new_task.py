@@ -48,7 +48,7 @@ class SizeLine(MethodRow):
 
 COLUMNS: dict[str, Column[SizeLine]] = {
     "input": INPUT,
-    "small": rate_column("small %\n(95 %)", lambda line: line.small),
+    "small": rate_column("small %\n(95 % CI)", lambda line: line.small),
 }
 
 
@@ -127,7 +127,7 @@ def test_it_has_rows_and_a_line(result):
 
 def test_it_has_a_table_and_json(result):
     (table,) = result.tables()
-    assert table.headings == ("method", "input", "small %\n(95 %)")
+    assert table.headings == ("method", "input", "small %\n(95 % CI)")
     assert table.rows[0][0] == "reader"
     assert table.rows[0][2].startswith("100.0 (")
     (row,) = result.to_json()["rows"]

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from apartment_plugin import Apartment, mapping, masks
+from apartment_plugin import Apartment, references, masks
 from salframe_planners.planners import Dijkstra
 
 from salframe.framework.errors import DataError
@@ -81,7 +81,7 @@ def test_an_episode_that_cannot_be_walked_costs_only_itself(sites, entry, line):
 
 
 def test_goals_that_what_was_moved_shuts_off_are_not_asked_for():
-    shut = FloorWorld("floor", Apartment(), masks(), mapping(), masks((3.7, 1.0, 4.0, 3.0)))
+    shut = FloorWorld("floor", Apartment(), masks(), references(), masks((3.7, 1.0, 4.0, 3.0)))
     sites = {"floor": Site(shut, Guide(shut.chart, Dijkstra.Config()))}
     with pytest.raises(DataError, match="floor gives no episode"):
         draw_episodes(sites, 5, 3)

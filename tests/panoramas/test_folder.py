@@ -212,7 +212,7 @@ def test_valid_mask_marks_a_partial_field_of_view(folder: Path) -> None:
         (lambda m: m.pop("frames"), r"manifest.json: frames is missing"),
         (lambda m: m.update(frames=[]), r"0 frames and none to map with"),
         (lambda m: m.update(version=2), r"version: received 2, expected 1"),
-        (lambda m: m["frames"][0].pop("pose"), r"the reference frame a has no pose"),
+        (lambda m: m["frames"][0].pop("pose"), r"the map frame a has no pose"),
         (lambda m: m["frames"][1].pop("place"), r"the transition frame t has no place"),
         (lambda m: m["frames"][2].update(place="room-a"), r"the query q has a pose or place in the manifest"),
         (lambda m: m["frames"][1].update(id="a"), r"two frames have the id a"),

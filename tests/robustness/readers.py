@@ -197,7 +197,7 @@ def _write_run(root: Path, data: Path) -> None:
     write_json(root / "env.json", {"dataset_fingerprint": "0", "python": "3.11"})
     write_json(root / "notes.json", ["a note"])
     folder = root / "methods" / "objects"
-    write_json(folder / "outcome.json", {"status": "done", "reason": None, "given": ["rgb"]})
+    write_json(folder / "outcome.json", {"status": "done", "reason": None, "input": ["rgb"]})
     write_json(folder / "identity.json", {"sha256": "0", "source": None})
     answer = {"fold": "all", "query": "q", "places": [["m", "kitchen", 0.5]], "pose": np.eye(4).ravel().tolist()}
     cost = {"query_ms": 1.0, "describe_ms": 2.0, "peak_memory_mb": None, "status": "ok", "error": None, "heading": 0.1}

@@ -14,7 +14,7 @@ from salframe.evaluation.runs.records import Part, Piece, PieceRowT, Record, Sur
 from salframe.evaluation.runs.request import Request, Resolved, resolve
 from salframe.evaluation.runs.rows import PieceRow, Row
 from salframe.evaluation.runs.run_folder import ROWS, Run
-from salframe.evaluation.tables.columns import SEEDS, Column
+from salframe.evaluation.tables.columns import SEED_RANGE, Column
 from salframe.evaluation.tables.reported import Reported
 from salframe.evaluation.tables.table import Table, draw_table
 from salframe.framework.validation import Settings
@@ -128,7 +128,7 @@ class Task(ABC, Generic[Piece, Surveyed, PieceRowT, LineT]):
         """Return the columns of these names; by default the usual ones."""
         selected = [cls.columns[name] for name in names or cls.usual]
         spread = bool(names) or any(row.by_part for row in rows)
-        return [column for column in selected if spread or column is not SEEDS]
+        return [column for column in selected if spread or column is not SEED_RANGE]
 
     @classmethod
     def details(cls, rows: Sequence[LineT]) -> list[Table]:

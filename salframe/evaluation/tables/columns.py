@@ -51,7 +51,7 @@ INPUT: Column[TableRow] = Column(
     "input", lambda row: ", ".join(row.input).replace("rgb", "colour") or NONE, unmeasured=True
 )
 """The input of a method."""
-SEEDS: Column[TableRow] = Column("of each\nseed %", lambda row: _spread(row.by_part))
+SEED_RANGE: Column[TableRow] = Column("per-seed\nrange %", lambda row: _spread(row.by_part))
 """The per-seed range of the first figure."""
 
 

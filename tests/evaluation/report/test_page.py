@@ -63,7 +63,7 @@ def test_runs_side_by_side_pool_seeds(fakes, read, tmp_path):
     assert [arm["name"] for arm in content["arms"]] == ["reader", "offset=1"]
     assert table["headings"][:2] == ["offset", "seeds"]
     assert [row[:2] for row in table["rows"]] == [["0", "2"], ["1", "2"]]
-    accuracy = table["headings"].index("accuracy %\n(95 %)")
+    accuracy = table["headings"].index("accuracy %\n(95 % CI)")
     assert [row[accuracy].split()[0] for row in table["rows"]] == ["100.0", "20.0"]  # of five rooms the last is right
     assert len(content["sets"]) == 2  # two buildings, each with both arms
     assert all(asked["answers"].keys() == {"0", "1"} for asked in content["sets"])

@@ -48,10 +48,10 @@ def test_a_method_with_the_file_knows_what_it_does_not(fitted, read):
     )
     before, after = plain.row("reader"), known.row("reader")
     assert (before.queries, before.absent_queries, before.accuracy.value) == (20, 10, 0.5)
-    assert (before.present_accuracy.value, before.denied_absent.value, before.calibration_error) == (1.0, 0.0, None)
+    assert (before.present_accuracy.value, before.rejection_rate.value, before.calibration_error) == (1.0, 0.0, None)
     assert before.roc_area.value == 1.0  # 0 where the room is there, -1 where it is not
-    assert before.accepted_absent == 0.0
-    assert (after.accuracy.value, after.present_accuracy.value, after.denied_absent.value) == (1.0, 1.0, 1.0)
+    assert before.false_accept_rate == 0.0
+    assert (after.accuracy.value, after.present_accuracy.value, after.rejection_rate.value) == (1.0, 1.0, 1.0)
     assert after.roc_area.value == 1.0
     assert after.calibration_error < 0.15
     assert after.status == {"ok": 10, "out-of-map": 10}

@@ -34,8 +34,8 @@ ROWS = [
 
 
 def test_a_table_has_a_row_a_method_and_says_what_it_was_given():
-    (table,) = LocalizationTask.tables(ROWS, ("input", "accuracy", "seeds", "p"))
-    assert table.headings == ("method", "input", "accuracy %\n(95 %)", "of each\nseed %", "p\n(Holm)")
+    (table,) = LocalizationTask.tables(ROWS, ("input", "accuracy", "seed_range", "p"))
+    assert table.headings == ("method", "input", "accuracy %\n(95 % CI)", "per-seed\nrange %", "p\n(Holm)")
     assert list(map(list, table.rows)) == [
         ["a_b", "annotations + panoseg noise, range", "75.0 (38-100)", "50-100", ""],
         ["50 % | more", "colour", "50.0 (25-100)", "25-75", "0.042"],
@@ -44,7 +44,7 @@ def test_a_table_has_a_row_a_method_and_says_what_it_was_given():
     assert table.best == {(0, 2)}
 
 
-@pytest.mark.parametrize(("largest", "best"), [("macro_recall", 1), ("accepted_absent", 0), ("calibration_error", 0)])
+@pytest.mark.parametrize(("largest", "best"), [("macro_recall", 1), ("false_accept_rate", 0), ("calibration_error", 0)])
 def test_the_best_is_the_largest_or_the_least(largest, best):
     rows = [row("a", 0.5, **{largest: 0.1}), row("b", 0.5, **{largest: 0.9})]
     (table,) = LocalizationTask.tables(rows, (largest,))
@@ -63,8 +63,8 @@ def test_rows_of_other_data_do_not_compete():
 
 
 def test_what_is_usual_has_the_spread_of_seeds_only_where_there_are_some():
-    assert "of each\nseed %" in LocalizationTask.tables(ROWS)[0].headings
-    assert "of each\nseed %" not in LocalizationTask.tables([row("a", 1.0)])[0].headings
+    assert "per-seed\nrange %" in LocalizationTask.tables(ROWS)[0].headings
+    assert "per-seed\nrange %" not in LocalizationTask.tables([row("a", 1.0)])[0].headings
 
 
 def test_queries_without_their_place_have_a_table_of_their_own():
@@ -92,7 +92,7 @@ def test_every_usual_column_is_there(task):
 def test_markdown_bolds_the_best_and_escapes_bars():
     (table,) = LocalizationTask.tables(ROWS[:2], ("accuracy",))
     assert to_markdown(table) == (
-        "| method | accuracy % (95 %) |\n|---|---|\n| a_b | **75.0 (38-100)** |\n| 50 % \\| more | 50.0 (25-100) |\n"
+        "| method | accuracy % (95 % CI) |\n|---|---|\n| a_b | **75.0 (38-100)** |\n| 50 % \\| more | 50.0 (25-100) |\n"
     )
 
 

@@ -79,8 +79,8 @@ def _overall(row: DetectionRow, get: Callable[[Counts], int]) -> str:
 
 COLUMNS: dict[str, Column[DetectionRow]] = {
     "input": INPUT,
-    "precision": rate_column("precision %\n(95 %)", lambda row: row.precision),
-    "recall": rate_column("recall %\n(95 %)", lambda row: row.recall),
+    "precision": rate_column("precision %\n(95 % CI)", lambda row: row.precision),
+    "recall": rate_column("recall %\n(95 % CI)", lambda row: row.recall),
     "annotated": Column("annotated", lambda row: _overall(row, lambda counts: counts.annotated)),
     "detections": Column("detections", lambda row: _overall(row, lambda counts: counts.detections)),
     "right": Column("right", lambda row: _overall(row, lambda counts: counts.right)),

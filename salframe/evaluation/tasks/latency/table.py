@@ -18,7 +18,7 @@ class LatencyRow(MethodRow):
         bytes_per_scene: Size of the saved map with its index, per scene.
         open_s: Time to open the map in a process that has only imported salframe.
         opened_mb: Memory (1e6 bytes) that opening the map takes; None on systems other than Linux.
-        asked_mb: The same after the first query.
+        queried_mb: The same after the first query.
         first_ms: Time to describe and answer the first query.
         describe_ms: Median time to describe a later query.
         query_median_ms: Median time to answer a later query.
@@ -48,7 +48,7 @@ COLUMNS: dict[str, Column[LatencyRow]] = {
     "open": cost_column("open\nms", lambda row: None if row.open_s is None else row.open_s * 1e3),
     "opened": cost_column("opened\nMB", lambda row: row.opened_mb, 0),
     "first": cost_column("first\nms", lambda row: row.first_ms),
-    "asked": cost_column("asked\nMB", lambda row: row.queried_mb, 0),
+    "queried": cost_column("after a query\nMB", lambda row: row.queried_mb, 0),
     "describe": cost_column("describe\nms", lambda row: row.describe_ms),
     "median": cost_column("query\nmedian ms", lambda row: row.query_median_ms),
     "p95": cost_column("query\np95 ms", lambda row: row.query_p95_ms),

@@ -175,7 +175,7 @@ def _query_program(query: str) -> Row:
     query_ms = 1e3 * (time.perf_counter() - start)
     first, program.has_answered = not program.has_answered, True
     cost = {"first": first, "describe_ms": 1e3 * seconds, "query_ms": query_ms}
-    return {**cost, "asked_mb": _more(program.before_mb)} if first else cost
+    return {**cost, "queried_mb": _more(program.before_mb)} if first else cost
 
 
 def _more(before_mb: float | None) -> float | None:

@@ -100,9 +100,9 @@ def _confidence_measures(judged: Judged, seed: int) -> dict[str, Any]:
             "absent_queries": int(absent.sum()),
             "present_accuracy": _rate(judged.correct, judged, judged.present),
             "present_scene_accuracy": float(judged.correct_scene[judged.present].mean()) if present else None,
-            "denied_absent": _rate(judged.correct, judged, absent),
+            "rejection_rate": _rate(judged.correct, judged, absent),
             "precision_at": precision_at(judged.evidence, right, present),
-            "accepted_absent": false_accept_rate(judged.evidence[right], judged.evidence[absent]),
+            "false_accept_rate": false_accept_rate(judged.evidence[right], judged.evidence[absent]),
         }
         for name, area in {"average_precision": _average_precision, "roc_area": _roc_area}.items():
             measures[name] = estimate_statistic(partial(area, judged), judged.true_place, seed) if present else None

@@ -24,8 +24,8 @@ def make_islands(
 ) -> Iterator[tuple[str, str]]:
     """Yield the ids and texts of islands.
 
-    In set s, q{s}-{i} is query i and f{s}-{j} is reference frame j. Their panoramas are pq{s}-{i} and pf{s}-{j}; a frame that
-    cannot be read has none.
+    In set s, q{s}-{i} is query i and f{s}-{j} is reference frame j. Their panoramas are pq{s}-{i} and pf{s}-{j}; a
+    frame that cannot be read has none.
     """
     total, done = sum(len(query_set.queries) + len(details.frames) for query_set, details in sets), 0
     for s, (query_set, details) in enumerate(sets):

@@ -9,7 +9,7 @@ from salframe.evaluation.runs.method_row import MethodRow
 from salframe.evaluation.statistics import Estimate
 from salframe.evaluation.tables.columns import (
     INPUT,
-    SEEDS,
+    SEED_RANGE,
     Column,
     area_column,
     bytes_column,
@@ -28,20 +28,19 @@ class LocalizationRow(MethodRow):
     """The row of a method. Shares are over all queries, and a failure counts as wrong.
 
     An Estimate has the 95 % interval of queries clustered by place. The fields from `absent_queries` to
-    `accepted_absent` are measured where the map of some queries does not contain their place (out-of-map queries).
+    `false_accept_rate` are measured where the map of some queries does not contain their place (out-of-map queries).
 
     Attributes:
         queries: Number of queries.
         absent_queries: Number of out-of-map queries.
         present_accuracy: Accuracy of the other queries.
         present_scene_accuracy: The same without transition frames.
-        denied_absent: Rejection rate: share of out-of-map queries that are rejected.
+        rejection_rate: Rejection rate: share of out-of-map queries that are rejected.
         precision_at: Precision of accepted answers at the recalls statistics.AT_RECALLS.
         average_precision: Area under the precision-recall curve.
         roc_area: Area under the ROC curve of telling out-of-map queries from others by the probability of being in the
             map, or by the best score.
-        accepted_absent: False accept rate: share of out-of-map queries that are accepted at the threshold that accepts
-            90 % of the correct answers.
+        false_accept_rate: Share of out-of-map queries that are accepted at the threshold that accepts 90 % of the correct answers.
         calibration_error: Expected calibration error, where the method has probabilities.
         accuracy: Share of correct answers.
         scene_accuracy: Accuracy without transition frames.
@@ -68,11 +67,11 @@ class LocalizationRow(MethodRow):
     absent_queries: int = 0
     present_accuracy: Estimate | None = None
     present_scene_accuracy: float | None = None
-    denied_absent: Estimate | None = None
+    rejection_rate: Estimate | None = None
     precision_at: tuple[float | None, ...] = ()
     average_precision: Estimate | None = None
     roc_area: Estimate | None = None
-    accepted_absent: float | None = None
+    false_accept_rate: float | None = None
     calibration_error: float | None = None
     accuracy: Estimate | None = None
     scene_accuracy: float | None = None
@@ -106,7 +105,7 @@ def _pose(row: LocalizationRow) -> str:
     return NONE if row.median_heading_deg is None else f"{row.median_heading_deg:.1f}°"
 
 
-def _within(row: LocalizationRow) -> str:
+def _pose_recall(row: LocalizationRow) -> str:
     recalls = (row.recall_025m_2deg, row.recall_05m_5deg, row.recall_1m_10deg)
     return "/".join(f"{recall * 100:.0f}" for recall in recalls if recall is not None) or NONE
 
@@ -118,25 +117,25 @@ def _precision_at(row: LocalizationRow) -> str:
 
 COLUMNS: dict[str, Column[LocalizationRow]] = {
     "input": INPUT,
-    "accuracy": rate_column("accuracy %\n(95 %)", lambda row: row.accuracy),
-    "seeds": SEEDS,
-    "scenes": share_column("scenes\nonly %", lambda row: row.scene_accuracy),
+    "accuracy": rate_column("accuracy %\n(95 % CI)", lambda row: row.accuracy),
+    "seed_range": SEED_RANGE,
+    "scene_accuracy": share_column("without\ntransitions %", lambda row: row.scene_accuracy),
     "macro_precision": share_column("macro\nprecision %", lambda row: row.macro_precision),
     "macro_recall": share_column("macro\nrecall %", lambda row: row.macro_recall),
-    "room_type": rate_column("room type %\n(95 %)", lambda row: row.room_type_accuracy),
+    "room_type": rate_column("room type %\n(95 % CI)", lambda row: row.room_type_accuracy),
     "recall_at_2": share_column("R@2\n%", lambda row: row.recall_at_2),
     "recall_at_5": share_column("R@5\n%", lambda row: row.recall_at_5),
     "pose": Column("median\npose error", _pose),
     "heading": number_column("median\nheading error deg", lambda row: row.median_heading_deg, 1),
-    "within": Column("pose within\n.25/.5/1 m %", _within),
-    "present_accuracy": rate_column("in the map:\nright % (95 %)", lambda row: row.present_accuracy),
-    "present_scenes": share_column("scenes\nonly %", lambda row: row.present_scene_accuracy),
-    "denied_absent": rate_column("not in it:\ndenied % (95 %)", lambda row: row.denied_absent),
+    "pose_recall": Column("pose recall %\n.25/.5/1 m", _pose_recall),
+    "present_accuracy": rate_column("in the map:\nright % (95 % CI)", lambda row: row.present_accuracy),
+    "present_scene_accuracy": share_column("without\ntransitions %", lambda row: row.present_scene_accuracy),
+    "rejection_rate": rate_column("not in it:\ndenied % (95 % CI)", lambda row: row.rejection_rate),
     "precision_at": Column("precision % at\nrecall 50/75/90 %", _precision_at),
     "average_precision": area_column("average\nprecision", lambda row: row.average_precision),
     "roc_area": area_column("ROC\narea", lambda row: row.roc_area),
-    "accepted_absent": share_column(
-        "not in it: accepted %\nat 90 % of right kept", lambda row: row.accepted_absent, largest=False
+    "false_accept_rate": share_column(
+        "false accept rate %\nat 90 % accepted", lambda row: row.false_accept_rate, largest=False
     ),
     "calibration_error": Column(
         "calibration\nerror", lambda row: fixed(row.calibration_error, 3), lambda row: row.calibration_error, False
@@ -148,12 +147,12 @@ COLUMNS: dict[str, Column[LocalizationRow]] = {
     "p": p_value_column(lambda row: row.p_adjusted),
 }
 USUAL = (
-    *("input", "accuracy", "seeds", "scenes", "recall_at_5", "pose", "within"),
+    *("input", "accuracy", "seed_range", "scene_accuracy", "recall_at_5", "pose", "pose_recall"),
     *("bytes", "describe", "query", "p"),
 )
 OUT_OF_MAP = (
-    *("present_accuracy", "present_scenes", "denied_absent", "precision_at", "average_precision", "roc_area"),
-    *("accepted_absent", "calibration_error"),
+    *("present_accuracy", "present_scene_accuracy", "rejection_rate", "precision_at", "average_precision", "roc_area"),
+    *("false_accept_rate", "calibration_error"),
 )
 """Columns of the table of methods with out-of-map queries."""
 ABOUT = (

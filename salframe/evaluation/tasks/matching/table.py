@@ -38,11 +38,11 @@ class MatchingRow(MethodRow):
 
 COLUMNS: dict[str, Column[MatchingRow]] = {
     "input": INPUT,
-    "mma_1": rate_column("MMA@1 %\n(95 %)", lambda row: row.mma_1),
-    "mma_3": rate_column("MMA@3 %\n(95 %)", lambda row: row.mma_3),
-    "mma_5": rate_column("MMA@5 %\n(95 %)", lambda row: row.mma_5),
-    "precision": rate_column("precision %\n(95 %)", lambda row: row.precision),
-    "recall": rate_column("recall %\n(95 %)", lambda row: row.recall),
+    "mma_1": rate_column("MMA@1 %\n(95 % CI)", lambda row: row.mma_1),
+    "mma_3": rate_column("MMA@3 %\n(95 % CI)", lambda row: row.mma_3),
+    "mma_5": rate_column("MMA@5 %\n(95 % CI)", lambda row: row.mma_5),
+    "precision": rate_column("precision %\n(95 % CI)", lambda row: row.precision),
+    "recall": rate_column("recall %\n(95 % CI)", lambda row: row.recall),
     "matches": number_column("matches\na pair", lambda row: row.matches_per_pair, 1),
     "true": number_column("true\na pair", lambda row: row.true_per_pair, 1),
     "unmatched": count_column("pairs without\na match", lambda row: row.pairs_without_match),

@@ -9,7 +9,7 @@ from salframe.evaluation.runs.method_row import MethodRow
 from salframe.evaluation.statistics import Estimate
 from salframe.evaluation.tables.columns import (
     INPUT,
-    SEEDS,
+    SEED_RANGE,
     Column,
     number_column,
     p_value_column,
@@ -55,10 +55,10 @@ def _value_column(heading: str, get: Callable[[NavigationRow], Estimate | None])
 
 COLUMNS: dict[str, Column[NavigationRow]] = {
     "input": INPUT,
-    "success": rate_column("SR %\n(95 %)", lambda row: row.success_rate),
-    "seeds": SEEDS,
+    "success": rate_column("SR %\n(95 % CI)", lambda row: row.success_rate),
+    "seed_range": SEED_RANGE,
     "oracle": _value_column("oracle\nSR %", lambda row: row.oracle_success_rate),
-    "spl": rate_column("SPL %\n(95 %)", lambda row: row.spl),
+    "spl": rate_column("SPL %\n(95 % CI)", lambda row: row.spl),
     "success_1m": _value_column("SR within\n1 m %", lambda row: row.success_rate_1m),
     "success_3m": _value_column("SR within\n3 m %", lambda row: row.success_rate_3m),
     "path": number_column("path\nm", lambda row: row.path_m, 1),

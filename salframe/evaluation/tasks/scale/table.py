@@ -50,7 +50,7 @@ COLUMNS: dict[str, Column[ScaleRow]] = {
     "open": cost_column("open\ns", lambda row: row.open_s),
     "median": cost_column("query\nmedian ms", lambda row: row.query_median_ms),
     "p95": cost_column("query\np95 ms", lambda row: row.query_p95_ms),
-    "recall": rate_column("R@1 %\n(95 %)", lambda row: row.recall_at_1),
+    "recall": rate_column("R@1 %\n(95 % CI)", lambda row: row.recall_at_1),
     "recall_both": rate_column("R@1 %\nof the first 50", lambda row: row.recall_at_1_both),
     "exhaustive": rate_column("these by matching\nall scenes: R@1 %", lambda row: row.recall_at_1_exhaustive),
 }

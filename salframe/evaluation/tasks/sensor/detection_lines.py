@@ -19,7 +19,7 @@ COMMONEST = 10
 
 
 @dataclass(frozen=True)
-class FoundLine:
+class DetectionLine:
     """A group of similar objects.
 
     Attributes:
@@ -37,7 +37,7 @@ class FoundLine:
     right: float | None
 
 
-def by_sight(observations: Observations, sensor: SensorModel) -> Iterator[FoundLine]:
+def by_sight(observations: Observations, sensor: SensorModel) -> Iterator[DetectionLine]:
     """Yield the line of all objects, and of groups by size, range and hidden share."""
     shown, is_detected, is_right = observations.shown, observations.is_detected, observations.right
     probability = _modelled(observations, sensor)
@@ -55,7 +55,7 @@ def by_sight(observations: Observations, sensor: SensorModel) -> Iterator[FoundL
             yield _line(words.format(name), (bins == number) & np.isfinite(values), is_detected, probability, is_right)
 
 
-def by_label(observations: Observations, sensor: SensorModel) -> Iterator[FoundLine]:
+def by_label(observations: Observations, sensor: SensorModel) -> Iterator[DetectionLine]:
     """Yield the lines of the most frequent labels."""
     probability = _modelled(observations, sensor)
     for label, _ in Counter(observations.shown.labels).most_common(COMMONEST):
@@ -71,8 +71,8 @@ def _modelled(observations: Observations, sensor: SensorModel) -> np.ndarray:
 
 def _line(
     by: str, chosen: np.ndarray, is_detected: np.ndarray, probability: np.ndarray, is_right: np.ndarray
-) -> FoundLine:
+) -> DetectionLine:
     count = int(chosen.sum())
     if not count:
-        return FoundLine(by, 0, None, None, None)
-    return FoundLine(by, count, *(float(values[chosen].mean()) for values in (is_detected, probability, is_right)))
+        return DetectionLine(by, 0, None, None, None)
+    return DetectionLine(by, count, *(float(values[chosen].mean()) for values in (is_detected, probability, is_right)))

@@ -15,7 +15,7 @@ from salframe.evaluation.runs.run_folder import MethodStatus, Run
 from salframe.evaluation.runs.runner import records_of, run_task
 from salframe.evaluation.tables.table import Table
 from salframe.evaluation.tables.text import percent
-from salframe.evaluation.tasks.sensor.detection_lines import FoundLine, by_label, by_sight
+from salframe.evaluation.tasks.sensor.detection_lines import DetectionLine, by_label, by_sight
 from salframe.evaluation.tasks.sensor.fitting import fit_sensor, observe
 from salframe.evaluation.tasks.sensor.looks import failures_of, looks_of
 from salframe.evaluation.tasks.sensor.rows import LookRow
@@ -42,7 +42,7 @@ class SensorMeasurement:
     """
 
     sensor: SensorModel
-    lines: tuple[FoundLine, ...]
+    lines: tuple[DetectionLine, ...]
     notes: tuple[str, ...] = ()
     crashed: bool = False
 
@@ -52,7 +52,7 @@ class SensorMeasurement:
 
     def table(self) -> Table:
         """Return the measured and the modelled detection rates as a table."""
-        headings = ("objects", "annotated", "found %", "model %", "found by its\nright name %")
+        headings = ("objects", "annotated", "detected %", "model %", "detected with\nright label %")
         cells = [
             [line.by, str(line.objects), *map(percent, (line.detection_rate, line.modelled, line.right))]
             for line in self.lines

@@ -11,7 +11,7 @@ from salframe.evaluation.statistics import Estimate
 from salframe.evaluation.tables.columns import INPUT, Column, count_column, number_column, rate_column
 from salframe.evaluation.tables.table import Table, leading_methods
 from salframe.evaluation.tables.text import percent
-from salframe.evaluation.tasks.sensor.detection_lines import FoundLine
+from salframe.evaluation.tasks.sensor.detection_lines import DetectionLine
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,7 +40,7 @@ class SensorRow(MethodRow):
     range_share: float | None = None
     size_log: float | None = None
     height_m: float | None = None
-    lines: Mapping[str, FoundLine] = field(default_factory=dict)
+    lines: Mapping[str, DetectionLine] = field(default_factory=dict)
 
     @property
     def measured(self) -> bool:
@@ -49,8 +49,8 @@ class SensorRow(MethodRow):
 
 COLUMNS: dict[str, Column[SensorRow]] = {
     "input": INPUT,
-    "detection_rate": rate_column("detection\nrate % (95 % CI)", lambda row: row.detection_rate),
-    "right": rate_column("found by the\nright name %", lambda row: row.right),
+    "detection_rate": rate_column("detected %\n(95 % CI)", lambda row: row.detection_rate),
+    "right": rate_column("detected with\nright label %", lambda row: row.right),
     "false": number_column("false objects\na panorama", lambda row: row.false_per_panorama, 1),
     "bearing": number_column("bearing\ndeg", lambda row: _scaled(row.bearing_rad, math.degrees(1)), 2),
     "range": number_column("range\n%", lambda row: _scaled(row.range_share, 100), 1),
@@ -79,5 +79,5 @@ def alike_tables(rows: Sequence[SensorRow], leading: Mapping[str, Sequence[str]]
         for row, *labels in zip(rows, *leading.values(), strict=True)
         for name, line in row.lines.items()
     ]
-    headings = (*leading, "objects", "annotated", "found %", "the model\nsays %", "found by its\nright name %")
+    headings = (*leading, "objects", "annotated", "detected %", "model %", "detected with\nright label %")
     return [Table(headings, cells, leading=len(leading) + 1, title="by size, range and what hides them")]

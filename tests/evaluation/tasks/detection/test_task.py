@@ -164,6 +164,6 @@ def test_a_study_of_detectors_is_kept_with_its_precision_and_recall(tiny):
         (drawn,) = result.tables[0].tables()
         told = [dict(zip(drawn.headings, row, strict=True)) for row in drawn.rows]
         (half,) = measure(tiny, 'annotations.noise={"missed": 0.5}').rows
-        recalls = [row["recall %\n(95 %)"].split() for row in told]
+        recalls = [row["recall %\n(95 % CI)"].split() for row in told]
         assert [recall for recall, _ in recalls] == ["100.0", f"{100 * half.overall.recall:.1f}"]
         assert [int(row["right"]) for row in told] == [half.overall.annotated, half.overall.right]

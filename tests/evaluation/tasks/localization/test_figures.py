@@ -42,7 +42,7 @@ def test_recalls_are_of_all_queries(figures):
 
 
 def test_errors_are_drawn_over_all_queries(figures):
-    """Poses are those of the reference frames: off by 0.1 or 0.2 m where the room is right, by 3.8 or 3.9 m from the next."""
+    """Poses are those of the reference frames: off by 0.1 or 0.2 m in the right room, by 3.8 or 3.9 m from the next."""
     curve = trace(figures["Cumulative translation error"], 1)
     assert curve["x"] == pytest.approx([0.01, 0.1, 0.1, 0.2, 0.2, *[3.8] * 2, *[3.9] * 2, 20], abs=1e-3)
     assert curve["y"] == pytest.approx([0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.8])
