@@ -44,14 +44,14 @@ def write(**tables: object) -> Path:
 
 def test_an_experiment_is_measured_once_and_kept(rooms):
     file = write(first=ROOMS)
-    result = run_experiment(file, REQUEST, results="stored")
+    result = run_experiment(file, REQUEST, results="results")
     (table,) = result.tables
     assert table.fresh is not None
     kept = json.loads(Path("results/rooms.json").read_text())["whole"]["first"]
     assert [(row["method"], row["accuracy"]) for row in kept["rows"]] == [("right", 1.0), ("one off", 0.25)]
     assert kept["rows"][1]["p_value"] == table.fresh.rows[1].p_value
     assert 0 < kept["seconds"] < 600
-    again = run_experiment(file, REQUEST, results="stored")
+    again = run_experiment(file, REQUEST, results="results")
     assert again.tables[0].fresh is None
     assert again.tables[0].stored == table.stored
     assert list(map(list, again.tables[0].tables()[0].rows)) == list(map(list, table.tables()[0].rows))
@@ -59,11 +59,11 @@ def test_an_experiment_is_measured_once_and_kept(rooms):
 
 def test_what_is_there_is_measured_again_by_force(rooms):
     file = write(first=ROOMS)
-    (measured,) = run_experiment(file, REQUEST, results="stored").tables
+    (measured,) = run_experiment(file, REQUEST, results="results").tables
     rows = {path: path.read_text() for path in Path("runs").glob("*/methods/*/rows.jsonl")}
     for path, text in rows.items():
         path.write_text(text.replace('"status": "ok"', '"status": "no-match"'))
-    (forced,) = run_experiment(file, REQUEST, results="stored", force=True).tables
+    (forced,) = run_experiment(file, REQUEST, results="results", force=True).tables
     assert (
         [row["accuracy"] for row in forced.stored.rows]
         == [row["accuracy"] for row in measured.stored.rows]
@@ -77,7 +77,7 @@ def test_what_is_there_is_measured_again_by_force(rooms):
 
 def test_what_was_cut_off_when_measured_again_goes_on(rooms, monkeypatch):
     file = write(first=ROOMS)
-    run_experiment(file, REQUEST, results="stored")
+    run_experiment(file, REQUEST, results="results")
     from fake_plugin import Reader
 
     calls, match = [], Reader.match
@@ -90,29 +90,29 @@ def test_what_was_cut_off_when_measured_again_goes_on(rooms, monkeypatch):
 
     monkeypatch.setattr(Reader, "match", cut_off)
     with pytest.raises(KeyboardInterrupt):
-        run_experiment(file, REQUEST, results="stored", force=True)
-    (table,) = run_experiment(file, REQUEST, results="stored", force=True).tables
+        run_experiment(file, REQUEST, results="results", force=True)
+    (table,) = run_experiment(file, REQUEST, results="results", force=True).tables
     assert len(calls) == 17  # the fourth of 16 was asked twice
     assert [row["accuracy"] for row in table.stored.rows] == [1.0, 0.25]
 
 
 def test_another_setting_or_version_is_measured_again(rooms, monkeypatch):
-    run_experiment(write(first=ROOMS), REQUEST, results="stored")
+    run_experiment(write(first=ROOMS), REQUEST, results="results")
     changed = write(first={**ROOMS, "set": {"data.rooms": 5}}, second=ROOMS)
-    first, second = run_experiment(changed, REQUEST, results="stored").tables
+    first, second = run_experiment(changed, REQUEST, results="results").tables
     assert first.fresh is not None
     assert second.fresh is not None
     assert first.stored.rows[0]["queries"] == 10
     from fake_plugin import Reader
 
     monkeypatch.setattr(Reader, "version", "another")
-    assert all(table.fresh is not None for table in run_experiment(changed, REQUEST, results="stored").tables)
+    assert all(table.fresh is not None for table in run_experiment(changed, REQUEST, results="results").tables)
 
 
 def test_the_quick_measurement_stands_beside_the_whole(rooms):
     file = write(first=ROOMS, second={**ROOMS, "quick": False})
-    run_experiment(file, REQUEST, results="stored", quick=True)
-    run_experiment(file, REQUEST, results="stored")
+    run_experiment(file, REQUEST, results="results", quick=True)
+    run_experiment(file, REQUEST, results="results")
     kept = json.loads(Path("results/rooms.json").read_text())
     assert [row["method"] for row in kept["quick"]["first"]["rows"]] == ["one off"]
     assert kept["quick"]["first"]["rows"][0]["accuracy"] == 0.5
@@ -122,26 +122,26 @@ def test_the_quick_measurement_stands_beside_the_whole(rooms):
 
 def test_a_table_that_quick_does_not_change_is_measured_once(rooms):
     file = write(first={**ROOMS, "quick": {}})
-    assert run_experiment(file, REQUEST, results="stored", quick=True).tables[0].fresh is not None
-    assert run_experiment(file, REQUEST, results="stored").tables[0].fresh is None
+    assert run_experiment(file, REQUEST, results="results", quick=True).tables[0].fresh is not None
+    assert run_experiment(file, REQUEST, results="results").tables[0].fresh is None
     kept = json.loads(Path("results/rooms.json").read_text())
     assert kept["whole"] == kept["quick"]
 
 
 def test_a_table_of_which_a_method_crashed_is_measured_again(rooms):
     file = write(first={**ROOMS, "quick": {}})
-    run_experiment(file, REQUEST, results="stored")
+    run_experiment(file, REQUEST, results="results")
     content = json.loads(Path("results/rooms.json").read_text())
     for row in content["whole"]["first"]["rows"]:
         row["status"]["crashed"] = 1
     Path("results/rooms.json").write_text(json.dumps(content))
-    assert run_experiment(file, REQUEST, results="stored").tables[0].fresh is not None
-    assert run_experiment(file, REQUEST, results="stored").tables[0].fresh is None
+    assert run_experiment(file, REQUEST, results="results").tables[0].fresh is not None
+    assert run_experiment(file, REQUEST, results="results").tables[0].fresh is None
 
 
 def test_what_is_kept_names_nothing_of_the_data(rooms):
     broken = {**ROOMS, "methods": ["reader"], "set": {"data.rooms": 4, "data.broken": ["map-1", "query-2-0"]}}
-    run_experiment(write(first=broken), REQUEST, results="stored")
+    run_experiment(write(first=broken), REQUEST, results="results")
     text = Path("results/rooms.json").read_text()
     assert "query-2" not in text.replace(json.dumps(["map-1", "query-2-0"]), "")
     assert "map-1" not in text
@@ -149,7 +149,7 @@ def test_what_is_kept_names_nothing_of_the_data(rooms):
 
 def test_a_table_that_is_wrong_costs_itself(rooms):
     wrong = {**ROOMS, "vary": {"ofset": [1]}}
-    first, second = run_experiment(write(first=wrong, second=ROOMS), REQUEST, results="stored").tables
+    first, second = run_experiment(write(first=wrong, second=ROOMS), REQUEST, results="results").tables
     assert "unknown key 'ofset', did you mean 'offset'?" in first.skipped
     assert second.fresh is not None
 
@@ -158,7 +158,7 @@ def test_wrong_experiments_are_told(rooms):
     with pytest.raises(UnknownName, match="unknown experiment 'roms', did you mean 'rooms'"):
         read_experiment("roms")
     with pytest.raises(ConfigError, match="first: quick: unknown method 'one of', did you mean 'one off'"):
-        run_experiment(write(first={**ROOMS, "quick": {"methods": ["one of"]}}), REQUEST, results="stored", quick=True)
+        run_experiment(write(first={**ROOMS, "quick": {"methods": ["one of"]}}), REQUEST, results="results", quick=True)
     with pytest.raises(ConfigError, match="unknown column 'acuracy'"):
         read_experiment(write(first={**ROOMS, "columns": ["acuracy"]}))
 
@@ -176,13 +176,13 @@ def test_a_shipped_experiment_is_sound(name):
 
 
 def test_the_command_prints_measured_and_reported_apart(rooms):
-    done = run("experiment", str(write(first=ROOMS)), "--engine", "inline", "--results", "stored")
+    done = run("experiment", str(write(first=ROOMS)), "--engine", "inline", "--results", "results")
     assert done.code == 0
     measured, reported = done.out.split("reported, not measured")
     assert "100.0 (68-100)" in measured
     assert "106 rooms" in reported
     assert done.out.rstrip().endswith("kept in results/rooms.json")
-    told = run("experiment", "rooms.yaml", "--engine", "inline", "--results", "stored", "--json").json
+    told = run("experiment", "rooms.yaml", "--engine", "inline", "--results", "results", "--json").json
     assert told[0]["tables"]["first"]["rows"][0]["accuracy"] == 1.0
 
 
@@ -200,7 +200,7 @@ def test_the_command_prints_measured_and_reported_apart(rooms):
     ],
 )
 def test_the_command_prints_what_papers_take(rooms, style, first, row, last):
-    done = run("experiment", str(write(first=ROOMS)), "--engine", "inline", "--results", "stored", "--format", style)
+    done = run("experiment", str(write(first=ROOMS)), "--engine", "inline", "--results", "results", "--format", style)
     assert done.code == 0
     assert done.out.startswith(first)
     assert row in done.out

@@ -101,7 +101,7 @@ def test_latex_is_that_of_booktabs():
     assert to_latex(table).splitlines() == [
         r"\begin{tabular}{lr}",
         r"\toprule",
-        r"method & accuracy \% (95 \%) \\",
+        r"method & accuracy \% (95 \% CI) \\",
         r"\midrule",
         r"a\_b & \textbf{75.0 (38-100)} \\",
         r"50 \% | more & 50.0 (25-100) \\",

@@ -40,7 +40,8 @@ class LocalizationRow(MethodRow):
         average_precision: Area under the precision-recall curve.
         roc_area: Area under the ROC curve of telling out-of-map queries from others by the probability of being in the
             map, or by the best score.
-        false_accept_rate: Share of out-of-map queries that are accepted at the threshold that accepts 90 % of the correct answers.
+        false_accept_rate: Share of out-of-map queries that are accepted at the threshold that accepts 90 %
+            of the correct answers.
         calibration_error: Expected calibration error, where the method has probabilities.
         accuracy: Share of correct answers.
         scene_accuracy: Accuracy without transition frames.
