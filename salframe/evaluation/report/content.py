@@ -10,6 +10,8 @@ from salframe.evaluation.report.summary import describe_run, list_notes
 from salframe.evaluation.report.tables import make_tables
 from salframe.evaluation.report.view import RunView
 
+MAX_NAMES = 4
+"""Maximum number of methods that the title names."""
 FIRST_SHOWN = 8
 """Number of arms whose curves are drawn by default."""
 
@@ -24,7 +26,8 @@ def make_content(views: Sequence[RunView[Any, Any]], arms: Sequence[Arm], about:
     """
     runs = [describe_run(view) for view in views]
     return {
-        "title": ", ".join(dict.fromkeys(view.name for view in views)),
+        "title": _title(views, arms),
+        "subtitle": _subtitle(views),
         "task": views[0].result.task,
         "runs": runs,
         "notes": list_notes(views, arms),
@@ -38,3 +41,20 @@ def make_content(views: Sequence[RunView[Any, Any]], arms: Sequence[Arm], about:
         "walks": [],
         "pictures": False,
     }
+
+
+def _title(views: Sequence[RunView[Any, Any]], arms: Sequence[Arm]) -> str:
+    """Return the methods and the data in words."""
+    names = list(dict.fromkeys(arm.base for arm in arms))
+    shown = names if len(names) <= MAX_NAMES else [*names[: MAX_NAMES - 1], f"{len(names) - MAX_NAMES + 1} more"]
+    methods = shown[0] if len(shown) == 1 else f"{', '.join(shown[:-1])} and {shown[-1]}"
+    data = list(dict.fromkeys(view.name.rpartition("-")[0] for view in views))  # without the key of the request
+    return f"{methods} on {', '.join(data)}"
+
+
+def _subtitle(views: Sequence[RunView[Any, Any]]) -> str:
+    """Return the task, the dates of the runs and the version of salframe in words."""
+    dates = sorted({str(view.result.environment["date"]) for view in views if "date" in view.result.environment})
+    versions = sorted({str(view.result.environment["packages"].get("salframe", "?")) for view in views})
+    days = [dates[0] if dates[0] == dates[-1] else f"{dates[0]} to {dates[-1]}"] if dates else []
+    return ", ".join([views[0].result.task.capitalize(), *days, f"salframe {', '.join(versions)}"])

@@ -39,6 +39,7 @@ def write_page(path: Path, content: Mapping[str, Any], islands: Iterable[tuple[s
     page = _environment().get_template("page.html.jinja")
     parts = page.generate(
         title=content["title"],
+        subtitle=content["subtitle"],
         style=_read(*STYLES),
         plotly=_read("plotly-basic.min.js"),
         script=_read(*SCRIPTS),
@@ -80,7 +81,8 @@ def floor_plan(floor: FloorMasks) -> Json:
     """Return a floor for JSON.
 
     Its keys are "box" (left, top, width, height in metres), "picture" (rooms pale, obstacles darker, walls dark,
-    outside transparent) and "places".
+    outside transparent), "places", and "labels": the name of each place and the point (x, y) in metres inside it that is
+    farthest from its border.
     """
     import cv2
 
@@ -95,7 +97,19 @@ def floor_plan(floor: FloorMasks) -> Json:
         "picture": "data:image/png;base64," + base64.b64encode(code).decode(),
         "box": [*map(float, floor.origin_m), columns * floor.resolution_m, rows * floor.resolution_m],
         "places": sorted(set(floor.regions.values())),
+        "labels": [[name, *_middle_m(floor, id)] for id, name in sorted(floor.regions.items())],
     }
+
+
+def _middle_m(floor: FloorMasks, region: int) -> list[float]:
+    """Return the point (x, y) in metres inside a region that is farthest from its border."""
+    import cv2
+
+    inside = np.pad((floor.region == region).astype(np.uint8), 1)
+    row, column = np.unravel_index(np.argmax(cv2.distanceTransform(inside, cv2.DIST_L2, 3)), inside.shape)
+    left_m, top_m = map(float, floor.origin_m)
+    middle = left_m + (column - 0.5) * floor.resolution_m, top_m - (row - 0.5) * floor.resolution_m
+    return [round(value, 3) for value in middle]
 
 
 def _read(*names: str) -> Markup:

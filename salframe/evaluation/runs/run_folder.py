@@ -6,6 +6,7 @@ import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
+from datetime import date
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 from urllib.parse import quote
@@ -228,7 +229,7 @@ class Run:
         """Bind the run to the fingerprint of its data, and write env.json. Raises DataError where the data changed."""
         path = self.directory / "env.json"
         if not path.exists():
-            write_json(path, {"dataset_fingerprint": fingerprint, **environment()})
+            write_json(path, {"date": date.today().isoformat(), "dataset_fingerprint": fingerprint, **environment()})
         elif self.environment().get("dataset_fingerprint") != fingerprint:
             raise DataError(
                 f"the dataset of {self.directory} has changed since the run began: "
@@ -236,7 +237,7 @@ class Run:
             )
 
     def environment(self) -> Mapping[str, Any]:
-        """Return what `bind` wrote: the fingerprint of the data, versions and the machine."""
+        """Return what `bind` wrote: the date, the fingerprint of the data, versions and the machine."""
         content: dict[str, Any] = read_as(self.directory / "env.json", dict[str, Any])
         return content
 

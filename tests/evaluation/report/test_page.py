@@ -41,6 +41,8 @@ def test_the_page_of_a_run_holds_every_row_and_query(comparison, read):
     (table,) = content["tables"]["usual"]
     assert [row[0] for row in table["rows"]] == ["reader", "greedy", "weightless"]
     assert table["rows"][0][2].startswith("100.0 (")
+    assert content["title"] == "reader, greedy and weightless on rooms"
+    assert re.fullmatch(r"Localization, \d{4}-\d\d-\d\d, salframe [\d.]+", content["subtitle"])
     assert any("weightless.pth is not at hand" in note for note in content["notes"])
     (asked,) = content["sets"]
     assert len(asked["ids"]) == 10

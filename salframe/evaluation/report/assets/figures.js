@@ -22,7 +22,7 @@ function showRequest() {
       listOfPairs(run.more),
       make("details", {}, make("summary", {}, "versions and machine"), listOfPairs(run.versions)),
     ];
-    const title = `${run.name}: ${run.task}, salframe ${Object.fromEntries(run.versions).salframe || "?"}`;
+    const title = run.folder;
     made.append(
       content.runs.length > 1
         ? make("details", {open: content.runs.length < 4}, make("summary", {}, title), inside)
@@ -53,7 +53,7 @@ function showTables() {
 function tableOf(table) {
   const best = new Set(table.best.map(String));
   const head = table.headings.map((text, j) =>
-    make("th", {class: j < table.leading || text === "given" ? "text" : null, scope: "col"}, text),
+    make("th", {class: j < table.leading || text === "input" ? "text" : null, scope: "col"}, text),
   );
   const rows = table.rows.map((row, i) =>
     make(
@@ -65,9 +65,9 @@ function tableOf(table) {
           {
             class:
               [
-                j < table.leading || table.headings[j] === "given" ? "text" : "",
+                j < table.leading || table.headings[j] === "input" ? "text" : "",
                 best.has(`${i},${j}`) ? "lead" : "",
-                table.headings[j] === "given" ? "given" : "",
+                table.headings[j] === "input" ? "input" : "",
               ]
                 .join(" ")
                 .trim() || null,

@@ -88,14 +88,31 @@ document
   .getElementById("theme")
   .addEventListener("click", () => setTheme(!document.documentElement.classList.contains("dark")));
 
-// Draw once an element is near the screen.
+// Draw an element once it is near the screen, before the page is printed, or when the browser is idle.
+const pending = new Set();
+function drawPending() {
+  for (const paint of [...pending]) paint();
+}
+addEventListener("beforeprint", drawPending);
+function drawWhenIdle() {
+  const [next] = pending;
+  if (!next) return;
+  next();
+  setTimeout(drawWhenIdle, 50);
+}
+addEventListener("load", () => setTimeout(drawWhenIdle, 300));
+
 function whenSeen(element, paint) {
+  const first = () => {
+    watch.disconnect();
+    pending.delete(first);
+    paint();
+    themed.push(paint);
+  };
+  pending.add(first);
   const watch = new IntersectionObserver(
     (seen) => {
-      if (!seen.some((one) => one.isIntersecting)) return;
-      watch.disconnect();
-      paint();
-      themed.push(paint);
+      if (seen.some((one) => one.isIntersecting)) first();
     },
     {rootMargin: "400px"},
   );

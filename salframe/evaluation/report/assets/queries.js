@@ -33,7 +33,7 @@ function showQueries() {
     make(
       "p",
       {class: "note"},
-      "Open one by a click or Enter; ↑ and ↓ move through the list, ← and → through what is opened.",
+      "Wrong answers come first. Open a query by a click or Enter; ↑ and ↓ move through the list, ← and → to the next query.",
     ),
     content.pictures
       ? null
@@ -73,7 +73,9 @@ function showQueries() {
         1 + named.indexOf(looked.answer),
       ),
     );
-    listed = set.ids.map((_, i) => i).filter(passes);
+    const answers = answersOf(looked.arm); // wrong answers first: outcome 0 is a correct answer
+    const rank = (i) => (answers.outcome[i] ? answers.outcome[i] : content.outcomes.length);
+    listed = set.ids.map((_, i) => i).filter(passes).sort((a, b) => rank(a) - rank(b) || a - b);
     count.textContent = `${listed.length} of ${set.ids.length} queries`;
     place.replaceChildren(listOf(set));
   });

@@ -246,7 +246,7 @@ function drawFloor(place, set, floor) {
         text.push(told);
         ids.push(i);
         symbol.push(k ? "arrow" : "circle");
-        size.push(k ? 9 : 6);
+        size.push(k ? 15 : 9);
       });
       for (const column of [x, y, text, ids, symbol, size]) column.push(null);
     });
@@ -259,12 +259,21 @@ function drawFloor(place, set, floor) {
       name,
       mode: "lines+markers",
       hoverinfo: "text",
-      line: {color, width: 1.4},
+      line: {color, width: 2},
       marker: {color, symbol, size, angleref: "previous"},
     };
   });
+  const ink = variable("--quiet");
+  const names = floor.labels.map(([name, x, y]) => ({
+    text: plain(name),
+    x,
+    y,
+    showarrow: false,
+    font: {size: 11, color: ink},
+  }));
   const axis = {showgrid: false, zeroline: false};
   const layout = layoutOf({
+    annotations: names,
     images: [
       {
         source: floor.picture,
