@@ -75,10 +75,6 @@ class SizeTask(PagedTask[QueryFrame, Survey[QueryFrame], SizeRow, SizeLine]):
     usual = tuple(COLUMNS)
     about = "A description of one array is small."
 
-    @classmethod
-    def from_run(cls, run: Run) -> SizeTask:
-        return cls()
-
     def survey(self, dataset: Dataset) -> Survey[QueryFrame]:
         return Survey(dataset, [frame for fold in dataset.folds() for frame in fold.queries])
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from apartment_plugin import Apartment, references, masks
+from apartment_plugin import Apartment, masks, references
 from salframe_planners.planners import Dijkstra
 
 from salframe.framework.errors import DataError

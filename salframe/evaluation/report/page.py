@@ -81,8 +81,8 @@ def floor_plan(floor: FloorMasks) -> Json:
     """Return a floor for JSON.
 
     Its keys are "box" (left, top, width, height in metres), "picture" (rooms pale, obstacles darker, walls dark,
-    outside transparent), "places", and "labels": the name of each place and the point (x, y) in metres inside it that is
-    farthest from its border.
+    outside transparent), "places", and "labels": the name of each place and the point (x, y) in metres inside it that
+    is farthest from its border.
     """
     import cv2
 

@@ -149,9 +149,9 @@ class Task(ABC, Generic[Piece, Surveyed, PieceRowT, LineT]):
         return self.asks()
 
     @classmethod
-    @abstractmethod
     def from_run(cls, run: Run) -> Self:
-        """Return the task of a run folder."""
+        """Return the task of a run folder; tasks with parameters override it."""
+        return cls()
 
     @abstractmethod
     def survey(self, dataset: Dataset) -> Surveyed:
@@ -251,9 +251,9 @@ class Result(Rows, Generic[LineT]):
         """Path of the report, or of the run folder where there is no report."""
         return f"run: {self.run}" if self.report is None else f"report: {self.report}"
 
-    def tables(self) -> list[Table]:
-        """Return the rows as tables."""
-        return self.kind.tables(self.rows)
+    def tables(self, columns: Sequence[str] = ()) -> list[Table]:
+        """Return the rows as tables, with the columns of these names. Raises ConfigError on an unknown name."""
+        return self.kind.tables(self.rows, columns)
 
     def row(self, method: str) -> LineT:
         """Return the row of a method by its label. Raises KeyError."""

@@ -174,9 +174,9 @@ class StudyResult(Rows):
             return f"report: {self.report}"
         return f"runs: {' '.join(map(str, self.runs))}"
 
-    def tables(self) -> list[Table]:
-        """Return the rows as tables, with a column for each varied setting."""
-        return self.kind.tables(self.rows, (), leading_columns(self.kind, self.rows, self.settings))
+    def tables(self, columns: Sequence[str] = ()) -> list[Table]:
+        """Return the rows as tables: a column for each varied setting, then the columns of these names."""
+        return self.kind.tables(self.rows, columns, leading_columns(self.kind, self.rows, self.settings))
 
     def to_json(self) -> dict[str, Any]:
         """Return the result as JSON. The key "format" is the version of the layout."""

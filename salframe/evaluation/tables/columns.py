@@ -69,18 +69,6 @@ def rate_column(heading: str, get: Callable[[RowT], Estimate | None]) -> Column[
     return Column(heading, lambda row: interval(get(row)), _value_of(get))
 
 
-def area_column(heading: str, get: Callable[[RowT], Estimate | None]) -> Column[RowT]:
-    """Return a column of areas below a curve with their intervals."""
-
-    def cell(row: RowT) -> str:
-        area = get(row)
-        if area is None or area.low is None or area.high is None:
-            return fixed(None if area is None else area.value, 3)
-        return f"{area.value:.3f} ({area.low:.2f}-{area.high:.2f})"
-
-    return Column(heading, cell, _value_of(get))
-
-
 def number_column(heading: str, get: Callable[[RowT], float | None], digits: int) -> Column[RowT]:
     """Return a column of numbers with this number of decimals."""
     return Column(heading, lambda row: fixed(get(row), digits))

@@ -35,16 +35,32 @@ _LATEX = str.maketrans(
 )
 
 
-def to_latex(table: Table) -> str:
-    """Return a table as LaTeX for the package booktabs, with the best cells in bold."""
+def to_latex(table: Table, caption: str = "", label: str = "") -> str:
+    """Return a table as LaTeX for the package booktabs, with the best cells in bold.
+
+    Args:
+        table: The table.
+        caption: Caption of the table environment; without one only the tabular is returned.
+        label: Name for `\\ref`, such as "tab:localization".
+    """
     columns = "l" * table.leading + "r" * (len(table.headings) - table.leading)
     lines = [rf"\begin{{tabular}}{{{columns}}}", r"\toprule"]
-    lines += [" & ".join(text.translate(_LATEX) for text in table.headings) + r" \\", r"\midrule"]
+    lines += [" & ".join(map(_latex_heading, table.headings)) + r" \\", r"\midrule"]
     for i, row in enumerate(table.rows):
         cells = (text.translate(_LATEX) for text in row)
         marked = (rf"\textbf{{{text}}}" if (i, j) in table.best else text for j, text in enumerate(cells))
         lines.append(" & ".join(marked) + r" \\")
-    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"]) + "\n"
+    lines += [r"\bottomrule", r"\end{tabular}"]
+    if caption:
+        above = [r"\begin{table}", r"\centering", r"\small", rf"\caption{{{caption.translate(_LATEX)}}}"]
+        lines = [*above, *([rf"\label{{{label}}}"] if label else []), *lines, r"\end{table}"]
+    return "\n".join(lines) + "\n"
+
+
+def _latex_heading(text: str) -> str:
+    """Return a heading whose line breaks stay, so that columns are narrow."""
+    lines = [line.translate(_LATEX) for line in text.split("\n")]
+    return lines[0] if len(lines) == 1 else r"\shortstack[r]{" + r" \\ ".join(lines) + "}"
 
 
 def to_csv(rows: Sequence[Mapping[str, Any]], leading: Sequence[Mapping[str, Any]] = ()) -> str:

@@ -58,7 +58,7 @@ def test_figures_are_drawn(page):
 def test_what_was_not_scrolled_to_is_drawn_for_print_and_screenshots(page):
     page.run("dispatchEvent(new Event('beforeprint'))")
     page.wait_for("document.querySelectorAll('#floor .js-plotly-plot .points path').length >= 6")
-    assert {text for text in ODD} <= set(texts(page, "#floor .annotation-text"))
+    assert set(ODD) <= set(texts(page, "#floor .annotation-text"))
 
 
 def test_curves_are_chosen(page):

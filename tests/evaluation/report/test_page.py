@@ -49,7 +49,7 @@ def test_the_page_of_a_run_holds_every_row_and_query(comparison, read):
     assert asked["answers"].keys() == {"0", "1"}
     outcomes = [content["outcomes"][k] for k in asked["answers"]["1"]["outcome"]]
     # rooms 2 and 3 are taken for the next; in room 4 the nearest to one too many is right; room 1 is refused
-    assert outcomes == ["right"] * 2 + ["not on the map"] * 2 + ["wrong place"] * 4 + ["right"] * 2
+    assert outcomes == ["right"] * 2 + ["out of map"] * 2 + ["wrong place"] * 4 + ["right"] * 2
     assert asked["poses"][2] == [4.1, 0.0, 0.0]
     assert not islands
     assert not content["pictures"]

@@ -72,8 +72,8 @@ def test_queries_without_their_place_have_a_table_of_their_own():
     known = replace(known, present_accuracy=Estimate(0.75, 0.5, 0.875))
     known = replace(known, average_precision=Estimate(0.8, 0.625, 1.0))
     _, worth = LocalizationTask.tables([ROWS[0], known], leading={"arm": ["x", "y"]})
-    assert worth.title == "place in the map or not"
-    told = ["75.0 (50-88)", "-", "-", "100/50/-", "0.800 (0.62-1.00)", "0.900", "-", "-"]
+    assert worth.title == "out-of-map queries"
+    told = ["75.0 (50-88)", "-", "-", "100/50/-", "80.0 (62-100)", "90.0", "-", "-"]
     assert list(worth.rows[0]) == ["y", *told]
     assert len(worth.rows) == 1
 
@@ -101,7 +101,7 @@ def test_latex_is_that_of_booktabs():
     assert to_latex(table).splitlines() == [
         r"\begin{tabular}{lr}",
         r"\toprule",
-        r"method & accuracy \% (95 \% CI) \\",
+        r"method & \shortstack[r]{accuracy \% \\ (95 \% CI)} \\",
         r"\midrule",
         r"a\_b & \textbf{75.0 (38-100)} \\",
         r"50 \% | more & 50.0 (25-100) \\",
@@ -109,6 +109,10 @@ def test_latex_is_that_of_booktabs():
         r"\end{tabular}",
     ]
     assert r"1\textdegree{}" in to_latex(Table(("x",), [["1°"]]))
+    floating = to_latex(table, "Accuracy of 2 & 3", "tab:accuracy").splitlines()
+    assert floating[0] == r"\begin{table}"
+    assert floating[3:5] == [r"\caption{Accuracy of 2 \& 3}", r"\label{tab:accuracy}"]
+    assert floating[5:-1] == to_latex(table).splitlines()
 
 
 def test_csv_has_all_numbers_in_full():

@@ -12,7 +12,6 @@ from salframe.evaluation.runs.inputs import check_needs
 from salframe.evaluation.runs.records import Part, Survey, by_method
 from salframe.evaluation.runs.request import Request, resolve
 from salframe.evaluation.runs.rows import PieceStatus, Row
-from salframe.evaluation.runs.run_folder import Run
 from salframe.evaluation.runs.runner import run_task
 from salframe.evaluation.runs.task import Result, Task, Worker
 from salframe.evaluation.tables.table import Table
@@ -55,10 +54,6 @@ class DetectionTask(Task[QueryFrame, Survey[QueryFrame], PanoramaRow, DetectionR
     line = DetectionRow
     columns = COLUMNS
     usual = USUAL
-
-    @classmethod
-    def from_run(cls, run: Run) -> DetectionTask:
-        return cls()
 
     def survey(self, dataset: Dataset) -> Survey[QueryFrame]:
         if "annotations" not in dataset.provides:

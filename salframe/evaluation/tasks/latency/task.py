@@ -16,7 +16,6 @@ from salframe.evaluation.runs.inputs import check_needs
 from salframe.evaluation.runs.memory import memory_mb
 from salframe.evaluation.runs.records import Part, Survey, by_method
 from salframe.evaluation.runs.rows import PieceStatus, Row
-from salframe.evaluation.runs.run_folder import Run
 from salframe.evaluation.runs.task import Task, Worker
 from salframe.evaluation.tasks.latency.measures import summarize_program
 from salframe.evaluation.tasks.latency.rows import ProgramRow
@@ -57,10 +56,6 @@ class LatencyTask(Task[QueryFrame, LatencySurvey, ProgramRow, LatencyRow]):
     line = LatencyRow
     columns = COLUMNS
     usual = USUAL
-
-    @classmethod
-    def from_run(cls, run: Run) -> LatencyTask:
-        return cls()
 
     def survey(self, dataset: Dataset) -> LatencySurvey:
         fold = next((fold for fold in dataset.folds() if fold.queries), None)

@@ -14,7 +14,7 @@ from salframe.evaluation.tasks.localization.rows import DENIALS, PLACED, AnswerR
 from salframe.evaluation.tasks.localization.view import LocalizationView
 from salframe.panoramas.geometry import pose_yaw
 
-RIGHT, WRONG, DENIED, NONE = "right", "wrong place", "not on the map", "no answer"
+RIGHT, WRONG, DENIED, NONE = "right", "wrong place", "out of map", "no answer"
 OUTCOMES = (RIGHT, WRONG, DENIED, NONE)
 """Outcomes of a query: correct place or correct rejection; wrong place; wrong rejection; no answer."""
 

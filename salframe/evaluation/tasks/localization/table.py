@@ -11,7 +11,6 @@ from salframe.evaluation.tables.columns import (
     INPUT,
     SEED_RANGE,
     Column,
-    area_column,
     bytes_column,
     cost_column,
     number_column,
@@ -20,7 +19,7 @@ from salframe.evaluation.tables.columns import (
     share_column,
 )
 from salframe.evaluation.tables.table import Table, draw_table, select_leading
-from salframe.evaluation.tables.text import NONE, fixed, list_methods
+from salframe.evaluation.tables.text import NONE, list_methods
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -133,14 +132,12 @@ COLUMNS: dict[str, Column[LocalizationRow]] = {
     "present_scene_accuracy": share_column("without\ntransitions %", lambda row: row.present_scene_accuracy),
     "rejection_rate": rate_column("not in it:\ndenied % (95 % CI)", lambda row: row.rejection_rate),
     "precision_at": Column("precision % at\nrecall 50/75/90 %", _precision_at),
-    "average_precision": area_column("average\nprecision", lambda row: row.average_precision),
-    "roc_area": area_column("ROC\narea", lambda row: row.roc_area),
+    "average_precision": rate_column("average precision %\n(95 % CI)", lambda row: row.average_precision),
+    "roc_area": rate_column("ROC area %\n(95 % CI)", lambda row: row.roc_area),
     "false_accept_rate": share_column(
         "false accept rate %\nat 90 % accepted", lambda row: row.false_accept_rate, largest=False
     ),
-    "calibration_error": Column(
-        "calibration\nerror", lambda row: fixed(row.calibration_error, 3), lambda row: row.calibration_error, False
-    ),
+    "calibration_error": share_column("calibration\nerror %", lambda row: row.calibration_error, largest=False),
     "bytes": bytes_column("bytes\n/scene", lambda row: row.bytes_per_scene),
     "describe": cost_column("describe\nms", lambda row: row.describe_ms),
     "query": cost_column("query\nms", lambda row: row.query_ms),
@@ -172,7 +169,7 @@ def out_of_map_tables(
     selected = [row for row in rows if row.absent_queries]
     columns = [COLUMNS[name] for name in OUT_OF_MAP]
     return (
-        [draw_table(columns, selected, select_leading(leading, rows, selected), "place in the map or not")]
+        [draw_table(columns, selected, select_leading(leading, rows, selected), "out-of-map queries")]
         if selected
         else []
     )

@@ -13,7 +13,7 @@ from salframe.evaluation.runs.inputs import check_needs
 from salframe.evaluation.runs.records import Part, Record
 from salframe.evaluation.runs.request import Request, resolve
 from salframe.evaluation.runs.rows import Row
-from salframe.evaluation.runs.run_folder import DESCRIPTIONS, ROWS, Run
+from salframe.evaluation.runs.run_folder import DESCRIPTIONS, ROWS
 from salframe.evaluation.runs.runner import run_task
 from salframe.evaluation.runs.task import Result, Worker
 from salframe.evaluation.tables.reported import read_reported
@@ -67,10 +67,6 @@ class LocalizationTask(PagedTask[Query, LocalizationSurvey, AnswerRow, Localizat
     about = ABOUT
     counted = (ROWS, DESCRIPTIONS)
     maps = True
-
-    @classmethod
-    def from_run(cls, run: Run) -> LocalizationTask:
-        return cls()
 
     def survey(self, dataset: Dataset) -> LocalizationSurvey:
         queries = [Query(fold, frame) for fold in dataset.folds() for frame in fold.queries]

@@ -9,7 +9,6 @@ from pathlib import Path
 from salframe.evaluation.runs.inputs import check_needs
 from salframe.evaluation.runs.records import Part, Survey, by_method
 from salframe.evaluation.runs.rows import PieceStatus, Row
-from salframe.evaluation.runs.run_folder import Run
 from salframe.evaluation.runs.task import Task, Worker
 from salframe.evaluation.tables.table import Table
 from salframe.evaluation.tasks.detection.task import place_of
@@ -40,10 +39,6 @@ class SensorTask(Task[Frame, Survey[Frame], LookRow, SensorRow]):
     line = SensorRow
     columns = COLUMNS
     usual = USUAL
-
-    @classmethod
-    def from_run(cls, run: Run) -> SensorTask:
-        return cls()
 
     def survey(self, dataset: Dataset) -> Survey[Frame]:
         if absent := {"annotations", "range"} - dataset.provides:
