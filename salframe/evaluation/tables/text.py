@@ -23,9 +23,9 @@ def fixed(value: float | None, digits: int) -> str:
 
 
 def interval(share: Estimate | None) -> str:
-    """Return a share and its interval as percent."""
+    """Return a share and its interval as percent; without bounds the share alone."""
     if share is None or share.low is None or share.high is None:
-        return NONE
+        return percent(None if share is None else share.value)
     return f"{share.value * 100:.1f} ({share.low * 100:.0f}-{share.high * 100:.0f})"
 
 

@@ -207,7 +207,7 @@ function scoreTable(set, i, known) {
         : make(
             "tr",
             {},
-            make("td", {class: "text"}, "not on the map"),
+            make("td", {class: "text"}, "out of map"),
             make("td", {}, ""),
             make("td", {}, `${(100 * answers.out_of_map_probability[i]).toFixed(1)} %`),
           ),
