@@ -145,7 +145,7 @@ COLUMNS: dict[str, Column[LocalizationRow]] = {
     "p": p_value_column(lambda row: row.p_adjusted),
 }
 USUAL = (
-    *("input", "accuracy", "seed_range", "scene_accuracy", "recall_at_5", "pose", "pose_recall"),
+    *("input", "accuracy", "seed_range", "recall_at_5", "pose", "pose_recall"),
     *("bytes", "describe", "query", "p"),
 )
 OUT_OF_MAP = (
