@@ -1,0 +1,89 @@
+"""The words of the project: no identifier and no phrase of the old dialect in code, configuration and pages."""
+
+from __future__ import annotations
+
+import io
+import re
+import tokenize
+from collections import defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).parent.parent
+FOLDERS = ("salframe", "plugins", "baselines", "configs", "docs")
+IDENTIFIERS = re.compile(
+    r"_?(asked|found|told|kept|given|seen|known_by|known_as|most|least)|_?own_\w+|_?(least|most|largest|longest)_\w+|"
+    r"_?(LEAST|MOST|LARGEST|LONGEST)(_[A-Z_]+)?"
+)
+ALLOWED_IDENTIFIERS = {
+    "least_squares": "the name of the method, in scipy too",
+    "most_common": "a method of collections.Counter",
+}
+PHRASES = {
+    "limits": r"\bso many\b|\bso often\b|\bat the most\b|\bno more than so\b",
+    "options": r"\bunless (told|given|said)\b",
+    "reports": r"\b(is|are|was|were) told\b(?! apart)|\btells? (nobody|what)\b",
+    "queries": r"\bwhat is asked\b|\bis asked once\b|\basked of (it|a map|maps|the map)\b",
+    "maps": r"\bmapping frames?\b",
+    "out of map": r"\bnot here\b|\baccepted though absent\b",
+    "random": r"\bby lot\b",
+    "false positives": r"\bmade up\b|\bmakes up\b",
+    "identity": r"\bknown by\b|\bknown as\b",
+    "workers": r"\bhow many work\b",
+    "evidence": r"\bwhat speaks for\b",
+}
+ALLOWED_PHRASES: dict[str, str] = {}
+"""Files, and why they may use any phrase."""
+
+
+def files(*suffixes: str) -> Iterator[Path]:
+    """The files of the project with these suffixes."""
+    for folder in FOLDERS:
+        for path in sorted((REPOSITORY / folder).rglob("*")):
+            if path.suffix in suffixes and "__pycache__" not in path.parts and "results" not in path.parts:
+                yield path
+
+
+def identifiers(path: Path) -> Iterator[tuple[int, str]]:
+    """The line and text of each name in a file of Python."""
+    for token in tokenize.generate_tokens(io.StringIO(path.read_text(encoding="utf-8")).readline):
+        if token.type == tokenize.NAME:
+            yield token.start[0], token.string
+
+
+@pytest.mark.parametrize("folder", [folder for folder in FOLDERS if folder != "docs"])
+def test_identifiers_are_plain(folder):
+    bad = defaultdict(set)
+    for path in files(".py", ".pyi"):
+        if folder in path.relative_to(REPOSITORY).parts[:1]:
+            for line, name in identifiers(path):
+                if IDENTIFIERS.fullmatch(name) and name not in ALLOWED_IDENTIFIERS:
+                    bad[f"{path.relative_to(REPOSITORY)}:{line}"].add(name)
+    assert not bad, "\n".join(f"{place} {', '.join(sorted(names))}" for place, names in bad.items())
+
+
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_phrases_are_plain(folder):
+    bad = []
+    for path in files(".py", ".pyi", ".yaml", ".md"):
+        name = path.relative_to(REPOSITORY)
+        if name.parts[0] != folder or str(name) in ALLOWED_PHRASES:
+            continue
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+            for concept, pattern in PHRASES.items():
+                if match := re.search(pattern, line, re.IGNORECASE):
+                    bad.append(f"{name}:{number} {concept}: {match[0]!r}")
+    assert not bad, "\n".join(bad)
+
+
+def test_no_two_classes_share_a_name():
+    """But for the Config of components, which is always called that."""
+    places = defaultdict(list)
+    for path in files(".py"):
+        if path.parent.name == "docs":
+            continue
+        for name in re.findall(r"^class (\w+)", path.read_text(encoding="utf-8"), re.MULTILINE):
+            places[name].append(str(path.relative_to(REPOSITORY)))
+    assert {name: where for name, where in places.items() if len(where) > 1} == {}
