@@ -66,6 +66,8 @@ def place_in_wheel(file: str) -> str | None:
         return file
     if folder in ("plugins", "baselines"):
         return below
+    if folder == "docs":
+        return f"salframe/{file}" if file.endswith(".md") else None
     return f"salframe/configs/{below}" if folder == "configs" else None
 
 
@@ -97,6 +99,7 @@ def test_the_wheel_alone_runs_the_demo(sdist_and_wheel, tmp_path):
     salframe = python.with_name("salframe")
     assert output(tmp_path, python, "-c", WHERE).count(str(tmp_path / "venv")) == 2
     assert ", 0 plugin(s) failed" in output(tmp_path, salframe, "doctor")
+    assert output(tmp_path, salframe, "docs", "maps").startswith("# ")
     demo = (salframe, "compare", "--methods", "proposed,loftr,objects", "--data", "house-6", "--json")
     accuracy = {row["method"]: row["accuracy"] for row in json.loads(output(tmp_path, *demo))["rows"]}
     assert accuracy.keys() == {"proposed", "loftr-compact", "objects"}

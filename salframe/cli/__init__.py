@@ -17,6 +17,7 @@ from salframe.cli import (
     compare,
     data,
     detection,
+    docs,
     experiment,
     fit,
     inspect,
@@ -140,6 +141,7 @@ app.command()(inspect.methods)
 app.command()(inspect.plugins)
 app.command()(inspect.show)
 app.command()(inspect.doctor)
+app.command()(docs.docs)
 app.add_typer(cache.app, name="cache")
 app.add_typer(data.app, name="data")
 app.add_typer(map.app, name="map")
