@@ -39,7 +39,7 @@ def docs(
         return
     name = next((name for name in pages if page in (name, name.rpartition("/")[2])), None)
     if name is None:
-        raise UnknownName(unknown("page", page, pages))
+        raise UnknownName(unknown("page", page, [name.rpartition("/")[2] for name in pages]))
     path = folder / f"{name}.md"
     text = read_text(path)
     if as_json:
