@@ -48,10 +48,10 @@ RUNS = {
 }
 REAL = {"matterport": ["--methods", "proposed,usg", "--data", "matterport-annotations"]}
 """Runs on data that may not be copied into the project."""
-RENAMED: Mapping[str, str] = {}
-"""Row keys, statuses and method names of older versions, and what they are called today."""
+RENAMED: Mapping[str, str] = {"not_here": "out_of_map_probability", "not-here": "out-of-map"}
+"""Row keys, statuses and method names of older versions, and the names that replace them."""
 COUNTED = ("missing", "status", "place", "ranking", "pose", "probabilities")
-FIELDS = ("fold", "query", "status", "places", "pose", "probabilities", "not_here")
+FIELDS = ("fold", "query", "status", "places", "pose", "probabilities", "out_of_map_probability")
 
 
 def record(command: str, folder: Path, data_dir: Path | None) -> None:
@@ -77,14 +77,14 @@ def record(command: str, folder: Path, data_dir: Path | None) -> None:
 
 
 def _rows(path: Path) -> Iterator[dict[str, Any]]:
-    """The recorded fields of each row of a run's method."""
+    """Yield the recorded fields of each row of a run's method."""
     for line in path.read_text(encoding="utf-8").splitlines():
         row = _renamed(json.loads(line))
-        yield {key: _rounded(row[RENAMED.get(key, key)]) for key in FIELDS}
+        yield {key: _rounded(row[key]) for key in FIELDS}
 
 
 def _renamed(value: Any) -> Any:
-    """Today's names instead of older ones, at every depth."""
+    """Replace older names at every depth."""
     if isinstance(value, dict):
         return {RENAMED.get(key, key): _renamed(item) for key, item in value.items()}
     if isinstance(value, list):
@@ -105,8 +105,7 @@ def compare(before: Path, after: Path) -> dict[str, dict[str, dict[str, Any]]]:
         if not all((folder / name).exists() for folder in (before, after)):
             report[name] = {"": {"missing": 1}}
             continue
-        old, new = (json.loads(gzip.decompress((folder / name).read_bytes())) for folder in (before, after))
-        old = {RENAMED.get(method, method): _renamed(rows) for method, rows in old.items()}
+        old, new = (_renamed(json.loads(gzip.decompress((folder / name).read_bytes()))) for folder in (before, after))
         report[name.removesuffix(".json.gz")] = {
             method: _differences(old.get(method, []), new.get(method, [])) for method in sorted(old.keys() | new.keys())
         }
@@ -114,7 +113,7 @@ def compare(before: Path, after: Path) -> dict[str, dict[str, dict[str, Any]]]:
 
 
 def _differences(old: Sequence[Mapping[str, Any]], new: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Counts of queries whose status, first place, ranking, pose or probabilities differ; the largest deviations."""
+    """Return counts of queries whose status, first place, ranking, pose or probabilities differ, and the deviations."""
     by_query = {(row["fold"], row["query"]): row for row in new}
     counts = dict.fromkeys(COUNTED, 0)
     counts["missing"] = abs(len(old) - len(new))
@@ -145,11 +144,11 @@ def _differences(old: Sequence[Mapping[str, Any]], new: Sequence[Mapping[str, An
 
 
 def _numbers(row: Mapping[str, Any], name: str) -> np.ndarray:
-    """The pose of a row, or the probabilities of its places and of none, which differ only where the ranking does."""
+    """Return the pose of a row, or the probabilities of its places and of being out of the map."""
     if name == "pose":
         return np.array(row["pose"] or [])
-    out = row[RENAMED.get("not_here", "not_here")]
-    return np.array([*(row["probabilities"] or []), *([] if out is None else [out])])
+    outside = row["out_of_map_probability"]
+    return np.array([*(row["probabilities"] or []), *([] if outside is None else [outside])])
 
 
 def main() -> int:
@@ -163,12 +162,12 @@ def main() -> int:
     comparing.add_argument("before", type=Path)
     comparing.add_argument("after", type=Path)
     comparing.add_argument("--json", action="store_true", help="print JSON")
-    given = parser.parse_args()
-    if given.command == "record":
-        record(str(Path(given.salframe).absolute()), given.folder, given.data_dir)
+    arguments = parser.parse_args()
+    if arguments.command == "record":
+        record(str(Path(arguments.salframe).absolute()), arguments.folder, arguments.data_dir)
         return 0
-    report = compare(given.before, given.after)
-    if given.json:
+    report = compare(arguments.before, arguments.after)
+    if arguments.json:
         print(json.dumps(report, indent=1))
     else:
         for name, methods in report.items():
