@@ -12,10 +12,8 @@ from salframe_house.textures import MAX_PATTERN, TILE, texture_kind, texture_til
 from salframe_house.tracing import RayHits, chunks, rows
 
 _LEVELS = 6
-_SLOT_ROWS, _SLOT_COLUMNS = (
-    TILE + 2,
-    TILE + TILE // 2 + 4,
-)  # size of a slot: a tile and its smaller mip levels, each with a border of one texel
+# Size of a slot: a tile and its smaller mip levels, each with a border of one texel.
+_SLOT_ROWS, _SLOT_COLUMNS = TILE + 2, TILE + TILE // 2 + 4
 _ATLAS_COLUMNS = 16
 _STEP = MAX_PATTERN / 65535
 _SHARPNESS = 0.5  # pixels over which a texture is averaged: sharper than 1 pixel, without visible aliasing
@@ -46,8 +44,8 @@ class SurfaceColor:
         wear_contrast = np.array([texture_kind(m.texture).wear for m in scene.materials], np.float32)[material]
         uv_m = scene.uv_m.astype(np.float32) + _anchors_m(scene)[:, None]
         extent_m = _extents_m(scene)
-        fixed = np.array([texture_kind(m.texture).fixed for m in scene.materials])[material]
-        uv_m[fixed] = scene.uv_m[fixed]
+        is_fixed = np.array([texture_kind(m.texture).fixed for m in scene.materials])[material]
+        uv_m[is_fixed] = scene.uv_m[is_fixed]
         edges_m = (uv_m[:, 1:] - uv_m[:, :1]).reshape(-1, 4)
         corner = np.stack(np.divmod(slot, _ATLAS_COLUMNS), axis=1) * [_SLOT_ROWS, _SLOT_COLUMNS]
         columns = uv_m[:, 0], edges_m, extent_m, extent_m.min(axis=1), corner, wear_contrast, color
@@ -129,9 +127,8 @@ def _extents_m(scene: Scene) -> np.ndarray:
 
     Where a texture fills its surface, the size is the uv range of the instance and material.
     """
-    extent = np.array([texture_kind(m.texture).extent_m for m in scene.materials], float)[
-        scene.material_index
-    ]  # None becomes NaN
+    # None becomes NaN.
+    extent = np.array([texture_kind(m.texture).extent_m for m in scene.materials], float)[scene.material_index]
     group = scene.instance_id.astype(np.int64) * len(scene.materials) + scene.material_index
     _, group = np.unique(group, return_inverse=True)
     max_uv_m = np.zeros((group.max() + 1, 2))

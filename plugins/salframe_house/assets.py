@@ -32,7 +32,7 @@ _MAX_LIBRARY_BYTES = 1 << 32
 SHARE = 0.5
 """Share of the objects of a class that use a catalogue mesh, where the catalogue covers the class."""
 
-_UNPAINTED = (0.8, 0.8, 0.8, 1.0)
+_DEFAULT_RGBA = (0.8, 0.8, 0.8, 1.0)
 
 NAMES = {
     "armchair": r"(modern |rattan |winchester )?armchair",
@@ -276,7 +276,7 @@ def _material(part: Any) -> Any:
 def _look(part: Any) -> Material:
     """Convert a material: catalogue colours are display values, materials here use linear albedo."""
     material = _material(part)
-    red, green, blue, opacity = np.asarray(material.diffuse) / 255 if material else _UNPAINTED
+    red, green, blue, opacity = np.asarray(material.diffuse) / 255 if material else _DEFAULT_RGBA
     if opacity < 0.5:
         return GLASS
     if material is None or material.image is None:

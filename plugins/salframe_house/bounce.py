@@ -27,9 +27,8 @@ def gather_directions(normal: np.ndarray, sample_set: np.ndarray, count: int) ->
     """
     order = np.arange(count * INTERLEAVED)
     radius = np.sqrt((order + 0.5) / len(order))
-    angle = (
-        order * np.pi * (3 - np.sqrt(5))
-    )  # sunflower pattern: uniform over the disc, hence cosine-distributed over the hemisphere
+    # Sunflower pattern: uniform over the disc, hence cosine-distributed over the hemisphere.
+    angle = order * np.pi * (3 - np.sqrt(5))
     disc = np.stack([radius * np.cos(angle), radius * np.sin(angle), np.sqrt(1 - radius**2)], axis=1).astype(np.float32)
     local = disc.reshape(count, INTERLEAVED, 3).transpose(1, 0, 2)[sample_set]
     # Orthonormal basis without branches (Duff et al. 2017).
@@ -70,9 +69,9 @@ class Bounce:
         patch_of[members] = np.arange(len(members))
         # A ray without a hit ends on the last patch, which is dark.
         patch = np.where(hit, patch_of.take(key), len(emitted))
-        reflected = rows(self._albedo, surface.triangle)
-        reflected *= rows(np.pad(emitted, ((0, 1), (0, 0))), patch)
-        return _mean_of_rays(reflected, rays)
+        incoming = rows(self._albedo, surface.triangle)
+        incoming *= rows(np.pad(emitted, ((0, 1), (0, 0))), patch)
+        return _mean_of_rays(incoming, rays)
 
     def _gather(self, point_m: np.ndarray, normal: np.ndarray, sample_set: np.ndarray, rays: int) -> RayHits:
         direction = gather_directions(normal, sample_set, rays).reshape(-1, 3)

@@ -30,7 +30,7 @@ CHANGE_KINDS: tuple[ChangeKind, ...] = get_args(ChangeKind)
 MIN_ROOMS = 4
 
 # Fittings of the building: a uniform draw changes them only after all other objects.
-_FIXED = frozenset(
+_FITTINGS = frozenset(
     {
         "ceiling lamp",
         "toilet",
@@ -224,7 +224,7 @@ def change_building(
         candidates = mobile_first(building.objects, rng)
     else:
         order = [building.objects[i] for i in rng.permutation(len(building.objects))]
-        candidates = sorted(order, key=lambda obj: obj.label in _FIXED)
+        candidates = sorted(order, key=lambda obj: obj.label in _FITTINGS)
     _change(candidates, parts.get("removed", 0), plans, _remove)
     _change(candidates, parts.get("moved", 0), plans, partial(_move, rng=rng))
     next_id = max(obj.instance_id for obj in building.objects) + 1

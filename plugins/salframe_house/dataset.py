@@ -20,9 +20,9 @@ from salframe_house.settings import HouseConfig
 if TYPE_CHECKING:
     from salframe_house.frames import HouseFrame
 
-PLACING = "queries_per_room", "frames_per_room", "query_shift_m", "query_yaw", "lighting"
+FRAME_SETTINGS = "queries_per_room", "frames_per_room", "query_shift_m", "query_yaw", "lighting"
 """Settings that determine which frames exist and their lighting. They affect the pixels only through the frame."""
-CHANGING = "changed_fraction", "changes", "change_kinds", "query_range", "query_scale_share"
+CHANGE_SETTINGS = "changed_fraction", "changes", "change_kinds", "query_range", "query_scale_share"
 """Settings of what happens after the map was made."""
 
 
@@ -63,11 +63,11 @@ class House(RenderedDataset["HouseFrame"], NavigableDataset):
 
     @cached_property
     def _query_pixels_key(self) -> str:
-        return self._key_without(PLACING)
+        return self._key_without(FRAME_SETTINGS)
 
     @cached_property
     def _reference_pixels_key(self) -> str:
-        return self._key_without((*PLACING, *CHANGING))
+        return self._key_without((*FRAME_SETTINGS, *CHANGE_SETTINGS))
 
     def _key_without(self, names: Sequence[str]) -> str:
         """Return the fingerprint with these settings replaced by their defaults."""

@@ -18,7 +18,7 @@ from salframe_house.lighting import Lighting
 QueryYaw = Literal["uniform", "normal", "same"]
 
 CAMERA_HEIGHT_M = 1.5
-LATER: tuple[Lighting, ...] = ("evening", "dim")
+QUERY_LIGHTINGS: tuple[Lighting, ...] = ("evening", "dim")
 """Lightings of the queries."""
 CLEARANCE_M = 0.25
 REACH_M = 3.0
@@ -154,7 +154,7 @@ def _queries(
         turn_rad = rng.uniform(-np.pi, np.pi) if yaw_mode == "uniform" else rng.normal(0.0, _NORMAL_YAW_RAD)
         angle = {"uniform": turn_rad, "normal": nearest.yaw_rad + turn_rad, "same": nearest.yaw_rad}[yaw_mode]
         z = CAMERA_HEIGHT_M + rng.uniform(-_HEIGHT_JITTER_M, _HEIGHT_JITTER_M)
-        lighting = LATER[rng.choice(len(LATER))]
+        lighting = QUERY_LIGHTINGS[rng.choice(len(QUERY_LIGHTINGS))]
         # The id contains the frame number and not the room, because the room would reveal the position.
         name = f"query-{len(frames) + number:04d}"
         queries.append(_frame(name, "query", room, point, wrap_angle(angle), lighting, z))

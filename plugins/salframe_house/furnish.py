@@ -53,9 +53,8 @@ def _draw_items(room: Room, rng: np.random.Generator) -> list[Item]:
     labels = ["ceiling lamp"] * lamps
     for label, (min_count, max_count) in recipe.core.items():
         labels += [label] * int(rng.integers(min_count, max_count + 1))
-    total = (
-        round(rng.normal(_MEAN_OBJECTS, _SPREAD_OBJECTS)) + lamps - 1
-    )  # lamps beyond the first are extra, so that long corridors hold other objects
+    # Lamps beyond the first are extra, so that long corridors hold other objects.
+    total = round(rng.normal(_MEAN_OBJECTS, _SPREAD_OBJECTS)) + lamps - 1
     number = int(np.clip(total, MIN_OBJECTS, MAX_OBJECTS))
     names, weights = list(recipe.optional), np.array(list(recipe.optional.values()))
     order = rng.choice(len(names), len(names), replace=False, p=weights / weights.sum())
@@ -76,14 +75,14 @@ def _furnish_group(rooms: list[Room], layout: Layout, rng: np.random.Generator) 
     items = _draw_items(rooms[0], rng)
     while True:
         plans: list[RoomPlan] = []
-        failed: Counter[Item] = Counter()
+        failures: Counter[Item] = Counter()
         for room in rooms:
-            plan, missing = _furnish_room(room, layout, items, rng)
+            plan, leftovers = _furnish_room(room, layout, items, rng)
             plans.append(plan)
-            failed |= Counter(missing)
-        if not failed and len(items) >= MIN_OBJECTS:
+            failures |= Counter(leftovers)
+        if not failures and len(items) >= MIN_OBJECTS:
             return plans
-        items = list((Counter(items) - failed).elements())
+        items = list((Counter(items) - failures).elements())
         if len(items) < MIN_OBJECTS:
             items.append(draw_item(rooms[0].kind, rng))
 
@@ -101,8 +100,8 @@ def _furnish_room(
     for _ in range(_ATTEMPTS - 1):
         if not best[1]:
             break
-        again = attempt()
-        best = again if len(again[1]) < len(best[1]) else best
+        candidate = attempt()
+        best = candidate if len(candidate[1]) < len(best[1]) else best
     return best
 
 
@@ -124,16 +123,16 @@ def _mirrored(objects: list[PlacedObject], source: Room, target: Room, layout: L
         ((-1, 1), (1, -1)),
         key=lambda axes: float(np.linalg.norm(source_openings[:, None] * axes - target_openings, axis=2).min(1).max()),
     )
-    reflected = []
+    mirror_objects = []
     for obj in objects:
         x, y = (
             t + f * (p - s)
             for t, f, p, s in zip(target.centre_m, flip, (obj.x_m, obj.y_m), source.centre_m, strict=True)
         )
         yaw = np.arctan2(flip[1] * np.sin(obj.yaw_rad), flip[0] * np.cos(obj.yaw_rad))
-        moved_obj = replace(obj, x_m=round(x, 4), y_m=round(y, 4), yaw_rad=round(float(yaw), 6))
-        reflected.append(replace(moved_obj, room=target.id, mirrored=not obj.mirrored))
-    return reflected
+        mirror_obj = replace(obj, x_m=round(x, 4), y_m=round(y, 4), yaw_rad=round(float(yaw), 6))
+        mirror_objects.append(replace(mirror_obj, room=target.id, mirrored=not obj.mirrored))
+    return mirror_objects
 
 
 def _openings(room: Room, layout: Layout) -> np.ndarray:

@@ -107,8 +107,7 @@ def is_hollow(scene: Scene) -> np.ndarray:
 def lights_on(lights: tuple[Light, ...], condition: Condition) -> np.ndarray:
     """Mark the lights that are switched on, (L,) bool.
 
-    All windows and the first lamp of each room are on. The position of a lamp determines whether it is one of the
-    others.
+    All windows and the first lamp of each room are on. For each other lamp, a hash of its position decides.
     """
     first_lamp: dict[str, int] = {}
     for index, light in enumerate(lights):
@@ -175,8 +174,8 @@ class Lights:
                 points, np.tile(self._centre_m[light] + part @ self._edges_m[light], (len(cells), 1))
             )
             distance_sq = np.sum((points - self._centre_m[light]) ** 2, axis=1)
-            received = self._intensity[light] * visible / (distance_sq + self._radius_sq_m2[light])
-            strength[cells, light] = received.reshape(len(cells), -1).max(axis=1)
+            irradiance = self._intensity[light] * visible / (distance_sq + self._radius_sq_m2[light])
+            strength[cells, light] = irradiance.reshape(len(cells), -1).max(axis=1)
         # A light that becomes visible between these sample points is visible from the adjacent cell.
         strength = ndimage.maximum_filter(strength.reshape(down, across, -1), size=(3, 3, 1)).reshape(strength.shape)
         count = min(_CANDIDATES, strength.shape[1])
@@ -196,11 +195,11 @@ class Lights:
             sample_set: Sample set of each point, (N,) int in [0, INTERLEAVED).
             samples: Number of shadow rays per point.
         """
-        received = np.empty((3, len(point_m)), np.float32)
+        irradiance = np.empty((3, len(point_m)), np.float32)
         targets_m = self._targets_m(samples * INTERLEAVED)
         for part in chunks(len(point_m)):
-            received[:, part] = self._direct(point_m[part], normal[part], sample_set[part], samples, targets_m).T
-        return received.T
+            irradiance[:, part] = self._direct(point_m[part], normal[part], sample_set[part], samples, targets_m).T
+        return irradiance.T
 
     def _targets_m(self, orders: int) -> np.ndarray:
         """Return points spread over each light, the ends of shadow rays, (L * orders, 3) float32 in Fortran order."""
@@ -221,7 +220,7 @@ class Lights:
         start_m = point_m + normal * _OFFSET_M
         orders = samples * INTERLEAVED
         thresholds = (np.arange(orders) + 0.5).astype(np.float32) / np.float32(orders)
-        received = np.zeros_like(start_m)
+        irradiance = np.zeros_like(start_m)
         for sample in range(samples):
             order = sample * INTERLEAVED + sample_set
             below = share <= thresholds.take(order) * total
@@ -230,18 +229,18 @@ class Lights:
             end_m = rows(targets_m, light_index * orders + order)
             faces = np.einsum("ij,ij->i", end_m - start_m, normal) > 0
             candidates = np.flatnonzero(faces & (total > 0))
-            lit = np.zeros(len(point_m), bool)
-            lit[candidates] = ~self._tracer.blocked(rows(start_m, candidates), rows(end_m, candidates))
-            received += rows(self._color, light_index) * lit[:, None]
-        received *= (total / np.float32(samples))[:, None]
-        return received
+            visible = np.zeros(len(point_m), bool)
+            visible[candidates] = ~self._tracer.blocked(rows(start_m, candidates), rows(end_m, candidates))
+            irradiance += rows(self._color, light_index) * visible[:, None]
+        irradiance *= (total / np.float32(samples))[:, None]
+        return irradiance
 
     def _unshadowed(self, point_m: np.ndarray, normal: np.ndarray, light: np.ndarray) -> np.ndarray:
         """Return the irradiance from the candidate lights (K, N) of each point, (K, N) float32.
 
         Each light is approximated by a disc of equal area.
         """
-        received = np.empty(light.shape, np.float32)
+        irradiance = np.empty(light.shape, np.float32)
         for k, light_index in enumerate(light):
             centre_m, light_normal = rows(self._centre_m, light_index), rows(self._normal, light_index)
             radius_sq = self._radius_sq_m2.take(light_index)
@@ -262,5 +261,5 @@ class Lights:
             np.copyto(factor, cos_incidence, where=cos_incidence > softness)
             factor *= self._intensity.take(light_index)
             factor *= cos_emission
-            np.divide(factor, distance_sq, out=received[k])
-        return received
+            np.divide(factor, distance_sq, out=irradiance[k])
+        return irradiance

@@ -269,10 +269,10 @@ class RoomPlan:
 
     def _on_free_floor(self, size: Size, rng: np.random.Generator) -> tuple[float, float, float, float]:
         """Return a random pose on the floor, aligned with the walls."""
-        turned = int(rng.integers(2))
-        slack = (self._high - self._low - (size[1::-1] if turned else size[:2])) / 2
+        quarter_turns = int(rng.integers(2))
+        slack = (self._high - self._low - (size[1::-1] if quarter_turns else size[:2])) / 2
         x, y = np.array(self.room.centre_m) + slack * rng.uniform(-0.8, 0.8, 2)
-        return float(x), float(y), 0.0, turned * np.pi / 2 + rng.integers(2) * np.pi
+        return float(x), float(y), 0.0, quarter_turns * np.pi / 2 + rng.integers(2) * np.pi
 
     def _along_walls(
         self, kind: ObjectClass, size: Size, rng: np.random.Generator
@@ -315,8 +315,8 @@ def _over_window(size: Size, window: Window) -> tuple[float, float, float, float
     """Return the pose and the size of a curtain, which is slightly wider than the window."""
     x, y = np.array(window.centre_m) + np.array(window.inward) * (size[0] / 2 + 0.03)
     yaw = float(np.arctan2(window.inward[1], window.inward[0]))
-    fitted = (size[0], round(window.width_m + 0.3, 3), round(window.head_m - window.sill_m + 0.22, 3))
-    return float(x), float(y), window.sill_m - 0.12, yaw, fitted
+    curtain_size = (size[0], round(window.width_m + 0.3, 3), round(window.head_m - window.sill_m + 0.22, 3))
+    return float(x), float(y), window.sill_m - 0.12, yaw, curtain_size
 
 
 def _by_partner(

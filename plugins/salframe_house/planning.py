@@ -60,9 +60,8 @@ ROOM_KINDS: dict[str, dict[str, RoomKind]] = {
 _DEPTH_M = {"office": (4.0, 4.6), "hotel": (4.9, 5.4), "home": (3.8, 4.6)}
 _HEIGHT_M = {"office": (2.7, 2.9), "hotel": (2.6, 2.75), "home": (2.45, 2.6)}
 _CORRIDOR_M = {"office": (2.0, 2.4), "hotel": (1.9, 2.2), "home": (1.7, 2.0)}
-_OPEN_PLAN = frozenset(
-    {"living-room", "kitchen", "dining-room"}
-)  # in homes, adjacent rooms of these kinds share an opening
+# In homes, adjacent rooms of these kinds share an opening.
+_OPEN_PLAN = frozenset({"living-room", "kitchen", "dining-room"})
 _TWIN_SHARE = {"office": 0.36, "hotel": 0.36, "home": 0.0}
 _ROOMS_PER_WING = 12
 
@@ -234,9 +233,8 @@ def _add_row(
         x += direction * cell.width_m
         if (cell.copy_of is not None) != copies:
             continue
-        flip = (
-            (up < 0) != cell.mirrored
-        )  # the lower row is the upper one rotated by 180 deg: cells that are not mirrored remain congruent
+        # The lower row is the upper one rotated by 180 deg, so that cells that are not mirrored remain congruent.
+        flip = (up < 0) != cell.mirrored
 
         def world(u: float, v: float, left=left, flip=flip, width=cell.width_m) -> tuple[float, float]:
             return round(left + (width - u if flip else u), 4), round(base + up * v, 4)

@@ -177,15 +177,15 @@ class HouseRenderer:
         albedo = self._surfaces.color.albedo(surface, np.pi / self._height)
         radiance = albedo * irradiance.at(row, column, surface)
         radiance *= np.float32(1 / np.pi)
-        shining = np.flatnonzero((self._emission > 0).take(surface.triangle))
-        triangle = surface.triangle.take(shining)
-        radiance[shining] += (
+        emissive = np.flatnonzero((self._emission > 0).take(surface.triangle))
+        triangle = surface.triangle.take(emissive)
+        radiance[emissive] += (
             self._emission[triangle, None]
-            * rows(albedo, shining)
+            * rows(albedo, emissive)
             / self._surfaces.color.mean[triangle].max(axis=1, keepdims=True)
         )
-        missed = np.flatnonzero(~surface.hit)
-        radiance[missed] = _sky(rows(surface.direction, missed), self._condition)
+        misses = np.flatnonzero(~surface.hit)
+        radiance[misses] = _sky(rows(surface.direction, misses), self._condition)
         mirror, glass = self._surfaces.mirror, self._surfaces.glass
         specular = np.flatnonzero((mirror | glass).take(surface.triangle) & surface.hit)
         if len(specular) and depth < _SPECULAR_DEPTH:
@@ -193,13 +193,12 @@ class HouseRenderer:
             mirror = mirror.take(reflector.triangle)[:, None]
             across = np.einsum("ij,ij->i", reflector.direction, reflector.normal)[:, None]
             direction = np.where(mirror, reflector.direction - 2 * across * reflector.normal, reflector.direction)
-            beyond = self._tracer.trace(reflector.point_m + direction * np.float32(1e-3), direction)
-            beyond = replace(
-                beyond, range_m=beyond.range_m + reflector.range_m
-            )  # the footprint of a pixel grows with the length of the whole path
-            column, row = rays_to_pixels((beyond.point_m - pose[:3, 3]) @ pose[:3, :3], self._height)
+            next_surface = self._tracer.trace(reflector.point_m + direction * np.float32(1e-3), direction)
+            # The footprint of a pixel grows with the length of the whole path.
+            next_surface = replace(next_surface, range_m=next_surface.range_m + reflector.range_m)
+            column, row = rays_to_pixels((next_surface.point_m - pose[:3, 3]) @ pose[:3, :3], self._height)
             incoming = self._radiance(
-                beyond, row.astype(np.float32) - 0.5, column.astype(np.float32) - 0.5, irradiance, pose, depth + 1
+                next_surface, row.astype(np.float32) - 0.5, column.astype(np.float32) - 0.5, irradiance, pose, depth + 1
             )
             radiance[specular] = incoming * np.where(
                 mirror, rows(self._surfaces.color.mean, reflector.triangle), _GLASS_RGB
@@ -245,15 +244,15 @@ class HouseRenderer:
 
     def _exposure(self, radiance: np.ndarray, surface: RayHits) -> float:
         """Return the exposure that brings the surfaces to the key of the lighting without overexposing bright ones."""
-        reflects = (self._emission == 0) & ~self._surfaces.glass
-        lit = np.flatnonzero(surface.hit & reflects.take(surface.triangle))[::7]
-        luminance = radiance[lit] @ _LUMINANCE
-        weight = np.cos(np.pi * ((lit // (2 * self._height) + 0.5) / self._height - 0.5))
-        if not len(lit) or luminance.max() <= 0:
+        is_reflective = (self._emission == 0) & ~self._surfaces.glass
+        pixels = np.flatnonzero(surface.hit & is_reflective.take(surface.triangle))[::7]
+        luminance = radiance[pixels] @ _LUMINANCE
+        weight = np.cos(np.pi * ((pixels // (2 * self._height) + 0.5) / self._height - 0.5))
+        if not len(pixels) or luminance.max() <= 0:
             return 1.0
-        middle = np.exp(np.average(np.log(luminance + 1e-3 * luminance.max()), weights=weight))
+        log_mean = np.exp(np.average(np.log(luminance + 1e-3 * luminance.max()), weights=weight))
         bright = np.percentile(luminance, 97)
-        return float(min(self._condition.key / middle, 5 * self._condition.key / bright))
+        return float(min(self._condition.key / log_mean, 5 * self._condition.key / bright))
 
     def _to_srgb(self, display: np.ndarray, pose: np.ndarray) -> np.ndarray:
         """Convert tone-mapped linear values (H * 2H, 3) in [0, 1] to (H, 2H, 3) uint8 sRGB."""
@@ -327,7 +326,6 @@ def _sky(direction: np.ndarray, condition: Condition) -> np.ndarray:
     land = ground * (1 + 0.25 * np.sin(60 * azimuth + 25 * height) * np.clip(1 + 6 * height, 0, 1))[:, None].astype(
         np.float32
     )
-    above = np.clip((height - skyline) * 200, 0, 1)[:, None].astype(
-        np.float32
-    )  # the skyline is blurred over a third of a degree
+    # The skyline is blurred over a third of a degree.
+    above = np.clip((height - skyline) * 200, 0, 1)[:, None].astype(np.float32)
     return land + (sky - land) * above

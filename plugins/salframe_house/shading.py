@@ -6,16 +6,10 @@ import numpy as np
 
 from salframe_house.tracing import RayHits, chunks, rows
 
-_TAPS = (
-    (-2, 0.125),
-    (-1, 0.25),
-    (0, 0.25),
-    (1, 0.25),
-    (2, 0.125),
-)  # (shift, weight); 4 interleaved sample sets have equal total weights
-_FLOOR = np.float32(
-    1e-5
-)  # weight of a neighbour on another surface: matters only if no neighbour lies on the same surface
+# Smoothing filter, (shift, weight): the 4 interleaved sample sets have equal total weights.
+_TAPS = ((-2, 0.125), (-1, 0.25), (0, 0.25), (1, 0.25), (2, 0.125))
+# Weight of a neighbour on another surface: matters only if no neighbour lies on the same surface.
+_MIN_WEIGHT = np.float32(1e-5)
 
 
 class IrradianceGrid:
@@ -143,5 +137,5 @@ def _similarity(point_m, normal, other_point_m, other_normal, tolerance_m) -> np
     off += 1
     off *= off
     facing /= off
-    facing += _FLOOR
+    facing += _MIN_WEIGHT
     return facing

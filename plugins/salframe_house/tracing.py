@@ -14,7 +14,7 @@ from embreex.rtcore_scene import EmbreeScene
 from salframe.framework.engines.worker import threads_allowed
 from salframe_house.scene import Scene
 
-_NOTHING = np.float32(1e30)  # threshold of a miss: Embree returns a range of 1e37
+_MISS_RANGE_M = np.float32(1e30)  # threshold of a miss: Embree returns a range of 1e37
 _THREADS = 2  # embreex releases the GIL while it traces
 _CHUNK = 1 << 14  # rays per chunk; cv2.remap requires image sides below 32768
 
@@ -60,7 +60,7 @@ def rows(table: np.ndarray, index: np.ndarray) -> np.ndarray:
 
 
 def chunks(count: int) -> Iterator[slice]:
-    """Generate slices of `count` rays, short enough that temporary arrays fit into the processor cache."""
+    """Generate slices of `count` rays, short enough that temporary arrays fit into the CPU cache."""
     for start in range(0, count, _CHUNK):
         yield slice(start, start + _CHUNK)
 
@@ -104,7 +104,7 @@ class Tracer:
         start_m, direction = origin_m[part], surface.direction[part]
         hits = self._surfaces.run(start_m, direction, query="INTERSECT", output=True)
         range_m = hits["tfar"]
-        missed = range_m > _NOTHING
+        missed = range_m > _MISS_RANGE_M
         surface.triangle[part] = triangle = np.maximum(hits["primID"], 0)
         surface.weight_u[part], surface.weight_v[part] = hits["u"], hits["v"]
         normal = rows(self._normal, triangle)
