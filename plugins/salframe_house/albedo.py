@@ -73,6 +73,7 @@ class SurfaceColor:
     def _albedo(
         self, triangle: np.ndarray, weight_u: np.ndarray, weight_v: np.ndarray, footprint_m: np.ndarray
     ) -> np.ndarray:
+        """Compute the albedo of one chunk of hits, (3, N)."""
         u, v, u1, v1, u2, v2, extent_u, extent_v, extent, top, left, wear_contrast, *color = rows(
             self._of_triangle, triangle
         ).T

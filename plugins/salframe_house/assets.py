@@ -291,6 +291,7 @@ def _albedo(linear_rgb: np.ndarray) -> tuple[float, float, float]:
 
 
 def _trimesh() -> Any:
+    """Import trimesh."""
     try:
         import trimesh
     except ImportError:

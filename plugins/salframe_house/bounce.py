@@ -74,6 +74,7 @@ class Bounce:
         return _mean_of_rays(incoming, rays)
 
     def _gather(self, point_m: np.ndarray, normal: np.ndarray, sample_set: np.ndarray, rays: int) -> RayHits:
+        """Trace the gather rays of points; the rays of a point are consecutive."""
         direction = gather_directions(normal, sample_set, rays).reshape(-1, 3)
         return self._tracer.trace(np.repeat((point_m + normal * _OFFSET_M).T, rays, axis=1).T, direction)
 

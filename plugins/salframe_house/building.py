@@ -65,6 +65,7 @@ class Building:
 
     @property
     def layout(self) -> Layout:
+        """Structure of the building."""
         return Layout(self.rooms, self.doors, self.windows)
 
     @property
@@ -166,6 +167,7 @@ class Building:
 
     @property
     def _extent_m(self) -> tuple[np.ndarray, np.ndarray]:
+        """Corners (x, y) of the floor masks: the bounding rectangle of the rooms with a margin of at least 0.2 m."""
         low, high = np.min([room.low_m for room in self.rooms], 0), np.max([room.high_m for room in self.rooms], 0)
         return np.floor(low * 10 - 2) / 10, np.ceil(high * 10 + 2) / 10
 

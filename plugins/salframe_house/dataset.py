@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 FRAME_SETTINGS = "queries_per_room", "frames_per_room", "query_shift_m", "query_yaw", "lighting"
 """Settings that determine which frames exist and their lighting. They affect the pixels only through the frame."""
 CHANGE_SETTINGS = "changed_fraction", "changes", "change_kinds", "query_range", "query_scale_share"
-"""Settings of what happens after the map was made."""
+"""Settings that affect only the queries: changes of the building and the range of the queries."""
 
 
 class House(RenderedDataset["HouseFrame"], NavigableDataset):
@@ -63,10 +63,12 @@ class House(RenderedDataset["HouseFrame"], NavigableDataset):
 
     @cached_property
     def _query_pixels_key(self) -> str:
+        """Fingerprint of the settings that the pixels of queries depend on."""
         return self._key_without(FRAME_SETTINGS)
 
     @cached_property
     def _reference_pixels_key(self) -> str:
+        """Fingerprint of the settings that the pixels of reference frames depend on."""
         return self._key_without((*FRAME_SETTINGS, *CHANGE_SETTINGS))
 
     def _key_without(self, names: Sequence[str]) -> str:

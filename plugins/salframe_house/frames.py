@@ -90,6 +90,7 @@ def choose_frames(
 def _frame(
     name: str, role: FrameRole, place: str, point_m, yaw_rad: float, lighting: Lighting, z_m: float = CAMERA_HEIGHT_M
 ) -> HouseFrame:
+    """Return a frame at a point (x, y), with rounded pose."""
     x, y = (round(float(value), 4) for value in point_m)
     return HouseFrame(name, role, place, x, y, round(z_m, 4), round(float(yaw_rad), 6), lighting)
 
@@ -133,6 +134,16 @@ def _queries(
     yaw_mode: QueryYaw,
     mean_m: float,
 ) -> list[HouseFrame]:
+    """Choose the queries: free positions near the reference frames, then yaw, height and lighting.
+
+    Args:
+        frames: Reference frames, including those in doorways.
+        changed: The building at the time of the queries.
+        rng: Source of the draws.
+        per_room: Number of queries per room.
+        yaw_mode: See `choose_frames`.
+        mean_m: Mean distance from the nearest reference frame.
+    """
     min_m, max_m = (limit * (mean_m / MEAN_SHIFT_M) for limit in SHIFT_M)
     free = changed.free_space(CLEARANCE_M, _GRID_M)
     room_frames = {room.id: [frame for frame in frames if frame.place == room.id] for room in changed.rooms}

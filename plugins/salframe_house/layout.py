@@ -32,6 +32,7 @@ class Room:
 
     @property
     def mirrored(self) -> bool:
+        """Whether the furniture repeats that of another room mirrored."""
         return self.mirror_of is not None
 
     @property
@@ -41,6 +42,7 @@ class Room:
 
     @property
     def centre_m(self) -> tuple[float, float]:
+        """Centre (x, y)."""
         return (self.low_m[0] + self.high_m[0]) / 2, (self.low_m[1] + self.high_m[1]) / 2
 
 

@@ -210,6 +210,7 @@ class Lights:
     def _direct(
         self, point_m: np.ndarray, normal: np.ndarray, sample_set: np.ndarray, samples: int, targets_m: np.ndarray
     ) -> np.ndarray:
+        """Compute `direct` for one chunk of points."""
         cell = (point_m[:, 1::-1] - self._low_m[1::-1].astype(np.float32)) / np.float32(_CELL_M)
         row, column = np.clip(cell.astype(np.int32), 0, np.array(self._shape) - 1).T
         light = self._candidates.take(row * self._shape[1] + column, axis=1)

@@ -72,6 +72,7 @@ class MeshBuilder:
         self._count = 0
 
     def _add(self, vertices: np.ndarray, triangles: np.ndarray, uv: np.ndarray, material: np.ndarray) -> None:
+        """Append a part."""
         self._vertices.append(vertices)
         self._triangles.append(triangles + self._count)
         self._uv.append(uv)
@@ -79,6 +80,7 @@ class MeshBuilder:
         self._count += len(vertices)
 
     def _index(self, material: Material) -> int:
+        """Return the index of a material, which is added on first use."""
         return self._materials.setdefault(material, len(self._materials))
 
     def quad(self, corners: np.ndarray, material: Material, uv: np.ndarray | None = None) -> None:

@@ -237,6 +237,7 @@ def _add_row(
         flip = (up < 0) != cell.mirrored
 
         def world(u: float, v: float, left=left, flip=flip, width=cell.width_m) -> tuple[float, float]:
+            """Convert cell coordinates to world coordinates."""
             return round(left + (width - u if flip else u), 4), round(base + up * v, 4)
 
         originals: Sequence[str | None] = (None,) * len(cell.rooms)

@@ -77,6 +77,7 @@ class IrradianceGrid:
         return irradiance.T
 
     def _at(self, row, column, point_m, normal, range_m) -> np.ndarray:
+        """Compute `at` for one chunk of surfaces."""
         row, column = row / np.float32(self._step), column / np.float32(self._step)
         top, left = np.floor(row).astype(np.int32), np.floor(column).astype(np.int32)
         down, right = row - top, column - left
