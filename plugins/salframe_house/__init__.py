@@ -1,4 +1,4 @@
-"""Rendered, furnished buildings."""
+"""Dataset `house`: rendered, furnished buildings."""
 
 import salframe
 

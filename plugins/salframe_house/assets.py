@@ -1,4 +1,4 @@
-"""Furniture meshes of Sweet Home 3D's catalogues (.sh3f), which stand beside the parametric ones."""
+"""Furniture meshes of Sweet Home 3D's libraries (.sh3f), an alternative to the parametric meshes."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ Part = Literal["training", "held-out"]
 
 LISTING = "PluginFurnitureCatalog.properties"
 MAX_MODEL_BYTES = 1_000_000
+"""Maximum size of an OBJ file: about 15,000 triangles. 90 % of the models are smaller."""
 _MAX_LIBRARY_BYTES = 1 << 32
-"""Of an OBJ file, some 15,000 triangles: nine in ten models are smaller."""
 
 SHARE = 0.5
-"""Of the objects of a class that the catalogues cover, those that take one of their meshes."""
+"""Share of the objects of a class that use a catalogue mesh, where the catalogue covers the class."""
 
-_UNPAINTED = (0.8, 0.8, 0.8, 1.0)
+_DEFAULT_RGBA = (0.8, 0.8, 0.8, 1.0)
 
 NAMES = {
     "armchair": r"(modern |rattan |winchester )?armchair",
@@ -105,13 +105,22 @@ NAMES = {
     "water cooler": r"water cooler",
     "whiteboard": r"white board",
 }
-"""Which models stand for which class of ours: a pattern of the catalogue's English names, numbers left out."""
+"""Object class -> regular expression of the English model names, without digits, that belong to it."""
 
 
 @dataclass(frozen=True)
 class Asset:
-    """A model of a catalogue: `id` is unique, `rotation` nine numbers by rows that turn it (x right, y up, z to the
-    front)."""
+    """A furniture model of a library.
+
+    Attributes:
+        id: Unique identifier.
+        label: Object class.
+        creator: Author of the model.
+        licence: Licence of the model.
+        archive: Path of the library.
+        model: Path of the model inside the library.
+        rotation: Row-major 3 x 3 rotation of the model (x right, y up, z to the front).
+    """
 
     id: str
     label: str
@@ -123,42 +132,52 @@ class Asset:
 
 
 class Catalogue:
-    """The models of all .sh3f libraries in a folder that stand for one of our classes.
+    """The models of all .sh3f libraries in a folder that belong to a class of `furniture.CLASSES`.
 
-    `part` restricts them: of every five models of a class one is held out from training. Raises DataError where the
-    folder holds no library, RequirementMissing without trimesh.
+    Args:
+        folder: Folder of the libraries, searched recursively.
+        part: Restricts the models. One in five models of a class is held out from training.
+
+    Attributes:
+        assets: Object class -> its models.
+
+    Raises:
+        DataError: The folder contains no library.
+        RequirementMissing: trimesh is not installed.
     """
 
     def __init__(self, folder: Path, part: Part | None = None) -> None:
         _trimesh()
         libraries = sorted(folder.rglob("*.sh3f"))
         if not libraries:
-            raise DataError(f"{folder} holds no .sh3f library, expected those of Sweet Home 3D's furniture")
-        found: dict[str, list[Asset]] = defaultdict(list)
+            raise DataError(f"{folder} contains no .sh3f library; expected the furniture libraries of Sweet Home 3D")
+        by_label: dict[str, list[Asset]] = defaultdict(list)
         for asset in sorted(
             (asset for library in libraries for asset in read_library(library)),
             key=lambda asset: zlib.crc32(asset.id.encode()),
         ):
-            found[asset.label].append(asset)
+            by_label[asset.label].append(asset)
         self.assets = {
             label: [
                 asset
                 for number, asset in enumerate(assets)
                 if part is None or (number % 5 == 2) == (part == "held-out")
             ]
-            for label, assets in found.items()
+            for label, assets in by_label.items()
         }
-        """Label -> its models."""
 
     def choose(self, label: str, seed: int) -> Asset | None:
-        """The model of an object with this label and seed, or None where it stays parametric."""
+        """Return the model of an object with this label and seed; None if the parametric mesh is used."""
         rng = np.random.default_rng((seed, 3))
-        known = self.assets.get(label, ())
-        return known[rng.integers(len(known))] if known and rng.random() < SHARE else None
+        models = self.assets.get(label, ())
+        return models[rng.integers(len(models))] if models and rng.random() < SHARE else None
 
     def mesh(self, label: str, size_m: Size, seed: int) -> Mesh | None:
-        """The chosen model, stretched to size_m, in the frame of our objects (ObjectClass); None where it stays
-        parametric."""
+        """Return the selected model, scaled to `size_m`, in the object frame (see `ObjectClass`).
+
+        Returns:
+            None if the parametric mesh is used.
+        """
         asset = self.choose(label, seed)
         if asset is None:
             return None
@@ -167,15 +186,18 @@ class Catalogue:
 
 
 def read_library(path: Path) -> list[Asset]:
-    """The models of a library that stand for one of our classes and are small enough. Raises DataError where it is no
-    .sh3f file."""
+    """Read the models of a library that belong to an object class and are at most `MAX_MODEL_BYTES` large.
+
+    Raises:
+        DataError: The file is not a .sh3f library.
+    """
     try:
         check_regular(path, _MAX_LIBRARY_BYTES)
         with zipfile.ZipFile(path) as archive:
             sizes = {item.filename: item.file_size for item in archive.infolist()}
             text = archive.read(LISTING).decode("latin-1")
     except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, KeyError, OSError, ValueError) as error:
-        raise DataError(f"{path} is no furniture library of Sweet Home 3D: {error}") from None
+        raise DataError(f"{path} is not a furniture library of Sweet Home 3D: {error}") from None
     values = dict(line.split("=", 1) for line in text.splitlines() if "=" in line and not line.startswith("#"))
     assets = []
     for number in sorted(int(key[3:]) for key in values if key.startswith("id#")):
@@ -190,15 +212,18 @@ def read_library(path: Path) -> list[Asset]:
 
 
 def class_of(name: str) -> str | None:
-    """The class of ours that a catalogue's English name stands for, or None."""
+    """Return the object class of an English model name; None if it belongs to none."""
     plain = " ".join(re.sub(r"[0-9]", " ", name.lower()).split())
     return next((label for label, pattern in NAMES.items() if re.fullmatch(pattern, plain)), None)
 
 
 @lru_cache(maxsize=512)
 def asset_mesh(asset: Asset) -> Mesh:
-    """A model in a box of side 1: footprint centred on the origin, base at 0, front along +x. Raises DataError where it
-    cannot be read."""
+    """Load a model into the unit box: footprint centred on the origin, base at z = 0, front along +x.
+
+    Raises:
+        DataError: The model cannot be read.
+    """
     parts = _read_parts(asset)
     front_left_up = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]]) @ np.reshape(asset.rotation, (3, 3))
     vertices = np.concatenate([np.asarray(part.vertices) for part in parts]) @ front_left_up.T
@@ -217,7 +242,7 @@ def asset_mesh(asset: Asset) -> Mesh:
 
 
 def _read_parts(asset: Asset) -> list[Any]:
-    """The model's parts, one a material."""
+    """Read the parts of a model, one per material."""
     folder = asset.model.rpartition("/")[0] + "/"
     with tempfile.TemporaryDirectory() as directory, zipfile.ZipFile(asset.archive) as archive:
         for name in archive.namelist():
@@ -229,29 +254,29 @@ def _read_parts(asset: Asset) -> list[Any]:
             for part in parts:
                 image = getattr(_material(part), "image", None)
                 if image is not None:
-                    image.load()  # the file is gone when this returns
+                    image.load()  # the temporary folder is deleted when this function returns
         except (ValueError, KeyError, IndexError, OSError) as error:
-            raise DataError(f"{asset.archive}: the model {asset.model} cannot be read: {error}") from None
+            raise DataError(f"{asset.archive}: cannot read model {asset.model}: {error}") from None
     if not parts:
-        raise DataError(f"{asset.archive}: the model {asset.model} holds no triangle")
+        raise DataError(f"{asset.archive}: model {asset.model} contains no triangles")
     return parts
 
 
 def _corners_uv(part: Any) -> np.ndarray:
-    """(F, 3, 2) texture coordinates at the triangles' corners."""
+    """Return the texture coordinates at the corners of the triangles, (F, 3, 2)."""
     uv = getattr(part.visual, "uv", None)
     return np.zeros((len(part.faces), 3, 2)) if uv is None else np.asarray(uv)[part.faces]
 
 
 def _material(part: Any) -> Any:
-    """The part's material as trimesh read it; None where the model names none."""
+    """Return the material of a part as read by trimesh; None if the model has none."""
     return getattr(part.visual, "material", None)
 
 
 def _look(part: Any) -> Material:
-    """Colours of a catalogue are meant for the screen; ours are linear albedos."""
+    """Convert a material: catalogue colours are display values, materials here use linear albedo."""
     material = _material(part)
-    red, green, blue, opacity = np.asarray(material.diffuse) / 255 if material else _UNPAINTED
+    red, green, blue, opacity = np.asarray(material.diffuse) / 255 if material else _DEFAULT_RGBA
     if opacity < 0.5:
         return GLASS
     if material is None or material.image is None:
@@ -266,10 +291,11 @@ def _albedo(linear_rgb: np.ndarray) -> tuple[float, float, float]:
 
 
 def _trimesh() -> Any:
+    """Import trimesh."""
     try:
         import trimesh
     except ImportError:
         raise RequirementMissing(
-            "furniture of Sweet Home 3D needs trimesh, not installed: pip install 'salframe[assets]'"
+            "reading Sweet Home 3D furniture requires trimesh; install it with: pip install 'salframe[assets]'"
         ) from None
     return trimesh

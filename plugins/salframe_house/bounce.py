@@ -1,4 +1,4 @@
-"""Light that arrives by way of other surfaces: a final gather over a coarse radiosity solution."""
+"""Indirect light: a final gather over a coarse radiosity solution."""
 
 from __future__ import annotations
 
@@ -10,19 +10,25 @@ from salframe_house.lighting import INTERLEAVED, Lights
 from salframe_house.tracing import RayHits, Tracer, chunks, rows
 
 _PATCH_M = np.array([0.4, 0.4, 0.3], np.float32)
-_PATCHES = (80, 80, 14)  # around the camera
+_PATCHES = (80, 80, 14)  # number of patches around the camera along x, y, z
 _BOUNCES = 4
 _OFFSET_M = np.float32(0.004)
 
 
 def gather_directions(normal: np.ndarray, sample_set: np.ndarray, count: int) -> np.ndarray:
-    """(N, count, 3) float32 unit directions about normals (N, 3), cosine-distributed; the sets of samples together are
-    stratified."""
+    """Return cosine-distributed unit directions about normals, (N, count, 3) float32.
+
+    The sample sets are stratified jointly.
+
+    Args:
+        normal: Unit normals, (N, 3).
+        sample_set: Sample set of each point, (N,) int in [0, INTERLEAVED).
+        count: Number of directions per normal.
+    """
     order = np.arange(count * INTERLEAVED)
     radius = np.sqrt((order + 0.5) / len(order))
-    angle = (
-        order * np.pi * (3 - np.sqrt(5))
-    )  # a sunflower: even over the disc, and so over the hemisphere under a cosine
+    # Sunflower pattern: uniform over the disc, hence cosine-distributed over the hemisphere.
+    angle = order * np.pi * (3 - np.sqrt(5))
     disc = np.stack([radius * np.cos(angle), radius * np.sin(angle), np.sqrt(1 - radius**2)], axis=1).astype(np.float32)
     local = disc.reshape(count, INTERLEAVED, 3).transpose(1, 0, 2)[sample_set]
     # Orthonormal basis without branches (Duff et al. 2017).
@@ -37,8 +43,15 @@ def gather_directions(normal: np.ndarray, sample_set: np.ndarray, count: int) ->
 class Bounce:
     """Indirect irradiance around one camera position.
 
-    The surfaces that the gathered rays hit are grouped into patches by place and facing; each patch is lit directly at
-    one of its points and exchanges light with the others, so that a ray that ends on a patch knows what it sends back.
+    The surfaces that the gather rays hit are grouped into patches by position and orientation. Each patch is lit
+    directly at one of its points and exchanges light with the others. A ray that ends on a patch returns the light of
+    that patch.
+
+    Args:
+        tracer: Tracer of the scene.
+        lights: Lights of the scene.
+        albedo: Mean albedo of each triangle, (F, 3).
+        centre_m: Camera position, (3,).
     """
 
     def __init__(self, tracer: Tracer, lights: Lights, albedo: np.ndarray, centre_m: np.ndarray):
@@ -46,26 +59,27 @@ class Bounce:
         self._corner_m = (np.floor(centre_m / _PATCH_M - np.divide(_PATCHES, 2)) * _PATCH_M).astype(np.float32)
 
     def irradiance(self, point_m: np.ndarray, normal: np.ndarray, sample_set: np.ndarray, rays: int) -> np.ndarray:
-        """(N, 3) float32 irradiance at points (N, 3) from `rays` rays each; in Fortran order."""
-        surface = self._gathered(point_m, normal, sample_set, rays)
+        """Return the irradiance at points (N, 3) from `rays` rays each, (N, 3) float32 in Fortran order."""
+        surface = self._gather(point_m, normal, sample_set, rays)
         key, hit = self._patch_key(surface), surface.hit
         patch_of = np.full(math.prod(_PATCHES) * 6, -1)
         patch_of[key[hit]] = np.flatnonzero(hit)
         members = np.flatnonzero(patch_of >= 0)
-        sent = self._radiosity(surface.take(patch_of.take(members)), members)
+        emitted = self._radiosity(surface.take(patch_of.take(members)), members)
         patch_of[members] = np.arange(len(members))
-        # A ray that hit nothing ends on the last patch, which is dark.
-        patch = np.where(hit, patch_of.take(key), len(sent))
-        reflected = rows(self._albedo, surface.triangle)
-        reflected *= rows(np.pad(sent, ((0, 1), (0, 0))), patch)
-        return _mean_of_rays(reflected, rays)
+        # A ray without a hit ends on the last patch, which is dark.
+        patch = np.where(hit, patch_of.take(key), len(emitted))
+        incoming = rows(self._albedo, surface.triangle)
+        incoming *= rows(np.pad(emitted, ((0, 1), (0, 0))), patch)
+        return _mean_of_rays(incoming, rays)
 
-    def _gathered(self, point_m: np.ndarray, normal: np.ndarray, sample_set: np.ndarray, rays: int) -> RayHits:
+    def _gather(self, point_m: np.ndarray, normal: np.ndarray, sample_set: np.ndarray, rays: int) -> RayHits:
+        """Trace the gather rays of points; the rays of a point are consecutive."""
         direction = gather_directions(normal, sample_set, rays).reshape(-1, 3)
         return self._tracer.trace(np.repeat((point_m + normal * _OFFSET_M).T, rays, axis=1).T, direction)
 
     def _patch_key(self, surface: RayHits) -> np.ndarray:
-        """(N,) int32 that stands for the place and facing of what each ray hits."""
+        """Return the key of the patch that each ray hits, from position and orientation, (N,) int32."""
         key = np.zeros(len(surface), np.int32)
         for part in chunks(len(surface)):
             point_m, normal = surface.point_m[part].T, surface.normal[part].T
@@ -79,26 +93,28 @@ class Bounce:
         return key
 
     def _radiosity(self, patch: RayHits, key: np.ndarray) -> np.ndarray:
-        """(P, 3) float32 irradiance of the patches after a few bounces among them; in Fortran order."""
+        """Return the irradiance of the patches after `_BOUNCES` light bounces, (P, 3) float32 in Fortran order."""
         rays = INTERLEAVED
         sample_set = np.arange(len(patch)) % INTERLEAVED
         direct = self._lights.direct(patch.point_m, patch.normal, sample_set, samples=8)
-        seen = self._gathered(patch.point_m, patch.normal, sample_set, rays)
-        seen_key = self._patch_key(seen)
-        position = np.minimum(np.searchsorted(key, seen_key), len(key) - 1)
-        known = (seen.hit & (key.take(position) == seen_key))[:, None]
-        albedo = rows(self._albedo, seen.triangle) * seen.hit[:, None]
+        hits = self._gather(patch.point_m, patch.normal, sample_set, rays)
+        hit_key = self._patch_key(hits)
+        position = np.minimum(np.searchsorted(key, hit_key), len(key) - 1)
+        has_patch = (hits.hit & (key.take(position) == hit_key))[:, None]
+        albedo = rows(self._albedo, hits.triangle) * hits.hit[:, None]
         total = direct
         for _ in range(_BOUNCES):
-            # A ray that ends on no patch of the table gets what patches get on average, added up patch by patch.
+            # A ray that ends outside the patches receives their average, summed patch by patch.
             average = np.ascontiguousarray(total).mean(axis=0)
-            incoming = np.where(known, rows(total, position), average)
+            incoming = np.where(has_patch, rows(total, position), average)
             total = direct + _mean_of_rays(albedo * incoming, rays)
         return total
 
 
 def _mean_of_rays(values: np.ndarray, rays: int) -> np.ndarray:
-    """(N, 3) means of the values (N * rays, 3) of each point's rays, added up one ray after the other; both in Fortran
-    order."""
+    """Average the values of the rays of each point: (N * rays, 3) to (N, 3), both in Fortran order.
+
+    The values are summed in the order of the rays.
+    """
     of_ray = values.T.reshape(3, -1, rays).transpose(2, 0, 1)
     return np.ascontiguousarray(of_ray).mean(axis=0).T

@@ -1,4 +1,4 @@
-"""Generated buildings: structure and furniture, their mesh, floor masks, and changed versions of them."""
+"""Generated buildings: structure, furniture, mesh, floor masks and changed versions."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ ChangeKind = Literal["removed", "moved", "added"]
 CHANGE_KINDS: tuple[ChangeKind, ...] = get_args(ChangeKind)
 MIN_ROOMS = 4
 
-# What is part of the house is changed only after everything else.
-_FIXED = frozenset(
+# Fittings of the building: a uniform draw changes them only after all other objects.
+_FITTINGS = frozenset(
     {
         "ceiling lamp",
         "toilet",
@@ -51,7 +51,10 @@ _FIXED = frozenset(
 
 @dataclass(frozen=True, eq=False)
 class Building:
-    """A furnished single-floor building in the world frame (metres, z up, floor at z = 0); corridors count as rooms."""
+    """A furnished single-floor building in the world frame (metres, z up, floor at z = 0).
+
+    Corridors count as rooms.
+    """
 
     style: Style
     seed: int
@@ -62,31 +65,35 @@ class Building:
 
     @property
     def layout(self) -> Layout:
+        """Structure of the building."""
         return Layout(self.rooms, self.doors, self.windows)
 
     @property
     def labels(self) -> dict[int, str]:
         """Instance id -> label."""
-        return {placed.instance_id: placed.label for placed in self.objects}
+        return {obj.instance_id: obj.label for obj in self.objects}
 
     def scene(self, catalogue: Catalogue | None = None) -> Scene:
-        """The triangles, materials and lights of the building; with a catalogue, some of its furniture are models of
-        that."""
+        """Return the triangles, materials and lights of the building.
+
+        Args:
+            catalogue: Furniture models; some of the objects use one of these instead of the parametric mesh.
+        """
         meshes: list[tuple[Mesh, PlacedObject | None]] = [(shell_mesh(self.layout, self.style, self.seed), None)]
         meshes += [(object_mesh(o.label, o.size_m, o.seed, o.mirrored, catalogue), o) for o in self.objects]
         materials: dict[Material, int] = {}
         vertices, triangles, uv, material_index, instance_id = [], [], [], [], []
         count = 0
-        for mesh, placed in meshes:
-            vertices.append(_in_world(mesh, placed))
+        for mesh, obj in meshes:
+            vertices.append(_in_world(mesh, obj))
             triangles.append(mesh.triangles + count)
             uv.append(mesh.uv_m)
             material_index.append(
                 np.array([materials.setdefault(m, len(materials)) for m in mesh.materials])[mesh.material_index]
             )
-            instance_id.append(np.full(len(mesh.triangles), placed.instance_id if placed else 0))
+            instance_id.append(np.full(len(mesh.triangles), obj.instance_id if obj else 0))
             count += len(mesh.vertices_m)
-        lights = [_lamp_light(placed) for placed in self.objects if placed.label == "ceiling lamp"]
+        lights = [_lamp_light(obj) for obj in self.objects if obj.label == "ceiling lamp"]
         lights += [window_light(window) for window in self.windows]
         return Scene(
             np.concatenate(vertices).astype(np.float32),
@@ -99,11 +106,11 @@ class Building:
         )
 
     def floor_masks(self, resolution_m: float = 0.05) -> FloorMasks:
-        """Free floor, room labels (1 + index in `rooms`) and obstacles as seen from above.
+        """Return masks of free floor, room labels (1 + index in `rooms`) and obstacles, in top view.
 
-        Thresholds are floor; the labels of two rooms meet in the middle of theirs
-        (docs/how-to/maps.md#what-the-map-is-made-of). Open door leaves are no free floor. Obstacles are the footprints
-        of all objects, save rugs, that begin below 1.5 m.
+        Thresholds are floor; the labels of two rooms meet in the middle of their threshold
+        (docs/how-to/maps.md#what-the-map-is-made-of). Open door leaves are not free floor. Obstacles are the footprints
+        of all objects that begin below 1.5 m, except rugs.
         """
         low, high = self._extent_m
         shape = tuple(np.ceil((high - low)[::-1] / resolution_m).astype(int))
@@ -112,7 +119,7 @@ class Building:
         y = high[1] - (np.arange(shape[0]) + 0.5) * resolution_m
 
         def inside(first: np.ndarray, second: np.ndarray) -> tuple[slice, slice]:
-            """Rows and columns whose pixel centres lie in the rectangle between two corners."""
+            """Return the rows and columns whose pixel centres lie in the rectangle between two corners."""
             (x0, y0), (x1, y1) = np.minimum(first, second), np.maximum(first, second)
             columns, rows = np.searchsorted(x, (x0, x1)), len(y) - np.searchsorted(y[::-1], (y1, y0))
             return slice(*rows), slice(*columns)
@@ -127,17 +134,25 @@ class Building:
                 free[at], region[at] = True, index[room_id]
             if door.leaf_room is not None:
                 free[inside(*_door_corners(door, *door.leaf_m))] = False
-        for placed in self.objects:
-            if placed.is_obstacle:
-                obstacle[inside(*placed.bounds_m[:, :2])] = True
+        for obj in self.objects:
+            if obj.is_obstacle:
+                obstacle[inside(*obj.bounds_m[:, :2])] = True
         regions = {number: name for name, number in index.items()}
         return FloorMasks(free, region, obstacle, resolution_m, (float(low[0]), float(high[1])), regions)
 
     def free_space(self, clearance_m: float, resolution_m: float = 0.05) -> dict[str, np.ndarray]:
-        """Room id -> (N, 2) points (x, y) in metres of the room's floor at least `clearance_m` from walls, doorways,
-        leaves and obstacles."""
+        """Return the free floor of each room.
+
+        Args:
+            clearance_m: Minimum distance from walls, doorways, door leaves and obstacles.
+            resolution_m: Spacing of the points.
+
+        Returns:
+            Room id -> (N, 2) points (x, y) in metres.
+        """
         masks = self.floor_masks(resolution_m)
-        # Distances are between pixel centres; what blocks a pixel may reach half a diagonal beyond its centre.
+        # Distances are measured between pixel centres; an obstacle may extend half a diagonal beyond the centre of its
+        # pixel.
         clear = (
             ndimage.distance_transform_edt(masks.free & ~masks.obstacle) - np.sqrt(0.5)
         ) * resolution_m >= clearance_m
@@ -152,20 +167,23 @@ class Building:
 
     @property
     def _extent_m(self) -> tuple[np.ndarray, np.ndarray]:
+        """Corners (x, y) of the floor masks: the bounding rectangle of the rooms with a margin of at least 0.2 m."""
         low, high = np.min([room.low_m for room in self.rooms], 0), np.max([room.high_m for room in self.rooms], 0)
         return np.floor(low * 10 - 2) / 10, np.ceil(high * 10 + 2) / 10
 
 
 def generate_building(style: Style, rooms: int, seed: int) -> Building:
-    """Draw a building of a style with exactly this many rooms, corridors counted; the same arguments give the same
-    building.
+    """Generate a building of a style with exactly `rooms` rooms, including corridors.
 
-    Raises ConfigError on an unknown style and on fewer than 4 rooms.
+    The same arguments give the same building.
+
+    Raises:
+        ConfigError: The style is unknown or `rooms` is less than 4.
     """
     if style not in get_args(Style):
-        raise ConfigError(f"unknown style '{style}', expected one of {', '.join(get_args(Style))}")
+        raise ConfigError(f"unknown style '{style}'; expected one of {', '.join(get_args(Style))}")
     if rooms < MIN_ROOMS:
-        raise ConfigError(f"a building of {rooms} rooms, expected at least {MIN_ROOMS}")
+        raise ConfigError(f"a building cannot have {rooms} rooms; expected at least {MIN_ROOMS}")
     layout = plan_layout(style, rooms, seed)
     return Building(style, seed, layout.rooms, layout.doors, layout.windows, furnish(layout, seed))
 
@@ -177,96 +195,112 @@ def change_building(
     changes: Changes = "uniform",
     kinds: Sequence[ChangeKind] = CHANGE_KINDS,
 ) -> Building:
-    """The building after a while: `fraction` of its objects removed, moved within their room, or newly added, in equal
-    parts of `kinds`.
+    """Return the building after objects were removed, moved within their room, or added.
 
-    Objects that carry others stay until these are gone. `changes`: "uniform", any object as likely as another,
-    fittings (lavatories, counters, lamps, radiators) last; "by-class", as often as mobility.RATES has it of their
-    class, as many as can. Moved objects keep their instance id, new ones get new ids. Nothing collides. Raises
-    ConfigError where `fraction` is not in [0, 1].
+    Objects that carry others stay until these are gone. Moved objects retain their instance id; new objects get new
+    ids. Objects do not collide.
+
+    Args:
+        building: The original building.
+        fraction: Number of changes as a fraction of the number of objects, split evenly over `kinds`.
+        seed: Seed of the changes.
+        changes: "uniform": all objects are equally likely, but fittings (toilets, counters, lamps, radiators) change
+            last. "by-class": objects change at the rate of their class in `mobility.RATES`; the number of changes is
+            limited by the number of objects that can move.
+        kinds: Kinds of changes.
+
+    Raises:
+        ConfigError: `fraction` is not in [0, 1].
     """
     if not 0 <= fraction <= 1:
-        raise ConfigError(f"a fraction of {fraction} of changed objects, expected 0 to 1")
+        raise ConfigError(f"fraction of changed objects is {fraction}; expected 0 to 1")
     rng = np.random.default_rng((building.seed, seed, 5))
     total = round(fraction * len(building.objects))
-    happening = [kind for kind in CHANGE_KINDS if kind in kinds]
-    parts = {kind: (total + number) // len(happening) for number, kind in enumerate(happening)}
+    active_kinds = [kind for kind in CHANGE_KINDS if kind in kinds]
+    parts = {kind: (total + number) // len(active_kinds) for number, kind in enumerate(active_kinds)}
     plans = {
-        room.id: RoomPlan(room, building.layout, tuple(placed for placed in building.objects if placed.room == room.id))
+        room.id: RoomPlan(room, building.layout, tuple(obj for obj in building.objects if obj.room == room.id))
         for room in building.rooms
     }
     if changes == "by-class":
-        waiting = mobile_first(building.objects, rng)
+        candidates = mobile_first(building.objects, rng)
     else:
         order = [building.objects[i] for i in rng.permutation(len(building.objects))]
-        waiting = sorted(order, key=lambda placed: placed.label in _FIXED)
-    _change(waiting, parts.get("removed", 0), plans, _remove)
-    _change(waiting, parts.get("moved", 0), plans, partial(_move, rng=rng))
-    next_id = max(placed.instance_id for placed in building.objects) + 1
-    added = 0
-    while added < parts.get("added", 0):
+        candidates = sorted(order, key=lambda obj: obj.label in _FITTINGS)
+    _change(candidates, parts.get("removed", 0), plans, _remove)
+    _change(candidates, parts.get("moved", 0), plans, partial(_move, rng=rng))
+    next_id = max(obj.instance_id for obj in building.objects) + 1
+    num_added = 0
+    while num_added < parts.get("added", 0):
         plan = plans[building.rooms[rng.integers(len(building.rooms))].id]
         item = draw_item(plan.room.kind, rng)
         if changes == "by-class" and not appears(item[0], rng):
             continue
-        if plan.place(*item, rng, next_id + added):
-            added += 1
-    objects = sorted(
-        (placed for plan in plans.values() for placed in plan.objects), key=lambda placed: placed.instance_id
-    )
+        if plan.place(*item, rng, next_id + num_added):
+            num_added += 1
+    objects = sorted((obj for plan in plans.values() for obj in plan.objects), key=lambda obj: obj.instance_id)
     return replace(building, objects=tuple(objects))
 
 
 def _change(
-    waiting: list[PlacedObject],
+    candidates: list[PlacedObject],
     count: int,
     plans: dict[str, RoomPlan],
     change: Callable[[RoomPlan, PlacedObject], bool],
 ) -> None:
-    """Apply a change to the first `count` waiting objects that carry nothing and that it succeeds with; they no longer
-    wait."""
+    """Apply a change to the first `count` candidates for which it succeeds, and remove them from the candidates.
+
+    Candidates that carry other objects are skipped.
+    """
     while count:
-        for placed in waiting:
-            plan = plans[placed.room]
-            if not any(placed.carries(other) for other in plan.objects) and change(plan, placed):
-                waiting.remove(placed)
+        for obj in candidates:
+            plan = plans[obj.room]
+            if not any(obj.carries(other) for other in plan.objects) and change(plan, obj):
+                candidates.remove(obj)
                 count -= 1
                 break
         else:
             return
 
 
-def _remove(plan: RoomPlan, placed: PlacedObject) -> bool:
-    plan.remove(placed)
+def _remove(plan: RoomPlan, obj: PlacedObject) -> bool:
+    """Remove the object from its room."""
+    plan.remove(obj)
     return True
 
 
-def _move(plan: RoomPlan, placed: PlacedObject, rng: np.random.Generator) -> bool:
-    """Find the object another place in its room; where there is none it stays."""
-    plan.remove(placed)
-    if plan.place(placed.label, placed.seed, rng, placed.instance_id, away_from=placed):
+def _move(plan: RoomPlan, obj: PlacedObject, rng: np.random.Generator) -> bool:
+    """Move the object to another position in its room; return False if there is none."""
+    plan.remove(obj)
+    if plan.place(obj.label, obj.seed, rng, obj.instance_id, away_from=obj):
         return True
-    plan.add(placed)
+    plan.add(obj)
     return False
 
 
-def _in_world(mesh: Mesh, placed: PlacedObject | None) -> np.ndarray:
-    """(V, 3) float64 vertices of a mesh where its object stands; the structure's already are in the world."""
-    if placed is None:
+def _in_world(mesh: Mesh, obj: PlacedObject | None) -> np.ndarray:
+    """Return the vertices of a mesh in the world frame, (V, 3) float64. Structure already is in the world frame."""
+    if obj is None:
         return mesh.vertices_m
-    c, s = np.cos(placed.yaw_rad), np.sin(placed.yaw_rad)
-    return mesh.vertices_m @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) + (placed.x_m, placed.y_m, placed.z_m)
+    c, s = np.cos(obj.yaw_rad), np.sin(obj.yaw_rad)
+    return mesh.vertices_m @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) + (obj.x_m, obj.y_m, obj.z_m)
 
 
-def _lamp_light(placed: PlacedObject) -> Light:
-    """The light of a ceiling lamp, at its underside."""
-    c, s = np.cos(placed.yaw_rad), np.sin(placed.yaw_rad)
-    length, width = placed.size_m[0] * 0.85, placed.size_m[1] * 0.85
+def _lamp_light(obj: PlacedObject) -> Light:
+    """Return the light of a ceiling lamp, at its underside."""
+    c, s = np.cos(obj.yaw_rad), np.sin(obj.yaw_rad)
+    length, width = obj.size_m[0] * 0.85, obj.size_m[1] * 0.85
     edge_u, edge_v = (float(c * length), float(s * length), 0.0), (float(-s * width), float(c * width), 0.0)
-    return Light((placed.x_m, placed.y_m, placed.z_m - 0.01), edge_u, edge_v, "lamp", placed.room, placed.instance_id)
+    return Light((obj.x_m, obj.y_m, obj.z_m - 0.01), edge_u, edge_v, "lamp", obj.room, obj.instance_id)
 
 
 def _door_corners(door: Door, along: tuple[float, float], across: tuple[float, float]) -> np.ndarray:
-    """(2, 2) opposite corners (x, y) of a rectangle given along and across a door's axis from its centre."""
+    """Return opposite corners of a rectangle, (2, 2), as (x, y).
+
+    Args:
+        door: The door.
+        along: Range along the axis of the door, relative to its centre.
+        across: Range across the axis of the door, relative to its centre.
+    """
     corners = np.array([along, across]).T if door.axis == "x" else np.array([across, along]).T
     return corners + door.centre_m

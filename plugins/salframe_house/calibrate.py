@@ -1,7 +1,7 @@
-"""How hard a generated building is: `python -m salframe_house.calibrate --seeds 0..9`.
+"""Measure the difficulty of generated buildings: `python -m salframe_house.calibrate --seeds 0..9`.
 
-Localizes the queries with perfect annotations by the Jaccard index of label sets alone, which is what the share of
-twins and the overlap of the rooms' furniture are set by: on house-42 between 0.70 and 0.85.
+Localizes the queries with perfect annotations by the Jaccard index of label sets alone. The share of twins and the
+overlap of the furniture of rooms are set by this accuracy: between 0.70 and 0.85 on house-42.
 """
 
 from __future__ import annotations
@@ -26,20 +26,31 @@ _HEIGHT = 512
 
 @dataclass(frozen=True)
 class Difficulty:
-    """Accuracy of label sets by the seed's queries, and what the building is like."""
+    """Accuracy of label sets on the queries of a seed, and properties of the building.
+
+    Attributes:
+        seed: Seed of the building.
+        accuracy: Share of queries localized to the right room.
+        objects: Minimum, median and maximum number of objects in a room.
+        visible: Mean number of objects visible in a reference frame.
+        twins: Share of rooms that are twins.
+        shift_m: Mean distance of a query from the nearest reference frame of its room.
+        map_frames: Number of reference frames, without transition frames.
+        classes: Number of object classes in the building.
+    """
 
     seed: int
     accuracy: float
-    objects: tuple[float, float, float]  # in a room: least, median, most
-    visible: float  # objects in a reference frame, mean
-    twins: float  # share of rooms
+    objects: tuple[float, float, float]
+    visible: float
+    twins: float
     shift_m: float
     map_frames: int
     classes: int
 
 
 class _Viewer:
-    """Which labels of a building are visible from where."""
+    """Computes which labels of a building are visible from a frame."""
 
     def __init__(self, building: Building):
         scene = building.scene()
@@ -48,7 +59,7 @@ class _Viewer:
         self._instance_id, self._labels = scene.instance_id, building.labels
 
     def labels(self, frame: FrameSpec) -> list[str]:
-        """A label for each visible object."""
+        """Return one label per visible object."""
         pose = frame.pose
         direction = equirectangular_rays(_HEIGHT).reshape(-1, 3) @ pose[:3, :3].T.astype(np.float32)
         origin = np.repeat(pose[None, :3, 3].astype(np.float32), len(direction), 0)
@@ -57,50 +68,50 @@ class _Viewer:
 
 
 def measure(style: Style, rooms: int, seed: int, queries_per_room: int = 3, fraction: float = 0.1) -> Difficulty:
-    """Generate, change and look at the building with this seed."""
+    """Generate and change the building of a seed and measure its difficulty."""
     building = generate_building(style, rooms, seed)
     changed = change_building(building, fraction, seed)
     frames = choose_frames(building, changed, seed, queries_per_room)
-    mapping = [frame for frame in frames if frame.role != "query"]
-    viewer, later = _Viewer(building), _Viewer(changed)
-    seen = [viewer.labels(frame) for frame in mapping]
+    reference = [frame for frame in frames if frame.role != "query"]
+    viewer, query_viewer = _Viewer(building), _Viewer(changed)
+    frame_labels = [viewer.labels(frame) for frame in reference]
     correct, shifts = [], []
-    for query in frames[len(mapping) :]:
-        labels = set(later.labels(query))
-        score = [len(labels & set(s)) / max(len(labels | set(s)), 1) for s in seen]
-        correct.append(mapping[int(np.argmax(score))].place == query.place)
-        shifts.append(min(np.hypot(f.x_m - query.x_m, f.y_m - query.y_m) for f in mapping if f.place == query.place))
-    held = [sum(o.room == room.id for o in building.objects) for room in building.rooms]
+    for query in frames[len(reference) :]:
+        labels = set(query_viewer.labels(query))
+        score = [len(labels & set(s)) / max(len(labels | set(s)), 1) for s in frame_labels]
+        correct.append(reference[int(np.argmax(score))].place == query.place)
+        shifts.append(min(np.hypot(f.x_m - query.x_m, f.y_m - query.y_m) for f in reference if f.place == query.place))
+    counts = [sum(o.room == room.id for o in building.objects) for room in building.rooms]
     return Difficulty(
         seed,
         float(np.mean(correct)),
-        (min(held), float(np.median(held)), max(held)),
-        float(np.mean([len(s) for s, f in zip(seen, mapping, strict=True) if f.role == "map"])),
+        (min(counts), float(np.median(counts)), max(counts)),
+        float(np.mean([len(s) for s, f in zip(frame_labels, reference, strict=True) if f.role == "map"])),
         float(np.mean([room.twin is not None for room in building.rooms])),
         float(np.mean(shifts)),
-        sum(f.role == "map" for f in mapping),
+        sum(f.role == "map" for f in reference),
         len({o.label for o in building.objects}),
     )
 
 
 def main() -> None:
-    """Print a row a seed."""
+    """Print one row per seed."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--style", default="office", choices=get_args(Style))
     parser.add_argument("--rooms", type=int, default=42)
-    parser.add_argument("--seeds", default="0..9", help="first..last")
+    parser.add_argument("--seeds", default="0..9", help="Range of seeds, first..last")
     arguments = parser.parse_args()
     first, _, last = arguments.seeds.partition("..")
     print(
         f"{len(CLASSES)} classes\n"
-        "seed accuracy objects/room (least median most)  visible  twins  shift/m  reference frames  classes used"
+        "seed accuracy objects/room (min median max)    visible  twins  shift/m  reference frames  classes used"
     )
     rows = []
     for seed in range(int(first), int(last or first) + 1):
         rows.append(row := measure(arguments.style, arguments.rooms, seed))
-        least, median, most = row.objects
+        low, median, high = row.objects
         print(
-            f"{seed:4d} {row.accuracy:8.3f} {least:6.0f} {median:.1f} {most:.0f} {row.visible:24.1f} {row.twins:6.2f} "
+            f"{seed:4d} {row.accuracy:8.3f} {low:6.0f} {median:.1f} {high:.0f} {row.visible:24.1f} {row.twins:6.2f} "
             f"{row.shift_m:8.3f} {row.map_frames:8d} {row.classes:12d}",
             flush=True,
         )

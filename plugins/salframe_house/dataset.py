@@ -1,4 +1,4 @@
-"""`house`: a generated building, rendered once into the folder format and read from there."""
+"""Dataset `house`: a generated building, rendered once into the folder format and read from there."""
 
 from __future__ import annotations
 
@@ -20,15 +20,17 @@ from salframe_house.settings import HouseConfig
 if TYPE_CHECKING:
     from salframe_house.frames import HouseFrame
 
-PLACING = "queries_per_room", "frames_per_room", "query_shift_m", "query_yaw", "lighting"
-"""Settings that say which frames there are and in which light; their pixels depend on no more than the frame."""
-CHANGING = "changed_fraction", "changes", "change_kinds", "query_range", "query_scale_share"
-"""Settings of what happens after the building was mapped."""
+FRAME_SETTINGS = "queries_per_room", "frames_per_room", "query_shift_m", "query_yaw", "lighting"
+"""Settings that determine which frames exist and their lighting. They affect the pixels only through the frame."""
+CHANGE_SETTINGS = "changed_fraction", "changes", "change_kinds", "query_range", "query_scale_share"
+"""Settings that affect only the queries: changes of the building and the range of the queries."""
 
 
 class House(RenderedDataset["HouseFrame"], NavigableDataset):
-    """A furnished building, generated and rendered from a seed: reference frames by day, queries later, when some objects
-    have changed."""
+    """A furnished building, generated and rendered from a seed.
+
+    The reference frames show the building by day. The queries show it later, after some objects have changed.
+    """
 
     name = "house"
     version = "1"
@@ -38,8 +40,12 @@ class House(RenderedDataset["HouseFrame"], NavigableDataset):
 
     @property
     def provides(self) -> frozenset[str]:
-        held = {"annotations", *(["rgb"] if self.config.rgb else []), *(["range"] if self.config.query_range else [])}
-        return frozenset(held)
+        channels = {
+            "annotations",
+            *(["rgb"] if self.config.rgb else []),
+            *(["range"] if self.config.query_range else []),
+        }
+        return frozenset(channels)
 
     def kept(self, frame: HouseFrame) -> frozenset[str]:
         return self.provides if frame.is_query else self.provides | {"range"}
@@ -53,18 +59,20 @@ class House(RenderedDataset["HouseFrame"], NavigableDataset):
         return frame.id
 
     def depends_on(self, frame: HouseFrame) -> str:
-        return self._pixels_of_queries if frame.is_query else self._pixels_of_map
+        return self._query_pixels_key if frame.is_query else self._reference_pixels_key
 
     @cached_property
-    def _pixels_of_queries(self) -> str:
-        return self._known_without(PLACING)
+    def _query_pixels_key(self) -> str:
+        """Fingerprint of the settings that the pixels of queries depend on."""
+        return self._key_without(FRAME_SETTINGS)
 
     @cached_property
-    def _pixels_of_map(self) -> str:
-        return self._known_without((*PLACING, *CHANGING))
+    def _reference_pixels_key(self) -> str:
+        """Fingerprint of the settings that the pixels of reference frames depend on."""
+        return self._key_without((*FRAME_SETTINGS, *CHANGE_SETTINGS))
 
-    def _known_without(self, names: Sequence[str]) -> str:
-        """The fingerprint, were these settings the defaults."""
+    def _key_without(self, names: Sequence[str]) -> str:
+        """Return the fingerprint with these settings replaced by their defaults."""
         defaults = {name: field.get_default() for name, field in self.Config.model_fields.items() if name in names}
         return digest(identity(self.config.model_copy(update=defaults), describing=True))
 
@@ -89,15 +97,19 @@ class House(RenderedDataset["HouseFrame"], NavigableDataset):
         return {room.id: room.kind for room in buildings_of(self.config)[0].rooms}
 
     def observe(self, T_world_pano: np.ndarray) -> Panorama:
-        """The panorama at a pose in the changed building, that of the queries; its id names the pose, so that noise
-        keyed by it stays with it."""
+        """Render the panorama at a pose in the changed building, in the lighting of the queries.
+
+        The id contains the pose, so that noise seeded by the id is reproducible.
+        """
         from salframe_house.rendering import render_pose
 
         return as_query(render_pose(self.config, T_world_pano), self.config)
 
     def worlds(self) -> Sequence[World]:
-        """The building, mapped before it changed: objects that were moved or added stop an agent where its map knows of
-        nothing."""
+        """Return the building as a navigation world, mapped before it changed.
+
+        Objects that were moved or added block the agent although the map does not contain them there.
+        """
         from salframe_house.rendering import buildings_of
 
         return floor_worlds(self, [buildings_of(self.config)[1].floor_masks()])

@@ -1,10 +1,10 @@
-"""All classes of furniture, and the mesh of an object."""
+"""All furniture classes, and the mesh of an object."""
 
 from __future__ import annotations
 
 import numpy as np
 
-# Importing a group of furniture enters its classes into CLASSES.
+# Importing a furniture module registers its classes in CLASSES.
 from salframe_house import furniture_decor, furniture_devices, furniture_seating, furniture_storage, furniture_wet  # noqa: F401
 from salframe_house.assets import Catalogue
 from salframe_house.mesh import Mesh, MeshBuilder
@@ -16,9 +16,14 @@ __all__ = ["CLASSES", "object_mesh"]
 def object_mesh(
     label: str, size_m: Size, seed: int, mirrored: bool = False, catalogue: Catalogue | None = None
 ) -> Mesh:
-    """The mesh of an object of this class, size and seed in its own frame; a mirrored one has left and right exchanged.
+    """Return the mesh of an object in the object frame.
 
-    With a catalogue, some objects are models of it.
+    Args:
+        label: Object class.
+        size_m: Size of the object.
+        seed: Seed of the shape and the materials.
+        mirrored: Exchange left and right.
+        catalogue: Furniture models; some objects use one of these instead of the parametric mesh.
     """
     mesh = None if catalogue is None else catalogue.mesh(label, size_m, seed)
     if mesh is None:

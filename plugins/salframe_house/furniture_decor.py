@@ -1,4 +1,4 @@
-"""Lamps, plants, what hangs on walls, and small things."""
+"""Lamps, plants, wall decoration and small objects."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def wall_lamp(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
 def _foliage(
     m: MeshBuilder, rng: np.random.Generator, radius: tuple[float, float], low: float, high: float, count: int
 ) -> None:
-    """Bent leaves that spread from the stem, each two quads, within an elliptic cylinder."""
+    """Add bent leaves that spread from the stem, each of two quads, within an elliptic cylinder."""
     look = looks.leaf(rng)
     for angle in 2 * np.pi * (np.arange(count) + rng.random(count) * 0.7) / count:
         reach, rise, width = rng.uniform(0.6, 1.0), rng.uniform(0.45, 1.0), rng.uniform(0.10, 0.2)
@@ -111,7 +111,7 @@ def plant(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
     ),
 )
 def flowers(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
-    """A vase with a bunch."""
+    """A vase with a bunch of flowers."""
     r, h = size[0] / 2, size[2]
     m.loft(
         [(circle(10) * r * 0.35, 0.0), (circle(10) * r * 0.5, h * 0.25), (circle(10) * r * 0.3, h * 0.5)], looks.CERAMIC
@@ -134,7 +134,7 @@ def rug(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
 
 @furniture("picture", (0.02, 0.40, 0.35), (0.035, 1.00, 0.80), "hung", base_m=(1.2, 1.4))
 def picture(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
-    """A framed painting, with a mount at times."""
+    """A framed painting, sometimes with a mount."""
     x, y, h, frame, rim = size[0] / 2, size[1] / 2, size[2], looks.wood(rng), 0.03
     m.box((-x, -y, 0), (x * 0.4, y, h), frame)
     for low, high in (

@@ -11,7 +11,7 @@ from salframe_house.scene import Material
 
 
 def legs(m: MeshBuilder, size: Size, top: float, thickness: float, material: Material, inset: float = 0.0) -> None:
-    """Four square legs under the corners of the footprint, up to `top`."""
+    """Add four square legs under the corners of the footprint, up to height `top`."""
     x, y = size[0] / 2 - inset - thickness, size[1] / 2 - inset - thickness
     for sx in (-1, 1):
         for sy in (-1, 1):
@@ -22,7 +22,7 @@ def legs(m: MeshBuilder, size: Size, top: float, thickness: float, material: Mat
 def _backrest(
     m: MeshBuilder, size: Size, low: float, material: Material, thickness: float, width: float, lean: float = 0.05
 ) -> None:
-    """A back that leans towards -x, from height `low` to the top."""
+    """Add a back that leans towards -x, from height `low` to the top."""
     x, half = -size[0] / 2, width / 2
 
     def section(shift: float) -> np.ndarray:
@@ -79,6 +79,7 @@ def office_chair(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
 
 
 def _sofa(m: MeshBuilder, size: Size, rng: np.random.Generator, seats: int) -> None:
+    """Add a sofa or armchair with a number of seats."""
     look, leg = looks.upholstery(rng), looks.wood(rng)
     x, y, arm, h = size[0] / 2, size[1] / 2, rng.uniform(0.10, 0.2), rng.uniform(0.40, 0.45)
     legs(m, size, 0.10, 0.05, leg, 0.03)
@@ -180,7 +181,7 @@ def baby_bed(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
 
 
 def _table(m: MeshBuilder, size: Size, rng: np.random.Generator, top: Material, base: Material) -> None:
-    """A rectangular or oval top on four legs or on a column."""
+    """Add a rectangular or oval top on four legs or on a column."""
     x, y, thickness = size[0] / 2, size[1] / 2, 0.04
     if rng.random() < 0.3 and max(size[0], size[1]) < 1.6:
         m.cylinder((0, 0, size[2] - thickness), (x, y), thickness, top, segments=20)
@@ -194,6 +195,7 @@ def _table(m: MeshBuilder, size: Size, rng: np.random.Generator, top: Material, 
 
 
 def _table_looks(rng: np.random.Generator) -> tuple[Material, Material]:
+    """Draw the materials of the top and the base of a table."""
     top = looks.wood(rng)
     return (top, top) if rng.random() < 0.5 else (top if rng.random() < 0.7 else looks.stone(rng), looks.metal(rng))
 
@@ -223,7 +225,7 @@ def conference_table(m: MeshBuilder, size: Size, rng: np.random.Generator) -> No
 
 @furniture("coffee table", (0.50, 0.80, 0.38), (0.65, 1.15, 0.46), "front", ("sofa", "armchair"), gap_m=(0.30, 0.42))
 def coffee_table(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
-    """A low table, at times with a shelf."""
+    """A low table with a shelf."""
     top, base = _table_looks(rng)
     _table(m, size, rng, top, base)
     m.box((-size[0] * 0.18, -size[1] * 0.18, 0.12), (size[0] * 0.18, size[1] * 0.18, 0.14), top)

@@ -1,4 +1,4 @@
-"""Cupboards, shelves and everything else that things are kept in."""
+"""Cupboards, shelves and other storage furniture."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ FRONT_M = 0.02  # thickness of doors and drawers
 
 
 def carcass(m: MeshBuilder, size: Size, low: float, high: float, body: Material) -> None:
-    """The closed body of a cupboard between two heights, behind its fronts."""
+    """Add the closed body of a cupboard between two heights, behind its fronts."""
     m.box((-size[0] / 2, -size[1] / 2, low), (size[0] / 2 - FRONT_M - 0.01, size[1] / 2, high), body)
 
 
 def fronts(
     m: MeshBuilder, size: Size, low: float, high: float, columns: int, rows: int, front: Material, handle: Material
 ) -> None:
-    """A grid of doors or drawers with handles, on the +x side."""
+    """Add a grid of doors or drawers with handles on the +x side."""
     x, width, height = size[0] / 2 - 0.01, size[1] / columns, (high - low) / rows
     for column in range(columns):
         y = -size[1] / 2 + column * width
@@ -42,7 +42,7 @@ def fronts(
 def _shelves(
     m: MeshBuilder, size: Size, boards: int, body: Material, thickness: float = 0.025, back: bool = True
 ) -> list[float]:
-    """Sides, back and boards; returns the heights of the boards' upper faces."""
+    """Add sides, back and boards; return the heights of the upper faces of the boards."""
     x, y = size[0] / 2, size[1] / 2
     for side in (-1, 1):
         low, high = sorted((side * y, side * (y - thickness)))
@@ -57,7 +57,7 @@ def _shelves(
 
 @furniture("bookshelf", (0.28, 0.70, 1.50), (0.36, 1.10, 2.10), "wall", front_m=0.4)
 def bookshelf(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
-    """Shelves with rows of books of unlike height and length."""
+    """Shelves with rows of books of different heights and lengths."""
     tops = _shelves(m, size, int(rng.integers(4, 6)), looks.board(rng))
     gap = tops[1] - tops[0]
     for z in tops[:-1]:

@@ -21,7 +21,7 @@ def _basin(
     look: Material,
     rim: float = 0.03,
 ) -> None:
-    """A rectangular basin: four walls and a bottom, open at the top."""
+    """Add a rectangular basin: four walls and a bottom, open at the top."""
     (x0, y0), (x1, y1), bottom = low, high, top - depth
     m.box((x0, y0, bottom), (x1, y1, bottom + 0.03), look)
     m.box((x0, y0, bottom + 0.03), (x0 + rim, y1, top), look)
@@ -31,6 +31,7 @@ def _basin(
 
 
 def _tap(m: MeshBuilder, x: float, y: float, z: float, height: float, reach: float) -> None:
+    """Add a tap: a column and a spout along +x."""
     m.cylinder((x, y, z), 0.014, height, looks.CHROME, segments=8)
     m.cylinder((x, y, z + height - 0.014), 0.011, reach, looks.CHROME, axis="x", segments=8)
 
@@ -255,7 +256,7 @@ def ironing_board(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
 
 @furniture("drying rack", (0.50, 0.90, 0.95), (0.58, 1.20, 1.10), "centre")
 def drying_rack(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
-    """Bars with washing on two frames."""
+    """Bars with laundry on two frames."""
     x, y, h = size[0] / 2, size[1] / 2, size[2]
     legs(m, size, h, 0.02, looks.WHITE)
     for cx in np.linspace(-x + 0.01, x - 0.01, 5):

@@ -1,4 +1,4 @@
-"""Floor plans: rooms, all rectangles between walls 0.12 m thick, with the doors and windows in these."""
+"""Floor plans: rectangular rooms between walls 0.12 m thick, with doors and windows."""
 
 from __future__ import annotations
 
@@ -10,10 +10,16 @@ DOOR_HEIGHT_M = 2.05
 
 @dataclass(frozen=True)
 class Room:
-    """A rectangle from `low_m` to `high_m` (x, y), measured between the wall faces.
+    """A rectangle, measured between the wall faces.
 
-    Rooms of one `twin` group hold the same list of objects; `mirror_of` names the room whose furniture this one repeats
-    mirrored.
+    Attributes:
+        id: Unique identifier.
+        kind: Kind of room.
+        low_m: Corner (x, y) with the smaller coordinates.
+        high_m: Corner (x, y) with the larger coordinates.
+        height_m: Height of the ceiling.
+        twin: Group of rooms that hold the same list of objects.
+        mirror_of: Room whose furniture this room repeats mirrored.
     """
 
     id: str
@@ -26,6 +32,7 @@ class Room:
 
     @property
     def mirrored(self) -> bool:
+        """Whether the furniture repeats that of another room mirrored."""
         return self.mirror_of is not None
 
     @property
@@ -35,16 +42,21 @@ class Room:
 
     @property
     def centre_m(self) -> tuple[float, float]:
+        """Centre (x, y)."""
         return (self.low_m[0] + self.high_m[0]) / 2, (self.low_m[1] + self.high_m[1]) / 2
 
 
 @dataclass(frozen=True)
 class Door:
-    """An opening in the wall between two rooms, which one walks through along `axis` ("x" or "y"); rooms[0] lies at the
-    smaller coordinate.
+    """An opening in the wall between two rooms.
 
-    `leaf_room` names the room an open leaf stands in (None: an opening without a leaf); `hinge` is the side, -1 or +1
-    across the axis.
+    Attributes:
+        centre_m: Centre (x, y).
+        width_m: Width of the opening.
+        axis: Direction of passage, "x" or "y".
+        rooms: The two rooms; rooms[0] lies at the smaller coordinate.
+        leaf_room: Room in which the open leaf stands; None for an opening without a leaf.
+        hinge: Side of the hinge across the axis, -1 or +1.
     """
 
     centre_m: tuple[float, float]
@@ -56,8 +68,10 @@ class Door:
 
     @property
     def leaf_m(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Where an open leaf stands, seen from the door's centre: along `axis` from hinge to edge, and across it from
-        back to face."""
+        """Ranges of an open leaf relative to the centre of the door.
+
+        Along `axis` from hinge to edge, and across it from back to face.
+        """
         into, half = (1 if self.leaf_room == self.rooms[1] else -1), self.width_m / 2
         near = WALL_M / 2 + 0.015
         return (into * near, into * (near + self.width_m - 0.04)), (self.hinge * half, self.hinge * (half - 0.04))
@@ -65,8 +79,16 @@ class Door:
 
 @dataclass(frozen=True)
 class Window:
-    """A window in an outer wall: `inward` is the unit vector from the pane into the room, `centre_m` lies on the wall's
-    inner face."""
+    """A window in an outer wall.
+
+    Attributes:
+        centre_m: Centre (x, y), on the inner face of the wall.
+        width_m: Width of the window.
+        sill_m: Height of the lower edge.
+        head_m: Height of the upper edge.
+        inward: Unit vector from the pane into the room.
+        room: Id of the room.
+    """
 
     centre_m: tuple[float, float]
     width_m: float
@@ -78,7 +100,7 @@ class Window:
 
 @dataclass(frozen=True)
 class Layout:
-    """The structure of a building."""
+    """Structure of a building: rooms, doors and windows."""
 
     rooms: tuple[Room, ...]
     doors: tuple[Door, ...]

@@ -1,4 +1,4 @@
-"""Palettes: what the surfaces of furniture look like, drawn from muted colours of real interiors (linear albedo)."""
+"""Material palettes of furniture: muted colours of real interiors, in linear albedo."""
 
 from __future__ import annotations
 
@@ -47,8 +47,8 @@ _LINENS = ((0.70, 0.69, 0.67), (0.62, 0.60, 0.55), (0.45, 0.50, 0.56), (0.56, 0.
 _STONES = ((0.60, 0.59, 0.57), (0.20, 0.20, 0.21), (0.45, 0.42, 0.38), (0.35, 0.36, 0.37))
 _LEAVES = ((0.10, 0.22, 0.07), (0.14, 0.28, 0.10), (0.08, 0.18, 0.08), (0.20, 0.28, 0.12))
 
-VARIANTS = 6  # patterns of one texture kind in a building: enough to differ, few enough for a renderer to keep
-UNIQUE_VARIANTS = 24  # the same of pictures, rugs, books and screens, which are told apart by their pattern
+VARIANTS = 6  # patterns per texture in a building: enough for variety, few enough for the texture cache
+UNIQUE_VARIANTS = 24  # patterns of pictures, rugs, books and screens, which differ only by their pattern
 
 CERAMIC = Material("plastic", (0.74, 0.74, 0.73))
 CHROME = Material("metal", (0.62, 0.62, 0.63))
@@ -62,6 +62,7 @@ PAPER = Material("paper", (0.72, 0.71, 0.68))
 
 
 def _draw(rng: np.random.Generator, texture: str, palette, variants: int = VARIANTS, emission: float = 0.0) -> Material:
+    """Draw a material: a colour of the palette, varied in brightness and hue, and a pattern variant."""
     base = np.array(palette[rng.integers(len(palette))])
     tone = base * rng.uniform(0.85, 1.15) * rng.uniform(0.95, 1.05, 3)
     red, green, blue = tone.clip(0.02, 0.8).round(3).tolist()
@@ -69,75 +70,75 @@ def _draw(rng: np.random.Generator, texture: str, palette, variants: int = VARIA
 
 
 def wood(rng: np.random.Generator) -> Material:
-    """Solid or veneered wood."""
+    """Return solid or veneered wood."""
     return _draw(rng, "wood", _WOODS)
 
 
 def board(rng: np.random.Generator) -> Material:
-    """What cabinets and office furniture are made of: wood or painted board."""
+    """Return the board of cabinets and office furniture: wood or painted board."""
     return wood(rng) if rng.random() < 0.6 else _draw(rng, "laminate", _PAINTS)
 
 
 def fabric(rng: np.random.Generator) -> Material:
-    """Upholstery cloth."""
+    """Return upholstery cloth."""
     return _draw(rng, "fabric", _FABRICS)
 
 
 def upholstery(rng: np.random.Generator) -> Material:
-    """Cloth or leather."""
+    """Return cloth or leather."""
     return fabric(rng) if rng.random() < 0.7 else _draw(rng, "leather", _LEATHERS)
 
 
 def linen(rng: np.random.Generator) -> Material:
-    """Bedding, towels, curtains."""
+    """Return the cloth of bedding, towels and curtains."""
     return _draw(rng, "fabric", _LINENS)
 
 
 def metal(rng: np.random.Generator) -> Material:
-    """Frames and legs."""
+    """Return the metal of frames and legs."""
     return _draw(rng, "metal", _METALS)
 
 
 def plastic(rng: np.random.Generator) -> Material:
-    """Housings of devices and bins."""
+    """Return the plastic of device housings and bins."""
     return _draw(rng, "plastic", _PLASTICS)
 
 
 def paint(rng: np.random.Generator) -> Material:
-    """Painted fronts and sheet metal."""
+    """Return painted fronts or sheet metal."""
     return _draw(rng, "plastic", _PAINTS)
 
 
 def stone(rng: np.random.Generator) -> Material:
-    """Worktops."""
+    """Return the stone of worktops."""
     return _draw(rng, "marble", _STONES)
 
 
 def leaf(rng: np.random.Generator) -> Material:
-    """Leaves of plants."""
+    """Return the leaves of a plant."""
     return _draw(rng, "leaf", _LEAVES)
 
 
 def rug(rng: np.random.Generator) -> Material:
-    """A patterned rug."""
+    """Return a patterned rug."""
     return _draw(rng, "rug", _FABRICS, UNIQUE_VARIANTS)
 
 
 def books(rng: np.random.Generator) -> Material:
-    """The backs of a row of books or folders."""
+    """Return the spines of a row of books or folders."""
     return _draw(rng, "books", ((0.36, 0.30, 0.26), (0.30, 0.32, 0.36), (0.42, 0.40, 0.36)), UNIQUE_VARIANTS)
 
 
 def picture(rng: np.random.Generator) -> Material:
-    """A painting or print."""
+    """Return a painting or print."""
     return _draw(rng, "picture", ((0.40, 0.38, 0.35), (0.34, 0.36, 0.40), (0.46, 0.42, 0.36)), UNIQUE_VARIANTS)
 
 
 def screen(rng: np.random.Generator) -> Material:
-    """A display, on."""
+    """Return a display that is switched on."""
     return _draw(rng, "screen", ((0.10, 0.11, 0.13),), UNIQUE_VARIANTS, emission=0.25)
 
 
 def shade(rng: np.random.Generator, emission: float) -> Material:
-    """A lamp shade that light comes through."""
+    """Return a translucent lamp shade."""
     return _draw(rng, "fabric", ((0.70, 0.66, 0.56), (0.68, 0.60, 0.46), (0.70, 0.69, 0.66)), emission=emission)

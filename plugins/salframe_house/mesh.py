@@ -1,4 +1,4 @@
-"""Building blocks of meshes: boxes and lofted solids with texture coordinates in metres, collected part by part."""
+"""Mesh primitives: boxes and lofted solids with texture coordinates in metres."""
 
 from __future__ import annotations
 
@@ -21,7 +21,11 @@ _FACE_AXES = {  # face -> (normal axis, side, axis and direction of u, axis of v
 
 
 def _box_template() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Unit corners (6, 4, 3) of the faces, their texture coordinates (4, 2) and the axes (6, 2) that scale these."""
+    """Return the faces of the unit box.
+
+    Returns:
+        Corners (6, 4, 3) of the faces, their texture coordinates (4, 2), and the axes (6, 2) that scale these.
+    """
     corners, axes = np.zeros((6, 4, 3)), np.zeros((6, 2), int)
     uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], float)
     for face, (normal, side, axis_u, direction, axis_v) in enumerate(_FACE_AXES.values()):
@@ -34,13 +38,20 @@ def _box_template() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 _BOX_CORNERS, _BOX_UV, _BOX_UV_AXES = _box_template()
 _QUAD = np.array([[0, 1, 2], [0, 2, 3]])
-_PERMUTATION = {"z": [0, 1, 2], "x": [2, 0, 1], "y": [1, 2, 0]}  # cyclic, so that the winding stays
+_PERMUTATION = {"z": [0, 1, 2], "x": [2, 0, 1], "y": [1, 2, 0]}  # cyclic permutations preserve the winding
 
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """Triangles of one object: vertices_m (V, 3) float64, triangles (F, 3) int64, uv_m (F, 3, 2) float64 in metres,
-    material_index (F,) int64 into `materials`; counter-clockwise seen from outside."""
+    """Triangles of one object.
+
+    Attributes:
+        vertices_m: Vertices, (V, 3) float64.
+        triangles: Vertex indices, (F, 3) int64, counter-clockwise when viewed from outside.
+        uv_m: Texture coordinates at the corners in metres, (F, 3, 2) float64.
+        material_index: Index into `materials` for each triangle, (F,) int64.
+        materials: Materials of the mesh.
+    """
 
     vertices_m: np.ndarray
     triangles: np.ndarray
@@ -50,7 +61,7 @@ class Mesh:
 
 
 class MeshBuilder:
-    """Collects parts; `mesh()` joins them. Lengths are in metres, in the frame of the object."""
+    """Collects the parts of a mesh; `mesh()` joins them. Lengths are in metres, in the object frame."""
 
     def __init__(self) -> None:
         self._vertices: list[np.ndarray] = []
@@ -61,6 +72,7 @@ class MeshBuilder:
         self._count = 0
 
     def _add(self, vertices: np.ndarray, triangles: np.ndarray, uv: np.ndarray, material: np.ndarray) -> None:
+        """Append a part."""
         self._vertices.append(vertices)
         self._triangles.append(triangles + self._count)
         self._uv.append(uv)
@@ -68,11 +80,17 @@ class MeshBuilder:
         self._count += len(vertices)
 
     def _index(self, material: Material) -> int:
+        """Return the index of a material, which is added on first use."""
         return self._materials.setdefault(material, len(self._materials))
 
     def quad(self, corners: np.ndarray, material: Material, uv: np.ndarray | None = None) -> None:
-        """A flat four-cornered face, corners (4, 3) counter-clockwise; uv (4, 2), by default from corner 0 along its
-        two edges."""
+        """Add a flat quadrilateral.
+
+        Args:
+            corners: Corners, (4, 3), counter-clockwise.
+            material: Material of the face.
+            uv: Texture coordinates, (4, 2); by default measured from corner 0 along its two edges.
+        """
         corners = np.asarray(corners, float)
         if uv is None:
             width, height = np.linalg.norm(corners[1] - corners[0]), np.linalg.norm(corners[3] - corners[0])
@@ -80,8 +98,14 @@ class MeshBuilder:
         self._add(corners, _QUAD, np.asarray(uv, float)[_QUAD], np.full(2, self._index(material)))
 
     def box(self, low: Point, high: Point, material: Material, **faces: Material) -> None:
-        """An axis-aligned box; `front`, `back`, `left`, `right`, `top`, `bottom` name faces (+x, -x, +y, -y, +z, -z) of
-        another look."""
+        """Add an axis-aligned box.
+
+        Args:
+            low: Corner with the smaller coordinates.
+            high: Corner with the larger coordinates.
+            material: Material of all faces that `faces` does not contain.
+            faces: Material of the faces `front`, `back`, `left`, `right`, `top`, `bottom` (+x, -x, +y, -y, +z, -z).
+        """
         corner, size = np.asarray(low, float), np.subtract(high, low)
         vertices = (corner + _BOX_CORNERS * size).reshape(24, 3)
         uv = _BOX_UV * size[_BOX_UV_AXES][:, None]
@@ -100,11 +124,15 @@ class MeshBuilder:
         caps: tuple[bool, bool] = (True, True),
         cap: Material | None = None,
     ) -> None:
-        """A solid through cross-sections ((n, 2) points, counter-clockwise; height along `axis`), closed by flat caps
-        at its ends.
+        """Add a solid through cross-sections, closed by flat caps at its ends.
 
-        The cross-section of an "x" loft lies in (y, z), of a "y" loft in (z, x). `cap` is another look for the last
-        cap.
+        Args:
+            sections: Cross-sections: (n, 2) points, counter-clockwise, and their position along `axis`.
+            material: Material of the solid.
+            axis: Axis of the loft. The cross-sections of an "x" loft are in (y, z), of a "y" loft in (z, x).
+            origin: Offset of the solid.
+            caps: Whether the first and the last cap are closed.
+            cap: Material of the last cap, by default `material`.
         """
         rings = np.array([np.column_stack([points, np.full(len(points), height)]) for points, height in sections])
         count, n = rings.shape[:2]
@@ -143,13 +171,24 @@ class MeshBuilder:
         segments: int = 12,
         cap: Material | None = None,
     ) -> None:
-        """A cylinder, cone stump or elliptic pipe from `centre` (of its first cap) along `axis`."""
+        """Add a cylinder, truncated cone or elliptic pipe.
+
+        Args:
+            centre: Centre of the first cap.
+            radius: Radius, or the two radii of an ellipse.
+            height: Length along `axis`.
+            material: Material of the solid.
+            axis: Axis of the cylinder.
+            top_radius: Radius of the last cap, by default `radius`.
+            segments: Number of sides.
+            cap: Material of the last cap, by default `material`.
+        """
         ring = circle(segments)
         sections = [(ring * radius, 0.0), (ring * (radius if top_radius is None else top_radius), height)]
         self.loft(sections, material, axis, centre, cap=cap)
 
     def cushion(self, low: Point, high: Point, material: Material, bevel_m: float = 0.03) -> None:
-        """A box with its upright and upper edges rounded off, open below: upholstery, mattresses, pillows."""
+        """Add a box with rounded vertical and upper edges, open below: upholstery, mattresses, pillows."""
         (x0, y0, z0), (x1, y1, z1) = low, high
         bevel = min(bevel_m, (x1 - x0) / 4, (y1 - y0) / 4, (z1 - z0) / 2)
         outline, inset = (
@@ -159,7 +198,7 @@ class MeshBuilder:
         self.loft([(outline, z0), (outline, z1 - bevel), (inset, z1)], material, caps=(False, True))
 
     def mesh(self) -> Mesh:
-        """All parts as one mesh."""
+        """Return all parts as one mesh."""
         return Mesh(
             np.concatenate(self._vertices),
             np.concatenate(self._triangles),
@@ -170,13 +209,13 @@ class MeshBuilder:
 
 
 def circle(segments: int) -> np.ndarray:
-    """(segments, 2) points of the unit circle, counter-clockwise."""
+    """Return points of the unit circle, (segments, 2), counter-clockwise."""
     angle = 2 * np.pi * np.arange(segments) / segments
     return np.column_stack([np.cos(angle), np.sin(angle)])
 
 
 def _octagon(x0: float, y0: float, x1: float, y1: float, cut: float) -> np.ndarray:
-    """A rectangle with its corners cut off, counter-clockwise."""
+    """Return a rectangle with its corners cut off, counter-clockwise."""
     return np.array(
         [
             [x0 + cut, y0],

@@ -1,4 +1,4 @@
-"""Where an object may stand: candidate poses beside walls, furniture and windows, and what rules them out."""
+"""Placement of objects: candidate poses at walls, furniture and windows, and the rules that reject them."""
 
 from __future__ import annotations
 
@@ -12,23 +12,34 @@ from salframe_house.furniture import CLASSES
 from salframe_house.layout import Door, Layout, Room, Window
 from salframe_house.object_class import ObjectClass, Size
 
-STANDING_HEIGHT_M = 1.5  # an obstacle on the floor begins below this; lamps and pictures hang above
-_FLAT_M = 0.05  # what is lower can be walked on
-_WALL_GAP_M = 0.02  # skirting
+STANDING_HEIGHT_M = 1.5  # objects that begin below this height are obstacles; lamps and pictures hang above
+_FLAT_M = 0.05  # maximum height of objects that can be walked on
+_WALL_GAP_M = 0.02  # distance to the wall, for the skirting
 _HUNG_GAP_M = 0.004
 _PASSAGE_M = 0.60
 _CELL_M = 0.05
 _TRIES = 48
-_CONTACT_M = 1e-4  # objects may touch
-_INWARD = ((1, 0), (-1, 0), (0, 1), (0, -1))  # of the walls: at low x, high x, low y, high y
+_CONTACT_M = 1e-4  # tolerance of collisions: objects may touch
+_INWARD = ((1, 0), (-1, 0), (0, 1), (0, -1))  # inward normals of the walls at low x, high x, low y, high y
 
 
 @dataclass(frozen=True)
 class PlacedObject:
-    """An object in the building: origin (x, y, z) at the middle of its base, front along `yaw_rad`, size_m along its
-    own x, y, z.
+    """An object in the building.
 
-    Label, size, seed and `mirrored` (left and right exchanged) determine its mesh.
+    The label, size, seed and `mirrored` determine its mesh.
+
+    Attributes:
+        instance_id: Unique number in the building.
+        label: Object class.
+        room: Id of the room.
+        x_m: Position of the middle of the base.
+        y_m: Position of the middle of the base.
+        z_m: Height of the base.
+        yaw_rad: Direction of the front.
+        size_m: Size along the x, y, z axes of the object.
+        seed: Seed of the shape and the materials.
+        mirrored: Whether left and right are exchanged.
     """
 
     instance_id: int
@@ -44,13 +55,13 @@ class PlacedObject:
 
     @property
     def half_extent_m(self) -> tuple[float, float]:
-        """Half the extent of the footprint's bounding rectangle along world x and y."""
+        """Half the extent of the bounding rectangle of the footprint along world x and y."""
         c, s = abs(np.cos(self.yaw_rad)), abs(np.sin(self.yaw_rad))
         return (c * self.size_m[0] + s * self.size_m[1]) / 2, (s * self.size_m[0] + c * self.size_m[1]) / 2
 
     @property
     def bounds_m(self) -> np.ndarray:
-        """(2, 3) lowest and highest corner in the world."""
+        """Lowest and highest corner of the bounding box in the world frame, (2, 3)."""
         hx, hy = self.half_extent_m
         return np.array(
             [[self.x_m - hx, self.y_m - hy, self.z_m], [self.x_m + hx, self.y_m + hy, self.z_m + self.size_m[2]]]
@@ -58,11 +69,11 @@ class PlacedObject:
 
     @property
     def is_obstacle(self) -> bool:
-        """Whether it stands in the way of someone walking."""
+        """Whether the object blocks a walking person."""
         return self.z_m < STANDING_HEIGHT_M and self.size_m[2] > _FLAT_M
 
     def carries(self, other: PlacedObject) -> bool:
-        """Whether `other` stands on this object."""
+        """Return whether `other` stands on this object."""
         if other is self or abs(other.z_m - (self.z_m + self.size_m[2])) > 1e-3:
             return False
         low, high = self.bounds_m[:, :2]
@@ -70,7 +81,11 @@ class PlacedObject:
 
 
 class RoomPlan:
-    """A room while it is furnished. `objects` holds what stands in it."""
+    """A room during furnishing.
+
+    Attributes:
+        objects: The objects in the room.
+    """
 
     def __init__(self, room: Room, layout: Layout, objects: tuple[PlacedObject, ...] = ()):
         self.room = room
@@ -82,17 +97,17 @@ class RoomPlan:
         self._window_boxes = np.array([self._window_box(window) for window in self.windows]).reshape(-1, 2, 3)
         self.objects: list[PlacedObject] = []
         self._boxes = np.zeros((0, 2, 3))
-        for placed in objects:
-            self.add(placed)
+        for obj in objects:
+            self.add(obj)
 
-    def add(self, placed: PlacedObject) -> None:
-        """Put an object where it says it is."""
-        self.objects.append(placed)
-        self._boxes = np.concatenate([self._boxes, placed.bounds_m[None]])
+    def add(self, obj: PlacedObject) -> None:
+        """Add an object at its pose."""
+        self.objects.append(obj)
+        self._boxes = np.concatenate([self._boxes, obj.bounds_m[None]])
 
-    def remove(self, placed: PlacedObject) -> None:
-        """Take an object away."""
-        index = self.objects.index(placed)
+    def remove(self, obj: PlacedObject) -> None:
+        """Remove an object."""
+        index = self.objects.index(obj)
         del self.objects[index]
         self._boxes = np.delete(self._boxes, index, 0)
 
@@ -104,10 +119,17 @@ class RoomPlan:
         instance_id: int = 0,
         away_from: PlacedObject | None = None,
     ) -> PlacedObject | None:
-        """Find a valid place for an object, put it there and return it, or None where there is none among some random
-        candidates.
+        """Find a valid pose for an object among random candidates and add the object there.
 
-        With `away_from` the place is at least half a metre (half the room where that is less) from that object's.
+        Args:
+            label: Object class.
+            seed: Seed of the object.
+            rng: Source of the candidates.
+            instance_id: Instance id of the object.
+            away_from: Object from which the pose is at least 0.5 m away, or half the size of the room if that is less.
+
+        Returns:
+            The object, or None if no candidate is valid.
         """
         kind = CLASSES[label]
         for x, y, z, yaw, size in self._candidates(kind, kind.draw_size(seed), rng):
@@ -115,16 +137,16 @@ class RoomPlan:
                 0.5, *(side / 2 for side in self.room.size_m)
             ):
                 continue
-            placed = PlacedObject(
+            obj = PlacedObject(
                 instance_id, label, self.room.id, round(x, 4), round(y, 4), round(z, 4), round(yaw, 6), size, seed
             )
-            if z >= 0 and self._fits(placed, kind):
-                self.add(placed)
-                return placed
+            if z >= 0 and self._fits(obj, kind):
+                self.add(obj)
+                return obj
         return None
 
     def _door_box(self, door: Door) -> np.ndarray:
-        """The space that stays free before a door, in this room."""
+        """Return the box in this room that remains free in front of a door."""
         along = "xy".index(door.axis)
         side = 1 if door.rooms[1] == self.room.id else -1
         face = (self._low if side > 0 else self._high)[along]
@@ -136,7 +158,7 @@ class RoomPlan:
         return np.array([low, high])
 
     def _window_box(self, window: Window) -> np.ndarray:
-        """The space before a window that only curtains enter."""
+        """Return the box in front of a window that only curtains may enter."""
         inward = np.array(window.inward)
         across = np.abs(inward[::-1]) * (window.width_m / 2 + 0.06)
         ends = np.array(
@@ -144,8 +166,9 @@ class RoomPlan:
         )
         return np.array([[*ends.min(0), window.sill_m - 0.02], [*ends.max(0), window.head_m + 0.1]])
 
-    def _fits(self, placed: PlacedObject, kind: ObjectClass) -> bool:
-        box = placed.bounds_m
+    def _fits(self, obj: PlacedObject, kind: ObjectClass) -> bool:
+        """Return whether the object collides with nothing and leaves fronts and passages free."""
+        box = obj.bounds_m
         if (
             (box[0, :2] < self._low).any()
             or (box[1, :2] > self._high).any()
@@ -156,29 +179,34 @@ class RoomPlan:
             return False
         if kind.stand != "window" and _overlaps(box, self._window_boxes).any():
             return False
-        if placed.z_m > 0 or placed.size_m[2] < _FLAT_M:
+        if obj.z_m > 0 or obj.size_m[2] < _FLAT_M:
             return True
-        return self._keeps_fronts_free(placed, kind) and self._keeps_passages(box)
+        return self._leaves_fronts_free(obj, kind) and self._leaves_passages_free(box)
 
-    def _keeps_fronts_free(self, placed: PlacedObject, kind: ObjectClass) -> bool:
-        front = _front_box(placed, kind)
+    def _leaves_fronts_free(self, obj: PlacedObject, kind: ObjectClass) -> bool:
+        """Return whether the floor in front of the object and of all other objects is free."""
+        front = _front_box(obj, kind)
         for other, box in zip(self.objects, self._boxes, strict=True):
             if other.z_m > 0 or other.size_m[2] < _FLAT_M:
                 continue
             other_kind = CLASSES[other.label]
-            if kind.front_m and placed.label not in other_kind.partners and _overlaps(front, box[None])[0]:
+            if kind.front_m and obj.label not in other_kind.partners and _overlaps(front, box[None])[0]:
                 return False
             other_front = _front_box(other, other_kind)
             if (
                 other_kind.front_m
                 and other.label not in kind.partners
-                and _overlaps(placed.bounds_m, other_front[None])[0]
+                and _overlaps(obj.bounds_m, other_front[None])[0]
             ):
                 return False
         return True
 
-    def _keeps_passages(self, box: np.ndarray) -> bool:
-        """Whether one can still walk between all doors, and nearly everywhere, with the object there."""
+    def _leaves_passages_free(self, box: np.ndarray) -> bool:
+        """Return whether a person can still walk between all doors and reach 85 % of the free floor.
+
+        Args:
+            box: Bounding box of the new object, (2, 3).
+        """
         size = self._high - self._low
         free = np.ones(np.maximum(np.round(size / _CELL_M).astype(int), 1), bool)
         margin = int(_PASSAGE_M / 2 / _CELL_M)
@@ -200,7 +228,7 @@ class RoomPlan:
     def _candidates(
         self, kind: ObjectClass, size: Size, rng: np.random.Generator
     ) -> Iterator[tuple[float, float, float, float, Size]]:
-        """Poses (x, y, z, yaw) and sizes worth trying, in random order."""
+        """Generate candidate poses (x, y, z, yaw) and sizes in random order."""
         if kind.stand == "window":
             for index in rng.permutation(len(self.windows)):
                 yield _over_window(size, self.windows[index])
@@ -208,7 +236,7 @@ class RoomPlan:
             for x, y in self._ceiling_points(rng):
                 yield x, y, self.room.height_m - size[2], self._long_axis_yaw, size
         elif kind.partners:
-            partners = [placed for placed in self.objects if placed.label in kind.partners]
+            partners = [obj for obj in self.objects if obj.label in kind.partners]
             for _ in range(_TRIES if partners else 0):
                 yield *_by_partner(kind, size, partners[rng.integers(len(partners))], rng), size
         else:
@@ -219,16 +247,17 @@ class RoomPlan:
                     yield x, y, 0.0, yaw, size
             for _ in range(_TRIES):
                 if kind.stand == "centre":
-                    yield *self._in_the_open(size, rng), size
+                    yield *self._on_free_floor(size, rng), size
                 else:
                     yield *self._along_walls(kind, size, rng), size
 
     @property
     def _long_axis_yaw(self) -> float:
+        """Yaw that aligns the width of an object with the long axis of the room."""
         return 0.0 if self.room.size_m[1] >= self.room.size_m[0] else np.pi / 2
 
     def _ceiling_points(self, rng: np.random.Generator) -> list[tuple[float, float]]:
-        """Regular places along the room's long axis, from the middle of the room outwards, then random ones."""
+        """Return regular positions along the long axis, from the middle of the room outwards, then random ones."""
         long = int(self.room.size_m[1] >= self.room.size_m[0])
         spaces = max(1, round(self.room.size_m[long] / 5.5))
         middle = np.array(self.room.centre_m)
@@ -238,16 +267,20 @@ class RoomPlan:
         spread = middle + rng.uniform(-0.3, 0.3, (8, 2)) * self.room.size_m
         return [(float(x), float(y)) for x, y in np.concatenate([points, spread])]
 
-    def _in_the_open(self, size: Size, rng: np.random.Generator) -> tuple[float, float, float, float]:
-        turned = int(rng.integers(2))
-        slack = (self._high - self._low - (size[1::-1] if turned else size[:2])) / 2
+    def _on_free_floor(self, size: Size, rng: np.random.Generator) -> tuple[float, float, float, float]:
+        """Return a random pose on the floor, aligned with the walls."""
+        quarter_turns = int(rng.integers(2))
+        slack = (self._high - self._low - (size[1::-1] if quarter_turns else size[:2])) / 2
         x, y = np.array(self.room.centre_m) + slack * rng.uniform(-0.8, 0.8, 2)
-        return float(x), float(y), 0.0, turned * np.pi / 2 + rng.integers(2) * np.pi
+        return float(x), float(y), 0.0, quarter_turns * np.pi / 2 + rng.integers(2) * np.pi
 
     def _along_walls(
         self, kind: ObjectClass, size: Size, rng: np.random.Generator
     ) -> tuple[float, float, float, float]:
-        """Back to a wall; four in ten (corner furniture: nine) right in one of its ends."""
+        """Return a random pose with the back to a wall.
+
+        60 % of the poses (corner furniture: 10 %) are anywhere along the wall, the others at one of its ends.
+        """
         wall = int(rng.integers(4))
         hung = kind.stand == "hung"
         slack = np.array(self.room.size_m) / 2 - size[1] / 2 - _WALL_GAP_M
@@ -264,7 +297,14 @@ class RoomPlan:
     def _at_wall(
         self, size: Size, gap: float, wall: int, beside_m: np.ndarray | tuple[float, float]
     ) -> tuple[float, float, float]:
-        """Position and yaw with the back at a wall (an index of _INWARD), next to a point."""
+        """Return the position and yaw of an object with its back to a wall, next to a point.
+
+        Args:
+            size: Size of the object.
+            gap: Distance to the wall.
+            wall: Index into `_INWARD`.
+            beside_m: The point (x, y).
+        """
         inward = np.array(_INWARD[wall])
         face = np.where(inward > 0, self._low, self._high)
         point = np.where(inward != 0, face + inward * (size[0] / 2 + gap), beside_m)
@@ -272,17 +312,20 @@ class RoomPlan:
 
 
 def _over_window(size: Size, window: Window) -> tuple[float, float, float, float, Size]:
-    """Where a curtain hangs, and its size: as wide as the window and a little more."""
+    """Return the pose and the size of a curtain, which is slightly wider than the window."""
     x, y = np.array(window.centre_m) + np.array(window.inward) * (size[0] / 2 + 0.03)
     yaw = float(np.arctan2(window.inward[1], window.inward[0]))
-    fitted = (size[0], round(window.width_m + 0.3, 3), round(window.head_m - window.sill_m + 0.22, 3))
-    return float(x), float(y), window.sill_m - 0.12, yaw, fitted
+    curtain_size = (size[0], round(window.width_m + 0.3, 3), round(window.head_m - window.sill_m + 0.22, 3))
+    return float(x), float(y), window.sill_m - 0.12, yaw, curtain_size
 
 
 def _by_partner(
     kind: ObjectClass, size: Size, partner: PlacedObject, rng: np.random.Generator
 ) -> tuple[float, float, float, float]:
-    """In front of another object or around it, facing it; beside it, facing its way; or on top of it."""
+    """Return a random pose relative to a partner.
+
+    In front of the partner or around it, facing it; beside it, in the same direction; or on top of it.
+    """
     half_x, half_y, gap = partner.size_m[0] / 2, partner.size_m[1] / 2, rng.uniform(*kind.gap_m)
     turn, z = 0.0, 0.0
     if kind.stand == "beside":
@@ -294,7 +337,7 @@ def _by_partner(
         )
         z = partner.z_m + partner.size_m[2]
         if size[0] > partner.size_m[0] or size[1] > partner.size_m[1]:
-            z = -1.0  # does not fit on it
+            z = -1.0  # does not fit on the partner
     else:
         turn = np.pi if kind.stand == "front" else rng.integers(4) * np.pi / 2
         reach, width = (half_x, half_y) if np.cos(turn) ** 2 > 0.5 else (half_y, half_x)
@@ -306,16 +349,16 @@ def _by_partner(
     return float(partner.x_m + c * x - s * y), float(partner.y_m + s * x + c * y), z, float(yaw)
 
 
-def _front_box(placed: PlacedObject, kind: ObjectClass) -> np.ndarray:
-    """(2, 3) the floor in front of an object that other furniture leaves free."""
-    c, s = np.cos(placed.yaw_rad), np.sin(placed.yaw_rad)
-    reach = placed.size_m[0] / 2 + kind.front_m
-    half = placed.size_m[1] / 2
-    corners = np.array([(c * x - s * y, s * x + c * y) for x in (placed.size_m[0] / 2, reach) for y in (-half, half)])
-    corners += (placed.x_m, placed.y_m)
+def _front_box(obj: PlacedObject, kind: ObjectClass) -> np.ndarray:
+    """Return the box in front of an object that other furniture leaves free, (2, 3)."""
+    c, s = np.cos(obj.yaw_rad), np.sin(obj.yaw_rad)
+    reach = obj.size_m[0] / 2 + kind.front_m
+    half = obj.size_m[1] / 2
+    corners = np.array([(c * x - s * y, s * x + c * y) for x in (obj.size_m[0] / 2, reach) for y in (-half, half)])
+    corners += (obj.x_m, obj.y_m)
     return np.array([[*corners.min(0), 0.0], [*corners.max(0), STANDING_HEIGHT_M]])
 
 
 def _overlaps(box: np.ndarray, boxes: np.ndarray) -> np.ndarray:
-    """(N,) bool: which boxes (N, 2, 3) share volume with a box (2, 3)."""
+    """Return which boxes (N, 2, 3) overlap a box (2, 3), (N,) bool."""
     return ((box[0] < boxes[:, 1] - _CONTACT_M) & (box[1] > boxes[:, 0] + _CONTACT_M)).all(1)

@@ -1,7 +1,7 @@
-"""Drawing floor plans: rows of rooms on both sides of corridors, which branch off a spine where one corridor is not
-enough.
+"""Generator of floor plans: rows of rooms on both sides of corridors.
 
-Wings are apart by courtyards, so that every room has an outer wall.
+Larger buildings have several corridors that branch off a spine. Courtyards separate the wings, so that every room has
+an outer wall.
 """
 
 from __future__ import annotations
@@ -17,8 +17,13 @@ from salframe_house.layout import WALL_M, Door, Layout, Room, Window
 
 @dataclass(frozen=True)
 class RoomKind:
-    """Width range of a room along its corridor and the share of it among the rooms of a style; wet rooms have a small,
-    high window."""
+    """A kind of room in one style.
+
+    Attributes:
+        width_m: Range of the width along the corridor.
+        weight: Share among the rooms of the style.
+        small_window: Whether the room has a small, high window, as wet rooms do.
+    """
 
     width_m: tuple[float, float]
     weight: float
@@ -55,19 +60,27 @@ ROOM_KINDS: dict[str, dict[str, RoomKind]] = {
 _DEPTH_M = {"office": (4.0, 4.6), "hotel": (4.9, 5.4), "home": (3.8, 4.6)}
 _HEIGHT_M = {"office": (2.7, 2.9), "hotel": (2.6, 2.75), "home": (2.45, 2.6)}
 _CORRIDOR_M = {"office": (2.0, 2.4), "hotel": (1.9, 2.2), "home": (1.7, 2.0)}
-_OPEN_PLAN = frozenset({"living-room", "kitchen", "dining-room"})  # home: neighbours of these kinds share an opening
+# In homes, adjacent rooms of these kinds share an opening.
+_OPEN_PLAN = frozenset({"living-room", "kitchen", "dining-room"})
 _TWIN_SHARE = {"office": 0.36, "hotel": 0.36, "home": 0.0}
 _ROOMS_PER_WING = 12
 
 
 @dataclass(frozen=True)
 class _Cell:
-    """A piece of a row, in its own coordinates: u along the corridor from 0 to `width_m`, v away from it from 0 to the
-    row's depth.
+    """A piece of a row of rooms.
 
-    rooms: (kind, u0, u1, v0, v1) between wall axes; doors: (u, v, axis, width, room, other room or -1 for the
-    corridor); windows: (u, width, sill, head, room), all in the outer wall; leaves: hinge of the leaf of each door, 0
-    for none.
+    Coordinates: u along the corridor from 0 to `width_m`, v away from it from 0 to the depth of the row.
+
+    Attributes:
+        width_m: Width along the corridor.
+        rooms: (kind, u0, u1, v0, v1) between wall axes.
+        doors: (u, v, axis, width, room, other room or -1 for the corridor).
+        windows: (u, width, sill, head, room), all in the outer wall.
+        leaves: Hinge side of the leaf of each door; 0 for no leaf.
+        twins: Twin group of each room.
+        copy_of: Index of the cell that this cell repeats.
+        mirrored: Whether the cell is the mirror image of that cell.
     """
 
     width_m: float
@@ -82,7 +95,7 @@ class _Cell:
 
 @dataclass
 class _Plan:
-    """The layout while it grows."""
+    """A layout under construction."""
 
     style: str
     height_m: float
@@ -98,7 +111,7 @@ class _Plan:
         twin: str | None = None,
         mirror_of: str | None = None,
     ) -> str:
-        """Add the room between two opposite corners of its wall axes; returns its id."""
+        """Add the room between two opposite corners of its wall axes and return its id."""
         (ax, ay), (bx, by) = corner_a, corner_b
         low = min(ax, bx) + WALL_M / 2, min(ay, by) + WALL_M / 2
         high = max(ax, bx) - WALL_M / 2, max(ay, by) - WALL_M / 2
@@ -116,18 +129,18 @@ class _Plan:
         leaf_room: str | None = None,
         hinge: int = 1,
     ) -> None:
-        """Add the door between two rooms, which are put in the order of their coordinates."""
-        by_id = {room.id: room for room in self.rooms}
+        """Add a door between two rooms, sorted by their coordinates."""
+        rooms_by_id = {room.id: room for room in self.rooms}
         along = "xy".index(axis)
-        rooms = sorted((first, second), key=lambda name: by_id[name].centre_m[along])
+        rooms = sorted((first, second), key=lambda name: rooms_by_id[name].centre_m[along])
         self.doors.append(Door(centre, width, axis, (rooms[0], rooms[1]), leaf_room, hinge))
 
 
 def plan_layout(style: str, rooms: int, seed: int) -> Layout:
-    """Draw the floor plan of a building with exactly this many rooms, corridors counted.
+    """Generate the floor plan of a building with exactly `rooms` rooms, including corridors.
 
-    A single corridor serves small buildings; from 18 rooms on, wings of about 12 rooms branch off a spine to both
-    sides.
+    Small buildings have a single corridor. Buildings of 18 or more rooms have wings of about 12 rooms on both sides of
+    a spine.
     """
     rng = np.random.default_rng((seed, rooms, 1))
     plan = _Plan(style, round(rng.uniform(*_HEIGHT_M[style]), 2))
@@ -135,24 +148,27 @@ def plan_layout(style: str, rooms: int, seed: int) -> Layout:
     wings = max(1, round(rooms / _ROOMS_PER_WING))
     levels = math.ceil(wings / 2) if wings > 1 else 0
     cells = _draw_cells(style, rooms - wings - levels, math.ceil(_TWIN_SHARE[style] * rooms), depth, rng)
-    wing_cells = _share_out(cells, 2 * wings, rng)
+    wing_cells = _distribute(cells, 2 * wings, rng)
     pitch = corridor + 2 * depth + round(rng.uniform(4.0, 6.0), 2)
     lengths = [max(sum(cells[i].width_m for i in row) for row in wing_cells[2 * w : 2 * w + 2]) for w in range(wings)]
     corridors = [_add_wing(plan, w, lengths[w], corridor, pitch, wings > 1) for w in range(wings)]
     if levels:
         _add_spine(plan, corridors, corridor, depth, pitch)
-    placed: dict[int, tuple[str, ...]] = {}
+    room_ids: dict[int, tuple[str, ...]] = {}
     order = [(w, row) for w in range(wings) for row in (0, 1)]
-    for copies in (False, True):  # originals first: copies name the rooms they repeat
+    for copies in (False, True):  # originals first: copies refer to the rooms that they repeat
         for w, row in order:
-            place = _wing_place(w, corridor, pitch, wings > 1)
-            _add_row(plan, cells, wing_cells[2 * w + row], copies, placed, corridors[w], place, row, depth)
+            origin = _wing_origin(w, corridor, pitch, wings > 1)
+            _add_row(plan, cells, wing_cells[2 * w + row], copies, room_ids, corridors[w], origin, row, depth)
     return Layout(tuple(plan.rooms), tuple(plan.doors), tuple(plan.windows))
 
 
-def _wing_place(wing: int, corridor: float, pitch: float, spine: bool) -> tuple[float, float, int, float]:
-    """Where a wing starts: x of its first wall axis, y of its corridor's middle, direction along x, width of the
-    corridor."""
+def _wing_origin(wing: int, corridor: float, pitch: float, spine: bool) -> tuple[float, float, int, float]:
+    """Return the origin of a wing.
+
+    Returns:
+        x of its first wall axis, y of the middle of its corridor, direction along x, width of the corridor.
+    """
     return (
         (corridor / 2 * (1 if wing % 2 == 0 else -1) if spine else 0.0),
         wing // 2 * pitch,
@@ -162,7 +178,8 @@ def _wing_place(wing: int, corridor: float, pitch: float, spine: bool) -> tuple[
 
 
 def _add_wing(plan: _Plan, wing: int, length: float, corridor: float, pitch: float, spine: bool) -> str:
-    x, y, direction, _ = _wing_place(wing, corridor, pitch, spine)
+    """Add the corridor of a wing, with windows at its free ends; return its id."""
+    x, y, direction, _ = _wing_origin(wing, corridor, pitch, spine)
     name = plan.add_room("corridor", (x, y - corridor / 2), (x + direction * length, y + corridor / 2))
     room = plan.rooms[-1]
     ends = [room.high_m[0] if direction > 0 else room.low_m[0]] if spine else [room.low_m[0], room.high_m[0]]
@@ -173,7 +190,7 @@ def _add_wing(plan: _Plan, wing: int, length: float, corridor: float, pitch: flo
 
 
 def _add_spine(plan: _Plan, wings: list[str], corridor: float, depth: float, pitch: float) -> None:
-    """One corridor a level, joined end to end, with an opening to each of its wings and windows to the courtyards."""
+    """Add one corridor per level, joined end to end, with openings to the wings and windows to the courtyards."""
     half, levels = corridor / 2, math.ceil(len(wings) / 2)
     bounds = (
         [-half - depth] + [(level + 0.5) * pitch for level in range(levels - 1)] + [(levels - 1) * pitch + half + depth]
@@ -199,14 +216,14 @@ def _add_row(
     cells: list[_Cell],
     row_cells: list[int],
     copies: bool,
-    placed: dict[int, tuple[str, ...]],
+    room_ids: dict[int, tuple[str, ...]],
     corridor_id: str,
-    place: tuple[float, float, int, float],
+    origin: tuple[float, float, int, float],
     row: int,
     depth: float,
 ) -> None:
-    """Put the cells of a row (0 above the corridor, 1 below) that are copies, or those that are not, in place."""
-    x, y, direction, corridor = place
+    """Add the cells of a row (0 above the corridor, 1 below) that are copies, or those that are not."""
+    x, y, direction, corridor = origin
     up = 1 if row == 0 else -1
     base = y + up * corridor / 2
     previous: str | None = None
@@ -216,21 +233,21 @@ def _add_row(
         x += direction * cell.width_m
         if (cell.copy_of is not None) != copies:
             continue
-        flip = (
-            up < 0
-        ) != cell.mirrored  # the lower row is the upper one turned round, so that unmirrored cells stay congruent
+        # The lower row is the upper one rotated by 180 deg, so that cells that are not mirrored remain congruent.
+        flip = (up < 0) != cell.mirrored
 
         def world(u: float, v: float, left=left, flip=flip, width=cell.width_m) -> tuple[float, float]:
+            """Convert cell coordinates to world coordinates."""
             return round(left + (width - u if flip else u), 4), round(base + up * v, 4)
 
         originals: Sequence[str | None] = (None,) * len(cell.rooms)
         if cell.mirrored and cell.copy_of is not None:
-            originals = placed[cell.copy_of]
+            originals = room_ids[cell.copy_of]
         names = tuple(
             plan.add_room(kind, world(u0, v0), world(u1, v1), twin, original)
             for (kind, u0, u1, v0, v1), twin, original in zip(cell.rooms, cell.twins, originals, strict=True)
         )
-        placed[index] = names
+        room_ids[index] = names
         for (u, v, axis, width, room, other), leaf in zip(cell.doors, cell.leaves, strict=True):
             hinge = leaf * (-1 if axis == "v" and flip else 1) * (up if axis == "u" else 1)
             plan.add_door(
@@ -250,33 +267,33 @@ def _add_row(
         previous = names[0]
 
 
-def _share_out(cells: list[_Cell], rows: int, rng: np.random.Generator) -> list[list[int]]:
-    """Deal the cells in random order to the rows, each to the row that is shortest so far."""
-    dealt: list[list[int]] = [[] for _ in range(rows)]
+def _distribute(cells: list[_Cell], rows: int, rng: np.random.Generator) -> list[list[int]]:
+    """Distribute the cells in random order over the rows, each to the row that is shortest so far."""
+    row_cells: list[list[int]] = [[] for _ in range(rows)]
     length = np.zeros(rows)
     for index in rng.permutation(len(cells)):
         row = int(np.argmin(length))
-        dealt[row].append(int(index))
+        row_cells[row].append(int(index))
         length[row] += cells[index].width_m
-    return dealt
+    return row_cells
 
 
 def _draw_cells(style: str, rooms: int, twins: int, depth: float, rng: np.random.Generator) -> list[_Cell]:
-    """Cells that hold this many rooms together, about `twins` of them twins."""
+    """Draw cells with `rooms` rooms in total, of which about `twins` are twins."""
     kinds = ROOM_KINDS[style]
     cells: list[_Cell] = []
-    left = rooms
+    num_singles = rooms
     if style == "hotel":
         for _ in range(max(1, round(0.82 * rooms / 4)) if rooms >= 4 else 0):
             cells.append(_suite_cell(depth, rng))
-            left -= 4
+            num_singles -= 4
     start = len(cells)
-    cells += [_single_cell(kind, kinds[kind], depth, rng) for kind in _draw_kinds(style, left, rng)]
+    cells += [_single_cell(kind, kinds[kind], depth, rng) for kind in _draw_kinds(style, num_singles, rng)]
     return _make_twins(cells, start, twins, rng)
 
 
 def _draw_kinds(style: str, count: int, rng: np.random.Generator) -> list[str]:
-    """Room kinds in about their shares (largest remainder), each share blurred by a random factor."""
+    """Draw room kinds by their shares (largest remainder method), each share multiplied by a random factor."""
     kinds = ROOM_KINDS[style]
     share = np.array([kind.weight for kind in kinds.values()]) * rng.uniform(0.8, 1.2, len(kinds))
     share *= count / share.sum()
@@ -287,12 +304,13 @@ def _draw_kinds(style: str, count: int, rng: np.random.Generator) -> list[str]:
 
 
 def _door_u(width: float, rng: np.random.Generator) -> float:
-    """Doors stand near a corner, with room for a wardrobe beside them, or anywhere in a wide wall."""
+    """Draw the position of a door: near one end of the wall, far enough from it for a wardrobe."""
     near = rng.uniform(0.68, 0.85)
     return round(float(near if rng.random() < 0.5 else width - near), 3)
 
 
 def _single_cell(kind: str, spec: RoomKind, depth: float, rng: np.random.Generator) -> _Cell:
+    """Draw a cell of one room."""
     width = round(rng.uniform(*spec.width_m), 2)
     door = (_door_u(width, rng), 0.0, "v", 0.9, 0, -1)
     leaf = int(rng.choice((-1, 0, 0, 1)))
@@ -308,7 +326,7 @@ def _single_cell(kind: str, spec: RoomKind, depth: float, rng: np.random.Generat
 
 
 def _suite_cell(depth: float, rng: np.random.Generator) -> _Cell:
-    """Two hotel rooms with two bathrooms back to back between them."""
+    """Draw a cell of two hotel rooms with two bathrooms back to back between them."""
     width_a, width_b, bath = (round(rng.uniform(low, high), 2) for low, high in ((3.5, 4.1), (3.5, 4.1), (2.4, 2.8)))
     end, middle = width_a + bath, depth / 2
     rooms = (
@@ -333,29 +351,29 @@ def _suite_cell(depth: float, rng: np.random.Generator) -> _Cell:
     )
 
 
-def _make_twins(cells: list[_Cell], start: int, wanted: int, rng: np.random.Generator) -> list[_Cell]:
-    """Turn cells into copies of others until `wanted` rooms are twins: pairs, about 40 % of the copies mirrored.
+def _make_twins(cells: list[_Cell], start: int, num_twins: int, rng: np.random.Generator) -> list[_Cell]:
+    """Replace cells by copies of others until `num_twins` rooms are twins: pairs, of which about 40 % are mirrored.
 
-    Cells before `start` are suites and pair among themselves. A lone suite makes twins of its own two rooms and two
-    bathrooms.
+    Cells before `start` are suites and pair only with suites. In a lone suite, the two rooms are twins, and so are the
+    two bathrooms.
     """
     cells = list(cells)
-    made, group = 0, 0
+    num_made, group = 0, 0
     by_kind: dict[str, list[int]] = {}
     for index in rng.permutation(len(cells)):
         by_kind.setdefault(cells[index].rooms[0][0], []).append(int(index))
-    while made < wanted:
-        choices = [kind for kind, free in sorted(by_kind.items()) if len(free) >= 2]
+    while num_made < num_twins:
+        choices = [kind for kind, indices in sorted(by_kind.items()) if len(indices) >= 2]
         if not choices:
             break
         weights = np.array([len(by_kind[kind]) * len(cells[by_kind[kind][0]].rooms) for kind in choices], float)
-        free = by_kind[choices[rng.choice(len(choices), p=weights / weights.sum())]]
-        original = free.pop()
+        indices = by_kind[choices[rng.choice(len(choices), p=weights / weights.sum())]]
+        original = indices.pop()
         names = tuple(f"twins-{group + i + 1:02d}" for i in range(len(cells[original].rooms)))
         group += len(names)
         cells[original] = replace(cells[original], twins=names)
-        cells[free.pop()] = replace(cells[original], copy_of=original, mirrored=bool(rng.random() < 0.4))
-        made += 2 * len(names)
-    if made < wanted and start == 1:
+        cells[indices.pop()] = replace(cells[original], copy_of=original, mirrored=bool(rng.random() < 0.4))
+        num_made += 2 * len(names)
+    if num_made < num_twins and start == 1:
         cells[0] = replace(cells[0], twins=("twins-01", "twins-02", "twins-02", "twins-01"))
     return cells

@@ -1,4 +1,4 @@
-"""What stands in which kind of room."""
+"""Furniture of each kind of room."""
 
 from __future__ import annotations
 
@@ -7,7 +7,12 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Recipe:
-    """The furniture of a kind of room: `core` label -> (least, most) times, `optional` label -> weight."""
+    """The furniture of a kind of room.
+
+    Attributes:
+        core: Label -> (minimum, maximum) number of objects.
+        optional: Label -> weight in the random draw.
+    """
 
     core: dict[str, tuple[int, int]]
     optional: dict[str, float]
@@ -383,7 +388,7 @@ RECIPES: dict[str, Recipe] = {
             "clock": 0.7,
         },
     ),
-    # all
+    # all styles
     "corridor": Recipe(
         {},
         {

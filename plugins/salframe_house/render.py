@@ -1,4 +1,4 @@
-"""Equirectangular pictures of a scene: range and instances exactly, colour with soft shadows and indirect light."""
+"""Renderer of equirectangular panoramas: exact range and instances, colour with soft shadows and indirect light."""
 
 from __future__ import annotations
 
@@ -21,17 +21,22 @@ from salframe_house.tracing import RayHits, Tracer, chunks, rows
 
 _DIRECT_STEP, _DIRECT_SAMPLES = 2, 3
 _INDIRECT_STEP, _INDIRECT_RAYS = 4, 16
-_SPECULAR_DEPTH = 4  # panes and mirrors that a line of sight may pass or meet
+_SPECULAR_DEPTH = 4  # maximum number of panes and mirrors on a line of sight
 _GLASS_RGB = np.array([0.86, 0.90, 0.89], np.float32)
-_SCREEN_GLOW = 0.6  # displays shine alike at all times of day
+_SCREEN_GLOW = 0.6  # displays emit the same light at all times of day
 _SHARPENING, _SHARPENING_SIGMA = 0.9, 1.2
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 
 
 @dataclass(frozen=True, eq=False)
 class Rendering:
-    """A rendered panorama: rgb (H, 2H, 3) uint8 sRGB; range_m (H, 2H) float32 along the ray, NaN where nothing;
-    instance_id (H, 2H) int32, 0 for structure."""
+    """A rendered panorama.
+
+    Attributes:
+        rgb: Colour, (H, 2H, 3) uint8 sRGB.
+        range_m: Distance along the ray, (H, 2H) float32; NaN where the ray hits nothing.
+        instance_id: Instance ids, (H, 2H) int32; 0 for structure.
+    """
 
     rgb: np.ndarray
     range_m: np.ndarray
@@ -39,8 +44,10 @@ class Rendering:
 
 
 class _Surfaces:
-    """What does not depend on the lighting. Textures are painted when a picture first needs them: range and instances
-    do not."""
+    """The part of a renderer that does not depend on the lighting.
+
+    Textures are painted on first use of `color`, because range and instances do not need them.
+    """
 
     def __init__(self, scene: Scene):
         for material in scene.materials:
@@ -53,36 +60,45 @@ class _Surfaces:
 
     @cached_property
     def color(self) -> SurfaceColor:
+        """Albedo of the surfaces."""
         return SurfaceColor(self.scene)
 
 
 class HouseRenderer:
-    """Renders panoramas of one scene under one lighting.
+    """Renderer of panoramas of one scene under one lighting.
 
-    The same scene, lighting, height and pose give the same bytes. Raises DataError on an unknown lighting or texture
-    and on a height that is no multiple of 4.
+    The same scene, lighting, height and pose give the same bytes.
+
+    Args:
+        scene: The scene.
+        lighting: Name of the lighting condition.
+        height: Height of the panoramas in pixels, a positive multiple of 4.
+
+    Raises:
+        DataError: The lighting or a texture is unknown, or the height is not a positive multiple of 4.
     """
 
     def __init__(self, scene: Scene, lighting: Lighting, height: int = 512, _surfaces: _Surfaces | None = None):
         if height % _INDIRECT_STEP or height <= 0:
-            raise DataError(f"a panorama's height of {height}, expected a positive multiple of {_INDIRECT_STEP}")
+            raise DataError(f"panorama height of {height} pixels; expected a positive multiple of {_INDIRECT_STEP}")
         if lighting not in CONDITIONS:
-            raise DataError(f"unknown lighting '{lighting}', expected one of {', '.join(CONDITIONS)}")
+            raise DataError(f"unknown lighting '{lighting}'; expected one of {', '.join(CONDITIONS)}")
         self._scene, self._condition, self._height = scene, CONDITIONS[lighting], height
         self._surfaces = _surfaces or _Surfaces(scene)
         self._tracer = self._surfaces.tracer
 
     def relit(self, lighting: Lighting) -> HouseRenderer:
-        """A renderer of the same scene under another lighting, which shares the geometry and textures of this one."""
+        """Return a renderer of the same scene under another lighting that shares the geometry and textures."""
         return HouseRenderer(self._scene, lighting, self._height, self._surfaces)
 
     @cached_property
     def _lights(self) -> Lights:
+        """Lights of the scene under the lighting."""
         return Lights(self._scene, self._condition, self._tracer)
 
     @cached_property
     def _emission(self) -> np.ndarray:
-        """(F,) float32 radiance that each triangle sends out by itself."""
+        """Radiance emitted by each triangle, (F,) float32."""
         on = lights_on(self._scene.lights, self._condition)
         off = [
             light.instance_id
@@ -94,20 +110,29 @@ class HouseRenderer:
         return np.where(np.isin(self._scene.instance_id, off), np.float32(0), emission[self._scene.material_index])
 
     def geometry(self, T_world_pano: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Range_m (H, 2H) float32, NaN where nothing, and instance_id (H, 2H) int32, by one exact ray a pixel."""
+        """Render range and instances with one exact ray per pixel.
+
+        Args:
+            T_world_pano: Pose of the panorama, (4, 4).
+
+        Returns:
+            range_m (H, 2H) float32, NaN where the ray hits nothing, and instance_id (H, 2H) int32.
+        """
         return self._images(self._primary(T_world_pano))
 
     def _images(self, surface: RayHits) -> tuple[np.ndarray, np.ndarray]:
+        """Convert ray hits to the images of range and instances."""
         shape = self._height, 2 * self._height
         instance_id = np.where(surface.hit, self._scene.instance_id[surface.triangle], 0).astype(np.int32)
         return surface.range_m.reshape(shape), instance_id.reshape(shape)
 
     def _primary(self, T_world_pano: np.ndarray) -> RayHits:
+        """Trace one ray per pixel."""
         direction = equirectangular_rays(self._height).reshape(-1, 3) @ T_world_pano[:3, :3].T.astype(np.float32)
         return self._tracer.trace(T_world_pano[:3, 3], direction)
 
     def render(self, T_world_pano: np.ndarray) -> Rendering:
-        """Colour, range and instances of the panorama at a pose (4, 4)."""
+        """Render colour, range and instances of the panorama at a pose (4, 4)."""
         surface = self._primary(T_world_pano)
         range_m, instance_id = self._images(surface)
         irradiance = self._irradiance(surface, T_world_pano[:3, 3])
@@ -117,10 +142,10 @@ class HouseRenderer:
         edge = self._edges(surface)
         display = _filmic(radiance, exposure)
         display[edge] = self._supersampled(edge, exposure, irradiance, T_world_pano)
-        return Rendering(self._developed(display, T_world_pano), range_m, instance_id)
+        return Rendering(self._to_srgb(display, T_world_pano), range_m, instance_id)
 
     def _irradiance(self, surface: RayHits, camera_m: np.ndarray) -> IrradianceGrid:
-        """Direct light on every second pixel plus indirect light from every fourth."""
+        """Compute direct light at every second pixel and indirect light at every fourth."""
         coarse = IrradianceGrid(surface, self._height, _INDIRECT_STEP)
         bounce = Bounce(self._tracer, self._lights, self._surfaces.color.mean, camera_m)
         coarse.fill(bounce.irradiance(coarse.point_m, coarse.normal, coarse.sample_set, _INDIRECT_RAYS))
@@ -139,40 +164,49 @@ class HouseRenderer:
         pose: np.ndarray,
         depth: int = 0,
     ) -> np.ndarray:
-        """(N, 3) float64 linear radiance of what rays hit, in Fortran order; row, column are where the panorama sees
-        these points."""
+        """Return the radiance of ray hits, (N, 3) float64 linear in Fortran order.
+
+        Args:
+            surface: Hits of the rays.
+            row: Pixel row of each hit in the panorama, (N,).
+            column: Pixel column of each hit in the panorama, (N,).
+            irradiance: Irradiance of the panorama.
+            pose: Pose of the panorama, (4, 4).
+            depth: Number of mirrors and panes on the path so far.
+        """
         albedo = self._surfaces.color.albedo(surface, np.pi / self._height)
         radiance = albedo * irradiance.at(row, column, surface)
         radiance *= np.float32(1 / np.pi)
-        shining = np.flatnonzero((self._emission > 0).take(surface.triangle))
-        triangle = surface.triangle.take(shining)
-        radiance[shining] += (
+        emissive = np.flatnonzero((self._emission > 0).take(surface.triangle))
+        triangle = surface.triangle.take(emissive)
+        radiance[emissive] += (
             self._emission[triangle, None]
-            * rows(albedo, shining)
+            * rows(albedo, emissive)
             / self._surfaces.color.mean[triangle].max(axis=1, keepdims=True)
         )
-        missed = np.flatnonzero(~surface.hit)
-        radiance[missed] = _sky(rows(surface.direction, missed), self._condition)
+        misses = np.flatnonzero(~surface.hit)
+        radiance[misses] = _sky(rows(surface.direction, misses), self._condition)
         mirror, glass = self._surfaces.mirror, self._surfaces.glass
         specular = np.flatnonzero((mirror | glass).take(surface.triangle) & surface.hit)
         if len(specular) and depth < _SPECULAR_DEPTH:
-            met = surface.take(specular)
-            mirror = mirror.take(met.triangle)[:, None]
-            across = np.einsum("ij,ij->i", met.direction, met.normal)[:, None]
-            direction = np.where(mirror, met.direction - 2 * across * met.normal, met.direction)
-            beyond = self._tracer.trace(met.point_m + direction * np.float32(1e-3), direction)
-            beyond = replace(
-                beyond, range_m=beyond.range_m + met.range_m
-            )  # a pixel covers more, the longer its light has travelled
-            column, row = rays_to_pixels((beyond.point_m - pose[:3, 3]) @ pose[:3, :3], self._height)
-            seen = self._radiance(
-                beyond, row.astype(np.float32) - 0.5, column.astype(np.float32) - 0.5, irradiance, pose, depth + 1
+            reflector = surface.take(specular)
+            mirror = mirror.take(reflector.triangle)[:, None]
+            across = np.einsum("ij,ij->i", reflector.direction, reflector.normal)[:, None]
+            direction = np.where(mirror, reflector.direction - 2 * across * reflector.normal, reflector.direction)
+            next_surface = self._tracer.trace(reflector.point_m + direction * np.float32(1e-3), direction)
+            # The footprint of a pixel grows with the length of the whole path.
+            next_surface = replace(next_surface, range_m=next_surface.range_m + reflector.range_m)
+            column, row = rays_to_pixels((next_surface.point_m - pose[:3, 3]) @ pose[:3, :3], self._height)
+            incoming = self._radiance(
+                next_surface, row.astype(np.float32) - 0.5, column.astype(np.float32) - 0.5, irradiance, pose, depth + 1
             )
-            radiance[specular] = seen * np.where(mirror, rows(self._surfaces.color.mean, met.triangle), _GLASS_RGB)
+            radiance[specular] = incoming * np.where(
+                mirror, rows(self._surfaces.color.mean, reflector.triangle), _GLASS_RGB
+            )
         return radiance
 
     def _edges(self, surface: RayHits) -> np.ndarray:
-        """Positions of the pixels beside which another surface begins."""
+        """Return the indices of the pixels next to a different surface."""
         shape = self._height, 2 * self._height
         look = self._surfaces.look.take(surface.triangle).reshape(shape)
         normal = surface.normal.T.reshape(3, *shape)
@@ -188,7 +222,7 @@ class HouseRenderer:
     def _supersampled(
         self, pixel: np.ndarray, exposure: float, irradiance: IrradianceGrid, pose: np.ndarray
     ) -> np.ndarray:
-        """(N, 3) tone-mapped colour of pixels, each the mean of 2 x 2 rays."""
+        """Return the tone-mapped colour of pixels, each the mean of 2 x 2 rays, (N, 3)."""
         row, column = (a.astype(np.float32) for a in np.divmod(pixel, 2 * self._height))
         total = np.zeros((len(pixel), 3), np.float32)
         for down, right in ((-0.25, -0.25), (-0.25, 0.25), (0.25, -0.25), (0.25, 0.25)):
@@ -200,6 +234,7 @@ class HouseRenderer:
         return total / 4
 
     def _rays(self, row: np.ndarray, column: np.ndarray) -> np.ndarray:
+        """Return the unit directions of pixel coordinates in the panorama frame, (N, 3) float32."""
         azimuth = np.pi - np.float32(np.pi / self._height) * (column + 0.5)
         elevation = np.pi / 2 - np.float32(np.pi / self._height) * (row + 0.5)
         level = np.cos(elevation)
@@ -208,19 +243,19 @@ class HouseRenderer:
         )
 
     def _exposure(self, radiance: np.ndarray, surface: RayHits) -> float:
-        """What brings the picture's surfaces to the lighting's key, without letting bright ones wash out."""
-        reflects = (self._emission == 0) & ~self._surfaces.glass
-        lit = np.flatnonzero(surface.hit & reflects.take(surface.triangle))[::7]
-        luminance = radiance[lit] @ _LUMINANCE
-        weight = np.cos(np.pi * ((lit // (2 * self._height) + 0.5) / self._height - 0.5))
-        if not len(lit) or luminance.max() <= 0:
+        """Return the exposure that brings the surfaces to the key of the lighting without overexposing bright ones."""
+        is_reflective = (self._emission == 0) & ~self._surfaces.glass
+        pixels = np.flatnonzero(surface.hit & is_reflective.take(surface.triangle))[::7]
+        luminance = radiance[pixels] @ _LUMINANCE
+        weight = np.cos(np.pi * ((pixels // (2 * self._height) + 0.5) / self._height - 0.5))
+        if not len(pixels) or luminance.max() <= 0:
             return 1.0
-        middle = np.exp(np.average(np.log(luminance + 1e-3 * luminance.max()), weights=weight))
+        log_mean = np.exp(np.average(np.log(luminance + 1e-3 * luminance.max()), weights=weight))
         bright = np.percentile(luminance, 97)
-        return float(min(self._condition.key / middle, 5 * self._condition.key / bright))
+        return float(min(self._condition.key / log_mean, 5 * self._condition.key / bright))
 
-    def _developed(self, display: np.ndarray, pose: np.ndarray) -> np.ndarray:
-        """(H, 2H, 3) uint8 sRGB from tone-mapped linear values (H * 2H, 3) in [0, 1]."""
+    def _to_srgb(self, display: np.ndarray, pose: np.ndarray) -> np.ndarray:
+        """Convert tone-mapped linear values (H * 2H, 3) in [0, 1] to (H, 2H, 3) uint8 sRGB."""
         shape = self._height, 2 * self._height, 3
         value = _sharpened(_SRGB.take((display * (len(_SRGB) - 1)).astype(np.intp)).reshape(shape))
         if self._condition.noise:
@@ -232,13 +267,15 @@ class HouseRenderer:
 
 @lru_cache(maxsize=1)
 def _pixels(height: int) -> np.ndarray:
-    """(2, H * 2H) float32 row and column of every pixel."""
+    """Return row and column of every pixel, (2, H * 2H) float32."""
     return np.mgrid[:height, : 2 * height].reshape(2, -1).astype(np.float32)
 
 
 def _filmic(radiance: np.ndarray, exposure: float) -> np.ndarray:
-    """Linear display values in [0, 1] of radiance (N, 3) after exposure: a curve with a toe and a long shoulder
-    (Narkowicz's fit of ACES, 2015)."""
+    """Tone-map radiance (N, 3) to linear display values in [0, 1].
+
+    The curve has a toe and a long shoulder (Narkowicz's fit of ACES, 2015).
+    """
     a, b, c, d, e = (np.float32(x) for x in (2.51, 0.03, 2.43, 0.59, 0.14))
     display = np.empty_like(radiance)
     for part in chunks(len(radiance)):
@@ -256,8 +293,10 @@ def _filmic(radiance: np.ndarray, exposure: float) -> np.ndarray:
 
 
 def _sharpened(image: np.ndarray) -> np.ndarray:
-    """The image (H, 2H, 3) float32 after the unsharp mask that cameras apply, with no seam between its first and last
-    column."""
+    """Apply an unsharp mask, as cameras do, to an image (H, 2H, 3) float32.
+
+    The image wraps around horizontally, so that there is no seam between its first and last column.
+    """
     margin = 4
     around = cv2.copyMakeBorder(image, 0, 0, margin, margin, cv2.BORDER_WRAP)
     sharpened: np.ndarray = image - cv2.GaussianBlur(around, (0, 0), _SHARPENING_SIGMA)[:, margin:-margin]
@@ -267,6 +306,7 @@ def _sharpened(image: np.ndarray) -> np.ndarray:
 
 
 def _srgb_table(size: int = 1 << 14) -> np.ndarray:
+    """Return the sRGB values, 0 to 255, of `size` linear values from 0 to 1."""
     linear = np.linspace(0, 1, size)
     return (255 * np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)).astype(np.float32)
 
@@ -275,7 +315,7 @@ _SRGB = _srgb_table()
 
 
 def _sky(direction: np.ndarray, condition: Condition) -> np.ndarray:
-    """(N, 3) float32 radiance outdoors: a gradient over a skyline of hills and trees."""
+    """Return the radiance outdoors, (N, 3) float32: a gradient above a skyline of hills and trees."""
     azimuth = np.arctan2(direction[:, 1], direction[:, 0])
     skyline = 0.05 + 0.03 * np.sin(5 * azimuth + 1) + 0.02 * np.sin(17 * azimuth) + 0.012 * np.sin(43 * azimuth + 2)
     height = direction[:, 2]
@@ -286,7 +326,6 @@ def _sky(direction: np.ndarray, condition: Condition) -> np.ndarray:
     land = ground * (1 + 0.25 * np.sin(60 * azimuth + 25 * height) * np.clip(1 + 6 * height, 0, 1))[:, None].astype(
         np.float32
     )
-    above = np.clip((height - skyline) * 200, 0, 1)[:, None].astype(
-        np.float32
-    )  # over a third of a degree, not from one pixel to the next
+    # The skyline is blurred over a third of a degree.
+    above = np.clip((height - skyline) * 200, 0, 1)[:, None].astype(np.float32)
     return land + (sky - land) * above

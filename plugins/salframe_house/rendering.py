@@ -1,4 +1,4 @@
-"""What a building's data set shows: its frames, their panoramas, and the table of its objects."""
+"""Content of the dataset `house`: frames, panoramas and the table of objects."""
 
 from __future__ import annotations
 
@@ -37,20 +37,20 @@ def buildings(
     changes: Changes = "uniform",
     kinds: tuple[ChangeKind, ...] = CHANGE_KINDS,
 ) -> tuple[Building, Building]:
-    """The building that is mapped, and what has become of it when the queries are taken."""
+    """Return the building at the time of mapping and at the time of the queries."""
     building = generate_building(style, rooms, seed)
     return building, change_building(building, changed_fraction, seed, changes, kinds)
 
 
 def buildings_of(config: HouseConfig) -> tuple[Building, Building]:
-    """`buildings` of a data set."""
+    """Return the `buildings` of a dataset."""
     return buildings(
         config.style, config.rooms, config.seed, config.changed_fraction, config.changes, config.change_kinds
     )
 
 
 def frames_of(config: HouseConfig) -> tuple[HouseFrame, ...]:
-    """`choose_frames` of a data set, its queries in one light where there is one for all."""
+    """Return the frames of a dataset (see `choose_frames`), with the lighting of its settings."""
     frames = choose_frames(
         *buildings_of(config),
         config.seed,
@@ -65,35 +65,41 @@ def frames_of(config: HouseConfig) -> tuple[HouseFrame, ...]:
 
 
 def object_table(building: Building, changed: Building) -> dict[str, Sequence[Any]]:
-    """The columns of the table of objects: those of the mapped building, then those that it has later only."""
-    mapped = {placed.instance_id for placed in building.objects}
-    objects = [*building.objects, *(placed for placed in changed.objects if placed.instance_id not in mapped)]
-    centre = np.array([placed.bounds_m.mean(axis=0) for placed in objects])
-    size = np.array([placed.size_m for placed in objects])
+    """Return the columns of the table of objects.
+
+    The objects of the mapped building come first, then the objects that were added later.
+    """
+    original_ids = {obj.instance_id for obj in building.objects}
+    objects = [*building.objects, *(obj for obj in changed.objects if obj.instance_id not in original_ids)]
+    centre = np.array([obj.bounds_m.mean(axis=0) for obj in objects])
+    size = np.array([obj.size_m for obj in objects])
     return {
-        "instance_id": [placed.instance_id for placed in objects],
-        "label": [placed.label for placed in objects],
-        "room": [placed.room for placed in objects],
+        "instance_id": [obj.instance_id for obj in objects],
+        "label": [obj.label for obj in objects],
+        "room": [obj.room for obj in objects],
         **dict(zip(("x_m", "y_m", "z_m"), centre.T, strict=True)),
         **dict(zip(("length_m", "width_m", "height_m"), size.T, strict=True)),
-        "yaw_rad": [placed.yaw_rad for placed in objects],
+        "yaw_rad": [obj.yaw_rad for obj in objects],
     }
 
 
 def render_frame(config: HouseConfig, frame: HouseFrame) -> Panorama:
-    """The panorama of a frame: queries see the changed building."""
+    """Render the panorama of a frame. Queries show the changed building."""
     return _render(config, frame.pose, frame.is_query, frame.lighting, frame.id)
 
 
 def render_pose(config: HouseConfig, T_world_pano: np.ndarray) -> Panorama:
-    """A panorama of the changed building at a pose (4, 4), in the queries' light; where that is not one for all, in the
-    evening's."""
+    """Render a panorama of the changed building at a pose (4, 4).
+
+    The lighting is the one of the queries; "evening" if the queries do not all have the same lighting.
+    """
     x, y, z = T_world_pano[:3, 3]
     id = f"at {x:.4f} {y:.4f} {z:.4f} {np.degrees(pose_yaw(T_world_pano)):.3f}"
     return _render(config, T_world_pano, True, "evening" if config.lighting == "other" else config.lighting, id)
 
 
 def _render(config: HouseConfig, T_world_pano: np.ndarray, changed: bool, lighting: Lighting, id: str) -> Panorama:
+    """Render a panorama with annotations and the channels of the settings."""
     renderer = _renderer(config, changed, lighting)
     before, after = buildings_of(config)
     labels = {**before.labels, **after.labels}
@@ -107,7 +113,7 @@ def _render(config: HouseConfig, T_world_pano: np.ndarray, changed: bool, lighti
 
 
 def _query_range(config: HouseConfig, range_m: np.ndarray, id: str) -> np.ndarray | None:
-    """The range that a query comes with: none, or off by its factor."""
+    """Return the range of a query, multiplied by its random scale factor; None if queries have no range."""
     if not config.query_range:
         return None
     factor = 1 + config.query_scale_share * np.random.default_rng((config.seed, zlib.crc32(id.encode()))).normal()
@@ -116,7 +122,7 @@ def _query_range(config: HouseConfig, range_m: np.ndarray, id: str) -> np.ndarra
 
 @cache
 def _renderer(config: HouseConfig, changed: bool, lighting: Lighting) -> HouseRenderer:
-    """Renderers of one process; the lightings of one building share its geometry and textures."""
+    """Return the renderer of a building. The lightings of one building share its geometry and textures."""
     if lighting != "day":
         return _renderer(config, changed, "day").relit(lighting)
     catalogue = Catalogue(config.models, config.models_part) if config.models else None

@@ -1,4 +1,4 @@
-"""What the generator hands to the renderer: triangles with instances, materials and lights."""
+"""Scene description between the generator and the renderer: triangles, instances, materials and lights."""
 
 from __future__ import annotations
 
@@ -9,11 +9,14 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Material:
-    """Surface look: a procedural texture of a kind, tinted, repeated in metric texture coordinates.
+    """Appearance of a surface.
 
-    `texture` names an entry of `textures.TEXTURES` (plaster, wood, fabric, tile, carpet, metal, leaf, picture, screen,
-    ...); `color_rgb` is its mean linear albedo, each in [0, 1]; `variant` seeds the pattern, so that two rugs differ;
-    `emission` is linear radiance added to what the surface reflects (lamp shades, lit windows, screens).
+    Attributes:
+        texture: Name of an entry of `textures.TEXTURES` (plaster, wood, fabric, tile, carpet, metal, leaf, picture,
+            screen, ...), a procedural texture that repeats in metric texture coordinates.
+        color_rgb: Mean linear albedo, each in [0, 1].
+        variant: Seed of the pattern, so that two rugs differ.
+        emission: Linear radiance emitted in addition to the reflected light (lamp shades, lit windows, screens).
     """
 
     texture: str
@@ -24,10 +27,15 @@ class Material:
 
 @dataclass(frozen=True)
 class Light:
-    """A rectangular area light facing down (a lamp) or inwards (a window): `position_m` is its centre, world frame.
+    """A rectangular area light that faces down (a lamp) or inwards (a window).
 
-    `edge_u_m`, `edge_v_m` (3,) span it; `kind` is "lamp" or "window", by which a lighting condition scales it; `room`
-    is the id of the room it stands in, since light through a doorway is left to the renderer's indirect term.
+    Attributes:
+        position_m: Centre in the world frame.
+        edge_u_m: First edge of the rectangle, (3,).
+        edge_v_m: Second edge of the rectangle, (3,).
+        kind: "lamp" or "window"; a lighting condition scales the light by its kind.
+        room: Id of the room of the light. Light through doorways is part of the indirect light of the renderer.
+        instance_id: Instance id of the lamp; 0 for a window.
     """
 
     position_m: tuple[float, float, float]
@@ -42,9 +50,14 @@ class Light:
 class Scene:
     """A triangle soup in the world frame (metres, z up).
 
-    vertices_m (V, 3) float32; triangles (F, 3) int32; uv_m (F, 3, 2) float32 texture coordinates in metres at the
-    corners; material_index (F,) int32 into `materials`; instance_id (F,) int32, 0 for structure (walls, floor, ceiling,
-    doors' frames).
+    Attributes:
+        vertices_m: Vertices, (V, 3) float32.
+        triangles: Vertex indices, (F, 3) int32.
+        uv_m: Texture coordinates at the corners in metres, (F, 3, 2) float32.
+        material_index: Index into `materials`, (F,) int32.
+        instance_id: Instance ids, (F,) int32; 0 for structure (walls, floor, ceiling, door frames).
+        materials: Materials of the scene.
+        lights: Lights of the scene.
     """
 
     vertices_m: np.ndarray

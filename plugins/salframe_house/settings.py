@@ -1,4 +1,4 @@
-"""The settings of the data set `house`."""
+"""Settings of the dataset `house`."""
 
 from __future__ import annotations
 
@@ -12,55 +12,62 @@ from salframe.panoramas.hidden_places import hide_query_place_setting
 from salframe.panoramas.query_view import QueryView
 
 MAX_ROOMS = 500
-"""Maximum number of rooms of a building: so many take half a minute to lay out, furnish and choose frames of."""
+"""Maximum number of rooms of a building. Layout, furnishing and choice of frames then take half a minute."""
 
 
 class HouseConfig(QueryView):
-    """What is built, how it changes, and how it is rendered."""
+    """Settings of the building, its changes and the rendering."""
 
-    style: Literal["home", "office", "hotel"] = Field("home", description="kind of building")
-    rooms: int = Field(12, ge=4, le=MAX_ROOMS, description="how many rooms, corridors counted")
-    seed: int = Field(0, ge=0, description="another seed is another building")
-    queries_per_room: int = Field(3, ge=0, description="queries in each room")
+    style: Literal["home", "office", "hotel"] = Field("home", description="style of the building")
+    rooms: int = Field(12, ge=4, le=MAX_ROOMS, description="number of rooms, including corridors")
+    seed: int = Field(0, ge=0, description="random seed of the building and its changes")
+    queries_per_room: int = Field(3, ge=0, description="number of queries per room")
     frames_per_room: int | None = added(
-        None, ge=1, description="at most so many reference frames a room, queries as without; null: as many as it needs"
+        None,
+        ge=1,
+        description="maximum number of reference frames per room, same queries; null: as many as the room needs",
     )
     query_shift_m: float = added(
         0.7,
         ge=0,
         le=2,
-        description="mean distance of the queries from their room's nearest reference frame, as near to it as rooms "
-        "allow; each is 0.43 to 1.57 times as far. 0: at a reference frame",
+        description="mean distance in metres of the queries from the nearest reference frame of their room, as far as "
+        "the rooms allow; single distances are 0.43 to 1.57 times the mean. 0: at a reference frame",
     )
     query_yaw: Literal["uniform", "normal", "same"] = Field(
         "uniform",
-        description="yaw of the queries: over the circle; the reference frame's plus a normal angle of 16.6 deg mean "
-        "absolute value; or the reference frame's",
+        description="yaw of the queries: uniform over the circle; normal: the nearest reference frame's yaw plus a "
+        "normal angle of 16.6 deg mean absolute value; same: the nearest reference frame's yaw",
     )
     changed_fraction: float = Field(
-        0.1, ge=0, le=1, description="share of the objects removed, moved or added before the queries"
+        0.1, ge=0, le=1, description="fraction of objects removed, moved or added before the queries"
     )
     changes: Literal["uniform", "by-class"] = added(
         "uniform",
-        description="which objects change: any alike, fittings last; or what people move more often, chairs and "
-        "bins ten times as often as wardrobes, and what is built in never",
+        description="selection of the objects that change: uniform: all objects alike, fittings last; by-class: at the "
+        "rate at which people move them (chairs and bins 10 times as often as wardrobes, built-in objects never)",
     )
     change_kinds: tuple[Literal["removed", "moved", "added"], ...] = added(
-        ("removed", "moved", "added"), min_length=1, description="how objects change, in equal parts"
+        ("removed", "moved", "added"), min_length=1, description="kinds of changes, in equal parts"
     )
     lighting: Literal["other", "day", "evening", "dim"] = Field(
-        "other", description="of the queries: other than the map's day, which is evening or dim, or one for all"
+        "other", description="lighting of the queries; other: random, evening or dim. Reference frames are always day"
     )
-    height: int = Field(512, ge=64, multiple_of=4, description="pixels of a panorama, whose width is twice as much")
+    height: int = Field(
+        512, ge=64, multiple_of=4, description="height of the panoramas in pixels; the width is twice the height"
+    )
     models: UserFile | None = Field(
-        None, description="folder of Sweet Home 3D's furniture libraries (.sh3f): many objects become models of theirs"
+        None,
+        description="folder of Sweet Home 3D furniture libraries (.sh3f), whose models replace many of the objects",
     )
     models_part: Literal["training", "held-out"] | None = Field(
-        None, description="those that `panoseg` was trained on, or the others; null: all"
+        None, description="models to use: those that `panoseg` was trained on, or those held out; null: all"
     )
-    rgb: bool = Field(True, description="render colour; without it range and instances alone, 9 times faster")
-    query_range: bool = Field(True, description="queries come with range; without it the reference frames alone do")
+    rgb: bool = Field(True, description="render colour; false: range and instances only, 9 times faster")
+    query_range: bool = Field(
+        True, description="provide range with the queries; false: only the reference frames have range"
+    )
     query_scale_share: float = Field(
-        0.0, ge=0, description="standard deviation of the scale of a query's range, a share: one factor a panorama"
+        0.0, ge=0, description="relative standard deviation of the scale of the range of queries, one factor per query"
     )
     hide_query_place: bool = hide_query_place_setting()

@@ -1,5 +1,4 @@
-"""Irradiance computed on a coarse grid of a panorama's pixels, smoothed and brought to any surface without crossing
-edges."""
+"""Irradiance on a coarse grid of pixels, smoothed and interpolated to surfaces without crossing edges."""
 
 from __future__ import annotations
 
@@ -7,14 +6,25 @@ import numpy as np
 
 from salframe_house.tracing import RayHits, chunks, rows
 
-_TAPS = ((-2, 0.125), (-1, 0.25), (0, 0.25), (1, 0.25), (2, 0.125))  # each of 4 interleaved sample sets weighs the same
-_FLOOR = np.float32(1e-5)  # the weight of a neighbour on another surface: counts only where there is no better one
+# Smoothing filter, (shift, weight): the 4 interleaved sample sets have equal total weights.
+_TAPS = ((-2, 0.125), (-1, 0.25), (0, 0.25), (1, 0.25), (2, 0.125))
+# Weight of a neighbour on another surface: matters only if no neighbour lies on the same surface.
+_MIN_WEIGHT = np.float32(1e-5)
 
 
 class IrradianceGrid:
-    """Irradiance at every `step`-th row and column of a panorama of this height.
+    """Irradiance at every `step`-th row and column of a panorama.
 
-    `surface` holds what all H * 2H pixels hit, row by row; `index` are the positions of the grid's points among them.
+    Args:
+        surface: Hits of all H * 2H pixels, row by row.
+        height: Height of the panorama.
+        step: Spacing of the grid in pixels.
+
+    Attributes:
+        index: Indices of the N grid points among the pixels.
+        sample_set: Sample set of each point, (N,) int; each 4 x 4 points use all 16 sets.
+        point_m: Positions of the grid points, (N, 3).
+        normal: Normals of the grid points, (N, 3).
     """
 
     def __init__(self, surface: RayHits, height: int, step: int):
@@ -23,20 +33,19 @@ class IrradianceGrid:
         self.index = np.arange(height * 2 * height).reshape(height, 2 * height)[::step, ::step].ravel()
         row, column = np.divmod(np.arange(len(self.index)), self._columns)
         self.sample_set = _DITHER[row % 4, column % 4]
-        """(N,) int: the set of samples of each point, all 16 in each 4 x 4 points."""
         self.point_m, self.normal = rows(surface.point_m, self.index), rows(surface.normal, self.index)
         self._tolerance_m = _tolerance_m(surface.range_m.take(self.index))
         self._packed = np.empty((9, len(self.index)), np.float32)
         self._packed[:3], self._packed[3:6] = self.point_m.T, self.normal.T
 
     def fill(self, irradiance: np.ndarray) -> None:
-        """Take irradiance (N, 3) of the grid's points, smoothed over the interleaved samples."""
+        """Set the irradiance of the grid points, (N, 3), smoothed over the interleaved samples."""
         point, normal, value = (a.T.reshape(3, *self._shape) for a in (self.point_m, self.normal, irradiance))
         tolerance_m = self._tolerance_m.reshape(self._shape)
         for axis in (1, 0):
             total, weights = np.zeros_like(value), np.zeros(self._shape, np.float32)
             for shift, tap in _TAPS:
-                weight = _likeness(
+                weight = _similarity(
                     point, normal, _shifted(point, shift, axis), _shifted(normal, shift, axis), tolerance_m
                 )
                 weight *= tap
@@ -46,12 +55,20 @@ class IrradianceGrid:
         self._packed[6:] = value.reshape(3, -1)
 
     def add(self, irradiance: np.ndarray) -> None:
-        """Add irradiance (N, 3) that is smooth already."""
+        """Add irradiance (N, 3) without smoothing."""
         self._packed[6:] += irradiance.T
 
     def at(self, row: np.ndarray, column: np.ndarray, surface: RayHits) -> np.ndarray:
-        """(M, 3) float32 irradiance of surfaces seen at pixel coordinates `row`, `column` (M,), whole numbers at pixel
-        centres; in Fortran order."""
+        """Interpolate the irradiance at surfaces.
+
+        Args:
+            row: Pixel row of each surface, (M,); whole numbers are pixel centres.
+            column: Pixel column of each surface, (M,).
+            surface: The surfaces.
+
+        Returns:
+            (M, 3) float32 in Fortran order.
+        """
         irradiance = np.empty((3, len(surface)), np.float32)
         for part in chunks(len(surface)):
             irradiance[:, part] = self._at(
@@ -60,6 +77,7 @@ class IrradianceGrid:
         return irradiance.T
 
     def _at(self, row, column, point_m, normal, range_m) -> np.ndarray:
+        """Compute `at` for one chunk of surfaces."""
         row, column = row / np.float32(self._step), column / np.float32(self._step)
         top, left = np.floor(row).astype(np.int32), np.floor(column).astype(np.int32)
         down, right = row - top, column - left
@@ -70,7 +88,7 @@ class IrradianceGrid:
             grid_row = np.clip(top + step_row, 0, self._rows - 1) * self._columns
             for grid_column, share_column in grid_columns:
                 near = self._packed.take(grid_row + grid_column, axis=1)
-                weight = _likeness(point_m, normal, near[:3], near[3:6], tolerance_m)
+                weight = _similarity(point_m, normal, near[:3], near[3:6], tolerance_m)
                 weight *= share_row * share_column + np.float32(1e-3)
                 near[6:] *= weight
                 total += near[6:]
@@ -83,21 +101,33 @@ _DITHER = np.array([[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]
 
 
 def _tolerance_m(range_m: np.ndarray) -> np.ndarray:
-    """How far off a plane points of one surface may lie, seen from this far."""
+    """Return the maximum distance from a plane of points on one surface, at a viewing distance."""
     return np.float32(0.02) + np.float32(0.01) * np.fmax(range_m, 0)
 
 
 def _shifted(image: np.ndarray, shift: int, axis: int) -> np.ndarray:
-    """The image (3, rows, columns) moved by some pixels: around the seam along columns, repeating the border along
-    rows."""
+    """Shift an image (3, rows, columns) by some pixels.
+
+    Columns wrap around; rows repeat the border.
+    """
     if axis == 1:
         return np.roll(image, shift, axis=2)
     return image.take(np.clip(np.arange(image.shape[1]) - shift, 0, image.shape[1] - 1), axis=1)
 
 
-def _likeness(point_m, normal, other_point_m, other_normal, tolerance_m) -> np.ndarray:
-    """How far two points lie on one smooth surface: 1 on a plane, falling with the distance off it and the angle
-    between the normals. Of vectors (3, ...)."""
+def _similarity(point_m, normal, other_point_m, other_normal, tolerance_m) -> np.ndarray:
+    """Return how likely two points are to lie on one smooth surface.
+
+    Args:
+        point_m: Points, (3, ...).
+        normal: Normals, (3, ...).
+        other_point_m: Other points, (3, ...).
+        other_normal: Other normals, (3, ...).
+        tolerance_m: Distance from the plane at which the weight drops to a quarter.
+
+    Returns:
+        1 on a plane, decreasing with the distance from the plane and the angle between the normals.
+    """
     facing = np.einsum("i...,i...->...", normal, other_normal)
     np.maximum(facing, 0, out=facing)
     for _ in range(3):
@@ -108,5 +138,5 @@ def _likeness(point_m, normal, other_point_m, other_normal, tolerance_m) -> np.n
     off += 1
     off *= off
     facing /= off
-    facing += _FLOOR
+    facing += _MIN_WEIGHT
     return facing

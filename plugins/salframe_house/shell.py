@@ -1,4 +1,4 @@
-"""The structure of a building as a mesh: floors, ceilings, walls with openings, door frames and leaves, windows."""
+"""Mesh of the structure: floors, ceilings, walls with openings, door frames and leaves, windows."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from salframe_house.mesh import Mesh, MeshBuilder
 from salframe_house.scene import Light, Material
 
 _FRAME_M = 0.06
-_TRIM_M = 0.012  # how far door frames and skirting stand out from the wall
+_TRIM_M = 0.012  # projection of door frames and skirting from the wall
 _WET = frozenset({"bathroom", "restroom", "kitchen", "laundry-room", "break-room", "linen-room"})
 _TILED = frozenset({"bathroom", "restroom"})
 _WALLS = {
@@ -38,14 +38,14 @@ _TILES = ((0.55, 0.56, 0.56), (0.46, 0.44, 0.40), (0.36, 0.38, 0.40), (0.60, 0.5
 
 
 def shell_mesh(layout: Layout, style: str, seed: int) -> Mesh:
-    """Everything that is no object, in the world frame."""
+    """Return the mesh of the structure, all that is not an object, in the world frame."""
     m = MeshBuilder()
     rng = np.random.default_rng((seed, 3))
     trim, pane = Material("plastic", (0.62, 0.62, 0.60)), looks.GLASS
     leaf = looks.wood(rng) if rng.random() < 0.6 else Material("laminate", (0.60, 0.60, 0.58))
     corridor_seed = int(rng.integers(1 << 30))
     for room in layout.rooms:
-        # Twins look alike; so do all corridors.
+        # Twins have the same materials, and so do all corridors.
         key = corridor_seed if room.kind == "corridor" else zlib.crc32((room.twin or room.id).encode())
         wall, floor, ceiling = _room_looks(room, style, np.random.default_rng((seed, key)))
         _room(m, room, layout, wall, floor, ceiling, trim)
@@ -57,7 +57,7 @@ def shell_mesh(layout: Layout, style: str, seed: int) -> Mesh:
 
 
 def window_light(window: Window) -> Light:
-    """The daylight of a window: its pane, just inside the wall."""
+    """Return the daylight of a window: an area light at its pane, just inside the wall."""
     x, y = np.array(window.centre_m) + np.array(window.inward) * 0.02
     across = np.abs(window.inward[::-1]) * (window.width_m - 0.1)
     height = window.head_m - window.sill_m
@@ -71,7 +71,7 @@ def window_light(window: Window) -> Light:
 
 
 def _room_looks(room: Room, style: str, rng: np.random.Generator) -> tuple[Material, Material, Material]:
-    """Wall, floor and ceiling of a room."""
+    """Draw the materials of the wall, floor and ceiling of a room."""
 
     def pick(texture: str, palette) -> Material:
         return Material(texture, palette[rng.integers(len(palette))], int(rng.integers(looks.VARIANTS)))
@@ -88,6 +88,7 @@ def _room_looks(room: Room, style: str, rng: np.random.Generator) -> tuple[Mater
 def _room(
     m: MeshBuilder, room: Room, layout: Layout, wall: Material, floor: Material, ceiling: Material, trim: Material
 ) -> None:
+    """Add the floor, ceiling and walls of a room."""
     (x0, y0), (x1, y1), h = room.low_m, room.high_m, room.height_m
     corners = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
     m.quad(np.column_stack([corners, np.zeros(4)]), floor, corners)
@@ -107,6 +108,7 @@ def _room(
 
 
 def _on_wall(point_m: tuple[float, float], start: np.ndarray, along: np.ndarray, tolerance_m: float) -> bool:
+    """Return whether a point (x, y) lies on a wall."""
     across = np.array([-along[1], along[0]])
     return bool(abs((np.array(point_m) - start) @ across) < tolerance_m)
 
@@ -121,14 +123,15 @@ def _wall(
     look: Material,
     trim: Material,
 ) -> None:
-    """One face of a wall, in strips between and around its openings, with skirting where it reaches the floor."""
+    """Add one face of a wall: strips between and around its openings, with skirting where it reaches the floor."""
     spans = sorted(
         (float((np.array(centre) - start) @ along) - width / 2, width, low, high)
         for centre, width, low, high in openings
     )
-    offset = float(np.abs(along) @ start)  # so that the pattern differs from room to room
+    offset = float(np.abs(along) @ start)  # world position, so that the pattern differs between rooms
 
     def patch(s0: float, s1: float, z0: float, z1: float) -> None:
+        """Add a rectangle of the wall from s0 to s1 along it and from z0 to z1 in height."""
         if s1 - s0 < 1e-6 or z1 - z0 < 1e-6:
             return
         low, high = start + along * s0, start + along * s1
@@ -163,7 +166,17 @@ def _oriented_box(
     z: tuple[float, float],
     look: Material,
 ) -> None:
-    """A box given by ranges along an axis (0: x, 1: y) and across it, relative to a centre."""
+    """Add a box.
+
+    Args:
+        m: Builder of the mesh.
+        centre: Reference point (x, y).
+        axis: Axis of `along` (0: x, 1: y).
+        along: Range along the axis, relative to `centre`.
+        across: Range across the axis, relative to `centre`.
+        z: Range of the height.
+        look: Material.
+    """
     low, high = np.array([0.0, 0.0, z[0]]), np.array([0.0, 0.0, z[1]])
     low[axis], high[axis] = centre[axis] + min(along), centre[axis] + max(along)
     low[1 - axis], high[1 - axis] = centre[1 - axis] + min(across), centre[1 - axis] + max(across)
@@ -171,6 +184,7 @@ def _oriented_box(
 
 
 def _door(m: MeshBuilder, door: Door, trim: Material, leaf: Material) -> None:
+    """Add the frame, threshold, leaf and handle of a door."""
     axis, half, reach = "xy".index(door.axis), door.width_m / 2, WALL_M / 2 + _TRIM_M
     top = DOOR_HEIGHT_M + _FRAME_M
     for side in (-1, 1):
@@ -189,7 +203,7 @@ def _door(m: MeshBuilder, door: Door, trim: Material, leaf: Material) -> None:
 
 
 def _window(m: MeshBuilder, window: Window, trim: Material, pane: Material) -> None:
-    """Frame, mullion, sill and pane; the reveal is as deep as the wall is outside."""
+    """Add the frame, mullion, sill and pane of a window; the reveal extends to the outer side of the wall."""
     axis = 0 if window.inward[0] else 1
     inwards, half, low, high = window.inward[axis], window.width_m / 2, window.sill_m, window.head_m
     depth = (-inwards * 0.10, 0.0)

@@ -1,7 +1,7 @@
-"""Procedural surface patterns: seamless tiles with mean 1 that multiply a material's albedo.
+"""Procedural surface textures: seamless tiles with mean 1 that multiply the albedo of a material.
 
-Their detail lies at 2 to 10 cm, where a keypoint detector sees it from across a room; none of it is noise at the scale
-of a pixel.
+Their details measure 2 to 10 cm, so that a keypoint detector can see them from across a room. There is no noise at the
+scale of a pixel.
 """
 
 from __future__ import annotations
@@ -20,16 +20,18 @@ TILE = 256
 """Texels along each side of a tile."""
 
 MAX_PATTERN = 3.0
-"""Largest value of a pattern, as a multiple of its mean."""
+"""Maximum value of a pattern, as a multiple of its mean."""
 
 
 @dataclass(frozen=True)
 class TextureKind:
-    """How a texture is made and laid on a surface.
+    """Painting and mapping of a texture.
 
-    `paint` draws the tile (TILE, TILE, 3), v growing with the rows, upwards on a wall; `extent_m` is the size of a tile
-    along (u, v), None where one tile fills the surface; `wear` is the contrast of stains and scuffs on it. A `fixed`
-    texture lies where its coordinates say, others start anywhere.
+    Attributes:
+        paint: Painter of the tile (TILE, TILE, 3); v grows with the rows and points upwards on a wall.
+        extent_m: Size of a tile along (u, v); None where one tile fills the surface.
+        wear: Contrast of stains and scuffs.
+        fixed: Whether the texture starts at its coordinates; others are shifted by a pseudo-random offset.
     """
 
     paint: Callable[[np.random.Generator], np.ndarray]
@@ -39,16 +41,22 @@ class TextureKind:
 
 
 def texture_kind(name: str) -> TextureKind:
-    """The texture of this name. Raises DataError with the known names."""
+    """Return the texture of this name.
+
+    Raises:
+        DataError: The name is unknown.
+    """
     try:
         return _IMAGES[name] if name in _IMAGES else TEXTURES[name]
     except KeyError:
-        raise DataError(f"unknown texture '{name}', expected one of {', '.join(sorted(TEXTURES))}") from None
+        raise DataError(f"unknown texture '{name}'; expected one of {', '.join(sorted(TEXTURES))}") from None
 
 
 def image_texture(rgb: np.ndarray) -> str:
-    """Take an image (h, w, 3) uint8 sRGB in as a texture and return its name; the rows go upwards, and the image spans
-    one unit of u and v."""
+    """Register an image (h, w, 3) uint8 sRGB as a texture and return its name.
+
+    The rows go upwards; the image spans one unit of u and v.
+    """
     tile = (cv2.resize(rgb, (TILE, TILE), interpolation=cv2.INTER_AREA) / 255) ** 2.2
     name = f"image {zlib.crc32(tile.tobytes()):08x}"
     _IMAGES[name] = TextureKind(lambda rng: tile, (1.0, 1.0), fixed=True)
@@ -59,9 +67,10 @@ _IMAGES: dict[str, TextureKind] = {}
 
 
 def texture_tile(name: str, variant: int) -> np.ndarray:
-    """(TILE, TILE, 3) float32 pattern with mean 1 in each channel, values in [0, MAX_PATTERN].
+    """Return the pattern of a texture, (TILE, TILE, 3) float32 in [0, MAX_PATTERN], with mean 1 per channel.
 
-    Raises DataError on an unknown name.
+    Raises:
+        DataError: The name is unknown.
     """
     kind = texture_kind(name)
     rng = np.random.default_rng((zlib.crc32(name.encode()), variant))
@@ -71,21 +80,23 @@ def texture_tile(name: str, variant: int) -> np.ndarray:
 
 @lru_cache(maxsize=1)
 def wear_tile() -> np.ndarray:
-    """(TILE, TILE) float32 stains and scuffs, mean 0, about unit contrast: what tells one stretch of a plain surface
-    from the next."""
+    """Return stains and scuffs, (TILE, TILE) float32, with mean 0 and a contrast of about 1.
+
+    They make parts of a plain surface distinguishable.
+    """
     rng = np.random.default_rng(zlib.crc32(b"wear"))
     wear = _blobs(rng, 700, (1.2, 2.8), aspect=2.0) + 0.25 * _blobs(rng, 60, (3.0, 9.0)) + 0.1 * _noise(rng, 2, 12)
     return (wear - wear.mean()).astype(np.float32)
 
 
-# Building blocks. All are periodic, so that a tile has no seam; frequencies are cycles a tile.
+# Primitives. All are periodic, so that a tile has no seam. Frequencies are in cycles per tile.
 
 _FREQUENCY = np.fft.fftfreq(TILE, 1 / TILE)
 _V, _U = np.meshgrid((np.arange(TILE) + 0.5) / TILE, (np.arange(TILE) + 0.5) / TILE, indexing="ij")
 
 
 def _noise(rng: np.random.Generator, low: float, high: float, stretch: tuple[float, float] = (1.0, 1.0)) -> np.ndarray:
-    """Band-passed noise of unit deviation; `stretch` (u, v) lengthens its features along an axis."""
+    """Return band-pass noise of unit standard deviation; `stretch` (u, v) lengthens its features along an axis."""
     radius_sq = (_FREQUENCY[None, :] * stretch[0]) ** 2 + (_FREQUENCY[:, None] * stretch[1]) ** 2
     gain = np.exp(-radius_sq / high**2) - np.exp(-radius_sq / low**2)
     noise = np.fft.ifft2(np.fft.fft2(rng.standard_normal((TILE, TILE))) * gain).real
@@ -93,11 +104,13 @@ def _noise(rng: np.random.Generator, low: float, high: float, stretch: tuple[flo
 
 
 def _blobs(rng: np.random.Generator, count: int, radius: tuple[float, float], aspect: float = 1.0) -> np.ndarray:
-    """Sum of `count` soft-edged ellipses of either sign, radii in texels, elongated up to `aspect` at any angle."""
-    drawn = np.array([(*rng.random(5), rng.integers(2), rng.random()) for _ in range(count)])
+    """Return the sum of `count` soft ellipses of random sign and angle, with radii in texels and aspect ratios up to
+    `aspect`.
+    """
+    samples = np.array([(*rng.random(5), rng.integers(2), rng.random()) for _ in range(count)])
     low, high = np.array([[radius[0], 1, 0, 0, 0, -1, 0.4], [radius[1], aspect, np.pi, TILE, TILE, 1, 1]])
-    r, ratio, angle, v, u, sign, strength = (low + (high - low) * drawn).T
-    # Of every ellipse the texels of a square around it, the squares one after the other.
+    r, ratio, angle, v, u, sign, strength = (low + (high - low) * samples).T
+    # Texels of the bounding square of each ellipse, concatenated.
     reach = np.ceil(r * ratio + 2).astype(int)
     side = 2 * reach + 1
     number = np.arange(np.sum(side**2)) - np.repeat(np.cumsum(side**2) - side**2, side**2)
@@ -115,19 +128,19 @@ def _blobs(rng: np.random.Generator, count: int, radius: tuple[float, float], as
 
 
 def _joints(count_u: int, count_v: int, width: float) -> np.ndarray:
-    """1 on the joints of a grid of count_u x count_v cells, 0 inside; width in texels."""
+    """Return 1 on the joints of a grid of count_u x count_v cells and 0 inside the cells; width in texels."""
     distance = [np.abs(t * n - np.round(t * n)) / n * TILE for t, n in ((_U, count_u), (_V, count_v))]
     return np.clip(width / 2 + 0.5 - np.minimum(*distance), 0, 1)
 
 
 def _cell_tones(rng: np.random.Generator, count_u: int, count_v: int, spread: float) -> np.ndarray:
-    """One random tone for each cell of a grid, mean 0."""
+    """Return one random tone per cell of a grid, with mean 0."""
     tones = rng.normal(0, spread, (count_v, count_u))
     return tones[(_V * count_v).astype(int), (_U * count_u).astype(int)]
 
 
 def _tinted(pattern: np.ndarray, tint: tuple[float, float, float] = (0, 0, 0)) -> np.ndarray:
-    """The pattern in three channels; where it departs from 1, `tint` shifts the hue along with the lightness."""
+    """Return the pattern in three channels; `tint` shifts the hue with the deviation from 1."""
     return pattern[..., None] + (pattern - 1)[..., None] * np.asarray(tint)
 
 
@@ -156,7 +169,7 @@ def _planks(rng: np.random.Generator, rows: int, boards: int, spread: float) -> 
     return tone
 
 
-# Paints. Each returns (TILE, TILE, 3).
+# Painters of `TEXTURES`. Each returns (TILE, TILE, 3).
 
 
 def _plaster(rng):
@@ -266,7 +279,7 @@ def _leaf(rng):
 
 
 def _palette(rng: np.random.Generator, count: int) -> np.ndarray:
-    """(count, 3) muted colours around a common hue."""
+    """Return muted colours around a common hue, (count, 3)."""
     hue = rng.uniform(0, 2 * np.pi) + rng.normal(0, 0.9, count)
     chroma = rng.uniform(0.05, 0.3, count)[:, None] * np.cos(hue[:, None] + np.array([0, 2.1, 4.2]))
     return rng.uniform(0.25, 1.0, count)[:, None] * (1 + chroma)

@@ -1,4 +1,4 @@
-"""Rays against a scene's triangles: nearest surfaces and shadows, on embree."""
+"""Ray tracing against the triangles of a scene: nearest surfaces and shadows, with Embree."""
 
 from __future__ import annotations
 
@@ -14,20 +14,23 @@ from embreex.rtcore_scene import EmbreeScene
 from salframe.framework.engines.worker import threads_allowed
 from salframe_house.scene import Scene
 
-_NOTHING = np.float32(1e30)  # embree's range where a ray hits nothing is 1e37
-_THREADS = 2  # embreex lets go of the interpreter while it traces
-_CHUNK = 1 << 14  # cv2.remap takes images with sides below 32768
+_MISS_RANGE_M = np.float32(1e30)  # threshold of a miss: Embree returns a range of 1e37
+_THREADS = 2  # embreex releases the GIL while it traces
+_CHUNK = 1 << 14  # rays per chunk; cv2.remap requires image sides below 32768
 
 
 @dataclass(frozen=True, eq=False)
 class RayHits:
-    """What N rays hit: flat arrays, one entry a ray, world frame. Vectors are held column by column, in Fortran order,
-    so that arithmetic over many rays runs through contiguous memory.
+    """Hits of N rays, in the world frame. Arrays of vectors are in Fortran order, so that arithmetic is contiguous.
 
-    direction (N, 3) float32 unit, of the rays; range_m (N,) float32, NaN where nothing was hit; triangle (N,) int32
-    into the scene, 0 where nothing was hit; weight_u, weight_v (N,) float32 barycentric weights of its second and third
-    corner; normal (N, 3) float32 unit, turned towards the ray; point_m (N, 3) float32 where it hit, its origin where
-    nothing was hit.
+    Attributes:
+        direction: Unit directions of the rays, (N, 3) float32.
+        range_m: Distance along the ray, (N,) float32; NaN for a miss.
+        triangle: Index of the triangle, (N,) int32; 0 for a miss.
+        weight_u: Barycentric weight of the second corner, (N,) float32.
+        weight_v: Barycentric weight of the third corner, (N,) float32.
+        normal: Unit normal, oriented towards the ray origin, (N, 3) float32.
+        point_m: Hit point, (N, 3) float32; the origin of the ray for a miss.
     """
 
     direction: np.ndarray
@@ -40,33 +43,35 @@ class RayHits:
 
     @property
     def hit(self) -> np.ndarray:
-        """(N,) bool: the ray hit something."""
+        """Whether each ray hit something, (N,) bool."""
         return ~np.isnan(self.range_m)
 
     def __len__(self) -> int:
         return len(self.range_m)
 
     def take(self, index: np.ndarray) -> RayHits:
-        """The entries at these positions."""
+        """Return the entries at these indices."""
         return RayHits(*(rows(getattr(self, name), index) for name in self.__dataclass_fields__))
 
 
 def rows(table: np.ndarray, index: np.ndarray) -> np.ndarray:
-    """table[index] of a table (F,) or one (F, C) in Fortran order, in which the result is too."""
+    """Return table[index] for a table (F,) or (F, C) in Fortran order; the result is in Fortran order too."""
     return table.T.take(index, axis=-1).T
 
 
 def chunks(count: int) -> Iterator[slice]:
-    """Runs of this many rays, each so short that temporaries stay in the processor's cache."""
+    """Generate slices of `count` rays, short enough that temporary arrays fit into the CPU cache."""
     for start in range(0, count, _CHUNK):
         yield slice(start, start + _CHUNK)
 
 
 class Tracer:
-    """The triangles of a scene, ready for rays. One tracer serves every lighting of the scene.
+    """Acceleration structures of the triangles of a scene. One tracer serves every lighting of the scene.
 
-    `hollow` (F,) bool marks triangles that cast no shadow: what shines, the lamps around the lights, and window panes.
-    A shadow ray ends at the light inside of them, and would otherwise strike them.
+    Args:
+        scene: The scene.
+        hollow: Triangles that cast no shadow, (F,) bool: emissive surfaces, lamps and window panes. The shadow rays end
+            at the light inside them and would otherwise hit them.
     """
 
     def __init__(self, scene: Scene, hollow: np.ndarray):
@@ -78,7 +83,12 @@ class Tracer:
         self._pool = ThreadPoolExecutor(min(_THREADS, threads_allowed() or _THREADS))
 
     def trace(self, origin_m: np.ndarray, direction: np.ndarray) -> RayHits:
-        """The nearest surfaces along unit directions (N, 3) float32 from one origin (3,) or N origins (N, 3)."""
+        """Return the nearest surfaces along rays.
+
+        Args:
+            origin_m: One origin (3,) or N origins (N, 3).
+            direction: Unit directions, (N, 3) float32.
+        """
         direction = np.asfortranarray(direction)
         origin_m = np.broadcast_to(np.asarray(origin_m, np.float32), direction.shape)
         count = len(direction)
@@ -90,15 +100,15 @@ class Tracer:
         return surface
 
     def _trace(self, origin_m: np.ndarray, surface: RayHits, part: slice) -> None:
-        """Fill in a part of what rays hit."""
+        """Trace a slice of the rays and write the hits to `surface`."""
         start_m, direction = origin_m[part], surface.direction[part]
-        found = self._surfaces.run(start_m, direction, query="INTERSECT", output=True)
-        range_m = found["tfar"]
-        missed = range_m > _NOTHING
-        surface.triangle[part] = triangle = np.maximum(found["primID"], 0)
-        surface.weight_u[part], surface.weight_v[part] = found["u"], found["v"]
+        hits = self._surfaces.run(start_m, direction, query="INTERSECT", output=True)
+        range_m = hits["tfar"]
+        missed = range_m > _MISS_RANGE_M
+        surface.triangle[part] = triangle = np.maximum(hits["primID"], 0)
+        surface.weight_u[part], surface.weight_v[part] = hits["u"], hits["v"]
         normal = rows(self._normal, triangle)
-        # Triangles are seen from either side: a normal is turned towards the ray.
+        # Triangles are visible from both sides: the normal is oriented towards the ray origin.
         away = np.einsum("ij,ij->i", normal, direction) > 0
         np.multiply(normal, np.where(away, np.float32(-1), np.float32(1))[:, None], out=surface.normal[part])
         range_m[missed] = 0
@@ -107,14 +117,20 @@ class Tracer:
         surface.range_m[part] = range_m
 
     def blocked(self, start_m: np.ndarray, end_m: np.ndarray) -> np.ndarray:
-        """(N,) bool: something that casts shadows lies between the points (N, 3); within 2 cm of the end does not
-        count."""
+        """Return whether a shadow caster lies between two points, (N,) bool.
+
+        Surfaces within 2 cm of the end point are ignored.
+
+        Args:
+            start_m: Start points, (N, 3).
+            end_m: End points, (N, 3).
+        """
         blocked = np.empty(len(start_m), bool)
         list(self._pool.map(partial(self._block, start_m, end_m, blocked), chunks(len(start_m))))
         return blocked
 
     def _block(self, start_m: np.ndarray, end_m: np.ndarray, blocked: np.ndarray, part: slice) -> None:
-        """Fill in a part of what is blocked."""
+        """Trace a slice of the shadow rays and write the result to `blocked`."""
         way = end_m[part] - start_m[part]
         length_m = np.sqrt(np.einsum("ij,ij->i", way, way))
         way /= np.maximum(length_m, 1e-6)[:, None]
@@ -123,8 +139,9 @@ class Tracer:
 
 
 def _embree_scene(vertices_m: np.ndarray, triangles: np.ndarray) -> EmbreeScene:
-    scene = EmbreeScene(robust=True)  # without it, rays slip between triangles that share an edge
+    """Build the acceleration structure of triangles."""
+    scene = EmbreeScene(robust=True)  # otherwise rays can pass between triangles that share an edge
     TriangleMesh(scene, vertices_m.astype(np.float32), triangles.astype(np.int32))
     up = np.array([[0, 0, 1]], np.float32)
-    scene.run(up, up)  # builds the hierarchy now: two threads must not both do so at their first ray
+    scene.run(up, up)  # build the hierarchy now: two threads must not build it at their first ray
     return scene

@@ -145,10 +145,10 @@ def test_half_of_the_objects_of_a_covered_class_take_a_model_and_parts_share_non
 
 
 def test_what_is_no_library_is_refused_in_one_line(tmp_path):
-    with pytest.raises(DataError, match=r"holds no \.sh3f library"):
+    with pytest.raises(DataError, match=r"contains no \.sh3f library"):
         Catalogue(tmp_path)
     (tmp_path / "broken.sh3f").write_bytes(b"PK no zip")
-    with pytest.raises(DataError, match="no furniture library of Sweet Home 3D"):
+    with pytest.raises(DataError, match="is not a furniture library of Sweet Home 3D"):
         Catalogue(tmp_path)
 
 
@@ -174,5 +174,7 @@ def test_the_dataset_furnishes_with_models_where_asked(folder, tmp_path, monkeyp
 def test_a_folder_without_libraries_is_one_line(tmp_path, monkeypatch):
     monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path))
     house = House(House.Config(rooms=4, rgb=False, height=64, models=tmp_path))
-    with pytest.raises(DataError, match=r"holds no .sh3f library, expected those of Sweet Home 3D's furniture"):
+    with pytest.raises(
+        DataError, match=r"contains no \.sh3f library; expected the furniture libraries of Sweet Home 3D"
+    ):
         house.prepare(lambda done, total: None)
