@@ -117,5 +117,5 @@ def shared_weight(
     best_node = np.zeros(len(nodes))
     np.maximum.at(best_node, pairs.node, value)
     shared = np.minimum(shared_query, nodes.segments.sum(best_node * node_weight))
-    whole = weight.sum() + nodes.segments.sum(node_weight) - shared
-    return np.divide(shared, whole, out=np.zeros(len(shared)), where=whole > 0)
+    union = weight.sum() + nodes.segments.sum(node_weight) - shared
+    return np.divide(shared, union, out=np.zeros(len(shared)), where=union > 0)

@@ -144,9 +144,9 @@ class PanoramaMatching:
             score = add_agreement(score, T_world_query, self._config.agreement, self._config.agreement_radius_m)
         best = int(np.argmax(score))
         if self._config.nearest_scene:
-            near = self._scene_near(frames[best], T_world_query[best])
-            if near is not None:
-                frames[best] = self.frames[near]  # a transition frame is not an answer
+            nearest = self._scene_near(frames[best], T_world_query[best])
+            if nearest is not None:
+                frames[best] = self.frames[nearest]  # a transition frame is not an answer
         scores: dict[str, float] = {}
         for frame, value in zip(frames, score.tolist(), strict=True):
             scores[frame.place] = max(value, scores.get(frame.place, value))
@@ -163,9 +163,9 @@ class PanoramaMatching:
         """Return the ranked places of the matching frames and, if needed, of the scene frame nearest to the pose."""
         score = {match.scene: match.score for match in matches}
         best = min(score, key=lambda scene: (-score[scene], scene))
-        near = None if T_world_query is None else self._scene_near(self.frames[best], T_world_query)
-        if near is not None:
-            score.setdefault(near, -np.inf)
+        nearest = None if T_world_query is None else self._scene_near(self.frames[best], T_world_query)
+        if nearest is not None:
+            score.setdefault(nearest, -np.inf)
         numbers = sorted(score)
         frames = [self.frames[number] for number in numbers]
         return rank_places(frames, np.array([score[number] for number in numbers]), T_world_query)

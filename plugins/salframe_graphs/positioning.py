@@ -130,8 +130,8 @@ class RobustPositioner(Positioner):
 
     def _support(self, query, reference, rotation, shift, weights):
         """Return the truncated quadratic support (H,) of each pose, and its inliers (H, M)."""
-        moved = query @ np.swapaxes(rotation, -1, -2) + shift[:, None]
-        squared = ((moved - reference) ** 2).sum(-1) / self.config.tolerance_m**2
+        moved_query = query @ np.swapaxes(rotation, -1, -2) + shift[:, None]
+        squared = ((moved_query - reference) ** 2).sum(-1) / self.config.tolerance_m**2
         return (np.maximum(1 - squared, 0) * (1 if weights is None else weights)).sum(1), squared < 1
 
     def _runner_up(self, query, reference, weights, hypotheses, best, inliers) -> float:

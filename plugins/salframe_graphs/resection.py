@@ -27,17 +27,17 @@ class _Rows:
     t (2,) is the position in the axes of the query.
 
     Attributes:
-        beside: (M, 4); beside @ v is the distance of each point from the vertical plane of its direction, in metres.
-        before: (M, 4); before @ v is the distance of each point in front of the camera within that plane, in metres.
-        out: (M,) cosine of the elevation.
-        up: (M,) sine of the elevation.
+        lateral: (M, 4); lateral @ v is the distance of each point from the vertical plane of its direction, in metres.
+        forward: (M, 4); forward @ v is the distance of each point in front of the camera within that plane, in metres.
+        cos_elevation: (M,) cosine of the elevation.
+        sin_elevation: (M,) sine of the elevation.
         z_m: (M,) height of each point above the camera in metres.
     """
 
-    beside: np.ndarray
-    before: np.ndarray
-    out: np.ndarray
-    up: np.ndarray
+    lateral: np.ndarray
+    forward: np.ndarray
+    cos_elevation: np.ndarray
+    sin_elevation: np.ndarray
     z_m: np.ndarray
 
     def distance_m(self, v: np.ndarray) -> np.ndarray:
@@ -45,10 +45,10 @@ class _Rows:
 
         The distance of a point behind the camera is infinite.
         """
-        before = v @ self.before.T
-        above = self.z_m * self.out - before * self.up
-        in_front = before * self.out + self.z_m * self.up > 0
-        return np.where(in_front, np.hypot(v @ self.beside.T, above), np.inf)
+        forward = v @ self.forward.T
+        above = self.z_m * self.cos_elevation - forward * self.sin_elevation
+        in_front = forward * self.cos_elevation + self.z_m * self.sin_elevation > 0
+        return np.where(in_front, np.hypot(v @ self.lateral.T, above), np.inf)
 
 
 def resect(bearing: np.ndarray, reference_m: np.ndarray, tolerance_m: float, ambiguity: float) -> PoseEstimate:
@@ -105,12 +105,17 @@ def resect(bearing: np.ndarray, reference_m: np.ndarray, tolerance_m: float, amb
 
 def _conditions(bearing: np.ndarray, reference_m: np.ndarray) -> _Rows:
     x, y, z = np.asarray(reference_m, float).T
-    out = np.hypot(bearing[:, 0], bearing[:, 1])
-    c, s = (np.divide(bearing[:, axis], out, out=np.ones(len(out)) * (axis == 0), where=out > 0) for axis in (0, 1))
+    cos_elevation = np.hypot(bearing[:, 0], bearing[:, 1])
+    c, s = (
+        np.divide(
+            bearing[:, axis], cos_elevation, out=np.ones(len(cos_elevation)) * (axis == 0), where=cos_elevation > 0
+        )
+        for axis in (0, 1)
+    )
     return _Rows(
         np.stack([c * y - s * x, -c * x - s * y, s, -c], 1),
         np.stack([c * x + s * y, c * y - s * x, -c, -s], 1),
-        out,
+        cos_elevation,
         bearing[:, 2],
         z,
     )
@@ -119,8 +124,8 @@ def _conditions(bearing: np.ndarray, reference_m: np.ndarray) -> _Rows:
 def _from_pairs(rows: _Rows) -> np.ndarray:
     """Return poses (H, 4) from every two directions whose elevations determine the distances."""
     pair = np.array(list(combinations(range(len(rows.z_m)), 2)))
-    matrix = np.concatenate([rows.beside[pair], rows.up[pair, None] * rows.before[pair]], 1)
-    heights = (rows.z_m * rows.out)[pair]
+    matrix = np.concatenate([rows.lateral[pair], rows.sin_elevation[pair, None] * rows.forward[pair]], 1)
+    heights = (rows.z_m * rows.cos_elevation)[pair]
     solvable = np.linalg.cond(matrix) < 1e4  # leaves out pairs of horizontal directions
     right = np.concatenate([np.zeros_like(heights), heights], 1)[solvable]
     return _normal(np.linalg.solve(matrix[solvable], right[..., None])[..., 0])
@@ -132,11 +137,11 @@ def _from_triples(rows: _Rows) -> np.ndarray:
     A pose is the null space of their conditions, with the sign that puts the points in front of the camera.
     """
     triple = np.array(list(combinations(range(len(rows.z_m)), 3)), int).reshape(-1, 3)
-    _, singular, right = np.linalg.svd(rows.beside[triple])
+    _, singular, right = np.linalg.svd(rows.lateral[triple])
     is_determined = singular[:, 2] > 1e-4 * singular[:, 0]  # fails where points and camera lie on one circle
     v = right[is_determined, 3]
-    before = np.einsum("hij,hj->hi", rows.before[triple[is_determined]], v)
-    return _normal(v * np.where(before.sum(1) < 0, -1, 1)[:, None])
+    forward = np.einsum("hij,hj->hi", rows.forward[triple[is_determined]], v)
+    return _normal(v * np.where(forward.sum(1) < 0, -1, 1)[:, None])
 
 
 def _normal(v: np.ndarray) -> np.ndarray:
@@ -159,8 +164,8 @@ def _fit(rows: _Rows, v: np.ndarray, inliers: np.ndarray) -> np.ndarray:
 
 def _linearised(rows: _Rows, v: np.ndarray, inliers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the residuals (2 M,) in metres beside and above the rays, and their derivatives (2 M, 3) by yaw and t."""
-    matrix = np.concatenate([rows.beside, -rows.up[:, None] * rows.before])[np.tile(inliers, 2)]
-    constant = np.concatenate([np.zeros(len(rows.z_m)), rows.z_m * rows.out])[np.tile(inliers, 2)]
+    matrix = np.concatenate([rows.lateral, -rows.sin_elevation[:, None] * rows.forward])[np.tile(inliers, 2)]
+    constant = np.concatenate([np.zeros(len(rows.z_m)), rows.z_m * rows.cos_elevation])[np.tile(inliers, 2)]
     by_yaw = -matrix[:, 0] * v[1] + matrix[:, 1] * v[0]
     return matrix @ v + constant, np.column_stack([by_yaw, matrix[:, 2:]])
 
@@ -172,8 +177,8 @@ def _inliers(rows: _Rows, v: np.ndarray, tolerance_m: float) -> np.ndarray:
     median.
     """
     distance = rows.distance_m(v)
-    near = distance < tolerance_m
-    scale = 1.4826 * np.median(distance[near]) if near.any() else 0.0
+    is_near = distance < tolerance_m
+    scale = 1.4826 * np.median(distance[is_near]) if is_near.any() else 0.0
     return distance < np.clip(2.5 * scale, 0.1, tolerance_m)
 
 

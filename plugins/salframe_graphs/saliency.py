@@ -26,9 +26,9 @@ class VolumetricSaliency(SaliencyModel):
 
     def score(self, detections: Detections) -> np.ndarray:
         for measure in (object_volumes_m3(detections), detections.solid_angle_sr):
-            known = np.nan_to_num(measure)
-            if known.any():
-                return known / known.sum()
+            values = np.nan_to_num(measure)
+            if values.any():
+                return values / values.sum()
         return np.full(len(detections), 1 / max(len(detections), 1))
 
 

@@ -112,23 +112,23 @@ def verify(
         scale = scale_bound.clip(map_length / np.maximum(query_length, 1e-9))
     fits = np.abs(scale * query_length - map_length) < tolerance_m[first] + tolerance_m[second]
     fits &= np.minimum(query_length, map_length) > MIN_BASE_M
-    worth = BASE_WORTH * np.minimum(query_length, MAX_BASE_M)
-    rank = np.where(fits, similarity[first] + similarity[second] + worth, -np.inf)
+    base_value = BASE_WORTH * np.minimum(query_length, MAX_BASE_M)
+    rank = np.where(fits, similarity[first] + similarity[second] + base_value, -np.inf)
     rows = top_per_group(rank, pairs.graph[first], MAX_HYPOTHESES)
     i1, i2, j1, j2, scale, graph = (a[rows] for a in (i1, i2, j1, j2, scale, pairs.graph[first]))
     turn = map_edge[rows] * query_edge[rows].conj()
     turn *= scale / np.abs(turn)
     shift = (map_position[j1] + map_position[j2]) / 2 - turn * (query[i1] + query[i2]) / 2
-    near = np.flatnonzero(np.abs(shift) < max_shift_m)
-    if not len(near):
+    valid = np.flatnonzero(np.abs(shift) < max_shift_m)
+    if not len(valid):
         return result
-    graph, turn, shift, scale = (a[near] for a in (graph, turn, shift, scale))
+    graph, turn, shift, scale = (a[valid] for a in (graph, turn, shift, scale))
     # Single precision, and only the pairs of the hypothesis's candidate, because this takes much of a query's time.
     count = pairs.segments.count[graph]
     pair, hypothesis = ranges(pairs.segments.start[graph], count), np.arange(len(graph)).repeat(count)
-    moved = (turn[:, None] * query + shift[:, None]).astype(np.complex64)
+    moved_query = (turn[:, None] * query + shift[:, None]).astype(np.complex64)
     row = hypothesis * len(query) + i.take(pair)
-    offset = moved.ravel().take(row) - map_position.astype(np.complex64)[node].take(pair)
+    offset = moved_query.ravel().take(row) - map_position.astype(np.complex64)[node].take(pair)
     x, y = offset.real, offset.imag
     sharpness = (1 / tolerance_m**2).astype(np.float32)
     kernel = np.maximum(1 - (x * x + y * y) * sharpness.take(pair), 0) * similarity.astype(np.float32).take(pair)

@@ -45,8 +45,8 @@ def label_evidence(label: np.ndarray, index: PlaceIndex, places: np.ndarray) -> 
     map_label = index.label[ranges(index.segments.start[places], count)]
     distinct, number, counts = label_counts(label, len(index.vocabulary), map_label, count)
     shared = np.minimum(counts, number) @ index.rarity[distinct]
-    whole = number @ index.rarity[distinct]
-    return shared / whole, shared / (index.weight[places] + whole - shared)
+    query_rarity = number @ index.rarity[distinct]
+    return shared / query_rarity, shared / (index.weight[places] + query_rarity - shared)
 
 
 @cache

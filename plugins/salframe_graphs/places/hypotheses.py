@@ -29,11 +29,11 @@ def best_poses(scorer: PlaceLikelihood, max_poses: int) -> Poses:
     """
     index, position, rates = scorer.index, scorer.position, scorer.rates
     i, j = np.nonzero(scorer.same_label & (scorer.log_ratio > MIN_LOG_RATIO))
-    worth, place = scorer.log_ratio[i, j], index.place[j]
+    value, place = scorer.log_ratio[i, j], index.place[j]
     order = np.lexsort((j, i, place))
     if np.bincount(place, minlength=1).max() > MAX_PAIRS:
-        order = order[np.sort(top_per_group(worth[order], place[order], MAX_PAIRS))]
-    i, j, worth, place = i[order], j[order], worth[order], place[order]
+        order = order[np.sort(top_per_group(value[order], place[order], MAX_PAIRS))]
+    i, j, value, place = i[order], j[order], value[order], place[order]
     first, second = pairs_within(starts(np.bincount(place, minlength=len(index))))
     is_base = (i[first] != i[second]) & (j[first] != j[second])
     first, second = first[is_base], second[is_base]
@@ -43,7 +43,7 @@ def best_poses(scorer: PlaceLikelihood, max_poses: int) -> Poses:
     noise, variance = rates.position_error_m**2 + (rates.range_error_share * scorer.range_m) ** 2, index.variance_m2
     slack = SLACK_SIGMAS * np.sqrt(noise[i1] + noise[i2] + variance[j1] + variance[j2])
     fits = (np.abs(length - map_length) < slack) & (np.minimum(length, map_length) > MIN_BASE_M)
-    rank = np.where(fits, worth[first] + worth[second] + BASE_WORTH * np.minimum(length, MAX_BASE_M), -np.inf)
+    rank = np.where(fits, value[first] + value[second] + BASE_WORTH * np.minimum(length, MAX_BASE_M), -np.inf)
     rows = np.sort(top_per_group(rank, place[first], MAX_HYPOTHESES))
     i1, i2, j1, j2 = i1[rows], i2[rows], j1[rows], j2[rows]
     turn = map_base[rows] * base[rows].conj()
@@ -72,9 +72,9 @@ def _support(scorer: PlaceLikelihood, i: np.ndarray, j: np.ndarray, poses: Poses
     origin = as_complex(index.cameras_m[:, 0])  # single precision needs coordinates near 0
     local = (index.position[j] - origin[place]).astype(np.complex64)
     shift = (as_complex(poses.shift_m) - origin[poses.place]).astype(np.complex64)
-    turned = np.exp(1j * poses.yaw_rad).astype(np.complex64)[:, None] * scorer.ray.astype(np.complex64)
+    rotated_ray = np.exp(1j * poses.yaw_rad).astype(np.complex64)[:, None] * scorer.ray.astype(np.complex64)
     node = (np.arange(len(poses)) * len(scorer.ray)).repeat(count) + i[pair]
-    offset = (local[pair] - shift.repeat(count)) * turned.ravel().take(node).conj()
+    offset = (local[pair] - shift.repeat(count)) * rotated_ray.ravel().take(node).conj()
     along_m, across_m = offset.real - scorer.range_m.astype(np.float32)[i[pair]], offset.imag
     along, across, peak = columns.take(pair, 1)
     odds = np.exp(np.minimum(along_m * along_m * along + across_m * across_m * across + peak, 50))

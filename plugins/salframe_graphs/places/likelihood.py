@@ -75,21 +75,21 @@ class RefinedPoses:
     Attributes:
         poses: The poses.
         score: (C,) score of each pose.
-        near: (R,) numbers of the refined poses, whose initial scores were near the best one.
+        rows: (R,) numbers of the refined poses, whose initial scores were near the best one.
         refined: The columns of `share`, grouped by refined pose.
         share: (n, T) probability that each query object is each object of the pose's place.
     """
 
     poses: Poses
     score: np.ndarray
-    near: np.ndarray
+    rows: np.ndarray
     refined: Segments
     share: np.ndarray
 
     def share_of(self, pose: int) -> np.ndarray | None:
         """Return the shares (n, m) of a pose; None where it was not refined."""
-        row = int(np.searchsorted(self.near, pose))
-        if row == len(self.near) or self.near[row] != pose:
+        row = int(np.searchsorted(self.rows, pose))
+        if row == len(self.rows) or self.rows[row] != pose:
             return None
         return self.share[:, slice(*self.refined.start[row : row + 2])]
 
@@ -211,10 +211,10 @@ class PlaceLikelihood:
         """
         columns = self._columns(poses)
         score, odds, total = self._evaluate(poses, columns)
-        near = np.flatnonzero(score >= score.max(initial=-np.inf) - MAX_GAIN_NATS)
-        columns, position = columns.take(near)
-        best, best_score = poses.take(near), score[near]
-        share = odds[:, position] / columns.poses.spread(total[:, near])
+        rows = np.flatnonzero(score >= score.max(initial=-np.inf) - MAX_GAIN_NATS)
+        columns, position = columns.take(rows)
+        best, best_score = poses.take(rows), score[rows]
+        share = odds[:, position] / columns.poses.spread(total[:, rows])
         for _ in range(STEPS):
             fitted = self._fit(best, columns, share)
             fitted_score, odds, total = self._evaluate(fitted, columns)
@@ -227,8 +227,8 @@ class PlaceLikelihood:
             best_score = np.where(is_better, fitted_score, best_score)
             share = np.where(columns.poses.spread(is_better), odds / columns.poses.spread(total), share)
         shift_m, yaw_rad = poses.shift_m.copy(), poses.yaw_rad.copy()
-        shift_m[near], yaw_rad[near], score[near] = best.shift_m, best.yaw_rad, best_score
-        return RefinedPoses(Poses(poses.place, shift_m, yaw_rad), score, near, columns.poses, share)
+        shift_m[rows], yaw_rad[rows], score[rows] = best.shift_m, best.yaw_rad, best_score
+        return RefinedPoses(Poses(poses.place, shift_m, yaw_rad), score, rows, columns.poses, share)
 
     def _columns(self, poses: Poses) -> _Columns:
         count = self.index.count[poses.place]
@@ -240,11 +240,11 @@ class PlaceLikelihood:
         offset = self.index.position[objects] - columns.poses.spread(as_complex(poses.shift_m))
         logit = self.detection_logit(objects, np.abs(offset))
         offset *= columns.poses.spread(np.exp(-1j * poses.yaw_rad))
-        turned = np.array([offset.real, offset.imag], np.float32)
+        rotated = np.array([offset.real, offset.imag], np.float32)
         ray, normal, range_m = self._rays
-        along_m = ray @ turned
+        along_m = ray @ rotated
         along_m -= range_m  # the query object lies on its own ray
-        across_m = normal @ turned
+        across_m = normal @ rotated
         along, across = self.exponents
         log_odds = along_m
         log_odds *= along_m

@@ -90,11 +90,11 @@ def gather_places(
     frame_sightings = [
         _sightings(number, graph, frame) for number, (graph, frame) in enumerate(zip(graphs, frames, strict=True))
     ]
-    shown: dict[tuple[str, int], list[int]] = {}
+    frames_of_place: dict[tuple[str, int], list[int]] = {}
     kinds = {frame.kind for frame in frames}
     for number, frame in enumerate(frames):
         if frame.kind is FrameKind.SCENE or FrameKind.SCENE not in kinds:
-            shown.setdefault((frame.place, 0 if merged else number), []).append(number)
+            frames_of_place.setdefault((frame.place, 0 if merged else number), []).append(number)
     added: dict[str, list[tuple[int, np.ndarray]]] = {}
     if merged and place_of is not None and FrameKind.SCENE in kinds:
         for number, frame in enumerate(frames):
@@ -103,7 +103,7 @@ def gather_places(
                 for name in {place for place in owner if place is not None}:
                     added.setdefault(name, []).append((number, np.flatnonzero(owner == name)))
     places = []
-    for (name, _), scene_frames in shown.items():
+    for (name, _), scene_frames in frames_of_place.items():
         parts = [(number, np.arange(len(frame_sightings[number].labels))) for number in scene_frames] + added.get(
             name, []
         )
@@ -130,9 +130,9 @@ def merge(name: str, frames: Sequence[int], sightings: MapSightings, rates: Rate
             if label[g] == sightings.labels[row] and sightings.frame[row] not in frames_of_group[g]
         ]
         distance = np.hypot(*(centre[open_groups, :2] - sightings.centroid_m[row, :2]).T)
-        near = distance < MAX_SIGMAS * np.sqrt(1 / weight[open_groups] + variance[row])
-        if near.any():
-            group = int(open_groups[int(np.argmin(np.where(near, distance, np.inf)))])
+        is_near = distance < MAX_SIGMAS * np.sqrt(1 / weight[open_groups] + variance[row])
+        if is_near.any():
+            group = int(open_groups[int(np.argmin(np.where(is_near, distance, np.inf)))])
         else:
             group = len(frames_of_group)
             frames_of_group.append(set())

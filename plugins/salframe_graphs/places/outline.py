@@ -45,8 +45,8 @@ def free_outline(range_m: np.ndarray) -> np.ndarray:
 
 def pack_outline(outline_m: np.ndarray) -> np.ndarray:
     """Return the outline as (BINS,) uint16 in millimetres, 0 where it is unknown."""
-    known = np.minimum(np.nan_to_num(outline_m), _MAX_M)
-    return np.round(known * 1000).astype(np.uint16)
+    limited_m = np.minimum(np.nan_to_num(outline_m), _MAX_M)
+    return np.round(limited_m * 1000).astype(np.uint16)
 
 
 def unpack_outline(outline_mm: np.ndarray) -> np.ndarray:
@@ -94,7 +94,7 @@ class MapOutlines:
         return cls(*(a.astype(np.float32) for a in (range_m, _corners(range_m, pose[..., :2], pose[..., 2]), pose)))
 
     @cached_property
-    def known(self) -> np.ndarray:
+    def has_outline(self) -> np.ndarray:
         """(K, F) bool: whether a frame has an outline."""
         return np.isfinite(self.range_m).any(2)
 
@@ -110,7 +110,7 @@ class MapOutlines:
         """
         place = poses.place
         query_m, shift_m, yaw_rad = (a.astype(np.float32) for a in (query_m, poses.shift_m, poses.yaw_rad))
-        row, frame = np.nonzero(self.known[place])
+        row, frame = np.nonzero(self.has_outline[place])
         map_m, pose = self.range_m[place[row], frame], self.pose[place[row], frame]
         map_offset_m = self.corners_m[place[row], frame] - shift_m[row, None]
         query_offset_m = _corners(query_m, shift_m, yaw_rad)[row] - pose[:, None, :2]
