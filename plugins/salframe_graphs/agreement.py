@@ -12,8 +12,7 @@ from salframe.panoramas.frames import ReferenceFrame
 from salframe.panoramas.geometry import wrap_angle
 
 TURN_RAD = np.radians(30)
-"""Angle between two poses from which on they do not agree. Positions often agree by chance; positions and headings
-together rarely do."""
+"""Maximum angle between two agreeing poses. Positions often agree by chance, positions and headings together rarely."""
 
 _NO_POSE = np.full((4, 4), np.nan)
 
@@ -27,7 +26,7 @@ def agree(
         matches: Matches of a query with the graphs of reference frames.
         frames: The reference frames of the map.
         share: Share of an agreeing match's score to add.
-        radius_m: Distance in metres from which on two poses do not agree.
+        radius_m: Maximum distance in metres between two agreeing poses.
     """
     poses = [_NO_POSE if match.T_scene_query is None else match.T_scene_query for match in matches]
     T_world_scene = np.array([frames[match.scene].T_world_pano for match in matches])
@@ -48,7 +47,7 @@ def add_agreement(score: np.ndarray, T_world_query: np.ndarray, share: float, ra
         T_world_query: (T, 4, 4) pose of the query in the world by each match. The score of a match without a pose (NaN)
             does not change.
         share: Share of an agreeing match's score to add.
-        radius_m: Distance in metres from which on two poses do not agree.
+        radius_m: Maximum distance in metres between two agreeing poses.
 
     Returns:
         (T,) float64.

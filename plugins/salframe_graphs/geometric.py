@@ -57,12 +57,10 @@ class GeometricMatcher(NodeMatcher):
             description="weight of the Jaccard index over nodes consistent with one pose; 0: no geometric verification",
         )
         tolerance_m: float = Field(
-            0.3,
-            gt=0,
-            description="verification: maximum distance (m) of two nodes of one object, before tolerance_share",
+            0.3, gt=0, description="verification: maximum distance (m) between two nodes of the same object, at range 0"
         )
         tolerance_share: float = Field(
-            0.05, ge=0, description="verification: increase of tolerance_m per metre of range of the nodes"
+            0.05, ge=0, description="verification: increase of tolerance_m per metre of range"
         )
         max_scale_error: float = Field(
             0.0,

@@ -44,13 +44,13 @@ class PanoramaMatchingConfig(ComponentConfig):
     agreement: float = match_only(
         0.5,
         ge=0,
-        description="share of the scores of agreeing matches (same pose in the world) to add to the score of a match",
+        description="share of the score of each agreeing match (same pose in the world) to add to a match's score",
     )
     agreement_radius_m: float = match_only(
-        1.5, gt=0, description="distance (m) between the poses of two matches from which on they do not agree"
+        1.5, gt=0, description="maximum distance (m) between the poses of two agreeing matches"
     )
     nearest_scene: bool = match_only(
-        True, description="if the best match is a transition frame, answer with the scene frame nearest to the pose"
+        True, description="if the best match is a transition frame (doorway), answer with the nearest scene frame"
     )
 
 

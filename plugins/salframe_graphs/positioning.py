@@ -59,7 +59,7 @@ class RobustPositioner(Positioner):
 
     class Config(ComponentConfig):
         group: Literal["SE(2)", "SE(3)"] = Field(
-            "SE(2)", description="motion to estimate: x, y and yaw, or all six degrees of freedom"
+            "SE(2)", description="motion to estimate: x, y and yaw (SE(2)), or all six degrees of freedom (SE(3))"
         )
         tolerance_m: float = Field(0.8, gt=0, description="maximum residual (m) of a match that supports a pose")
         min_inliers: int = Field(2, ge=2, description="minimum number of consistent matches of a pose")
@@ -67,7 +67,7 @@ class RobustPositioner(Positioner):
             0.95,
             gt=0,
             le=1,
-            description="ratio of the runner-up's support to the best pose's from which on the pose is ambiguous",
+            description="the pose is ambiguous if a different pose has at least this share of its support",
         )
 
     _separate_m: ClassVar[float] = 0.5

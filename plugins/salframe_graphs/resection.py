@@ -62,7 +62,7 @@ def resect(bearing: np.ndarray, reference_m: np.ndarray, tolerance_m: float, amb
         bearing: (M, 3) unit vectors in the query frame.
         reference_m: (M, 3) points in the reference frame, in metres.
         tolerance_m: Maximum distance in metres of a point from the ray of its direction.
-        ambiguity: Ratio of the runner-up's support to the best pose's from which on the pose is ambiguous.
+        ambiguity: The pose is ambiguous if a different pose has at least this share of its support.
     """
     count = len(bearing)
     if count < 2:

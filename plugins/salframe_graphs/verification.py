@@ -92,7 +92,7 @@ def verify(
         map_xy: (N, 2) positions of the map's nodes in metres, each in its reference frame.
         pairs: The node pairs that may be the same object, P together.
         similarity: (P,) similarity of each pair, above 0.
-        tolerance_m: (P,) distance in metres from which on the two nodes cannot be the same object.
+        tolerance_m: (P,) maximum distance in metres between the two nodes of the same object.
         weights: (n,) weights of the query's nodes.
         max_shift_m: Maximum distance in metres of a pose from the reference frame.
         scale_bound: Bounds of the query's scale, which each hypothesis then has: the ratio of its two lengths. None

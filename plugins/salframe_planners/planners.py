@@ -86,7 +86,7 @@ class FloydWarshall(_GraphPlanner):
 
 
 class Dijkstra(_GraphPlanner):
-    """Computes the shortest routes from one start per query by Dijkstra's algorithm, for large, sparse maps."""
+    """Computes the shortest routes from the start of each requested route by Dijkstra's algorithm, for large maps."""
 
     name = "dijkstra"
     version = "1"

@@ -73,7 +73,7 @@ def test_an_index_that_is_not_whole_is_refused(graphs, tmp_path):
         InvertedLists().open(tmp_path / "index")
     (tmp_path / "index" / "code.npy").unlink()
     manifest.write_text(json.dumps(content))
-    with pytest.raises(DataError, match="not whole"):
+    with pytest.raises(DataError, match="is incomplete"):
         InvertedLists().open(tmp_path / "index")
     with pytest.raises(DataError, match="has no scene index"):
         InvertedLists().open(tmp_path / "elsewhere")

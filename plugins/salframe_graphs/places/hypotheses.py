@@ -18,7 +18,7 @@ the value of a metre of base relative to the log ratios of the pairs."""
 MAX_SHIFT_M = 6.0
 """Maximum distance in metres of a query from the nearest scene frame of its place."""
 SLACK_SIGMAS = 2.0
-"""Number of standard deviations from which on two distances are considered different."""
+"""Maximum difference of two equal distances, in standard deviations."""
 
 
 def best_poses(scorer: PlaceLikelihood, max_poses: int) -> Poses:
