@@ -45,7 +45,7 @@ MEASURED = ("panoseg", "segments")
 class AnnotationDetector(Detector):
     """Returns the annotated objects of an instance image or of an object list, with simulated detector errors.
 
-    The instance image may have a range image or not.
+    A range image is optional.
     """
 
     name = "annotations"
