@@ -1,4 +1,4 @@
-"""Objects as a labelled data set tells them, with the errors that a detector would make."""
+"""Detections from the annotations of a labelled data set, with simulated detector errors."""
 
 import salframe
 from salframe_annotations.detector import AnnotationDetector

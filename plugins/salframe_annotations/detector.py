@@ -1,4 +1,4 @@
-"""The detector `annotations`."""
+"""The detector `annotations`: annotated objects with simulated detector errors."""
 
 from __future__ import annotations
 
@@ -24,10 +24,12 @@ from salframe_annotations.sensed import SENSORS, SensedNoise
 
 
 class Noise(ObjectNoise):
-    """How often a detector errs, and by how much."""
+    """Rates and sizes of the simulated errors of a detector."""
 
-    split: float = Field(0.0, ge=0, le=1, description="share of the objects found as two halves")
-    merged: float = Field(0.0, ge=0, le=1, description="share of the objects joined to the nearest of the same label")
+    split: float = Field(0.0, ge=0, le=1, description="share of the objects detected as two halves")
+    merged: float = Field(
+        0.0, ge=0, le=1, description="share of the objects merged with the nearest object of the same label"
+    )
 
 
 LEVELS = {
@@ -35,46 +37,54 @@ LEVELS = {
     "uniform": Noise(missed=0.10, mislabelled=0.05, range_share=0.05),
     "uniform-heavy": Noise(missed=0.20, mislabelled=0.10, range_share=0.10),
 }
-"""Errors that every object is as likely to suffer."""
+"""Named levels of noise, with the same error rates for all objects."""
 MEASURED = ("panoseg", "segments")
-"""Detectors whose sensor model comes with salframe."""
+"""Detectors whose sensor models are distributed with salframe."""
 
 
 class AnnotationDetector(Detector):
-    """Objects from an instance image, with range or without, or from a data set's object list, with a detector's
-    errors."""
+    """Returns the annotated objects of an instance image or of an object list, with simulated detector errors.
+
+    A range image is optional.
+    """
 
     name = "annotations"
-    version = "3"  # of the sensor models that come with it too
+    version = "3"  # also the version of the sensor models in the folder `sensors`
     needs: ClassVar[frozenset[str]] = frozenset({"annotations"})
 
     class Config(ComponentConfig):
         noise: Literal["auto", "none", "uniform", "uniform-heavy", "panoseg", "segments"] | Noise | UserFile = Field(
             "auto",
             union_mode="left_to_right",
-            description="errors added: as measured of a detector (panoseg, segments, or a file of `salframe sensor`), "
-            "a level that every object suffers alike (uniform, uniform-heavy) or its own shares; auto: panoseg on "
-            "rendered panoramas, whose annotations are perfect, and none on those of real ones, which hold errors of "
-            "their own",
+            description="detector errors to simulate: as measured for a detector (panoseg, segments, or a file written "
+            "by `salframe sensor`), with equal rates for all objects (uniform, uniform-heavy, or your own rates), or "
+            "none; auto: panoseg on rendered panoramas, whose annotations are perfect, and none on real panoramas, "
+            "whose annotations have errors",
         )
-        seed: int = Field(0, ge=0, description="seed of the errors")
+        seed: int = Field(0, ge=0, description="seed of the simulated errors")
 
         @field_validator("noise", mode="before")
         @classmethod
-        def _known(cls, value: Any) -> Any:
-            """What is neither a level nor a file of the user's is told here: a union would tell all that it is not."""
+        def _check_noise(cls, value: Any) -> Any:
+            """Reject unknown words here with one message; the union would report one error for each alternative."""
             words = ("auto", *LEVELS, *MEASURED)
             if isinstance(value, str) and value not in words and not Path(value).is_file():
-                known = ", ".join(map(repr, words))
-                raise ValueError(f"received {value!r}, expected {known}, shares, or a file of `salframe sensor`")
+                choices = ", ".join(map(repr, words))
+                raise ValueError(
+                    f"received {value!r}, expected {choices}, error rates, or a file written by `salframe sensor`"
+                )
             return value
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
-        """Raises DataError where the noise is a file that is no sensor model."""
+        """Create the detector.
+
+        Raises:
+            DataError: The noise is a file, but not a sensor model.
+        """
         super().__init__(config)
         noise = MEASURED[0] if self.config.noise == "auto" else self.config.noise
         path = SENSORS / f"{noise}.json" if noise in MEASURED else noise
-        self._sensed = SensedNoise.read(path) if isinstance(path, Path) else None
+        self._sensor_noise = SensedNoise.read(path) if isinstance(path, Path) else None
 
     @classmethod
     def noise_in(cls, config: Any, rendered: bool) -> str | None:
@@ -91,24 +101,34 @@ class AnnotationDetector(Detector):
     def detect(self, panorama: Panorama) -> Detections:
         annotations = panorama.annotations
         if annotations is None:
-            raise InputMissing(f"{panorama.id} has no annotations, which the detector {self.name!r} reads")
+            raise InputMissing(
+                f"{panorama.id} has no annotations, which the detector {self.name!r} requires; choose another detector"
+            )
         objects, seed = seen_objects(panorama), (self.config.seed, zlib.crc32(panorama.id.encode()))
         noise = self.config.noise
         if noise == "auto" and not annotations.rendered:
-            found = objects
-        elif self._sensed is not None:
-            found = self._sensed.spoil(panorama, objects, seed)
+            detected = objects
+        elif self._sensor_noise is not None:
+            detected = self._sensor_noise.spoil(panorama, objects, seed)
         else:
-            found = spoil(objects, annotations.vocabulary, LEVELS[noise] if isinstance(noise, str) else noise, seed)
-        return as_detections(found, ranged=has_points(panorama))
+            detected = spoil(objects, annotations.vocabulary, LEVELS[noise] if isinstance(noise, str) else noise, seed)
+        return as_detections(detected, ranged=has_points(panorama))
 
 
 def spoil(objects: list[Annotated], vocabulary: Sequence[str], noise: Noise, seed: tuple[int, int]) -> list[Annotated]:
-    """The objects with a detector's errors. The draws of an object depend on the seed and its key alone, not on the
-    other objects."""
-    found: list[Annotated] = []
-    for whole in objects:
-        rng = np.random.default_rng((*seed, whole.key))
+    """Return the objects with simulated errors.
+
+    The random numbers of an object depend only on the seed and its key, not on the other objects.
+
+    Args:
+        objects: The annotated objects.
+        vocabulary: Labels of the data set, from which wrong labels are drawn.
+        noise: Rates and sizes of the errors.
+        seed: Seed of the setting and of the panorama.
+    """
+    detected: list[Annotated] = []
+    for annotated in objects:
+        rng = np.random.default_rng((*seed, annotated.key))
         missed, mislabelled, split, merged = rng.random(4) < (
             noise.missed,
             noise.mislabelled,
@@ -118,33 +138,34 @@ def spoil(objects: list[Annotated], vocabulary: Sequence[str], noise: Noise, see
         factor = max(1 + noise.range_share * rng.standard_normal(), MIN_FACTOR)
         if missed:
             continue
-        label = another_label(whole.label, vocabulary, rng) if mislabelled else whole.label
-        points_m = (whole.points_m * factor).astype(np.float32)
-        spoilt = replace(whole, label=label, points_m=points_m)
-        if merged and (near := _nearest_alike(whole, objects)) is not None:
-            spoilt = replace(
-                spoilt,
-                points_m=np.concatenate([points_m, near.points_m]),
-                solid_angle_sr=np.concatenate([whole.solid_angle_sr, near.solid_angle_sr]),
+        label = another_label(annotated.label, vocabulary, rng) if mislabelled else annotated.label
+        points_m = (annotated.points_m * factor).astype(np.float32)
+        noisy = replace(annotated, label=label, points_m=points_m)
+        if merged and (nearest := _nearest_of_label(annotated, objects)) is not None:
+            noisy = replace(
+                noisy,
+                points_m=np.concatenate([points_m, nearest.points_m]),
+                solid_angle_sr=np.concatenate([annotated.solid_angle_sr, nearest.solid_angle_sr]),
             )
-        found.extend(_halves(spoilt) if split else [spoilt])
-    return found
+        detected.extend(_halves(noisy) if split else [noisy])
+    return detected
 
 
-def _nearest_alike(one: Annotated, objects: list[Annotated]) -> Annotated | None:
-    alike = [o for o in objects if o is not one and o.label == one.label]
-    centre = one.points_m.mean(0)
-    return min(alike, key=lambda o: float(np.linalg.norm(o.points_m.mean(0) - centre)), default=None)
+def _nearest_of_label(target: Annotated, objects: list[Annotated]) -> Annotated | None:
+    """Return the nearest other object of the same label; None where there is none."""
+    others = [o for o in objects if o is not target and o.label == target.label]
+    centre = target.points_m.mean(0)
+    return min(others, key=lambda o: float(np.linalg.norm(o.points_m.mean(0) - centre)), default=None)
 
 
-def _halves(whole: Annotated) -> list[Annotated]:
-    """The object cut across the length of its box, as an occluder would."""
-    _, yaw = upright_box(whole.points_m)
-    along = whole.points_m[:, :2] @ np.array([np.cos(yaw), np.sin(yaw)])
+def _halves(annotated: Annotated) -> list[Annotated]:
+    """Return the object cut in two halves across the length of its box, as by an occluder."""
+    _, yaw = upright_box(annotated.points_m)
+    along = annotated.points_m[:, :2] @ np.array([np.cos(yaw), np.sin(yaw)])
     left = along < np.median(along)
     if left.all() or not left.any():
-        return [whole]
+        return [annotated]
     return [
-        replace(whole, points_m=whole.points_m[part], solid_angle_sr=whole.solid_angle_sr[part])
+        replace(annotated, points_m=annotated.points_m[part], solid_angle_sr=annotated.solid_angle_sr[part])
         for part in (left, ~left)
     ]

@@ -1,4 +1,4 @@
-"""A detector's errors as a sensor model has them."""
+"""Simulated errors of a detector by its sensor model."""
 
 from __future__ import annotations
 
@@ -16,64 +16,77 @@ from salframe.panoramas.geometry import pose_2d
 from salframe.panoramas.panorama import Panorama
 
 SENSORS = Path(__file__).with_name("sensors")
-"""The sensor models that come with salframe, by the detector that they were measured of."""
-OF_FALSE = (0, 1)
-"""Ends the seed of a panorama's false objects: the seed of an object ends with its key."""
+"""Folder of the sensor models that are distributed with salframe, named after the measured detectors."""
+FALSE_POSITIVE_SEED = (0, 1)
+"""Last part of the seed for the false positives of a panorama. The last part of an object's seed is its key."""
 CORNERS = np.array(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5])).reshape(3, 8).T
+"""(8, 3) corners of a cube with edges of length 1, centred at the origin."""
 
 
 class SensedNoise:
-    """The errors of a measured detector. Every draw of an object depends on the seed, the frame and its key alone;
-    azimuths of false objects are from the first annotated object on, so that they turn with the panorama."""
+    """Simulates the errors of a measured detector.
+
+    The random numbers of an object depend only on the seed, the frame and its key. Azimuths of false positives are
+    relative to the first annotated object, so that they rotate with the panorama.
+    """
 
     def __init__(self, sensor: SensorModel) -> None:
         self._sensor = sensor
-        self._words = cache(self._distribution)
+        self._label_distribution = cache(self._distribution)
 
     @classmethod
     def read(cls, path: Path) -> SensedNoise:
-        """That of a file. Raises DataError."""
+        """Read a sensor model from a file.
+
+        Raises:
+            DataError: The file is not a sensor model.
+        """
         return cls(read_sensor(path))
 
     def spoil(self, panorama: Panorama, objects: Sequence[Annotated], seed: tuple[int, int]) -> list[Annotated]:
-        """What the detector makes of the annotated objects of a panorama, and what it makes up."""
-        shown = sightings(panorama, objects)
-        chances = self._sensor.detection.probability(
-            shown.labels, shown.solid_angle_sr, shown.range_m, shown.hidden_share
+        """Return the simulated detections of the annotated objects of a panorama, followed by false positives."""
+        visibility = sightings(panorama, objects)
+        probabilities = self._sensor.detection.probability(
+            visibility.labels, visibility.solid_angle_sr, visibility.range_m, visibility.hidden_share
         )
-        found = []
-        for one, chance in zip(objects, chances, strict=True):
-            rng = np.random.default_rng((*seed, one.key))
-            if rng.random() < chance:
-                found.append(self._misplace(one, has_points(panorama), rng))
-        ahead = _azimuth(objects[0].points_m) if objects else 0.0
-        return found + self._false_objects(ahead, has_points(panorama), np.random.default_rng((*seed, *OF_FALSE)))
+        detections = []
+        for annotated, detection_probability in zip(objects, probabilities, strict=True):
+            rng = np.random.default_rng((*seed, annotated.key))
+            if rng.random() < detection_probability:
+                detections.append(self._perturb(annotated, has_points(panorama), rng))
+        forward = _azimuth(objects[0].points_m) if objects else 0.0
+        return detections + self._draw_false_positives(
+            forward, has_points(panorama), np.random.default_rng((*seed, *FALSE_POSITIVE_SEED))
+        )
 
-    def _misplace(self, one: Annotated, ranged: bool, rng: np.random.Generator) -> Annotated:
-        """The object under another label, elsewhere and larger or smaller, as may be."""
-        names, upto = self._words(one.label)
-        label = names[int(np.searchsorted(upto, rng.random() * upto[-1], side="right"))]
+    def _perturb(self, annotated: Annotated, ranged: bool, rng: np.random.Generator) -> Annotated:
+        """Return the object with a drawn label and with errors of direction, range and size."""
+        labels, cumulative = self._label_distribution(annotated.label)
+        label = labels[int(np.searchsorted(cumulative, rng.random() * cumulative[-1], side="right"))]
         errors = self._sensor.errors
-        left, up, further, larger = rng.standard_normal(4)
-        points = one.points_m.astype(np.float64)
-        growth = np.exp(errors.size_log * larger)
+        left_error, up, range_error, size_error = rng.standard_normal(4)
+        points = annotated.points_m.astype(np.float64)
+        growth = np.exp(errors.size_log * size_error)
         if ranged:
             centre = points.mean(0)
-            points = (centre + growth * (points - centre)) * np.exp(errors.range_share * further)
-        points = _shift_bearing(points, errors.bearing_rad * left, errors.bearing_rad * up)
+            points = (centre + growth * (points - centre)) * np.exp(errors.range_share * range_error)
+        points = _shift_bearing(points, errors.bearing_rad * left_error, errors.bearing_rad * up)
         return replace(
-            one, label=label, points_m=points.astype(np.float32), solid_angle_sr=one.solid_angle_sr * growth**2
+            annotated,
+            label=label,
+            points_m=points.astype(np.float32),
+            solid_angle_sr=annotated.solid_angle_sr * growth**2,
         )
 
-    def _false_objects(self, ahead_rad: float, ranged: bool, rng: np.random.Generator) -> list[Annotated]:
-        """Cubes that are not there, a Poisson number of them, at azimuths that are alike likely."""
+    def _draw_false_positives(self, ahead_rad: float, ranged: bool, rng: np.random.Generator) -> list[Annotated]:
+        """Return false positives: a Poisson distributed number of cubes at uniformly distributed azimuths."""
         false = self._sensor.false_objects
         if not (false.labels and false.range_m and false.elevation_rad and false.size_m):
             return []
-        names, counts = list(false.labels), np.array(list(false.labels.values()), float)
-        made = []
+        labels, counts = list(false.labels), np.array(list(false.labels.values()), float)
+        false_positives = []
         for number in range(rng.poisson(false.per_panorama)):
-            label = names[rng.choice(len(names), p=counts / counts.sum())]
+            label = labels[rng.choice(len(labels), p=counts / counts.sum())]
             range_m, elevation, side_m = (
                 float(value_at(values, rng.random())) for values in (false.range_m, false.elevation_rad, false.size_m)
             )
@@ -84,13 +97,15 @@ class SensedNoise:
             if not ranged:
                 points = np.tile(turn @ towards, (8, 1))
             solid_angle_sr = min(box_solid_angle(np.full(3, side_m), range_m), 4 * np.pi)
-            made.append(Annotated(-1 - number, label, points.astype(np.float32), np.full(8, solid_angle_sr / 8)))
-        return made
+            false_positives.append(
+                Annotated(-1 - number, label, points.astype(np.float32), np.full(8, solid_angle_sr / 8))
+            )
+        return false_positives
 
     def _distribution(self, label: str) -> tuple[tuple[str, ...], np.ndarray]:
-        """What the detector may say of an object of this label, and how likely one of the first so many words is."""
-        chances = self._sensor.label_probabilities(label)
-        return tuple(chances), np.cumsum(list(chances.values()))
+        """Return the labels that the detector may assign to an object of this label, and cumulative probabilities."""
+        probabilities = self._sensor.label_probabilities(label)
+        return tuple(probabilities), np.cumsum(list(probabilities.values()))
 
 
 def _azimuth(points_m: np.ndarray) -> float:
@@ -99,19 +114,19 @@ def _azimuth(points_m: np.ndarray) -> float:
 
 
 def _shift_bearing(points: np.ndarray, left_rad: float, up_rad: float) -> np.ndarray:
-    """Points (n, 3) turned about the camera: their mean moves by so much to the left and up on the sphere."""
+    """Return points (n, 3) rotated about the camera, so that their mean moves to the left and up by these angles."""
     x, y, z = points.mean(0)
     level = np.hypot(x, y)
-    if level < 1e-9:  # straight above or below there is no left
+    if level < 1e-9:  # straight above or below the camera, left is undefined
         return points
-    ahead, side, up = np.array([x, y, 0.0]) / level, np.array([-y, x, 0.0]) / level, np.array([0.0, 0.0, 1.0])
+    forward, side, up = np.array([x, y, 0.0]) / level, np.array([-y, x, 0.0]) / level, np.array([0.0, 0.0, 1.0])
     raised = np.arctan2(z, level) + up_rad
-    across = np.cos(raised) * up - np.sin(raised) * ahead
+    across = np.cos(raised) * up - np.sin(raised) * forward
     return points @ (_rotation(across, left_rad) @ _rotation(-side, up_rad)).T
 
 
 def _rotation(axis: np.ndarray, angle_rad: float) -> np.ndarray:
-    """(3, 3) rotation about a unit vector, by Rodrigues' formula."""
+    """Return the rotation (3, 3) about a unit vector, by Rodrigues' formula."""
     x, y, z = axis
     skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.eye(3) + np.sin(angle_rad) * skew + (1 - np.cos(angle_rad)) * skew @ skew

@@ -1,4 +1,4 @@
-"""Ways to run independent pieces of work: in this process, or in others of this machine."""
+"""Engines that run independent work items in this process, or in worker processes of this machine."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from salframe.framework.errors import WorkerDied
 
 
 class Inline(Engine):
-    """In this process, one after the other; for debuggers. Peak memory is not measured."""
+    """Runs items one after the other in this process, for debugging. Peak memory is not measured."""
 
     name = "inline"
     version = "1"
@@ -30,7 +30,7 @@ class Inline(Engine):
 
 
 class Processes(WorkerEngine):
-    """In processes of this machine."""
+    """Runs items in worker processes on this machine."""
 
     name = "processes"
     version = "1"
@@ -43,7 +43,7 @@ class Processes(WorkerEngine):
 
 
 def _attempt(function: Callable[[Any], Any], item: Any) -> Any:
-    """function(item), or what it raised: SystemExit too, which is the item's, not ours."""
+    """Return function(item), or the exception that it raised, including SystemExit, which concerns the item only."""
     try:
         return function(item)
     except KeyboardInterrupt:
@@ -53,18 +53,19 @@ def _attempt(function: Callable[[Any], Any], item: Any) -> Any:
 
 
 class _Local(WorkerProcess):
-    """A process of this machine; `env`: environment variables that it has besides."""
+    """A worker process on this machine."""
 
     def __init__(self, env: dict[str, str] | None) -> None:
+        """Start the process. env: additional environment variables."""
         self._pool = ProcessPool(1, env)
-        self._pool.submit(os.getpid)  # so that it is there, and can be ended, from now on
+        self._pool.submit(os.getpid)  # starts the process now, so that it can be stopped from now on
 
     def answer(self, function: Callable[[Any], Any], item: Any) -> Any:
         try:
             return self._pool.submit(work, function, item).result()
         except BrokenProcessPool:
             return WorkerDied()
-        except BaseException as error:  # SystemExit too: it is the item's, not ours
+        except BaseException as error:  # includes SystemExit, which concerns the item only
             return error
 
     def stop(self) -> None:

@@ -1,4 +1,4 @@
-"""The method: volumetric saliency, graph matching, positioning, and the localizer made of them."""
+"""The method of the paper: volumetric saliency, graph matching, positioning, and the localizers that combine them."""
 
 import salframe
 from salframe_graphs.geometric import GeometricMatcher

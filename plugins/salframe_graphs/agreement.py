@@ -1,4 +1,4 @@
-"""Matches with several reference frames that put the query in the same spot of the world support each other."""
+"""Mutual support of matches with several reference frames that give the query the same pose in the world."""
 
 from __future__ import annotations
 
@@ -12,31 +12,50 @@ from salframe.panoramas.frames import ReferenceFrame
 from salframe.panoramas.geometry import wrap_angle
 
 TURN_RAD = np.radians(30)
-"""Turn at which two poses no longer agree: chance agreement of position is common, of both rare."""
+"""Maximum angle between two agreeing poses. Positions often agree by chance, positions and headings together rarely."""
+
 _NO_POSE = np.full((4, 4), np.nan)
 
 
 def agree(
     matches: Sequence[GraphMatch], frames: Sequence[ReferenceFrame], share: float, radius_m: float
 ) -> list[GraphMatch]:
-    """The matches, best first, with scores as of `agreed`."""
+    """Return the matches with the scores of `add_agreement`, best first.
+
+    Args:
+        matches: Matches of a query with the graphs of reference frames.
+        frames: The reference frames of the map.
+        share: Share of an agreeing match's score to add.
+        radius_m: Maximum distance in metres between two agreeing poses.
+    """
     poses = [_NO_POSE if match.T_scene_query is None else match.T_scene_query for match in matches]
-    stood = np.array([frames[match.scene].T_world_pano for match in matches])
-    score = agreed(np.array([match.score for match in matches]), stood @ np.array(poses), share, radius_m)
+    T_world_scene = np.array([frames[match.scene].T_world_pano for match in matches])
+    score = add_agreement(
+        np.array([match.score for match in matches]), T_world_scene @ np.array(poses), share, radius_m
+    )
     raised = [replace(match, score=value) for match, value in zip(matches, score.tolist(), strict=True)]
     return sorted(raised, key=lambda match: -match.score)
 
 
-def agreed(score: np.ndarray, T_world_query: np.ndarray, share: float, radius_m: float) -> np.ndarray:
-    """(T,) the scores of matches (T,), each raised by `share` of the scores of the matches that agree with it.
+def add_agreement(score: np.ndarray, T_world_query: np.ndarray, share: float, radius_m: float) -> np.ndarray:
+    """Return the scores of matches, each increased by `share` of the scores of the matches that agree with it.
 
-    Agreement of two poses in the world, T_world_query (T, 4, 4), falls from 1 to 0 at radius_m and at 30 degrees;
-    matches without a pose, NaN, keep their score.
+    The agreement of two poses falls from 1 at no difference to 0 at a distance of `radius_m` or a turn of 30 degrees.
+
+    Args:
+        score: (T,) scores of the matches.
+        T_world_query: (T, 4, 4) pose of the query in the world by each match. The score of a match without a pose (NaN)
+            does not change.
+        share: Share of an agreeing match's score to add.
+        radius_m: Maximum distance in metres between two agreeing poses.
+
+    Returns:
+        (T,) float64.
     """
-    yaw, position_m = np.arctan2(T_world_query[:, 1, 0], T_world_query[:, 0, 0]), T_world_query[:, :3, 3]
-    apart = position_m[:, None] - position_m
-    distance, turn = np.sqrt((apart * apart).sum(2)), np.abs(wrap_angle(yaw[:, None] - yaw))
-    agreement = np.fmax(1 - distance / radius_m, 0) * np.fmax(1 - turn / TURN_RAD, 0)  # unknown: none
-    agreement.flat[:: len(score) + 1] = 0  # not with itself
+    yaw_rad, position_m = np.arctan2(T_world_query[:, 1, 0], T_world_query[:, 0, 0]), T_world_query[:, :3, 3]
+    offset_m = position_m[:, None] - position_m
+    distance_m, turn_rad = np.sqrt((offset_m * offset_m).sum(2)), np.abs(wrap_angle(yaw_rad[:, None] - yaw_rad))
+    agreement = np.fmax(1 - distance_m / radius_m, 0) * np.fmax(1 - turn_rad / TURN_RAD, 0)  # 0 where a pose is unknown
+    agreement.flat[:: len(score) + 1] = 0  # a match does not support itself
     raised: np.ndarray = score + share * agreement @ score
     return raised

@@ -1,4 +1,4 @@
-"""One-to-one pairs of the nodes of two graphs (docs/explanation/method.md#node-similarity)."""
+"""One-to-one alignment of the nodes of two graphs (docs/explanation/method.md#node-similarity)."""
 
 from __future__ import annotations
 
@@ -10,26 +10,30 @@ from salframe_graphs.node_pairs import NodePairs
 
 
 def align(pairs: NodePairs, first_node: np.ndarray, similarity: np.ndarray, kernel: np.ndarray) -> list[np.ndarray]:
-    """Return one-to-one node pairs of a query and each graph, K arrays (M, 2) int64.
+    """Return one-to-one node pairs of a query and each of K graphs.
 
-    The pairs of greatest total kernel, what one pose explains, where there are two; else those of greatest total
-    similarity. Pairs of value 0 are left out.
+    The pairs maximise the total kernel, which measures what one pose explains. Where that gives fewer than two pairs,
+    they maximise the total similarity. Pairs with the value 0 are left out.
 
     Args:
-        pairs: the node pairs to choose from.
-        first_node: (K,) the position of each graph's first node, which node numbers are counted from.
-        similarity, kernel: (P,) not negative.
+        pairs: The node pairs to choose from, P together.
+        first_node: (K,) position of each graph's first node. Node numbers are relative to it.
+        similarity: (P,) similarity of each pair, at least 0.
+        kernel: (P,) kernel of each pair, at least 0.
+
+    Returns:
+        K arrays (M, 2) int64 of query node and graph node.
     """
     aligned = []
     for graph, (low, high) in enumerate(pairwise(pairs.segments.start.tolist())):
         nodes = np.column_stack([pairs.query[low:high], pairs.node[low:high] - first_node[graph]])
-        chosen = _assign(nodes, kernel[low:high])
-        aligned.append(chosen if len(chosen) >= 2 else _assign(nodes, similarity[low:high]))
+        assignment = _assign(nodes, kernel[low:high])
+        aligned.append(assignment if len(assignment) >= 2 else _assign(nodes, similarity[low:high]))
     return aligned
 
 
 def _assign(nodes: np.ndarray, value: np.ndarray) -> np.ndarray:
-    """Those of the pairs (P, 2) that use each node at most once and have the greatest total value (P,)."""
+    """Return the pairs of (P, 2) that use each node at most once and maximise the total of their values (P,)."""
     nodes, value = nodes[value > 0], value[value > 0]
     if all(len(set(side)) == len(side) for side in nodes.T.tolist()):
         return nodes

@@ -1,5 +1,4 @@
-"""Geometric verification of many candidate graphs at once from directions alone: what `verify` is to a query without
-range."""
+"""Geometric verification of many candidate graphs at once, from directions only (queries without range)."""
 
 from __future__ import annotations
 
@@ -9,10 +8,11 @@ from salframe_graphs.node_pairs import NodePairs
 from salframe_graphs.verification import VerifiedPoses
 
 GRID_M, HALVINGS = 0.5, 3
-"""Distance between the positions tried first, and how often it is halved around the best."""
+"""Spacing of the grid of positions in metres, and the number of times it is halved around the best position."""
 BIN_RAD = np.radians(5)
-"""Headings vote in bins this wide."""
-_BLOCK = 16  # candidates at a time: more take memory and save no time
+"""Width of the bins in which headings collect votes."""
+_BLOCK = 16
+"""Number of candidates to verify at once. More take memory and save no time."""
 
 
 def verify_bearings(
@@ -24,20 +24,22 @@ def verify_bearings(
     tolerance: tuple[float, float],
     max_shift_m: float,
 ) -> VerifiedPoses:
-    """Find the pose of each candidate that explains most directions, on a grid of positions around each reference frame.
+    """Find the pose of each candidate that explains the largest number of directions.
 
-    Each position has the heading that most similar nodes vote for, and is scored by how near the map nodes lie to the
-    rays of the query's nodes. Both cameras are taken to be upright and equally high, so that elevations tell distance.
-    A candidate of which fewer than two query nodes are explained has no pose.
+    Positions are searched on a grid around each reference frame. The heading at a position is the one with the most
+    votes of similar nodes. The score of a position depends on the distances between the map nodes and the rays of the
+    query's nodes. Both cameras are assumed upright and at the same height, so that elevations determine distances. A
+    candidate has no pose where fewer than two query nodes are explained.
 
     Args:
-        bearing: (n, 3) unit vectors in the query frame.
-        map_m: (N, 3) metres, each in its reference frame.
-        pairs: the node pairs that may be the same.
-        similarity: (P,) of each pair, over 0.
-        weights: (n,) of the query's nodes.
-        tolerance: metres, and a share of the map node's distance, at which two nodes cannot be the same.
-        max_shift_m: radius of the grid.
+        bearing: (n, 3) unit vectors to the query's nodes in the query frame.
+        map_m: (N, 3) positions of the map's nodes in metres, each in its reference frame.
+        pairs: The node pairs that may be the same object, P together.
+        similarity: (P,) similarity of each pair, above 0.
+        weights: (n,) weights of the query's nodes.
+        tolerance: Distance in metres, and share of the map node's distance from the camera. Two nodes further apart
+            than their sum cannot be the same object.
+        max_shift_m: Radius of the grid in metres.
     """
     num_steps = int(max_shift_m / GRID_M + 1e-9)
     steps = GRID_M * np.arange(-num_steps, num_steps + 1)
@@ -48,20 +50,21 @@ def verify_bearings(
     for block in np.split(graphs, range(_BLOCK, len(graphs), _BLOCK)):
         if not len(block):
             continue
-        some, position = pairs.take(block)
-        rays = _Rays(bearing, map_m, some, similarity[position], weights, tolerance)
+        subset, position = pairs.take(block)
+        rays = _Rays(bearing, map_m, subset, similarity[position], weights, tolerance)
         yaw_rad, position_m, kernel = rays.best(grid_m)
-        explained, graphs_of = some.best_per_query(kernel)
-        posed = graphs_of.sum((explained > 0).astype(np.int64)) >= 2
-        result.yaw_rad[block[posed]], result.shift_m[block[posed]] = yaw_rad[posed], position_m[posed]
-        result.kernel[position] = np.where(posed[some.graph], kernel, 0)
+        explained, graphs_of = subset.best_per_query(kernel)
+        has_pose = graphs_of.sum((explained > 0).astype(np.int64)) >= 2
+        result.yaw_rad[block[has_pose]], result.shift_m[block[has_pose]] = yaw_rad[has_pose], position_m[has_pose]
+        result.kernel[position] = np.where(has_pose[subset.graph], kernel, 0)
     return result
 
 
 class _Rays:
-    """The similar node pairs of K candidates, each with at least one, P together.
+    """The similar node pairs of K candidates: P together, at least one of each candidate.
 
-    Single precision, and positions of all candidates at once: most of a query's time is spent in arrays (positions, P).
+    Uses single precision and evaluates the positions of all candidates at once, because arrays of (positions, P) take
+    most of a query's time.
     """
 
     def __init__(
@@ -87,38 +90,49 @@ class _Rays:
         self._first_node = np.searchsorted(self._node_starts, self._starts)
 
     def best(self, grid_m: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Heading (K,) and position (K, 2) of the best pose of each candidate, and kernel (P,); grid_m (G, 1, 2)."""
-        every = np.arange(self._num_graphs)
-        position_m = np.repeat(grid_m, len(every), 1)
-        support, yaw_rad, kernel = self._look(position_m)
+        """Return heading (K,) and position (K, 2) of the best pose of each candidate, and the kernel (P,).
+
+        grid_m: (G, 1, 2) offsets of the grid's positions in metres.
+        """
+        candidates = np.arange(self._num_graphs)
+        position_m = np.repeat(grid_m, len(candidates), 1)
+        support, yaw_rad, kernel = self._evaluate(position_m)
         step_m = GRID_M
         for _ in range(HALVINGS):
             best = support.argmax(0)
             step_m /= 2
-            around = step_m * np.stack(np.meshgrid([0, -1, 1], [0, -1, 1]), -1).reshape(-1, 1, 2)
-            position_m = position_m[best, every] + around
-            support, yaw_rad, kernel = self._look(position_m, yaw_rad[best, every])
+            offsets_m = step_m * np.stack(np.meshgrid([0, -1, 1], [0, -1, 1]), -1).reshape(-1, 1, 2)
+            position_m = position_m[best, candidates] + offsets_m
+            support, yaw_rad, kernel = self._evaluate(position_m, yaw_rad[best, candidates])
         best = support.argmax(0)
-        return yaw_rad[best, every], position_m[best, every], kernel[best[self._candidate], np.arange(len(self._value))]
+        return (
+            yaw_rad[best, candidates],
+            position_m[best, candidates],
+            kernel[best[self._candidate], np.arange(len(self._value))],
+        )
 
-    def _look(self, position_m: np.ndarray, yaw_rad: np.ndarray | None = None):
-        """Support (G, K), heading (G, K) and kernel (G, P) of positions (G, K, 2), from headings near yaw_rad (K,), or
-        near those that most pairs vote for."""
+    def _evaluate(self, position_m: np.ndarray, yaw_rad: np.ndarray | None = None):
+        """Return support (G, K), heading (G, K) and kernel (G, P) at positions (G, K, 2).
+
+        Headings are refined from yaw_rad (K,), or from the headings with the most votes where that is None.
+        """
         k = self._candidate
-        away = self._node_m[:, :2] - position_m.astype(np.float32)[:, k]
-        flat, z = np.hypot(away[..., 0], away[..., 1]), self._node_m[:, 2]
-        squared = flat * flat + z * z
+        offset_m = self._node_m[:, :2] - position_m.astype(np.float32)[:, k]
+        horizontal_m, z = np.hypot(offset_m[..., 0], offset_m[..., 1]), self._node_m[:, 2]
+        squared = horizontal_m * horizontal_m + z * z
         sharpness = 1 / (self._tolerance[0] + self._tolerance[1] * np.sqrt(squared)) ** 2
-        turn = np.arctan2(away[..., 1], away[..., 0]) - self._azimuth_rad
-        # What a pair can support at most, its azimuth aside: a node at the wrong elevation does not vote.
-        share = np.maximum(1 - (z * self._out - flat * self._up) ** 2 * sharpness, 0) * self._value * self._weight
+        turn = np.arctan2(offset_m[..., 1], offset_m[..., 0]) - self._azimuth_rad
+        # Upper bound of the support of a pair, whatever its azimuth: a node at the wrong elevation does not vote.
+        share = (
+            np.maximum(1 - (z * self._out - horizontal_m * self._up) ** 2 * sharpness, 0) * self._value * self._weight
+        )
         yaw_rad = self._vote(turn, share) if yaw_rad is None else np.broadcast_to(yaw_rad, position_m.shape[:2])
         share = np.where(np.abs(_wrapped(turn - yaw_rad[:, k])) < 1.5 * BIN_RAD, share, 0)
         for _ in range(2):
-            off = _wrapped(turn - yaw_rad[:, k])
-            whole = np.maximum(np.add.reduceat(share, self._starts, 1), 1e-9)
-            yaw_rad = yaw_rad + np.add.reduceat(share * off, self._starts, 1) / whole
-            along = flat * self._out * np.cos(turn - yaw_rad[:, k]) + z * self._up
+            error_rad = _wrapped(turn - yaw_rad[:, k])
+            total = np.maximum(np.add.reduceat(share, self._starts, 1), 1e-9)
+            yaw_rad = yaw_rad + np.add.reduceat(share * error_rad, self._starts, 1) / total
+            along = horizontal_m * self._out * np.cos(turn - yaw_rad[:, k]) + z * self._up
             distance = np.where(along > 0, squared - along * along, np.inf)
             kernel = np.maximum(1 - distance * sharpness, 0) * self._value
             share = kernel * self._weight
@@ -126,7 +140,7 @@ class _Rays:
         return np.add.reduceat(explained, self._first_node, 1), yaw_rad, kernel
 
     def _vote(self, turn: np.ndarray, share: np.ndarray) -> np.ndarray:
-        """(G, K) float32: the middle of the three bins of headings that most shares (G, P) fall into."""
+        """Return the centre (G, K) float32 of the three adjacent heading bins with the largest sum of shares (G, P)."""
         bins, candidates = round(2 * np.pi / BIN_RAD), self._num_graphs
         cell = (np.arange(len(turn))[:, None] * candidates + self._candidate) * bins
         cell = cell + np.floor(turn / BIN_RAD).astype(np.int64) % bins
@@ -136,5 +150,5 @@ class _Rays:
 
 
 def _wrapped(angle_rad: np.ndarray) -> np.ndarray:
-    """Angles brought into [-pi, pi], their precision kept."""
+    """Return angles wrapped to [-pi, pi] in their own precision."""
     return angle_rad - 2 * np.pi * np.rint(angle_rad / (2 * np.pi))

@@ -16,46 +16,48 @@ from salframe.graphs.table import GraphNodes
 def ring_hop_histograms(
     nodes: GraphNodes, adjacency: np.ndarray, labels: np.ndarray, ring_edges_m: Sequence[float], hops: int
 ) -> np.ndarray:
-    """Count the labels around each node: in distance rings, then 1 to `hops` edges away.
+    """Count the labels around each node: in distance rings, then at 1 to `hops` edges.
 
-    Ring r holds the other nodes nearer than ring_edges_m[r] and not nearer than the edge before. Nodes of label -1 are
-    not counted.
+    Ring r contains the other nodes at distances from ring_edges_m[r - 1] (0 for the first ring) up to, but not
+    including, ring_edges_m[r]. Nodes of label -1 are not counted.
 
     Args:
-        nodes: K graphs of N nodes together.
+        nodes: K graphs, N nodes together.
         adjacency: (K, m, m) bool, padded to the largest graph.
         labels: (L,) numbers of the labels whose counts are returned.
-        ring_edges_m: outer edges of the rings, ascending.
-        hops: number of edges.
+        ring_edges_m: Outer radii of the rings in metres, ascending.
+        hops: Maximum number of edges.
 
     Returns:
-        (N, (len(ring_edges_m) + hops) * L) float64, the columns of these labels, of rows that have length 1 over all
-        labels; a row without counts is 0.
+        (N, (len(ring_edges_m) + hops) * L) float64, the columns of these labels. Each row is divided by the Euclidean
+        norm of its counts of all labels; a row without counts is 0.
     """
     is_node = np.arange(adjacency.shape[1]) < nodes.count[:, None]
     x, y, label = np.zeros(is_node.shape), np.zeros(is_node.shape), np.full(is_node.shape, -1)
     x[is_node], y[is_node], label[is_node] = nodes.centroid_m[:, 0], nodes.centroid_m[:, 1], nodes.label
-    apart_x, apart_y = x[:, :, None] - x[:, None], y[:, :, None] - y[:, None]
-    distance = np.sqrt(apart_x * apart_x + apart_y * apart_y)
-    itself = np.eye(is_node.shape[1], dtype=bool)
-    around = np.empty((len(ring_edges_m) + hops, *distance.shape), np.float32)
-    for block, (low, high) in zip(around, pairwise((0.0, *ring_edges_m)), strict=False):
-        block[:] = (distance >= low) & (distance < high) & ~itself
-    step, reached, frontier = adjacency.astype(np.float32), itself, itself
-    for block in around[len(ring_edges_m) :]:
+    dx_m, dy_m = x[:, :, None] - x[:, None], y[:, :, None] - y[:, None]
+    distance_m = np.sqrt(dx_m * dx_m + dy_m * dy_m)
+    identity = np.eye(is_node.shape[1], dtype=bool)
+    neighbourhoods = np.empty((len(ring_edges_m) + hops, *distance_m.shape), np.float32)
+    for block, (low, high) in zip(neighbourhoods, pairwise((0.0, *ring_edges_m)), strict=False):
+        block[:] = (distance_m >= low) & (distance_m < high) & ~identity
+    step, reached, frontier = adjacency.astype(np.float32), identity, identity
+    for block in neighbourhoods[len(ring_edges_m) :]:
         frontier = (frontier.astype(np.float32) @ step > 0) & ~reached
         reached = reached | frontier
         block[:] = frontier
-    bears = (label[:, :, None] == labels).astype(np.float32)
-    width = len(around) * len(labels)
-    counts = (around @ bears).transpose(1, 2, 0, 3).reshape(*is_node.shape, width)[is_node]
+    has_label = (label[:, :, None] == labels).astype(np.float32)
+    width = len(neighbourhoods) * len(labels)
+    counts = (neighbourhoods @ has_label).transpose(1, 2, 0, 3).reshape(*is_node.shape, width)[is_node]
     same_label = ((label[:, :, None] == label[:, None]) & (label >= 0)[:, None]).astype(np.float32)
-    squares = np.einsum("bkij,bkij->ki", around @ same_label, around)[is_node]  # of the counts of all labels
+    squares = np.einsum("bkij,bkij->ki", neighbourhoods @ same_label, neighbourhoods)[
+        is_node
+    ]  # sum of squared counts of all labels
     return counts / np.sqrt(np.maximum(squares, 1).astype(np.float64))[:, None]  # type: ignore[no-any-return]
 
 
 def feature_products(query: np.ndarray, features: Any, i: np.ndarray, row: np.ndarray) -> np.ndarray:
-    """Return the products of pairs of features, (P,): rows i of the query's (n, F) with rows of a csr_array (N, F)."""
+    """Return the dot products (P,) of rows i of the query's features (n, F) with rows of a csr_array (N, F)."""
     length = np.diff(features.indptr)[row]
     entry = ranges(features.indptr[row], length)
     products = features.data[entry] * query[i.repeat(length), features.indices[entry]]
@@ -67,11 +69,18 @@ def node2vec(
 ) -> list[np.ndarray]:
     """Train node2vec (Grover and Leskovec 2016, p = q = 1) jointly on several graphs.
 
-    Every second token of a walk is the label of the node before it: labels are shared between graphs and tie their
-    embeddings together; embeddings of separately trained graphs are not comparable.
+    Every second token of a walk is the label of the preceding node. Labels occur in all graphs, which makes the
+    embeddings of different graphs comparable. Embeddings of graphs trained separately are not comparable.
+
+    Args:
+        graphs: The graphs to embed.
+        seed: Seed of the walks and of the training.
+        size: Number of dimensions of an embedding.
+        walks: Number of walks from each node.
+        length: Number of nodes of a walk.
 
     Returns:
-        For each graph (N, size) float64, rows of length 1.
+        For each graph (N, size) float64 with rows of unit length.
     """
     from gensim.models import Word2Vec
 

@@ -1,4 +1,4 @@
-"""The matcher `geometric`: nodes of two graphs that are alike, and that one pose brings together."""
+"""The matcher `geometric`: similarity of nodes, and verification that one pose explains them."""
 
 from __future__ import annotations
 
@@ -20,8 +20,13 @@ from salframe_graphs.verification import ScaleBound, VerifiedPoses, verify
 class _Ranking:
     """The ranked candidates of a query.
 
-    best: (T,) the best candidates, best first. score: (K,) of all candidates. pairs, similarity: the P node pairs that
-    are similar enough. verified: the pose of each candidate.
+    Attributes:
+        candidates: The K graphs that the query is compared with.
+        best: (T,) numbers of the best candidates, best first.
+        score: (K,) score of each candidate.
+        pairs: The P node pairs whose similarity is at least the minimum.
+        similarity: (P,) similarity of each pair.
+        verified: The pose of each candidate.
     """
 
     candidates: Candidates
@@ -33,34 +38,39 @@ class _Ranking:
 
 
 class GeometricMatcher(NodeMatcher):
-    """Candidates by their labels, nodes alike in height, size and surroundings, and verification by one pose.
+    """Compares nodes by height, size and surroundings, and verifies that one pose explains them.
 
-    The score is the Jaccard index over similar nodes and, weighted, that over the nodes which one pose brings together.
+    Candidates are selected by their labels. The score is a weighted sum of two Jaccard indices: one over similar nodes,
+    one over nodes that coincide under one pose.
     """
 
     name = "geometric"
     version = "1"
 
     class Config(NodeMatcherConfig):
-        similarity_score: float = Field(1.0, ge=0, description="weight in the score of the similar nodes")
+        similarity_score: float = Field(
+            1.0, ge=0, description="weight of the Jaccard index over similar nodes in the score"
+        )
         geometry_score: float = Field(
-            2.0, ge=0, description="weight in the score of the nodes consistent with one pose; 0: no verification"
+            2.0,
+            ge=0,
+            description="weight of the Jaccard index over nodes consistent with one pose; 0: no geometric verification",
         )
         tolerance_m: float = Field(
-            0.3, gt=0, description="verification: distance at which two nodes cannot be one, at no range"
+            0.3, gt=0, description="verification: maximum distance (m) between two nodes of the same object, at range 0"
         )
         tolerance_share: float = Field(
-            0.05, ge=0, description="verification: added tolerance, a share of the nodes' ranges"
+            0.05, ge=0, description="verification: increase of tolerance_m per metre of range"
         )
         max_scale_error: float = Field(
             0.0,
             ge=0,
             lt=1,
-            description="verification: all of a query's ranges may be off by one factor, up to this share, which is "
-            "estimated with the pose; 0: they are right, as a sensor's are",
+            description="verification: maximum relative scale error of a query's ranges; one scale per query is "
+            "estimated with the pose; 0: ranges are metric, as from a depth sensor",
         )
         max_shift_m: float = Field(
-            6.0, gt=0, description="verification: a query this far from a reference frame is not matched to it"
+            6.0, gt=0, description="verification: maximum distance (m) between a query and a matching reference frame"
         )
 
     @property
@@ -99,9 +109,9 @@ class GeometricMatcher(NodeMatcher):
         return RankedGraphs(ranking.candidates.graphs[best], ranking.score[best], ranking.verified.poses(best))
 
     def _shortlist(self, graph: SaliencyGraph, index: GraphIndex) -> np.ndarray:
-        # Heights and sizes are off by the factor that ranges are off by: the scene index must not rely on them.
-        plain = without_range(graph) if self.estimates_scale and not graph.bearings_only else graph
-        return super()._shortlist(plain, index)
+        # Heights and sizes have the same scale error as ranges, so the scene index must not use them.
+        labels_only = without_range(graph) if self.estimates_scale and not graph.bearings_only else graph
+        return super()._shortlist(labels_only, index)
 
     def _rank(self, query: SaliencyGraph, index: GraphIndex, top_k: int) -> _Ranking | None:
         candidates = self._candidates(query, index)
@@ -112,7 +122,7 @@ class GeometricMatcher(NodeMatcher):
         if self.config.similarity_score:
             shared = shared_weight(candidates.pairs, value, candidates.weight, candidates.nodes, candidates.node_weight)
             score += self.config.similarity_score * shared
-        pairs, value = candidates.pairs.min_candidate_ratio((value > 0) & (value >= self.config.min_similarity), value)
+        pairs, value = candidates.pairs.select((value > 0) & (value >= self.config.min_similarity), value)
         verified = VerifiedPoses.none(pairs)
         if self.config.geometry_score:
             verified = self._verify(candidates, pairs, value)
@@ -122,7 +132,7 @@ class GeometricMatcher(NodeMatcher):
         return _Ranking(candidates, best, score, pairs, value, verified)
 
     def _similarity(self, candidates: Candidates, index: GraphIndex) -> np.ndarray:
-        """(P,) similarity of each pair of nodes, 0 to 1; always 1 of a query without range, which has labels alone."""
+        """Return the similarity (P,) of each node pair, 0 to 1; 1 for a query without range, which has labels only."""
         if candidates.graph.bearings_only:
             return np.ones(len(candidates.pairs))
         value = self._attribute_similarity(candidates, self.config.max_scale_error)
@@ -152,14 +162,14 @@ class GeometricMatcher(NodeMatcher):
         )
 
     def _scale_bound(self, candidates: Candidates) -> ScaleBound | None:
-        """What is known of the scale of the query's ranges; None where they are taken to be right, or unknown."""
+        """Return the bounds of the query's scale; None where ranges are metric, or the query has none."""
         if not self.estimates_scale or candidates.graph.bearings_only:
             return None
         heights = candidates.query.centroid_m[:, 2], candidates.nodes.centroid_m[:, 2]
         return ScaleBound(self.config.max_scale_error, *heights, self.config.height_scale_m)
 
     def _scale(self, candidates: Candidates, row: int, nodes: np.ndarray) -> float:
-        """The factor that gives the query's aligned nodes the spread of those of candidate `row`, within the bound."""
+        """Return the scale, within the bounds, that gives the query's aligned nodes the spread of candidate `row`'s."""
         bound = self._scale_bound(candidates)
         if bound is None or len(nodes) < 2:
             return 1.0

@@ -1,4 +1,4 @@
-"""Localizers that describe a panorama by its saliency graph: detector, saliency model and graph."""
+"""Base of localizers that describe a panorama by its saliency graph, from a detector and a saliency model."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from salframe.panoramas.panorama import Panorama
 
 
 class GraphLocalizerConfig(ComponentConfig):
-    """Settings of the stages that make a saliency graph."""
+    """Settings of the stages that create a saliency graph."""
 
     range: range_slot()  # type: ignore[valid-type]
     detector: slot("detector", "auto")  # type: ignore[valid-type]
@@ -38,7 +38,7 @@ class GraphLocalizer(Localizer):
         return needs
 
     def graph(self, panorama: Panorama) -> SaliencyGraph:
-        """Return the 360-degree saliency graph of a panorama, of bearings only where it has no range."""
+        """Return the 360-degree saliency graph of a panorama. It has bearings only where the panorama has no range."""
         detections = self._detector.detect(panorama)
         return build_graph(detections, self._saliency.score(detections), self.config.graph)
 
@@ -49,8 +49,8 @@ class GraphLocalizer(Localizer):
         if not graph_from_arrays(description).bearings_only:
             return None
         return (
-            "it has no range; build the map from panoramas with range, only queries may lack it, "
-            "or use the method 'objects', which needs labels alone"
+            "it has no range; build the map from panoramas with range (only queries may lack it), "
+            "or use the method 'objects', which needs labels only"
         )
 
     def pack(self, description: Description) -> Description:

@@ -1,4 +1,4 @@
-"""The localizer `saliency-graph`: detector, saliency, graph, matcher and positioner in a row."""
+"""The localizer `saliency-graph`: detector, saliency model, graph, matcher and positioner in sequence."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from salframe_graphs.panorama_matching import PanoramaMatching, PanoramaMatching
 
 
 class SaliencyGraphLocalizer(GraphLocalizer):
-    """Places as 360-degree saliency graphs: matched for the place, aligned for the pose."""
+    """Matches the saliency graph of a query to those of the reference frames; the pose follows from aligned nodes."""
 
     name = "saliency-graph"
     version = "2"

@@ -1,4 +1,4 @@
-"""What graph matchers share that compare nodes of the same label: candidates by labels, and node similarity."""
+"""Base of graph matchers that compare nodes of the same label: selection of candidates, and node similarity."""
 
 from __future__ import annotations
 
@@ -28,55 +28,60 @@ from salframe_graphs.node_pairs import NodePairs, label_counts
 _CHUNK = 64
 """Number of graphs whose structural features are computed at once."""
 MAX_PRECOMPUTED = 1000
-"""Maximum number of graphs on disk whose structural features are computed when they are opened; of more graphs, those
-of the candidates are computed for each query."""
+"""Maximum number of graphs on disk whose structural features are computed when a map is opened. For larger maps the
+features of the candidates are computed for each query."""
 _RARITY, _SCENES = "rarity.npy", "scenes"
 
 
 def _ascending(edges_m: tuple[float, ...]) -> tuple[float, ...]:
     if any(low >= high for low, high in pairwise((0.0, *edges_m))):
-        raise ValueError("expected edges above 0, each above the one before")
+        raise ValueError(f"received ring edges {edges_m}, expected positive values in ascending order")
     return edges_m
 
 
 class NodeMatcherConfig(ComponentConfig):
-    """Settings of candidates and of node similarity."""
+    """Settings of the selection of candidates and of node similarity."""
 
     rarity: bool = Field(
-        True, description="weigh labels by smooth inverse document frequency over the map, ln((1 + S) / (1 + s)) + 1"
+        True, description="weight labels by rarity: ln((1 + S) / (1 + s)) + 1, of S graphs s have the label"
     )
-    confidence: bool = Field(True, description="a node counts in the score as much as its detector is sure of it")
+    confidence: bool = Field(True, description="weight nodes by the detector's confidence score")
     min_candidate_ratio: float = Field(
-        0.25, ge=0, le=1, description="candidates: Jaccard index at least this share of the best (paper: 0.6)"
+        0.25, ge=0, le=1, description="minimum Jaccard index of a candidate's labels, relative to the best (paper: 0.6)"
     )
     max_candidates: int | None = Field(
-        100, ge=1, description="candidates at most, the first of the scene index; null: all (as in the paper)"
+        100,
+        ge=1,
+        description="maximum number of candidates, taken from the scene index; null: all graphs (as in the paper)",
     )
     scene_index: slot("scene-index", "by-size")  # type: ignore[valid-type]
     height_scale_m: float | None = Field(
-        0.2, gt=0, description="difference in height that halves node similarity; null: height ignored"
+        0.2, gt=0, description="difference in height (m) that halves node similarity; null: ignore height"
     )
     size_scale: tuple[float, float] | None = Field(
-        (0.8, 0.5), description="log ratios of box length and box height that halve node similarity; null: size ignored"
+        (0.8, 0.5), description="log ratios of box length and box height that halve node similarity; null: ignore size"
     )
     ring_edges_m: Annotated[tuple[float, ...], AfterValidator(_ascending)] = Field(
-        (1.0, 2.0, 4.0), description="outer edges of the distance rings around a node, ascending"
+        (1.0, 2.0, 4.0), description="outer radii (m) of the distance rings around a node, ascending"
     )
-    hops: int = Field(2, ge=0, description="context hops around a node whose labels are counted")
+    hops: int = Field(2, ge=0, description="count the labels of neighbours up to this number of edges away")
     structure_weight: float = Field(
-        0.3, ge=0, description="weight of the structural feature in node similarity (label: 1)"
+        0.3, ge=0, description="weight of the structural feature in node similarity (weight of the label: 1)"
     )
-    min_similarity: float = Field(0.1, ge=0, le=1, description="node pairs below this similarity are rejected")
+    min_similarity: float = Field(0.1, ge=0, le=1, description="minimum similarity of a node pair")
 
 
 @dataclass(frozen=True, eq=False)
 class GraphIndex:
-    """The graphs of a map, laid out for matching.
+    """The graphs of a map in the layout for matching.
 
-    scenes: the index that candidates are looked up in, None where every graph is a candidate. nodes: those of all
-    graphs, None where candidates are looked up. rarity: (L + 1,) inverse document frequency of each label, the last one
-    that of a label which the map lacks. structure: csr_array of the structural features of all nodes, None where those
-    of candidates are computed for each query.
+    Attributes:
+        graphs: The graphs.
+        scenes: The index that returns candidates; None where every graph is a candidate.
+        nodes: The nodes of all graphs; None where `scenes` returns candidates.
+        rarity: (L + 1,) inverse document frequency of each label. The last one is for labels that the map lacks.
+        structure: csr_array of the structural features of all nodes; None where the features of the candidates are
+            computed for each query.
     """
 
     graphs: GraphTable
@@ -90,9 +95,14 @@ class GraphIndex:
 class Candidates:
     """K graphs of a map that a query is compared with.
 
-    query: the query's nodes, labels numbered by the map's vocabulary. weight: (n,) of the query's nodes. graphs: (K,)
-    numbers in the map, ascending. jaccard: (K,) Jaccard index of the labels. nodes: the graphs' nodes. node_weight:
-    (N,). pairs: the node pairs of the same label.
+    Attributes:
+        graph: The query's graph.
+        query: The query's nodes, with labels numbered by the map's vocabulary.
+        weight: (n,) weights of the query's nodes.
+        graphs: (K,) numbers of the graphs in the map, ascending.
+        jaccard: (K,) Jaccard index of the labels.
+        nodes: The nodes of the graphs.
+        node_weight: (N,) weights of these nodes.
     """
 
     graph: SaliencyGraph
@@ -105,13 +115,15 @@ class Candidates:
 
     @cached_property
     def pairs(self) -> NodePairs:
-        """The node pairs of the same label."""
+        """The pairs of query and graph nodes with the same label."""
         return NodePairs.of_same_label(self.query.label, self.nodes)
 
 
 class NodeMatcher(GraphMatcher):
-    """Base of matchers that take candidates by their labels and compare nodes of the same label; their Config is a
-    NodeMatcherConfig."""
+    """Base of matchers that select candidates by their labels and compare nodes of the same label.
+
+    The Config of a subclass inherits from NodeMatcherConfig.
+    """
 
     uses_scene_index = True
 
@@ -134,7 +146,10 @@ class NodeMatcher(GraphMatcher):
         with reading(folder / _RARITY, "an array of numpy"):
             rarity = np.array(map_array(folder / _RARITY))
         if rarity.shape != (len(graphs.labels) + 1,) or rarity.dtype != np.float64:
-            raise DataError(f"{folder / _RARITY} is {rarity.dtype} {rarity.shape}, expected a number for each label")
+            expected = f"float64 ({len(graphs.labels) + 1},)"
+            raise DataError(
+                f"{folder / _RARITY} is {rarity.dtype} {rarity.shape}, expected {expected}: build the map again"
+            )
         scenes = graphs.scenes
         if scenes is None and self._looks_up(graphs):
             scenes = self._new_scene_index()
@@ -146,24 +161,24 @@ class NodeMatcher(GraphMatcher):
         return GraphIndex(table, scenes, nodes, rarity, self._structure_of_all(table))
 
     def _looks_up(self, table: GraphTable) -> bool:
-        """Whether there are more graphs than candidates."""
+        """Return whether a scene index is needed because there are more graphs than candidates."""
         return self.config.max_candidates is not None and len(table) > self.config.max_candidates
 
     def _new_scene_index(self) -> SceneIndex:
-        made: SceneIndex = registry().build(SceneIndex.role, self.config.scene_index)
-        return made
+        scene_index: SceneIndex = registry().build(SceneIndex.role, self.config.scene_index)
+        return scene_index
 
     def _rarity(self, table: GraphTable) -> np.ndarray:
-        """(L + 1,) as in GraphIndex; 1 of each label where rarity is off."""
+        """Return the rarity (L + 1,) of each label as in GraphIndex; 1 where the setting is off."""
         if not self.config.rarity:
             return np.ones(len(table.labels) + 1)
-        having = np.append(table.having, 0)
-        rarity: np.ndarray = np.log((1 + len(table)) / (1 + having)) + 1
+        num_graphs_with_label = np.append(table.having, 0)
+        rarity: np.ndarray = np.log((1 + len(table)) / (1 + num_graphs_with_label)) + 1
         return rarity
 
     @property
     def _has_rings(self) -> bool:
-        """Whether nodes have structural features that do not depend on the query."""
+        """Whether nodes have structural features that are independent of the query."""
         return self.config.structure_weight > 0
 
     def _structure_of_all(self, table: GraphTable) -> Any:
@@ -171,18 +186,18 @@ class NodeMatcher(GraphMatcher):
             return None
         from scipy.sparse import csr_array, vstack
 
-        by_size = np.argsort(table.sizes, kind="stable")  # graphs of one size pad one another least
+        by_size = np.argsort(table.sizes, kind="stable")  # graphs of similar size need little padding
         chunks = np.split(by_size, range(_CHUNK, len(table), _CHUNK))
         labels = np.arange(len(table.labels))
         rows = [csr_array(self._structure(table.take(chunk), table.adjacency(chunk), labels)) for chunk in chunks]
         return vstack(rows, format="csr")[np.argsort(table.nodes(by_size))]
 
     def _structure(self, nodes: GraphNodes, adjacency: np.ndarray, labels: np.ndarray) -> np.ndarray:
-        """(N, F) structural features of nodes, the columns of some labels."""
+        """Return the structural features (N, F) of nodes, with the columns of the requested labels."""
         return ring_hop_histograms(nodes, adjacency, labels, self.config.ring_edges_m, self.config.hops)
 
     def _candidates(self, graph: SaliencyGraph, index: GraphIndex) -> Candidates | None:
-        """Return the graphs worth comparing, None where the query has no label of the map."""
+        """Return the graphs to compare with; None where the query has no label of the map."""
         query = GraphNodes.of(graph, index.graphs.vocabulary)
         if not (query.label >= 0).any():
             return None
@@ -201,7 +216,7 @@ class NodeMatcher(GraphMatcher):
         return Candidates(graph, query, weight, numbers[is_candidate], jaccard[is_candidate], nodes, node_weight)
 
     def _shortlist(self, graph: SaliencyGraph, index: GraphIndex) -> np.ndarray:
-        """(K,) the graphs that the scene index puts first, all where there is none; ascending."""
+        """Return the numbers (K,) of the best graphs by the scene index, or of all graphs without one, ascending."""
         if index.scenes is None:
             return np.arange(len(index.graphs))
         return np.sort(index.scenes.candidates(graph, self.config.max_candidates).scene)
@@ -209,18 +224,18 @@ class NodeMatcher(GraphMatcher):
     def _label_jaccard(
         self, graph: SaliencyGraph, query: GraphNodes, nodes: GraphNodes, rarity: np.ndarray
     ) -> np.ndarray:
-        """(K,) Jaccard index of the multisets of labels, weighted by rarity."""
-        used, number, counts = label_counts(query.label, len(rarity) - 1, nodes.label, nodes.count)
-        shared = np.minimum(counts, number) @ rarity[used]
-        union = nodes.segments.sum(rarity[nodes.label]) + number @ rarity[used] - shared
+        """Return the Jaccard index (K,) of the multisets of labels, weighted by rarity."""
+        distinct, number, counts = label_counts(query.label, len(rarity) - 1, nodes.label, nodes.count)
+        shared = np.minimum(counts, number) @ rarity[distinct]
+        union = nodes.segments.sum(rarity[nodes.label]) + number @ rarity[distinct] - shared
         return np.divide(shared, union, out=np.zeros(len(shared)), where=union > 0)
 
     def _confidence(self, nodes: GraphNodes) -> np.ndarray:
-        """(N,) weight of each node before the rarity of its label: its detector's score, or 1."""
+        """Return the weight (N,) of each node without the rarity of its label: the detector's score, or 1."""
         return nodes.scores if self.config.confidence else np.ones(len(nodes))
 
     def _ring_products(self, candidates: Candidates, index: GraphIndex) -> np.ndarray:
-        """(P,) products of the structural features of each pair of nodes."""
+        """Return the dot products (P,) of the structural features of each node pair."""
         i, node, table, adjacency = (
             candidates.pairs.query,
             candidates.pairs.node,
@@ -230,23 +245,27 @@ class NodeMatcher(GraphMatcher):
         if index.structure is not None:
             query = self._structure(candidates.query, adjacency, np.arange(len(table.labels)))
             return feature_products(query, index.structure, i, table.nodes(candidates.graphs)[node])
-        labels = np.unique(candidates.query.label[candidates.query.label >= 0])  # others count nothing in a product
+        labels = np.unique(
+            candidates.query.label[candidates.query.label >= 0]
+        )  # other labels contribute 0 to a product
         query = self._structure(candidates.query, adjacency, labels)
         features = self._structure(candidates.nodes, table.adjacency(candidates.graphs), labels)
         return (features @ query.T)[node, i]
 
     def _attribute_similarity(self, candidates: Candidates, max_scale_error: float = 0.0) -> np.ndarray:
-        """(P,) similarity of the heights and sizes of each pair of nodes, 0 to 1; a factor of at most 1 +-
-        max_scale_error changes the query's heights."""
+        """Return the similarity (P,) of heights and sizes of each node pair, 0 to 1.
+
+        The query's heights may have a scale error of up to `max_scale_error`; the most favourable scale is used.
+        """
         i, node, value = candidates.pairs.query, candidates.pairs.node, np.ones(len(candidates.pairs))
         if self.config.height_scale_m is not None:
             query_z = candidates.query.centroid_m[i, 2]
-            apart = query_z - candidates.nodes.centroid_m[node, 2]
+            difference_m = query_z - candidates.nodes.centroid_m[node, 2]
             if max_scale_error:
-                apart = np.maximum(np.abs(apart) - max_scale_error * np.abs(query_z), 0)
-            value /= 1 + (apart / self.config.height_scale_m) ** 2
+                difference_m = np.maximum(np.abs(difference_m) - max_scale_error * np.abs(query_z), 0)
+            value /= 1 + (difference_m / self.config.height_scale_m) ** 2
         if self.config.size_scale is not None:
             for side, scale in zip((0, 2), self.config.size_scale, strict=True):
-                change = candidates.query.log_size[i, side] - candidates.nodes.log_size[node, side]
-                value /= 1 + (change / scale) ** 2
+                log_ratio = candidates.query.log_size[i, side] - candidates.nodes.log_size[node, side]
+                value /= 1 + (log_ratio / scale) ** 2
         return value

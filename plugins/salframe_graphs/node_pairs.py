@@ -1,4 +1,4 @@
-"""Pairs of a query's nodes and the nodes of candidate graphs that bear the same label, and what they have in common."""
+"""Pairs of query nodes and candidate nodes with the same label, and the Jaccard index over them."""
 
 from __future__ import annotations
 
@@ -13,9 +13,13 @@ from salframe.graphs.table import GraphNodes
 
 @dataclass(frozen=True, eq=False)
 class NodePairs:
-    """P pairs of the nodes of a query, n, and of K graphs, N together, sorted by graph, query node and graph node.
+    """P pairs of a query's nodes (n) and the nodes of K graphs (N together), sorted by graph, query node, graph node.
 
-    query, node: (P,) int64, positions among the query's nodes and among the nodes of all graphs. graph: (P,) int64.
+    Attributes:
+        query: (P,) int64, positions among the query's nodes.
+        node: (P,) int64, positions among the nodes of all graphs.
+        graph: (P,) int64, number of the graph of each pair.
+        num_graphs: Number of graphs, K.
     """
 
     query: np.ndarray
@@ -25,7 +29,12 @@ class NodePairs:
 
     @classmethod
     def of_same_label(cls, label: np.ndarray, nodes: GraphNodes) -> NodePairs:
-        """Return all pairs of the query's labels (n,), -1 of a label that no graph has, with the graphs' nodes."""
+        """Return all pairs of query and graph nodes with the same label.
+
+        Args:
+            label: (n,) labels of the query's nodes, -1 for a label that no graph has.
+            nodes: The nodes of the graphs.
+        """
         query, node = np.nonzero((label[:, None] == nodes.label) & (label >= 0)[:, None])
         graph = nodes.graph[node]
         order = np.argsort(graph * len(label) + query, kind="stable")
@@ -36,27 +45,27 @@ class NodePairs:
 
     @cached_property
     def segments(self) -> Segments:
-        """The graphs as groups of pairs."""
+        """The pairs grouped by graph."""
         return Segments(np.bincount(self.graph, minlength=self.num_graphs))
 
     @cached_property
     def first_of_query(self) -> np.ndarray:
-        """(Q,) the positions at which the pairs of another query node, or graph, begin."""
+        """(Q,) position of the first pair of each query node in each graph."""
         return run_starts(self.query, self.graph)
 
     def best_per_query(self, value: np.ndarray) -> tuple[np.ndarray, Segments]:
-        """Return the maximum of non-negative values (P,) for each query node of each graph, (Q,), and the graphs as
-        groups of these."""
+        """Return the maximum of non-negative values (P,) for each query node in each graph, (Q,), and its grouping by
+        graph."""
         first = self.first_of_query
         graphs = Segments(np.bincount(self.graph[first], minlength=self.num_graphs))
         return (np.maximum.reduceat(value, first) if len(first) else value), graphs
 
-    def min_candidate_ratio(self, mask: np.ndarray, values: np.ndarray) -> tuple[NodePairs, np.ndarray]:
-        """Return the pairs of a mask (P,), and their values of `values` (P,)."""
+    def select(self, mask: np.ndarray, values: np.ndarray) -> tuple[NodePairs, np.ndarray]:
+        """Return the pairs and the values (P,) where a mask (P,) is true."""
         return replace(self, query=self.query[mask], node=self.node[mask], graph=self.graph[mask]), values[mask]
 
     def take(self, graphs: np.ndarray) -> tuple[NodePairs, np.ndarray]:
-        """Return the pairs of some graphs (T,), in this order, and their positions among these."""
+        """Return the pairs of graphs (T,), in the order of the argument, and their positions among all pairs."""
         count = self.segments.count[graphs]
         position = ranges(self.segments.start[graphs], count)
         owner = np.arange(len(graphs)).repeat(count)
@@ -69,43 +78,44 @@ def label_counts(
     """Count the labels of a query in graphs.
 
     Args:
-        label: (n,) the query's, -1 of a label that the vocabulary lacks.
-        num_labels: number of labels of the vocabulary, L.
-        map_label: (N,) the labels of the nodes of K graphs, one graph after the other.
+        label: (n,) labels of the query's nodes, -1 for a label outside the vocabulary.
+        num_labels: Number of labels of the vocabulary, L.
+        map_label: (N,) labels of the nodes of K graphs, one graph after the other.
         count: (K,) number of nodes of each graph.
 
     Returns:
-        (J,) the query's labels, L of those that the vocabulary lacks, (J,) how many of its nodes bear each, and (K, J)
-        how many nodes of each graph do.
+        The distinct labels of the query (J,), with L for all labels outside the vocabulary; the number of query nodes
+        of each label (J,); and the number of nodes of each label in each graph (K, J).
     """
     number = np.bincount(np.where(label >= 0, label, num_labels), minlength=num_labels + 1)
-    used = np.flatnonzero(number)
+    distinct = np.flatnonzero(number)
     column = np.full(num_labels + 1, -1)
-    column[used] = np.arange(len(used))
-    there = column[map_label]
-    cell = there + len(used) * np.arange(len(count)).repeat(count)
-    counts = np.bincount(cell[there >= 0], minlength=len(count) * len(used))
-    return used, number[used], counts.reshape(len(count), len(used))
+    column[distinct] = np.arange(len(distinct))
+    column_of_node = column[map_label]
+    cell = column_of_node + len(distinct) * np.arange(len(count)).repeat(count)
+    counts = np.bincount(cell[column_of_node >= 0], minlength=len(count) * len(distinct))
+    return distinct, number[distinct], counts.reshape(len(count), len(distinct))
 
 
 def shared_weight(
     pairs: NodePairs, value: np.ndarray, weight: np.ndarray, nodes: GraphNodes, node_weight: np.ndarray
 ) -> np.ndarray:
-    """Return the Jaccard index over nodes of each graph, (K,) float64.
+    """Return the weighted Jaccard index over the nodes of the query and each graph, (K,) float64.
 
-    A node shares as much as it is similar to the most similar node of the other graph; of both sides the lesser counts.
+    The shared part of a node is its weight times its similarity to the most similar node of the other graph. The sums
+    of the two sides may differ; the smaller one is used.
 
     Args:
-        pairs: the pairs that are compared.
-        value: (P,) similarity of each pair, 0 to 1; pairs that are not listed have 0.
-        weight: (n,) of the query's nodes.
-        nodes: the nodes of the graphs.
-        node_weight: (N,) their weights.
+        pairs: The node pairs to compare.
+        value: (P,) similarity of each pair, 0 to 1. All other pairs have similarity 0.
+        weight: (n,) weights of the query's nodes.
+        nodes: The nodes of the graphs.
+        node_weight: (N,) weights of the graphs' nodes.
     """
     best, graphs = pairs.best_per_query(value)
     shared_query = graphs.sum(best * weight[pairs.query[pairs.first_of_query]])
     best_node = np.zeros(len(nodes))
     np.maximum.at(best_node, pairs.node, value)
     shared = np.minimum(shared_query, nodes.segments.sum(best_node * node_weight))
-    whole = weight.sum() + nodes.segments.sum(node_weight) - shared
-    return np.divide(shared, whole, out=np.zeros(len(shared)), where=whole > 0)
+    union = weight.sum() + nodes.segments.sum(node_weight) - shared
+    return np.divide(shared, union, out=np.zeros(len(shared)), where=union > 0)

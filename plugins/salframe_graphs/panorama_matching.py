@@ -1,4 +1,4 @@
-"""A query graph against the graphs of a map's panoramas, one by one: the place of the best, and the pose in it."""
+"""Matching of a query graph with the graph of each reference frame; the best match gives the place and the pose."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from salframe.localization.ranking import rank_places
 from salframe.localization.saved_frames import SavedFrames
 from salframe.panoramas.frames import FrameKind, ReferenceFrame
 from salframe.panoramas.geometry import pose_2d, pose_yaw, wrap_angle
-from salframe_graphs.agreement import agree, agreed
+from salframe_graphs.agreement import add_agreement, agree
 
 _MATCHER = "matcher"
-"""Name of what the matcher writes, in the folder of the index."""
+"""Name of the matcher's files in the folder of the index."""
 
 
 class PanoramaMatchingConfig(ComponentConfig):
-    """Settings of matching a query with panoramas one by one."""
+    """Settings of the matching of a query with each reference frame."""
 
     matcher: slot("matcher", "geometric", match_only=True)  # type: ignore[valid-type]
     positioner: slot(  # type: ignore[valid-type]
@@ -35,28 +35,32 @@ class PanoramaMatchingConfig(ComponentConfig):
         "robust",
         match_only=True,
         optional=True,
-        description="pose from matched objects; null: place only, the pose of the reference frame is the answer",
+        description="estimates the pose from matched objects; null: answer with the pose of the reference frame",
     )
-    top_k: int = match_only(20, ge=1, description="map graphs that the matcher ranks")
-    min_score: float = match_only(0.0, ge=0, description="a best match below this score is no answer")
+    top_k: int = match_only(20, ge=1, description="maximum number of graphs that the matcher returns")
+    min_score: float = match_only(
+        0.0, ge=0, description="minimum score of the best match; below it the query has no answer"
+    )
     agreement: float = match_only(
         0.5,
         ge=0,
-        description="share of the scores of matches that put the query in the same spot, added to a match's own",
+        description="share of the score of each agreeing match (same pose in the world) to add to a match's score",
     )
     agreement_radius_m: float = match_only(
-        1.5, gt=0, description="distance in the world at which two matches no longer agree"
+        1.5, gt=0, description="maximum distance (m) between the poses of two agreeing matches"
     )
     nearest_scene: bool = match_only(
-        True, description="a match with a transition frame answers with the scene frame nearest to the pose"
+        True, description="if the best match is a transition frame (doorway), answer with the nearest scene frame"
     )
 
 
 class PanoramaMatching:
-    """A graph matcher and a positioner on the graphs of a map's frames.
+    """A graph matcher and a positioner on the graphs of the reference frames of a map.
 
-    positioner: the positioner, None where queries are answered by place only. graphs: the graphs, once a map was
-    indexed or opened. frames: their frames.
+    Attributes:
+        positioner: The positioner; None where the answer is the pose of the best reference frame.
+        graphs: The graphs, after `index` or `open_index`.
+        frames: The reference frames of the graphs, after `index` or `open_index`.
     """
 
     graphs: Sequence[SaliencyGraph]
@@ -65,16 +69,16 @@ class PanoramaMatching:
     def __init__(self, config: PanoramaMatchingConfig) -> None:
         self._config = config
         self._matcher: GraphMatcher = registry().build("matcher", config.matcher)
-        chosen = config.positioner
-        self.positioner: Positioner | None = None if chosen is None else registry().build("positioner", chosen)
+        positioner = config.positioner
+        self.positioner: Positioner | None = None if positioner is None else registry().build("positioner", positioner)
 
     @property
     def estimates_scale(self) -> bool:
-        """Return whether the matcher takes the query's ranges to be off by an unknown factor."""
+        """Whether the matcher assumes that the query's ranges have an unknown scale error."""
         return self._matcher.estimates_scale
 
     def index(self, graphs: Sequence[SaliencyGraph], frames: Sequence[ReferenceFrame]) -> None:
-        """Index the graphs of a map's frames."""
+        """Index the graphs of the reference frames."""
         self.graphs, self._index = graphs, self._matcher.index(graphs)
         self._take_frames(frames, np.array([frame.kind is FrameKind.SCENE for frame in frames]))
 
@@ -84,13 +88,13 @@ class PanoramaMatching:
         self._matcher.write_index(self.graphs, folder / _MATCHER)
 
     def open_index(self, folder: Path, graphs: MappedGraphs, frames: SavedFrames) -> None:
-        """Open what `write_index` wrote of these graphs."""
+        """Open the index that `write_index` wrote for these graphs."""
         self.graphs, self._index = graphs, self._matcher.open_index(graphs, folder / _MATCHER)
         self._take_frames(frames, frames.is_scene)
 
     def _take_frames(self, frames: Sequence[ReferenceFrame], is_scene: np.ndarray) -> None:
         self.frames, self._scenes_at = frames, np.flatnonzero(is_scene)
-        if not is_scene.all():  # the nearest scene frame is looked for only where there are doorways
+        if not is_scene.all():  # the nearest scene frame is only needed on maps with transition frames
             from scipy.spatial import KDTree
 
             if isinstance(frames, SavedFrames):
@@ -100,7 +104,7 @@ class PanoramaMatching:
             self._scene_tree = KDTree(T_world_pano[self._scenes_at, :, 3])
 
     def localize(self, query: SaliencyGraph) -> Localization:
-        """Return the places of the best matches, and the pose in the best."""
+        """Return the ranked places of the best matches, and the pose by the best one."""
         if not len(query):
             return Localization((), None, LocalizationStatus.NO_OBJECTS)
         matches: Sequence[GraphMatch] = self._matcher.match(query, self._index, self._config.top_k)
@@ -115,11 +119,11 @@ class PanoramaMatching:
         if self.positioner is None:
             return Localization(self._rank(matches), T_world_scene, LocalizationStatus.OK)
         nodes, reference = best.pairs[:, 0], self.graphs[best.scene]
-        there = reference.centroid_m[best.pairs[:, 1]]
+        reference_m = reference.centroid_m[best.pairs[:, 1]]
         if query.bearings_only:
-            pose = self.positioner.resect(query.bearing[nodes], there)
+            pose = self.positioner.resect(query.bearing[nodes], reference_m)
         else:
-            pose = self.positioner.solve(best.scale * query.centroid_m[nodes], there, query.saliency[nodes])
+            pose = self.positioner.solve(best.scale * query.centroid_m[nodes], reference_m, query.saliency[nodes])
         if pose.T_reference_query is None:
             heading = None if pose.yaw_rad is None else float(wrap_angle(pose_yaw(T_world_scene) + pose.yaw_rad))
             return Localization(self._rank(matches), None, LocalizationStatus.NO_POSE, heading_rad=heading)
@@ -129,7 +133,7 @@ class PanoramaMatching:
         return Localization(places, T_world_query, LocalizationStatus.OK, covariance)
 
     def place_scores(self, query: SaliencyGraph) -> dict[str, float]:
-        """Return the score of each place's panorama that is most like a query, of the places that any is."""
+        """Return for each place with a match the best score of its reference frames."""
         ranked = self._matcher.rank(query, self._index, self._config.top_k)
         if not len(ranked.scene):
             return {}
@@ -137,46 +141,48 @@ class PanoramaMatching:
         T_world_query = np.array([frame.T_world_pano for frame in frames]) @ ranked.T_scene_query
         score = ranked.score
         if self._config.agreement:
-            score = agreed(score, T_world_query, self._config.agreement, self._config.agreement_radius_m)
+            score = add_agreement(score, T_world_query, self._config.agreement, self._config.agreement_radius_m)
         best = int(np.argmax(score))
         if self._config.nearest_scene:
-            near = self._scene_near(frames[best], T_world_query[best])
-            if near is not None:
-                frames[best] = self.frames[near]  # a doorway is no place
+            nearest = self._scene_near(frames[best], T_world_query[best])
+            if nearest is not None:
+                frames[best] = self.frames[nearest]  # a transition frame is not an answer
         scores: dict[str, float] = {}
         for frame, value in zip(frames, score.tolist(), strict=True):
             scores[frame.place] = max(value, scores.get(frame.place, value))
         return scores
 
     def correspond(self, query: Mapping[str, np.ndarray], reference: Mapping[str, np.ndarray]) -> NodeMatches:
-        """Return the node alignment of two described graphs, in a map of this one reference."""
+        """Return the node alignment of two graphs, as if `reference` were the only frame of the map."""
         query_graph, map_graph = graph_from_arrays(query), graph_from_arrays(reference)
         matches = self._matcher.match(query_graph, self._matcher.index([map_graph]), 1)
         pairs = matches[0].pairs if matches else np.zeros((0, 2), int)
         return NodeMatches(query_graph.centroid_m, map_graph.centroid_m, pairs)
 
     def _rank(self, matches: Sequence[GraphMatch], T_world_query: np.ndarray | None = None) -> tuple[RankedPlace, ...]:
-        """As `rank_places` of all frames, of those that match and, where that counts, the scene nearest to the pose."""
+        """Return the ranked places of the matching frames and, if needed, of the scene frame nearest to the pose."""
         score = {match.scene: match.score for match in matches}
         best = min(score, key=lambda scene: (-score[scene], scene))
-        near = None if T_world_query is None else self._scene_near(self.frames[best], T_world_query)
-        if near is not None:
-            score.setdefault(near, -np.inf)
+        nearest = None if T_world_query is None else self._scene_near(self.frames[best], T_world_query)
+        if nearest is not None:
+            score.setdefault(nearest, -np.inf)
         numbers = sorted(score)
         frames = [self.frames[number] for number in numbers]
         return rank_places(frames, np.array([score[number] for number in numbers]), T_world_query)
 
     def _scene_near(self, matched: ReferenceFrame, T_world_query: np.ndarray) -> int | None:
-        """The scene frame nearest to a query that matches a doorway; None where it matches another frame, its pose is
-        not known, or the map has doorways only."""
-        at_door = matched.kind is FrameKind.TRANSITION and len(self._scenes_at)
-        if not at_door or not np.isfinite(T_world_query).all():
+        """Return the number of the scene frame nearest to a query whose match is a transition frame.
+
+        None where the match is a scene frame, the pose is unknown, or the map has no scene frame.
+        """
+        is_doorway = matched.kind is FrameKind.TRANSITION and len(self._scenes_at)
+        if not is_doorway or not np.isfinite(T_world_query).all():
             return None
         return int(self._scenes_at[self._scene_tree.query(T_world_query[:3, 3])[1]])
 
 
 def _in_world(covariance: np.ndarray, T_world_scene: np.ndarray) -> np.ndarray:
-    """A covariance as in PoseEstimate, in the world's axes instead of a reference frame's."""
+    """Return the covariance of a PoseEstimate, rotated from the axes of the reference frame to those of the world."""
     turn = np.eye(len(covariance))
     if len(covariance) == 6:
         turn[:3, :3] = turn[3:, 3:] = T_world_scene[:3, :3]

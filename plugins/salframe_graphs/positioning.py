@@ -1,4 +1,4 @@
-"""Where the query's frame lies in the reference frame's, from matched nodes
+"""Pose of the query frame in the reference frame, from matched nodes
 (docs/explanation/method.md#from-matched-nodes-to-a-pose; paper section "Positioning")."""
 
 from __future__ import annotations
@@ -16,16 +16,21 @@ from salframe_graphs.resection import resect
 
 
 def fit_rigid(query: np.ndarray, reference: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Least-squares rotations (..., D, D) and shifts (..., D) that bring query (..., K, D) onto reference (Umeyama
-    1991, no scale).
+    """Return the least-squares rigid motions that align query points with reference points (Umeyama 1991, no scale).
 
-    share (..., K) weighs the points: 1 for inliers and 0 for the others, each set with at least one 1.
+    Args:
+        query: (..., K, D) points.
+        reference: (..., K, D) corresponding points.
+        share: (..., K) weights of the points: 1 for inliers, 0 for the others. Each set has at least one inlier.
+
+    Returns:
+        Rotations (..., D, D) and translations (..., D).
     """
     share = (share / share.sum(-1, keepdims=True))[..., None]
     query_mean, reference_mean = (query * share).sum(-2, keepdims=True), (reference * share).sum(-2, keepdims=True)
     covariance = np.swapaxes((reference - reference_mean) * share, -1, -2) @ (query - query_mean)
     left, _, right = np.linalg.svd(covariance)
-    # A reflection fits as well as a rotation where points are few or flat: the weakest axis is turned over.
+    # Where points are few or coplanar, the best fit may be a reflection: reverse the weakest axis.
     left[..., -1] *= np.sign(np.linalg.det(left @ right))[..., None]
     rotation = left @ right
     return rotation, (reference_mean - query_mean @ np.swapaxes(rotation, -1, -2))[..., 0, :]
@@ -43,28 +48,31 @@ def _as_pose(rotation: np.ndarray, shift: np.ndarray) -> np.ndarray:
 
 
 class RobustPositioner(Positioner):
-    """Exhaustive minimal hypotheses, scored robustly, then Umeyama on the inliers with unit weights; pose, covariance
-    and runner-up.
+    """Scores a pose from every minimal set of matches, then refines the best by Umeyama's method on its inliers.
 
-    SE(2) takes hypotheses from every two matches and leaves height alone; SE(3) from every three.
+    The minimal set is two matches for SE(2), which ignores height, and three for SE(3). The inliers have unit weights.
+    The result has a covariance and the support of the runner-up.
     """
 
     name = "robust"
     version = "1"
 
     class Config(ComponentConfig):
-        group: Literal["SE(2)", "SE(3)"] = Field("SE(2)", description="motion sought: on the floor, or in space")
-        tolerance_m: float = Field(0.8, gt=0, description="largest distance of a match from the pose it supports")
-        min_inliers: int = Field(2, ge=2, description="fewer than this many consistent matches: no pose")
+        group: Literal["SE(2)", "SE(3)"] = Field(
+            "SE(2)", description="motion to estimate: x, y and yaw (SE(2)), or all six degrees of freedom (SE(3))"
+        )
+        tolerance_m: float = Field(0.8, gt=0, description="maximum residual (m) of a match that supports a pose")
+        min_inliers: int = Field(2, ge=2, description="minimum number of consistent matches of a pose")
         ambiguity: float = Field(
             0.95,
             gt=0,
             le=1,
-            description="runner-up's support, a share of the best pose's, from which on the pose is ambiguous",
+            description="the pose is ambiguous if a different pose has at least this share of its support",
         )
 
     _separate_m: ClassVar[float] = 0.5
     _separate_rad: ClassVar[float] = np.radians(30)
+    """Two poses are different where they are further apart than one of these."""
 
     def solve(self, query_m: np.ndarray, reference_m: np.ndarray, weights: np.ndarray | None = None) -> PoseEstimate:
         dimension = 2 if self.config.group == "SE(2)" else 3
@@ -74,76 +82,90 @@ class RobustPositioner(Positioner):
             return _failure(PoseStatus.TOO_FEW, count)
         minimal = np.array(list(combinations(range(count), dimension)))
         spans = query[minimal] - query[minimal].mean(1, keepdims=True)
-        # The second largest spread of the minimal sets tells points on a line from a triangle; for pairs, whether they
-        # coincide.
+        # Leave out degenerate sets. For triples the second largest spread distinguishes a triangle from points on a
+        # line; for pairs the largest spread shows whether the points coincide.
         spread = np.linalg.svd(spans, compute_uv=False)[:, dimension - 2]
         minimal = minimal[spread > 0.05]
         if not len(minimal):
             return _failure(PoseStatus.DEGENERATE, count)
         rotation, shift = fit_rigid(query[minimal], reference[minimal], np.ones(minimal.shape))
-        support, inlying = self._support(query, reference, rotation, shift, weights)
-        # The best few are fitted again to all they agree with: a minimal set carries the noise of its few points alone.
-        least = max(self.config.min_inliers, dimension)
-        few = np.argsort(-support, kind="stable")[:20]
-        few = few[inlying[few].sum(1) >= least]
-        if not len(few):
+        support, is_inlier = self._support(query, reference, rotation, shift, weights)
+        # Fit the best few again to all of their inliers, because a minimal set has the noise of two or three points.
+        min_inliers = max(self.config.min_inliers, dimension)
+        top = np.argsort(-support, kind="stable")[:20]
+        top = top[is_inlier[top].sum(1) >= min_inliers]
+        if not len(top):
             return _failure(PoseStatus.INCONSISTENT, count)
-        turns, moves = fit_rigid(query, reference, inlying[few])
-        best = int(self._support(query, reference, turns, moves, weights)[0].argmax())
-        turn, move = turns[best], moves[best]
-        inliers = inlying[few[best]]
+        rotations, translations = fit_rigid(query, reference, is_inlier[top])
+        best = int(self._support(query, reference, rotations, translations, weights)[0].argmax())
+        best_rotation, best_translation = rotations[best], translations[best]
+        inliers = is_inlier[top[best]]
         for _ in range(5):
-            distance = np.linalg.norm(query @ turn.T + move - reference, axis=1)
-            # 2.5 standard deviations of the residuals, from their median: tight where matches are good, the tolerance
-            # where they are not.
+            distance = np.linalg.norm(query @ best_rotation.T + best_translation - reference, axis=1)
+            # The threshold is 2.5 standard deviations of the residuals, estimated from their median, and at most the
+            # tolerance.
             scale = 1.4826 * np.median(distance[inliers])
-            closer = distance < np.clip(2.5 * scale, 0.1, self.config.tolerance_m)
-            if closer.sum() < least or (closer == inliers).all():
+            tighter = distance < np.clip(2.5 * scale, 0.1, self.config.tolerance_m)
+            if tighter.sum() < min_inliers or (tighter == inliers).all():
                 break
-            inliers = closer
-            turn, move = fit_rigid(query, reference, inliers)
-        residual = (query @ turn.T + move - reference)[inliers]
-        runner_up = self._runner_up(query, reference, weights, (rotation, shift, support), (turn, move), inliers)
+            inliers = tighter
+            best_rotation, best_translation = fit_rigid(query, reference, inliers)
+        residual = (query @ best_rotation.T + best_translation - reference)[inliers]
+        runner_up = self._runner_up(
+            query, reference, weights, (rotation, shift, support), (best_rotation, best_translation), inliers
+        )
         if runner_up >= self.config.ambiguity:
             return PoseEstimate(None, PoseStatus.AMBIGUOUS, None, inliers, runner_up)
         return PoseEstimate(
-            _as_pose(turn, move), PoseStatus.OK, _covariance(reference[inliers], move, residual), inliers, runner_up
+            _as_pose(best_rotation, best_translation),
+            PoseStatus.OK,
+            _covariance(reference[inliers], best_translation, residual),
+            inliers,
+            runner_up,
         )
 
     def resect(self, bearing: np.ndarray, reference_m: np.ndarray) -> PoseEstimate:
-        """On the floor, whatever the group: at the height of the reference frame, looking level."""
+        """Return the upright pose at the height of the reference frame, whatever the setting `group`."""
         return resect(bearing, reference_m, self.config.tolerance_m, self.config.ambiguity)
 
     def _support(self, query, reference, rotation, shift, weights):
-        """Truncated quadratic support (H,) of each pose, and its inliers (H, M)."""
-        moved = query @ np.swapaxes(rotation, -1, -2) + shift[:, None]
-        squared = ((moved - reference) ** 2).sum(-1) / self.config.tolerance_m**2
+        """Return the truncated quadratic support (H,) of each pose, and its inliers (H, M)."""
+        moved_query = query @ np.swapaxes(rotation, -1, -2) + shift[:, None]
+        squared = ((moved_query - reference) ** 2).sum(-1) / self.config.tolerance_m**2
         return (np.maximum(1 - squared, 0) * (1 if weights is None else weights)).sum(1), squared < 1
 
     def _runner_up(self, query, reference, weights, hypotheses, best, inliers) -> float:
-        """Support of the best pose that is another one, the best pose turned by 180 degrees about its inliers included,
-        over the best's."""
+        """Return the ratio of the support of the best different pose to that of the best pose.
+
+        The best pose turned by 180 degrees about its inliers is among the different poses.
+        """
         rotation, shift, support = hypotheses
-        turn, move = best
-        own = self._support(query, reference, turn[None], move[None], weights)[0][0]
+        best_rotation, best_translation = best
+        best_support = self._support(query, reference, best_rotation[None], best_translation[None], weights)[0][0]
         centre = reference[inliers].mean(0)
-        flip = np.diag([-1.0, -1.0, 1.0][: len(move)])
+        flip = np.diag([-1.0, -1.0, 1.0][: len(best_translation)])
         opposite = self._support(
-            query, reference, (flip @ turn)[None], (flip @ (move - centre) + centre)[None], weights
+            query, reference, (flip @ best_rotation)[None], (flip @ (best_translation - centre) + centre)[None], weights
         )[0][0]
-        angle = np.arccos(np.clip((np.einsum("hij,ij->h", rotation, turn) - len(move) + 2) / 2, -1, 1))
-        # Distance where the objects are, not at the origin, which the two frames may be far from.
-        apart = (
+        angle = np.arccos(
+            np.clip((np.einsum("hij,ij->h", rotation, best_rotation) - len(best_translation) + 2) / 2, -1, 1)
+        )
+        # Compare positions of the inliers' centre, not of the origin, which may be far from the objects.
+        is_far = (
             np.linalg.norm(query[inliers].mean(0) @ np.swapaxes(rotation, -1, -2) + shift - centre, axis=1)
             > self._separate_m
         )
-        others = support[apart | (angle > self._separate_rad)]
-        return float(min(max(others.max(initial=0.0), opposite) / own, 1.0)) if own > 0 else 1.0
+        other_support = support[is_far | (angle > self._separate_rad)]
+        return (
+            float(min(max(other_support.max(initial=0.0), opposite) / best_support, 1.0)) if best_support > 0 else 1.0
+        )
 
 
 def _covariance(reference: np.ndarray, shift: np.ndarray, residual: np.ndarray) -> np.ndarray:
-    """Covariance of (x, y, yaw) or (x, y, z, rotation vector), first order, rotations about the reference frame's axes
-    at the query's origin."""
+    """Return the first-order covariance of (x, y, yaw) or (x, y, z, rotation vector).
+
+    Rotations are about the axes of the reference frame, at the query's origin.
+    """
     arm = reference - shift
     count, dimension = arm.shape
     if dimension == 2:
@@ -157,17 +179,16 @@ def _covariance(reference: np.ndarray, shift: np.ndarray, residual: np.ndarray) 
         jacobian = np.concatenate([np.broadcast_to(np.eye(3), (count, 3, 3)), cross], axis=2)
     jacobian = jacobian.reshape(count * dimension, -1)
     freedom = max(jacobian.shape[0] - jacobian.shape[1], 1)
-    # Two matches leave one degree of freedom and may agree by luck: never claim better than 2 cm an axis.
+    # Two matches leave one degree of freedom and may agree by chance, so the standard deviation is at least 2 cm.
     variance = max(float((residual**2).sum()) / freedom, 0.02**2)
     return variance * np.linalg.pinv(jacobian.T @ jacobian)
 
 
 class LeastSquaresPositioner(Positioner):
-    """The paper's positioner: shift by the pseudo-inverse over all pairs of nodes (Theorem 1), then the mean turn of
-    the azimuths.
+    """The positioner of the paper: translation by a pseudo-inverse over all pairs of nodes, yaw by the mean turn.
 
-    Needs three nodes that are not on a line. `norms: literal` is the theorem as printed; `angle: arccos` its
-    orientation, which loses the sign.
+    The translation is Theorem 1 of the paper. It needs three nodes that are not on a line. `norms: literal` is the
+    theorem as printed; `angle: arccos` is the paper's orientation, which loses the sign.
     """
 
     name = "least-squares"
@@ -175,16 +196,16 @@ class LeastSquaresPositioner(Positioner):
 
     class Config(ComponentConfig):
         norms: Literal["squared", "literal"] = Field(
-            "squared", description="norms in b: squared as in the proof, or as the theorem prints them"
+            "squared", description="norms in the vector b: squared as in the proof, or as printed in the theorem"
         )
         angle: Literal["atan2", "arccos"] = Field(
-            "atan2", description="turn of a node: signed, or the paper's arccos, which drops the sign"
+            "atan2", description="turn of a node: signed by atan2, or unsigned by arccos as in the paper"
         )
         mean: Literal["circular", "arithmetic"] = Field(
-            "circular", description="mean of the turns: wrapping at 180 deg, or the paper's"
+            "circular", description="mean of the turns: circular, or arithmetic as in the paper (wrong near 180 deg)"
         )
         max_condition: float = Field(
-            1e3, gt=1, description="condition number of B from which on the nodes count as collinear"
+            1e3, gt=1, description="condition number of the matrix B above which the nodes are considered collinear"
         )
 
     def solve(self, query_m: np.ndarray, reference_m: np.ndarray, weights: np.ndarray | None = None) -> PoseEstimate:
@@ -201,23 +222,23 @@ class LeastSquaresPositioner(Positioner):
         norm_u, norm_v = np.linalg.norm(u, axis=1) ** power, np.linalg.norm(v, axis=1) ** power
         shift = 0.5 * np.linalg.pinv(rows) @ (norm_u[i] - norm_u[j] - norm_v[i] + norm_v[j])
         shifted = u - shift
-        turns = self._turns(v, shifted)
+        turns_rad = self._turns(v, shifted)
         share = weights if weights is not None and weights.sum() > 0 else np.ones(count)
         if self.config.mean == "arithmetic":
-            yaw = float(np.average(turns, weights=share))
+            yaw = float(np.average(turns_rad, weights=share))
         else:
-            yaw = float(np.arctan2((share * np.sin(turns)).sum(), (share * np.cos(turns)).sum()))
+            yaw = float(np.arctan2((share * np.sin(turns_rad)).sum(), (share * np.cos(turns_rad)).sum()))
         return PoseEstimate(pose_2d(shift[0], shift[1], yaw), PoseStatus.OK, None, np.ones(count, bool))
 
     def _turns(self, v: np.ndarray, shifted: np.ndarray) -> np.ndarray:
-        """(M,) angle from each query node to its map node, both seen from the query's position."""
+        """Return the angle (M,) from each query node to its map node, relative to the query's position."""
         if self.config.angle == "arccos":
             return np.arccos(_cosine(shifted)) - np.arccos(_cosine(v))
-        turns = np.arctan2(shifted[:, 1], shifted[:, 0]) - np.arctan2(v[:, 1], v[:, 0])
-        return wrap_angle(turns)
+        turns_rad = np.arctan2(shifted[:, 1], shifted[:, 0]) - np.arctan2(v[:, 1], v[:, 0])
+        return wrap_angle(turns_rad)
 
 
 def _cosine(vectors: np.ndarray) -> np.ndarray:
-    """(M,) cosine of the angle between vectors (M, 2) and the x axis; 1 for a vector of no length."""
+    """Return the cosine (M,) of the angle between vectors (M, 2) and the x axis; 1 for a vector of length 0."""
     norm = np.linalg.norm(vectors, axis=1)
     return np.divide(vectors[:, 0], norm, out=np.ones(len(vectors)), where=norm > 0)

@@ -1,4 +1,4 @@
-"""Where a camera stands and looks, from directions to points of known place: resection by bearings and elevations."""
+"""Resection: position and heading of a camera from directions (azimuth and elevation) to points of known position."""
 
 from __future__ import annotations
 
@@ -11,46 +11,58 @@ from salframe.localization.positioner import PoseEstimate, PoseStatus
 from salframe.panoramas.geometry import pose_2d, wrap_angle
 
 MAX_SD_M, MAX_SD_RAD = 1.0, np.radians(10)
-"""A position or heading less certain than this is none."""
+"""Maximum standard deviation of a position and of a heading that are reported."""
 MIN_SD_M = 0.1
-"""Objects seen from two sides are no points: no residual is taken to be smaller than this."""
+"""Lower bound of the standard deviation of a residual: objects are not points, so their visible centres vary."""
 SEPARATE_M, SEPARATE_RAD = 0.5, np.radians(30)
-"""Poses further apart than this are two."""
-_FEW, _ROUNDS = 20, 10
+"""Two poses are different where they are further apart than one of these."""
+_NUM_REFINED, _ROUNDS = 20, 10
+"""Number of hypotheses to refine, and maximum number of Gauss-Newton steps of each."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Rows:
-    """The conditions of M directions on a pose, linear in v = (cos yaw, sin yaw, t), t (2,) the position in the axes of
-    the query.
+    """The conditions of M directions on a pose, linear in v = (cos yaw, sin yaw, t).
 
-    beside (M, 4): beside @ v is how far the point lies beside the vertical plane of the direction, metres; before
-    (M, 4): how far before the camera in that plane; out, up, z_m (M,): cosine and sine of the elevation, the point's
-    height over the camera's.
+    t (2,) is the position in the axes of the query.
+
+    Attributes:
+        lateral: (M, 4); lateral @ v is the distance of each point from the vertical plane of its direction, in metres.
+        forward: (M, 4); forward @ v is the distance of each point in front of the camera within that plane, in metres.
+        cos_elevation: (M,) cosine of the elevation.
+        sin_elevation: (M,) sine of the elevation.
+        z_m: (M,) height of each point above the camera in metres.
     """
 
-    beside: np.ndarray
-    before: np.ndarray
-    out: np.ndarray
-    up: np.ndarray
+    lateral: np.ndarray
+    forward: np.ndarray
+    cos_elevation: np.ndarray
+    sin_elevation: np.ndarray
     z_m: np.ndarray
 
     def distance_m(self, v: np.ndarray) -> np.ndarray:
-        """(..., M) metres between the points and the rays of poses v (..., 4); infinite behind the camera."""
-        before = v @ self.before.T
-        above = self.z_m * self.out - before * self.up
-        in_front = before * self.out + self.z_m * self.up > 0
-        return np.where(in_front, np.hypot(v @ self.beside.T, above), np.inf)
+        """Return the distances (..., M) in metres of the points from the rays of poses v (..., 4).
+
+        The distance of a point behind the camera is infinite.
+        """
+        forward = v @ self.forward.T
+        above = self.z_m * self.cos_elevation - forward * self.sin_elevation
+        in_front = forward * self.cos_elevation + self.z_m * self.sin_elevation > 0
+        return np.where(in_front, np.hypot(v @ self.lateral.T, above), np.inf)
 
 
 def resect(bearing: np.ndarray, reference_m: np.ndarray, tolerance_m: float, ambiguity: float) -> PoseEstimate:
-    """The upright pose, at the height of the reference frame, under which directions meet points.
+    """Estimate an upright pose, at the height of the reference frame, from directions to known points.
 
-    bearing (M, 3) unit vectors in the query frame; reference_m (M, 3) points in the reference frame. A position takes
-    three directions that agree to tolerance_m; two give a heading, where their elevations tell the distances. Poses
-    from every two directions and their elevations, and from every three azimuths, are scored by all directions; the
-    best few are fitted to what they explain by least squares. A runner-up of at least `ambiguity` of the support makes
-    the pose ambiguous.
+    Every two directions with their elevations, and every three azimuths, give a hypothesis. All directions score it.
+    The best hypotheses are refined by least squares on their inliers. A position needs three consistent directions.
+    Two give a heading only, where their elevations determine the distances.
+
+    Args:
+        bearing: (M, 3) unit vectors in the query frame.
+        reference_m: (M, 3) points in the reference frame, in metres.
+        tolerance_m: Maximum distance in metres of a point from the ray of its direction.
+        ambiguity: The pose is ambiguous if a different pose has at least this share of its support.
     """
     count = len(bearing)
     if count < 2:
@@ -59,29 +71,29 @@ def resect(bearing: np.ndarray, reference_m: np.ndarray, tolerance_m: float, amb
     hypotheses = np.concatenate([_from_pairs(rows), _from_triples(rows)])
     squared = (rows.distance_m(hypotheses) / tolerance_m) ** 2
     support = np.maximum(1 - squared, 0).sum(1)
-    few = np.argsort(-support, kind="stable")[:_FEW]
-    few = few[(squared[few] < 1).sum(1) >= 2]
-    if not len(few):
+    top = np.argsort(-support, kind="stable")[:_NUM_REFINED]
+    top = top[(squared[top] < 1).sum(1) >= 2]
+    if not len(top):
         return PoseEstimate(None, PoseStatus.DEGENERATE, None, np.zeros(count, bool))
-    poses = np.array([_fit(rows, hypotheses[i], squared[i] < 1) for i in few])
+    poses = np.array([_fit(rows, hypotheses[i], squared[i] < 1) for i in top])
     support = np.maximum(1 - (rows.distance_m(poses) / tolerance_m) ** 2, 0).sum(1)
     best = int(support.argmax())
-    v, inliers = poses[best], squared[few[best]] < 1
+    v, inliers = poses[best], squared[top[best]] < 1
     for _ in range(5):
-        closer = _inliers(rows, v, tolerance_m)
-        if closer.sum() < 2 or (closer == inliers).all():
+        tighter = _inliers(rows, v, tolerance_m)
+        if tighter.sum() < 2 or (tighter == inliers).all():
             break
-        inliers = closer
+        inliers = tighter
         v = _fit(rows, v, inliers)
     covariance = _covariance(rows, v, inliers)
     x_m, y_m, yaw_rad = _pose(v)
     sd = np.sqrt(np.diag(covariance))
     heading = yaw_rad if sd[2] <= MAX_SD_RAD else None
     others = np.array([_pose(other) for other in poses]).reshape(-1, 3)
-    apart = (np.hypot(*(others[:, :2] - (x_m, y_m)).T) > SEPARATE_M) | (
+    is_different = (np.hypot(*(others[:, :2] - (x_m, y_m)).T) > SEPARATE_M) | (
         np.abs(wrap_angle(others[:, 2] - yaw_rad)) > SEPARATE_RAD
     )
-    runner_up = float(min(support[apart].max(initial=0) / max(support[best], 1e-12), 1))
+    runner_up = float(min(support[is_different].max(initial=0) / max(support[best], 1e-12), 1))
     if runner_up >= ambiguity:
         return PoseEstimate(None, PoseStatus.AMBIGUOUS, None, inliers, runner_up)
     if inliers.sum() < 3:
@@ -93,46 +105,53 @@ def resect(bearing: np.ndarray, reference_m: np.ndarray, tolerance_m: float, amb
 
 def _conditions(bearing: np.ndarray, reference_m: np.ndarray) -> _Rows:
     x, y, z = np.asarray(reference_m, float).T
-    out = np.hypot(bearing[:, 0], bearing[:, 1])
-    c, s = (np.divide(bearing[:, axis], out, out=np.ones(len(out)) * (axis == 0), where=out > 0) for axis in (0, 1))
+    cos_elevation = np.hypot(bearing[:, 0], bearing[:, 1])
+    c, s = (
+        np.divide(
+            bearing[:, axis], cos_elevation, out=np.ones(len(cos_elevation)) * (axis == 0), where=cos_elevation > 0
+        )
+        for axis in (0, 1)
+    )
     return _Rows(
         np.stack([c * y - s * x, -c * x - s * y, s, -c], 1),
         np.stack([c * x + s * y, c * y - s * x, -c, -s], 1),
-        out,
+        cos_elevation,
         bearing[:, 2],
         z,
     )
 
 
 def _from_pairs(rows: _Rows) -> np.ndarray:
-    """(H, 4) poses from every two directions whose elevations tell distances."""
+    """Return poses (H, 4) from every two directions whose elevations determine the distances."""
     pair = np.array(list(combinations(range(len(rows.z_m)), 2)))
-    matrix = np.concatenate([rows.beside[pair], rows.up[pair, None] * rows.before[pair]], 1)
-    heights = (rows.z_m * rows.out)[pair]
-    solvable = np.linalg.cond(matrix) < 1e4  # no pair of level directions
+    matrix = np.concatenate([rows.lateral[pair], rows.sin_elevation[pair, None] * rows.forward[pair]], 1)
+    heights = (rows.z_m * rows.cos_elevation)[pair]
+    solvable = np.linalg.cond(matrix) < 1e4  # leaves out pairs of horizontal directions
     right = np.concatenate([np.zeros_like(heights), heights], 1)[solvable]
     return _normal(np.linalg.solve(matrix[solvable], right[..., None])[..., 0])
 
 
 def _from_triples(rows: _Rows) -> np.ndarray:
-    """(H, 4) poses from every three azimuths, elevations aside: the null space of their conditions, turned so that the
-    points lie in front."""
+    """Return poses (H, 4) from every three azimuths, without elevations.
+
+    A pose is the null space of their conditions, with the sign that puts the points in front of the camera.
+    """
     triple = np.array(list(combinations(range(len(rows.z_m)), 3)), int).reshape(-1, 3)
-    _, size, right = np.linalg.svd(rows.beside[triple])
-    told = size[:, 2] > 1e-4 * size[:, 0]  # points on a circle with the camera look alike from all of that circle
-    v = right[told, 3]
-    before = np.einsum("hij,hj->hi", rows.before[triple[told]], v)
-    return _normal(v * np.where(before.sum(1) < 0, -1, 1)[:, None])
+    _, singular, right = np.linalg.svd(rows.lateral[triple])
+    is_determined = singular[:, 2] > 1e-4 * singular[:, 0]  # fails where points and camera lie on one circle
+    v = right[is_determined, 3]
+    forward = np.einsum("hij,hj->hi", rows.forward[triple[is_determined]], v)
+    return _normal(v * np.where(forward.sum(1) < 0, -1, 1)[:, None])
 
 
 def _normal(v: np.ndarray) -> np.ndarray:
-    """Poses (H, 4) whose cosine and sine are those of an angle, those without left out."""
-    size = np.hypot(v[:, 0], v[:, 1])
-    return v[size > 1e-6] / size[size > 1e-6, None]
+    """Return poses (H, 4) scaled so that cos^2 + sin^2 = 1; poses where both are 0 are left out."""
+    norm = np.hypot(v[:, 0], v[:, 1])
+    return v[norm > 1e-6] / norm[norm > 1e-6, None]
 
 
 def _fit(rows: _Rows, v: np.ndarray, inliers: np.ndarray) -> np.ndarray:
-    """The pose (4,) of least squared distances to the inliers' rays, by Gauss-Newton from v."""
+    """Return the pose (4,) that minimises the squared distances to the inliers' rays, by Gauss-Newton from v."""
     for _ in range(_ROUNDS):
         residual, jacobian = _linearised(rows, v, inliers)
         step = np.linalg.lstsq(jacobian, -residual, rcond=1e-9)[0]
@@ -144,35 +163,38 @@ def _fit(rows: _Rows, v: np.ndarray, inliers: np.ndarray) -> np.ndarray:
 
 
 def _linearised(rows: _Rows, v: np.ndarray, inliers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Residuals (2 M,) in metres, beside and above the rays, and their derivatives (2 M, 3) by yaw and t."""
-    matrix = np.concatenate([rows.beside, -rows.up[:, None] * rows.before])[np.tile(inliers, 2)]
-    constant = np.concatenate([np.zeros(len(rows.z_m)), rows.z_m * rows.out])[np.tile(inliers, 2)]
+    """Return the residuals (2 M,) in metres beside and above the rays, and their derivatives (2 M, 3) by yaw and t."""
+    matrix = np.concatenate([rows.lateral, -rows.sin_elevation[:, None] * rows.forward])[np.tile(inliers, 2)]
+    constant = np.concatenate([np.zeros(len(rows.z_m)), rows.z_m * rows.cos_elevation])[np.tile(inliers, 2)]
     by_yaw = -matrix[:, 0] * v[1] + matrix[:, 1] * v[0]
     return matrix @ v + constant, np.column_stack([by_yaw, matrix[:, 2:]])
 
 
 def _inliers(rows: _Rows, v: np.ndarray, tolerance_m: float) -> np.ndarray:
-    """(M,) bool: within the tolerance, or 2.5 standard deviations of the residuals by their median, whichever is
-    tighter."""
+    """Return which directions (M,) are inliers.
+
+    The threshold is the smaller of the tolerance and 2.5 standard deviations of the residuals, estimated from their
+    median.
+    """
     distance = rows.distance_m(v)
-    near = distance < tolerance_m
-    scale = 1.4826 * np.median(distance[near]) if near.any() else 0.0
+    is_near = distance < tolerance_m
+    scale = 1.4826 * np.median(distance[is_near]) if is_near.any() else 0.0
     return distance < np.clip(2.5 * scale, 0.1, tolerance_m)
 
 
 def _pose(v: np.ndarray) -> tuple[float, float, float]:
-    """x_m, y_m and yaw_rad of v."""
+    """Return x_m, y_m and yaw_rad of v."""
     c, s, along, across = v
     return float(c * along - s * across), float(s * along + c * across), float(np.arctan2(s, c))
 
 
 def _covariance(rows: _Rows, v: np.ndarray, inliers: np.ndarray) -> np.ndarray:
-    """Covariance (3, 3) of (x_m, y_m, yaw_rad), first order; what nothing determines is uncertain without bound."""
+    """Return the first-order covariance (3, 3) of (x_m, y_m, yaw_rad), very large where it is not constrained."""
     residual, jacobian = _linearised(rows, v, inliers)
     freedom = max(len(residual) - 3, 1)
     variance = max(float(residual @ residual) / freedom, MIN_SD_M**2)
-    # A prior of a kilometre keeps the matrix regular.
-    own = variance * np.linalg.inv(jacobian.T @ jacobian + 1e-6 * variance * np.eye(3))
+    # A prior with a standard deviation of one kilometre keeps the matrix regular.
+    covariance = variance * np.linalg.inv(jacobian.T @ jacobian + 1e-6 * variance * np.eye(3))
     (c, s), (x_m, y_m, _) = v[:2], _pose(v)
-    change = np.array([[-y_m, c, -s], [x_m, s, c], [1, 0, 0]])
-    return change @ own @ change.T
+    jacobian_of_pose = np.array([[-y_m, c, -s], [x_m, s, c], [1, 0, 0]])
+    return jacobian_of_pose @ covariance @ jacobian_of_pose.T

@@ -15,24 +15,25 @@ from salframe.graphs.saliency import SaliencyModel
 
 
 class VolumetricSaliency(SaliencyModel):
-    """Share of the volume of all objects: S_b = V_b / sum(V), V_b the convex hull's; 0 where it is not known.
+    """Saliency is an object's share of the volume of all objects: S_b = V_b / sum(V), with V_b of the convex hull.
 
-    Where no volume is known, as without range, the share of solid angle; where that is not known either, equal shares.
+    An object of unknown volume has saliency 0. Where no volume is known, as without range, saliency is the share of
+    solid angle. Where no solid angle is known either, all objects have equal saliency.
     """
 
     name = "volumetric"
     version = "1"
 
     def score(self, detections: Detections) -> np.ndarray:
-        for part in (object_volumes_m3(detections), detections.solid_angle_sr):
-            known = np.nan_to_num(part)
-            if known.any():
-                return known / known.sum()
+        for measure in (object_volumes_m3(detections), detections.solid_angle_sr):
+            values = np.nan_to_num(measure)
+            if values.any():
+                return values / values.sum()
         return np.full(len(detections), 1 / max(len(detections), 1))
 
 
 class UniformSaliency(SaliencyModel):
-    """Equal shares: the control in which no object stands out."""
+    """Equal saliency of all objects, a control without salient objects."""
 
     name = "uniform"
     version = "1"
@@ -42,13 +43,13 @@ class UniformSaliency(SaliencyModel):
 
 
 class RandomSaliency(SaliencyModel):
-    """Shares drawn by lot: the control in which what stands out means nothing. One panorama gets the same twice."""
+    """Random saliency, a control without information. The same panorama always gets the same values."""
 
     name = "random"
     version = "1"
 
     class Config(ComponentConfig):
-        seed: int = Field(0, ge=0, description="seed of the draw")
+        seed: int = Field(0, ge=0, description="seed of the random saliency")
 
     def score(self, detections: Detections) -> np.ndarray:
         height = np.where(
@@ -57,13 +58,18 @@ class RandomSaliency(SaliencyModel):
         labels = np.array(detections.labels, np.str_)
         rng = np.random.default_rng((self.config.seed, zlib.crc32("\n".join(sorted(detections.labels)).encode())))
         share = np.empty(len(detections))
-        share[np.lexsort((height, labels))] = rng.exponential(size=len(detections))  # neither order nor turn matters
+        share[np.lexsort((height, labels))] = rng.exponential(
+            size=len(detections)
+        )  # independent of the order of objects and the heading
         return share / share.sum() if len(share) else share
 
 
 def object_volumes_m3(detections: Detections) -> np.ndarray:
-    """(N,) float64 m^3: the convex hull of an object's points; the upright box where they are flat or too few, or where
-    only boxes are known; NaN where the size is not known."""
+    """Return the volume of each detection, (N,) float64 in m^3.
+
+    It is the volume of the convex hull of an object's points. Where the points are coplanar, fewer than four or not
+    known, it is the volume of the upright box. It is NaN where the size is not known.
+    """
     from scipy.spatial import ConvexHull, QhullError
 
     volume = detections.size_m.prod(1)
@@ -71,6 +77,6 @@ def object_volumes_m3(detections: Detections) -> np.ndarray:
         if len(points) >= 4 and detections.size_m[i].min() > MIN_SIDE_M:
             try:
                 volume[i] = ConvexHull(points).volume
-            except QhullError:  # coplanar, but not along a side of the box
+            except QhullError:  # coplanar, but not parallel to a side of the box
                 continue
     return volume

@@ -1,4 +1,4 @@
-"""The matcher `triplet`: the paper's weighted triplets, and the forms of it that ablations compare with."""
+"""The matcher `triplet`: weighted triplets as in the paper, with options for ablations."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from salframe_graphs.node_pairs import shared_weight
 
 
 class TripletMatcher(NodeMatcher):
-    """Candidates by their labels, one-to-one node alignment, and the edges that both graphs have between aligned nodes.
+    """Aligns nodes one-to-one and scores the edges that both graphs have between aligned nodes, as in the paper.
 
-    This is the paper's triplet matching, with its options. There is no geometric verification: the positioner finds the
-    pose from the aligned nodes.
+    Candidates are selected by their labels. There is no geometric verification: the positioner estimates the pose from
+    the aligned nodes.
     """
 
     name = "triplet"
@@ -30,20 +30,25 @@ class TripletMatcher(NodeMatcher):
 
     class Config(NodeMatcherConfig):
         labels: Literal["set", "multiset"] = Field(
-            "multiset", description="Jaccard index over which labels are there, or how many of each"
+            "multiset", description="Jaccard index of candidates: of the sets of labels, or of their counts (multiset)"
         )
-        structure: Literal["rings", "node2vec"] = Field("rings", description="structural feature of a node")
+        structure: Literal["rings", "node2vec"] = Field(
+            "rings", description="structural feature of a node: label counts in rings and hops, or a node2vec embedding"
+        )
         saliency_weight: float = Field(
-            0.0, ge=0, description="weight of the saliency ratio in node similarity (label: 1)"
+            0.0, ge=0, description="weight of the saliency ratio in node similarity (weight of the label: 1)"
         )
-        normalise: bool = Field(True, description="divide the triplet score by the query's edge mass (paper: raw sum)")
+        normalise: bool = Field(
+            True, description="divide the triplet score by the sum of the query's edge weights (paper: off)"
+        )
         edge_weights: Literal["saliency", "unit"] = Field(
-            "saliency", description="what a triplet counts: sqrt(S_a S_b), or 1 (an unweighted graph)"
+            "saliency",
+            description="weight of a triplet: sqrt(S_a S_b) from the saliencies of its nodes, or 1 (unweighted graph)",
         )
         similarity_score: float = Field(
-            0.0, ge=0, description="weight in the score, beside the triplets, of the Jaccard index over similar nodes"
+            0.0, ge=0, description="weight of the Jaccard index over similar nodes in the score (weight of triplets: 1)"
         )
-        seed: int = Field(0, ge=0, description="seed of node2vec")
+        seed: int = Field(0, ge=0, description="seed of the node2vec training")
 
     @classmethod
     def check(cls, config: Any) -> None:
@@ -53,16 +58,14 @@ class TripletMatcher(NodeMatcher):
 
     @property
     def _has_rings(self) -> bool:
-        return self.config.structure == "rings" and super()._has_rings  # node2vec is trained with the query
+        return self.config.structure == "rings" and super()._has_rings  # node2vec depends on the query
 
     def match(self, query: SaliencyGraph, index: GraphIndex, top_k: int) -> list[GraphMatch]:
         candidates = self._candidates(query, index)
         if candidates is None:
             return []
         value = self._similarity(candidates, index)
-        pairs, similar = candidates.pairs.min_candidate_ratio(
-            (value > 0) & (value >= self.config.min_similarity), value
-        )
+        pairs, similar = candidates.pairs.select((value > 0) & (value >= self.config.min_similarity), value)
         aligned = align(pairs, candidates.nodes.segments.start[:-1], similar, np.zeros(len(pairs)))
         graphs = [index.graphs[number] for number in candidates.graphs.tolist()]
         score = np.array([self._triplets(query, graph, nodes) for graph, nodes in zip(graphs, aligned, strict=True)])
@@ -77,17 +80,17 @@ class TripletMatcher(NodeMatcher):
     ) -> np.ndarray:
         if self.config.labels == "multiset":
             return super()._label_jaccard(graph, query, nodes, rarity)
-        lacking = len(set(graph.labels)) - len(np.unique(query.label[query.label >= 0]))
+        num_unknown = len(set(graph.labels)) - len(np.unique(query.label[query.label >= 0]))
         has_label = np.zeros((len(nodes.count), len(rarity)), bool)
         has_label[nodes.graph, nodes.label] = True
-        wanted = np.zeros(len(rarity), bool)
-        wanted[query.label[query.label >= 0]] = True
-        shared = (has_label & wanted) @ rarity
-        union = has_label @ rarity + wanted @ rarity + lacking * rarity[-1] - shared
+        in_query = np.zeros(len(rarity), bool)
+        in_query[query.label[query.label >= 0]] = True
+        shared = (has_label & in_query) @ rarity
+        union = has_label @ rarity + in_query @ rarity + num_unknown * rarity[-1] - shared
         return np.divide(shared, union, out=np.zeros(len(shared)), where=union > 0)
 
     def _similarity(self, candidates: Candidates, index: GraphIndex) -> np.ndarray:
-        """(P,) similarity of each pair of nodes: label, saliency ratio and structure, then height and size."""
+        """Return the similarity (P,) of each node pair, from label, saliency ratio, structure, height and size."""
         if candidates.graph.bearings_only:
             return np.ones(len(candidates.pairs))
         saliency_weight, structure_weight = self.config.saliency_weight, self.config.structure_weight
@@ -100,7 +103,7 @@ class TripletMatcher(NodeMatcher):
         return value / (1 + saliency_weight + structure_weight) * self._attribute_similarity(candidates)
 
     def _structure_products(self, candidates: Candidates, index: GraphIndex) -> np.ndarray:
-        """(P,) how alike the surroundings of each pair of nodes are."""
+        """Return the similarity (P,) of the structural features of each node pair."""
         if self._has_rings:
             return self._ring_products(candidates, index)
         graphs = [index.graphs[number] for number in candidates.graphs.tolist()]
@@ -109,8 +112,11 @@ class TripletMatcher(NodeMatcher):
         return np.maximum((query[candidates.pairs.query] * map_nodes[candidates.pairs.node]).sum(1), 0)
 
     def _triplets(self, query: SaliencyGraph, reference: SaliencyGraph, nodes: np.ndarray) -> float:
-        """I = sum(W o M) over edges present in both graphs between aligned nodes (paper, triplet matching); the
-        saliency of the aligned nodes where the query has no edge."""
+        """Return the triplet score, I = sum(W o M) over the edges that both graphs have between aligned nodes (paper,
+        triplet matching).
+
+        Where the query has no edge, it is the sum of the saliency of the aligned nodes.
+        """
         if not len(query.edges):
             return float(query.saliency[nodes[:, 0]].sum())
         a, b = np.triu_indices(len(nodes), 1)

@@ -11,18 +11,21 @@ from salframe.panoramas.geometry import as_complex, poses_2d
 from salframe_graphs.node_pairs import NodePairs
 
 MAX_HYPOTHESES = 120
-"""Maximum number of hypotheses, made of two pairs of nodes, in each candidate."""
+"""Maximum number of hypotheses for each candidate. A hypothesis consists of two node pairs."""
 MIN_BASE_M, MAX_BASE_M, BASE_WORTH = 0.3, 4.0, 0.1
-"""Distance below which two nodes do not tell a heading, the distance above which more does not help, and the value of a
-metre beside the similarity of the pairs."""
+"""Minimum distance of two nodes that give a heading (m), the distance up to which a longer base is preferred (m), and
+the value of a metre of base relative to the similarity of the pairs."""
 
 
 @dataclass(frozen=True, eq=False)
 class VerifiedPoses:
-    """The best pose of each of K candidates and what it explains.
+    """The best pose of each of K candidates, and the node pairs that it explains.
 
-    yaw_rad: (K,), shift_m: (K, 2), from the query's frame to the reference frame, NaN where there is none. kernel: (P,) for
-    each node pair, 1 if both coincide under its candidate's pose, down to 0 at the tolerance.
+    Attributes:
+        yaw_rad: (K,) yaw of the query frame in the reference frame, NaN where there is no pose.
+        shift_m: (K, 2) position of the query frame in the reference frame, NaN where there is no pose.
+        kernel: (P,) for each node pair, 1 where both nodes coincide under the pose of the candidate, falling to 0 at
+            the tolerance.
     """
 
     yaw_rad: np.ndarray
@@ -31,11 +34,11 @@ class VerifiedPoses:
 
     @classmethod
     def none(cls, pairs: NodePairs) -> VerifiedPoses:
-        """Return no pose for any candidate, to be filled in."""
+        """Return an instance without a pose for any candidate."""
         return cls(np.full(pairs.num_graphs, np.nan), np.full((pairs.num_graphs, 2), np.nan), np.zeros(len(pairs)))
 
     def poses(self, candidates: np.ndarray) -> np.ndarray:
-        """Return the best pose of candidates (T,), query frame to reference frame, (T, 4, 4); NaN where there is none."""
+        """Return the best poses (T, 4, 4), query frame to reference frame, of candidates (T,); NaN without a pose."""
         poses = poses_2d(self.shift_m[candidates], self.yaw_rad[candidates])
         poses[np.isnan(self.yaw_rad[candidates])] = np.nan
         return poses
@@ -43,10 +46,13 @@ class VerifiedPoses:
 
 @dataclass(frozen=True, eq=False)
 class ScaleBound:
-    """All ranges of a query may be off by one factor, which is estimated.
+    """Bounds of the scale that corrects all ranges of a query.
 
-    max_error: b; the factor that corrects them lies in [1 - b, 1 + b]. query_z: (n,), map_z: (N,), heights over the
-    camera, which a factor changes. height_scale_m: the difference that halves similarity, or None.
+    Attributes:
+        max_error: The scale lies in [1 - max_error, 1 + max_error].
+        query_z: (n,) heights of the query's nodes above the camera (m), which change with the scale.
+        map_z: (N,) heights of the map's nodes above the camera (m).
+        height_scale_m: Difference in height that halves similarity; None where heights are ignored.
     """
 
     max_error: float
@@ -55,15 +61,15 @@ class ScaleBound:
     height_scale_m: float | None
 
     def clip(self, scale):
-        """Return factors brought within the bound."""
+        """Return scales clipped to the bounds."""
         return np.clip(scale, 1 - self.max_error, 1 + self.max_error)
 
     def height_similarity(self, scale: np.ndarray, i: np.ndarray, node: np.ndarray) -> np.ndarray | float:
-        """Return the similarity of the heights of query nodes i under factors and of map nodes, all (E,)."""
+        """Return the similarity of the heights of query nodes i, multiplied by scales, and of map nodes, all (E,)."""
         if self.height_scale_m is None:
             return 1.0
-        apart = scale * self.query_z[i] - self.map_z[node]
-        return (1 / (1 + (apart / self.height_scale_m) ** 2)).astype(np.float32)
+        difference_m = scale * self.query_z[i] - self.map_z[node]
+        return (1 / (1 + (difference_m / self.height_scale_m) ** 2)).astype(np.float32)
 
 
 def verify(
@@ -76,20 +82,21 @@ def verify(
     max_shift_m: float,
     scale_bound: ScaleBound | None = None,
 ) -> VerifiedPoses:
-    """Find the pose of each candidate that explains most, among two-point hypotheses from similar nodes.
+    """Find the pose of each candidate with the largest support, among two-point hypotheses from similar nodes.
 
-    Each hypothesis is scored by all similar nodes; in each candidate at most MAX_HYPOTHESES with the most similar pairs
-    are tried.
+    All similar nodes score a hypothesis. For each candidate the MAX_HYPOTHESES hypotheses with the most similar pairs
+    are evaluated.
 
     Args:
-        query_xy: (n, 2) metres.
-        map_xy: (N, 2) metres, each in its reference frame.
-        pairs: the node pairs that may be the same.
-        similarity: (P,) of each pair, over 0.
-        tolerance_m: (P,) distance at which the two cannot be the same.
-        weights: (n,) of the query's nodes.
-        max_shift_m: a pose further from the reference frame than this is discarded.
-        scale_bound: if given, each hypothesis has a scale, the ratio of its two lengths within the bound.
+        query_xy: (n, 2) positions of the query's nodes in metres.
+        map_xy: (N, 2) positions of the map's nodes in metres, each in its reference frame.
+        pairs: The node pairs that may be the same object, P together.
+        similarity: (P,) similarity of each pair, above 0.
+        tolerance_m: (P,) maximum distance in metres between the two nodes of the same object.
+        weights: (n,) weights of the query's nodes.
+        max_shift_m: Maximum distance in metres of a pose from the reference frame.
+        scale_bound: Bounds of the query's scale, which each hypothesis then has: the ratio of its two lengths. None
+            where ranges are metric.
     """
     result = VerifiedPoses.none(pairs)
     i, node = pairs.query, pairs.node
@@ -97,32 +104,32 @@ def verify(
     is_base = (i[first] != i[second]) & (node[first] != node[second])
     first, second = first[is_base], second[is_base]
     i1, i2, j1, j2 = i[first], i[second], node[first], node[second]
-    query, there = as_complex(query_xy), as_complex(map_xy)
-    query_edge, map_edge = query[i2] - query[i1], there[j2] - there[j1]
+    query, map_position = as_complex(query_xy), as_complex(map_xy)
+    query_edge, map_edge = query[i2] - query[i1], map_position[j2] - map_position[j1]
     query_length, map_length = np.abs(query_edge), np.abs(map_edge)
     scale = np.ones(len(first))
     if scale_bound is not None:
         scale = scale_bound.clip(map_length / np.maximum(query_length, 1e-9))
     fits = np.abs(scale * query_length - map_length) < tolerance_m[first] + tolerance_m[second]
     fits &= np.minimum(query_length, map_length) > MIN_BASE_M
-    worth = BASE_WORTH * np.minimum(query_length, MAX_BASE_M)
-    rank = np.where(fits, similarity[first] + similarity[second] + worth, -np.inf)
-    chosen = top_per_group(rank, pairs.graph[first], MAX_HYPOTHESES)
-    i1, i2, j1, j2, scale, graph = (a[chosen] for a in (i1, i2, j1, j2, scale, pairs.graph[first]))
-    turn = map_edge[chosen] * query_edge[chosen].conj()
+    base_value = BASE_WORTH * np.minimum(query_length, MAX_BASE_M)
+    rank = np.where(fits, similarity[first] + similarity[second] + base_value, -np.inf)
+    rows = top_per_group(rank, pairs.graph[first], MAX_HYPOTHESES)
+    i1, i2, j1, j2, scale, graph = (a[rows] for a in (i1, i2, j1, j2, scale, pairs.graph[first]))
+    turn = map_edge[rows] * query_edge[rows].conj()
     turn *= scale / np.abs(turn)
-    shift = (there[j1] + there[j2]) / 2 - turn * (query[i1] + query[i2]) / 2
-    near = np.flatnonzero(np.abs(shift) < max_shift_m)
-    if not len(near):
+    shift = (map_position[j1] + map_position[j2]) / 2 - turn * (query[i1] + query[i2]) / 2
+    valid = np.flatnonzero(np.abs(shift) < max_shift_m)
+    if not len(valid):
         return result
-    graph, turn, shift, scale = (a[near] for a in (graph, turn, shift, scale))
-    # Single precision, and each hypothesis with the pairs of its own candidate: much of a query's time is spent here.
+    graph, turn, shift, scale = (a[valid] for a in (graph, turn, shift, scale))
+    # Single precision, and only the pairs of the hypothesis's candidate, because this takes much of a query's time.
     count = pairs.segments.count[graph]
     pair, hypothesis = ranges(pairs.segments.start[graph], count), np.arange(len(graph)).repeat(count)
-    moved = (turn[:, None] * query + shift[:, None]).astype(np.complex64)
+    moved_query = (turn[:, None] * query + shift[:, None]).astype(np.complex64)
     row = hypothesis * len(query) + i.take(pair)
-    off = moved.ravel().take(row) - there.astype(np.complex64)[node].take(pair)
-    x, y = off.real, off.imag
+    offset = moved_query.ravel().take(row) - map_position.astype(np.complex64)[node].take(pair)
+    x, y = offset.real, offset.imag
     sharpness = (1 / tolerance_m**2).astype(np.float32)
     kernel = np.maximum(1 - (x * x + y * y) * sharpness.take(pair), 0) * similarity.astype(np.float32).take(pair)
     if scale_bound is not None:

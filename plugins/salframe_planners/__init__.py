@@ -1,4 +1,4 @@
-"""Planners: shortest routes on the topological map."""
+"""Planners that compute shortest routes on a topological map."""
 
 import salframe
 from salframe_planners.planners import Dijkstra, FloydWarshall

@@ -1,4 +1,4 @@
-"""Shortest routes by scipy's graph algorithms (docs/how-to/maps.md#what-the-map-is-made-of)."""
+"""Shortest routes with the graph algorithms of SciPy (docs/how-to/maps.md#what-the-map-is-made-of)."""
 
 from __future__ import annotations
 
@@ -16,12 +16,15 @@ from salframe.topology.topological_map import MapEdge, TopologicalMap
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
-_NO_NODE = -9999  # scipy's predecessor of the start and of what cannot be reached
+_NO_NODE = -9999
+"""Predecessor that SciPy returns for the start and for unreachable nodes."""
 
 
 class _GraphPlanner(Planner):
-    """Nodes numbered, the shortest edge of each pair as a sparse matrix, and routes read off the nodes before each
-    node."""
+    """Base of planners that compute the predecessors of all nodes on shortest routes.
+
+    Of several edges between two nodes only the shortest is used.
+    """
 
     def prepare(self, map: TopologicalMap) -> None:
         from scipy.sparse import coo_matrix
@@ -35,59 +38,63 @@ class _GraphPlanner(Planner):
                 self._edges[start, end], self._edges[end, start] = edge, edge.reversed()
         ends = np.array(list(self._edges), int).reshape(-1, 2)
         length_m = np.array([edge.length_m for edge in self._edges.values()])
-        self._take(coo_matrix((length_m, tuple(ends.T)), (len(self._names),) * 2).tocsr())
+        self._set_lengths(coo_matrix((length_m, tuple(ends.T)), (len(self._names),) * 2).tocsr())
 
     def route(self, start: str, goal: str) -> Route:
-        """The shortest route. Raises NoRoute where none leads to the goal, UnknownName on a node that the map does not
-        have."""
+        """Return the shortest route.
+
+        Raises:
+            NoRoute: No route leads to the goal.
+            UnknownName: The map has no such node.
+        """
         for name in (start, goal):
             if name not in self._number:
                 raise UnknownName(unknown("node", name, self._names))
         first, last = self._number[start], self._number[goal]
-        before = self._before(first)
-        walked = [last]
-        while walked[-1] != first:
-            walked.append(before[walked[-1]])
-            if walked[-1] == _NO_NODE:
+        predecessors = self._predecessors(first)
+        path = [last]
+        while path[-1] != first:
+            path.append(predecessors[path[-1]])
+            if path[-1] == _NO_NODE:
                 raise NoRoute(f"no route from {start} to {goal}: they lie in parts of the map that no edge joins")
-        walked.reverse()
-        legs = tuple(self._edges[pair] for pair in pairwise(walked))
-        return Route(tuple(self._names[number] for number in walked), legs, math.fsum(leg.length_m for leg in legs))
+        path.reverse()
+        legs = tuple(self._edges[pair] for pair in pairwise(path))
+        return Route(tuple(self._names[number] for number in path), legs, math.fsum(leg.length_m for leg in legs))
 
     @abstractmethod
-    def _take(self, lengths_m: csr_matrix) -> None:
-        """Take the (N, N) sparse matrix of edge lengths in."""
+    def _set_lengths(self, lengths_m: csr_matrix) -> None:
+        """Store or process the sparse matrix (N, N) of edge lengths in metres."""
 
     @abstractmethod
-    def _before(self, start: int) -> list[int]:
-        """The node before each of the N nodes on the shortest route from `start`."""
+    def _predecessors(self, start: int) -> list[int]:
+        """Return the predecessor of each of the N nodes on its shortest route from `start`."""
 
 
 class FloydWarshall(_GraphPlanner):
-    """Shortest routes between all nodes at once by Floyd and Warshall, as in the paper."""
+    """Computes the shortest routes between all nodes in advance by the Floyd-Warshall algorithm, as in the paper."""
 
     name = "floyd-warshall"
     version = "1"
 
-    def _take(self, lengths_m: csr_matrix) -> None:
+    def _set_lengths(self, lengths_m: csr_matrix) -> None:
         from scipy.sparse.csgraph import floyd_warshall
 
-        self._all_before = floyd_warshall(lengths_m, return_predecessors=True)[1].tolist()
+        self._all_predecessors = floyd_warshall(lengths_m, return_predecessors=True)[1].tolist()
 
-    def _before(self, start: int) -> list[int]:
-        return self._all_before[start]
+    def _predecessors(self, start: int) -> list[int]:
+        return self._all_predecessors[start]
 
 
 class Dijkstra(_GraphPlanner):
-    """Shortest routes by Dijkstra, from one start when it is asked for: for large, sparse maps."""
+    """Computes the shortest routes from the start of each requested route by Dijkstra's algorithm, for large maps."""
 
     name = "dijkstra"
     version = "1"
 
-    def _take(self, lengths_m: csr_matrix) -> None:
+    def _set_lengths(self, lengths_m: csr_matrix) -> None:
         self._lengths_m = lengths_m
 
-    def _before(self, start: int) -> list[int]:
+    def _predecessors(self, start: int) -> list[int]:
         from scipy.sparse.csgraph import dijkstra
 
         return dijkstra(self._lengths_m, indices=start, return_predecessors=True)[1].tolist()

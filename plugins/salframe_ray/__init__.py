@@ -1,4 +1,4 @@
-"""The engine `ray`: workers on all machines of a Ray cluster, or on this one."""
+"""The engine `ray`: worker processes on the machines of a Ray cluster, or on this machine."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ QUIET = {
     "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",
     "RAY_DEDUP_LOGS_SKIP_REGEX": "^A worker died or was killed",
 }
-"""Ray tells nobody that it is used, warns of no change to come in workers without a GPU, and does not print on stdout
-that a worker died, which its item's answer says. It reads these when it is imported."""
+"""Environment variables that Ray reads when it is imported. They disable usage statistics, a warning about a future
+change for workers without a GPU, and the line on stdout about a dead worker, which the answer of the item reports."""
 
 
 class Ray(WorkerEngine):
-    """On the machines of a Ray cluster, or on this one alone; a worker has one processor, also where it is alone."""
+    """Runs items on the machines of a Ray cluster, or on this machine only. Each worker has one processor."""
 
     name = "ray"
     version = "1"
@@ -40,13 +40,17 @@ class Ray(WorkerEngine):
     class Config(WorkerEngine.Config):
         address: str | None = Field(
             None,
-            description="HOST:PORT of a cluster that runs, or auto for the one of this machine; null: one of this "
-            "machine alone, for as long as the command takes",
+            description="HOST:PORT of a running cluster, or auto for the cluster of this machine; null: start a "
+            "cluster on this machine for the duration of the command",
         )
 
     def ready(self) -> int:
-        """Connect to the cluster; how many work at a time. Raises ConfigError where it has fewer processors,
-        RequirementMissing where there is none at the address."""
+        """Connect to the cluster and return the number of workers.
+
+        Raises:
+            ConfigError: The cluster has fewer processors than the requested number of workers.
+            RequirementMissing: There is no cluster at the address.
+        """
         os.environ.update(QUIET)
         import ray
 
@@ -54,7 +58,9 @@ class Ray(WorkerEngine):
             self._connect()
         processors = int(ray.cluster_resources().get("CPU", 0))
         if (self.workers or 1) > processors:
-            raise ConfigError(f"received engine.workers={self.workers}, expected at most {processors}, the processors")
+            raise ConfigError(
+                f"received engine.workers={self.workers}, expected at most {processors}, the processors of the cluster"
+            )
         return self.workers or processors
 
     def start(self, alone: bool) -> WorkerProcess:
@@ -63,21 +69,24 @@ class Ray(WorkerEngine):
     def _connect(self) -> None:
         import ray
 
-        quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.ERROR}
+        log_options: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.ERROR}
         processors = max(self.workers or 1, cpu_count())
-        own: dict[str, Any] = {} if self.config.address else {"include_dashboard": False, "num_cpus": processors}
-        # Workers have the directory that this is called in on their path: a checkout there would shadow salframe.
+        local_options: dict[str, Any] = (
+            {} if self.config.address else {"include_dashboard": False, "num_cpus": processors}
+        )
+        # Ray adds the current directory to the path of its workers; a checkout of salframe there would be imported.
         with TemporaryDirectory() as empty, chdir(empty):
             try:
-                ray.init(self.config.address or "local", **quiet, **own)
+                ray.init(self.config.address or "local", **log_options, **local_options)
             except (ConnectionError, RuntimeError, ValueError, ray.exceptions.RayError) as error:
                 raise RequirementMissing(f"no Ray cluster at {self.config.address}: {describe_error(error)}") from None
 
 
 class _Worker:
-    """What runs in a worker; `directory`: where it works, as far as its machine has that."""
+    """The actor that runs in a worker process."""
 
     def __init__(self, directory: str) -> None:
+        """Prepare the process. directory: current directory of the worker, if its machine has it."""
         become_worker()
         with suppress(OSError):
             os.chdir(directory)
@@ -85,20 +94,20 @@ class _Worker:
     def answer(self, function: Callable[[Any], Any], item: Any) -> Any:
         try:
             return work(function, item)
-        except BaseException as error:  # SystemExit too: it is the item's, not ours
+        except BaseException as error:  # includes SystemExit, which concerns the item only
             return error
 
 
 class _Remote(WorkerProcess):
-    """A worker somewhere in the cluster, with the environment variables of salframe."""
+    """A worker process in the cluster, with the environment variables of salframe."""
 
     def __init__(self) -> None:
         import ray
 
-        own = {key: value for key, value in os.environ.items() if key.startswith("SALFRAME_")}
-        known = {**own, "SALFRAME_CACHE": str(cache_home().absolute()), **ONE_THREAD}
-        made: Any = ray.remote(num_cpus=1, runtime_env={"env_vars": known})(_Worker)
-        self._worker = made.remote(str(Path.cwd()))
+        settings = {key: value for key, value in os.environ.items() if key.startswith("SALFRAME_")}
+        env_vars = {**settings, "SALFRAME_CACHE": str(cache_home().absolute()), **ONE_THREAD}
+        actor_class: Any = ray.remote(num_cpus=1, runtime_env={"env_vars": env_vars})(_Worker)
+        self._worker = actor_class.remote(str(Path.cwd()))
 
     def answer(self, function: Callable[[Any], Any], item: Any) -> Any:
         import ray
@@ -107,7 +116,7 @@ class _Remote(WorkerProcess):
             return ray.get(self._worker.answer.remote(function, item))
         except ray.exceptions.RayActorError:
             return WorkerDied()
-        except BaseException as error:  # what cannot be pickled
+        except BaseException as error:  # an answer or error that cannot be pickled
             return error
 
     def stop(self) -> None:

@@ -71,7 +71,7 @@ def test_a_build_tells_the_note(tmp_path, monkeypatch, without_numba):
     lines = []
     settings = ["data.rgb=false", "data.height=64", "detector.kind=annotations"]
     build_map("house-6", tmp_path / "map", "saliency-graph", overrides=settings, tell=lines.append)
-    note = "the map has over 3 panoramas: for faster queries pip install 'salframe[fast]' and build it again"
+    note = "the map has over 3 panoramas: for faster queries, pip install 'salframe[fast]' and build the map again"
     assert lines.count(note) == 1
 
 
@@ -98,7 +98,7 @@ def test_a_map_built_with_numba_names_the_extra_where_that_is_missing(graphs, tm
 
 
 def test_what_is_no_index_is_refused(graphs, tmp_path):
-    with pytest.raises(DataError, match="holds no scene index"):
+    with pytest.raises(DataError, match="has no scene index"):
         BySize().open(tmp_path / "elsewhere")
     BySize().build(graphs, tmp_path / "index")
     (tmp_path / "index" / "choice.json").write_text(json.dumps({"kind": "magic"}))

@@ -203,5 +203,5 @@ def test_graphs_on_disk_match_alike_whether_features_are_kept_or_not(rooms, tmp_
 
 @pytest.mark.parametrize("edges_m", [[2.0, 1.0], [0.0, 1.0], [1.0, 1.0]])
 def test_rings_that_do_not_widen_are_refused(edges_m):
-    with pytest.raises(ConfigError, match=r"ring_edges_m.*expected edges above 0, each above the one before"):
+    with pytest.raises(ConfigError, match=r"ring_edges_m.*expected positive values in ascending order"):
         validate(GeometricMatcher.Config, {"kind": "geometric", "ring_edges_m": edges_m}, "matcher")

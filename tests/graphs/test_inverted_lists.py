@@ -66,14 +66,14 @@ def test_an_index_that_is_not_whole_is_refused(graphs, tmp_path):
     manifest = tmp_path / "index" / "index.json"
     content = json.loads(manifest.read_text())
     manifest.write_text(json.dumps({**content, "scenes": 7}))
-    with pytest.raises(DataError, match="lists of other lengths"):
+    with pytest.raises(DataError, match="lists of lengths that contradict"):
         InvertedLists().open(tmp_path / "index")
     manifest.write_text(json.dumps({**content, "format": 0}))
     with pytest.raises(DataError, match="format 0, expected 1"):
         InvertedLists().open(tmp_path / "index")
     (tmp_path / "index" / "code.npy").unlink()
     manifest.write_text(json.dumps(content))
-    with pytest.raises(DataError, match="not whole"):
+    with pytest.raises(DataError, match="is incomplete"):
         InvertedLists().open(tmp_path / "index")
-    with pytest.raises(DataError, match="holds no scene index"):
+    with pytest.raises(DataError, match="has no scene index"):
         InvertedLists().open(tmp_path / "elsewhere")

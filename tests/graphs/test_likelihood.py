@@ -187,4 +187,4 @@ def test_places_are_scored_as_if_alone():
         one = PlaceLikelihood(scorer.query, scorer.index.take(np.array([k])), RATES, LIKELIHOOD)
         moved = replace(poses.take(np.array([row])), place=np.array([0]))
         assert together[row] == pytest.approx(one.score(moved)[0][0], abs=1e-5)
-        assert scorer.unplaced()[k] == pytest.approx(one.unplaced()[0], abs=1e-5)
+        assert scorer.score_without_pose()[k] == pytest.approx(one.score_without_pose()[0], abs=1e-5)

@@ -1,4 +1,4 @@
-"""The localizer `saliency-places`: a map of places, found by the evidence for each of them under a pose."""
+"""The localizer `saliency-places`: ranks the places of a map by evidence, and estimates place and pose together."""
 
 from __future__ import annotations
 
@@ -40,34 +40,42 @@ from salframe_graphs.places.rates import SHIPPED, Likelihood, Rates, shipped_rat
 from salframe_graphs.places.search import SearchResult, search, settle
 
 OUTLINE, PACKED = "outline_m", "outline_mm"
+"""Keys of the outline of free space in a description, and in a packed description."""
 _SCENES = "scenes"
 """Name of the scene index, in the folder of a map's index."""
 MIN_DEVIATION_M = 0.02
-"""Two objects may agree by chance: no pose has a smaller standard deviation along an axis."""
+"""Lower bound of the standard deviation of a pose along an axis, because two objects may agree by chance."""
 MIN_EXPLAINED = 2
-"""A pose needs this many query objects that are more likely the place's than clutter."""
+"""Minimum number of query objects of a pose that belong to the place with a probability above 0.5."""
 MAX_RANKED = 2000
-"""On a map of more places an answer ranks this many, those that the scene index puts first."""
+"""Maximum number of ranked places. On larger maps they are the best places by the scene index."""
 
 
 @cache
 def shipped_posterior() -> Posterior:
-    """Return the posterior that comes with the method; it never says out-of-map, as most robots are on their map."""
+    """Return the posterior that is distributed with the method.
+
+    It never answers that a query is out-of-map, because most robots stay on their map.
+    """
     fitted = validate(Posterior, read_yaml(SHIPPED)["posterior"], f"{SHIPPED}: posterior:")
     return fitted.model_copy(update={"max_out_of_map_probability": 1.0})  # type: ignore[no-any-return]
 
 
 def _over_shipped(part: str, shipped: Callable[[], Settings], value: Any) -> Any:
-    """Return the value of a setting whose numbers come with the method: as `read_fitted`, the rest as shipped."""
+    """Return the value of a setting with fitted numbers: the user's values, and the shipped ones for all others."""
     fitted = read_fitted(part, value)
     return merge(shipped().model_dump(), fitted) if isinstance(fitted, Mapping) else fitted
 
 
 @dataclass(frozen=True, eq=False)
 class _Hypotheses:
-    """H hypotheses of where a query is: name (H,), numbers of MapPlaces.names, and the evidence for each.
+    """H hypotheses of the place of a query. The first C have a pose.
 
-    The first C have poses, whose places are numbers of the map's; `search` has them by the places that were searched.
+    Attributes:
+        name: (H,) position of each hypothesis's place in MapPlaces.names.
+        evidence: The evidence for each hypothesis.
+        poses: The C poses, with place numbers of the map.
+        search: The C poses, with place numbers of the searched places.
     """
 
     name: np.ndarray
@@ -77,12 +85,12 @@ class _Hypotheses:
 
 
 class SaliencyPlacesLocalizer(GraphLocalizer):
-    """Places as the merged objects of their panoramas, found and posed at once.
+    """Merges the objects of each place's panoramas, and estimates place and pose of a query together.
 
-    The evidence is a likelihood ratio of the objects, the outline of free space, the panorama most like the query, and
-    rare labels, weighed as fitted (`weights`). Queries without range, and those whose ranges may be off by a factor
-    (a matcher that estimates scale), are matched with panoramas one by one, as `saliency-graph` does. Without a
-    positioner every query is answered by place only: the pose is that of the frame of the first place.
+    The evidence for a place is a likelihood ratio of the objects, the outline of free space, the match score of the
+    best single panorama, and rare labels, with fitted weights (`weights`). Queries without range, and all queries if
+    the matcher estimates scale, are matched with single panoramas as in `saliency-graph`. Without a positioner the
+    answer is the pose of the reference frame of the first place.
     """
 
     name = "saliency-places"
@@ -91,39 +99,39 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
 
     class Config(GraphLocalizerConfig, PanoramaMatchingConfig):
         outline: bool = Field(
-            True, description="remember how far a panorama sees at the height of furniture, and match by it too"
+            True, description="store the outline of free space above the furniture, and use it as evidence"
         )
         rates: Annotated[Rates, BeforeValidator(partial(_over_shipped, "rates", shipped_rates))] = Field(
             default_factory=shipped_rates,
-            description="the detector's errors, or a file of `salframe fit`",
+            description="error rates of the detector, or a file written by `salframe fit`",
             json_schema_extra={"match_only": True},
         )
         weights: Annotated[EvidenceWeights, BeforeValidator(partial(_over_shipped, "weights", shipped_weights))] = (
             Field(
                 default_factory=shipped_weights,
-                description="weight of each column of evidence, or a file of `salframe fit`",
+                description="weight of each column of evidence, or a file written by `salframe fit`",
                 json_schema_extra={"match_only": True},
             )
         )
-        likelihood: Likelihood = match_only(Likelihood(), description="what holds for every detector")
+        likelihood: Likelihood = match_only(
+            Likelihood(), description="constants of the likelihood that are independent of the detector"
+        )
         posterior: Annotated[
             Posterior | None, BeforeValidator(partial(_over_shipped, "posterior", shipped_posterior))
         ] = Field(
             default_factory=shipped_posterior,
-            description="a file of `salframe fit`, or its parameters: scores become probabilities; as shipped no "
-            "answer is out-of-map, which max_out_of_map_probability=0.5 changes; null: none",
+            description="converts scores to probabilities: a file written by `salframe fit`, or its parameters; the "
+            "default never answers out-of-map (to enable: max_out_of_map_probability=0.5); null: no probabilities",
             json_schema_extra={"match_only": True},
         )
         candidates: int = match_only(
-            100,
-            ge=1,
-            description="places that are matched object by object: those whose panoramas the scene index puts first",
+            100, ge=1, description="maximum number of places to match object by object, the best by the scene index"
         )
         scene_index: slot("scene-index", "by-size", match_only=True)  # type: ignore[valid-type]
         merged: bool = match_only(
-            True, description="gather the panoramas of a place into one graph; false: each by itself"
+            True, description="merge the panoramas of a place into one graph; false: one graph for each panorama"
         )
-        poses: int = match_only(3, ge=1, description="poses that are refined in each place")
+        poses: int = match_only(3, ge=1, description="maximum number of poses to refine in each place")
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)
@@ -149,7 +157,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         self._matching.index(graphs, frames)
         outlines_m = [description.get(OUTLINE) for description in descriptions]
         regions, config = Regions(self.floors) if self.floors else None, self.config
-        self._map = MapPlaces.gathered(
+        self._map = MapPlaces.gather(
             graphs, frames, outlines_m, regions, config.rates, config.likelihood, config.merged
         )
         self._scenes = self._new_scene_index()
@@ -172,14 +180,14 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
             self._scenes.open(folder / _SCENES)
 
     def _new_scene_index(self) -> SceneIndex | None:
-        """A scene index for a map of more places than candidates."""
+        """Return a scene index if the map has more places than candidates, else None."""
         if len(self._map) <= self.config.candidates:
             return None
-        made: SceneIndex = registry().build(SceneIndex.role, self.config.scene_index)
-        return made
+        index: SceneIndex = registry().build(SceneIndex.role, self.config.scene_index)
+        return index
 
     def _place_graphs(self) -> Iterator[SaliencyGraph]:
-        """The graphs of the scene frames of all places, place by place."""
+        """Return the graphs of the scene frames of all places, place by place."""
         return (self._matching.graphs[number] for number in self._map.shown.frame)
 
     def match(self, description: Description) -> Localization:
@@ -193,20 +201,22 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
             return Localization((), None, LocalizationStatus.NO_MATCH)
         value = hypotheses.evidence.scores(self._weights)
         names, first, row = np.unique(hypotheses.name, return_index=True, return_inverse=True)
-        score, posed = np.full(len(names), -np.inf), np.full(len(names), -1)
+        score, pose_row = np.full(len(names), -np.inf), np.full(len(names), -1)
         np.logaddexp.at(score, row, value)
         ascending = np.argsort(value[: len(hypotheses.poses)], kind="stable")
-        posed[row[ascending]] = ascending  # of each name the best hypothesis with a pose, which comes last
+        pose_row[row[ascending]] = ascending  # the last assignment wins: the best hypothesis with a pose
         order = np.lexsort((first, -score))
-        names, score, posed = names[order], score[order], posed[order]
-        frames = [self._matching.frames[number] for number in self._map.nearest_frames(names, hypotheses.poses, posed)]
+        names, score, pose_row = names[order], score[order], pose_row[order]
+        frames = [
+            self._matching.frames[number] for number in self._map.nearest_frames(names, hypotheses.poses, pose_row)
+        ]
         ids = [frame.id for frame in frames]
         places = ranked_places(ids, [self._map.names[name] for name in names.tolist()], score.tolist())
         if self._matching.positioner is None:
             return Localization(places, frames[0].T_world_pano, LocalizationStatus.OK)
-        if posed[0] < 0:
+        if pose_row[0] < 0:
             return Localization(places, None, LocalizationStatus.NO_POSE)
-        best, share = hypotheses.search.poses.take(posed[:1]), hypotheses.search.share(int(posed[0]))
+        best, share = hypotheses.search.poses.take(pose_row[:1]), hypotheses.search.share(int(pose_row[0]))
         if (share.sum(1) > 0.5).sum() < MIN_EXPLAINED:
             return Localization(places, None, LocalizationStatus.NO_POSE)
         pose, covariance = settle(hypotheses.search.scorer, best, share, MIN_DEVIATION_M)
@@ -215,7 +225,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         return Localization(places, T_world_query, LocalizationStatus.OK, covariance)
 
     def fits_posterior(self, description: Description) -> bool:
-        return not self._is_scaleless(description)  # the posterior was fitted to the scores of other queries
+        return not self._is_scaleless(description)  # the posterior is fitted to scores of queries with metric range
 
     def evidence(self, description: Description) -> Evidence | None:
         query = graph_from_arrays(description)
@@ -228,12 +238,14 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         return self._matching.correspond(query, reference)
 
     def _is_scaleless(self, description: Description) -> bool:
-        """Whether positions in metres are not known of a query."""
+        """Return whether the positions of a query's objects are unknown, or have an unknown scale."""
         return self._matching.estimates_scale or without_positions(description["centroid_m"])
 
     def _hypotheses(self, query: SaliencyGraph, outline_m: np.ndarray | None) -> _Hypotheses | None:
-        """Return the candidates, each under its best pose, and the other places by their labels alone; None where no
-        place has any of the query's labels."""
+        """Return the hypotheses of a query: candidates under their best pose, and other places by their labels only.
+
+        None where no place has any of the query's labels.
+        """
         places = self._map
         nodes = GraphNodes.of(query, places.index.vocabulary)
         if not (nodes.label >= 0).any():
@@ -243,43 +255,47 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
             return None
         config = self.config
         result = search(nodes, places.index.take(matched), config.rates, config.likelihood, config.poses)
-        here = matched[result.poses.place]
-        poses = Poses(here, result.poses.shift_m, result.poses.yaw_rad)
-        stands = places.names_at(poses)
+        pose_place = matched[result.poses.place]
+        poses = Poses(pose_place, result.poses.shift_m, result.poses.yaw_rad)
+        pose_name = places.names_at(poses)
         has_pose = np.zeros(len(places.names), bool)
-        has_pose[stands] = True
+        has_pose[pose_name] = True
         others = ranked[~has_pose[places.shown.name[ranked]]]
-        rows = np.concatenate([here, others])
-        none = np.zeros(len(others))
-        unplaced = result.scorer.unplaced()
-        # A place that was not searched has the likelihood of the worst one that was.
+        rows = np.concatenate([pose_place, others])
+        no_outline = np.zeros(len(others))
+        without_pose = result.scorer.score_without_pose()
+        # A place that was not searched gets the minimum likelihood of the searched places.
         position = np.minimum(np.searchsorted(matched, others), len(matched) - 1)
-        of_others = np.where(matched[position] == others, unplaced[position], unplaced.min())
-        outline = np.zeros(len(here)) if outline_m is None else places.outlines.ratio(outline_m, poses)
+        other_likelihood = np.where(matched[position] == others, without_pose[position], without_pose.min())
+        outline = np.zeros(len(pose_place)) if outline_m is None else places.outlines.ratio(outline_m, poses)
         panorama = np.zeros(len(places.names))
         for name, score in self._matching.place_scores(query).items():
             if name in places.number:
                 panorama[places.number[name]] = score
         detected_labels, labels_shared = label_evidence(nodes.label, places.index, rows)
         evidence = {
-            "likelihood": np.concatenate([np.logaddexp(result.score, unplaced[result.poses.place]), of_others]),
-            "outline": np.concatenate([outline, none]),
+            "likelihood": np.concatenate(
+                [np.logaddexp(result.score, without_pose[result.poses.place]), other_likelihood]
+            ),
+            "outline": np.concatenate([outline, no_outline]),
             "panorama": panorama[places.shown.name[rows]],
             "detected_labels": detected_labels,
             "labels_shared": labels_shared,
         }
-        numbers = np.concatenate([stands, places.shown.name[others]])
+        numbers = np.concatenate([pose_name, places.shown.name[others]])
         names = [places.names[number] for number in numbers.tolist()]
         return _Hypotheses(numbers, Evidence(names, evidence), poses, result)
 
     def _shortlist(self, query: SaliencyGraph) -> tuple[np.ndarray, np.ndarray]:
-        """Return the places that are matched object by object (C,), and those that are ranked (R,), both ascending:
-        those whose scene frames the index puts first, and all of up to MAX_RANKED."""
-        every, count = np.arange(len(self._map)), self.config.candidates
+        """Return the places to match object by object (C,), and the places to rank (R,), both ascending.
+
+        Both are the best places by the scene index. Up to MAX_RANKED places, all are ranked.
+        """
+        all_places, count = np.arange(len(self._map)), self.config.candidates
         if self._scenes is None:
-            return every, every
-        wanted = count if len(every) <= MAX_RANKED else max(count, MAX_RANKED)
+            return all_places, all_places
+        num_ranked = count if len(all_places) <= MAX_RANKED else max(count, MAX_RANKED)
         shown = self._map.shown
-        scenes = self._scenes.candidates(query, wanted * shown.padded.shape[1]).scene
+        scenes = self._scenes.candidates(query, num_ranked * shown.padded.shape[1]).scene
         places = np.array([*dict.fromkeys(shown.place[scenes].tolist())], int)
-        return np.sort(places[:count]), every if len(every) <= MAX_RANKED else np.sort(places[:wanted])
+        return np.sort(places[:count]), all_places if len(all_places) <= MAX_RANKED else np.sort(places[:num_ranked])

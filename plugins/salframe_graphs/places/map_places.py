@@ -1,4 +1,4 @@
-"""The places of a map: their objects, frames, outlines of free space and regions, laid out for matching."""
+"""The places of a map in the layout for matching: objects, frames, outlines of free space and regions."""
 
 from __future__ import annotations
 
@@ -22,17 +22,20 @@ from salframe_graphs.places.rates import Likelihood, Rates
 from salframe_graphs.places.shown import ShownPlaces
 
 _PLACES = "places"
-"""Name of the columns of places, in the folder of a map's index."""
+"""Name of the columns of places in the folder of a map's index."""
 _SHOWN_COLUMNS = {"name": ArrayKind("U", ()), "frames": ArrayKind("u", (None,))}
 
 
 @dataclass(frozen=True, eq=False)
 class MapPlaces:
-    """K places of a map of S frames.
+    """K places of a map with S reference frames.
 
-    shown: which places there are, and their scene frames. index: their objects. T_world_pano: (S, 3, 4) poses of the
-    frames. outlines: the outlines of free space of their scene frames. regions: the floor of each place, None where it
-    is not known.
+    Attributes:
+        shown: The places and their scene frames.
+        index: The objects of the places.
+        T_world_pano: (S, 3, 4) poses of the frames.
+        outlines: The outlines of free space of the scene frames.
+        regions: The floor area of each place; None where it is unknown.
     """
 
     shown: ShownPlaces
@@ -42,7 +45,7 @@ class MapPlaces:
     regions: Regions | None
 
     @classmethod
-    def gathered(
+    def gather(
         cls,
         graphs: Sequence[SaliencyGraph],
         frames: Sequence[ReferenceFrame],
@@ -52,20 +55,29 @@ class MapPlaces:
         likelihood: Likelihood,
         merged: bool,
     ) -> MapPlaces:
-        """Return the places of described frames; outlines_m (BINS,) of each frame where it has one."""
+        """Return the places of reference frames.
 
+        Args:
+            graphs: The graph of each frame.
+            frames: The frames.
+            outlines_m: The outline (BINS,) of free space of each frame in metres, or None.
+            regions: The floor area of each place, or None.
+            rates: Error rates of the detector.
+            likelihood: Constants of the likelihood.
+            merged: Whether to merge the frames of a place.
+        """
         place_of = None if regions is None else partial(_places_at, regions)
         places = gather_places(graphs, frames, rates, place_of, merged)
         T_world_pano = np.array([frame.T_world_pano[:3] for frame in frames])
         cameras_m = [T_world_pano[list(place.frames), :, 3] for place in places]
         index = index_places(places, cameras_m, rates, likelihood)
         unknown = np.full(BINS, np.nan, np.float32)
-        outline_m = np.array([unknown if one is None else one for one in outlines_m])
+        outline_m = np.array([unknown if outline is None else outline for outline in outlines_m])
         shown = ShownPlaces.of(places)
         return cls(shown, index, T_world_pano, _outlines(shown, outline_m, T_world_pano), regions)
 
     def write(self, folder: Path) -> None:
-        """Write the places to a folder, without what the map keeps of frames."""
+        """Write the places to a folder, without the poses and outlines, which the map stores with its frames."""
         shown = self.shown
         frames = np.split(shown.frame.astype(np.uint32), shown.start[1:-1])
         rows = (
@@ -83,7 +95,15 @@ class MapPlaces:
         T_world_pano: np.ndarray,
         regions: Regions | None,
     ) -> MapPlaces:
-        """Return the places that `write` wrote; outline_mm: the packed outlines of the frames, where any has one."""
+        """Return the places that `write` wrote.
+
+        Args:
+            folder: The folder of `write`.
+            outline_mm: The packed outlines of the frames; None where no frame has one.
+            num_frames: Number of reference frames, S.
+            T_world_pano: (S, 3, 4) poses of the frames.
+            regions: The floor area of each place, or None.
+        """
         columns = read_columns(folder / _PLACES, {**_SHOWN_COLUMNS, **PLACE_COLUMNS}).columns
         names, frames = columns["name"], columns["frames"]
         shown = ShownPlaces(names.words or (), names.values.astype(int), frames.values.astype(int), frames.start)
@@ -98,53 +118,63 @@ class MapPlaces:
 
     @property
     def names(self) -> Sequence[str]:
-        """The names of the places, each once."""
+        """The distinct names of the places."""
         return self.shown.names
 
     @property
     def number(self) -> dict[str, int]:
-        """The number of each name."""
+        """The position of each name in `names`."""
         return self.shown.number
 
     @cached_property
     def _frames_m(self) -> np.ndarray:
-        """(S, 3) where the frames stand."""
+        """(S, 3) positions of the frames in the world."""
         return self.T_world_pano[:, :, 3].copy()
 
     @cached_property
     def _name_of_region(self) -> np.ndarray:
-        """(R + 1,) the name of each region's place, -1 of one that the map does not show; -1 last, for no region."""
+        """(R + 1,) name number of each region's place, -1 outside the map; the last one (-1) is for no region."""
         regions = self.regions.places if self.regions else ()
         return np.array([*(self.number.get(place, -1) for place in regions), -1])
 
     def names_at(self, poses: Poses) -> np.ndarray:
-        """Return the name (C,) of the place that each pose stands in: the region's where it is known and on the map,
-        else that of the place that was matched."""
+        """Return the number (C,) of the name of the place that contains each pose.
+
+        It is the place of the region at the pose where that is known and on the map, else the matched place.
+        """
         matched = self.shown.name[poses.place]
         if self.regions is None:
             return matched
         height_m = self._frames_m[self.shown.frame[self.shown.start[poses.place]], 2]
-        stands = self._name_of_region[self.regions.at(poses.shift_m, height_m)]
-        return np.where(stands >= 0, stands, matched)
+        region_name = self._name_of_region[self.regions.at(poses.shift_m, height_m)]
+        return np.where(region_name >= 0, region_name, matched)
 
     def nearest_frames(self, names: np.ndarray, poses: Poses, row: np.ndarray) -> list[int]:
-        """Return for each of some names (N,) its scene frame nearest to a pose, `row` (N,) of the poses; its first
-        frame where that is -1."""
+        """Return the scene frame of each place that is nearest to a pose.
+
+        Args:
+            names: (N,) numbers of names of places.
+            poses: Poses in the world.
+            row: (N,) the pose for each name, or -1 to return the first frame of the place.
+
+        Returns:
+            Numbers of N frames.
+        """
         near_m = np.append(poses.shift_m, [[np.nan, np.nan]], 0)[row]
         nearest: list[int] = self.shown.nearest(names, self._frames_m[:, :2], near_m).tolist()
         return nearest
 
 
 def _places_at(regions: Regions, xy_m: np.ndarray, frame: ReferenceFrame) -> list[str | None]:
-    """The places of positions (N, 2) on the floor that a frame stands on, None off the floor."""
+    """Return the place at each position (N, 2) on the floor of a frame, None outside all regions."""
     numbers = regions.at(xy_m, np.full(len(xy_m), frame.T_world_pano[2, 3]))
     return [regions.places[number] if number >= 0 else None for number in numbers.tolist()]
 
 
 def _outlines(shown: ShownPlaces, outline_m: np.ndarray, T_world_pano: np.ndarray) -> MapOutlines:
-    """The outlines of the frames of each place, of all frames' outlines (S, BINS) and poses (S, 3, 4)."""
+    """Return the outlines by place, from the outlines (S, BINS) and the poses (S, 3, 4) of all frames."""
     poses = T_world_pano[shown.padded]
     yaw_rad = np.arctan2(poses[..., 1, 0], poses[..., 0, 0])
     range_m = outline_m[shown.padded].astype(np.float64)
-    range_m[np.arange(range_m.shape[1]) >= np.diff(shown.start)[:, None]] = np.nan  # each frame counts once
+    range_m[np.arange(range_m.shape[1]) >= np.diff(shown.start)[:, None]] = np.nan  # ignore repeated frames
     return MapOutlines.of(range_m, np.concatenate([poses[..., :2, 3], yaw_rad[..., None]], -1))

@@ -1,4 +1,4 @@
-"""The panoramas of a place as one graph in the world: objects that are the same by label and position are one."""
+"""Merging of the panoramas of a place into one graph in the world, where equal label and position mean one object."""
 
 from __future__ import annotations
 
@@ -13,22 +13,27 @@ from salframe.panoramas.geometry import transform_points
 from salframe_graphs.places.rates import Rates
 
 MAX_SIGMAS = 3.0
-"""Two sightings further apart than so many standard deviations of their difference are of two objects."""
+"""Maximum distance of two sightings of one object, in standard deviations of their difference."""
 MIN_SALIENCY = 1e-3
-"""Least saliency, relative to the panorama's average, that is told from none."""
+"""Lower bound of saliency relative to the panorama's average, which keeps its logarithm finite."""
 
 PlaceOf = Callable[[np.ndarray, ReferenceFrame], Sequence[str | None]]
-"""The places of positions (N, 2) in the world that a reference frame sees; None off the floor."""
+"""Function that returns the place at each position (N, 2) in the world, on the floor of a frame; None outside all."""
 
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """A place's objects in the world, M of them.
+    """A place with M objects in the world.
 
-    frames: positions in the map of the scene frames that show it; labels: M names; centroid_m (M, 3), the mean of the
-    sightings weighted by their certainty; variance_m2 (M,), of that mean along each axis; log_size (M, 3), mean
-    logarithms of length, width and height; log_saliency (M,), mean logarithm of saliency relative to the average of the
-    panorama; sightings (M,) counts.
+    Attributes:
+        name: Name of the place.
+        frames: Numbers of the scene frames of the place in the map.
+        labels: M labels.
+        centroid_m: (M, 3) mean of the sightings in the world, weighted by inverse variance.
+        variance_m2: (M,) variance of that mean along each axis.
+        log_size: (M, 3) mean logarithms of length, width and height.
+        log_saliency: (M,) mean logarithm of saliency relative to the panorama's average.
+        sightings: (M,) number of sightings.
     """
 
     name: str
@@ -43,8 +48,16 @@ class Place:
 
 @dataclass(frozen=True, eq=False)
 class MapSightings:
-    """Objects as panoramas saw them, in the world; a row a sighting: frame, position in the map; range_m; the rest as
-    in Place."""
+    """N sightings of objects in panoramas, in the world.
+
+    Attributes:
+        frame: (N,) number of the frame in the map.
+        labels: (N,) labels.
+        centroid_m: (N, 3) positions in the world.
+        range_m: (N,) horizontal distances from the camera.
+        log_size: (N, 3) logarithms of length, width and height.
+        log_saliency: (N,) logarithm of saliency relative to the panorama's average.
+    """
 
     frame: np.ndarray
     labels: np.ndarray
@@ -61,77 +74,93 @@ def gather_places(
     place_of: PlaceOf | None = None,
     merged: bool = True,
 ) -> list[Place]:
-    """The places that scene frames show, in the order of the map, their frames' objects merged.
+    """Return the places of the scene frames with their merged objects, in the order of the map.
 
-    What a transition frame sees feeds the places that its objects lie in, by place_of; nothing without. A map of
-    transition frames alone has their places. With `merged` false each scene frame is a place of its own, which the
-    others of its name do not feed.
+    An object in a transition frame is added to the place that contains it, if `place_of` is available. A map with only
+    transition frames has their places.
+
+    Args:
+        graphs: The graph of each frame.
+        frames: The reference frames of the map.
+        rates: Error rates of the detector.
+        place_of: Returns the place at positions; None where the floor areas are unknown.
+        merged: Whether to merge the frames of a place. Otherwise each scene frame is a separate place with only its own
+            objects.
     """
-    sightings = [
+    frame_sightings = [
         _sightings(number, graph, frame) for number, (graph, frame) in enumerate(zip(graphs, frames, strict=True))
     ]
-    shown: dict[tuple[str, int], list[int]] = {}
+    frames_of_place: dict[tuple[str, int], list[int]] = {}
     kinds = {frame.kind for frame in frames}
     for number, frame in enumerate(frames):
         if frame.kind is FrameKind.SCENE or FrameKind.SCENE not in kinds:
-            shown.setdefault((frame.place, 0 if merged else number), []).append(number)
-    fed: dict[str, list[tuple[int, np.ndarray]]] = {}
+            frames_of_place.setdefault((frame.place, 0 if merged else number), []).append(number)
+    added: dict[str, list[tuple[int, np.ndarray]]] = {}
     if merged and place_of is not None and FrameKind.SCENE in kinds:
         for number, frame in enumerate(frames):
             if frame.kind is FrameKind.TRANSITION:
-                owner = np.array(place_of(sightings[number].centroid_m[:, :2], frame), object)
+                owner = np.array(place_of(frame_sightings[number].centroid_m[:, :2], frame), object)
                 for name in {place for place in owner if place is not None}:
-                    fed.setdefault(name, []).append((number, np.flatnonzero(owner == name)))
+                    added.setdefault(name, []).append((number, np.flatnonzero(owner == name)))
     places = []
-    for (name, _), own in shown.items():
-        parts = [(number, np.arange(len(sightings[number].labels))) for number in own] + fed.get(name, [])
-        seen = _joined([_taken(sightings[number], rows) for number, rows in parts])
-        places.append(merge(name, own, seen, rates))
+    for (name, _), scene_frames in frames_of_place.items():
+        parts = [(number, np.arange(len(frame_sightings[number].labels))) for number in scene_frames] + added.get(
+            name, []
+        )
+        sightings = _concatenate([_select(frame_sightings[number], rows) for number, rows in parts])
+        places.append(merge(name, scene_frames, sightings, rates))
     return places
 
 
-def merge(name: str, frames: Sequence[int], seen: MapSightings, rates: Rates) -> Place:
-    """A place of sightings (N): nearest first, each joins the nearest object of its label that its own panorama has not
-    seen yet and that is near enough by the errors of both; else it is another object."""
-    variance = rates.position_error_m**2 + (rates.range_error_share * seen.range_m) ** 2
-    count = len(seen.labels)
+def merge(name: str, frames: Sequence[int], sightings: MapSightings, rates: Rates) -> Place:
+    """Merge sightings to the objects of one place.
+
+    Sightings are processed in the order of range. Each is merged with the nearest object of the same label that has no
+    sighting of the same panorama and lies within MAX_SIGMAS; otherwise it is a new object.
+    """
+    variance = rates.position_error_m**2 + (rates.range_error_share * sightings.range_m) ** 2
+    count = len(sightings.labels)
     owner = np.full(count, -1)
     weight, centre, label = np.zeros(count), np.zeros((count, 3)), np.empty(count, object)
-    held: list[set[int]] = []
-    for row in np.argsort(seen.range_m, kind="stable"):
-        open_ = [g for g in range(len(held)) if label[g] == seen.labels[row] and seen.frame[row] not in held[g]]
-        distance = np.hypot(*(centre[open_, :2] - seen.centroid_m[row, :2]).T)
-        near = distance < MAX_SIGMAS * np.sqrt(1 / weight[open_] + variance[row])
-        if near.any():
-            group = int(open_[int(np.argmin(np.where(near, distance, np.inf)))])
+    frames_of_group: list[set[int]] = []
+    for row in np.argsort(sightings.range_m, kind="stable"):
+        open_groups = [
+            g
+            for g in range(len(frames_of_group))
+            if label[g] == sightings.labels[row] and sightings.frame[row] not in frames_of_group[g]
+        ]
+        distance = np.hypot(*(centre[open_groups, :2] - sightings.centroid_m[row, :2]).T)
+        is_near = distance < MAX_SIGMAS * np.sqrt(1 / weight[open_groups] + variance[row])
+        if is_near.any():
+            group = int(open_groups[int(np.argmin(np.where(is_near, distance, np.inf)))])
         else:
-            group = len(held)
-            held.append(set())
-            label[group] = seen.labels[row]
+            group = len(frames_of_group)
+            frames_of_group.append(set())
+            label[group] = sightings.labels[row]
         owner[row] = group
-        held[group].add(int(seen.frame[row]))
+        frames_of_group[group].add(int(sightings.frame[row]))
         total = weight[group] + 1 / variance[row]
-        centre[group] += (seen.centroid_m[row] - centre[group]) / variance[row] / total
+        centre[group] += (sightings.centroid_m[row] - centre[group]) / variance[row] / total
         weight[group] = total
-    size = len(held)
-    sightings = np.bincount(owner, minlength=size).astype(np.float64)
+    size = len(frames_of_group)
+    num_sightings = np.bincount(owner, minlength=size).astype(np.float64)
     log_size, log_saliency = np.zeros((size, 3)), np.zeros(size)
-    np.add.at(log_size, owner, seen.log_size)
-    np.add.at(log_saliency, owner, seen.log_saliency)
+    np.add.at(log_size, owner, sightings.log_size)
+    np.add.at(log_saliency, owner, sightings.log_saliency)
     return Place(
         name,
         tuple(frames),
         tuple(label[:size]),
         centre[:size],
         1 / weight[:size],
-        log_size / sightings[:, None],
-        log_saliency / sightings,
-        sightings,
+        log_size / num_sightings[:, None],
+        log_saliency / num_sightings,
+        num_sightings,
     )
 
 
 def relative_log_saliency(graph: SaliencyGraph) -> np.ndarray:
-    """(N,) logarithm of each node's saliency relative to the average node of its panorama: 0 where all are alike."""
+    """Return the logarithm (N,) of each node's saliency relative to the panorama's average; 0 where all are equal."""
     return np.log(np.maximum(graph.saliency * len(graph), MIN_SALIENCY))
 
 
@@ -146,11 +175,11 @@ def _sightings(number: int, graph: SaliencyGraph, frame: ReferenceFrame) -> MapS
     )
 
 
-def _taken(seen: MapSightings, rows: np.ndarray) -> MapSightings:
-    return MapSightings(*(getattr(seen, name)[rows] for name in MapSightings.__dataclass_fields__))
+def _select(sightings: MapSightings, rows: np.ndarray) -> MapSightings:
+    return MapSightings(*(getattr(sightings, name)[rows] for name in MapSightings.__dataclass_fields__))
 
 
-def _joined(parts: Sequence[MapSightings]) -> MapSightings:
+def _concatenate(parts: Sequence[MapSightings]) -> MapSightings:
     return MapSightings(
         *(np.concatenate([getattr(part, name) for part in parts]) for name in MapSightings.__dataclass_fields__)
     )

@@ -1,4 +1,4 @@
-"""The outline of free space: how far a panorama sees at the height of furniture, by azimuth."""
+"""The outline of free space: horizontal range of a panorama above the furniture, by azimuth."""
 
 from __future__ import annotations
 
@@ -11,21 +11,32 @@ from salframe.panoramas.geometry import equirectangular_rays, wrap_angle
 from salframe_graphs.places.likelihood import Poses
 
 BINS = 72
+"""Number of azimuth bins of an outline, 5 degrees each."""
 LOWEST_M, HIGHEST_M = 0.35, 0.8
-"""Heights over the camera whose points make the outline: over most furniture and under lintels."""
+"""Range of heights above the camera of the points of an outline: above most furniture and below lintels."""
 ERROR_LOG, STRAY, PEAK, MAX_SQUARED = 0.1, 0.15, 3.0, 50.0
-"""Standard deviation of the logarithm of a range, the share of bins that do not fit, the ratio of one that does, and
-the square of standard deviations beyond which none is further off."""
+"""Standard deviation of the logarithm of a range, share of outlier bins, likelihood ratio of an inlier at its peak, and
+upper bound of the squared deviation in standard deviations."""
 _MAX_M = 65.535
+"""Maximum range of a packed outline: 65535 mm."""
 _MIDDLES = np.array([(np.cos(azimuth), np.sin(azimuth)) for azimuth in (np.arange(BINS) + 0.5) * (2 * np.pi / BINS)])
-"""(BINS, 2): the directions of the bins' middles."""
+"""(BINS, 2) directions of the centres of the bins."""
 
 
 def free_outline(range_m: np.ndarray) -> np.ndarray:
-    """(BINS,) float32 metres: the median horizontal range of the points LOWEST_M to HIGHEST_M over the camera, by
-    azimuth from +x on, counter-clockwise; NaN where there is none. range_m (H, 2H)."""
+    """Return the outline of free space of a panorama.
+
+    It is the median horizontal range of the points LOWEST_M to HIGHEST_M above the camera, by azimuth from +x,
+    counter-clockwise.
+
+    Args:
+        range_m: (H, 2H) range image in metres.
+
+    Returns:
+        (BINS,) float32 in metres; NaN for a bin without points.
+    """
     points = (equirectangular_rays(len(range_m)) * range_m[..., None]).reshape(-1, 3)
-    points = points[(points[:, 2] > LOWEST_M) & (points[:, 2] < HIGHEST_M)]  # NaN is neither
+    points = points[(points[:, 2] > LOWEST_M) & (points[:, 2] < HIGHEST_M)]  # leaves out NaN too
     bin_ = _bin(np.arctan2(points[:, 1], points[:, 0]))
     order = np.argsort(bin_, kind="stable")
     parts = np.split(np.hypot(points[order, 0], points[order, 1]), np.searchsorted(bin_[order], np.arange(1, BINS)))
@@ -33,36 +44,45 @@ def free_outline(range_m: np.ndarray) -> np.ndarray:
 
 
 def pack_outline(outline_m: np.ndarray) -> np.ndarray:
-    """The outline (BINS,) uint16 in millimetres, 0 where it is not known."""
-    known = np.minimum(np.nan_to_num(outline_m), _MAX_M)
-    return np.round(known * 1000).astype(np.uint16)
+    """Return the outline as (BINS,) uint16 in millimetres, 0 where it is unknown."""
+    limited_m = np.minimum(np.nan_to_num(outline_m), _MAX_M)
+    return np.round(limited_m * 1000).astype(np.uint16)
 
 
 def unpack_outline(outline_mm: np.ndarray) -> np.ndarray:
-    """The outline (BINS,) float32 metres that was packed, to the millimetre."""
+    """Return a packed outline as (BINS,) float32 in metres, with a precision of 1 mm."""
     return np.where(outline_mm > 0, outline_mm / np.float32(1000), np.float32(np.nan))
 
 
 def _fit(offset_m: np.ndarray, yaw_rad: np.ndarray, outline_m: np.ndarray) -> np.ndarray:
-    """How well points lie on outlines, (P,).
+    """Return the log likelihood ratio (P,) that points lie on outlines, against clutter.
 
-    offset_m: (P, BINS, 2) points relative to where each outline was seen. yaw_rad: (P, 1) in [-pi, pi], the heading
-    there. outline_m: (P, BINS).
+    Args:
+        offset_m: (P, BINS, 2) points relative to the position of each outline's camera, in metres.
+        yaw_rad: (P, 1) heading of each outline's camera, in [-pi, pi].
+        outline_m: (P, BINS) outlines in metres.
     """
     x, y = offset_m[..., 0], offset_m[..., 1]
     bins = _bin(np.arctan2(y, x) - yaw_rad)
     expected = outline_m.ravel().take(bins + BINS * np.arange(len(bins))[:, None])
     with np.errstate(divide="ignore"):
-        off = (0.5 / ERROR_LOG) * np.log((x * x + y * y) / (expected * expected))
-    ratio = np.log(STRAY + (1 - STRAY) * PEAK * np.exp(-0.5 * np.minimum(off * off, MAX_SQUARED)))
-    return np.where(np.isfinite(off), ratio, 0).sum(-1)
+        deviation = (0.5 / ERROR_LOG) * np.log((x * x + y * y) / (expected * expected))
+    ratio = np.log(STRAY + (1 - STRAY) * PEAK * np.exp(-0.5 * np.minimum(deviation * deviation, MAX_SQUARED)))
+    return np.where(np.isfinite(deviation), ratio, 0).sum(-1)
 
 
 @dataclass(frozen=True, eq=False)
 class MapOutlines:
-    """The outlines of K places' frames, the last one repeated up to F a place: range_m (K, F, BINS), NaN where not
-    known; corners_m (K, F, BINS, 2), their points in the world; pose (K, F, 3), x, y and yaw of where each was seen.
-    Single precision: the outline is a few centimetres rough."""
+    """The outlines of the frames of K places, F frames each.
+
+    Places with fewer frames repeat the last one. Single precision is sufficient, because an outline has an error of a
+    few centimetres.
+
+    Attributes:
+        range_m: (K, F, BINS) float32 outlines in metres, NaN where unknown.
+        corners_m: (K, F, BINS, 2) float32 points of the outlines in the world.
+        pose: (K, F, 3) float32 x, y and yaw of the cameras in the world.
+    """
 
     range_m: np.ndarray
     corners_m: np.ndarray
@@ -70,44 +90,47 @@ class MapOutlines:
 
     @classmethod
     def of(cls, range_m: np.ndarray, pose: np.ndarray) -> MapOutlines:
-        """Of outlines and where they were seen."""
+        """Return an instance from outlines (K, F, BINS) and the poses (K, F, 3) of their cameras."""
         return cls(*(a.astype(np.float32) for a in (range_m, _corners(range_m, pose[..., :2], pose[..., 2]), pose)))
 
     @cached_property
-    def known(self) -> np.ndarray:
-        """(K, F) whether a frame has an outline."""
+    def has_outline(self) -> np.ndarray:
+        """(K, F) bool: whether a frame has an outline."""
         return np.isfinite(self.range_m).any(2)
 
     def ratio(self, query_m: np.ndarray, poses: Poses) -> np.ndarray:
-        """Return the log likelihood ratio of a query's outline under poses, (C,): 0 where no frame has an outline.
+        """Return the log likelihood ratio (C,) of a query's outline under poses; 0 where no frame has an outline.
 
-        The place's outlines are seen from the pose and the query's from theirs, bin by bin; the sum of the frame that
-        fits best counts.
-        query_m: (BINS,) metres, NaN where not known.
+        The points of the place's outline are compared with the query's outline, and the points of the query's outline
+        with the place's. The result is the sum over all bins for the frame that fits best.
+
+        Args:
+            query_m: (BINS,) outline of the query in metres, NaN where unknown.
+            poses: C poses of the query.
         """
         place = poses.place
         query_m, shift_m, yaw_rad = (a.astype(np.float32) for a in (query_m, poses.shift_m, poses.yaw_rad))
-        row, frame = np.nonzero(self.known[place])
+        row, frame = np.nonzero(self.has_outline[place])
         map_m, pose = self.range_m[place[row], frame], self.pose[place[row], frame]
-        forth = self.corners_m[place[row], frame] - shift_m[row, None]
-        back = _corners(query_m, shift_m, yaw_rad)[row] - pose[:, None, :2]
+        map_offset_m = self.corners_m[place[row], frame] - shift_m[row, None]
+        query_offset_m = _corners(query_m, shift_m, yaw_rad)[row] - pose[:, None, :2]
         heading = wrap_angle(np.concatenate([yaw_rad[row], pose[:, 2]]))[:, None].astype(np.float32)
         expected = np.concatenate([np.broadcast_to(query_m, map_m.shape), map_m])
-        total = _fit(np.concatenate([forth, back]), heading, expected).reshape(2, -1).sum(0)
+        total = _fit(np.concatenate([map_offset_m, query_offset_m]), heading, expected).reshape(2, -1).sum(0)
         best = np.full(len(place), -np.inf, total.dtype)
         np.maximum.at(best, row, total)
         return np.where(np.isfinite(best), best, 0).astype(np.float64)
 
 
 def _corners(outline_m: np.ndarray, position_m: np.ndarray, yaw_rad: np.ndarray) -> np.ndarray:
-    """(..., BINS, 2) the outline's points in the world."""
+    """Return the points (..., BINS, 2) of outlines in the world."""
     x, y = np.moveaxis(outline_m[..., None] * _MIDDLES.astype(outline_m.dtype), -1, 0)
     c, s = np.cos(yaw_rad)[..., None], np.sin(yaw_rad)[..., None]
     return np.stack([c * x - s * y, s * x + c * y], -1) + position_m[..., None, :]  # type: ignore[no-any-return]
 
 
 def _bin(azimuth_rad: np.ndarray) -> np.ndarray:
-    """The bins of azimuths in [-2 pi, 2 pi), int32; 0 of one that is not known."""
+    """Return the bins (int32) of azimuths in [-2 pi, 2 pi); 0 where the azimuth is NaN."""
     with np.errstate(invalid="ignore"):
         number = np.floor(azimuth_rad * azimuth_rad.dtype.type(BINS / (2 * np.pi))).astype(np.int32)
     number += BINS * (number < 0)

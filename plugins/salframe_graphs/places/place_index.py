@@ -1,4 +1,4 @@
-"""The places of a map in the flat layout that queries are matched with."""
+"""The places of a map in a flat layout for matching."""
 
 from __future__ import annotations
 
@@ -24,18 +24,26 @@ PLACE_COLUMNS = {
     "log_size": ArrayKind("f", (None, 3)),
     "detection_logit": ArrayKind("f", (None,)),
 }
-"""Columns of a place's objects on disk, as in PlaceIndex. xyz_m: in the world, height over the camera."""
+"""Columns of a place's objects on disk, as in PlaceIndex. xyz_m is x and y in the world and height above the camera."""
 
 
 @dataclass(frozen=True, eq=False)
 class PlaceIndex:
     """The M objects of K places, one place after the other.
 
-    vocabulary: label -> number, L labels. frequency: (L + 1,) share of each label among the map's objects, the last one
-    that of a label which the map lacks. rarity: (L + 1,) smooth inverse document frequency over the places.
-    count: (K,) number of objects. label: (M,). xy_m: (M, 2) in the world. z_m: (M,) over the camera.
-    variance_m2: (M,) of the position along each axis. log_size: (M, 3). detection_logit: (M,) logit of being detected from
-    2 m away. cameras_m: (K, F, 2) positions of the scene frames, the last one repeated.
+    Attributes:
+        vocabulary: Label -> number, L labels.
+        frequency: (L + 1,) share of each label among the objects of the map. The last one is for labels that the map
+            lacks.
+        rarity: (L + 1,) smooth inverse document frequency over the places.
+        count: (K,) number of objects of each place.
+        label: (M,) number of each object's label.
+        xy_m: (M, 2) positions in the world.
+        z_m: (M,) heights above the camera.
+        variance_m2: (M,) variance of the position along each axis.
+        log_size: (M, 3) logarithms of length, width and height.
+        detection_logit: (M,) logit of the probability of detection from a distance of 2 m.
+        cameras_m: (K, F, 2) positions of the scene frames; the last one is repeated.
     """
 
     vocabulary: dict[str, int]
@@ -55,62 +63,69 @@ class PlaceIndex:
 
     @cached_property
     def segments(self) -> Segments:
-        """The places as groups of objects."""
+        """The objects grouped by place."""
         return Segments(self.count)
 
     @cached_property
     def place(self) -> np.ndarray:
-        """(M,) int64: the place of each object."""
+        """(M,) int64 number of the place of each object."""
         return self.segments.spread(np.arange(len(self)))
 
     @cached_property
     def position(self) -> np.ndarray:
-        """(M,) complex128: the positions of the objects, x + iy."""
+        """(M,) complex128 positions x + iy of the objects."""
         return as_complex(self.xy_m)
 
     @cached_property
     def weight(self) -> np.ndarray:
-        """(K,) float64: the rarities of each place's objects together."""
+        """(K,) float64 sum of the rarities of each place's objects."""
         return self.segments.sum(self.rarity[self.label])
 
     @cached_property
     def appearance(self) -> np.ndarray:
-        """(7, M) float64: z, log length, log box height, their squares, and ones; see `PlaceLikelihood`."""
-        look = np.stack([self.z_m, self.log_size[:, 0], self.log_size[:, 2]])
-        return np.concatenate([look, look**2, np.ones((1, look.shape[1]))])
+        """(7, M) float64: z, log length, log box height, their squares, and ones; for `PlaceLikelihood`."""
+        values = np.stack([self.z_m, self.log_size[:, 0], self.log_size[:, 2]])
+        return np.concatenate([values, values**2, np.ones((1, values.shape[1]))])
 
     def take(self, places: np.ndarray) -> PlaceIndex:
-        """Return the index of some places (C,), ascending, of the same labels."""
+        """Return the index of a subset of places (C,), ascending, with the same vocabulary and frequencies."""
         if len(places) == len(self):
             return self
         objects = ranges(self.segments.start[places], self.count[places])
         of_objects = ("label", "xy_m", "z_m", "variance_m2", "log_size", "detection_logit")
-        taken = {name: getattr(self, name)[objects] for name in of_objects}
-        return replace(self, count=self.count[places], cameras_m=self.cameras_m[places], **taken)
+        columns = {name: getattr(self, name)[objects] for name in of_objects}
+        return replace(self, count=self.count[places], cameras_m=self.cameras_m[places], **columns)
 
 
 def index_places(
     places: Sequence[Place], cameras_m: Sequence[np.ndarray], rates: Rates, likelihood: Likelihood
 ) -> PlaceIndex:
-    """Return the index of places. cameras_m: for each place the positions of its scene frames, (F, 3) in the world."""
+    """Return the index of places.
+
+    Args:
+        places: The places.
+        cameras_m: For each place the positions (F, 3) of its scene frames in the world.
+        rates: Error rates of the detector.
+        likelihood: Constants of the likelihood.
+    """
     names = sorted({label for place in places for label in place.labels})
     number = {label: i for i, label in enumerate(names)}
     cameras = np.zeros((len(places), max(map(len, cameras_m), default=0), 2))
-    logit, over_camera = [np.zeros(0)], [np.zeros((0, 3))]
-    for k, (place, stood) in enumerate(zip(places, cameras_m, strict=True)):
-        over_camera.append(place.centroid_m - [0, 0, np.median(stood[:, 2])])
+    logit, xyz_m = [np.zeros(0)], [np.zeros((0, 3))]
+    for k, (place, positions_m) in enumerate(zip(places, cameras_m, strict=True)):
+        xyz_m.append(place.centroid_m - [0, 0, np.median(positions_m[:, 2])])
         logit.append(
             rates.detection_logit
             + rates.detection_per_saliency * place.log_saliency
             + likelihood.detection_per_sighting * np.log(place.sightings)
         )
-        cameras[k] = stood[np.minimum(np.arange(cameras.shape[1]), len(stood) - 1), :2]
+        cameras[k] = positions_m[np.minimum(np.arange(cameras.shape[1]), len(positions_m) - 1), :2]
     return _index(
         names,
         np.array([len(place.labels) for place in places], int),
         np.array([number[name] for place in places for name in place.labels], int),
         {
-            "xyz_m": np.concatenate(over_camera),
+            "xyz_m": np.concatenate(xyz_m),
             "variance_m2": np.concatenate([np.zeros(0), *(place.variance_m2 for place in places)]),
             "log_size": np.concatenate([np.zeros((0, 3)), *(place.log_size for place in places)]),
             "detection_logit": np.concatenate(logit),
@@ -120,7 +135,7 @@ def index_places(
 
 
 def place_rows(index: PlaceIndex) -> Iterator[Row]:
-    """Yield the objects of each place, in the columns PLACE_COLUMNS."""
+    """Yield the objects of each place as a row of PLACE_COLUMNS."""
     names = np.array([*index.vocabulary], np.str_)
     xyz_m = np.column_stack([index.xy_m, index.z_m])
     for low, high in pairwise(index.segments.start.tolist()):
@@ -133,7 +148,7 @@ def place_rows(index: PlaceIndex) -> Iterator[Row]:
 
 
 def read_places(columns: Mapping[str, PackedColumn], cameras_m: np.ndarray) -> PlaceIndex:
-    """Return the index of the places in the columns PLACE_COLUMNS; cameras_m (K, F, 2) as in PlaceIndex."""
+    """Return the index of places from the columns PLACE_COLUMNS; cameras_m (K, F, 2) as in PlaceIndex."""
     labels = columns["labels"]
     values = {
         name: columns[name].values.reshape(-1, *kind.shape[1:])
@@ -146,7 +161,7 @@ def read_places(columns: Mapping[str, PackedColumn], cameras_m: np.ndarray) -> P
 def _index(
     names: Sequence[str], count: np.ndarray, label: np.ndarray, values: Mapping[str, np.ndarray], cameras_m: np.ndarray
 ) -> PlaceIndex:
-    """Return the index of places of `count` (K,) objects each; label (M,) numbers of names."""
+    """Return the index of places with `count` (K,) objects; label (M,) contains positions in `names`."""
     number = np.bincount(label, minlength=len(names) + 1) + 0.5
     return PlaceIndex(
         {name: i for i, name in enumerate(names)},

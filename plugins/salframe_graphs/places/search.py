@@ -1,4 +1,4 @@
-"""The best pose of a query in each place, and the pose that is answered (docs/explanation/method.md#pose)."""
+"""The best pose of a query in each place, and the final pose of the answer (docs/explanation/method.md#pose)."""
 
 from __future__ import annotations
 
@@ -15,19 +15,23 @@ from salframe_graphs.places.place_index import PlaceIndex
 from salframe_graphs.places.rates import Likelihood, Rates
 
 SETTLING_STEPS = 6
-"""Number of reweighted fits of the pose that is answered."""
+"""Number of reweighted fits of the final pose."""
 MIN_SHARE = 1e-7
-"""Pairs whose share is below this do not pull at the pose."""
-
+"""Minimum share of a pair that takes part in the fit."""
 _RIDGE = 1e-6 * np.eye(3)
-"""Added to the information matrix, so that it can be inverted."""
+"""Regularisation that keeps the information matrix invertible."""
 
 
 @dataclass(frozen=True, eq=False)
 class SearchResult:
-    """The best pose of each place of an index that has any: C poses, their places ascending, and score (C,) float64.
+    """The best pose of each of C places. Places without a pose are left out.
 
-    best: (C,) their positions among the refined poses.
+    Attributes:
+        scorer: The likelihood of the query.
+        poses: C poses, with ascending places.
+        score: (C,) float64 score of each pose.
+        refined: All refined poses.
+        best: (C,) positions of the poses in `refined`.
     """
 
     scorer: PlaceLikelihood
@@ -37,13 +41,13 @@ class SearchResult:
     best: np.ndarray
 
     def share(self, row: int) -> np.ndarray:
-        """Return how surely each query object is each object of the place, (n, m), under a pose (row of the C)."""
+        """Return the probability (n, m) that each query object is each object of the place, under pose `row`."""
         share = self.refined.share_of(int(self.best[row]))
         return self.scorer.score(self.poses.take(np.array([row])))[1] if share is None else share
 
 
 def search(query: GraphNodes, index: PlaceIndex, rates: Rates, likelihood: Likelihood, max_poses: int) -> SearchResult:
-    """Return the best pose of a query in each place of an index, of `max_poses` that are refined in each."""
+    """Return the best pose of a query in each place of an index, from up to `max_poses` refined poses in each."""
     scorer = PlaceLikelihood(query, index, rates, likelihood)
     refined = scorer.refine(best_poses(scorer, max_poses))
     best = top_per_group(refined.score, refined.poses.place, 1)
@@ -51,16 +55,16 @@ def search(query: GraphNodes, index: PlaceIndex, rates: Rates, likelihood: Likel
 
 
 def settle(scorer: PlaceLikelihood, pose: Poses, share: np.ndarray, min_deviation_m: float) -> tuple[Poses, np.ndarray]:
-    """Fit one pose to the objects that it explains.
+    """Fit one pose to the objects that it explains, by iteratively reweighted least squares.
 
-    Errors are taken to be Cauchy distributed and fitted by reweighting: the visible part of an object moves with the
-    viewpoint, and for a few objects it moves far.
+    Errors are assumed to be Cauchy distributed: the visible part of an object changes with the viewpoint, and for a few
+    objects its centroid moves far.
 
     Args:
-        scorer: likelihood of the query in the places of an index.
-        pose: one pose.
-        share: (n, m) how surely each query object is each object of the pose's place.
-        min_deviation_m: standard deviation added to each axis.
+        scorer: Likelihood of the query in the places of an index.
+        pose: One pose.
+        share: (n, m) probability that each query object is each object of the pose's place.
+        min_deviation_m: Standard deviation in metres to add to x and y.
 
     Returns:
         The pose, and its first-order covariance (3, 3) of x, y, yaw in the axes of the world (m, rad).
@@ -71,22 +75,22 @@ def settle(scorer: PlaceLikelihood, pose: Poses, share: np.ndarray, min_deviatio
     along, across, share = along[i, j], across[j], share[i, j].astype(np.float64)
     inverse = 1 / np.array([along, across])
     position, query, ray = scorer.index.xy_m[objects][j].T, scorer.position[i], scorer.ray[i]
-    # Columns: slopes of the deviation along each ray, of that across it, and the query object, all turned together.
+    # Columns: derivatives of the deviation along and across each ray, and the query object, all rotated together.
     base = np.concatenate([ray.real, -ray.imag, query.real, ray.imag, ray.real, query.imag]).reshape(2, -1)
     slope = np.zeros((3, 2, len(i)))
-    slope[2, 1] = scorer.range_m[i]  # turning moves an object across its ray
+    slope[2, 1] = scorer.range_m[i]  # rotation moves an object across its ray
     shift_m, yaw_rad = pose.shift_m[0], float(pose.yaw_rad[0])
     for _ in range(SETTLING_STEPS):
         c, s = math.cos(yaw_rad), math.sin(yaw_rad)
-        turned = (np.array([[c, -s], [s, c]]) @ base).reshape(2, 3, -1)
-        slope[:2] = turned[:, :2]
-        apart = position - turned[:, 2] - shift_m[:, None]
-        off = apart[0] * slope[0] + apart[1] * slope[1]
-        squares = off * off * inverse
+        rotated = (np.array([[c, -s], [s, c]]) @ base).reshape(2, 3, -1)
+        slope[:2] = rotated[:, :2]
+        offset_m = position - rotated[:, 2] - shift_m[:, None]
+        deviation = offset_m[0] * slope[0] + offset_m[1] * slope[1]
+        squares = deviation * deviation * inverse
         weight = share / (1 + squares[0] + squares[1]) * inverse
-        flat, weighted = slope.reshape(3, -1), (slope * weight).reshape(3, -1)
-        information = weighted @ flat.T + _RIDGE
-        step = np.linalg.solve(information, weighted @ off.ravel())
+        flat_slope, weighted = slope.reshape(3, -1), (slope * weight).reshape(3, -1)
+        information = weighted @ flat_slope.T + _RIDGE
+        step = np.linalg.solve(information, weighted @ deviation.ravel())
         shift_m, yaw_rad = shift_m + step[:2], yaw_rad + step[2]
     covariance = np.linalg.inv(information) + np.diag([min_deviation_m**2, min_deviation_m**2, 0.0])
     return Poses(pose.place, shift_m[None], np.array([yaw_rad])), covariance

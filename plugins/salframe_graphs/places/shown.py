@@ -1,4 +1,4 @@
-"""Which places a map shows, and its scene frames in each of them."""
+"""The places of a map and their scene frames."""
 
 from __future__ import annotations
 
@@ -14,9 +14,14 @@ from salframe_graphs.places.merging import Place
 
 @dataclass(frozen=True, eq=False)
 class ShownPlaces:
-    """K places of a map, several of which may bear one of P names: names, each once; name (K,), number of each place's;
-    frame (F,), positions in the map of their scene frames, one place's after the other's; start (K + 1,), where each
-    place's begin."""
+    """K places of a map with P distinct names. Several places may have the same name.
+
+    Attributes:
+        names: The distinct names.
+        name: (K,) position in `names` of each place's name.
+        frame: (F,) numbers in the map of the scene frames, one place after the other.
+        start: (K + 1,) position in `frame` of each place's first frame, and F.
+    """
 
     names: Sequence[str]
     name: np.ndarray
@@ -25,7 +30,7 @@ class ShownPlaces:
 
     @classmethod
     def of(cls, places: Sequence[Place]) -> ShownPlaces:
-        """Of gathered places."""
+        """Return the names and frames of places."""
         number = {name: i for i, name in enumerate(dict.fromkeys(place.name for place in places))}
         return cls(
             list(number),
@@ -39,34 +44,42 @@ class ShownPlaces:
 
     @cached_property
     def number(self) -> dict[str, int]:
-        """The number of each name."""
+        """The position of each name in `names`."""
         return {name: i for i, name in enumerate(self.names)}
 
     @cached_property
     def place(self) -> np.ndarray:
-        """(F,) the place of each of `frame`."""
+        """(F,) number of the place of each frame."""
         return np.repeat(np.arange(len(self)), np.diff(self.start))
 
     @cached_property
     def padded(self) -> np.ndarray:
-        """(K, most frames of a place): `frame`, the last one of each place repeated."""
+        """(K, maximum number of frames of a place): the frames of each place; the last one is repeated."""
         count = np.diff(self.start)
         return self.frame[self.start[:-1, None] + np.minimum(np.arange(count.max()), count[:, None] - 1)]
 
     @cached_property
     def _of_names(self) -> tuple[np.ndarray, np.ndarray]:
-        """`frame` name by name, and where each name's begin."""
+        """The frames sorted by name, and the position of each name's first frame."""
         name = self.name[self.place]
         return self.frame[np.argsort(name, kind="stable")], starts(np.bincount(name, minlength=len(self.names)))
 
     def nearest(self, names: np.ndarray, frames_m: np.ndarray, xy_m: np.ndarray) -> np.ndarray:
-        """(N,) of each of some names (N,) the frame that stands nearest to a position (N, 2), the first one where that
-        is NaN; frames_m (S, 2): where the frames of the map stand."""
+        """Return the frame of each name that is nearest to a position.
+
+        Args:
+            names: (N,) numbers of names.
+            frames_m: (S, 2) positions of all frames of the map in metres.
+            xy_m: (N, 2) positions in metres. Where one is NaN, the first frame of the name is returned.
+
+        Returns:
+            (N,) numbers of frames.
+        """
         frame, start = self._of_names
         count = start[names + 1] - start[names]
-        found, begins = frame[ranges(start[names], count)], starts(count)[:-1]
-        if len(found) > len(names):
+        candidates, first = frame[ranges(start[names], count)], starts(count)[:-1]
+        if len(candidates) > len(names):
             row = np.repeat(np.arange(len(names)), count)
-            away_m = np.hypot(*(frames_m[found] - xy_m[row]).T)
-            begins = np.lexsort((np.where(np.isnan(away_m), 0, away_m), row))[begins]
-        return found[begins]
+            distance_m = np.hypot(*(frames_m[candidates] - xy_m[row]).T)
+            first = np.lexsort((np.where(np.isnan(distance_m), 0, distance_m), row))[first]
+        return candidates[first]

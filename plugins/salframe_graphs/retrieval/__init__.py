@@ -1,1 +1,1 @@
-"""Which scenes of a map are worth matching to a query (docs/explanation/method.md#candidates)."""
+"""Selection of the scenes of a map to match with a query (docs/explanation/method.md#candidates)."""

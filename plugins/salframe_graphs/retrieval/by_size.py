@@ -1,4 +1,4 @@
-"""The scene index `by-size`: another one, chosen by the number of scenes and what is installed."""
+"""The scene index `by-size`: selects another index by the number of scenes and the installed packages."""
 
 from __future__ import annotations
 
@@ -19,30 +19,32 @@ from salframe_graphs.retrieval.compiled_lists import CompiledLists
 from salframe_graphs.retrieval.inverted_lists import InvertedLists
 
 MAX_PLAIN = 10_000
-"""Maximum number of scenes that inverted-lists answers in some 12 ms with matching."""
+"""Maximum number of scenes for `inverted-lists`. A query then takes about 12 ms, matching included."""
 _CHOICE, _INDEX = "choice.json", "index"
 _KINDS = {kind.name: kind for kind in (InvertedLists, CompiledLists)}
 
 
 def choose_scene_index(num_scenes: int) -> tuple[type[SceneIndex], str | None]:
-    """Return the scene index for a map of this many scenes, and a note for the user, None on a map of MAX_PLAIN."""
+    """Return the scene index for a number of scenes, and a note for the user (None for up to MAX_PLAIN scenes)."""
     if num_scenes <= MAX_PLAIN:
         return InvertedLists, None
     size = f"the map has over {MAX_PLAIN:,} panoramas"
     if importlib.util.find_spec("numba") is None:
-        return InvertedLists, f"{size}: for faster queries pip install 'salframe[fast]' and build it again"
+        return InvertedLists, f"{size}: for faster queries, pip install 'salframe[fast]' and build the map again"
     return CompiledLists, f"{size}: its scene index is {CompiledLists.name}"
 
 
 class _Choice(Settings):
-    """choice.json: the scene index that was chosen when the map was built."""
+    """choice.json: the scene index that was selected when the map was built."""
 
     kind: str
 
 
 class BySize(SceneIndex):
-    """Takes compiled-lists for a map of over 10,000 scenes where numba is installed, else inverted-lists, each with its
-    default settings. A map keeps the index that it was built with."""
+    """Uses compiled-lists for a map of over 10,000 scenes if numba is installed, otherwise inverted-lists.
+
+    Both have their default settings. The selection is made when the map is built.
+    """
 
     name = "by-size"
     version = "1"
@@ -61,7 +63,7 @@ class BySize(SceneIndex):
 
     def open(self, folder: Path) -> None:
         if not (folder / _CHOICE).exists():
-            raise DataError(f"{folder} holds no scene index: build it with SceneIndex.build")
+            raise DataError(f"{folder} has no scene index: build it with SceneIndex.build")
         kind = read_model(folder / _CHOICE, _Choice).kind
         if kind not in _KINDS:
             raise DataError(f"{folder} has a scene index {kind!r}, expected one of {', '.join(_KINDS)}: build it again")
@@ -73,6 +75,6 @@ class BySize(SceneIndex):
 
 
 def _drain(graphs: deque[SaliencyGraph]) -> Iterator[SaliencyGraph]:
-    """Yield graphs in order, and keep none."""
+    """Yield graphs in order, and remove each from the deque to free its memory."""
     while graphs:
         yield graphs.popleft()

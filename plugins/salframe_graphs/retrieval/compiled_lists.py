@@ -1,4 +1,4 @@
-"""The scene index `compiled-lists`: inverted lists with positions, verified by two-point hypotheses, compiled."""
+"""The scene index `compiled-lists`: inverted lists with positions, compiled, verified by two-point hypotheses."""
 
 from __future__ import annotations
 
@@ -25,18 +25,20 @@ from salframe_graphs.retrieval.postings import (
 )
 
 MAX_VERIFIED = 2000
-"""Maximum number of scenes to verify, the best by the lists."""
+"""Maximum number of scenes to verify: those with the best scores by the lists."""
 GEOMETRY_WEIGHT = 2.0
-"""Weight of the Jaccard index of the objects that agree with one pose, beside that of the lists: 1."""
+"""Weight of the Jaccard index of the objects consistent with one pose. The weight of the score by the lists is 1."""
 MIN_SIMILARITY = 0.1
-"""Minimum similarity of two objects that may be one."""
+"""Minimum similarity of two objects that may be the same."""
 _HEIGHT_M = CODE_LOW[0] + CODE_STEP * np.arange(256)
 
 
 class CompiledLists(SceneIndex):
-    """Ranks scenes as inverted-lists does, then the best 2,000 by the objects that agree with one pose: two objects of
-    the query and two of the scene give a pose, and the best pose of each scene counts. For maps of over 10,000 scenes;
-    compiled by numba when a map is built or opened."""
+    """Ranks scenes as inverted-lists does, then re-ranks the best 2,000 by the objects consistent with one pose.
+
+    Two objects of the query and two of the scene give a pose; the best pose of each scene determines its score. This
+    index is for maps of over 10,000 scenes. numba compiles it when a map is built or opened.
+    """
 
     name = "compiled-lists"
     version = "1"
@@ -44,16 +46,18 @@ class CompiledLists(SceneIndex):
     extra = "salframe[fast]"
 
     class Config(InvertedLists.Config):
-        tolerance_m: float = match_only(0.3, gt=0, description="distance at which two objects at range 0 cannot be one")
-        tolerance_share: float = match_only(0.05, ge=0, description="added tolerance, a share of the objects' ranges")
+        tolerance_m: float = match_only(
+            0.3, gt=0, description="maximum distance (m) between two views of the same object, at range 0"
+        )
+        tolerance_share: float = match_only(0.05, ge=0, description="increase of tolerance_m per metre of range")
         max_shift_m: float = match_only(
-            6.0, gt=0, description="maximum distance of a query to the panorama of a scene; poses beyond do not count"
+            6.0, gt=0, description="maximum distance (m) between a query and the panorama of its scene"
         )
 
     def build(self, graphs: Iterable[SaliencyGraph], folder: Path) -> None:
         with new_folder(folder) as parts:
             write_postings(graphs, parts, positions=True)
-        type(self)(self.config).open(folder)  # compiles, so that whoever opens the map does not wait
+        type(self)(self.config).open(folder)  # compile now, so that opening the map takes no extra time
 
     def open(self, folder: Path) -> None:
         self._postings = read_postings(folder)
@@ -63,21 +67,23 @@ class CompiledLists(SceneIndex):
             self._compile()
 
     def candidates(self, query: SaliencyGraph, count: int) -> SceneCandidates:
-        half_at = np.array([self.config.height_scale_m, *self.config.size_scale])
-        laid_out = IndexQuery.of(query, self._postings, half_at)
-        if not len(laid_out.node):
+        scale = np.array([self.config.height_scale_m, *self.config.size_scale])
+        index_query = IndexQuery.of(query, self._postings, scale)
+        if not len(index_query.node):
             return SceneCandidates(np.zeros(0, np.int64), np.zeros(0))
-        scene, score = self._scan(laid_out, max(count, MAX_VERIFIED))
+        scene, score = self._scan(index_query, max(count, MAX_VERIFIED))
         if not query.bearings_only:
             best = np.sort(np.lexsort((scene, -score))[:MAX_VERIFIED])
-            # No verified scene falls behind one that is not: what is added is at least 0.
-            score[best] += GEOMETRY_WEIGHT * self._geometry(query, laid_out, scene[best])
+            # The addition is at least 0, so no verified scene ranks below one that is not verified.
+            score[best] += GEOMETRY_WEIGHT * self._geometry(query, index_query, scene[best])
         order = np.lexsort((scene, -score))[:count]
         return SceneCandidates(scene[order], score[order])
 
     def _scan(self, query: IndexQuery, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the best `count` scenes by the lists, in the order of the map, and their scores. Of equal scores the
-        lower numbers come first."""
+        """Return the best `count` scenes by the lists, in the order of the map, and their scores.
+
+        Of equal scores the scenes with lower numbers are preferred.
+        """
         kernels, postings = load_kernels(), self._postings
         rarity = postings.rarity[query.label]
         maximum = FULL * rarity * (query.last - query.first)
@@ -88,41 +94,41 @@ class CompiledLists(SceneIndex):
         state = np.concatenate([[0, 0], postings.start[query.label]])
         min_score = 0.0
         while state[0] < len(postings.weight):
-            kernels.scan_lists(lists, labels, query.likeness, (query.rarity, FULL), state, min_score, scenes, scores)
+            kernels.scan_lists(lists, labels, query.similarity, (query.rarity, FULL), state, min_score, scenes, scores)
             num_scenes = int(state[1])
             if num_scenes > count:
-                is_best = _first(scores[:num_scenes], count)
+                is_best = _top_mask(scores[:num_scenes], count)
                 min_score = float(scores[:num_scenes][is_best].min())
                 scenes[:count], scores[:count] = scenes[:num_scenes][is_best], scores[:num_scenes][is_best]
                 state[1] = count
         return scenes[: state[1]].copy(), scores[: state[1]].copy()
 
-    def _geometry(self, query: SaliencyGraph, laid_out: IndexQuery, scene: np.ndarray) -> np.ndarray:
-        """Return the Jaccard index (K,) of the objects that agree with the best pose of each scene (K,), ascending."""
+    def _geometry(self, query: SaliencyGraph, index_query: IndexQuery, scene: np.ndarray) -> np.ndarray:
+        """Return the Jaccard index (K,) of the objects consistent with the best pose of each scene (K,), ascending."""
         postings = self._postings
-        start, end = postings.start[laid_out.label], postings.start[laid_out.label + 1]
+        start, end = postings.start[index_query.label], postings.start[index_query.label + 1]
         lists = postings.scene, postings.code, postings.position, _HEIGHT_M, POSITION_M
-        labels = laid_out.first, laid_out.last, start, end, (end - start) / len(postings.weight)
-        weight = postings.rarity[laid_out.object_label] / RARITY_UNIT
-        xy_m = np.ascontiguousarray(query.centroid_m[laid_out.node, :2])
-        objects = xy_m, query.range_m[laid_out.node], weight, laid_out.likeness / 255
+        labels = index_query.first, index_query.last, start, end, (end - start) / len(postings.weight)
+        weight = postings.rarity[index_query.object_label] / RARITY_UNIT
+        xy_m = np.ascontiguousarray(query.centroid_m[index_query.node, :2])
+        objects = xy_m, query.range_m[index_query.node], weight, index_query.similarity / 255
         limits = self.config.tolerance_m, self.config.tolerance_share, self.config.max_shift_m, MIN_SIMILARITY
         shared = np.zeros(len(scene))
         load_kernels().verify_scenes(lists, labels, objects, limits, scene, shared)
-        whole = (laid_out.rarity + postings.weight[scene]) / RARITY_UNIT
-        return shared / (whole - shared)  # type: ignore[no-any-return]
+        total = (index_query.rarity + postings.weight[scene]) / RARITY_UNIT
+        return shared / (total - shared)  # type: ignore[no-any-return]
 
     def _compile(self) -> None:
-        """Compile the kernels, or read them from the cache, by a query of one object that is in the map."""
+        """Compile the kernels, or read them from the cache, with a query of one object that is in the map."""
         labels = (next(iter(self._postings.labels)),)
-        one, at = np.ones(1), np.zeros((1, 3))
-        query = SaliencyGraph(labels, one, one, at, at + 1, 0 * one, np.zeros((0, 2), np.int64))
+        ones, origin = np.ones(1), np.zeros((1, 3))
+        query = SaliencyGraph(labels, ones, ones, origin, origin + 1, 0 * ones, np.zeros((0, 2), np.int64))
         compile_kernels(lambda: self.candidates(query, 1))
 
 
-def _first(scores: np.ndarray, count: int) -> np.ndarray:
-    """Return which scores (N,) bool are the `count` largest; of equal ones the first."""
-    least = np.partition(scores, len(scores) - count)[len(scores) - count]
-    is_best = scores > least
-    is_best[np.flatnonzero(scores == least)[: count - np.count_nonzero(is_best)]] = True
+def _top_mask(scores: np.ndarray, count: int) -> np.ndarray:
+    """Return a mask (N,) of the `count` largest scores. Of equal scores the first are preferred."""
+    threshold = np.partition(scores, len(scores) - count)[len(scores) - count]
+    is_best = scores > threshold
+    is_best[np.flatnonzero(scores == threshold)[: count - np.count_nonzero(is_best)]] = True
     return is_best

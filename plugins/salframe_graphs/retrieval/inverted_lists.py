@@ -1,4 +1,4 @@
-"""The scene index `inverted-lists`: by labels, heights and sizes of objects, wherever they stand."""
+"""The scene index `inverted-lists`: compares labels, heights and sizes of objects, without their positions."""
 
 from __future__ import annotations
 
@@ -17,14 +17,17 @@ from salframe_graphs.retrieval.scoring import best_scenes
 
 
 class InvertedLists(SceneIndex):
-    """Ranks scenes by the Jaccard index of their objects and the query's, weighted by the rarity of labels. An object
-    counts as much as the most similar object of its label matches it in height, length and box height."""
+    """Ranks scenes by the Jaccard index of their objects and the query's, weighted by the rarity of labels.
+
+    The shared part of an object is its similarity in height, length and box height to the most similar object with the
+    same label.
+    """
 
     name = "inverted-lists"
     version = "1"
 
     class Config(ComponentConfig):
-        height_scale_m: float = match_only(0.2, gt=0, description="difference in height that halves similarity")
+        height_scale_m: float = match_only(0.2, gt=0, description="difference in height (m) that halves similarity")
         size_scale: tuple[float, float] = match_only(
             (0.8, 0.5), description="log ratios of box length and box height that halve similarity"
         )
@@ -37,7 +40,7 @@ class InvertedLists(SceneIndex):
         self._postings = read_postings(folder)
 
     def candidates(self, query: SaliencyGraph, count: int) -> SceneCandidates:
-        half_at = np.array([self.config.height_scale_m, *self.config.size_scale])
-        scene, score = best_scenes(self._postings, IndexQuery.of(query, self._postings, half_at), max(count, 1))
+        scale = np.array([self.config.height_scale_m, *self.config.size_scale])
+        scene, score = best_scenes(self._postings, IndexQuery.of(query, self._postings, scale), max(count, 1))
         order = np.lexsort((scene, -score))[:count]
         return SceneCandidates(scene[order], score[order])

@@ -1,4 +1,4 @@
-"""The kernels of `compiled-lists`, with what numba compiles of them kept in salframe's cache folder."""
+"""Loads the kernels of `compiled-lists`, and stores their compiled code in salframe's cache folder."""
 
 from __future__ import annotations
 
@@ -19,27 +19,32 @@ _ENTRY_POINTS = ("scan_lists", "verify_scenes")
 
 
 def kernel_folder(source: Path) -> Path:
-    """Return the folder for what is compiled of a source file. Its name is the sha256 of the text, so that an edited
-    file never runs old code."""
+    """Return the folder for the compiled code of a source file.
+
+    Its name is the SHA-256 of the file's text, so that an edited file never runs old code.
+    """
     return cache_home() / "kernels" / file_sha256(source)
 
 
 @cache
 def load_kernels() -> ModuleType:
-    """Import the kernels. They are compiled at their first call, or read from the cache folder; where that cannot be
-    written, each process compiles them in memory."""
+    """Import the kernels.
+
+    They are compiled at the first call, or read from the cache folder. Where that folder is not writable, each process
+    compiles them in memory.
+    """
     kernels = importlib.import_module(_MODULE)
     folder = _folder_of(kernels)
     if _is_writable(folder):
-        _keep_compiled(kernels, folder)
+        _store_compiled(kernels, folder)
     return kernels
 
 
 def compile_kernels(call: Callable[[], object]) -> None:
-    """Compile the kernels by a call that uses all of them, whatever the state of the cache folder.
+    """Compile the kernels with a call that uses all of them, whatever the state of the cache folder.
 
-    numba raises OSError once for each kernel that it compiled and cannot write, as on a full disk; and any error where
-    the folder is damaged, which is then removed.
+    numba raises OSError once for each kernel that it cannot write, for instance on a full disk. It may raise any error
+    where the folder is damaged; the folder is then removed.
     """
     for _ in _ENTRY_POINTS:
         try:
@@ -65,15 +70,18 @@ def _is_writable(folder: Path) -> bool:
         return False
 
 
-def _keep_compiled(kernels: ModuleType, folder: Path) -> None:
-    """Have numba keep the compiled kernels in a folder. Each function takes its folder from numba's global setting when
-    caching is enabled; the setting is restored for other users of numba."""
+def _store_compiled(kernels: ModuleType, folder: Path) -> None:
+    """Let numba store the compiled kernels in a folder.
+
+    A function reads the folder from numba's global setting when its caching is enabled. The setting is restored
+    afterwards for other users of numba.
+    """
     numba_config: Any = importlib.import_module("numba.core.config")
-    before, numba_config.CACHE_DIR = numba_config.CACHE_DIR, str(folder)
+    previous, numba_config.CACHE_DIR = numba_config.CACHE_DIR, str(folder)
     try:
         for name in _ENTRY_POINTS:
             getattr(kernels, name).enable_caching()
-    except RuntimeError:  # $NUMBA_CACHE_LOCATOR_CLASSES rules the folder out: compile in memory
+    except RuntimeError:  # $NUMBA_CACHE_LOCATOR_CLASSES excludes the folder: compile in memory
         pass
     finally:
-        numba_config.CACHE_DIR = before
+        numba_config.CACHE_DIR = previous

@@ -1,4 +1,4 @@
-"""The objects of a map's scenes on disk, a list a label: built from a stream, read by mapping it into memory."""
+"""The objects of a map's scenes on disk, in one list per label: written from a stream, read by memory mapping."""
 
 from __future__ import annotations
 
@@ -18,15 +18,16 @@ from salframe.graphs.graph import REACH_M, SaliencyGraph
 
 CODE_STEP = 0.025
 CODE_LOW = np.array([-3.2, -4.0, -4.0])
-"""A code c in 0 to 255 of height over the camera (m), log length and log box height (m) stands for low + step x c."""
+"""A code c from 0 to 255 has the value low + step x c. The three values are height above the camera (m), log length and
+log box height."""
 _FROM_MIDDLE = (np.arange(256) - 127.5) / 127.5
 POSITION_M = REACH_M * _FROM_MIDDLE * np.abs(_FROM_MIDDLE)
-"""x or y (m) in the panorama frame that a code stands for: 0.1 m apart at 1 m and 0.4 m at 16 m, where a detector's
-errors are larger too."""
+"""Value of each code of x or y (m) in the panorama frame. The step is 0.1 m at 1 m and 0.4 m at 16 m, because a
+detector's errors increase with range."""
 RARITY_UNIT = 64
-"""Rarity is an integer, in these parts of one, so that sums do not depend on their order."""
+"""Rarities are integers in units of 1 / RARITY_UNIT, so that sums do not depend on their order."""
 CHUNK = 1 << 17
-"""Number of objects to hold in memory while building."""
+"""Number of objects in memory while an index is built."""
 _FORMAT = 1
 _INDEX, _LISTS, _SCENE, _CODE, _WEIGHT = "index.json", "lists.npy", "scene.npy", "code.npy", "weight.npy"
 _POSITION = "position.npy"
@@ -44,17 +45,17 @@ class _Index(Settings):
 
 @dataclass(frozen=True, eq=False)
 class Postings:
-    """The P objects of S scenes, those of label l at start[l] to start[l + 1], in the order of their scenes.
+    """The P objects of S scenes. Objects start[l] to start[l + 1] - 1 have label l, in the order of their scenes.
 
     Attributes:
-        labels: name -> l.
-        start: (L + 1,) int64.
-        scene: (P,) uint32.
-        code: (P, 3) uint8, height and sizes, see CODE_LOW.
-        rarity: (L + 1,) int64, smooth inverse document frequency ln((1 + S) / (1 + s)) + 1 in parts of RARITY_UNIT; the
-            last is that of a label which no scene has.
+        labels: Name -> number l.
+        start: (L + 1,) int64, position of each label's first object, and P.
+        scene: (P,) uint32, number of the scene of each object.
+        code: (P, 3) uint8 codes of height, length and box height, see CODE_LOW.
+        rarity: (L + 1,) int64, smooth inverse document frequency ln((1 + S) / (1 + s)) + 1 in units of 1 / RARITY_UNIT.
+            The last one is for labels that no scene has.
         weight: (S,) uint32, sum of the rarities of a scene's objects.
-        position: (P, 2) uint8, x and y, see POSITION_M; None where they are not stored.
+        position: (P, 2) uint8 codes of x and y, see POSITION_M; None where positions are not stored.
     """
 
     labels: dict[str, int]
@@ -67,12 +68,15 @@ class Postings:
 
 
 def appearance(graph: SaliencyGraph) -> np.ndarray:
-    """Return (N, 3) height over the camera (m), log length and log box height of a graph's nodes; NaN where unknown."""
+    """Return height above the camera (m), log length and log box height of a graph's nodes, (N, 3), NaN if unknown."""
     return np.concatenate([graph.centroid_m[:, 2:], np.log(graph.size_m[:, ::2])], 1)
 
 
 def write_postings(graphs: Iterable[SaliencyGraph], folder: Path, *, positions: bool) -> None:
-    """Write the postings of a stream of graphs to a folder, with positions where wanted. Memory holds CHUNK objects."""
+    """Write the postings of a stream of graphs to a folder, with or without positions.
+
+    About CHUNK objects are in memory at once.
+    """
     labels: dict[str, int] = {}
     spool = folder / "objects.bin"
     scenes = _spool(graphs, labels, spool)
@@ -84,10 +88,13 @@ def write_postings(graphs: Iterable[SaliencyGraph], folder: Path, *, positions: 
 
 
 def read_postings(folder: Path) -> Postings:
-    """Return the postings that `write_postings` wrote, mapped into memory. Raises DataError where there are none, or
-    they have another format or are incomplete."""
+    """Return the postings that `write_postings` wrote, mapped into memory.
+
+    Raises:
+        DataError: The folder has no postings, or they have another format or are incomplete.
+    """
     if not (folder / _INDEX).exists():
-        raise DataError(f"{folder} holds no scene index: build it with SceneIndex.build")
+        raise DataError(f"{folder} has no scene index: build it with SceneIndex.build")
     index = read_model(folder / _INDEX, _Index)
     if index.format != _FORMAT:
         raise DataError(f"{folder} has scene index format {index.format}, expected {_FORMAT}: build it again")
@@ -96,30 +103,30 @@ def read_postings(folder: Path) -> Postings:
         scene, code, weight = (np.asarray(map_array(folder / name)) for name in (_SCENE, _CODE, _WEIGHT))
         position = np.asarray(map_array(folder / _POSITION)) if index.positions else None
     except (OSError, ValueError) as error:
-        raise DataError(f"{folder} is not whole ({error}): build the scene index again") from None
-    placed = (start[-1], 2) if position is None else position.shape
-    shapes = (len(start), scene.shape, code.shape, weight.shape, placed)
+        raise DataError(f"{folder} is incomplete ({error}): build the scene index again") from None
+    position_shape = (start[-1], 2) if position is None else position.shape
+    shapes = (len(start), scene.shape, code.shape, weight.shape, position_shape)
     if shapes != (len(index.labels) + 1, (start[-1],), (start[-1], 3), (index.scenes,), (start[-1], 2)):
-        raise DataError(f"{folder} has lists of other lengths than its {_INDEX} says: build the scene index again")
+        raise DataError(f"{folder} has lists of lengths that contradict its {_INDEX}: build the scene index again")
     return Postings({name: i for i, name in enumerate(index.labels)}, start, scene, code, rarity, weight, position)
 
 
 def _spool(graphs: Iterable[SaliencyGraph], labels: dict[str, int], spool: Path) -> int:
-    """Write the objects in the order of the scenes and number their labels. Return the number of scenes."""
-    scenes, held, waiting = 0, 0, []
+    """Write the objects in the order of the scenes and number their labels; return the number of scenes."""
+    scenes, num_objects, buffer = 0, 0, []
     with spool.open("wb") as file:
         for graph in graphs:
-            waiting.append((scenes, graph))
-            scenes, held = scenes + 1, held + len(graph)
-            if held >= CHUNK:
-                _objects(waiting, labels).tofile(file)
-                held, waiting = 0, []
-        _objects(waiting, labels).tofile(file)
+            buffer.append((scenes, graph))
+            scenes, num_objects = scenes + 1, num_objects + len(graph)
+            if num_objects >= CHUNK:
+                _objects(buffer, labels).tofile(file)
+                num_objects, buffer = 0, []
+        _objects(buffer, labels).tofile(file)
     return scenes
 
 
 def _objects(scenes: list[tuple[int, SaliencyGraph]], labels: dict[str, int]) -> np.ndarray:
-    """Return the objects of numbered scenes."""
+    """Return the objects of numbered scenes as an array of _OBJECT."""
     objects = np.empty(sum(len(graph) for _, graph in scenes), _OBJECT)
     objects["label"] = [labels.setdefault(name, len(labels)) for _, graph in scenes for name in graph.labels]
     objects["scene"] = np.repeat(*np.array([(number, len(graph)) for number, graph in scenes], int).reshape(-1, 2).T)
@@ -132,7 +139,7 @@ def _objects(scenes: list[tuple[int, SaliencyGraph]], labels: dict[str, int]) ->
 
 
 def _sort(spool: Path, folder: Path, scenes: int, labels: int, positions: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Write spooled objects label by label, and the weight of each scene. Return where lists start, and rarities."""
+    """Write spooled objects label by label, and the weight of each scene; return starts of the lists and rarities."""
     count = np.zeros(labels, np.int64)
     for chunk in _chunks(spool):
         count += np.bincount(chunk["label"], minlength=labels)
@@ -150,18 +157,18 @@ def _sort(spool: Path, folder: Path, scenes: int, labels: int, positions: bool) 
             position[target] = chunk["position"]
         free += number
     lists = [scene[start[i] : start[i + 1]] for i in range(labels)]
-    having = np.array([*(1 + np.count_nonzero(np.diff(of_label)) for of_label in lists), 0])
-    rarity = np.round(RARITY_UNIT * (np.log((1 + scenes) / (1 + having)) + 1)).astype(np.int64)
+    num_scenes_with_label = np.array([*(1 + np.count_nonzero(np.diff(of_label)) for of_label in lists), 0])
+    rarity = np.round(RARITY_UNIT * (np.log((1 + scenes) / (1 + num_scenes_with_label)) + 1)).astype(np.int64)
     weight = open_memmap(folder / _WEIGHT, "w+", np.uint32, (scenes,))
-    for of_label, worth in zip(lists, rarity, strict=False):
-        np.add.at(weight, of_label, np.uint32(worth))
+    for of_label, label_rarity in zip(lists, rarity, strict=False):
+        np.add.at(weight, of_label, np.uint32(label_rarity))
     for written in (scene, code, weight, *([] if position is None else [position])):
         written.flush()
     return start, rarity
 
 
 def _chunks(spool: Path) -> Iterable[np.ndarray]:
-    """Yield spooled objects, CHUNK at a time."""
+    """Yield spooled objects in chunks of CHUNK."""
     with spool.open("rb") as file:
         while len(chunk := np.fromfile(file, _OBJECT, CHUNK)):
             yield chunk

@@ -1,4 +1,4 @@
-"""Scores of all scenes of a map for a query, in numpy."""
+"""Scores of all scenes of a map for a query, in NumPy."""
 
 from __future__ import annotations
 
@@ -9,27 +9,36 @@ from salframe_graphs.retrieval.postings import Postings
 
 
 def best_scenes(postings: Postings, query: IndexQuery, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the scenes (K,) int64 that share most with a query and their scores (K,) float64, in the order of the map.
+    """Return the scenes with the best scores for a query, in the order of the map.
 
-    At least the best `count` scenes that share anything, and more where scores are equal. The score is the Jaccard
-    index of both sides' objects, weighted by rarity: an object shares as much as the most similar object of the other
-    side is like it, and the smaller of both sums counts. So four chairs do not share four with a scene of one.
+    The score is the Jaccard index of the objects of query and scene, weighted by rarity. The shared part of an object
+    is its similarity to the most similar object of the other side, and the smaller sum of the two sides is used. So
+    four chairs share only one chair with a scene that has one.
+
+    Args:
+        postings: The lists of the map.
+        query: The query.
+        count: Minimum number of results, if as many scenes share a label with the query. There are more results where
+            scores are equal.
+
+    Returns:
+        Numbers (K,) int64 of the scenes, and their scores (K,) float64.
     """
     shared = np.zeros(len(postings.weight), np.int64)
     for label, first, last in zip(query.label.tolist(), query.first.tolist(), query.last.tolist(), strict=True):
-        listed = slice(*postings.start[label : label + 2])
-        scene, (height, length, box_height) = postings.scene[listed], postings.code[listed].T.astype(np.intp)
-        likeness = np.stack(
+        rows = slice(*postings.start[label : label + 2])
+        scene, (height, length, box_height) = postings.scene[rows], postings.code[rows].T.astype(np.intp)
+        similarity = np.stack(
             [
-                one.take(height) * two.take(length) * three.take(box_height)
-                for one, two, three in query.likeness[first:last]
+                height_row.take(height) * length_row.take(length) * box_row.take(box_height)
+                for height_row, length_row, box_row in query.similarity[first:last]
             ]
         )
         begin = np.flatnonzero(np.append(True, scene[1:] != scene[:-1]))
-        common = np.maximum.reduceat(likeness, begin, axis=1).sum(0, dtype=np.int64)
-        if len(likeness) > 1:  # one object shares no more than the scene's objects do
-            common = np.minimum(common, np.add.reduceat(likeness.max(0), begin, dtype=np.int64))
-        shared[scene[begin]] += postings.rarity[label] * common
+        label_shared = np.maximum.reduceat(similarity, begin, axis=1).sum(0, dtype=np.int64)
+        if len(similarity) > 1:  # one query object never shares more than the scene's objects do
+            label_shared = np.minimum(label_shared, np.add.reduceat(similarity.max(0), begin, dtype=np.int64))
+        shared[scene[begin]] += postings.rarity[label] * label_shared
     scene = np.flatnonzero(shared)
     score = shared[scene] / (FULL * (query.rarity + postings.weight[scene].astype(np.int64)) - shared[scene])
     if len(scene) > count:
