@@ -37,13 +37,13 @@ def docs(
         for name, title in titles.items():
             print(f"{name:{width}}  {title}")
         return
-    name = next((name for name in pages if page in (name, name.rpartition("/")[2])), None)
-    if name is None:
+    match = next((name for name in pages if page in (name, name.rpartition("/")[2])), None)
+    if match is None:
         raise UnknownName(unknown("page", page, [name.rpartition("/")[2] for name in pages]))
-    path = folder / f"{name}.md"
+    path = folder / f"{match}.md"
     text = read_text(path)
     if as_json:
-        print_json({"page": name, "path": str(path), "text": text})
+        print_json({"page": match, "path": str(path), "text": text})
     elif (console := Console()).is_terminal:
         with console.pager(styles=True):
             console.print(Markdown(text))
