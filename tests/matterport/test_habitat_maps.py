@@ -104,9 +104,7 @@ def test_bad_input_is_one_clear_line(drawn):
     with pytest.raises(DataError, match=r"region\.png is 500 x 300 and cat\.png 20 x 10, expected the same size"):
         read_floor(drawn, "drawn", 0.05)
     (folder / "cat.png").unlink()
-    with pytest.raises(
-        DataError, match=r"cat\.png is missing, expected the top-down map of the categories of objects that Object2HabitatMap"
-    ):
+    with pytest.raises(DataError, match=r"cat\.png is missing, expected the top-down map of the categories of objects"):
         read_floor(drawn, "drawn", 0.05)
     (folder / "cat.png").write_bytes(whole)
     house = drawn / "house" / "drawn.house"
