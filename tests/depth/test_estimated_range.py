@@ -118,7 +118,7 @@ def test_table_and_report_say_that_the_range_was_estimated(rooms, options, tmp_p
     rows = {row["method"]: row for row in done.json["rows"]}
     assert rows["saliency-graph"]["accuracy"] == 1.0
     assert rows["saliency-graph"]["median_translation_m"] < 0.05
-    assert rows["saliency-graph"]["given"] == rows["objects"]["given"] == ["annotations", "rgb", "estimated range"]
+    assert rows["saliency-graph"]["input"] == rows["objects"]["input"] == ["annotations", "rgb", "estimated range"]
     assert "saliency-graph: input annotations, colour, estimated range" in run(*arguments, *options).out
     report = Path(done.json["report"]).read_text()
     assert "saliency-graph: input annotations, colour, estimated range" in report
@@ -140,6 +140,6 @@ def test_without_a_range_model_what_could_estimate_it_is_named(rooms, options):
     assert row["reason"].startswith("its detector 'panoseg' needs range, which painted-rooms does not have; ")
     assert row["reason"].endswith("; to estimate it: --set range.kind=onnx-depth")
     (row,) = run(*arguments, "--engine", "inline", "--json", *options).json["rows"]
-    assert row["given"] == ["rgb", "estimated range"]
+    assert row["input"] == ["rgb", "estimated range"]
     (row,) = run(*arguments, "--engine", "inline", "--json", "--set", "range.kind=onnx-depth").json["rows"]
-    assert row["reason"] == "onnx-depth needs a depth network: expected the path of an ONNX file as `model`"
+    assert row["reason"] == "onnx-depth has no network, expected the path of an ONNX file as `model`"
