@@ -20,7 +20,7 @@ from salframe_depth.views import MIN_FOV_DEG, MIN_VIEWS, DepthRig, ViewRays
 ALIGNED_ROWS, MERGED_ROWS = 64, 512
 """Rows of the panorama on which views are aligned, and maximum number of rows on which they are merged: 0.35 deg per
 pixel, about the resolution of views of 518 pixels."""
-FARTHEST_M = 100.0
+MAX_RANGE_M = 100.0
 """Maximum range in metres. Larger ranges are set to unknown, since no room is that large."""
 UNSEEN = 128
 """Grey value of the pixels that a partial panorama does not cover."""
@@ -127,15 +127,19 @@ class OnnxDepth(RangeModel):
         image, height = panorama.rgb, len(panorama.rgb)
         if panorama.valid is not None:
             image = np.where(panorama.valid[..., None], image, np.uint8(UNSEEN))
-        nearness = self._whole(image) if self.config.input == "equirectangular" else self._merged(image, panorama.valid)
+        nearness = (
+            self._estimate_from_panorama(image)
+            if self.config.input == "equirectangular"
+            else self._estimate_from_views(image, panorama.valid)
+        )
         with np.errstate(divide="ignore", invalid="ignore"):
             range_m = np.where(nearness > 0, 1 / nearness, np.float32(np.nan)).astype(np.float32)
         if self.config.camera_height_m is not None:
-            range_m = self._to_height(range_m)
-        range_m = np.where(range_m < FARTHEST_M, range_m, np.float32(np.nan))
+            range_m = self._scale_to_floor(range_m)
+        range_m = np.where(range_m < MAX_RANGE_M, range_m, np.float32(np.nan))
         return cv2.resize(range_m, (2 * height, height), interpolation=cv2.INTER_NEAREST)
 
-    def _to_height(self, range_m: np.ndarray) -> np.ndarray:
+    def _scale_to_floor(self, range_m: np.ndarray) -> np.ndarray:
         """Scale a range image so that the floor is camera_height_m below the camera.
 
         If no floor is visible, a metric range image is returned unchanged, and any other with all ranges unknown.
@@ -145,7 +149,7 @@ class OnnxDepth(RangeModel):
             return range_m * np.float32(self.config.camera_height_m / height_m)
         return range_m if self.config.metric else np.full_like(range_m, np.nan)
 
-    def _whole(self, image: np.ndarray) -> np.ndarray:
+    def _estimate_from_panorama(self, image: np.ndarray) -> np.ndarray:
         """Estimate 1 / range (h, 2h) float32, in the network's scale, from the whole panorama (H, 2H, 3)."""
         import cv2
 
@@ -154,7 +158,7 @@ class OnnxDepth(RangeModel):
         with np.errstate(divide="ignore", invalid="ignore"):
             return depth if self.config.gives == "inverse" else 1 / depth
 
-    def _merged(self, image: np.ndarray, valid: np.ndarray | None) -> np.ndarray:
+    def _estimate_from_views(self, image: np.ndarray, valid: np.ndarray | None) -> np.ndarray:
         """Estimate 1 / range (h, 2h) float32, in the network's scale, from overlapping views.
 
         Args:

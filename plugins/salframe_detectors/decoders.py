@@ -33,7 +33,7 @@ class Yolox(DetectionDecoder):
         )
         stride_px = np.concatenate([np.full((rows * columns, 1), stride) for rows, columns, stride in cells])
         return [
-            _pick(
+            _select(
                 (image[:, :2] + corner) * stride_px,
                 np.exp(np.minimum(image[:, 2:4], 20)) * stride_px,
                 image[:, 4:5] * image[:, 5:],
@@ -52,7 +52,7 @@ class Yolov5(DetectionDecoder):
     def decode(self, outputs: Sequence[np.ndarray], request: Question) -> list[Found]:
         """See DetectionDecoder."""
         (raw,) = _select_outputs(self.name, outputs, (None, 5 + request.classes))
-        return [_pick(image[:, :2], image[:, 2:4], image[:, 4:5] * image[:, 5:], request) for image in raw]
+        return [_select(image[:, :2], image[:, 2:4], image[:, 4:5] * image[:, 5:], request) for image in raw]
 
 
 class Yolov8(DetectionDecoder):
@@ -64,7 +64,7 @@ class Yolov8(DetectionDecoder):
     def decode(self, outputs: Sequence[np.ndarray], request: Question) -> list[Found]:
         """See DetectionDecoder."""
         (raw,) = _select_outputs(self.name, outputs, (4 + request.classes, None))
-        return [_pick(image[:2].T, image[2:4].T, image[4:].T, request) for image in raw]
+        return [_select(image[:2].T, image[2:4].T, image[4:].T, request) for image in raw]
 
 
 class Yolov8Seg(DetectionDecoder):
@@ -80,18 +80,20 @@ class Yolov8Seg(DetectionDecoder):
         """See DetectionDecoder."""
         import cv2
 
-        wanted = (4 + request.classes + MASK_COEFFICIENTS, None), (MASK_COEFFICIENTS, None, None)
-        raw, prototypes = _select_outputs(self.name, outputs, *wanted)
+        expected = (4 + request.classes + MASK_COEFFICIENTS, None), (MASK_COEFFICIENTS, None, None)
+        raw, prototypes = _select_outputs(self.name, outputs, *expected)
         answers = []
         for image, prototype in zip(raw, prototypes, strict=True):
             weights = image[4 + request.classes :].T
-            picked, indices = _pick_from(image[:2].T, image[2:4].T, image[4 : 4 + request.classes].T, request)
+            detections, indices = _select_with_indices(
+                image[:2].T, image[2:4].T, image[4 : 4 + request.classes].T, request
+            )
             masks = [
                 cv2.resize(np.tensordot(w, prototype, 1), (request.width_px, request.height_px)) > 0
                 for w in weights[indices]
             ]
             mask = np.array(masks, bool).reshape(-1, request.height_px, request.width_px)
-            answers.append(Found(picked.box_px, picked.score, picked.label, mask))
+            answers.append(Found(detections.box_px, detections.score, detections.label, mask))
         return answers
 
 
@@ -108,7 +110,7 @@ class Detr(DetectionDecoder):
         """See DetectionDecoder."""
         logits, boxes = _select_outputs(self.name, outputs, (None, request.classes + 1), (None, 4))
         odds = np.exp(logits - logits.max(-1, keepdims=True))
-        return _pick_shares(boxes, (odds / odds.sum(-1, keepdims=True))[..., :-1], request)
+        return _select_relative(boxes, (odds / odds.sum(-1, keepdims=True))[..., :-1], request)
 
 
 class RtDetr(DetectionDecoder):
@@ -120,7 +122,7 @@ class RtDetr(DetectionDecoder):
     def decode(self, outputs: Sequence[np.ndarray], request: Question) -> list[Found]:
         """See DetectionDecoder."""
         logits, boxes = _select_outputs(self.name, outputs, (None, request.classes), (None, 4))
-        return _pick_shares(boxes, 1 / (1 + np.exp(-logits)), request)
+        return _select_relative(boxes, 1 / (1 + np.exp(-logits)), request)
 
 
 def _select_outputs(name: str, outputs: Sequence[np.ndarray], *shapes: tuple[int | None, ...]) -> list[np.ndarray]:
@@ -133,39 +135,39 @@ def _select_outputs(name: str, outputs: Sequence[np.ndarray], *shapes: tuple[int
     for shape in shapes:
         candidates = [i for i in remaining if _fits(outputs[i].shape[1:], shape)]
         if not candidates:
-            received = ", ".join(_spell(output.shape[1:]) for output in outputs)
+            received = ", ".join(_format_shape(output.shape[1:]) for output in outputs)
             raise WeightsMissing(
                 f"the network gives {received} for each image, the decoder {name} expects "
-                f"{', '.join(map(_spell, shapes))}"
+                f"{', '.join(map(_format_shape, shapes))}"
             )
         remaining.remove(candidates[0])
         matches.append(outputs[candidates[0]])
     return matches
 
 
-def _fits(received: Sequence[int], wanted: Sequence[int | None]) -> bool:
-    return len(received) == len(wanted) and all(
-        length in (None, actual) for length, actual in zip(wanted, received, strict=True)
+def _fits(received: Sequence[int], expected: Sequence[int | None]) -> bool:
+    return len(received) == len(expected) and all(
+        length in (None, actual) for length, actual in zip(expected, received, strict=True)
     )
 
 
-def _spell(shape: Sequence[int | None]) -> str:
+def _format_shape(shape: Sequence[int | None]) -> str:
     return f"({', '.join('*' if length is None else str(length) for length in shape)})"
 
 
-def _pick_shares(boxes: np.ndarray, scores: np.ndarray, request: Question) -> list[Found]:
+def _select_relative(boxes: np.ndarray, scores: np.ndarray, request: Question) -> list[Found]:
     size_px = np.array([request.width_px, request.height_px])
     return [
-        _pick(box[:, :2] * size_px, box[:, 2:] * size_px, score, request)
+        _select(box[:, :2] * size_px, box[:, 2:] * size_px, score, request)
         for box, score in zip(boxes, scores, strict=True)
     ]
 
 
-def _pick(centre_px: np.ndarray, size_px: np.ndarray, scores: np.ndarray, request: Question) -> Found:
-    return _pick_from(centre_px, size_px, scores, request)[0]
+def _select(centre_px: np.ndarray, size_px: np.ndarray, scores: np.ndarray, request: Question) -> Found:
+    return _select_with_indices(centre_px, size_px, scores, request)[0]
 
 
-def _pick_from(
+def _select_with_indices(
     centre_px: np.ndarray, size_px: np.ndarray, scores: np.ndarray, request: Question
 ) -> tuple[Found, np.ndarray]:
     """Select the candidates whose best class scores at least min_score, and clip their boxes to the image.

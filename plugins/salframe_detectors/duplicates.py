@@ -61,19 +61,17 @@ def overlap(detections: Detections, i: int, j: int) -> float:
     return shared_cap(apart_rad, *(cap_radius(float(detections.solid_angle_sr[k])) for k in (i, j)))
 
 
-def shared_volume(one: tuple[np.ndarray, np.ndarray, float], other: tuple[np.ndarray, np.ndarray, float]) -> float:
+def shared_volume(a: tuple[np.ndarray, np.ndarray, float], b: tuple[np.ndarray, np.ndarray, float]) -> float:
     """Return the volume that two upright boxes share, divided by the volume of the smaller one.
 
     A box is its centre (3,) in metres, its size (3,) in metres and its yaw in radians.
     """
-    low, high = (
-        side([box[0][2] + sign * box[1][2] / 2 for box in (one, other)]) for side, sign in ((max, -1), (min, 1))
-    )
-    reach_m = sum(float(np.hypot(*box[1][:2])) / 2 for box in (one, other))
-    if high <= low or np.hypot(*(one[0] - other[0])[:2]) >= reach_m:
+    low, high = (side([box[0][2] + sign * box[1][2] / 2 for box in (a, b)]) for side, sign in ((max, -1), (min, 1)))
+    reach_m = sum(float(np.hypot(*box[1][:2])) / 2 for box in (a, b))
+    if high <= low or np.hypot(*(a[0] - b[0])[:2]) >= reach_m:
         return 0.0
-    area_m2 = _footprint(*one).intersection(_footprint(*other)).area
-    return float(area_m2 * (high - low) / min(one[1].prod(), other[1].prod()))
+    area_m2 = _footprint(*a).intersection(_footprint(*b)).area
+    return float(area_m2 * (high - low) / min(a[1].prod(), b[1].prod()))
 
 
 def _footprint(centre_m: np.ndarray, size_m: np.ndarray, yaw_rad: float):  # type: ignore[no-untyped-def]
@@ -85,9 +83,9 @@ def _footprint(centre_m: np.ndarray, size_m: np.ndarray, yaw_rad: float):  # typ
     return Polygon(corners @ np.array([[c, s], [-s, c]]) + centre_m[:2])
 
 
-def angle_between(one: np.ndarray, other: np.ndarray) -> float:
+def angle_between(a: np.ndarray, b: np.ndarray) -> float:
     """Return the angle in radians between two unit vectors; accurate for small angles."""
-    return float(2 * np.arctan2(np.linalg.norm(one - other), np.linalg.norm(one + other)))
+    return float(2 * np.arctan2(np.linalg.norm(a - b), np.linalg.norm(a + b)))
 
 
 def cap_radius(solid_angle_sr: float) -> float:
@@ -117,7 +115,7 @@ def shared_cap(apart_rad: float, one_rad: float, other_rad: float) -> float:
     return float(lens_sr / (4 * np.pi * np.sin(small / 2) ** 2))
 
 
-def _angle(opposite: float, one: float, other: float) -> float:
+def _angle(opposite: float, side_a: float, side_b: float) -> float:
     """Return the angle of a spherical triangle between two sides, from the side opposite to it."""
-    cosine = (np.cos(opposite) - np.cos(one) * np.cos(other)) / (np.sin(one) * np.sin(other))
+    cosine = (np.cos(opposite) - np.cos(side_a) * np.cos(side_b)) / (np.sin(side_a) * np.sin(side_b))
     return float(np.arccos(np.clip(cosine, -1, 1)))

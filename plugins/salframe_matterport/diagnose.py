@@ -44,7 +44,7 @@ def diagnose(run: Run, method: str) -> dict[str, list[str]]:
             places = answers[fold.id, query.id]
             truth = dataset.truth(query.id)
             region_scenes = [scenes[frame.id] for frame in fold.references if frame.place == truth.place]
-            # Skip queries whose place is out-of-map, and correct answers.
+            # Skip out-of-map queries and correct answers.
             if not region_scenes or (places and places[0].place == truth.place):
                 continue
             answer_scenes = [scenes[frame.id] for frame in fold.references if places and frame.place == places[0].place]

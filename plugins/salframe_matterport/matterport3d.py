@@ -93,7 +93,10 @@ class Matterport3D(Dataset):
 
     @cached_property
     def fingerprint(self) -> str:
-        """Hash of settings and each file's name, size and modification time (to read all images takes minutes)."""
+        """Hash of the settings and of each file's name, size and modification time.
+
+        Hashing the content of all images would take minutes.
+        """
         return digest([self.version, self.config.seed, [self._key(id) for id in self._viewpoints]])
 
     def _key(self, id: str) -> str:

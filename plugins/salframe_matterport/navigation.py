@@ -88,7 +88,7 @@ class ViewpointWorld(World):
         super().__init__(id, self._viewpoints)
 
     def stand_at(self, node: MapNode, yaw_rad: float) -> np.ndarray:
-        return self._turned(self._viewpoints.map.nodes.index(node), yaw_rad)
+        return self._pose_at(self._viewpoints.map.nodes.index(node), yaw_rad)
 
     def stand(self, x_m: float, y_m: float, yaw_rad: float) -> np.ndarray:
         raise DataError(
@@ -98,7 +98,7 @@ class ViewpointWorld(World):
 
     def draw_start(self, rng: np.random.Generator) -> np.ndarray:
         inside = [number for number, node in enumerate(self._viewpoints.map.nodes) if node.regions]
-        return self._turned(int(rng.choice(inside)), rng.uniform(-np.pi, np.pi))
+        return self._pose_at(int(rng.choice(inside)), rng.uniform(-np.pi, np.pi))
 
     def region(self, T_world_pano: np.ndarray) -> str:
         return next(iter(self._node(T_world_pano).regions), "")
@@ -134,12 +134,12 @@ class ViewpointWorld(World):
                 and misfit_m < min_misfit_m
             ):
                 destination, min_misfit_m = int(there), misfit_m
-        return self._turned(destination, yaw_rad), destination == here
+        return self._pose_at(destination, yaw_rad), destination == here
 
     def _node(self, T_world_pano: np.ndarray) -> MapNode:
         return self._viewpoints.map.nodes[self._viewpoints.nearest(T_world_pano[:3, 3])]
 
-    def _turned(self, number: int, yaw_rad: float) -> np.ndarray:
+    def _pose_at(self, number: int, yaw_rad: float) -> np.ndarray:
         x_m, y_m, z_m = self._poses[number][:3, 3]
         return pose_2d(x_m, y_m, yaw_rad, z_m)
 

@@ -87,7 +87,7 @@ class Viewpoint:
             pictures = [images.read_color(path) for path in self._faces]
             cameras = self._skybox([picture.shape[1] for picture in pictures])
         else:
-            pictures = [_sized(path, images.read_color(path)) for path in self._pictures]
+            pictures = [_check_size(path, images.read_color(path)) for path in self._pictures]
         rgb, valid = stitch_color(pictures, cameras, self.T_world_pano, range_m)
         return Panorama(self.name, rgb, range_m, valid)
 
@@ -162,10 +162,10 @@ def read_viewpoints(folder: Path) -> dict[str, Viewpoint]:
         raise DataError(f"{path} is not a valid camera file of the Matterport3D release: {error}") from None
     if not shots:
         raise DataError(f"{path} lists no images, expected lines that begin with 'scan'")
-    return {name: Viewpoint(name, folder, tuple(taken), _upright(taken)) for name, taken in shots.items()}
+    return {name: Viewpoint(name, folder, tuple(taken), _panorama_pose(taken)) for name, taken in shots.items()}
 
 
-def _upright(shots: Sequence[DepthShot]) -> np.ndarray:
+def _panorama_pose(shots: Sequence[DepthShot]) -> np.ndarray:
     """Return T_world_pano (4, 4), upright, at the mean position of the cameras."""
     level = next((shot for shot in shots if "_i1_" in shot.picture), shots[0]).camera.T_world_camera
     x_m, y_m, z_m = np.mean([shot.camera.T_world_camera[:3, 3] for shot in shots], axis=0)
@@ -174,11 +174,11 @@ def _upright(shots: Sequence[DepthShot]) -> np.ndarray:
 
 def _read_depth(path: Path) -> np.ndarray:
     """Read a depth image: depth (h, w) float32 along the camera axis in metres, NaN where there is no reading."""
-    units = _sized(path, images.read_ids(path))
+    units = _check_size(path, images.read_ids(path))
     return np.where(units > 0, units / np.float32(_DEPTH_PER_METRE), np.float32(np.nan)).astype(np.float32)
 
 
-def _sized(path: Path, image: np.ndarray) -> np.ndarray:
+def _check_size(path: Path, image: np.ndarray) -> np.ndarray:
     if image.shape[:2] != (HEIGHT_PX, WIDTH_PX):
         raise DataError(
             f"{path} is {image.shape[1]} x {image.shape[0]}, expected {WIDTH_PX} x {HEIGHT_PX}, "

@@ -107,8 +107,8 @@ class Reverie(Scorer):
             if poses is None:
                 trajectory[name] = [[task.path[0], task.heading_rad, 0.0]]
                 continue
-            viewpoints, stood_m = list(camera[task.scan]), np.array([T[:3, 3] for T in camera[task.scan].values()])
-            nearest = np.linalg.norm(poses[:, None, :3] - stood_m, axis=2).argmin(1)
+            viewpoints, camera_m = list(camera[task.scan]), np.array([T[:3, 3] for T in camera[task.scan].values()])
+            nearest = np.linalg.norm(poses[:, None, :3] - camera_m, axis=2).argmin(1)
             heading = (math.pi / 2 - poses[:, 3]) % (2 * math.pi)
             trajectory[name] = [[viewpoints[i], float(h), 0.0] for i, h in zip(nearest, heading, strict=True)]
         return [
@@ -217,9 +217,9 @@ def score_episode(name: str, episode: ReverieEpisode, answer: Answer, building: 
     shortest_m = building.distance_m(episode.path[0], episode.path[-1])
     directness = shortest_m / max(walked_m, shortest_m, MIN_LENGTH_M)
     success = building.shows(answer.path[-1], episode.object_id)
-    passed = any(building.shows(viewpoint, episode.object_id) for viewpoint in answer.path)
-    named = answer.object_id == str(episode.object_id)
-    return float(success), float(passed), success * directness, float(named), named * directness
+    was_visible = any(building.shows(viewpoint, episode.object_id) for viewpoint in answer.path)
+    is_named = answer.object_id == str(episode.object_id)
+    return float(success), float(was_visible), success * directness, float(is_named), is_named * directness
 
 
 def read_episodes(root: Path) -> dict[str, dict[str, ReverieEpisode]]:

@@ -117,7 +117,7 @@ def read_scenes(
         range_m = np.full(len(rows), np.nan)
         for i, row in enumerate(rows):
             random = generator(seed, "range", scan, viewpoint, object_id[row])
-            range_m[i] = _measured(true_range_m[row], triangulated_m, range_noise, random)
+            range_m[i] = _noisy_range(true_range_m[row], triangulated_m, range_noise, random)
         labels = [boxes.label for boxes in objects.values()]
         azimuth_rad, elevation_rad, width_rad, height_rad = angles[rows].T
         scenes.append(
@@ -139,7 +139,7 @@ def read_scenes(
     return scenes
 
 
-def _measured(range_m: float, others_m: np.ndarray, range_noise: float, random: np.random.Generator) -> float:
+def _noisy_range(range_m: float, others_m: np.ndarray, range_noise: float, random: np.random.Generator) -> float:
     """Return a range in metres with a random factor; if it is unknown, a random one of `others_m`, NaN if empty."""
     if np.isfinite(range_m):
         return float(range_m * np.exp(range_noise * random.standard_normal()))
@@ -177,5 +177,5 @@ def retriangulate_ranges(
     for (scene, i), range_m in zip(rays, true_range_m, strict=True):
         scan, _, viewpoint = scene.id.partition("/")
         random = generator(seed, "range", scan, viewpoint, scene.object_id[i])
-        new_range_m[scene.id][i] = _measured(range_m, other_m, range_noise, random)
+        new_range_m[scene.id][i] = _noisy_range(range_m, other_m, range_noise, random)
     return {scene.id: replace(scene, range_m=new_range_m[scene.id]) for scene in scenes if scene.id in new_range_m}

@@ -66,7 +66,7 @@ def read_rooms(root: Path) -> tuple[FloorRegion, ...]:
     """
     path = root / "regions.json"
     if not path.exists():
-        return tuple(room for house in sorted(root.glob("*.house")) for room in _of_house(house))
+        return tuple(room for house in sorted(root.glob("*.house")) for room in _house_rooms(house))
     content: dict[str, _PlaceRegion] = read_as(path, dict[str, _PlaceRegion])
     heights = sorted({entry.floor_m for entry in content.values()})
     return tuple(
@@ -75,7 +75,7 @@ def read_rooms(root: Path) -> tuple[FloorRegion, ...]:
     )
 
 
-def _of_house(path: Path) -> list[FloorRegion]:
+def _house_rooms(path: Path) -> list[FloorRegion]:
     regions = read_house(path).regions
     return [FloorRegion(f"{path.stem}/region-{r.index}", r.outlines_m, float(r.low_m[2]), r.level) for r in regions]
 
@@ -129,22 +129,24 @@ def floor_masks(
     obstacle = up_m > BAND_M[0]
     cuts = np.zeros((rows, columns), np.uint8)
     for height in np.linspace(*BAND_M, _SLICES):
-        cv2.polylines(cuts, np.floor(pixels(_cut(surface, floor_m + height))).astype(np.int32), isClosed=False, color=1)
+        cv2.polylines(
+            cuts, np.floor(pixels(_cut_mesh(surface, floor_m + height))).astype(np.int32), isClosed=False, color=1
+        )
     obstacle |= cuts > 0
 
     region = np.zeros((rows, columns), np.int32)
     for number, room in enumerate(rooms, 1):
         cv2.fillPoly(region, [np.round(pixels(outline) - 0.5).astype(np.int32) for outline in room.outlines_m], number)
-    region = _grown(region, _MARGIN_M / resolution_m)
+    region = _extend_labels(region, _MARGIN_M / resolution_m)
     free = (region > 0) & (is_floor | obstacle)
-    obstacle |= _pockets(free & ~obstacle, _POCKET_M2 / resolution_m**2)
+    obstacle |= _small_patches(free & ~obstacle, _POCKET_M2 / resolution_m**2)
     places = {number: room.place for number, room in enumerate(rooms, 1)}
     return FloorMasks(
         free, np.where(free, region, 0), obstacle & free, resolution_m, (float(left_m), float(top_m)), places, floor_m
     )
 
 
-def _cut(surface: MeshSurface, height_m: float) -> np.ndarray:
+def _cut_mesh(surface: MeshSurface, height_m: float) -> np.ndarray:
     """Return the segments (N, 2, 2), x and y of their ends, in which a horizontal plane cuts the triangles."""
     corners = surface.vertices_m[surface.triangles]
     above = corners[..., 2] >= height_m
@@ -155,7 +157,7 @@ def _cut(surface: MeshSurface, height_m: float) -> np.ndarray:
     return (corners[crossed] + share[:, None] * (following[crossed] - corners[crossed]))[:, :2].reshape(-1, 2, 2)
 
 
-def _grown(region: np.ndarray, reach_px: float) -> np.ndarray:
+def _extend_labels(region: np.ndarray, reach_px: float) -> np.ndarray:
     """Extend the labels to unlabelled cells within `reach_px` of a room; the nearest room wins."""
     from scipy import ndimage
 
@@ -163,7 +165,7 @@ def _grown(region: np.ndarray, reach_px: float) -> np.ndarray:
     return np.where(distance <= reach_px, region[tuple(nearest)], 0).astype(np.int32)
 
 
-def _pockets(clear: np.ndarray, pixels: float) -> np.ndarray:
+def _small_patches(clear: np.ndarray, pixels: float) -> np.ndarray:
     """Return the connected patches of `clear` with fewer than `pixels` pixels."""
     from scipy import ndimage
 

@@ -82,17 +82,20 @@ def _read(path: Path) -> MeshSurface:
     with open3d.utility.VerbosityContextManager(open3d.utility.VerbosityLevel.Error):
         if path.suffix.lower() == ".ply":
             mesh = open3d.io.read_triangle_mesh(str(path))
-            parts, looks = [(mesh, 0)], [_plain(_GREY if not mesh.has_vertex_colors() else (255, 255, 255))]
+            parts, textures_by_material = (
+                [(mesh, 0)],
+                [_uniform_texture(_GREY if not mesh.has_vertex_colors() else (255, 255, 255))],
+            )
         else:
             model = open3d.io.read_triangle_model(str(path))
-            parts, looks = (
+            parts, textures_by_material = (
                 [(part.mesh, part.material_idx) for part in model.meshes],
-                [_look(material) for material in model.materials],
+                [_texture(material) for material in model.materials],
             )
-    parts = [(mesh, look) for mesh, look in parts if len(mesh.triangles)]
+    parts = [(mesh, material) for mesh, material in parts if len(mesh.triangles)]
     if not parts:
         raise DataError(f"{path} has no faces, expected a mesh of triangles or polygons")
-    surface = _joined(parts, tuple(looks))
+    surface = _join(parts, tuple(textures_by_material))
     _check(surface, path)
     return surface
 
@@ -119,28 +122,28 @@ def _check(surface: MeshSurface, path: Path) -> None:
             )
 
 
-def _plain(rgb) -> np.ndarray:
+def _uniform_texture(rgb) -> np.ndarray:
     """Return a texture of one pixel."""
     return np.array([[rgb]], np.uint8)
 
 
-def _look(material) -> np.ndarray:
+def _texture(material) -> np.ndarray:
     """Return the texture of a material; one pixel of its colour if it has no image."""
     image = None if material.albedo_img is None else np.asarray(material.albedo_img)
     if image is None or not image.size:
-        return _plain(np.round(255 * np.asarray(material.base_color)[:3]))
+        return _uniform_texture(np.round(255 * np.asarray(material.base_color)[:3]))
     image = image if image.ndim == 3 else image[..., None]
     return np.ascontiguousarray(image[..., :3] if image.shape[2] >= 3 else image[..., [0, 0, 0]])
 
 
-def _joined(parts: list, looks: tuple[np.ndarray, ...]) -> MeshSurface:
+def _join(parts: list, textures_by_material: tuple[np.ndarray, ...]) -> MeshSurface:
     vertices, triangles, paint, uv, colors = [], [], [], [], []
     first = 0
-    for mesh, look in parts:
+    for mesh, material in parts:
         corners = np.asarray(mesh.triangles, np.int32)
         vertices.append(np.asarray(mesh.vertices, np.float32))
         triangles.append(corners + first)
-        paint.append(np.full(len(corners), look, np.int32))
+        paint.append(np.full(len(corners), material, np.int32))
         has_uv = len(mesh.triangle_uvs) == 3 * len(corners)
         uv.append(
             np.asarray(mesh.triangle_uvs, np.float32).reshape(-1, 3, 2)
@@ -159,5 +162,5 @@ def _joined(parts: list, looks: tuple[np.ndarray, ...]) -> MeshSurface:
         paint=np.concatenate(paint),
         uv=np.concatenate(uv),
         colors=np.concatenate(colors),
-        textures=looks,
+        textures=textures_by_material,
     )

@@ -63,7 +63,7 @@ class MeshRenderer:
         color = np.empty((len(triangle), 3), np.float32)
         for number in np.unique(paint):
             inside = paint == number
-            color[inside] = _sampled(surface.textures[number], uv[inside])
+            color[inside] = _sample(surface.textures[number], uv[inside])
         return color * shade
 
 
@@ -71,7 +71,7 @@ def _rays(T_world_pano: np.ndarray, height: int) -> np.ndarray:
     return equirectangular_rays(height).reshape(-1, 3) @ T_world_pano[:3, :3].T.astype(np.float32)
 
 
-def _sampled(texture: np.ndarray, uv: np.ndarray) -> np.ndarray:
+def _sample(texture: np.ndarray, uv: np.ndarray) -> np.ndarray:
     """Sample a texture at coordinates (N, 2), bilinearly and repeating: (N, 3) float32."""
     height, width = texture.shape[:2]
     column, row = uv[:, 0] * width - 0.5, (1 - uv[:, 1]) * height - 0.5

@@ -155,7 +155,7 @@ class SegmentsDetector(Detector):
         area_sr = np.broadcast_to(pixel_solid_angles(HEIGHT)[:, None], pixel_classes.valid.shape)
         points_m = None
         if panorama.range_m is not None:
-            points_m = rays * _smaller(panorama.range_m)[..., None]
+            points_m = rays * _downsample(panorama.range_m)[..., None]
         # Pixels that are not valid get class 0, no object.
         class_id = np.where(pixel_classes.valid, pixel_classes.class_id, 0)
         instances = find_instances(class_id, self._classes.is_object, self._classes.is_fixed, points_m, area_sr)
@@ -196,7 +196,7 @@ class SegmentsDetector(Detector):
         image, valid, shown = panorama.rgb, np.ones((HEIGHT, 2 * HEIGHT), bool), np.ones(self._views.count, bool)
         if panorama.valid is not None:
             image = np.where(panorama.valid[..., None], image, np.uint8(UNSEEN))
-            valid = _smaller(panorama.valid.astype(np.uint8)) > 0
+            valid = _downsample(panorama.valid.astype(np.uint8)) > 0
             shown = self._views.visible_views(valid)
         if not shown.any():
             zeros = np.zeros(valid.shape, np.float32)
@@ -212,7 +212,7 @@ class SegmentsDetector(Detector):
 
     def _view_probabilities(self, views: np.ndarray) -> np.ndarray:
         """Return the probabilities (V, h, w, names) float32 of views (V, height, width, 3) uint8 RGB."""
-        return np.stack([self._classes.join(_thin(scores)) for scores in self._network.probabilities(views)])
+        return np.stack([self._classes.join(_subsample(scores)) for scores in self._network.probabilities(views)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,7 +262,7 @@ def _model_path(model: str | UserFile) -> Path:
     return model
 
 
-def _thin(scores: np.ndarray) -> np.ndarray:
+def _subsample(scores: np.ndarray) -> np.ndarray:
     """Subsample scores (h, w, C) to at most MAX_SCORES evenly spaced rows and columns."""
     for axis in (0, 1):
         length = scores.shape[axis]
@@ -271,7 +271,7 @@ def _thin(scores: np.ndarray) -> np.ndarray:
     return scores
 
 
-def _smaller(image: np.ndarray) -> np.ndarray:
+def _downsample(image: np.ndarray) -> np.ndarray:
     """Resize an image (H, 2H) of ranges or a mask to HEIGHT rows by nearest-neighbour sampling."""
     import cv2
 

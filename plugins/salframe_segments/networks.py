@@ -97,7 +97,7 @@ class TfliteNetwork(SegmentationNetwork):
         content = bytearray(read_network(path))
         try:
             if card.output.name is not None:
-                _end_at(content, card.output.name)
+                _truncate_after(content, card.output.name)
             self._interpreter = Interpreter(
                 model_content=bytes(content), num_threads=threads_allowed() or os.cpu_count()
             )
@@ -117,7 +117,8 @@ class TfliteNetwork(SegmentationNetwork):
         received = [(_dtype(details), tuple(map(int, details["shape"]))) for details in inputs]
         if received != [(card.input.dtype, shape)]:
             raise WeightsMissing(
-                f"{path} takes {_listed(received)} as input, expected {_listed([(card.input.dtype, shape)])}"
+                f"{path} takes {_format_tensors(received)} as input, "
+                f"expected {_format_tensors([(card.input.dtype, shape)])}"
             )
         if self._output["dtype"] is not np.float32 and not self._output["quantization"][0]:
             raise WeightsMissing(
@@ -145,7 +146,7 @@ class _NoTensor(Exception):
     """A network has no tensor of the requested name."""
 
 
-def _end_at(content: bytearray, name: str) -> None:
+def _truncate_after(content: bytearray, name: str) -> None:
     """Make a tensor the only output of a TensorFlow Lite file, and remove all operators after the one that computes it.
 
     Raises:
@@ -182,5 +183,5 @@ def _dtype(details: Any) -> str:
     return np.dtype(details["dtype"]).name
 
 
-def _listed(tensors: list[tuple[str, tuple[int, ...]]]) -> str:
+def _format_tensors(tensors: list[tuple[str, tuple[int, ...]]]) -> str:
     return ", ".join(f"{dtype} ({', '.join(map(str, shape))})" for dtype, shape in tensors)

@@ -75,7 +75,7 @@ def ballot(views: Views, rows: int, columns: int) -> csr_array:
     from scipy.sparse import csr_array
 
     rays = equirectangular_rays(HEIGHT).reshape(-1, 3).astype(np.float64)
-    weights, voters, pixels = [], [], []
+    weights, score_pixels, pixels = [], [], []
     first = 0
     for ring in views.rings:
         for view in range(ring.count):
@@ -83,12 +83,12 @@ def ballot(views: Views, rows: int, columns: int) -> csr_array:
             pixel = np.flatnonzero(inside)
             x, y = xy_px[inside].T / ((ring.width_px,), (ring.height_px,))
             centrality = 2 * np.minimum(np.minimum(x, 1 - x), np.minimum(y, 1 - y))
-            for voter, share in _bilinear(x * columns - 0.5, y * rows - 0.5, columns, rows):
+            for score_pixel, share in _bilinear(x * columns - 0.5, y * rows - 0.5, columns, rows):
                 pixels.append(pixel)
-                voters.append(first + voter)
+                score_pixels.append(first + score_pixel)
                 weights.append(share * np.maximum(centrality, BORDER))
             first += rows * columns
-    data = np.concatenate(weights).astype(np.float32), (np.concatenate(pixels), np.concatenate(voters))
+    data = np.concatenate(weights).astype(np.float32), (np.concatenate(pixels), np.concatenate(score_pixels))
     return csr_array(data, shape=(len(rays), first))
 
 

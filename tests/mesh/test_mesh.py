@@ -10,11 +10,11 @@ from conformance import conforms
 pytest.importorskip("open3d", reason="the extra `mesh` is not installed: pip install 'salframe[mesh]'")
 
 from salframe_house.building import generate_building
-from salframe_house.render import HouseRenderer as HouseRenderer
+from salframe_house.render import HouseRenderer
 from salframe_mesh.dataset import MeshDataset
 from salframe_mesh.floors import floor_masks, read_rooms
 from salframe_mesh.mesh_file import read_mesh
-from salframe_mesh.renderer import HouseRenderer
+from salframe_mesh.renderer import MeshRenderer
 
 from salframe.framework.errors import DataError, RequirementMissing
 from salframe.panoramas.geometry import pose_2d, rays_to_pixels
@@ -30,7 +30,7 @@ def color_towards(panorama, *point):
 @pytest.mark.parametrize(("write", "name", "up"), [(write_obj, "room.obj", "z"), (write_glb, "room.glb", "y")])
 def test_textures_lie_the_right_way_round(tmp_path, write, name, up):
     write(tmp_path)
-    panorama = HouseRenderer(read_mesh(tmp_path / name, up)).render(np.eye(4), 128, "p")
+    panorama = MeshRenderer(read_mesh(tmp_path / name, up)).render(np.eye(4), 128, "p")
     for height, expected in ((0.5, RED), (-0.5, BLUE)):
         assert color_towards(panorama, 2, 0.6, height) == pytest.approx(expected, abs=3)
         assert color_towards(panorama, 2, -0.8, height) == pytest.approx(
@@ -43,14 +43,14 @@ def test_textures_lie_the_right_way_round(tmp_path, write, name, up):
 
 def test_materials_without_a_texture_have_their_colour(tmp_path):
     write_obj(tmp_path)
-    panorama = HouseRenderer(read_mesh(tmp_path / "room.obj", "z")).render(np.eye(4), 64, "p")
+    panorama = MeshRenderer(read_mesh(tmp_path / "room.obj", "z")).render(np.eye(4), 64, "p")
     assert color_towards(panorama, 0.1, 0.1, 1.5) == pytest.approx((51, 102, 153), abs=1)
 
 
 def test_colours_of_vertices_are_blended_over_polygons(tmp_path):
     corners = [[2, 1, -1], [2, -1, -1], [2, -1, 1], [2, 1, 1]]
     write_ply(tmp_path / "quad.ply", corners, [[0, 1, 2, 3]], [(0, 0, 0), (200, 0, 0), (200, 0, 100), (0, 0, 100)])
-    panorama = HouseRenderer(read_mesh(tmp_path / "quad.ply", "z")).render(np.eye(4), 256, "p")
+    panorama = MeshRenderer(read_mesh(tmp_path / "quad.ply", "z")).render(np.eye(4), 256, "p")
     for y, z in ((0.9, 0.9), (-0.5, 0.2), (0.3, -0.7)):
         assert color_towards(panorama, 2, y, z) == pytest.approx((100 * (1 - y), 0, 50 * (1 + z)), abs=2)
 
@@ -102,7 +102,7 @@ def colors(instance_id):
 
 def test_ranges_are_those_of_the_building_s_own_renderer(building, exported):
     scene = building.scene()
-    house, renderer = HouseRenderer(scene, "day", 128), HouseRenderer(read_mesh(exported / "home.ply", "z"))
+    house, renderer = HouseRenderer(scene, "day", 128), MeshRenderer(read_mesh(exported / "home.ply", "z"))
     random = np.random.default_rng(0)
     points = np.concatenate(list(building.free_space(0.25, 0.1).values()))
     for x, y in points[random.integers(len(points), size=4)]:
@@ -120,7 +120,7 @@ def test_ranges_are_those_of_the_building_s_own_renderer(building, exported):
 
 def test_floor_masks_are_those_of_the_generator(building, exported):
     surface = read_mesh(exported / "home.ply", "z")
-    masks, truth = floor_masks(surface, HouseRenderer(surface), read_rooms(exported), 0.05), building.floor_masks(0.05)
+    masks, truth = floor_masks(surface, MeshRenderer(surface), read_rooms(exported), 0.05), building.floor_masks(0.05)
     row, column = np.nonzero(truth.free)
     x, y = truth.origin_m[0] + (column + 0.5) * 0.05, truth.origin_m[1] - (row + 0.5) * 0.05
     at = ((masks.origin_m[1] - y) / 0.05).astype(int), ((x - masks.origin_m[0]) / 0.05).astype(int)
