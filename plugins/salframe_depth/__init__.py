@@ -5,7 +5,7 @@ import salframe
 
 @salframe.hookimpl
 def salframe_provides() -> list[type]:
-    """The range model `onnx-depth`."""
+    """Return the range model `onnx-depth`."""
     from salframe_depth.range_model import OnnxDepth
 
     return [OnnxDepth]

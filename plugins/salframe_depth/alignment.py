@@ -1,4 +1,4 @@
-"""Scale and shift of each view's depth, by what overlapping views show alike."""
+"""Estimation of scale and shift of each view's depth from the overlaps of views."""
 
 from __future__ import annotations
 
@@ -7,25 +7,30 @@ from itertools import combinations
 import numpy as np
 
 ROUNDS = 10
-"""Rounds of reweighting; the weights have settled by then."""
+"""Number of reweighting iterations; the weights have converged by then."""
 MIN_OVERLAP = 20
-"""Views that share fewer known rays are not compared."""
+"""Minimum number of common rays of two views that are compared."""
 OUTLIER = 2.0
-"""Residuals beyond so many times the usual (1.48 medians) count less and less, as those at depth edges do."""
+"""Residual, in units of sigma (1.48 medians), beyond which weights fall; residuals at depth edges are that large."""
 RIDGE = 1e-9
-"""Draws views that overlap no other, and shifts that overlaps leave open, to scale 1 and shift 0: a share of the mean
-curvature, far below what overlaps tell."""
+"""Strength of the prior (scale 1, shift 0) as a share of the mean curvature. It determines views without overlap and
+shifts that overlaps do not determine, and is far weaker than the overlaps."""
 
 TINY = 1e-9
-"""Stands for 0 where networks say 0 everywhere, or agree to the last digit."""
+"""Lower bound of divisors, for networks that return 0 everywhere or agree exactly."""
 
 
 def align(terms: np.ndarray) -> np.ndarray:
-    """(V, K) float64 coefficients that bring V views to agree at P rays of the sphere; the first have a mean of 1.
+    """Estimate the coefficients that make V views agree on P rays of the sphere.
 
-    terms (V, P, K): what view v says of ray p is the sum over k of coefficient[v, k] * terms[v, p, k], NaN where the
-    view does not show it. Least squares of relative differences between the views, with Cauchy weights against depth
-    edges.
+    The value of view v at ray p is the sum over k of coefficient[v, k] * terms[v, p, k]. The relative differences
+    between views are minimised by least squares, with Cauchy weights against depth edges.
+
+    Args:
+        terms: Terms (V, P, K), NaN where the view does not show the ray.
+
+    Returns:
+        Coefficients (V, K) float64; the mean of the first ones is 1.
     """
     count, _, size = terms.shape
     known = np.isfinite(terms).all(-1)
@@ -34,25 +39,28 @@ def align(terms: np.ndarray) -> np.ndarray:
         both = np.flatnonzero(known[list(pair)].all(0))
         if len(both) >= MIN_OVERLAP:
             pairs.append((list(pair), terms[pair[0], both], terms[pair[1], both]))
-    found = np.zeros((count, size))
-    found[:, 0] = 1
+    coefficients = np.zeros((count, size))
+    coefficients[:, 0] = 1
     for _ in range(ROUNDS if pairs else 0):
-        said = [((a * found[u]).sum(1), (b * found[v]).sum(1)) for (u, v), a, b in pairs]
-        # What is said may be close to 0, or less, while shifts are still off.
-        typical = np.median(np.abs(np.concatenate([x + y for x, y in said]) / 2))
-        level = [np.maximum(np.abs(x + y) / 2, max(typical / 4, TINY)) for x, y in said]
-        off = [(x - y) / most for (x, y), most in zip(said, level, strict=True)]
-        usual = 1.48 * np.median(np.abs(np.concatenate(off)))
-        weight = [1 / most**2 / (1 + (o / (OUTLIER * usual + TINY)) ** 2) for most, o in zip(level, off, strict=True)]
-        found = _solve(pairs, weight, count, size)
-    return found
+        values = [((a * coefficients[u]).sum(1), (b * coefficients[v]).sum(1)) for (u, v), a, b in pairs]
+        # Values may be close to 0 or negative while shifts are not yet correct.
+        typical = np.median(np.abs(np.concatenate([x + y for x, y in values]) / 2))
+        scales = [np.maximum(np.abs(x + y) / 2, max(typical / 4, TINY)) for x, y in values]
+        residuals = [(x - y) / scale for (x, y), scale in zip(values, scales, strict=True)]
+        sigma = 1.48 * np.median(np.abs(np.concatenate(residuals)))
+        weight = [
+            1 / scale**2 / (1 + (residual / (OUTLIER * sigma + TINY)) ** 2)
+            for scale, residual in zip(scales, residuals, strict=True)
+        ]
+        coefficients = _solve(pairs, weight, count, size)
+    return coefficients
 
 
 def _solve(pairs: list, weights: list[np.ndarray], count: int, size: int) -> np.ndarray:
-    """(V, K) coefficients of the least weighted squares of the differences, the first with a mean of 1."""
+    """Return the coefficients (V, K) of the weighted least squares of differences; the mean of the first ones is 1."""
     normal = np.zeros((count, size, count, size))
-    for (views, one, other), weight in zip(pairs, weights, strict=True):
-        row = np.stack([one, -other], 1).reshape(len(one), -1)
+    for (views, terms_a, terms_b), weight in zip(pairs, weights, strict=True):
+        row = np.stack([terms_a, -terms_b], 1).reshape(len(terms_a), -1)
         normal[np.ix_(views, range(size), views, range(size))] += ((row * weight[:, None]).T @ row).reshape(
             2, size, 2, size
         )
@@ -60,6 +68,10 @@ def _solve(pairs: list, weights: list[np.ndarray], count: int, size: int) -> np.
     first[:, 0] = 1
     curvature, prior = normal.reshape(count * size, -1), first.ravel()
     ridge = max(RIDGE * np.trace(curvature) / len(curvature), TINY)
-    # Two right-hand sides: the prior's pull, and the multiplier that holds the mean of the first coefficients at 1.
-    pulled, lifted = np.linalg.solve(curvature + ridge * np.eye(len(curvature)), np.stack([ridge * prior, prior], 1)).T
-    return (pulled + lifted * (count - pulled @ prior) / (lifted @ prior)).reshape(count, size)
+    # Two right-hand sides: the prior, and the multiplier that constrains the mean of the first coefficients to 1.
+    prior_solution, mean_solution = np.linalg.solve(
+        curvature + ridge * np.eye(len(curvature)), np.stack([ridge * prior, prior], 1)
+    ).T
+    return (prior_solution + mean_solution * (count - prior_solution @ prior) / (mean_solution @ prior)).reshape(
+        count, size
+    )

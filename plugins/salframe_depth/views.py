@@ -1,4 +1,4 @@
-"""Overlapping views of a panorama, level, down and up, and the way back from their pixels to the sphere."""
+"""Overlapping views of a panorama (horizontal, down and up), and projection of rays into them."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ import numpy as np
 from salframe.panoramas.perspective import ViewRig
 
 TILTED, TILT_RAD = 4, np.pi / 3
-"""Views that look down, and as many that look up, and by how much. With level views alone the floor may be out of
-sight, and a table top is taken for it: in a rendered kitchen every range came out twice too large."""
+"""Number of views that look down, and of views that look up, and their tilt. Horizontal views may not show the floor,
+and a table top is then taken for it: in a rendered kitchen, every range was too large by a factor of two."""
 MIN_VIEWS, MIN_FOV_DEG = 6, 75
-"""With fewer level views or a smaller field of view some directions are in no view."""
+"""Minimum number of horizontal views and minimum field of view. Below them, some directions are in no view."""
 
 
 @dataclass(frozen=True)
 class DepthRig(ViewRig):
-    """`count` views: level ones as those of ViewRig, then TILTED that look down and TILTED that look up."""
+    """`count` views: horizontal ones as in ViewRig, then TILTED that look down and TILTED that look up."""
 
     @classmethod
     def around(cls, level: int, width_px: int, height_px: int, fov_rad: float) -> DepthRig:
-        """`level` level views and the others; fov_rad is the field of view across the shorter side."""
+        """Create `level` horizontal and all tilted views; fov_rad is the field of view across the shorter side."""
         hfov_rad = 2 * np.arctan(np.tan(fov_rad / 2) * width_px / min(width_px, height_px))
         return cls(level + 2 * TILTED, width_px, height_px, float(hfov_rad))
 
     @cached_property
     def rotations(self) -> np.ndarray:
-        """(V, 3, 3) float64 from camera axes (x right, y down, z forward) to the panorama frame."""
+        """Rotations (V, 3, 3) float64 from camera axes (x right, y down, z forward) to the panorama frame."""
         rings = ((self.count - 2 * TILTED, 0.0), (TILTED, -TILT_RAD), (TILTED, TILT_RAD))
         azimuth = np.concatenate([2 * np.pi * np.arange(views) / views for views, _ in rings])
         elevation = np.repeat([tilt for _, tilt in rings], [views for views, _ in rings])
@@ -36,20 +36,25 @@ class DepthRig(ViewRig):
         right, forward = np.stack([s, -c, np.zeros(self.count)]), np.stack([level * c, level * s, up])
         return np.stack([right, np.cross(forward, right, axis=0), forward]).transpose(2, 1, 0)
 
-    def look(self, view: int, rays: np.ndarray) -> ViewRays:
-        """Where unit vectors (..., 3) in the panorama frame lie in a view."""
+    def project_rays(self, view: int, rays: np.ndarray) -> ViewRays:
+        """Project unit vectors (..., 3) in the panorama frame into a view."""
         right, down, forward = np.moveaxis(rays @ self.rotations[view].astype(np.float32), -1, 0)
         ahead = np.maximum(forward, np.float32(1e-6))
         x = np.float32(2 * self.focal_px / self.width_px) * right / ahead
         y = np.float32(2 * self.focal_px / self.height_px) * down / ahead
-        inside = np.maximum(1 - np.abs(x), 0) * np.maximum(1 - np.abs(y), 0)
-        return ViewRays(x, y, np.where(forward > 0, inside, np.float32(0)), ahead)
+        weight = np.maximum(1 - np.abs(x), 0) * np.maximum(1 - np.abs(y), 0)
+        return ViewRays(x, y, np.where(forward > 0, weight, np.float32(0)), ahead)
 
 
 @dataclass(frozen=True, eq=False)
 class ViewRays:
-    """Where rays (...) lie in a view, all float32: x, y from -1 to 1 across it; weight, 1 in its middle and 0 at its
-    border and beyond; cosine of the angle to its axis."""
+    """Positions of rays (...) in a view, all float32.
+
+    Attributes:
+        x, y: Image coordinates, from -1 to 1 across the view.
+        weight: 1 at the centre of the view, 0 at its border and beyond.
+        cosine: Cosine of the angle between ray and view axis.
+    """
 
     x: np.ndarray
     y: np.ndarray
@@ -57,8 +62,7 @@ class ViewRays:
     cosine: np.ndarray
 
     def sample(self, image: np.ndarray) -> np.ndarray:
-        """(...) float32 values of a view's image (h, w) of any size at the rays (h, w), bilinear, NaN outside the
-        view."""
+        """Sample a view's image (h, w) of any size at the rays, bilinearly: float32, NaN outside the view."""
         import cv2
 
         height, width = image.shape

@@ -1,11 +1,11 @@
-"""Objects from pixels: perspective detectors on panoramas."""
+"""Object detectors: perspective detection networks on panoramas."""
 
 import salframe
 
 
 @salframe.hookimpl
 def salframe_provides() -> list[type]:
-    """The role `detection-decoder`, what fills it, and the detectors `onnx` and `union`."""
+    """Return the role `detection-decoder` with its implementations, and the detectors `onnx` and `union`."""
     from salframe_detectors.decoders import Detr, RtDetr, Yolov5, Yolov8, Yolov8Seg, Yolox
     from salframe_detectors.detection_decoder import DetectionDecoder
     from salframe_detectors.detector import OnnxDetector

@@ -1,4 +1,4 @@
-"""The role that the detector `onnx` reads its networks by: what the numbers mean that a network gives."""
+"""The role `detection-decoder`: conversion of a detection network's outputs to boxes, for the detector `onnx`."""
 
 from __future__ import annotations
 
@@ -13,10 +13,13 @@ from salframe.framework.component import Role
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """What a network found in one image.
+    """Detections of a network in one image.
 
-    box_px (n, 4) left, top, right, bottom, pixel centres at +0.5; score (n,) in [0, 1]; label (n,) int, the class; mask
-    (n, height, width) bool, or None where only boxes are known.
+    Attributes:
+        box_px: Boxes (n, 4): left, top, right, bottom; pixel centres at +0.5.
+        score: Scores (n,) in [0, 1].
+        label: Classes (n,) int.
+        mask: Masks (n, height, width) bool; None if only boxes are known.
     """
 
     box_px: np.ndarray
@@ -25,20 +28,25 @@ class Found:
     mask: np.ndarray | None = None
 
     def take(self, index: np.ndarray) -> Found:
-        """What was found at these positions."""
+        """Return the detections at these positions."""
         return Found(
             self.box_px[index], self.score[index], self.label[index], None if self.mask is None else self.mask[index]
         )
 
     def masks(self) -> Sequence[np.ndarray | None]:
-        """The mask of each, None where only boxes are known."""
+        """Return the mask of each detection, None if only boxes are known."""
         return [None] * len(self.score) if self.mask is None else list(self.mask)
 
 
 @dataclass(frozen=True)
 class Question:
-    """What a decoder needs to know besides the numbers: the images' size, how many classes there are, the least score
-    wanted."""
+    """Parameters of a decoder.
+
+    Attributes:
+        width_px, height_px: Size of the images.
+        classes: Number of classes.
+        min_score: Minimum score of a detection.
+    """
 
     width_px: int
     height_px: int
@@ -47,15 +55,22 @@ class Question:
 
 
 class DetectionDecoder(Role):
-    """Reads boxes in images from the numbers that a detection network gives."""
+    """Decodes the outputs of a detection network to boxes in its images."""
 
     role = "detection-decoder"
     conformance = "salframe_detectors.conformance:check_detection_decoder"
 
     @abstractmethod
-    def decode(self, outputs: Sequence[np.ndarray], asked: Question) -> list[Found]:
-        """What was found in each image of a batch, before overlapping boxes are joined.
+    def decode(self, outputs: Sequence[np.ndarray], request: Question) -> list[Found]:
+        """Decode the detections in each image of a batch, before suppression of overlapping boxes.
 
-        outputs: the network's, float32, each with the batch as its first axis, in the network's order. Raises
-        WeightsMissing where they have other shapes than such a network gives.
+        Args:
+            outputs: Outputs of the network in its order, float32; the first axis of each is the batch.
+            request: Image size, number of classes and minimum score.
+
+        Returns:
+            Detections of each image.
+
+        Raises:
+            WeightsMissing: The outputs have other shapes than expected.
         """

@@ -26,15 +26,15 @@ from salframe_detectors.merging import group, outline, suppress
 from salframe_detectors.zoo import COCO_80, ZOO
 
 BATCH = 4
-"""Views that a network with a free batch axis is given at a time: more take memory and save no time on a CPU."""
+"""Number of views per run of a network with a free batch axis. Larger batches take more memory and save no time on a
+CPU."""
 
 
 class OnnxDetector(Detector):
-    """Any perspective detector in ONNX, on overlapping views that cover the sphere; what several views show comes out
-    once.
+    """Any perspective detection network in ONNX, on overlapping views that cover the sphere; detections are merged.
 
-    Works from colour alone; then nothing tells how far the objects are: labels, scores and bearings are known, every
-    position is NaN, which is enough to be localized in a map with range and too little for a map.
+    Works with colour only. Then labels, scores and bearings are known, and positions are NaN: enough for a query in a
+    map with range, but not for building a map.
     """
 
     name = "onnx"
@@ -46,31 +46,37 @@ class OnnxDetector(Detector):
         model: Literal[tuple(ZOO)] | UserFile = Field(  # type: ignore[valid-type]
             "yolox-nano",
             union_mode="left_to_right",
-            description=f"path of an ONNX file, or weights to fetch: {', '.join(ZOO)}",
+            description=f"path of an ONNX file, or name of weights to download: {', '.join(ZOO)}",
         )
         decoder: slot("detection-decoder", "yolox")  # type: ignore[valid-type]
         labels: Literal["coco-80"] | tuple[str, ...] = Field(
-            "coco-80", description="the classes in the network's order"
+            "coco-80", description="class labels in the network's order"
         )
         size_px: tuple[int, int] | None = Field(
-            None, description="width and height of the network's images; null: as the file says"
+            None, description="width and height of the network's input; null: read from the file"
         )
-        channels: Literal["bgr", "rgb"] = Field("bgr", description="order of the colours")
+        channels: Literal["bgr", "rgb"] = Field("bgr", description="order of the colour channels")
         scale: float = Field(1.0, gt=0, description="a colour from 0 to 255 becomes (colour * scale - mean) / std")
-        mean: tuple[float, float, float] = Field((0.0, 0.0, 0.0), description="in the order of `channels`")
-        std: tuple[float, float, float] = Field((1.0, 1.0, 1.0), description="in the order of `channels`")
-        fill: int = Field(114, ge=0, le=255, description="colour of what a partial panorama did not see")
-        min_score: float = Field(0.3, gt=0, le=1, description="a detection that scores less is none")
+        mean: tuple[float, float, float] = Field((0.0, 0.0, 0.0), description="mean, in the order of `channels`")
+        std: tuple[float, float, float] = Field(
+            (1.0, 1.0, 1.0), description="standard deviation, in the order of `channels`"
+        )
+        fill: int = Field(114, ge=0, le=255, description="grey value of invalid pixels of a partial panorama")
+        min_score: float = Field(0.3, gt=0, le=1, description="minimum score of a detection")
         overlap: float = Field(
-            0.45, gt=0, lt=1, description="boxes of a class in a view are one object above this intersection over union"
+            0.45, gt=0, lt=1, description="minimum intersection over union of boxes of one object in a view"
         )
         fov_deg: float = Field(
             90.0, ge=MIN_FOV_DEG, le=120, description="field of view across the shorter side of a view"
         )
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
-        """Raises WeightsMissing where the file is no network, or takes or gives something else than the settings say;
-        ConfigError."""
+        """Open the network and run it once.
+
+        Raises:
+            WeightsMissing: The file is not a network, or its input or output does not match the settings.
+            ConfigError: The input size is unknown.
+        """
         from salframe.framework.onnx import open_model
 
         super().__init__(config)
@@ -80,51 +86,60 @@ class OnnxDetector(Detector):
         width, height = self.config.size_px or (None, None)
         self._model = open_model(self._path, [(None, 3, height, width)])
         height, width = (
-            own or wanted for own, wanted in zip(self._model.inputs[0].shape[2:], (height, width), strict=True)
+            file_size or setting
+            for file_size, setting in zip(self._model.inputs[0].shape[2:], (height, width), strict=True)
         )
         if width is None or height is None:
-            raise ConfigError(f"{self._path} takes images of any size: say which, as size_px: [640, 640]")
-        self._asked = Question(width, height, len(self._labels), self.config.min_score)
+            raise ConfigError(
+                f"{self._path} accepts images of any size, expected the size as a setting, such as size_px: [640, 640]"
+            )
+        self._request = Question(width, height, len(self._labels), self.config.min_score)
         self._rig = Rig(width, height, np.radians(self.config.fov_deg))
-        self._look(np.full((1, height, width, 3), self.config.fill, np.uint8))
+        self._detect_views(np.full((1, height, width, 3), self.config.fill, np.uint8))
 
     @classmethod
     def weights_in_use(cls, config: Any) -> tuple[NetworkWeights, ...]:
-        """Those that `model` names; none where it is a file."""
+        """Return the downloadable weights that `model` names; none if it is a file."""
         return (ZOO[config.model],) if isinstance(config.model, str) else ()
 
     @from_near_side
     def detect(self, panorama: Panorama) -> Detections:
         if panorama.rgb is None:
-            raise InputMissing(f"{panorama.id} has no colour, which the detector {self.name!r} reads")
+            raise InputMissing(f"{panorama.id} has no colour, which the detector {self.name!r} needs")
         image = panorama.rgb
         if panorama.valid is not None:
             image = np.where(panorama.valid[..., None], image, np.uint8(self.config.fill))
         grid = self._rig.grid(len(image))
         return self._join(
-            self._look(self._rig.cut(image)), grid, None if panorama.range_m is None else grid.thin(panorama.range_m)
+            self._detect_views(self._rig.cut(image)),
+            grid,
+            None if panorama.range_m is None else grid.thin(panorama.range_m),
         )
 
-    def _join(self, found: list[Found], grid: Grid, range_m: np.ndarray | None) -> Detections:
-        """The objects behind what was found in each view; range_m (P,) at the grid's pixels."""
-        view = np.repeat(np.arange(len(found)), [len(one.score) for one in found])
-        label, score = (np.concatenate([getattr(one, name) for one in found]) for name in ("label", "score"))
-        cut = self._rig.cuts(np.concatenate([one.box_px for one in found]))
+    def _join(self, detections: list[Found], grid: Grid, range_m: np.ndarray | None) -> Detections:
+        """Merge the detections of all views to objects; range_m (P,): ranges in metres at the grid's pixels."""
+        view = np.repeat(np.arange(len(detections)), [len(view_detections.score) for view_detections in detections])
+        label, score = (
+            np.concatenate([getattr(view_detections, name) for view_detections in detections])
+            for name in ("label", "score")
+        )
+        cut = self._rig.cuts(np.concatenate([view_detections.box_px for view_detections in detections]))
         marked = [
             grid.footprint(v, box, mask)
-            for v, one in enumerate(found)
-            for box, mask in zip(one.box_px, one.masks(), strict=True)
+            for v, view_detections in enumerate(detections)
+            for box, mask in zip(view_detections.box_px, view_detections.masks(), strict=True)
         ]
         footprint = np.array(marked, bool).reshape(len(view), len(grid.rays))
-        known = ~cut | (footprint.sum(1) >= MIN_POINTS)  # fewer pixels at a view's border tell nothing
+        # Boxes at a view's border with fewer pixels are ignored.
+        usable = ~cut | (footprint.sum(1) >= MIN_POINTS)
         labels, scores, bearing, solid_angle_sr, masks, points = [], [], [], [], [], []
-        for kind in np.unique(label[known]):
-            alike = np.flatnonzero(known & (label == kind))
-            for members in group(footprint[alike], view[alike], cut[alike], grid.seen, grid.solid_angle_sr):
-                own = alike[members]
+        for kind in np.unique(label[usable]):
+            alike = np.flatnonzero(usable & (label == kind))
+            for members in group(footprint[alike], view[alike], cut[alike], grid.visible, grid.solid_angle_sr):
+                indices = alike[members]
                 labels.append(self._labels[kind])
-                scores.append(score[own].max())
-                inside = np.flatnonzero(outline(footprint[own], view[own], grid.seen))
+                scores.append(score[indices].max())
+                inside = np.flatnonzero(outline(footprint[indices], view[indices], grid.visible))
                 bearing.append(grid.solid_angle_sr[inside] @ grid.rays[inside])
                 solid_angle_sr.append(grid.solid_angle_sr[inside].sum())
                 masks.append(grid.rays[inside])
@@ -135,9 +150,9 @@ class OnnxDetector(Detector):
         clouds = None if range_m is None else points
         return detections_where_known(labels, np.array(scores, float), clouds, towards, covered_sr, masks)
 
-    def _look(self, views: np.ndarray) -> list[Found]:
-        """What the network finds in each view (V, height, width, 3) uint8 RGB."""
-        found = []
+    def _detect_views(self, views: np.ndarray) -> list[Found]:
+        """Run the network on views (V, height, width, 3) uint8 RGB and return the detections of each view."""
+        detections = []
         ordered = views[..., ::-1] if self.config.channels == "bgr" else views
         scale, mean, std = (
             np.float32(value).reshape(-1, 1, 1) for value in (self.config.scale, self.config.mean, self.config.std)
@@ -148,16 +163,16 @@ class OnnxDetector(Detector):
             batch -= mean
             batch /= std
             try:
-                found += self._decoder.decode(self._model.run(batch), self._asked)
+                detections += self._decoder.decode(self._model.run(batch), self._request)
             except WeightsMissing as error:
                 raise WeightsMissing(f"{self._path}: {error}") from None
-        return [suppress(one, self.config.overlap) for one in found]
+        return [suppress(view_detections, self.config.overlap) for view_detections in detections]
 
 
 def _model_path(model: str | UserFile) -> Path:
-    """The file of a network to fetch, verified, or of the user's own. Raises WeightsMissing."""
+    """Return the path of a network: verified downloaded weights, or the user's file. Raises WeightsMissing."""
     if isinstance(model, str):
         return ZOO[model].paths()[0]
     if not model.is_file():
-        raise WeightsMissing(f"no file {model}: expected the path of an ONNX file, or one of {', '.join(ZOO)}")
+        raise WeightsMissing(f"no file {model}, expected the path of an ONNX file, or one of {', '.join(ZOO)}")
     return model

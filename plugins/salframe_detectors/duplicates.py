@@ -1,4 +1,4 @@
-"""Which of the objects that several detectors find in one panorama are the same, and how much two of them overlap."""
+"""Matching of objects that several detectors detected in one panorama, and the overlap of two objects."""
 
 from __future__ import annotations
 
@@ -7,63 +7,75 @@ import numpy as np
 from salframe.graphs.detections import Detections
 
 SAME = 0.5
-"""Two detectors mean the same object where what they find shares more than this of the smaller. Of the smaller, not of
-both: one sees the part of an object that its mask covers, the other the box around all of it. Objects of `panoseg` and
-annotated ones of the same name in a rendered home (house-6, seed 100, 30 panoramas): of 98 pairs within 0.3 m 97 share
-more of their boxes and 96 of their caps, of 11 pairs over 1 m apart none and 1."""
+"""Minimum overlap of two detections of the same object, as a share of the smaller one. Not of their union: one detector
+covers the part of an object that its mask covers, another the box around the whole object. Measured with objects of
+`panoseg` and annotated objects of the same name in a rendered home (house-6, seed 100, 30 panoramas): of 98 pairs
+within 0.3 m, 97 boxes and 96 caps overlap more; of 11 pairs over 1 m apart, no box and 1 cap."""
 SLACK_M = 0.1
-"""A side of a box counts as no less than this when boxes are laid on each other: two boxes around a picture on the wall
-are a few cm thick and as far apart."""
+"""Minimum side length of a box in metres when overlap is computed. Boxes around a picture on the wall are a few cm
+thick, and their positions differ by as much."""
 
 
-def same_objects(found: Detections, of: np.ndarray) -> list[np.ndarray]:
-    """Which of the objects of several detectors are the same: arrays of positions, one an object.
+def same_objects(detections: Detections, source: np.ndarray) -> list[np.ndarray]:
+    """Group the detections of several detectors by object.
 
-    of (N,) int: the detector that found each. Detectors mean the same where the labels are equal and the overlap is
-    over SAME; a detector finds an object once; those that overlap most are joined first.
+    Two detections are the same object if their labels are equal, their detectors differ and their overlap exceeds SAME.
+    A group has at most one detection per detector. Pairs with the largest overlap are joined first.
+
+    Args:
+        detections: Detections of all detectors, N in total.
+        source: Detector (N,) int of each detection.
+
+    Returns:
+        Positions of the detections of each object, one array per object.
     """
-    labels = np.array(found.labels, dtype=np.str_)
-    a, b = np.triu_indices(len(found), 1)
-    alike = (labels[a] == labels[b]) & (of[a] != of[b])
-    a, b = a[alike], b[alike]
-    shared = np.array([overlap(found, i, j) for i, j in zip(a, b, strict=True)])
-    group_of = np.arange(len(found))
+    labels = np.array(detections.labels, dtype=np.str_)
+    a, b = np.triu_indices(len(detections), 1)
+    candidates = (labels[a] == labels[b]) & (source[a] != source[b])
+    a, b = a[candidates], b[candidates]
+    shared = np.array([overlap(detections, i, j) for i, j in zip(a, b, strict=True)])
+    group_of = np.arange(len(detections))
     for pair in np.argsort(-shared, kind="stable"):
         if shared[pair] <= SAME:
             break
-        mine, other = (np.flatnonzero(group_of == group_of[i]) for i in (a[pair], b[pair]))
-        if not np.isin(of[mine], of[other]).any():
+        group, other = (np.flatnonzero(group_of == group_of[i]) for i in (a[pair], b[pair]))
+        if not np.isin(source[group], source[other]).any():
             group_of[other] = group_of[a[pair]]
     return [np.flatnonzero(group_of == name) for name in np.unique(group_of)]
 
 
-def overlap(found: Detections, i: int, j: int) -> float:
-    """The share of the smaller of two objects that both cover: of volume where both are placed, of solid angle where
-    one is not; 0 where not even the bearings are known."""
-    if np.isfinite(found.centroid_m[[i, j]]).all() and np.isfinite(found.size_m[[i, j]]).all():
-        boxes = ((found.centroid_m[k], np.maximum(found.size_m[k], SLACK_M), float(found.yaw_rad[k])) for k in (i, j))
+def overlap(detections: Detections, i: int, j: int) -> float:
+    """Return the overlap of two detections as a share of the smaller one.
+
+    The overlap is of volumes if both positions are known, else of solid angles; 0 if a bearing is unknown.
+    """
+    if np.isfinite(detections.centroid_m[[i, j]]).all() and np.isfinite(detections.size_m[[i, j]]).all():
+        boxes = (
+            (detections.centroid_m[k], np.maximum(detections.size_m[k], SLACK_M), float(detections.yaw_rad[k]))
+            for k in (i, j)
+        )
         return shared_volume(*boxes)
-    if not np.isfinite(found.bearing[[i, j]]).all():
+    if not np.isfinite(detections.bearing[[i, j]]).all():
         return 0.0
-    apart_rad = angle_between(found.bearing[i], found.bearing[j])
-    return shared_cap(apart_rad, *(cap_radius(float(found.solid_angle_sr[k])) for k in (i, j)))
+    apart_rad = angle_between(detections.bearing[i], detections.bearing[j])
+    return shared_cap(apart_rad, *(cap_radius(float(detections.solid_angle_sr[k])) for k in (i, j)))
 
 
-def shared_volume(one: tuple[np.ndarray, np.ndarray, float], other: tuple[np.ndarray, np.ndarray, float]) -> float:
-    """The volume that two upright boxes (centre (3,) in m, size (3,) in m, yaw in rad) share, over that of the
-    smaller."""
-    low, high = (
-        side([box[0][2] + sign * box[1][2] / 2 for box in (one, other)]) for side, sign in ((max, -1), (min, 1))
-    )
-    reach_m = sum(float(np.hypot(*box[1][:2])) / 2 for box in (one, other))
-    if high <= low or np.hypot(*(one[0] - other[0])[:2]) >= reach_m:
+def shared_volume(a: tuple[np.ndarray, np.ndarray, float], b: tuple[np.ndarray, np.ndarray, float]) -> float:
+    """Return the volume that two upright boxes share, divided by the volume of the smaller one.
+
+    A box is its centre (3,) in metres, its size (3,) in metres and its yaw in radians.
+    """
+    low, high = (side([box[0][2] + sign * box[1][2] / 2 for box in (a, b)]) for side, sign in ((max, -1), (min, 1)))
+    reach_m = sum(float(np.hypot(*box[1][:2])) / 2 for box in (a, b))
+    if high <= low or np.hypot(*(a[0] - b[0])[:2]) >= reach_m:
         return 0.0
-    area_m2 = _footprint(*one).intersection(_footprint(*other)).area
-    return float(area_m2 * (high - low) / min(one[1].prod(), other[1].prod()))
+    area_m2 = _footprint(*a).intersection(_footprint(*b)).area
+    return float(area_m2 * (high - low) / min(a[1].prod(), b[1].prod()))
 
 
 def _footprint(centre_m: np.ndarray, size_m: np.ndarray, yaw_rad: float):  # type: ignore[no-untyped-def]
-    """The outline of an upright box seen from above."""
+    """Return the outline of an upright box seen from above."""
     from shapely import Polygon
 
     c, s = np.cos(yaw_rad), np.sin(yaw_rad)
@@ -71,22 +83,26 @@ def _footprint(centre_m: np.ndarray, size_m: np.ndarray, yaw_rad: float):  # typ
     return Polygon(corners @ np.array([[c, s], [-s, c]]) + centre_m[:2])
 
 
-def angle_between(one: np.ndarray, other: np.ndarray) -> float:
-    """The angle in rad between two unit vectors, exact for small ones too."""
-    return float(2 * np.arctan2(np.linalg.norm(one - other), np.linalg.norm(one + other)))
+def angle_between(a: np.ndarray, b: np.ndarray) -> float:
+    """Return the angle in radians between two unit vectors; accurate for small angles."""
+    return float(2 * np.arctan2(np.linalg.norm(a - b), np.linalg.norm(a + b)))
 
 
 def cap_radius(solid_angle_sr: float) -> float:
-    """The angular radius in rad of the cap that covers as much of the sphere; 0, a point, where that is not known."""
+    """Return the angular radius in radians of the cap with this solid angle; 0, a point, if it is NaN."""
     share = 0.0 if np.isnan(solid_angle_sr) else solid_angle_sr / (4 * np.pi)
     return float(2 * np.arcsin(np.sqrt(np.clip(share, 0, 1))))
 
 
 def shared_cap(apart_rad: float, one_rad: float, other_rad: float) -> float:
-    """The solid angle that two caps of these radii share, over that of the smaller; their centres are apart_rad apart.
+    """Return the solid angle that two caps share, divided by that of the smaller one.
 
-    A point counts as shared where it lies in the other cap. The lens of two caps is the sum of two sectors less the two
-    triangles between them (Girard); what the caps leave of the sphere is none here: objects cover less than half of it.
+    A point is shared if it is in the other cap. The intersection of two caps is the sum of two sectors minus the two
+    triangles between them (Girard). The caps must cover less than half of the sphere, as objects do.
+
+    Args:
+        apart_rad: Angle between the centres.
+        one_rad, other_rad: Angular radii of the caps.
     """
     small, large = sorted((one_rad, other_rad))
     if apart_rad + small <= large:
@@ -99,7 +115,7 @@ def shared_cap(apart_rad: float, one_rad: float, other_rad: float) -> float:
     return float(lens_sr / (4 * np.pi * np.sin(small / 2) ** 2))
 
 
-def _angle(opposite: float, one: float, other: float) -> float:
-    """The angle of a spherical triangle between two sides, from the side opposite to it."""
-    cosine = (np.cos(opposite) - np.cos(one) * np.cos(other)) / (np.sin(one) * np.sin(other))
+def _angle(opposite: float, side_a: float, side_b: float) -> float:
+    """Return the angle of a spherical triangle between two sides, from the side opposite to it."""
+    cosine = (np.cos(opposite) - np.cos(side_a) * np.cos(side_b)) / (np.sin(side_a) * np.sin(side_b))
     return float(np.arccos(np.clip(cosine, -1, 1)))

@@ -1,4 +1,4 @@
-"""The detector `union`: what several detectors find, each object once."""
+"""The detector `union`: merged detections of several detectors, each object once."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from salframe_detectors.duplicates import same_objects
 
 
 class UnionDetector(Detector):
-    """What several detectors find, in the names that detectors share; what more than one of them finds comes out once.
+    """Merged detections of several detectors; an object that more than one of them detects is reported once.
 
-    Of an object found more than once stays the detection with the best score whose position is known, with the best of
-    its scores. The order of the detectors does not matter.
+    Labels are replaced by the labels that detectors share. Of several detections of an object, the one with the best
+    score whose position is known is returned, with the best score of all. The order of the detectors does not matter.
     """
 
     name = "union"
@@ -33,69 +33,73 @@ class UnionDetector(Detector):
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)
-        self._members: list[Detector] = [registry().build("detector", one) for one in self.config.of]
+        self._members: list[Detector] = [registry().build("detector", detector) for detector in self.config.of]
 
     @property
     def needs(self) -> frozenset[str]:  # type: ignore[override]
-        """All that the detectors need."""
+        """Inputs that any of the detectors needs."""
         return frozenset[str]().union(*(member.needs for member in self._members))
 
     @property
     def column_step(self) -> int:  # type: ignore[override]
-        """A multiple of every detector's."""
+        """Least common multiple of the detectors' steps."""
         return lcm(*(member.column_step for member in self._members))
 
     @property
     def turn_tolerance_m(self) -> float:  # type: ignore[override]
-        """That of the least steady detector."""
+        """Tolerance of the least stable detector, in metres."""
         return max(member.turn_tolerance_m for member in self._members)
 
     def detect(self, panorama: Panorama) -> Detections:
         return unite([member.detect(panorama) for member in self._members])
 
 
-def unite(found: Sequence[Detections]) -> Detections:
-    """The objects of several detectors, each once, under common names; by name, the surest of each name first."""
-    together = _join([replace(one, labels=tuple(map(common_label, one.labels))) for one in found])
-    of = np.repeat(np.arange(len(found)), [len(one) for one in found])
-    order = _order(together)
-    together, of = together.take(order), of[order]
-    groups = same_objects(together, of)
-    placed = np.isfinite(together.centroid_m).all(1)
-    # The surest comes first in each group, as in the order.
-    kept = np.array([group[np.argmax(placed[group])] for group in groups], int)
-    scores = np.array([together.scores[group].max() for group in groups], float)
-    united = replace(together.take(kept), scores=scores)
+def unite(parts: Sequence[Detections]) -> Detections:
+    """Merge the objects of several detectors under common labels, sorted by label and by score, best first."""
+    joined = _join([replace(part, labels=tuple(map(common_label, part.labels))) for part in parts])
+    source = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
+    order = _order(joined)
+    joined, source = joined.take(order), source[order]
+    groups = same_objects(joined, source)
+    placed = np.isfinite(joined.centroid_m).all(1)
+    # The detection with the best score is first in each group.
+    representative = np.array([group[np.argmax(placed[group])] for group in groups], int)
+    scores = np.array([joined.scores[group].max() for group in groups], float)
+    united = replace(joined.take(representative), scores=scores)
     return united.take(_order(united))
 
 
-def _order(found: Detections) -> np.ndarray:
-    """Positions by label, the best score first; where scores are equal, by what neither the order of detectors nor
-    turning the panorama changes."""
-    keys = [found.centroid_m[:, 2], found.bearing[:, 2], found.size_m.prod(1), found.solid_angle_sr]
-    return np.lexsort([*(np.nan_to_num(key) for key in keys), -found.scores, np.array(found.labels, dtype=np.str_)])
+def _order(detections: Detections) -> np.ndarray:
+    """Return positions sorted by label, the best score first.
+
+    Equal scores are sorted by values that depend neither on the order of detectors nor on the panorama's yaw.
+    """
+    keys = [detections.centroid_m[:, 2], detections.bearing[:, 2], detections.size_m.prod(1), detections.solid_angle_sr]
+    return np.lexsort(
+        [*(np.nan_to_num(key) for key in keys), -detections.scores, np.array(detections.labels, dtype=np.str_)]
+    )
 
 
-def _join(found: Sequence[Detections]) -> Detections:
-    """Detections one after another. Where some have points, boxes without have those of their corners; where some have
-    no masks, theirs are empty."""
+def _join(parts: Sequence[Detections]) -> Detections:
+    """Concatenate detections. Missing points are replaced by the boxes' corners if others have points; missing masks
+    are empty."""
     columns = ("scores", "centroid_m", "size_m", "yaw_rad", "bearing", "solid_angle_sr")
-    arrays = {name: np.concatenate([getattr(one, name) for one in found]) for name in columns}
+    arrays = {name: np.concatenate([getattr(part, name) for part in parts]) for name in columns}
     points: list[np.ndarray] | None = None
-    if any(one.points_m is not None for one in found):
-        points = [cloud for one in found for cloud in (_corners(one) if one.points_m is None else one.points_m)]
-    labels = tuple(label for one in found for label in one.labels)
+    if any(part.points_m is not None for part in parts):
+        points = [cloud for part in parts for cloud in (_corners(part) if part.points_m is None else part.points_m)]
+    labels = tuple(label for part in parts for label in part.labels)
     empty = np.zeros((0, 3), np.float32)
-    masks = tuple(rays for one in found for rays in one.rays or [empty] * len(one))
+    masks = tuple(rays for part in parts for rays in part.rays or [empty] * len(part))
     return Detections(labels, points_m=points, rays=masks, **arrays)  # type: ignore[arg-type]
 
 
-def _corners(found: Detections) -> list[np.ndarray]:
-    """The corners (8, 3) float32 of each box; NaN where a position is not known."""
+def _corners(detections: Detections) -> list[np.ndarray]:
+    """Return the corners (8, 3) float32 of each box, NaN if its position is unknown."""
     signs = np.array(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5])).reshape(3, 8).T
-    c, s = np.cos(found.yaw_rad), np.sin(found.yaw_rad)
+    c, s = np.cos(detections.yaw_rad), np.sin(detections.yaw_rad)
     along, across = np.stack([c, s, 0 * c], 1), np.stack([-s, c, 0 * c], 1)
-    offset = signs[None] * found.size_m[:, None]
+    offset = signs[None] * detections.size_m[:, None]
     corners = offset[..., :1] * along[:, None] + offset[..., 1:2] * across[:, None]
     corners[..., 2] = offset[..., 2]
-    return list((found.centroid_m[:, None] + corners).astype(np.float32))
+    return list((detections.centroid_m[:, None] + corners).astype(np.float32))

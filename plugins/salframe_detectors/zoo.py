@@ -1,4 +1,4 @@
-"""Detectors that users can fetch, and the labels of what they find."""
+"""Detection networks that users can download, and their labels."""
 
 from __future__ import annotations
 
@@ -125,4 +125,4 @@ COCO_80 = (
     "hair drier",
     "toothbrush",
 )
-"""The 80 classes that COCO annotates, in its order."""
+"""The 80 classes of COCO in its order."""

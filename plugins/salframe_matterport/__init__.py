@@ -1,4 +1,4 @@
-"""Real buildings from public annotations of Matterport3D, and the tasks set in them."""
+"""Real buildings from public annotations of Matterport3D, and the REVERIE task."""
 
 import salframe
 

@@ -1,7 +1,7 @@
-"""From the boxes of an object in the 36 views of a viewpoint to one bearing and its angular size.
+"""Conversion of an object's boxes in the 36 views of a viewpoint to one bearing and angular size.
 
 Directions are in the world frame, z up. The views are those of the Matterport3D Simulator: 640 x 480 pixels, vertical
-field of view 60 deg, view i looks at heading 30 deg (i mod 12), clockwise from world +y, and elevation 30 deg (i div 12
+field of view 60 deg. View i looks at heading 30 deg (i mod 12), clockwise from world +y, and elevation 30 deg (i div 12
 - 1).
 """
 
@@ -15,15 +15,20 @@ VIEWS = 36
 VIEW_WIDTH_PX, VIEW_HEIGHT_PX = 640, 480
 FOCAL_PX = VIEW_HEIGHT_PX / 2 / np.tan(np.pi / 6)
 SAMPLES = 8
-"""Sampled rays along a side of a box, ends included: more change neither the bearings nor what is triangulated from
-them."""
+"""Number of rays sampled along each side of a box, ends included. More rays change neither bearings nor triangulated
+positions."""
 SLACK_PX = 2.0
-"""Boxes are whole pixels in views that are 30 deg apart: a border may be off by this much."""
+"""Tolerance of a box border in pixels. Boxes have integer coordinates in views that are 30 deg apart."""
 
 
 class Bearing(NamedTuple):
-    """Where an object is seen: azimuth_rad (counter-clockwise from +x) and elevation_rad of its middle, and the angles
-    it spans across."""
+    """Direction and angular size of an object.
+
+    Attributes:
+        azimuth_rad: Azimuth of its centre, counter-clockwise from +x.
+        elevation_rad: Elevation of its centre.
+        width_rad, height_rad: Angles that it subtends.
+    """
 
     azimuth_rad: float
     elevation_rad: float
@@ -32,7 +37,7 @@ class Bearing(NamedTuple):
 
 
 def _view_axes() -> np.ndarray:
-    """(36, 3, 3) rows right, down and forward of each view, in the world frame."""
+    """Return the right, down and forward axes of each view as rows (36, 3, 3), in the world frame."""
     view = np.arange(VIEWS)
     heading, elevation = np.radians(30 * (view % 12)), np.radians(30 * (view // 12 - 1))
     zero = np.zeros(VIEWS)
@@ -45,7 +50,7 @@ _AXES = _view_axes()
 
 
 def direction(azimuth_rad, elevation_rad) -> np.ndarray:
-    """(..., 3) unit vectors towards bearings."""
+    """Return unit vectors (..., 3) in the direction of bearings."""
     return np.stack(
         [
             np.cos(elevation_rad) * np.cos(azimuth_rad),
@@ -57,7 +62,7 @@ def direction(azimuth_rad, elevation_rad) -> np.ndarray:
 
 
 def project(rays: np.ndarray, view: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Pixel columns, rows (K, N) of world directions (N, 3) in views (K,), and which of them fall inside the view."""
+    """Project world directions (N, 3) into views (K,): columns and rows (K, N), and whether they are in the view."""
     right, down, forward = np.moveaxis(_AXES[view] @ rays.T, 1, 0)
     ahead = forward > 1e-6
     depth = np.where(ahead, forward, 1.0)
@@ -66,11 +71,15 @@ def project(rays: np.ndarray, view: np.ndarray) -> tuple[np.ndarray, np.ndarray,
 
 
 def bearing(view: np.ndarray, box_px: np.ndarray) -> Bearing:
-    """Join an object's boxes: it lies in the directions that no view denies.
+    """Combine the boxes of an object in several views to one bearing.
 
-    view (K,) indices of the views that see it, box_px (K, 4) x, y, width, height in them. A direction inside a view and
-    outside the object's box there is denied, so a box that a view's border cuts is completed by the neighbouring views,
-    and a box loosened by perspective is tightened by them. The bearing is the mean direction by solid angle.
+    A direction is excluded if it is inside a view but outside the object's box in that view. A box that is cut by a
+    view's border is thus completed by the neighbouring views, and a box that is enlarged by perspective is tightened by
+    them. The bearing is the mean of the remaining directions, weighted by solid angle.
+
+    Args:
+        view: Indices (K,) of the views that show the object.
+        box_px: Boxes (K, 4) in these views: x, y, width, height in pixels.
     """
     left, top, width, height = np.maximum(np.asarray(box_px, float), [0, 0, 1, 1]).T
     steps = np.linspace(0, 1, SAMPLES)
@@ -86,12 +95,12 @@ def bearing(view: np.ndarray, box_px: np.ndarray) -> Bearing:
     beyond_x = np.maximum(left[:, None] - column, column - (left + width)[:, None])
     beyond_y = np.maximum(top[:, None] - row, row - (top + height)[:, None])
     beyond = np.maximum(beyond_x, beyond_y)
-    denied = (in_view & (beyond > SLACK_PX)).sum(0)
-    kept = denied == denied.min()
-    # Boxes overlap: a direction sampled from several of them counts once.
+    excluded = (in_view & (beyond > SLACK_PX)).sum(0)
+    consistent = excluded == excluded.min()
+    # Boxes overlap: a direction sampled from several of them counts only once.
     sampled = (in_view & (beyond <= SLACK_PX)).sum(0)
-    weights = solid_angle[kept] / np.maximum(sampled[kept], 1)
-    rays = rays[kept]
+    weights = solid_angle[consistent] / np.maximum(sampled[consistent], 1)
+    rays = rays[consistent]
 
     mean = weights @ rays
     azimuth, elevation = np.arctan2(mean[1], mean[0]), np.arctan2(mean[2], np.hypot(mean[0], mean[1]))

@@ -31,19 +31,19 @@ from salframe_matterport.readers import (
     read_room_types,
     regions_path,
 )
-from salframe_matterport.scenes import ViewpointScene, generator, range_again, read_scenes
+from salframe_matterport.scenes import ViewpointScene, generator, read_scenes, retriangulate_ranges
 
 APART_M = 1000.0
-"""In one map, buildings lie so far apart that none of their rooms meet."""
+"""Distance between buildings in one map, in metres: large enough that none of their rooms overlap."""
 
 
 class MatterportAnnotations(NavigableDataset):
-    """Real buildings: viewpoints of Matterport3D, objects from REVERIE's boxes, one fold a query.
+    """Real buildings: viewpoints of Matterport3D, objects from REVERIE's boxes, one fold per query.
 
-    Every included viewpoint that sees an object is a scene; ranges come from the positions triangulated from all
-    bearings of an object. A query is a viewpoint whose region has another scene; its own scene is not in its fold's map
-    and its frame is turned by a random yaw. What else its map holds is set: `leave_out`, `query_triangulates`,
-    `one_map`, `hide_query_place`.
+    Every included viewpoint that sees an object is a scene. Ranges come from object positions that are triangulated
+    from all bearings of an object. A query is a viewpoint whose region has another scene. The query's own scene is left
+    out of its fold's map, and the query is turned by a random yaw. The settings `leave_out`, `query_triangulates`,
+    `one_map` and `hide_query_place` control what else the map contains.
     """
 
     name = "matterport-annotations"
@@ -53,31 +53,31 @@ class MatterportAnnotations(NavigableDataset):
         root: Path | None = Field(None, description="folder of connectivity/, reverie/BBox/ and vp2room_label.json")
         scans: Literal["all"] | tuple[str, ...] = Field("all", description="buildings to use")
         range_noise: float = Field(
-            0.05, ge=0, lt=1, description="standard deviation of the range's factor, drawn per viewpoint and object"
+            0.05, ge=0, lt=1, description="standard deviation of the random range factor, per viewpoint and object"
         )
-        min_visible: int = Field(3, ge=1, description="visible objects a query must have")
-        seed: int = Field(0, description="of range noise, ranges of objects seen once, and the yaw of queries")
+        min_visible: int = Field(3, ge=1, description="minimum number of visible objects of a query")
+        seed: int = Field(0, description="random seed of range noise, ranges of objects seen once, and yaws of queries")
         leave_out: int = match_only(
             1,
             ge=1,
-            description="viewpoints of the query's region that its map lacks: its own, and those nearest to it; "
-            "queries are viewpoints of regions that have more",
+            description="number of viewpoints of the query's region that are left out of its map: the query's own and "
+            "the nearest ones; only viewpoints of regions with more viewpoints are queries",
         )
         query_triangulates: bool = match_only(
             True,
-            description="bearings of the viewpoints that a map lacks help to triangulate its ranges; "
-            "false: those of the map's own viewpoints alone",
+            description="use the viewpoints that are left out of a map to triangulate its ranges; "
+            "false: use only the viewpoints of the map",
         )
         one_map: bool = match_only(
-            False, description="a map holds all buildings, 1 km apart along x; a fold asks a query of each"
+            False, description="put all buildings in one map, 1 km apart along x; each fold has one query per building"
         )
         hide_query_place: bool = hide_query_place_setting()
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)
         self._buildings: dict[str, list[ViewpointScene]] = {}
-        self._mapped: dict[str, list[ReferenceFrame]] = {}
-        self._again: dict[str, ViewpointScene] = {}
+        self._references_by_scan: dict[str, list[ReferenceFrame]] = {}
+        self._retriangulated: dict[str, ViewpointScene] = {}
 
     @property
     def provides(self) -> frozenset[str]:
@@ -87,25 +87,28 @@ class MatterportAnnotations(NavigableDataset):
     def _root(self) -> Path:
         if self.config.root is None:
             raise DataError(
-                f"{self.name} needs the folder of the official files (docs/how-to/matterport.md): --data-dir DIR"
+                f"{self.name} has no folder, expected that of the official files (docs/how-to/matterport.md): "
+                "pass --data-dir DIR"
             )
         return self.config.root
 
     @cached_property
     def _scans(self) -> Sequence[str]:
-        known = find_scans(self._root)
+        buildings = find_scans(self._root)
         if self.config.scans == "all":
-            return known
-        absent = sorted(set(self.config.scans) - set(known))
-        if absent:
-            raise DataError(f"{self._root} has no building {', '.join(absent)}, expected some of {', '.join(known)}")
+            return buildings
+        missing = sorted(set(self.config.scans) - set(buildings))
+        if missing:
+            raise DataError(
+                f"{self._root} has no building {', '.join(missing)}, expected some of {', '.join(buildings)}"
+            )
         return self.config.scans
 
     @cached_property
     def fingerprint(self) -> str:
-        """Of the settings that panoramas depend on and of the bytes of every file read."""
-        about_maps = {"leave_out", "query_triangulates", "one_map", "hide_query_place"}
-        settings = self.config.model_dump(mode="json", exclude={"root", *about_maps, *VIEW_SETTINGS})
+        """Hash of the settings that panoramas depend on and of the content of every file that is read."""
+        map_settings = {"leave_out", "query_triangulates", "one_map", "hide_query_place"}
+        settings = self.config.model_dump(mode="json", exclude={"root", *map_settings, *VIEW_SETTINGS})
         content = hashlib.sha256(digest(settings).encode())
         files = [regions_path(self._root)]
         for scan in self._scans:
@@ -116,7 +119,7 @@ class MatterportAnnotations(NavigableDataset):
         return content.hexdigest()
 
     def prepare(self, progress: Callable[[int, int], None]) -> None:
-        """Read and triangulate the buildings one by one."""
+        """Read the buildings and triangulate their objects."""
         for done, scan in enumerate(self._scans):
             progress(done, len(self._scans))
             self._building(scan)
@@ -133,12 +136,12 @@ class MatterportAnnotations(NavigableDataset):
             raise DataError(f"{self.name} has no query {query_id!r}") from None
 
     def room_types(self) -> Mapping[str, str]:
-        """As the annotators of the regions called them."""
+        """Return the room type of each region, in the words of its annotators."""
         types = read_room_types(regions_path(self._root))
         return {f"{scan}/region-{index}": kind for scan in self._scans for index, kind in types.get(scan, {}).items()}
 
     def worlds(self) -> Sequence[World]:
-        """Each building's viewpoint graph (salframe_matterport.navigation)."""
+        """Return the viewpoint graph of each building (salframe_matterport.navigation)."""
         from salframe_matterport.navigation import viewpoint_world
 
         return [
@@ -146,7 +149,7 @@ class MatterportAnnotations(NavigableDataset):
                 connectivity_path(self._root, scan),
                 scan,
                 self._building(scan),
-                self._mapping(scan),
+                self._building_references(scan),
                 self._regions.get(scan, {}),
                 partial(as_query, config=self.config),
             )
@@ -154,10 +157,12 @@ class MatterportAnnotations(NavigableDataset):
         ]
 
     def scenes(self) -> dict[str, ViewpointScene]:
-        """Every scene by the id of its reference frames, with the ids of its objects: for evaluation, like `truth`, never
-        for a localizer."""
-        own = {scene.id: scene for scan in self._scans for scene in self._building(scan)}
-        return own if self.config.query_triangulates else {**own, **self._scenes_again}
+        """Return every scene with its object ids, by the id of its reference frames.
+
+        Like `truth`, this is for evaluation only; a localizer must not use it.
+        """
+        scenes = {scene.id: scene for scan in self._scans for scene in self._building(scan)}
+        return scenes if self.config.query_triangulates else {**scenes, **self._retriangulated_scenes}
 
     @cached_property
     def _regions(self) -> dict[str, dict[str, int]]:
@@ -169,18 +174,20 @@ class MatterportAnnotations(NavigableDataset):
             self._buildings[scan] = read_scenes(self._root, scan, regions, self.config.range_noise, self.config.seed)
         return self._buildings[scan]
 
-    def _mapping(self, scan: str) -> list[ReferenceFrame]:
-        """The reference frames of all scenes of a building."""
-        if scan not in self._mapped:
-            self._mapped[scan] = [self._map_frame(scan, scene) for scene in self._building(scan)]
-        return self._mapped[scan]
+    def _building_references(self, scan: str) -> list[ReferenceFrame]:
+        """Return the reference frames of all scenes of a building."""
+        if scan not in self._references_by_scan:
+            self._references_by_scan[scan] = [self._reference_frame(scan, scene) for scene in self._building(scan)]
+        return self._references_by_scan[scan]
 
-    def _map_frame(self, scan: str, scene: ViewpointScene) -> ReferenceFrame:
+    def _reference_frame(self, scan: str, scene: ViewpointScene) -> ReferenceFrame:
         yaw_rad = pose_yaw(scene.T_world_pano)
-        return ReferenceFrame(scene.id, scene.place, self._stands(scan, scene), load=_load(scene, scene.id, yaw_rad))
+        return ReferenceFrame(
+            scene.id, scene.place, self._world_pose(scan, scene), load=_load(scene, scene.id, yaw_rad)
+        )
 
-    def _stands(self, scan: str, scene: ViewpointScene) -> np.ndarray:
-        """T_world_pano (4, 4) of a scene, in one world where there is one map."""
+    def _world_pose(self, scan: str, scene: ViewpointScene) -> np.ndarray:
+        """Return T_world_pano (4, 4) of a scene, in the common world if there is one map."""
         T_world_pano = scene.T_world_pano.copy()
         T_world_pano[0, 3] += APART_M * list(self._scans).index(scan) if self.config.one_map else 0.0
         return T_world_pano
@@ -191,25 +198,27 @@ class MatterportAnnotations(NavigableDataset):
         if not any(queries.values()):
             more = "another" if self.config.leave_out == 1 else f"{self.config.leave_out} others"
             raise DataError(
-                f"{self._root} gives no query: expected a viewpoint with {self.config.min_visible} visible objects "
+                f"{self._root} has no queries, expected a viewpoint with {self.config.min_visible} visible objects "
                 f"and {more} in its region"
             )
         if not self.config.one_map:
-            every = (scene for scenes in queries.values() for scene in scenes)
-            return [Fold(scene.id, tuple(self._map_without(scene)), (self._query(scene),)) for scene in every]
+            query_scenes = (scene for scenes in queries.values() for scene in scenes)
+            return [Fold(scene.id, tuple(self._map_without(scene)), (self._query(scene),)) for scene in query_scenes]
         folds = []
         for number in range(max(map(len, queries.values()))):
-            asked = {scan: scenes[number] for scan, scenes in queries.items() if number < len(scenes)}
+            fold_queries = {scan: scenes[number] for scan, scenes in queries.items() if number < len(scenes)}
             frames = [
                 frame
                 for scan in self._scans
-                for frame in (self._map_without(asked[scan]) if scan in asked else self._mapping(scan))
+                for frame in (
+                    self._map_without(fold_queries[scan]) if scan in fold_queries else self._building_references(scan)
+                )
             ]
-            folds.append(Fold(f"one-map-{number}", tuple(frames), tuple(map(self._query, asked.values()))))
+            folds.append(Fold(f"one-map-{number}", tuple(frames), tuple(map(self._query, fold_queries.values()))))
         return folds
 
     def _queries(self, scan: str) -> list[ViewpointScene]:
-        """The scenes of a building that are queries."""
+        """Return the scenes of a building that are queries."""
         scenes = self._building(scan)
         scenes_of = Counter(scene.place for scene in scenes)
         return [
@@ -220,11 +229,11 @@ class MatterportAnnotations(NavigableDataset):
 
     @cached_property
     def _truths(self) -> dict[str, Truth]:
-        """By the query's id."""
+        """Truth of each query, by query id."""
         truths = {}
         for scan in self._scans:
             for scene in self._queries(scan):
-                x_m, y_m, z_m = self._stands(scan, scene)[:3, 3]
+                x_m, y_m, z_m = self._world_pose(scan, scene)[:3, 3]
                 pose = pose_2d(x_m, y_m, self._yaw_rad(scene), z_m)
                 truths[query_id(scene)] = Truth(scene.place, pose, tuple(scene.object_id.tolist()))
         return truths
@@ -233,51 +242,59 @@ class MatterportAnnotations(NavigableDataset):
         return QueryFrame(query_id(scene), _load(scene, query_id(scene), self._yaw_rad(scene)))
 
     def _yaw_rad(self, scene: ViewpointScene) -> float:
-        """How the query of a scene is turned in the world."""
+        """Return the yaw of a scene's query in the world."""
         return float(generator(self.config.seed, "yaw", query_id(scene)).uniform(-np.pi, np.pi))
 
     def _map_without(self, query: ViewpointScene) -> list[ReferenceFrame]:
-        """The reference frames of a query's building, without what is left out for it."""
+        """Return the reference frames of a query's building, without the scenes that are left out for the query."""
         scan = query.id.partition("/")[0]
         left_out = nearest_of_place(self._building(scan), query, self.config.leave_out)
-        frames = [frame for frame in self._mapping(scan) if frame.id not in left_out]
+        frames = [frame for frame in self._building_references(scan) if frame.id not in left_out]
         if self.config.query_triangulates:
             return frames
-        again = self._triangulated_without(scan, left_out)
-        return [self._map_frame(scan, again[frame.id]) if frame.id in again else frame for frame in frames]
+        retriangulated = self._retriangulate_without(scan, left_out)
+        return [
+            self._reference_frame(scan, retriangulated[frame.id]) if frame.id in retriangulated else frame
+            for frame in frames
+        ]
 
-    def _triangulated_without(self, scan: str, left_out: Collection[str]) -> dict[str, ViewpointScene]:
-        """The scenes of a building that see the same objects as those left out, with the ranges that the other scenes
-        give, by the id of the scene that each takes the place of. Their own ids name what was left out."""
-        kept = [scene for scene in self._building(scan) if scene.id not in left_out]
+    def _retriangulate_without(self, scan: str, left_out: Collection[str]) -> dict[str, ViewpointScene]:
+        """Triangulate the objects of left-out scenes again, from the other scenes of the building only.
+
+        Returns:
+            The scenes that see these objects, with the new ranges, by the id of the scene that each replaces. The id of
+            a new scene identifies the scenes that were left out.
+        """
+        map_scenes = [scene for scene in self._building(scan) if scene.id not in left_out]
         objects = np.concatenate([scene.object_id for scene in self._building(scan) if scene.id in left_out])
-        again = range_again(kept, objects, self.config.range_noise, self.config.seed)
-        mark = digest(sorted(left_out))[:8]
-        found = {id: replace(scene, id=f"{id}-{mark}") for id, scene in again.items()}
-        self._again.update((scene.id, scene) for scene in found.values())
-        return found
+        retriangulated = retriangulate_ranges(map_scenes, objects, self.config.range_noise, self.config.seed)
+        suffix = digest(sorted(left_out))[:8]
+        renamed_scenes = {id: replace(scene, id=f"{id}-{suffix}") for id, scene in retriangulated.items()}
+        self._retriangulated.update((scene.id, scene) for scene in renamed_scenes.values())
+        return renamed_scenes
 
     @property
-    def _scenes_again(self) -> dict[str, ViewpointScene]:
-        """The scenes of `_triangulated_without` of all folds, by their own ids."""
+    def _retriangulated_scenes(self) -> dict[str, ViewpointScene]:
+        """Scenes of `_retriangulate_without` of all folds, by their own ids."""
         _ = self._folds
-        return self._again
+        return self._retriangulated
 
 
 def nearest_of_place(scenes: Sequence[ViewpointScene], query: ViewpointScene, count: int) -> set[str]:
-    """The ids of the `count` scenes of a query's place that are nearest to it, itself first."""
-    own = [scene for scene in scenes if scene.place == query.place and scene is not query]
-    own.sort(key=lambda scene: float(np.linalg.norm(scene.T_world_pano[:3, 3] - query.T_world_pano[:3, 3])))
-    return {query.id, *(scene.id for scene in own[: count - 1])}
+    """Return the ids of the `count` scenes of a query's place that are nearest to the query, including the query."""
+    neighbours = [scene for scene in scenes if scene.place == query.place and scene is not query]
+    neighbours.sort(key=lambda scene: float(np.linalg.norm(scene.T_world_pano[:3, 3] - query.T_world_pano[:3, 3])))
+    return {query.id, *(scene.id for scene in neighbours[: count - 1])}
 
 
 def query_id(scene: ViewpointScene) -> str:
-    """The id of the query that a scene is."""
+    """Return the id of a scene's query."""
     return f"{scene.id}/query"
 
 
 def _load(scene: ViewpointScene, id: str, yaw_rad: float) -> Callable[[], Panorama]:
-    """What gives the panorama of a scene turned to look along `yaw_rad`. It holds the objects alone, so that no query
-    carries its pose or place along.
+    """Return a loader of a scene's panorama that looks along `yaw_rad`.
+
+    The loader holds only the objects, so that a query does not carry its pose or place.
     """
     return partial(Panorama, id, annotations=scene.annotations(yaw_rad))

@@ -1,9 +1,10 @@
-"""`habitat-maps`: a real building with its floor seen from above, from the top-down pictures of Object2HabitatMap.
+"""`habitat-maps`: a real building with floor masks from the top-down pictures of Object2HabitatMap.
 
-The pictures are coloured by a palette that gives regions and objects the colour of their index modulo its length, about
-100, so that in a large building two rooms may share one; neither scale nor origin are stored. Both are found here from
-where the rooms lie: each connected patch of colour belongs to the region whose box of the .house file it fills, and the
-boxes' edges tell metres a pixel and origin. Only what can be walked on is known by its colour.
+The pictures use a palette of about 100 colours; the colour of a region or object is its index modulo the palette
+length. Two rooms of a large building may therefore have the same colour. Scale and origin are not stored. Both are
+estimated from the positions of the rooms: each connected patch of one colour is assigned to the region whose box in the
+.house file it fills, and the edges of the boxes determine metres per pixel and origin. Colour alone identifies only
+what is walkable.
 """
 
 from __future__ import annotations
@@ -23,22 +24,22 @@ from salframe_matterport.dataset import MatterportAnnotations
 
 _PICTURES = {"region": "the regions", "cat": "the categories of objects"}
 _WALKABLE_RGB = {"floor": (0, 255, 0), "door": (246, 0, 0), "stairs": (0, 244, 67), "void": (100, 100, 5)}
-"""A lintel hides its doorway from above; void is nothing but unlabelled patches of floor."""
+"""Walkable categories. Door: seen from above, a lintel hides its doorway. Void: only unlabelled patches of floor."""
 _PATCH = 0.002
-"""Patches that cover a smaller share of the picture are stains at walls and furniture; the cells under them go to the
-nearest room."""
+"""Minimum area of a patch as a share of the picture. Smaller patches are noise at walls and furniture; their cells are
+assigned to the nearest room."""
 _OVERLAP = 0.5
-"""Least intersection over union of a patch's box with its region's."""
+"""Minimum intersection over union of a patch's box and its region's box."""
 _EDGE_SCALE_M = 0.05
+"""Scale of the soft L1 loss on edge distances, in metres."""
 _MISFIT_M = 0.25
-"""Half of the regions' edges at least must lie this near those of their boxes."""
+"""Maximum median distance in metres between the edges of patches and of their regions' boxes."""
 
 
 class HabitatMaps(MatterportAnnotations):
-    """A real building with floor masks: `matterport-annotations` of one whose top-down maps by Object2HabitatMap are at
-    hand.
+    """`matterport-annotations` of one building with floor masks from its top-down maps (Object2HabitatMap).
 
-    The floor is the regions of the map, obstacles all objects that are neither floor, door nor stairs.
+    The floor consists of the regions of the map. Obstacles are all objects other than floor, door and stairs.
     """
 
     name = "habitat-maps"
@@ -50,7 +51,7 @@ class HabitatMaps(MatterportAnnotations):
             description="folder of habitat_map/<scan>/, house/<scan>.house, and the files of matterport-annotations",
         )
         resolution_m: float = Field(
-            0.05, gt=0, description="cell of the floor masks; the nearest whole number of pixels is taken"
+            0.05, gt=0, description="cell size of the floor masks, rounded to a whole number of pixels"
         )
 
     @cached_property
@@ -59,12 +60,12 @@ class HabitatMaps(MatterportAnnotations):
         if not scans:
             raise DataError(
                 f"{self._root} has no folder habitat_map/<scan>/ of any building, "
-                "expected Object2HabitatMap's region.png and cat.png there"
+                "expected one with region.png and cat.png of Object2HabitatMap"
             )
-        if len(scans) > 1:  # each has a world of its own
+        if len(scans) > 1:  # each building has its own world frame
             raise DataError(
                 f"{self._root} has maps of {', '.join(scans)}, "
-                f"expected one building a map: --set data.scans=[{scans[0]}]"
+                f"expected one building: select one with --set data.scans=[{scans[0]}]"
             )
         return scans
 
@@ -73,12 +74,12 @@ class HabitatMaps(MatterportAnnotations):
         return read_floor(self._root, self._scans[0], self.config.resolution_m)
 
     def prepare(self, progress: Callable[[int, int], None]) -> None:
-        """Read the building and its maps: what is wrong with them shows before anything is computed."""
+        """Read the building and its maps, so that errors in them are reported before anything is computed."""
         super().prepare(progress)
         self.floors()
 
     def floors(self) -> Sequence[FloorMasks]:
-        """The level that the maps show; its regions are named as the places of the viewpoints."""
+        """Return the masks of the level that the maps show; its regions have the names of the viewpoints' places."""
         return [self._floor]
 
 
@@ -87,33 +88,40 @@ def maps_path(root: Path, scan: str) -> Path:
 
 
 def read_floor(root: Path, scan: str, resolution_m: float) -> FloorMasks:
-    """The masks of the level that a building's top-down maps show, in cells of about `resolution_m`.
+    """Read the floor masks of the level that a building's top-down maps show.
 
-    Raises DataError on missing, damaged or differently sized pictures, or where they do not fit the building's regions.
+    Args:
+        root: Folder of the files.
+        scan: Building.
+        resolution_m: Approximate cell size in metres.
+
+    Raises:
+        DataError: Pictures are missing, damaged or of different sizes, or do not match the building's regions.
     """
     pictures = {}
-    for name, what in _PICTURES.items():
+    for name, content in _PICTURES.items():
         path = maps_path(root, scan) / f"{name}.png"
         if not path.exists():
             raise DataError(
-                f"{path} is missing: the top-down map of {what}, which Object2HabitatMap's collect_2d_map.py draws"
+                f"{path} is missing, expected the top-down map of {content} that Object2HabitatMap's "
+                "collect_2d_map.py writes"
             )
-        pictures[name] = _coded(read_color(path))
+        pictures[name] = _color_code(read_color(path))
     region, category = pictures["region"], pictures["cat"]
     if region.shape != category.shape:
         shapes = [f"{picture.shape[1]} x {picture.shape[0]}" for picture in (region, category)]
         raise DataError(
-            f"{maps_path(root, scan)}: region.png is {shapes[0]} and cat.png {shapes[1]}, expected one size"
+            f"{maps_path(root, scan)}: region.png is {shapes[0]} and cat.png {shapes[1]}, expected the same size"
         )
     house = read_house(root / "house" / f"{scan}.house")
-    label, pixel_m, origin_m = _place(region, house, maps_path(root, scan))
+    label, pixel_m, origin_m = _locate_regions(region, house, maps_path(root, scan))
     shown = [region for region in house.regions if (label == region.index + 1).any()]
     step = max(1, round(resolution_m / pixel_m))
-    obstacle = ~np.isin(category, [_coded(np.array(rgb)) for rgb in _WALKABLE_RGB.values()]) & (region > 0)
+    obstacle = ~np.isin(category, [_color_code(np.array(rgb)) for rgb in _WALKABLE_RGB.values()]) & (region > 0)
     free = _share(region > 0, step) > 0.5
     return FloorMasks(
         free=free,
-        region=np.where(free, _cells(label, step, free), 0).astype(np.int32),
+        region=np.where(free, _label_cells(label, step, free), 0).astype(np.int32),
         obstacle=free & (_share(obstacle, step) > 0.5),
         resolution_m=step * pixel_m,
         origin_m=origin_m,
@@ -122,14 +130,20 @@ def read_floor(root: Path, scan: str, resolution_m: float) -> FloorMasks:
     )
 
 
-def _coded(rgb: np.ndarray) -> np.ndarray:
-    """(...,) int32 of colours (..., 3): one number a colour, 0 for black."""
+def _color_code(rgb: np.ndarray) -> np.ndarray:
+    """Encode colours (..., 3) as int32 (...,): one number per colour, 0 for black."""
     return rgb.astype(np.int32) @ np.array([1 << 16, 1 << 8, 1], np.int32)
 
 
-def _place(colour: np.ndarray, house: HouseFile, source: Path) -> tuple[np.ndarray, float, tuple[float, float]]:
-    """Label (H, W) int32 of a region's index + 1, 0 where unknown, the metres a pixel, and the world's x and y of the
-    upper left corner."""
+def _locate_regions(
+    colour: np.ndarray, house: HouseFile, source: Path
+) -> tuple[np.ndarray, float, tuple[float, float]]:
+    """Assign the patches of a picture to regions and estimate scale and origin.
+
+    Returns:
+        Labels (H, W) int32 (region index + 1, 0 where unknown), metres per pixel, and x and y of the upper left corner
+        in the world.
+    """
     patches, number = _patches(colour)
     fits = [
         _fit(patches, [region for region in house.regions if region.level == level])
@@ -138,9 +152,9 @@ def _place(colour: np.ndarray, house: HouseFile, source: Path) -> tuple[np.ndarr
     matched, pixel_m, origin_m, misfit_m = max(fits, key=lambda fit: len(fit[0]))
     if len(matched) < 2 or misfit_m > _MISFIT_M:
         raise DataError(
-            f"{source}/region.png does not show the regions of the .house file: "
-            f"{len(matched)} of {len(patches)} patches lie where a region "
-            f"is (half of their edges within {misfit_m:.2f} m), expected two at least and {_MISFIT_M} m"
+            f"{source}/region.png does not match the regions of the .house file: "
+            f"{len(matched)} of {len(patches)} patches match a region, with a median edge distance of "
+            f"{misfit_m:.2f} m; expected at least two and at most {_MISFIT_M} m"
         )
     table = np.zeros(number.max() + 1, np.int32)
     for patch, region in matched.items():
@@ -149,8 +163,8 @@ def _place(colour: np.ndarray, house: HouseFile, source: Path) -> tuple[np.ndarr
 
 
 def _patches(colour: np.ndarray) -> tuple[dict[int, np.ndarray], np.ndarray]:
-    """Boxes (left, top, right, bottom) in pixels of the large connected patches of one colour by their number, and the
-    numbers (H, W)."""
+    """Return the large connected patches of one colour: boxes (left, top, right, bottom) in pixels by patch number, and
+    the patch number of each pixel (H, W)."""
     import cv2
 
     boxes: dict[int, np.ndarray] = {}
@@ -168,19 +182,21 @@ def _patches(colour: np.ndarray) -> tuple[dict[int, np.ndarray], np.ndarray]:
 def _fit(
     patches: dict[int, np.ndarray], regions: list[Region]
 ) -> tuple[dict[int, int], float, tuple[float, float], float]:
-    """The regions of a level laid on the patches: region index by patch, metres a pixel, origin, and the median
-    distance of their edges.
+    """Fit the regions of a level to the patches.
 
-    To begin with, the regions' common box is laid on the patches' common box. Then the edges of the boxes of patches
-    and regions that overlap give scale and origin by least squares (soft L1: curtains and open doors move an edge).
+    The initial guess aligns the bounding box of all regions with that of all patches. Then scale and origin are fitted
+    by least squares to the edges of overlapping boxes (soft L1 loss, since curtains and open doors move an edge).
+
+    Returns:
+        Region index by patch, metres per pixel, origin, and the median edge distance in metres.
     """
     from scipy.optimize import least_squares
 
-    nothing: tuple[dict[int, int], float, tuple[float, float], float] = {}, np.nan, (np.nan, np.nan), np.inf
+    no_fit: tuple[dict[int, int], float, tuple[float, float], float] = {}, np.nan, (np.nan, np.nan), np.inf
     if not patches:
-        return nothing
+        return no_fit
     pixels = np.array(list(patches.values()))
-    # (x low, y high, x high, y low): the order of left, top, right, bottom.
+    # (min x, max y, max x, min y), in the order of (left, top, right, bottom).
     boxes_m = np.array([[region.low_m[0], region.high_m[1], region.high_m[0], region.low_m[1]] for region in regions])
     west, north, east, south = boxes_m[:, 0].min(), boxes_m[:, 1].max(), boxes_m[:, 2].max(), boxes_m[:, 3].min()
     left, top, right, bottom = pixels[:, 0].min(), pixels[:, 1].min(), pixels[:, 2].max(), pixels[:, 3].max()
@@ -189,16 +205,16 @@ def _fit(
     for _ in range(2):
         overlap = _overlap(_to_metres(solution, pixels), boxes_m)
         region, patch = overlap.argmax(1), np.arange(len(pixels))
-        sound = overlap[patch, region] >= _OVERLAP
-        if not sound.any():
-            return nothing
-        seen, wanted = pixels[sound], boxes_m[region[sound]]
+        matched_patch = overlap[patch, region] >= _OVERLAP
+        if not matched_patch.any():
+            return no_fit
+        boxes_px, targets_m = pixels[matched_patch], boxes_m[region[matched_patch]]
 
-        def misfit_m(guess: np.ndarray, seen=seen, wanted=wanted) -> np.ndarray:
-            return (_to_metres(guess, seen) - wanted).ravel()
+        def misfit_m(guess: np.ndarray, boxes_px=boxes_px, targets_m=targets_m) -> np.ndarray:
+            return (_to_metres(guess, boxes_px) - targets_m).ravel()
 
         solution = least_squares(misfit_m, solution, loss="soft_l1", f_scale=_EDGE_SCALE_M).x
-    matched = {number: regions[region[i]].index for i, number in enumerate(patches) if sound[i]}
+    matched = {number: regions[region[i]].index for i, number in enumerate(patches) if matched_patch[i]}
     return (
         matched,
         float(solution[0]),
@@ -208,14 +224,16 @@ def _fit(
 
 
 def _to_metres(solution: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """(N, 4) x low, y high, x high, y low of boxes (N, 4) left, top, right, bottom; solution: metres a pixel, x and y
-    of the origin."""
+    """Convert boxes (N, 4) left, top, right, bottom in pixels to min x, max y, max x, min y in metres.
+
+    `solution` holds metres per pixel and x and y of the origin.
+    """
     scale, x, y = solution
     return pixels * np.array([scale, -scale, scale, -scale]) + np.array([x, y, x, y])
 
 
 def _overlap(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(N, M) intersection over union of boxes x low, y high, x high, y low."""
+    """Return the intersection over union (N, M) of boxes (min x, max y, max x, min y)."""
     width = np.minimum(a[:, None, 2], b[:, 2]) - np.maximum(a[:, None, 0], b[:, 0])
     height = np.minimum(a[:, None, 1], b[:, 1]) - np.maximum(a[:, None, 3], b[:, 3])
     shared = np.maximum(width, 0) * np.maximum(height, 0)
@@ -224,20 +242,22 @@ def _overlap(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _share(mask: np.ndarray, step: int) -> np.ndarray:
-    """(rows, columns) share of a mask in cells of step x step pixels; beyond the picture there is nothing."""
+    """Return the share (rows, columns) of a mask in cells of step x step pixels; the picture is padded with False."""
     rows, columns = (-(-size // step) * step for size in mask.shape)
     padded = np.pad(mask, ((0, rows - mask.shape[0]), (0, columns - mask.shape[1])))
     return padded.reshape(rows // step, step, columns // step, step).mean((1, 3))
 
 
-def _cells(label: np.ndarray, step: int, free: np.ndarray) -> np.ndarray:
-    """(rows, columns) the label that most of a cell has; stripes at thresholds and stains take that of the nearest
-    room."""
+def _label_cells(label: np.ndarray, step: int, free: np.ndarray) -> np.ndarray:
+    """Return the most frequent label of each cell (rows, columns).
+
+    Stripes at thresholds and noise get the label of the nearest room.
+    """
     from scipy import ndimage
 
     numbers = np.unique(label[label > 0])
-    most = np.stack([_share(label == number, step) for number in numbers])
-    cells = np.where(free & (most.max(0) > 0), numbers[most.argmax(0)], 0)
+    shares = np.stack([_share(label == number, step) for number in numbers])
+    cells = np.where(free & (shares.max(0) > 0), numbers[shares.argmax(0)], 0)
     rooms = np.zeros_like(cells)
     for number in numbers:
         parts, count = ndimage.label(cells == number)

@@ -31,13 +31,12 @@ from salframe_matterport.scenes import generator
 
 
 class Matterport3D(Dataset):
-    """Real buildings: the 18 colour and depth images of each viewpoint of Matterport3D as one RGB-D panorama, one fold
-    a query.
+    """Real buildings of Matterport3D: the 18 colour and depth images of each viewpoint, stitched to one RGB-D panorama.
 
-    Annotations are the objects of the .house file: a pixel shows the one whose oriented box its point lies in. Places
-    are its regions; viewpoints that stand in none are left out. A query is a viewpoint whose region has another one; it
-    is not in its fold's map and its panorama is turned by a random yaw. Panoramas are stitched once and kept in
-    salframe's cache.
+    Annotations are the objects of the .house file: a pixel shows the object whose oriented box contains its point.
+    Places are the regions of the .house file; viewpoints outside all regions are left out. There is one fold per query.
+    A query is a viewpoint whose region has another viewpoint; it is left out of its fold's map, and its panorama is
+    turned by a random yaw. Panoramas are stitched once and stored in salframe's cache.
     """
 
     name = "matterport3d"
@@ -49,10 +48,11 @@ class Matterport3D(Dataset):
         scans: Literal["all"] | tuple[str, ...] = Field("all", description="buildings to use")
         color: Color = Field(
             "skybox",
-            description="skybox: its six faces, evenly exposed; pictures: the 18 that belong to the depth images",
+            description="source of the colour. skybox: the six skybox faces, evenly exposed; "
+            "pictures: the 18 colour pictures of the depth images",
         )
-        height: int = Field(512, ge=64, description="pixels of a panorama, whose width is twice as much")
-        seed: int = Field(0, description="of the yaw of queries")
+        height: int = Field(512, ge=64, description="height of a panorama in pixels; its width is twice the height")
+        seed: int = Field(0, description="random seed of the yaw of queries")
         hide_query_place: bool = hide_query_place_setting()
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
@@ -63,18 +63,18 @@ class Matterport3D(Dataset):
     def _buildings(self) -> dict[str, Path]:
         if self.config.root is None:
             raise DataError(
-                f"{self.name} needs the folder of the Matterport3D release (docs/how-to/real-buildings.md): "
-                "--data-dir DIR"
+                f"{self.name} has no folder, expected that of the Matterport3D release "
+                "(docs/how-to/real-buildings.md): pass --data-dir DIR"
             )
-        known = find_buildings(self.config.root)
+        buildings = find_buildings(self.config.root)
         if self.config.scans == "all":
-            return known
-        absent = sorted(set(self.config.scans) - set(known))
-        if absent:
+            return buildings
+        missing = sorted(set(self.config.scans) - set(buildings))
+        if missing:
             raise DataError(
-                f"{self.config.root} has no building {', '.join(absent)}, expected some of {', '.join(known)}"
+                f"{self.config.root} has no building {', '.join(missing)}, expected some of {', '.join(buildings)}"
             )
-        return {scan: known[scan] for scan in self.config.scans}
+        return {scan: buildings[scan] for scan in self.config.scans}
 
     @cached_property
     def _houses(self) -> dict[str, HouseFile]:
@@ -82,46 +82,52 @@ class Matterport3D(Dataset):
 
     @cached_property
     def _viewpoints(self) -> dict[str, tuple[Viewpoint, str]]:
-        """Viewpoint and place of each frame, by the frame's id."""
+        """Viewpoint and place of each frame, by frame id."""
         scenes = {}
         for scan, folder in self._buildings.items():
-            standing = self._houses[scan].panoramas
+            panoramas = self._houses[scan].panoramas
             for name, viewpoint in read_viewpoints(folder).items():
-                if name in standing and standing[name].region is not None:
-                    scenes[f"{scan}/{name}"] = viewpoint, f"{scan}/region-{standing[name].region}"
+                if name in panoramas and panoramas[name].region is not None:
+                    scenes[f"{scan}/{name}"] = viewpoint, f"{scan}/region-{panoramas[name].region}"
         return scenes
 
     @cached_property
     def fingerprint(self) -> str:
-        """Of the settings, and the names, sizes and times of change of the files: to read all images takes minutes."""
+        """Hash of the settings and of each file's name, size and modification time.
+
+        Hashing the content of all images would take minutes.
+        """
         return digest([self.version, self.config.seed, [self._key(id) for id in self._viewpoints]])
 
     def _key(self, id: str) -> str:
-        """What the stitched panorama of a viewpoint is kept by."""
+        """Return the cache key of the stitched panorama of a viewpoint."""
         viewpoint, _ = self._viewpoints[id]
         files = [cameras_path(viewpoint.folder), house_path(viewpoint.folder), *viewpoint.files(self.config.color)]
         return digest([self.version, id, self.config.color, self.config.height, *map(_stamp, files)])
 
     @property
     def _folder(self) -> Path:
-        """Where the stitched panoramas of all buildings are kept."""
+        """Folder of the stitched panoramas of all buildings."""
         return cache_home() / self.name
 
-    def _kept(self, id: str) -> dict[str, Any]:
-        """The files, by part, of the stitched panorama of a viewpoint."""
+    def _cached_files(self, id: str) -> dict[str, Any]:
+        """Return the cached files of a viewpoint's stitched panorama, by part."""
         return image_names(f"{id.split('/')[0]}/{self._key(id)[:24]}", self.provides | {"valid"})
 
     def prepare(self, progress: Callable[[int, int], None]) -> None:
-        """Stitch the panoramas that are not there yet. A viewpoint whose images are missing or damaged says so when it
-        is loaded."""
+        """Stitch the panoramas that are not in the cache yet.
+
+        Missing or damaged images are reported when the viewpoint is loaded.
+        """
         for done, (id, (viewpoint, _)) in enumerate(self._viewpoints.items()):
             progress(done, len(self._viewpoints))
-            entry = FrameEntry(id=id, role="query", **self._kept(id))  # a reference frame's pose and place are not kept
+            # The role "query" avoids storing a pose and a place.
+            entry = FrameEntry(id=id, role="query", **self._cached_files(id))
             if not is_written(self._folder, entry):
                 try:
                     panorama = viewpoint.stitch(self.config.height, self.config.color)
                     objects = self._houses[viewpoint.folder.name].objects
-                    range_m = cast(np.ndarray, panorama.range_m)  # whatever is stitched has one
+                    range_m = cast(np.ndarray, panorama.range_m)  # a stitched panorama always has a range image
                     instance_id = label_pixels(range_m, viewpoint.T_world_pano, objects)
                     write_panorama(self._folder, entry, panorama.rgb, panorama.range_m, instance_id, panorama.valid)
                 except DataError as error:
@@ -142,12 +148,12 @@ class Matterport3D(Dataset):
         if fold.id in self._broken:
             return truth
         return replace(
-            truth, instances=visible_instances(images.read_ids(self._folder / self._kept(fold.id)["instances"]))
+            truth, instances=visible_instances(images.read_ids(self._folder / self._cached_files(fold.id)["instances"]))
         )
 
     @cached_property
     def _folds(self) -> dict[str, tuple[Fold, Truth]]:
-        """Fold and truth of each query, by the query's id."""
+        """Fold and truth of each query, by query id."""
         references: dict[str, list[ReferenceFrame]] = {scan: [] for scan in self._buildings}
         for id, (viewpoint, place) in self._viewpoints.items():
             load = self._load(id, id, 0)
@@ -169,20 +175,21 @@ class Matterport3D(Dataset):
                 )
                 folds[query] = fold, Truth(frame.place, pose)
         if not folds:
-            raise DataError(f"{self.config.root} gives no query: expected two viewpoints in one region")
+            raise DataError(f"{self.config.root} has no queries, expected at least two viewpoints in one region")
         return folds
 
     def _load(self, id: str, viewpoint_id: str, columns: int) -> Callable[[], Panorama]:
-        """What gives the panorama of a viewpoint turned by whole columns. It holds paths and labels, so that no query
-        carries its pose or place along.
+        """Return a loader of a viewpoint's panorama, turned by `columns` columns.
+
+        The loader holds only paths and labels, so that a query does not carry its pose or place.
         """
-        named = labels(self._houses[viewpoint_id.split("/")[0]].objects)
-        kept, broken = self._kept(viewpoint_id), self._broken.get(viewpoint_id)
-        return partial(_load, id, self._folder, kept, columns, named, broken)
+        labels_by_id = labels(self._houses[viewpoint_id.split("/")[0]].objects)
+        cached_files, broken = self._cached_files(viewpoint_id), self._broken.get(viewpoint_id)
+        return partial(_load, id, self._folder, cached_files, columns, labels_by_id, broken)
 
 
 def _stamp(path: Path) -> list[str | int]:
-    """Name, size and time of change of a file; the name alone where it is missing."""
+    """Return name, size and modification time of a file; the name only if the file is missing."""
     if not path.exists():
         return [path.name]
     state = path.stat()
@@ -190,16 +197,16 @@ def _stamp(path: Path) -> list[str | int]:
 
 
 def _load(
-    id: str, root: Path, files: Mapping[str, str], columns: int, named: Mapping[int, str], broken: str | None
+    id: str, root: Path, files: Mapping[str, str], columns: int, labels_by_id: Mapping[int, str], broken: str | None
 ) -> Panorama:
-    """A kept panorama turned by this many columns. Raises DataError where its images were no good."""
+    """Load a stitched panorama and turn it by `columns` columns. Raises DataError if its images were not usable."""
     if broken is not None:
         raise DataError(broken)
-    kept = (
+    images_by_part = (
         images.read_color(root / files["rgb"]),
         images.read_range(root / files["range"]),
         images.read_mask(root / files["valid"]),
         images.read_ids(root / files["instances"]),
     )
-    rgb, range_m, valid, instance_id = (np.roll(image, columns, axis=1) for image in kept)
-    return Panorama(id, rgb, range_m, valid, Annotations(instance_id, named))
+    rgb, range_m, valid, instance_id = (np.roll(image, columns, axis=1) for image in images_by_part)
+    return Panorama(id, rgb, range_m, valid, Annotations(instance_id, labels_by_id))

@@ -1,4 +1,4 @@
-"""Real buildings to navigate in: an agent stands at viewpoints, and walks from one to the next."""
+"""Navigation in real buildings: an agent stands at a viewpoint and moves to a neighbouring one."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ from salframe_matterport.scenes import ViewpointScene
 View = Callable[[Panorama], Panorama]
 
 TURN_OFF_RAD, LENGTH_OFF_M = np.radians(30.0), 1.0
-"""A walk leads to the neighbour that it points at within this angle and reaches within this length; else nowhere."""
+"""Maximum errors in bearing and in length at which a move still leads to a neighbour; beyond them, the agent stays."""
 
 
 class ViewpointChart(Chart):
-    """The viewpoints of a building and which of them are neighbours. Its agent knows that it stands at one."""
+    """Viewpoints of a building and their neighbours. The agent is always at a viewpoint."""
 
     max_move_m = np.inf
     aside_m = 2.0
 
     def __init__(self, map: TopologicalMap, camera_m: np.ndarray) -> None:
-        """camera_m (N, 3): where the cameras of the map's nodes stand."""
+        """Create the chart of a viewpoint graph; camera_m (N, 3): camera positions of its nodes in metres."""
         self.map = map
         self._camera_m = camera_m
         self._node_m = np.array([node.xyz_m for node in map.nodes])
@@ -43,7 +43,7 @@ class ViewpointChart(Chart):
             self.step_m[a, b] = self.step_m[b, a] = edge.length_m
 
     def nearest(self, position_m: np.ndarray) -> int:
-        """The viewpoint whose camera is nearest to a position (3,)."""
+        """Return the index of the viewpoint whose camera is nearest to a position (3,) in metres."""
         return int(np.linalg.norm(self._camera_m - position_m, axis=1).argmin())
 
     def spot(self, position_m: np.ndarray) -> np.ndarray:
@@ -51,14 +51,17 @@ class ViewpointChart(Chart):
         return self._camera_m[self.nearest(position_m)]
 
     def reach(self, position_m: np.ndarray, points_m: np.ndarray) -> np.ndarray:
-        """See Chart: from the nearest viewpoint to itself (0) and its neighbours."""
+        """See Chart: from the nearest viewpoint to itself (0) and to its neighbours."""
         points = np.linalg.norm(self._node_m - points_m[:, None], axis=2).argmin(1)
         return self.step_m[self.nearest(position_m), points]
 
 
 class ViewpointWorld(World):
-    """The viewpoint graph of a building. What is seen at a viewpoint are its annotations; its own scene is left out of
-    the map meanwhile."""
+    """Viewpoint graph of a building.
+
+    A panorama at a viewpoint has the viewpoint's annotations. The viewpoint's own scene is left out of the map while
+    the agent is there.
+    """
 
     def __init__(
         self,
@@ -69,59 +72,74 @@ class ViewpointWorld(World):
         references: Sequence[ReferenceFrame],
         view: View,
     ) -> None:
-        """`poses`: T_world_pano (4, 4) of the map's nodes by id, in their order; `scenes` by the id of their node, for
-        those that have one; `references`: the frames of all scenes; `view`: what queries show of a panorama."""
+        """Create the world of a building.
+
+        Args:
+            id: Name of the world.
+            map: Viewpoint graph.
+            poses: T_world_pano (4, 4) of the map's nodes, by node id, in the order of the nodes.
+            scenes: Scenes by node id, for the nodes that have one.
+            references: Reference frames of all scenes.
+            view: Function that returns the part of a panorama that queries show.
+        """
         self._poses, self._scenes, self._frames = list(poses.values()), scenes, tuple(references)
         self._view = view
         self._viewpoints = ViewpointChart(map, np.array([pose[:3, 3] for pose in self._poses]))
         super().__init__(id, self._viewpoints)
 
     def stand_at(self, node: MapNode, yaw_rad: float) -> np.ndarray:
-        return self._turned(self._viewpoints.map.nodes.index(node), yaw_rad)
+        return self._pose_at(self._viewpoints.map.nodes.index(node), yaw_rad)
 
     def stand(self, x_m: float, y_m: float, yaw_rad: float) -> np.ndarray:
         raise DataError(
             f"{self.id}: received the start ({x_m:.2f}, {y_m:.2f}) m, "
-            "expected a viewpoint: only there is something to be seen"
+            "expected a viewpoint: panoramas exist only at viewpoints"
         )
 
     def draw_start(self, rng: np.random.Generator) -> np.ndarray:
-        placed = [number for number, node in enumerate(self._viewpoints.map.nodes) if node.regions]
-        return self._turned(int(rng.choice(placed)), rng.uniform(-np.pi, np.pi))
+        inside = [number for number, node in enumerate(self._viewpoints.map.nodes) if node.regions]
+        return self._pose_at(int(rng.choice(inside)), rng.uniform(-np.pi, np.pi))
 
     def region(self, T_world_pano: np.ndarray) -> str:
         return next(iter(self._node(T_world_pano).regions), "")
 
     def references(self, T_world_pano: np.ndarray) -> Sequence[ReferenceFrame]:
-        own = self._node(T_world_pano).id
-        return [frame for frame in self._frames if frame.id != own]
+        node_id = self._node(T_world_pano).id
+        return [frame for frame in self._frames if frame.id != node_id]
 
     def observe(self, T_world_pano: np.ndarray) -> Panorama:
         node, yaw_rad = self._node(T_world_pano), pose_yaw(T_world_pano)
         scene = self._scenes.get(node.id)
-        nothing = Annotations(objects=ObjectBoxes.empty())
-        annotations = nothing if scene is None else scene.annotations(yaw_rad)
+        no_objects = Annotations(objects=ObjectBoxes.empty())
+        annotations = no_objects if scene is None else scene.annotations(yaw_rad)
         return self._view(Panorama(f"{node.id} {np.degrees(yaw_rad):.3f}", annotations=annotations))
 
     def move(self, T_world_pano: np.ndarray, turn_rad: float, length_m: float) -> tuple[np.ndarray, bool]:
-        """See World: to the neighbour that agrees best with the walk, within TURN_OFF_RAD and LENGTH_OFF_M of its
-        bearing and distance on the ground. Where none does, the agent turns and stays."""
+        """See World: move to the neighbour that fits the move best, or only turn if none fits.
+
+        The neighbour's bearing and horizontal distance must be within TURN_OFF_RAD and LENGTH_OFF_M of the move.
+        """
         here, yaw_rad = self._viewpoints.nearest(T_world_pano[:3, 3]), pose_yaw(T_world_pano) + turn_rad
         walk_m = length_m * np.array([np.cos(yaw_rad), np.sin(yaw_rad)])
-        best, best_m = here, np.inf
+        destination, min_misfit_m = here, np.inf
         for there in np.flatnonzero(np.isfinite(self._viewpoints.step_m[here])):
             way_m = self._poses[there][:2, 3] - self._poses[here][:2, 3]
             turn_off_rad = abs(float(wrap_angle(np.arctan2(way_m[1], way_m[0]) - yaw_rad)))
-            off_m = float(np.linalg.norm(way_m - walk_m))
+            misfit_m = float(np.linalg.norm(way_m - walk_m))
             length_off_m = abs(float(np.linalg.norm(way_m)) - length_m)
-            if there != here and turn_off_rad <= TURN_OFF_RAD and length_off_m <= LENGTH_OFF_M and off_m < best_m:
-                best, best_m = int(there), off_m
-        return self._turned(best, yaw_rad), best == here
+            if (
+                there != here
+                and turn_off_rad <= TURN_OFF_RAD
+                and length_off_m <= LENGTH_OFF_M
+                and misfit_m < min_misfit_m
+            ):
+                destination, min_misfit_m = int(there), misfit_m
+        return self._pose_at(destination, yaw_rad), destination == here
 
     def _node(self, T_world_pano: np.ndarray) -> MapNode:
         return self._viewpoints.map.nodes[self._viewpoints.nearest(T_world_pano[:3, 3])]
 
-    def _turned(self, number: int, yaw_rad: float) -> np.ndarray:
+    def _pose_at(self, number: int, yaw_rad: float) -> np.ndarray:
         x_m, y_m, z_m = self._poses[number][:3, 3]
         return pose_2d(x_m, y_m, yaw_rad, z_m)
 
@@ -134,26 +152,38 @@ def viewpoint_world(
     regions: Mapping[str, int],
     view: View = lambda panorama: panorama,
 ) -> ViewpointWorld:
-    """The world of a building from its connectivity file, the scenes of its viewpoints with their frames, viewpoint ->
-    region index, and what queries show of a panorama.
+    """Build the world of a building.
 
-    Two included viewpoints are neighbours where the way between them is unobstructed; an edge is as long as the
-    straight line in 3D. Nodes lie the camera's height below it. Raises DataError on a missing or malformed file.
+    Two included viewpoints are neighbours if the way between them is unobstructed. The length of an edge is its 3D
+    length. Nodes are at floor level, below the camera by its height.
+
+    Args:
+        path: Connectivity file.
+        scan: Building.
+        scenes: Scenes of its viewpoints.
+        references: Reference frames of the scenes.
+        regions: Region index of each viewpoint.
+        view: Function that returns the part of a panorama that queries show.
+
+    Raises:
+        DataError: The file is missing or malformed.
     """
     poses = read_connectivity(path)
     free = read_ways(path)
-    height_m = {one.image_id: one.height for one in read_viewpoints(path) if one.height is not None}
+    height_m = {
+        viewpoint.image_id: viewpoint.height for viewpoint in read_viewpoints(path) if viewpoint.height is not None
+    }
     if not poses.keys() <= height_m.keys():
-        raise DataError(f"{path} has no key 'height', expected it of every viewpoint")
+        raise DataError(f"{path} has no key 'height', expected one for every viewpoint")
     name = {viewpoint: f"{scan}/{viewpoint}" for viewpoint in poses}
-    seen = {scene.id: scene for scene in scenes}
+    scene_by_id = {scene.id: scene for scene in scenes}
     nodes = [
         MapNode(
             name[viewpoint],
             NodeKind.SCENE,
             (float(pose[0, 3]), float(pose[1, 3]), float(pose[2, 3]) - height_m[viewpoint]),
             (f"{scan}/region-{regions[viewpoint]}",) if viewpoint in regions else (),
-            (name[viewpoint],) if name[viewpoint] in seen else (),
+            (name[viewpoint],) if name[viewpoint] in scene_by_id else (),
         )
         for viewpoint, pose in poses.items()
     ]
@@ -162,5 +192,5 @@ def viewpoint_world(
         if (a, b) in free or (b, a) in free:
             x, y, z = poses[b][:3, 3] - poses[a][:3, 3]
             edges.append(MapEdge(name[a], name[b], float(np.sqrt(x * x + y * y + z * z)), float(np.arctan2(y, x))))
-    placed = {name[viewpoint]: pose for viewpoint, pose in poses.items()}
-    return ViewpointWorld(scan, TopologicalMap(tuple(nodes), tuple(edges)), placed, seen, references, view)
+    pose_by_id = {name[viewpoint]: pose for viewpoint, pose in poses.items()}
+    return ViewpointWorld(scan, TopologicalMap(tuple(nodes), tuple(edges)), pose_by_id, scene_by_id, references, view)

@@ -1,4 +1,4 @@
-"""Which pixels of a panorama show which annotated object: those whose point lies in the object's box."""
+"""Assignment of panorama pixels to annotated objects: a pixel shows an object if its point is in the object's box."""
 
 from __future__ import annotations
 
@@ -10,29 +10,36 @@ from salframe.panoramas.geometry import equirectangular_rays, transform_points
 from salframe.panoramas.house_file import HouseObject
 
 _STUFF = frozenset({"void", "wall", "floor", "ceiling", "beam", "column", "stairs", "railing", "unlabeled"})
-"""Categories that are no objects."""
+"""Categories that are not objects."""
 _UNKNOWN = "unknown"
 _SLACK_M = 0.03
-"""A box is widened by this much: measured ranges scatter, and pictures and curtains are thin."""
+"""Margin added to boxes in metres: measured ranges scatter, and pictures and curtains are thin."""
 
 
 def labels(objects: Iterable[HouseObject]) -> dict[int, str]:
-    """Instance id (index in the file + 1) -> label of what is an object."""
+    """Return the labels of all objects by instance id (index in the file + 1)."""
     return {o.index + 1: o.label for o in objects if o.category not in _STUFF and o.label != _UNKNOWN}
 
 
 def label_pixels(range_m: np.ndarray, T_world_pano: np.ndarray, objects: Iterable[HouseObject]) -> np.ndarray:
-    """Instance ids (H, 2H) int32 of a panorama with range_m (H, 2H), 0 where there is no object or no range; of nested
-    boxes the smallest counts."""
+    """Return the instance id of each pixel: (H, 2H) int32, 0 where there is no object or no range.
+
+    In nested boxes, the smallest box wins.
+
+    Args:
+        range_m: Range image (H, 2H) in metres, NaN where unknown.
+        T_world_pano: Pose (4, 4) of the panorama.
+        objects: Objects of the .house file.
+    """
     known = np.flatnonzero(~np.isnan(range_m))
     points_m = transform_points(
         T_world_pano, (equirectangular_rays(len(range_m)) * range_m[..., None]).reshape(-1, 3)[known]
     )
     instance_id = np.zeros(range_m.size, np.int32)
     objects = list(objects)
-    named = labels(objects)
+    label_by_id = labels(objects)
     for o in sorted(objects, key=lambda o: -np.prod(o.half_m)):
-        if o.index + 1 in named:
+        if o.index + 1 in label_by_id:
             half_m = o.half_m + _SLACK_M
             offset_m = points_m - o.centre_m
             near = np.flatnonzero((np.abs(offset_m) <= np.linalg.norm(half_m)).all(1))

@@ -1,4 +1,4 @@
-"""The official files: connectivity of the Matterport3D Simulator, boxes of REVERIE, regions of the viewpoints."""
+"""Readers of the official files: connectivity (Matterport3D Simulator), boxes (REVERIE) and regions of viewpoints."""
 
 from __future__ import annotations
 
@@ -16,8 +16,13 @@ from salframe.panoramas.geometry import pose_2d
 
 @dataclass(frozen=True, eq=False)
 class Boxes:
-    """An object in the views of one viewpoint: its label, the views that see it (K,) int64, its boxes (K, 4) x, y,
-    width, height in pixels."""
+    """An object in the views of one viewpoint.
+
+    Attributes:
+        label: Label of the object.
+        view: Indices (K,) int64 of the views that show it.
+        box_px: Boxes (K, 4): x, y, width, height in pixels.
+    """
 
     label: str
     view: np.ndarray
@@ -25,15 +30,22 @@ class Boxes:
 
 
 NO_LABEL = "-"
-"""The label of a region that nobody has labelled."""
+"""Label of a region without an annotation."""
 
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 
 
 class ConnectivityViewpoint(BaseModel):
-    """A viewpoint of a connectivity file; unobstructed: whether the way to each viewpoint of the file is free; height:
-    of the camera above the floor, in metres."""
+    """A viewpoint of a connectivity file.
+
+    Attributes:
+        image_id: Id of the viewpoint.
+        pose: Camera pose, 4 x 4, row by row.
+        included: Whether the viewpoint is part of the simulator.
+        unobstructed: Whether the way to each viewpoint of the file is free.
+        height: Height of the camera above the floor in metres.
+    """
 
     image_id: str
     pose: tuple[Number, ...] = Field(min_length=16, max_length=16)
@@ -43,7 +55,7 @@ class ConnectivityViewpoint(BaseModel):
 
 
 class _Annotation(BaseModel):
-    """An object in a file of boxes: the views that see it, and its box in each."""
+    """An object in a box file: the views that show it, and its box in each view."""
 
     name: str
     visible_pos: tuple[Annotated[int, Field(strict=True, ge=0)], ...]
@@ -52,7 +64,9 @@ class _Annotation(BaseModel):
     @model_validator(mode="after")
     def _a_box_a_view(self) -> _Annotation:
         if len(self.bbox2d) != len(self.visible_pos):
-            raise ValueError(f"{self.name} has {len(self.bbox2d)} boxes in {len(self.visible_pos)} views")
+            raise ValueError(
+                f"{self.name} has {len(self.bbox2d)} boxes and {len(self.visible_pos)} views, expected one box per view"
+            )
         return self
 
 
@@ -66,7 +80,7 @@ class _Labels(BaseModel):
 
 
 class _Regions(BaseModel):
-    """vp2room_label.json."""
+    """Content of vp2room_label.json."""
 
     pano_info: dict[str, dict[str, _HouseRegion]]
     label_info: _Labels = _Labels()
@@ -85,11 +99,11 @@ def regions_path(root: Path) -> Path:
 
 
 def find_scans(root: Path) -> list[str]:
-    """The buildings that have a connectivity file, sorted. Raises DataError where there is none."""
+    """Return the sorted names of the buildings with a connectivity file. Raises DataError if there is none."""
     suffix = "_connectivity.json"
     scans = sorted(path.name.removesuffix(suffix) for path in connectivity_path(root, "*").parent.glob(f"*{suffix}"))
     if not scans:
-        received = "a folder without any" if root.is_dir() else "no folder"
+        received = "a folder without connectivity files" if root.is_dir() else "not a folder"
         raise DataError(
             f"{root} is {received}, expected connectivity/*{suffix}, reverie/BBox/*.json and vp2room_label.json in it"
         )
@@ -97,25 +111,25 @@ def find_scans(root: Path) -> list[str]:
 
 
 def read_viewpoints(path: Path) -> tuple[ConnectivityViewpoint, ...]:
-    """The viewpoints of a connectivity file, in its order. Raises DataError on a malformed one."""
+    """Read the viewpoints of a connectivity file in its order. Raises DataError if the file is malformed."""
     listed: tuple[ConnectivityViewpoint, ...] = tuple(read_as(path, list[ConnectivityViewpoint]))
     names = {viewpoint.image_id for viewpoint in listed}
     if len(names) < len(listed):
-        raise DataError(f"{path} lists {len(listed)} viewpoints of {len(names)} different names")
+        raise DataError(f"{path} lists {len(listed)} viewpoints with {len(names)} distinct ids, expected distinct ids")
     return listed
 
 
 def read_ways(path: Path) -> set[tuple[str, str]]:
-    """The pairs of viewpoints of a connectivity file between which the way is unobstructed. Raises DataError."""
+    """Read the pairs of viewpoints of a connectivity file between which the way is unobstructed. Raises DataError."""
     listed = read_viewpoints(path)
     ways = set()
     for viewpoint in listed:
         if viewpoint.unobstructed is None:
-            raise DataError(f"{path} has no key 'unobstructed', expected it of every viewpoint")
+            raise DataError(f"{path} has no key 'unobstructed', expected one for every viewpoint")
         if len(viewpoint.unobstructed) != len(listed):
             raise DataError(
-                f"{path}: {viewpoint.image_id} tells of the ways to {len(viewpoint.unobstructed)} viewpoints, "
-                f"expected {len(listed)}"
+                f"{path}: 'unobstructed' of {viewpoint.image_id} has {len(viewpoint.unobstructed)} values, "
+                f"expected one for each of {len(listed)} viewpoints"
             )
         free = zip(listed, viewpoint.unobstructed, strict=True)
         ways |= {(viewpoint.image_id, other.image_id) for other, clear in free if clear}
@@ -123,10 +137,10 @@ def read_ways(path: Path) -> set[tuple[str, str]]:
 
 
 def read_connectivity(path: Path) -> dict[str, np.ndarray]:
-    """T_world_pano (4, 4) of the included viewpoints of a building, by viewpoint id, in the order of the file.
+    """Read T_world_pano (4, 4) of the included viewpoints of a building, by viewpoint id, in the order of the file.
 
-    The file's pose has camera axes x right, y down, z forward; the panorama frame stands upright at the camera and
-    looks where it looks.
+    Camera axes in the file are x right, y down, z forward. The panorama frame is upright at the camera position and has
+    the azimuth of the camera's forward axis.
     """
     poses = {}
     for viewpoint in read_viewpoints(path):
@@ -138,10 +152,10 @@ def read_connectivity(path: Path) -> dict[str, np.ndarray]:
 
 
 def read_boxes(path: Path, viewpoint: str) -> dict[int, Boxes]:
-    """The objects that some view of a viewpoint sees, by their id, which is unique in the building."""
+    """Read the objects visible from a viewpoint, by object id. Ids are unique within the building."""
     content: dict[str, dict[int, _Annotation]] = read_as(path, dict[str, dict[int, _Annotation]])
     if viewpoint not in content:
-        raise DataError(f"{path} has no key {viewpoint!r}, expected the viewpoint that it is called by")
+        raise DataError(f"{path} has no key {viewpoint!r}, expected the viewpoint of the file name")
     return {
         number: Boxes(
             annotation.name.replace("#", " ").strip().lower(),
@@ -154,15 +168,17 @@ def read_boxes(path: Path, viewpoint: str) -> dict[int, Boxes]:
 
 
 def read_room_types(path: Path) -> dict[str, dict[int, str]]:
-    """Building -> index of a region -> what kind of room it is, in the file's words without their explanation; regions
-    without a label are left out."""
+    """Read room types: building -> region index -> room type, without the explanation in parentheses.
+
+    Regions without a label are left out.
+    """
     content: _Regions = read_as(path, _Regions)
     types: dict[str, dict[int, str]] = {}
     for scan, viewpoints in content.pano_info.items():
         types[scan] = {}
         for region in viewpoints.values():
             if region.label is None:
-                raise DataError(f"{path} tells no label of region {region.region_index} of {scan}")
+                raise DataError(f"{path} has no label for region {region.region_index} of {scan}, expected one")
             if region.label != NO_LABEL:
                 word = content.label_info.label_name.get(region.label, region.label)
                 types[scan][region.region_index] = word.partition(" (")[0]
@@ -170,7 +186,7 @@ def read_room_types(path: Path) -> dict[str, dict[int, str]]:
 
 
 def read_regions(path: Path) -> dict[str, dict[str, int]]:
-    """Building -> viewpoint -> index of its region."""
+    """Read the region of each viewpoint: building -> viewpoint -> region index."""
     content: _Regions = read_as(path, _Regions)
     return {
         scan: {viewpoint: region.region_index for viewpoint, region in viewpoints.items()}

@@ -1,7 +1,7 @@
-"""The files of the Matterport3D release: cameras, pictures and depth of each viewpoint, joined to a panorama.
+"""Reader of the Matterport3D release: cameras, pictures and depth of each viewpoint, stitched to a panorama.
 
-Format: data_organization.md of the release. A viewpoint is 18 pictures, by three cameras (up, level, down) at six stops
-of the tripod.
+The format is described in data_organization.md of the release. A viewpoint has 18 pictures, taken by three cameras (up,
+level, down) at six orientations of the tripod.
 """
 
 from __future__ import annotations
@@ -22,19 +22,21 @@ from salframe_matterport.stitching import Camera, stitch_color, stitch_range
 
 WIDTH_PX, HEIGHT_PX = 1280, 1024
 _DEPTH_PER_METRE = 4000
+"""Units of a depth image per metre."""
 _NO_SHEAR = np.array([[0, 1, 0], [1, 0, 0], [1, 1, 0]], bool)
-"""Which of the intrinsics are 0."""
+"""Elements of the intrinsics matrix that must be 0."""
 _RIGID_TOLERANCE = 1e-3
+"""Maximum deviation of a camera pose from a rigid motion."""
 _SKYBOX_STOP = "i1_5"
-"""The level picture that looks the way of the skybox's face 1; faces 2, 3 and 4 follow clockwise, 0 is above and 5
-below."""
+"""Level picture that looks in the direction of skybox face 1. Faces 2, 3 and 4 follow clockwise, face 0 looks up and
+face 5 down."""
 
 Color = Literal["skybox", "pictures"]
 
 
 @dataclass(frozen=True)
 class DepthShot:
-    """A depth image, the picture it belongs to, by their file names, and their camera."""
+    """File names of a depth image and of its colour picture, and their camera."""
 
     depth: str
     picture: str
@@ -43,8 +45,15 @@ class DepthShot:
 
 @dataclass(frozen=True, eq=False)
 class Viewpoint:
-    """A place of the tripod: its name, the building's folder, its shots, and the pose (4, 4) of its panorama, which
-    stands upright amid the cameras and looks the way of the first level picture."""
+    """A position of the tripod.
+
+    Attributes:
+        name: Name of the viewpoint.
+        folder: Folder of the building.
+        shots: Its images and their cameras.
+        T_world_pano: Pose (4, 4) of its panorama: upright, at the mean position of the cameras, looking along the
+            first level picture.
+    """
 
     name: str
     folder: Path
@@ -52,7 +61,7 @@ class Viewpoint:
     T_world_pano: np.ndarray
 
     def files(self, color: Color) -> list[Path]:
-        """Every file that its panorama is made of."""
+        """Return the paths of all files that the panorama is stitched from."""
         depth = [self.folder / "undistorted_depth_images" / shot.depth for shot in self.shots]
         return depth + (self._faces if color == "skybox" else self._pictures)
 
@@ -65,7 +74,7 @@ class Viewpoint:
         return [self.folder / "matterport_skybox_images" / f"{self.name}_skybox{face}_sami.jpg" for face in range(6)]
 
     def stitch(self, height: int, color: Color) -> Panorama:
-        """Its panorama at `T_world_pano`. Raises DataError on a missing, damaged or wrongly sized image."""
+        """Stitch the panorama at `T_world_pano`. Raises DataError on a missing, damaged or wrongly sized image."""
         for path in self.files(color):
             if not path.exists():
                 raise DataError(
@@ -78,16 +87,17 @@ class Viewpoint:
             pictures = [images.read_color(path) for path in self._faces]
             cameras = self._skybox([picture.shape[1] for picture in pictures])
         else:
-            pictures = [_sized(path, images.read_color(path)) for path in self._pictures]
-        rgb, seen = stitch_color(pictures, cameras, self.T_world_pano, range_m)
-        return Panorama(self.name, rgb, range_m, seen)
+            pictures = [_check_size(path, images.read_color(path)) for path in self._pictures]
+        rgb, valid = stitch_color(pictures, cameras, self.T_world_pano, range_m)
+        return Panorama(self.name, rgb, range_m, valid)
 
     def _skybox(self, widths_px: Sequence[int]) -> list[Camera]:
-        """Cameras of the faces of a cube, of these widths in pixels, amid the viewpoint's cameras."""
+        """Return the cameras of the six skybox faces, centred between the viewpoint's cameras; widths in pixels."""
         first = next((shot.camera for shot in self.shots if _SKYBOX_STOP in shot.picture), None)
         if first is None:
             raise DataError(
-                f"{self.name} of {self.folder.name} has no picture {_SKYBOX_STOP}, which tells where its skybox looks"
+                f"{self.name} of {self.folder.name} has no picture {_SKYBOX_STOP}, which defines the direction of the "
+                "skybox; expected it in the camera file, or data.color=pictures"
             )
         right, down, ahead = first.T_world_camera[:3, :3].T
         around = [(right, down, ahead), (-ahead, down, right), (-right, down, -ahead), (ahead, down, -right)]
@@ -101,15 +111,15 @@ class Viewpoint:
 
 
 def find_buildings(root: Path) -> dict[str, Path]:
-    """The folders of the buildings whose cameras are at hand, by building. Raises DataError where there is none."""
+    """Return the folders of all buildings with a camera file, by building. Raises DataError if there is none."""
     for scans in (root / "v1" / "scans", root / "scans", root):
-        found = {
+        buildings = {
             path.parent.parent.name: path.parent.parent
             for path in sorted(scans.glob("*/undistorted_camera_parameters/*.conf"))
         }
-        if found:
-            return found
-    received = "a folder without any" if root.is_dir() else "no folder"
+        if buildings:
+            return buildings
+    received = "a folder without camera files" if root.is_dir() else "not a folder"
     raise DataError(
         f"{root} is {received}, expected v1/scans/<scan>/undistorted_camera_parameters/<scan>.conf "
         "of the Matterport3D release in it"
@@ -125,10 +135,12 @@ def house_path(folder: Path) -> Path:
 
 
 def read_viewpoints(folder: Path) -> dict[str, Viewpoint]:
-    """The viewpoints of a building by name, in the order of its camera file. Raises DataError where that is missing or
-    malformed.
+    """Read the viewpoints of a building by name, in the order of its camera file.
 
-    The file's cameras have y up and look along -z, and its principal points are counted from the lower left pixel.
+    In the file, camera axes are y up and -z forward, and principal points are measured from the lower left pixel.
+
+    Raises:
+        DataError: The camera file is missing or malformed.
     """
     path = cameras_path(folder)
     expected = "a camera file of the Matterport3D release (undistorted_camera_parameters)"
@@ -143,33 +155,33 @@ def read_viewpoints(folder: Path) -> dict[str, Viewpoint]:
             elif words[:1] == ["scan"]:
                 pose = np.array(words[3:], float).reshape(4, 4) @ np.diag([1.0, -1.0, -1.0, 1.0])
                 if not (np.isfinite([fx, fy, cx, cy]).all() and is_rigid(pose, _RIGID_TOLERANCE)):
-                    raise ValueError(f"the camera of {words[1]} has no rigid motion, or a number that is not finite")
+                    raise ValueError(f"the camera of {words[1]} has no rigid motion or a number that is not finite")
                 camera = Camera(float(fx), float(fy), float(cx), float(HEIGHT_PX - 1 - cy), pose)
                 shots.setdefault(words[2].split("_")[0], []).append(DepthShot(words[1], words[2], camera))
     except (IndexError, UnboundLocalError, ValueError) as error:
-        raise DataError(f"{path} is no camera file of the Matterport3D release: {error}") from None
+        raise DataError(f"{path} is not a valid camera file of the Matterport3D release: {error}") from None
     if not shots:
-        raise DataError(f"{path} names no image, expected lines that begin with scan")
-    return {name: Viewpoint(name, folder, tuple(taken), _upright(taken)) for name, taken in shots.items()}
+        raise DataError(f"{path} lists no images, expected lines that begin with 'scan'")
+    return {name: Viewpoint(name, folder, tuple(taken), _panorama_pose(taken)) for name, taken in shots.items()}
 
 
-def _upright(shots: Sequence[DepthShot]) -> np.ndarray:
-    """(4, 4) T_world_pano amid the cameras."""
+def _panorama_pose(shots: Sequence[DepthShot]) -> np.ndarray:
+    """Return T_world_pano (4, 4), upright, at the mean position of the cameras."""
     level = next((shot for shot in shots if "_i1_" in shot.picture), shots[0]).camera.T_world_camera
     x_m, y_m, z_m = np.mean([shot.camera.T_world_camera[:3, 3] for shot in shots], axis=0)
     return pose_2d(x_m, y_m, float(np.arctan2(level[1, 2], level[0, 2])), z_m)
 
 
 def _read_depth(path: Path) -> np.ndarray:
-    """(h, w) float32 depth along the camera's axis in metres, NaN where there is no reading."""
-    units = _sized(path, images.read_ids(path))
+    """Read a depth image: depth (h, w) float32 along the camera axis in metres, NaN where there is no reading."""
+    units = _check_size(path, images.read_ids(path))
     return np.where(units > 0, units / np.float32(_DEPTH_PER_METRE), np.float32(np.nan)).astype(np.float32)
 
 
-def _sized(path: Path, image: np.ndarray) -> np.ndarray:
+def _check_size(path: Path, image: np.ndarray) -> np.ndarray:
     if image.shape[:2] != (HEIGHT_PX, WIDTH_PX):
         raise DataError(
             f"{path} is {image.shape[1]} x {image.shape[0]}, expected {WIDTH_PX} x {HEIGHT_PX}, "
-            "which its camera was calibrated for"
+            "the size that its camera was calibrated for"
         )
     return image

@@ -1,8 +1,8 @@
-"""The scorer `reverie`: an agent's answers to REVERIE by the rules of the task's own evaluation.
+"""The scorer `reverie`: an agent's answers to REVERIE, scored by the rules of the task's official evaluation.
 
 REVERIE: Qi et al., "REVERIE: Remote Embodied Visual Referring Expression in Real Indoor Environments", CVPR 2020. Paths
-are scored as its `eval_release.py` does; the object metrics, which that leaves out, as DUET does (Chen et al., CVPR
-2022), by whose evaluation later agents report.
+are scored as in its `eval_release.py`. That script does not score objects; object metrics follow the evaluation of DUET
+(Chen et al., CVPR 2022), which later agents report.
 """
 
 from __future__ import annotations
@@ -24,48 +24,51 @@ from salframe_matterport.readers import Number, boxes_path, connectivity_path, r
 
 METRICS = ("SR", "OSR", "SPL", "RGS", "RGSPL")
 MIN_LENGTH_M = 0.01
-"""Divisor of SPL where neither the agent nor the reference moves (DUET)."""
+"""Divisor of SPL when neither the agent nor the reference path moves, in metres (DUET)."""
 NAMED = 5
-"""Missing instructions that a message names; the others it counts."""
+"""Maximum number of missing instructions that an error lists."""
 
 
 class Reverie(Scorer):
-    """REVERIE: reaching the viewpoint that shows the object meant (SR, OSR, SPL), and naming it (RGS, RGSPL)."""
+    """REVERIE: reach the viewpoint that shows the target object (SR, OSR, SPL), and name the object (RGS, RGSPL)."""
 
     name = "reverie"
     version = "1"
 
     def score(self, answers: Path, root: Path) -> Sequence[Mapping[str, Any]]:
-        """See Scorer. Metrics in percent, to two decimals; the paths' lengths are shortest ways along the connectivity
-        graph, in 3D.
+        """See Scorer. Metrics are percentages with two decimals; path lengths are shortest paths of the 3D graph.
 
-        A split is scored where the file answers any of its instructions, and then must answer all of them. `ignored`:
-        answers that count in no split, to instructions that `root` does not have, and the second to one instruction.
+        A split is scored if the file answers any of its instructions; the file must then answer all of them. The column
+        `ignored` counts answers to instructions that `root` does not have, and repeated answers to one instruction.
         """
         splits = read_episodes(root)
-        given = read_json(answers)
-        read = read_answers(given, answers)
-        touched = {split: episodes for split, episodes in splits.items() if not read.keys().isdisjoint(episodes)}
-        if not touched:
-            known = ", ".join(f"{len(episodes)} of {split}" for split, episodes in splits.items())
-            raise DataError(f"{answers} answers none of the instructions of {root}: {known}")
-        for split, episodes in touched.items():
-            missing = [name for name in episodes if name not in read]
+        content = read_json(answers)
+        answer_by_id = read_answers(content, answers)
+        scored = {split: episodes for split, episodes in splits.items() if not answer_by_id.keys().isdisjoint(episodes)}
+        if not scored:
+            available = ", ".join(f"{len(episodes)} of {split}" for split, episodes in splits.items())
+            raise DataError(f"{answers} answers none of the instructions of {root}, expected answers to {available}")
+        for split, episodes in scored.items():
+            missing = [name for name in episodes if name not in answer_by_id]
             if missing:
-                named = ", ".join(missing[:NAMED]) + (", ..." if len(missing) > NAMED else "")
+                listed = ", ".join(missing[:NAMED]) + (", ..." if len(missing) > NAMED else "")
                 raise DataError(
-                    f"{answers} lacks {len(missing)} of the {len(episodes)} instructions of {split}: {named}"
+                    f"{answers} lacks {len(missing)} of the {len(episodes)} instructions of {split}, "
+                    f"expected answers to all: {listed}"
                 )
-        building = {
+        buildings = {
             scan: BuildingGraph(root, scan)
-            for episodes in touched.values()
+            for episodes in scored.values()
             for scan in {e.scan for e in episodes.values()}
         }
-        ignored = len(given) - sum(map(len, touched.values()))
+        ignored = len(content) - sum(map(len, scored.values()))
         rows = []
-        for split, episodes in touched.items():
+        for split, episodes in scored.items():
             scores = np.array(
-                [score_episode(name, episode, read[name], building[episode.scan]) for name, episode in episodes.items()]
+                [
+                    score_episode(name, episode, answer_by_id[name], buildings[episode.scan])
+                    for name, episode in episodes.items()
+                ]
             )
             percent = (round(float(mean) * 100, 2) for mean in scores.mean(0))
             rows.append(
@@ -79,7 +82,7 @@ class Reverie(Scorer):
         return rows
 
     def episodes(self, split: str, root: Path) -> Sequence[EpisodeRequest]:
-        """See Scorer: one for all instructions to the same object along the same path, to the path's end."""
+        """See Scorer: one episode for all instructions to the same object along the same path, ending at its end."""
         return [
             EpisodeRequest(
                 world=episode.scan,
@@ -91,8 +94,10 @@ class Reverie(Scorer):
         ]
 
     def submission(self, split: str, root: Path, walked: Sequence[np.ndarray | None]) -> list[dict[str, Any]]:
-        """See Scorer: the same answer to all instructions of a task, and no object, which localization does not find.
-        Headings are clockwise from the world's y axis, as the simulator's; elevations are 0."""
+        """See Scorer: the same answer to all instructions of a task, without an object, since localization finds none.
+
+        Headings are clockwise from the world's y axis, as in the simulator; elevations are 0.
+        """
         tasks = by_task(split, root)
         camera = {
             scan: read_connectivity(connectivity_path(root, scan)) for scan in {task.scan for task in tasks.values()}
@@ -102,8 +107,8 @@ class Reverie(Scorer):
             if poses is None:
                 trajectory[name] = [[task.path[0], task.heading_rad, 0.0]]
                 continue
-            viewpoints, stood_m = list(camera[task.scan]), np.array([T[:3, 3] for T in camera[task.scan].values()])
-            nearest = np.linalg.norm(poses[:, None, :3] - stood_m, axis=2).argmin(1)
+            viewpoints, camera_m = list(camera[task.scan]), np.array([T[:3, 3] for T in camera[task.scan].values()])
+            nearest = np.linalg.norm(poses[:, None, :3] - camera_m, axis=2).argmin(1)
             heading = (math.pi / 2 - poses[:, 3]) % (2 * math.pi)
             trajectory[name] = [[viewpoints[i], float(h), 0.0] for i, h in zip(nearest, heading, strict=True)]
         return [
@@ -113,7 +118,7 @@ class Reverie(Scorer):
 
 
 class _Task(BaseModel):
-    """What REVERIE_<split>.json says of an object to find; objId is not published of every split."""
+    """A target object in REVERIE_<split>.json. objId is not published for every split."""
 
     path_id: int | str
     scan: str
@@ -125,8 +130,14 @@ class _Task(BaseModel):
 
 @dataclass(frozen=True)
 class ReverieEpisode:
-    """What is asked: in building `scan`, from path[0], looking along heading_rad (clockwise from the world's y axis),
-    walk to where the object is seen; the reference walks `path`."""
+    """A task for an agent: in building `scan`, starting at path[0], walk to a viewpoint that shows the target object.
+
+    Attributes:
+        scan: Building.
+        object_id: Id of the target object.
+        path: Viewpoints of the reference path.
+        heading_rad: Heading at the start, clockwise from the world's y axis.
+    """
 
     scan: str
     object_id: int
@@ -136,14 +147,14 @@ class ReverieEpisode:
 
 @dataclass(frozen=True)
 class Answer:
-    """What an agent did: the viewpoints it walked through, first its start, and the object it named ("None": none)."""
+    """An agent's answer: the viewpoints of its path, from the start on, and the object id ("None": no object)."""
 
     path: tuple[str, ...]
     object_id: str
 
 
 class BuildingGraph:
-    """Shortest ways between the viewpoints of a building, and which objects each of them shows."""
+    """Shortest paths between the viewpoints of a building, and the objects that each viewpoint shows."""
 
     def __init__(self, root: Path, scan: str) -> None:
         """Raises DataError on a missing or malformed connectivity file."""
@@ -152,23 +163,28 @@ class BuildingGraph:
         self._visible: dict[str, frozenset[int]] = {}
 
     def distance_m(self, start: str, end: str) -> float:
-        """Length of the shortest way, inf where there is none."""
+        """Return the length of the shortest path, inf if there is none."""
         return float(self._distance_m[self.number[start], self.number[end]])
 
     def shows(self, viewpoint: str, object_id: int) -> bool:
-        """Whether any view of the viewpoint has the object, by REVERIE's boxes (within 3 m). Raises DataError on a
-        missing box file."""
+        """Return whether REVERIE's boxes (objects within 3 m) contain the object in any view of the viewpoint.
+
+        Raises:
+            DataError: The box file is missing.
+        """
         if viewpoint not in self._visible:
             self._visible[viewpoint] = frozenset(read_boxes(boxes_path(self._root, self._scan, viewpoint), viewpoint))
         return object_id in self._visible[viewpoint]
 
 
 def walking_distances(path: Path) -> tuple[dict[str, int], np.ndarray]:
-    """Row of each included viewpoint of a connectivity file, by its id, and the (N, N) float64 lengths in metres of the
-    shortest ways.
+    """Compute shortest paths between the included viewpoints of a connectivity file.
 
-    Two included viewpoints are joined where the way between them is unobstructed; an edge is as long as the straight
-    line in 3D.
+    Two included viewpoints are connected if the way between them is unobstructed. The length of an edge is its 3D
+    length.
+
+    Returns:
+        Row of each viewpoint, by viewpoint id, and path lengths (N, N) float64 in metres.
     """
     from scipy.sparse.csgraph import dijkstra
 
@@ -182,30 +198,35 @@ def walking_distances(path: Path) -> tuple[dict[str, int], np.ndarray]:
 
 
 def score_episode(name: str, episode: ReverieEpisode, answer: Answer, building: BuildingGraph) -> tuple[float, ...]:
-    """The METRICS of one episode, each from 0 to 1. Raises DataError on a path that could not have been walked.
+    """Return the METRICS of one episode, each from 0 to 1.
 
-    A step between viewpoints that are not joined counts as long as the shortest way between them. Naming the object
-    counts wherever the agent stopped.
+    A step between viewpoints that are not connected has the length of the shortest path between them. The named object
+    counts regardless of where the agent stopped.
+
+    Raises:
+        DataError: The path cannot be walked.
     """
     for viewpoint in (*answer.path, episode.path[-1]):
         if viewpoint not in building.number:
-            raise DataError(f"{name}: the viewpoint {viewpoint!r} is not one of building {episode.scan}")
+            raise DataError(f"{name}: the viewpoint {viewpoint!r} is not in building {episode.scan}")
     if answer.path[0] != episode.path[0]:
         raise DataError(f"{name}: the trajectory begins at {answer.path[0]}, expected the start {episode.path[0]}")
     walked_m = sum(building.distance_m(a, b) for a, b in zip(answer.path, answer.path[1:], strict=False))
     if not np.isfinite(walked_m):
-        raise DataError(f"{name}: the trajectory jumps between viewpoints of {episode.scan} that no way joins")
+        raise DataError(f"{name}: the trajectory jumps between viewpoints of {episode.scan} that no path connects")
     shortest_m = building.distance_m(episode.path[0], episode.path[-1])
     directness = shortest_m / max(walked_m, shortest_m, MIN_LENGTH_M)
     success = building.shows(answer.path[-1], episode.object_id)
-    passed = any(building.shows(viewpoint, episode.object_id) for viewpoint in answer.path)
-    named = answer.object_id == str(episode.object_id)
-    return float(success), float(passed), success * directness, float(named), named * directness
+    was_visible = any(building.shows(viewpoint, episode.object_id) for viewpoint in answer.path)
+    is_named = answer.object_id == str(episode.object_id)
+    return float(success), float(was_visible), success * directness, float(is_named), is_named * directness
 
 
 def read_episodes(root: Path) -> dict[str, dict[str, ReverieEpisode]]:
-    """The episodes of every REVERIE_<split>.json by split and instr_id; those whose answer is not published are left
-    out. Raises DataError."""
+    """Read the episodes of every REVERIE_<split>.json, by split and instr_id.
+
+    Episodes without a published object id are left out. Raises DataError if no episode is left.
+    """
     splits = {}
     for path in sorted((root / "reverie").glob("REVERIE_*.json")):
         tasks: list[_Task] = read_as(path, list[_Task])
@@ -219,14 +240,14 @@ def read_episodes(root: Path) -> dict[str, dict[str, ReverieEpisode]]:
             splits[path.stem.removeprefix("REVERIE_")] = episodes
     if not splits:
         raise DataError(
-            f"{root} has no episodes, expected reverie/REVERIE_<split>.json, reverie/BBox/*.json "
-            "and connectivity/*.json in it"
+            f"{root} has no episodes, expected it to contain reverie/REVERIE_<split>.json, reverie/BBox/*.json "
+            "and connectivity/*.json"
         )
     return splits
 
 
 def read_split(split: str, root: Path) -> dict[str, ReverieEpisode]:
-    """The episodes of one split by instr_id. Raises UnknownName, DataError."""
+    """Read the episodes of one split, by instr_id. Raises UnknownName, DataError."""
     splits = read_episodes(root)
     if split not in splits:
         raise UnknownName(f"{root}: {unknown('split', split, list(splits))}")
@@ -234,45 +255,50 @@ def read_split(split: str, root: Path) -> dict[str, ReverieEpisode]:
 
 
 def task_of(name: str) -> str:
-    """What the instructions to one object along one path share of their instr_id."""
+    """Return the part of an instr_id that all instructions to one object along one path share."""
     return name.rpartition("_")[0]
 
 
 def by_task(split: str, root: Path) -> dict[str, ReverieEpisode]:
-    """The episodes of a split by `task_of` their names: one of each, for they differ in words alone."""
+    """Read one episode per task, by `task_of`; the episodes of a task differ only in their words."""
     return {task_of(name): episode for name, episode in read_split(split, root).items()}
 
 
 def read_answers(content: Any, path: Path) -> dict[str, Answer]:
-    """The answers in the content of a submission file, by instr_id; the first counts where there are two. `path`: the
-    file, for messages.
+    """Parse the answers of a submission file, by instr_id; the first answer to an instruction counts.
 
-    Raises DataError on another form than REVERIE's (`predObjId`, a step is [viewpoint, heading, elevation]) or that of
-    the DUET family (`pred_objid`, trajectories nested one list deeper, steps may be bare viewpoints).
+    Two formats are accepted: REVERIE's (`predObjId`, steps are [viewpoint, heading, elevation]) and that of the DUET
+    family (`pred_objid`, trajectories nested one list deeper, steps may be viewpoints only).
+
+    Args:
+        content: Parsed JSON of the file.
+        path: Path of the file, for error messages.
+
+    Raises:
+        DataError: The content has another format.
     """
     expected = 'a list of {"instr_id": ..., "trajectory": [[viewpoint, heading, elevation], ...], "predObjId": ...}'
-    if isinstance(content, dict):  # eval_release takes a mapping too, whatever its keys
+    if isinstance(content, dict):  # eval_release also accepts a mapping and ignores its keys
         content = list(content.values())
     if not isinstance(content, list):
-        raise DataError(f"{path} holds {type(content).__name__}, expected {expected}")
-    found: dict[str, Answer] = {}
+        raise DataError(f"{path} contains {type(content).__name__}, expected {expected}")
+    answers: dict[str, Answer] = {}
     for position, item in enumerate(content):
         try:
             name, walked = item["instr_id"], tuple(viewpoints(item["trajectory"]))
-            found.setdefault(name, Answer(walked, str(item.get("predObjId", item.get("pred_objid")))))
+            answers.setdefault(name, Answer(walked, str(item.get("predObjId", item.get("pred_objid")))))
         except (AttributeError, KeyError, TypeError) as error:
             reason = f"no key {error}" if isinstance(error, KeyError) else str(error)
             raise DataError(f"{path}: answer {position}: {reason}; expected {expected}") from None
         if not walked:
-            raise DataError(f"{path}: {name} has an empty trajectory, expected its start at least")
-    return found
+            raise DataError(f"{path}: {name} has an empty trajectory, expected at least its start")
+    return answers
 
 
 def viewpoints(trajectory: Any) -> Iterator[str]:
-    """The viewpoints of a trajectory in order: of [viewpoint, heading, elevation], of bare viewpoints, and of lists of
-    these."""
+    """Yield the viewpoints of a trajectory in order; steps are [viewpoint, heading, elevation], viewpoints or lists."""
     if not isinstance(trajectory, list):
-        raise TypeError(f"a trajectory of {type(trajectory).__name__}")
+        raise TypeError(f"the trajectory is {type(trajectory).__name__}, not a list")
     if len(trajectory) == 3 and isinstance(trajectory[0], str) and not isinstance(trajectory[1], str):
         yield trajectory[0]
         return

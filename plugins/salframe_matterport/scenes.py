@@ -1,4 +1,4 @@
-"""From the official files of a building to its scenes: what a labelled RGB-D panorama would show at every viewpoint."""
+"""Scenes of a building from its official files: what a labelled RGB-D panorama would show at every viewpoint."""
 
 from __future__ import annotations
 
@@ -18,10 +18,19 @@ from salframe_matterport.triangulation import triangulate
 
 @dataclass(frozen=True, eq=False)
 class ViewpointScene:
-    """A viewpoint and the objects it sees.
+    """A viewpoint and its visible objects.
 
-    T_world_pano (4, 4); object_id (N,) int64, for triangulation and truth only; azimuth_rad, counter-clockwise from
-    world +x, elevation_rad, the angles spanned width_rad and height_rad, and range_m, each (N,).
+    Attributes:
+        id: Id of the scene.
+        place: Place of the viewpoint.
+        T_world_pano: Pose (4, 4) of the panorama.
+        object_id: Object ids (N,) int64, used only for triangulation and ground truth.
+        labels: Label of each object.
+        keys: Key of each object; it is not the same at another viewpoint.
+        azimuth_rad: Azimuths (N,), counter-clockwise from world +x.
+        elevation_rad: Elevations (N,).
+        width_rad, height_rad: Angles (N,) that the objects subtend.
+        range_m: Ranges (N,) in metres, NaN where unknown.
     """
 
     id: str
@@ -37,9 +46,9 @@ class ViewpointScene:
     range_m: np.ndarray
 
     def annotations(self, yaw_rad: float) -> Annotations:
-        """The objects in the frame of an upright panorama that looks along `yaw_rad`, an azimuth in the world."""
+        """Return the objects in the frame of an upright panorama that looks along the world azimuth `yaw_rad`."""
         azimuth = self.azimuth_rad - yaw_rad
-        # The width of a ball that spans this angle; bounded where an object reaches around the viewpoint.
+        # Diameter of a sphere that subtends this angle; bounded for objects that surround the viewpoint.
         width, height = (
             2 * self.range_m * np.sin(np.minimum(angle, np.pi) / 2) for angle in (self.width_rad, self.height_rad)
         )
@@ -54,34 +63,45 @@ class ViewpointScene:
 
 
 def generator(*key: object) -> np.random.Generator:
-    """Random numbers that depend on the key alone."""
+    """Return a random generator seeded by the key only."""
     return np.random.default_rng(int(digest([str(part) for part in key])[:32], 16))
 
 
 def read_scenes(
     root: Path, scan: str, regions: Mapping[str, int], range_noise: float, seed: int
 ) -> list[ViewpointScene]:
-    """The viewpoints of a building that see an object, in the order of its connectivity file.
+    """Read the viewpoints of a building that see an object, in the order of its connectivity file.
 
-    regions: viewpoint -> region index. A range is the distance to the object's triangulated position, times a factor of
-    which range_noise is the standard deviation; for an object that was not triangulated it is drawn from the other
-    ranges of the building, NaN where there are none. Raises DataError on a missing or malformed file, or a viewpoint
-    without a region.
+    A range is the distance to the object's triangulated position times a random factor. An object that could not be
+    triangulated gets a random range of the building's other objects, NaN if there are none.
+
+    Args:
+        root: Folder of the official files.
+        scan: Building.
+        regions: Region index of each viewpoint.
+        range_noise: Standard deviation of the range factor.
+        seed: Random seed of the ranges.
+
+    Raises:
+        DataError: A file is missing or malformed, or a viewpoint has no region.
     """
     poses = read_connectivity(connectivity_path(root, scan))
-    seen = {viewpoint: read_boxes(boxes_path(root, scan, viewpoint), viewpoint) for viewpoint in poses}
-    seen = {viewpoint: objects for viewpoint, objects in seen.items() if objects}
-    unplaced = sorted(seen.keys() - regions.keys())
+    visible = {viewpoint: read_boxes(boxes_path(root, scan, viewpoint), viewpoint) for viewpoint in poses}
+    visible = {viewpoint: objects for viewpoint, objects in visible.items() if objects}
+    unplaced = sorted(visible.keys() - regions.keys())
     if unplaced:
         raise DataError(
-            f"{len(unplaced)} viewpoints of {scan} have no region in vp2room_label.json, the first is {unplaced[0]}"
+            f"vp2room_label.json has no region for {len(unplaced)} viewpoints of {scan}, "
+            f"expected one for each; the first is {unplaced[0]}"
         )
 
-    origin_m = np.array([poses[viewpoint][:3, 3] for viewpoint, objects in seen.items() for _ in objects]).reshape(
+    origin_m = np.array([poses[viewpoint][:3, 3] for viewpoint, objects in visible.items() for _ in objects]).reshape(
         -1, 3
     )
-    object_id = np.array([number for objects in seen.values() for number in objects], np.int64)
-    angles = np.array([bearing(b.view, b.box_px) for objects in seen.values() for b in objects.values()]).reshape(-1, 4)
+    object_id = np.array([number for objects in visible.values() for number in objects], np.int64)
+    angles = np.array([bearing(b.view, b.box_px) for objects in visible.values() for b in objects.values()]).reshape(
+        -1, 4
+    )
     distinct, target = np.unique(object_id, return_inverse=True)
     position_m = triangulate(origin_m, direction(angles[:, 0], angles[:, 1]), target, len(distinct))
     true_range_m = np.linalg.norm(position_m[target] - origin_m, axis=1)
@@ -89,15 +109,15 @@ def read_scenes(
 
     scenes = []
     first = 0
-    for viewpoint, objects in seen.items():
+    for viewpoint, objects in visible.items():
         keys = [digest([scan, viewpoint, number])[:16] for number in objects]
-        # Sorted by a hash: neither the keys nor the order of the objects tells which are the same at another viewpoint.
+        # Sorted by a hash, so that neither keys nor order reveal which objects are the same at another viewpoint.
         order = sorted(range(len(keys)), key=keys.__getitem__)
         rows = first + np.array(order)
         range_m = np.full(len(rows), np.nan)
         for i, row in enumerate(rows):
             random = generator(seed, "range", scan, viewpoint, object_id[row])
-            range_m[i] = _measured(true_range_m[row], triangulated_m, range_noise, random)
+            range_m[i] = _noisy_range(true_range_m[row], triangulated_m, range_noise, random)
         labels = [boxes.label for boxes in objects.values()]
         azimuth_rad, elevation_rad, width_rad, height_rad = angles[rows].T
         scenes.append(
@@ -119,32 +139,43 @@ def read_scenes(
     return scenes
 
 
-def _measured(range_m: float, others_m: np.ndarray, range_noise: float, random: np.random.Generator) -> float:
-    """A range in metres with a factor drawn; one of the others where it is not known, NaN where there is none."""
+def _noisy_range(range_m: float, others_m: np.ndarray, range_noise: float, random: np.random.Generator) -> float:
+    """Return a range in metres with a random factor; if it is unknown, a random one of `others_m`, NaN if empty."""
     if np.isfinite(range_m):
         return float(range_m * np.exp(range_noise * random.standard_normal()))
     return float(random.choice(others_m)) if len(others_m) else np.nan
 
 
-def range_again(
+def retriangulate_ranges(
     scenes: Sequence[ViewpointScene], objects: np.ndarray, range_noise: float, seed: int
 ) -> dict[str, ViewpointScene]:
-    """The scenes of a building that see some of these objects, by id, with the ranges of these triangulated from the
-    bearings of `scenes` alone. Factors are drawn as by `read_scenes`; what is not triangulated gets a range drawn from
-    the scenes' other ranges."""
-    seen = [np.isin(scene.object_id, objects) for scene in scenes]
-    rays = [(scene, i) for scene, shared in zip(scenes, seen, strict=True) for i in np.flatnonzero(shared)]
+    """Triangulate the ranges of some objects again, from the bearings of `scenes` only.
+
+    Factors are drawn as in `read_scenes`. Objects that cannot be triangulated get a random range of the scenes' other
+    objects.
+
+    Args:
+        scenes: Scenes of a building.
+        objects: Ids of the objects.
+        range_noise: Standard deviation of the range factor.
+        seed: Random seed of the ranges.
+
+    Returns:
+        Copies of the scenes that see some of the objects, with the new ranges, by scene id.
+    """
+    affected = [np.isin(scene.object_id, objects) for scene in scenes]
+    rays = [(scene, i) for scene, shared in zip(scenes, affected, strict=True) for i in np.flatnonzero(shared)]
     origin_m = np.array([scene.T_world_pano[:3, 3] for scene, _ in rays]).reshape(-1, 3)
     azimuth_rad = np.array([scene.azimuth_rad[i] for scene, i in rays])
     elevation_rad = np.array([scene.elevation_rad[i] for scene, i in rays])
     distinct, target = np.unique([scene.object_id[i] for scene, i in rays], return_inverse=True)
     position_m = triangulate(origin_m, direction(azimuth_rad, elevation_rad), target, len(distinct))
     true_range_m = np.linalg.norm(position_m[target] - origin_m, axis=1)
-    other_m = np.concatenate([scene.range_m[~shared] for scene, shared in zip(scenes, seen, strict=True)])
+    other_m = np.concatenate([scene.range_m[~shared] for scene, shared in zip(scenes, affected, strict=True)])
     other_m = other_m[np.isfinite(other_m)]
-    again: dict[str, np.ndarray] = {scene.id: scene.range_m.copy() for scene, _ in rays}
+    new_range_m: dict[str, np.ndarray] = {scene.id: scene.range_m.copy() for scene, _ in rays}
     for (scene, i), range_m in zip(rays, true_range_m, strict=True):
         scan, _, viewpoint = scene.id.partition("/")
         random = generator(seed, "range", scan, viewpoint, scene.object_id[i])
-        again[scene.id][i] = _measured(range_m, other_m, range_noise, random)
-    return {scene.id: replace(scene, range_m=again[scene.id]) for scene in scenes if scene.id in again}
+        new_range_m[scene.id][i] = _noisy_range(range_m, other_m, range_noise, random)
+    return {scene.id: replace(scene, range_m=new_range_m[scene.id]) for scene in scenes if scene.id in new_range_m}

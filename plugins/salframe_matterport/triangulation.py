@@ -1,25 +1,35 @@
-"""Where objects stand, from the bearings under which several viewpoints see them."""
+"""Triangulation of object positions from the bearings at which several viewpoints see them."""
 
 from __future__ import annotations
 
 import numpy as np
 
 MAX_RANGE_M = 6.0
-"""REVERIE annotates what lies within 3 m of a viewpoint; the middle of a large object may lie somewhat beyond."""
+"""Maximum distance of an object in metres. REVERIE annotates objects within 3 m of a viewpoint; the centre of a large
+object may be farther away."""
 ITERATIONS = 20
+"""Number of reweighting iterations."""
 ANGLE_FLOOR_RAD = np.radians(1.0)
-"""Bearings are no better than this, so a residual below it earns no more weight."""
+"""Accuracy of bearings. Residuals below it get no higher weight."""
 RANGE_FLOOR_M = 0.3
-"""A viewpoint next to or inside an object does not outweigh all others."""
+"""Minimum range used in weights, so that a viewpoint next to or inside an object does not dominate all others."""
 
 
 def triangulate(origin_m: np.ndarray, direction: np.ndarray, target: np.ndarray, targets: int) -> np.ndarray:
-    """Positions (targets, 3) in metres that are nearest to all rays of each target, NaN where they do not tell one.
+    """Return the position of each target that is nearest to all its rays.
 
-    origin_m, direction (N, 3): rays with unit directions, target (N,) int in [0, targets): what each ray points at.
-    Minimises the sum of angles between rays and position (iteratively reweighted least squares), so that a single bad
-    bearing among several moves little. A target with one ray only, or whose position lies behind one of its viewpoints
-    or farther than MAX_RANGE_M from one, is NaN.
+    Minimises the sum of angles between rays and position (iteratively reweighted least squares), so that one wrong
+    bearing among several has little influence.
+
+    Args:
+        origin_m: Ray origins (N, 3) in metres.
+        direction: Unit ray directions (N, 3).
+        target: Target of each ray (N,), int in [0, targets).
+        targets: Number of targets.
+
+    Returns:
+        Positions (targets, 3) in metres. NaN for a target with only one ray, or whose position is behind one of its
+        viewpoints or farther than MAX_RANGE_M from one.
     """
     several = np.bincount(target, minlength=targets) > 1
     used = several[target]
@@ -37,7 +47,7 @@ def triangulate(origin_m: np.ndarray, direction: np.ndarray, target: np.ndarray,
         range_m = np.linalg.norm(offset, axis=1)
         along = np.einsum("ni,ni->n", offset, direction)
         angle = np.arccos(np.clip(along / np.maximum(range_m, RANGE_FLOOR_M), -1, 1))
-        # The squared distance from a ray is the squared range times the squared angle: these weights leave the angle.
+        # The squared distance from a ray is squared range times squared angle; these weights reduce it to the angle.
         weights = 1 / (np.maximum(angle, ANGLE_FLOOR_RAD) * np.maximum(range_m, RANGE_FLOOR_M) ** 2)
     unsound = (along <= 0) | (range_m > MAX_RANGE_M)
     position[target[unsound]] = np.nan

@@ -1,4 +1,4 @@
-"""Panoramas rendered at any pose from a textured mesh."""
+"""Panoramas of a textured mesh, rendered at any pose."""
 
 import salframe
 

@@ -1,4 +1,4 @@
-"""`mesh`: panoramas rendered at any pose from a building's mesh, once into the folder format and read from there."""
+"""`mesh`: panoramas rendered from a building's mesh, rendered once into the folder format and read from there."""
 
 from __future__ import annotations
 
@@ -27,17 +27,18 @@ from salframe_mesh.mesh_file import SUFFIXES, MeshSurface, read_mesh
 from salframe_mesh.renderer import MeshRenderer
 
 SHIFT_M = 0.3, 1.1
-"""How far queries that are not given stand from their reference frame, and the clearance they need."""
+"""Minimum and maximum distance in metres of a generated query from its reference frame."""
 _CLEARANCE_M = 0.25
+"""Minimum distance of a generated query from obstacles, in metres."""
 _COLUMNS = "id", "role", "place", "x_m", "y_m", "z_m", "yaw_rad"
 
 
 class MeshDataset(RenderedDataset[FrameSpec]):
-    """RGB-D panoramas rendered from a mesh: Matterport3D (.obj), HM3D (.glb), Replica (.ply), or any building of yours.
+    """RGB-D panoramas rendered from a mesh: Matterport3D (.obj), HM3D (.glb), Replica (.ply), or any other building.
 
-    The folder holds one mesh and says where panoramas are taken: frames.csv, or the .house file of a Matterport3D
-    building, whose panoramas map and whose queries stand beside them on free floor, turned at random. It can render a
-    panorama at any pose.
+    The folder contains one mesh and the positions of panoramas: frames.csv, or the .house file of a Matterport3D
+    building. The panoramas of a .house file are the reference frames; queries are placed near them on free floor, with
+    random yaw. The dataset can render a panorama at any pose.
     """
 
     name = "mesh"
@@ -49,46 +50,51 @@ class MeshDataset(RenderedDataset[FrameSpec]):
     class Config(QueryView):
         root: Path | None = Field(
             None,
-            description="folder of a mesh, frames.csv or a .house file, and regions.json where that tells the rooms",
+            description="folder of a mesh, frames.csv or a .house file, and optionally regions.json with the rooms",
         )
-        mesh: str | None = Field(None, description="the mesh's file in the folder; null: the only one there")
+        mesh: str | None = Field(None, description="name of the mesh file in the folder; null: the only mesh there")
         up: Literal["z", "y"] = Field(
-            "z", description="axis of the mesh that points up: z in Matterport3D and Replica, y in HM3D"
+            "z", description="axis of the mesh that points up: z for Matterport3D and Replica, y for HM3D"
         )
-        height: int = Field(512, ge=64, description="pixels of a panorama, whose width is twice as much")
-        resolution_m: float = Field(0.05, gt=0, description="cell of the floor masks")
-        queries_per_frame: int = Field(1, ge=0, description="queries beside each panorama of a .house file")
-        seed: int = Field(0, ge=0, description="of the places and yaws of these queries")
+        height: int = Field(512, ge=64, description="height of a panorama in pixels; its width is twice the height")
+        resolution_m: float = Field(0.05, gt=0, description="cell size of the floor masks")
+        queries_per_frame: int = Field(1, ge=0, description="number of queries near each panorama of a .house file")
+        seed: int = Field(0, ge=0, description="random seed of the positions and yaws of these queries")
         hide_query_place: bool = hide_query_place_setting()
 
     @cached_property
     def _source(self) -> Path:
         if self.config.root is None:
-            raise DataError(f"{self.name} needs the folder of a mesh (docs/how-to/real-buildings.md): --data-dir DIR")
+            raise DataError(
+                f"{self.name} has no folder, expected one with a mesh (docs/how-to/real-buildings.md): "
+                "pass --data-dir DIR"
+            )
         if not self.config.root.is_dir():
-            raise DataError(f"{self.config.root} is no folder, expected one with a mesh ({', '.join(SUFFIXES)})")
+            raise DataError(
+                f"{self.config.root} is not a folder, expected a folder with a mesh ({', '.join(SUFFIXES)})"
+            )
         return self.config.root
 
     @cached_property
     def _mesh_path(self) -> Path:
         if self.config.mesh is not None:
             return self._source / self.config.mesh
-        found = sorted(path for path in self._source.iterdir() if path.suffix.lower() in SUFFIXES)
-        if len(found) != 1:
-            names = ", ".join(path.name for path in found) or "none"
+        meshes = sorted(path for path in self._source.iterdir() if path.suffix.lower() in SUFFIXES)
+        if len(meshes) != 1:
+            names = ", ".join(path.name for path in meshes) or "none"
             raise DataError(
-                f"{self._source} has {len(found)} meshes ({names}), expected one, or its name: --set data.mesh=FILE"
+                f"{self._source} has {len(meshes)} meshes ({names}), expected one, or its name: --set data.mesh=FILE"
             )
-        return found[0]
+        return meshes[0]
 
     @cached_property
     def fingerprint(self) -> str:
-        """Of the settings, of the tables in the folder (frames.csv, regions.json, .house, .mtl), and of the path, size
-        and time of change of every other file below it: materials may name any image."""
+        """Hash of the settings, of the content of tables (frames.csv, regions.json, .house, .mtl), and of path, size
+        and modification time of all other files in the folder, since materials may name any image."""
         files = sorted(path for path in self._source.rglob("*") if path.is_file())
-        known = [[path.relative_to(self._source).as_posix(), *_content_or_stamp(path)] for path in files]
+        stamps = [[path.relative_to(self._source).as_posix(), *_content_or_stamp(path)] for path in files]
         settings = self.config.model_dump(mode="json", exclude={"root", "hide_query_place", *VIEW_SETTINGS})
-        return digest([self.version, settings, known])
+        return digest([self.version, settings, stamps])
 
     @cached_property
     def _surface(self) -> MeshSurface:
@@ -99,14 +105,14 @@ class MeshDataset(RenderedDataset[FrameSpec]):
         return MeshRenderer(self._surface)
 
     def observe(self, T_world_pano: np.ndarray) -> Panorama:
-        """The panorama at this pose (4, 4)."""
+        """Render the panorama at a pose (4, 4)."""
         return as_query(self._renderer.render(T_world_pano, self.config.height, "observation"), self.config)
 
     def list_frames(self) -> Sequence[FrameSpec]:
         if (self._source / "frames.csv").exists():
             return read_frames(self._source / "frames.csv")
-        mapped = self._standing()
-        return mapped + beside(mapped, self._floors, self.config.queries_per_frame, self.config.seed)
+        references = self._house_references()
+        return references + beside(references, self._floors, self.config.queries_per_frame, self.config.seed)
 
     def render(self, frame: FrameSpec) -> Panorama:
         return self._renderer.render(frame.pose, self.config.height, frame.id)
@@ -116,7 +122,7 @@ class MeshDataset(RenderedDataset[FrameSpec]):
 
     @cached_property
     def _floors(self) -> list[FloorMasks]:
-        """The masks of each level whose rooms are known."""
+        """The floor masks of each level with known rooms."""
         levels: dict[int, list[FloorRegion]] = {}
         for room in read_rooms(self._source):
             levels.setdefault(room.level, []).append(room)
@@ -125,29 +131,29 @@ class MeshDataset(RenderedDataset[FrameSpec]):
             for _, rooms in sorted(levels.items())
         ]
 
-    def _standing(self) -> list[FrameSpec]:
-        """A reference frame at every panorama of the .house file that stands in a region."""
+    def _house_references(self) -> list[FrameSpec]:
+        """Return a reference frame at every panorama of the .house file that is in a region."""
         houses = sorted(self._source.glob("*.house"))
         if len(houses) != 1:
             raise DataError(
                 f"{self._source} has neither frames.csv ({', '.join(_COLUMNS)}) nor one .house file "
-                "(house_segmentations of the Matterport3D release), expected either to say where panoramas are taken"
+                "(house_segmentations of the Matterport3D release), expected either for the positions of panoramas"
             )
-        mapped = []
+        references = []
         for name, point in read_house(houses[0]).panoramas.items():
             if point.region is not None:
                 x_m, y_m, z_m = point.position_m.tolist()
                 place = f"{houses[0].stem}/region-{point.region}"
-                mapped.append(FrameSpec(name, "map", place, x_m, y_m, z_m, yaw_rad=0.0))
-        if not mapped:
+                references.append(FrameSpec(name, "map", place, x_m, y_m, z_m, yaw_rad=0.0))
+        if not references:
             raise DataError(
-                f"{houses[0]} has no panorama in a region, expected lines that begin with P, or a frames.csv beside it"
+                f"{houses[0]} has no panorama in a region, expected lines that begin with P, or frames.csv beside it"
             )
-        return mapped
+        return references
 
 
 def _content_or_stamp(path: Path) -> list[str | int]:
-    """The text of a table; of any other file, which may be large, its size and time of change."""
+    """Return the text of a table; for any other file, which may be large, its size and modification time."""
     if path.suffix in (".csv", ".json", ".house", ".mtl"):
         with reading(path, "a table"):
             return [read_bytes(path).decode("utf-8", "replace")]
@@ -156,14 +162,17 @@ def _content_or_stamp(path: Path) -> list[str | int]:
 
 
 def read_frames(path: Path) -> list[FrameSpec]:
-    """The rows of frames.csv: id, role (map, transition or query), place, x_m, y_m, z_m, yaw_rad. Raises DataError on a
-    malformed row."""
+    """Read the rows of frames.csv: id, role (map, transition or query), place, x_m, y_m, z_m, yaw_rad.
+
+    Raises:
+        DataError: A row is malformed.
+    """
     with reading(path, "a table of comma-separated values"), io.StringIO(read_text(path), newline="") as file:
         reader = csv.DictReader(file)
-        absent = set(_COLUMNS) - set(reader.fieldnames or ())
-        if absent:
+        missing = set(_COLUMNS) - set(reader.fieldnames or ())
+        if missing:
             raise DataError(
-                f"{path} has no column {' and no column '.join(sorted(absent))}, expected {', '.join(_COLUMNS)}"
+                f"{path} has no column {' and no column '.join(sorted(missing))}, expected {', '.join(_COLUMNS)}"
             )
         specs: dict[str, FrameSpec] = {}
         for number, row in enumerate(reader, 2):
@@ -182,22 +191,30 @@ def read_frames(path: Path) -> list[FrameSpec]:
                 raise DataError(f"{path}, line {number}: the role is {spec.role!r}, expected one of {known}")
             if spec.id in specs:
                 raise DataError(
-                    f"{path}, line {number}: a second frame {spec.id!r}, expected an id of its own for each"
+                    f"{path}, line {number}: a second frame {spec.id!r}, expected a unique id for each frame"
                 )
             specs[spec.id] = spec
     if not any(spec.role == "map" for spec in specs.values()):
-        raise DataError(f"{path} has no row of role map, expected at least one frame to map with")
+        raise DataError(f"{path} has no row with role map, expected at least one reference frame")
     return list(specs.values())
 
 
-def beside(mapped: Sequence[FrameSpec], floors: Sequence[FloorMasks], per_frame: int, seed: int) -> list[FrameSpec]:
-    """Queries in the open, on the floor of their reference frame's room, 0.3 to 1.1 m from it, turned at random; none where
-    there is no such floor."""
+def beside(references: Sequence[FrameSpec], floors: Sequence[FloorMasks], per_frame: int, seed: int) -> list[FrameSpec]:
+    """Return queries 0.3 to 1.1 m from their reference frame, on free floor of the same room, with random yaw.
+
+    A reference frame without such floor gets no query.
+
+    Args:
+        references: Reference frames.
+        floors: Floor masks of all levels.
+        per_frame: Maximum number of queries per reference frame.
+        seed: Random seed.
+    """
     from scipy import ndimage
 
     queries: list[FrameSpec] = []
     clearance = [floor.resolution_m * ndimage.distance_transform_edt(floor.free & ~floor.obstacle) for floor in floors]
-    for index, frame in enumerate(mapped):
+    for index, frame in enumerate(references):
         random = np.random.default_rng((seed, index))
         for floor, clear_m in zip(floors, clearance, strict=True):
             label = next((number for number, place in floor.regions.items() if place == frame.place), None)

@@ -1,4 +1,4 @@
-"""The floor of a mesh seen from above: where there is floor, what stands on it, and to which room it belongs."""
+"""Floor masks of a mesh: where the floor is, which obstacles stand on it, and to which room each cell belongs."""
 
 from __future__ import annotations
 
@@ -18,22 +18,30 @@ from salframe_mesh.mesh_file import MeshSurface
 from salframe_mesh.renderer import MeshRenderer
 
 BAND_M = 0.1, 1.5
-"""What lies this high above the floor is in a robot's way."""
+"""Heights above the floor, in metres, between which a surface is an obstacle for a robot."""
 _SLICES = 8
-"""Heights at which the mesh is cut: walls and tall furniture, which a ray from above the band would begin inside of."""
+"""Number of horizontal cuts of the mesh. They show walls and tall furniture, in which a ray from above the band would
+start inside."""
 _BELOW_M = 0.3
-"""A scanned floor is uneven: it is looked for down to this far below its stated height."""
+"""Maximum depth of the floor below its stated height in metres, since a scanned floor is uneven."""
 _MARGIN_M = 0.4
-"""Outlines end at the walls: floor this near to a room, as in a doorway, belongs to it."""
+"""Distance in metres by which rooms grow: outlines end at the walls, but floor in a doorway is part of a room."""
 _POCKET_M2 = 1.0
-"""Free patches smaller than this are the insides of furniture and walls."""
+"""Minimum area of a free patch in square metres. Smaller ones are the insides of furniture and walls."""
 _MAX_CELLS = 1 << 23
-"""Of a floor's masks: 145 m square at 0.05 m."""
+"""Maximum number of cells of a floor's masks: 145 m x 145 m at 0.05 m."""
 
 
 @dataclass(frozen=True, eq=False)
 class FloorRegion:
-    """A place: its name, its outlines (n, 2) in metres in the world, the height of its floor, and its level."""
+    """A place on a level.
+
+    Attributes:
+        place: Name of the place.
+        outlines_m: Outlines (n, 2) in metres in the world.
+        floor_m: Height of its floor in metres.
+        level: Index of its level.
+    """
 
     place: str
     outlines_m: tuple[np.ndarray, ...]
@@ -49,14 +57,16 @@ class _PlaceRegion(Settings):
 
 
 def read_rooms(root: Path) -> tuple[FloorRegion, ...]:
-    """The rooms that a folder tells of: regions.json ({place: {"outline_m": [[x, y], ...], "floor_m": z}}), else a
-    .house file, else none.
+    """Read the rooms of a folder from regions.json, else from .house files; empty if there are neither.
 
-    Raises DataError on a malformed file.
+    Format of regions.json: {place: {"outline_m": [[x, y], ...], "floor_m": z}}.
+
+    Raises:
+        DataError: A file is malformed.
     """
     path = root / "regions.json"
     if not path.exists():
-        return tuple(room for house in sorted(root.glob("*.house")) for room in _of_house(house))
+        return tuple(room for house in sorted(root.glob("*.house")) for room in _house_rooms(house))
     content: dict[str, _PlaceRegion] = read_as(path, dict[str, _PlaceRegion])
     heights = sorted({entry.floor_m for entry in content.values()})
     return tuple(
@@ -65,7 +75,7 @@ def read_rooms(root: Path) -> tuple[FloorRegion, ...]:
     )
 
 
-def _of_house(path: Path) -> list[FloorRegion]:
+def _house_rooms(path: Path) -> list[FloorRegion]:
     regions = read_house(path).regions
     return [FloorRegion(f"{path.stem}/region-{r.index}", r.outlines_m, float(r.low_m[2]), r.level) for r in regions]
 
@@ -73,9 +83,20 @@ def _of_house(path: Path) -> list[FloorRegion]:
 def floor_masks(
     surface: MeshSurface, renderer: MeshRenderer, rooms: Sequence[FloorRegion], resolution_m: float
 ) -> FloorMasks:
-    """The masks of the rooms of one level. Free is floor that a ray from above finds; an obstacle is what that ray
-    meets 0.1 to 1.5 m above the floor, or what level cuts of the mesh show in between. Raises DataError where the
-    outlines span too much."""
+    """Compute the floor masks of the rooms of one level.
+
+    A cell is free if a vertical ray from above hits the floor. It is an obstacle if the ray hits something 0.1 to 1.5 m
+    above the floor, or if horizontal cuts of the mesh in between pass through it.
+
+    Args:
+        surface: Mesh.
+        renderer: Renderer of the mesh.
+        rooms: Rooms of the level.
+        resolution_m: Cell size in metres.
+
+    Raises:
+        DataError: The outlines span too many cells.
+    """
     import cv2
 
     floor_m = float(np.median([room.floor_m for room in rooms]))
@@ -93,7 +114,7 @@ def floor_masks(
     origin_m = np.array([left_m, top_m])
 
     def pixels(xy_m: np.ndarray) -> np.ndarray:
-        """(..., 2) columns and rows, in pixels, of positions."""
+        """Convert positions in metres to columns and rows (..., 2) in pixels."""
         return (xy_m - origin_m) * [1, -1] / resolution_m
 
     column, row = np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5)
@@ -104,46 +125,48 @@ def floor_masks(
         rows, columns
     )
     up_m = BAND_M[1] - down_m
-    found = up_m > -_BELOW_M
+    is_floor = up_m > -_BELOW_M
     obstacle = up_m > BAND_M[0]
     cuts = np.zeros((rows, columns), np.uint8)
     for height in np.linspace(*BAND_M, _SLICES):
-        cv2.polylines(cuts, np.floor(pixels(_cut(surface, floor_m + height))).astype(np.int32), isClosed=False, color=1)
+        cv2.polylines(
+            cuts, np.floor(pixels(_cut_mesh(surface, floor_m + height))).astype(np.int32), isClosed=False, color=1
+        )
     obstacle |= cuts > 0
 
     region = np.zeros((rows, columns), np.int32)
     for number, room in enumerate(rooms, 1):
         cv2.fillPoly(region, [np.round(pixels(outline) - 0.5).astype(np.int32) for outline in room.outlines_m], number)
-    region = _grown(region, _MARGIN_M / resolution_m)
-    free = (region > 0) & (found | obstacle)
-    obstacle |= _pockets(free & ~obstacle, _POCKET_M2 / resolution_m**2)
+    region = _extend_labels(region, _MARGIN_M / resolution_m)
+    free = (region > 0) & (is_floor | obstacle)
+    obstacle |= _small_patches(free & ~obstacle, _POCKET_M2 / resolution_m**2)
     places = {number: room.place for number, room in enumerate(rooms, 1)}
     return FloorMasks(
         free, np.where(free, region, 0), obstacle & free, resolution_m, (float(left_m), float(top_m)), places, floor_m
     )
 
 
-def _cut(surface: MeshSurface, height_m: float) -> np.ndarray:
-    """(N, 2, 2) segments, x and y of their ends, in which a level plane cuts the triangles."""
+def _cut_mesh(surface: MeshSurface, height_m: float) -> np.ndarray:
+    """Return the segments (N, 2, 2), x and y of their ends, in which a horizontal plane cuts the triangles."""
     corners = surface.vertices_m[surface.triangles]
     above = corners[..., 2] >= height_m
     corners, above = (part[above.any(1) & ~above.all(1)] for part in (corners, above))
     following = np.roll(corners, -1, axis=1)
-    crossed = above != np.roll(above, -1, axis=1)  # two of the three edges
+    crossed = above != np.roll(above, -1, axis=1)  # exactly two of the three edges
     share = (height_m - corners[crossed][:, 2]) / (following[crossed][:, 2] - corners[crossed][:, 2])
     return (corners[crossed] + share[:, None] * (following[crossed] - corners[crossed]))[:, :2].reshape(-1, 2, 2)
 
 
-def _grown(region: np.ndarray, reach_px: float) -> np.ndarray:
-    """The labels, with those of the nearest room where there is none this near."""
+def _extend_labels(region: np.ndarray, reach_px: float) -> np.ndarray:
+    """Extend the labels to unlabelled cells within `reach_px` of a room; the nearest room wins."""
     from scipy import ndimage
 
     distance, nearest = ndimage.distance_transform_edt(region == 0, return_indices=True)
     return np.where(distance <= reach_px, region[tuple(nearest)], 0).astype(np.int32)
 
 
-def _pockets(clear: np.ndarray, pixels: float) -> np.ndarray:
-    """Connected patches of fewer pixels."""
+def _small_patches(clear: np.ndarray, pixels: float) -> np.ndarray:
+    """Return the connected patches of `clear` with fewer than `pixels` pixels."""
     from scipy import ndimage
 
     parts, _ = ndimage.label(clear)

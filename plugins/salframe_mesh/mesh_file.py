@@ -1,5 +1,4 @@
-"""Reading a building's mesh with its colours: .obj with textures, .glb with textures inside, .ply with colours at its
-vertices."""
+"""Reader of meshes with colours: .obj with textures, .glb with embedded textures, .ply with vertex colours."""
 
 from __future__ import annotations
 
@@ -17,18 +16,24 @@ from salframe.framework.files.reading import reading
 
 SUFFIXES = (".obj", ".glb", ".ply")
 _MAX_BYTES, _MAX_HEADER = 1 << 33, 1 << 16
+"""Maximum size of a file, and of the header of a .ply file, in bytes."""
 _GREY = (200, 200, 200)
+"""Colour of a mesh without colours."""
 _TO_Z_UP = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]], np.float32)
-"""Turns a frame whose y is up so that its z is: what was -z, the front of glTF, becomes y."""
+"""Rotation from a y-up to a z-up frame: -z, the front direction of glTF, becomes y."""
 
 
 @dataclass(frozen=True, eq=False)
 class MeshSurface:
-    """Triangles in the world, metres, z up, and what they look like.
+    """A textured triangle mesh in the world, in metres, z up.
 
-    vertices_m (V, 3) float32; triangles (F, 3) int32; paint (F,) int32 into `textures`; uv (F, 3, 2) float32 at the
-    corners, (0, 0) the lower left of the texture; colors (V, 3) float32 in 0..255, what textures are multiplied with
-    (white where there is a texture). A texture is (h, w, 3) uint8.
+    Attributes:
+        vertices_m: Vertices (V, 3) float32.
+        triangles: Vertex indices (F, 3) int32.
+        paint: Index (F,) int32 of each triangle's texture.
+        uv: Texture coordinates (F, 3, 2) float32 of the corners; (0, 0) is the lower left.
+        colors: Vertex colours (V, 3) float32 in 0..255 that textures are multiplied with; white if there is a texture.
+        textures: Textures (h, w, 3) uint8.
     """
 
     vertices_m: np.ndarray
@@ -40,10 +45,15 @@ class MeshSurface:
 
 
 def read_mesh(path: Path, up: str) -> MeshSurface:
-    """Read a mesh file whose axis `up` ("z" or "y") points up, in a process of its own, which a damaged one may end.
+    """Read a mesh file in a separate process, since a damaged file may crash it.
 
-    Raises DataError where it is missing, unreadable, not whole or has no faces, RequirementMissing where Open3D lacks a
-    library of the system.
+    Args:
+        path: Path of the file.
+        up: Axis of the file that points up, "z" or "y".
+
+    Raises:
+        DataError: The file is missing, unreadable, incomplete or has no faces.
+        RequirementMissing: A system library of Open3D is missing.
     """
     try:
         import open3d  # noqa: F401
@@ -51,7 +61,7 @@ def read_mesh(path: Path, up: str) -> MeshSurface:
         hint = "on Debian and Ubuntu: apt install libusb-1.0-0 libegl1 libgl1 libx11-6"
         raise RequirementMissing(f"Open3D cannot be loaded: {error} ({hint})") from None
     if path.suffix.lower() not in SUFFIXES:
-        raise DataError(f"{path} is no mesh, expected a name that ends in {', '.join(SUFFIXES)}")
+        raise DataError(f"{path} is not a mesh, expected a file name with suffix {', '.join(SUFFIXES)}")
     with reading(path, "a mesh"):
         size = check_regular(path, _MAX_BYTES)
         if path.suffix.lower() == ".ply":
@@ -60,35 +70,38 @@ def read_mesh(path: Path, up: str) -> MeshSurface:
         try:
             surface = pool.submit(_read, path).result()
         except BrokenProcessPool:
-            raise DataError(f"{path} is no mesh that can be read: it ended the process that read it") from None
+            raise DataError(f"{path} is not a readable mesh: the process that read it crashed") from None
     return surface if up == "z" else replace(surface, vertices_m=surface.vertices_m @ _TO_Z_UP.T)
 
 
 def _read(path: Path) -> MeshSurface:
-    """The surface in a file as it stands there. Raises DataError."""
+    """Read the surface of a file in the file's own frame. Raises DataError."""
     import open3d
 
-    # Open3D tells of a damaged file on stdout and gives an empty mesh.
+    # Open3D reports a damaged file on stdout and returns an empty mesh.
     with open3d.utility.VerbosityContextManager(open3d.utility.VerbosityLevel.Error):
         if path.suffix.lower() == ".ply":
             mesh = open3d.io.read_triangle_mesh(str(path))
-            parts, looks = [(mesh, 0)], [_plain(_GREY if not mesh.has_vertex_colors() else (255, 255, 255))]
+            parts, textures_by_material = (
+                [(mesh, 0)],
+                [_uniform_texture(_GREY if not mesh.has_vertex_colors() else (255, 255, 255))],
+            )
         else:
             model = open3d.io.read_triangle_model(str(path))
-            parts, looks = (
+            parts, textures_by_material = (
                 [(part.mesh, part.material_idx) for part in model.meshes],
-                [_look(material) for material in model.materials],
+                [_texture(material) for material in model.materials],
             )
-    parts = [(mesh, look) for mesh, look in parts if len(mesh.triangles)]
+    parts = [(mesh, material) for mesh, material in parts if len(mesh.triangles)]
     if not parts:
-        raise DataError(f"{path} is no mesh with faces, expected triangles or polygons")
-    surface = _joined(parts, tuple(looks))
+        raise DataError(f"{path} has no faces, expected a mesh of triangles or polygons")
+    surface = _join(parts, tuple(textures_by_material))
     _check(surface, path)
     return surface
 
 
 def _check_counts(path: Path, size: int) -> None:
-    """Raises ValueError on a .ply whose header claims more than the file has bytes: Open3D would look for it."""
+    """Raise ValueError if a .ply header claims more elements than the file has bytes; Open3D would try to read them."""
     header = read_start(path, _MAX_HEADER).partition(b"end_header")[0]
     for count in re.findall(rb"^\s*element\s+\S+\s+(\S+)", header, re.MULTILINE):
         if not count.isdigit() or len(count) > 12 or int(count) > size:
@@ -96,41 +109,41 @@ def _check_counts(path: Path, size: int) -> None:
 
 
 def _check(surface: MeshSurface, path: Path) -> None:
-    """Raises DataError on what the renderer would end the process for."""
+    """Raise DataError on values that would crash the renderer."""
     if not (np.isfinite(surface.vertices_m).all() and np.isfinite(surface.uv).all()):
-        raise DataError(f"{path} has a corner that is not finite, or not in single precision")
+        raise DataError(f"{path} has a corner that is not finite in single precision, expected finite numbers")
     for name, numbers, count in (
         ("corner", surface.triangles, len(surface.vertices_m)),
         ("material", surface.paint, len(surface.textures)),
     ):
         if numbers.min() < 0 or numbers.max() >= count:
             raise DataError(
-                f"{path} has a face of {name} {max(numbers.max(), -numbers.min())}, expected one of {count}"
+                f"{path} has a face with {name} {max(numbers.max(), -numbers.min())}, expected an index below {count}"
             )
 
 
-def _plain(rgb) -> np.ndarray:
-    """A texture of one pixel."""
+def _uniform_texture(rgb) -> np.ndarray:
+    """Return a texture of one pixel."""
     return np.array([[rgb]], np.uint8)
 
 
-def _look(material) -> np.ndarray:
-    """The texture of a material, or one of its colour alone."""
+def _texture(material) -> np.ndarray:
+    """Return the texture of a material; one pixel of its colour if it has no image."""
     image = None if material.albedo_img is None else np.asarray(material.albedo_img)
     if image is None or not image.size:
-        return _plain(np.round(255 * np.asarray(material.base_color)[:3]))
+        return _uniform_texture(np.round(255 * np.asarray(material.base_color)[:3]))
     image = image if image.ndim == 3 else image[..., None]
     return np.ascontiguousarray(image[..., :3] if image.shape[2] >= 3 else image[..., [0, 0, 0]])
 
 
-def _joined(parts: list, looks: tuple[np.ndarray, ...]) -> MeshSurface:
+def _join(parts: list, textures_by_material: tuple[np.ndarray, ...]) -> MeshSurface:
     vertices, triangles, paint, uv, colors = [], [], [], [], []
     first = 0
-    for mesh, look in parts:
+    for mesh, material in parts:
         corners = np.asarray(mesh.triangles, np.int32)
         vertices.append(np.asarray(mesh.vertices, np.float32))
         triangles.append(corners + first)
-        paint.append(np.full(len(corners), look, np.int32))
+        paint.append(np.full(len(corners), material, np.int32))
         has_uv = len(mesh.triangle_uvs) == 3 * len(corners)
         uv.append(
             np.asarray(mesh.triangle_uvs, np.float32).reshape(-1, 3, 2)
@@ -149,5 +162,5 @@ def _joined(parts: list, looks: tuple[np.ndarray, ...]) -> MeshSurface:
         paint=np.concatenate(paint),
         uv=np.concatenate(uv),
         colors=np.concatenate(colors),
-        textures=looks,
+        textures=textures_by_material,
     )

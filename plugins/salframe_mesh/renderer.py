@@ -1,4 +1,4 @@
-"""Panoramas of a mesh: range by one exact ray a pixel centre, colour by four rays a pixel."""
+"""Rendering of panoramas of a mesh: range with one exact ray per pixel centre, colour with four rays per pixel."""
 
 from __future__ import annotations
 
@@ -8,34 +8,43 @@ from salframe.panoramas.geometry import equirectangular_rays
 from salframe.panoramas.panorama import Panorama
 from salframe_mesh.mesh_file import MeshSurface
 
-_NOTHING = np.float32(1e30)  # embree's range where a ray hits nothing is 1e37
+_NO_HIT_M = np.float32(1e30)  # embree returns a range of 1e37 for a ray without a hit
 _SUPERSAMPLING = 2
+"""Rays per pixel along each axis for colour."""
 
 
 class MeshRenderer:
-    """Renders panoramas of one mesh as it is: its colours are taken to hold the light. The same pose gives the same
-    bytes."""
+    """Renders panoramas of one mesh without shading; its colours are assumed to include the light. The same pose gives
+    identical bytes."""
 
     def __init__(self, surface: MeshSurface):
         from embreex.mesh_construction import TriangleMesh
         from embreex.rtcore_scene import EmbreeScene
 
         self._surface = surface
-        self._scene = EmbreeScene(robust=True)  # without it, rays slip between triangles that share an edge
+        self._scene = EmbreeScene(robust=True)  # otherwise rays slip between triangles that share an edge
         TriangleMesh(self._scene, surface.vertices_m, surface.triangles)
 
     def trace(self, origin_m: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Along unit directions (N, 3) from one origin (3,) or N: range_m (N,) float32, NaN where nothing is hit, the
-        triangle (N,) int32, 0 where nothing is, and the weights (N, 3) float32 of its corners."""
+        """Trace rays to their first hit.
+
+        Args:
+            origin_m: Origin (3,) of all rays, or origins (N, 3), in metres.
+            direction: Unit directions (N, 3).
+
+        Returns:
+            range_m (N,) float32, NaN without a hit; the triangle (N,) int32 that is hit, 0 without a hit; and the
+            barycentric weights (N, 3) float32 of its corners.
+        """
         direction = np.ascontiguousarray(direction, np.float32)
         origin_m = np.ascontiguousarray(np.broadcast_to(np.asarray(origin_m, np.float32), direction.shape))
-        found = self._scene.run(origin_m, direction, query="INTERSECT", output=True)
-        range_m = np.where(found["tfar"] < _NOTHING, found["tfar"], np.float32(np.nan))
-        u, v = found["u"], found["v"]
-        return range_m, np.maximum(found["primID"], 0), np.stack([1 - u - v, u, v], 1)
+        hits = self._scene.run(origin_m, direction, query="INTERSECT", output=True)
+        range_m = np.where(hits["tfar"] < _NO_HIT_M, hits["tfar"], np.float32(np.nan))
+        u, v = hits["u"], hits["v"]
+        return range_m, np.maximum(hits["primID"], 0), np.stack([1 - u - v, u, v], 1)
 
     def render(self, T_world_pano: np.ndarray, height: int, id: str) -> Panorama:
-        """The panorama (height, 2 height) at a pose (4, 4): rgb, black where nothing is, and range_m, NaN there."""
+        """Render the panorama (height, 2 height) at a pose (4, 4); without a hit, rgb is black and range_m NaN."""
         shape = height, 2 * height
         range_m, _, _ = self.trace(T_world_pano[:3, 3], _rays(T_world_pano, height))
         fine = _SUPERSAMPLING * height
@@ -46,7 +55,7 @@ class MeshRenderer:
         return Panorama(id, np.round(rgb).astype(np.uint8), range_m, ~np.isnan(range_m))
 
     def _color(self, triangle: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """(N, 3) float32 colour of points of triangles."""
+        """Return the colours (N, 3) float32 of points on triangles."""
         surface = self._surface
         shade = np.einsum("nk,nkc->nc", weights, surface.colors[surface.triangles[triangle]]) / 255
         uv = np.einsum("nk,nkc->nc", weights, surface.uv[triangle])
@@ -54,7 +63,7 @@ class MeshRenderer:
         color = np.empty((len(triangle), 3), np.float32)
         for number in np.unique(paint):
             inside = paint == number
-            color[inside] = _sampled(surface.textures[number], uv[inside])
+            color[inside] = _sample(surface.textures[number], uv[inside])
         return color * shade
 
 
@@ -62,8 +71,8 @@ def _rays(T_world_pano: np.ndarray, height: int) -> np.ndarray:
     return equirectangular_rays(height).reshape(-1, 3) @ T_world_pano[:3, :3].T.astype(np.float32)
 
 
-def _sampled(texture: np.ndarray, uv: np.ndarray) -> np.ndarray:
-    """(N, 3) float32 of a texture at (N, 2) coordinates, between the four pixels around; it repeats beyond them."""
+def _sample(texture: np.ndarray, uv: np.ndarray) -> np.ndarray:
+    """Sample a texture at coordinates (N, 2), bilinearly and repeating: (N, 3) float32."""
     height, width = texture.shape[:2]
     column, row = uv[:, 0] * width - 0.5, (1 - uv[:, 1]) * height - 0.5
     left, top = np.floor(column).astype(np.int64), np.floor(row).astype(np.int64)

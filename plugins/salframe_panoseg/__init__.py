@@ -1,4 +1,4 @@
-"""The detector `panoseg`: salframe's own network for RGB-D panoramas."""
+"""The detector `panoseg`: salframe's segmentation network for RGB-D panoramas."""
 
 import salframe
 

@@ -1,5 +1,4 @@
-"""What the network tells apart, and what it looks at: shared by detection and training, so that neither drifts from the
-other."""
+"""Input of the network, shared by detection and training so that both use the same one."""
 
 from __future__ import annotations
 
@@ -8,18 +7,24 @@ import numpy as np
 from salframe.panoramas.geometry import equirectangular_rays
 
 HEIGHT = 256
-"""Rows of the panorama that the network sees; it has twice as many columns."""
+"""Height of the network's panorama in pixels; its width is twice the height."""
 CHANNELS = 6
+"""Number of input channels."""
 
 _MEAN, _STD = np.array([0.485, 0.456, 0.406], np.float32), np.array([0.229, 0.224, 0.225], np.float32)
-_TALL_M = 1.5
+_HEIGHT_SCALE_M = 1.5
+"""Height in metres that is scaled to 1."""
 
 
 def network_input(rgb: np.ndarray, range_m: np.ndarray) -> np.ndarray:
-    """(6, HEIGHT, 2 HEIGHT) float32: colour as ImageNet's networks take it, nearness 1 / (1 + range), height above the
-    camera, elevation.
+    """Compute the network's input: (6, HEIGHT, 2 HEIGHT) float32.
 
-    rgb (H, 2H, 3) uint8; range_m (H, 2H) float32, NaN where unknown, which gives nearness and height 0.
+    The channels are colour normalised as for ImageNet, nearness 1 / (1 + range), height above the camera, and
+    elevation.
+
+    Args:
+        rgb: Colour (H, 2H, 3) uint8.
+        range_m: Range (H, 2H) float32 in metres, NaN where unknown; there, nearness and height are 0.
     """
     import cv2
 
@@ -33,13 +38,13 @@ def network_input(rgb: np.ndarray, range_m: np.ndarray) -> np.ndarray:
     image = np.empty((CHANNELS, HEIGHT, 2 * HEIGHT), np.float32)
     image[:3] = ((rgb / np.float32(255) - _MEAN) / _STD).transpose(2, 0, 1)
     image[3] = np.where(known, 1 / (1 + distance), 0)
-    image[4] = np.clip(distance * elevation / _TALL_M, -2, 2)
+    image[4] = np.clip(distance * elevation / _HEIGHT_SCALE_M, -2, 2)
     image[5] = elevation
     return image
 
 
 def smaller(image: np.ndarray) -> np.ndarray:
-    """An image (H, 2H) of ranges or ids at the network's size, each pixel one of those that it covers."""
+    """Resize an image (H, 2H) of ranges or ids to the network's size by nearest-neighbour sampling."""
     import cv2
 
     if image.shape[0] == HEIGHT:

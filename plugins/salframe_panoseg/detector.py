@@ -1,4 +1,4 @@
-"""The detector `panoseg`: a segmentation network for RGB-D panoramas, run by onnxruntime."""
+"""The detector `panoseg`: a segmentation network for RGB-D panoramas, run with onnxruntime."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ PANOSEG = NetworkWeights(
 
 
 class PanoSegDetector(Detector):
-    """Objects from colour and range by a segmentation network trained on rendered buildings; it ships with salframe."""
+    """Objects from colour and range, by a segmentation network trained on rendered buildings; shipped with salframe."""
 
     name = "panoseg"
     version = "3"
@@ -48,11 +48,9 @@ class PanoSegDetector(Detector):
 
     class Config(ComponentConfig):
         model: UserFile | None = Field(
-            None, description="folder of a training of your own; null: the network that comes with salframe"
+            None, description="folder of your own training output; null: the network that salframe ships"
         )
-        min_score: float = Field(
-            0.25, ge=0, le=1, description="objects whose mean class probability is lower are left out"
-        )
+        min_score: float = Field(0.25, ge=0, le=1, description="minimum mean class probability of an object")
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)
@@ -62,26 +60,26 @@ class PanoSegDetector(Detector):
 
     @classmethod
     def weights_in_use(cls, config: Any) -> tuple[NetworkWeights, ...]:
-        """None where a training of the user's takes their place."""
+        """Return the shipped weights; none if the user's own network is used."""
         return cls.weights if config.model is None else ()
 
     @from_near_side
     def detect(self, panorama: Panorama) -> Detections:
-        """See Detector. Raises InputMissing where the panorama has no colour or no range."""
+        """See Detector. Raises InputMissing if the panorama has no colour or no range."""
         if panorama.rgb is None or panorama.range_m is None:
-            absent = " and ".join(sorted({"rgb", "range"} - panorama.provides))
+            missing = " and ".join(sorted({"rgb", "range"} - panorama.provides))
             raise InputMissing(
-                f"{panorama.id} has no {absent}, which the detector {self.name!r} needs; 'onnx' needs colour alone"
+                f"{panorama.id} has no {missing}, which the detector {self.name!r} needs; 'onnx' needs only colour"
             )
         range_m = smaller(panorama.range_m)
-        seen = np.isfinite(range_m)
+        valid = np.isfinite(range_m)
         if panorama.valid is not None:
-            seen &= smaller(panorama.valid.astype(np.uint8)) > 0
+            valid &= smaller(panorama.valid.astype(np.uint8)) > 0
         class_id, score, vote_m = (
-            found[0] for found in self._model.run(network_input(panorama.rgb, panorama.range_m)[None])
+            output[0] for output in self._model.run(network_input(panorama.rgb, panorama.range_m)[None])
         )
         points_m = equirectangular_rays(HEIGHT) * np.nan_to_num(range_m)[..., None]
-        objects = group_pixels(class_id, points_m, points_m + into_panorama(vote_m), seen)
+        objects = group_pixels(class_id, points_m, points_m + into_panorama(vote_m), valid)
         return self._detections(objects, class_id, score, points_m)
 
     def _detections(
@@ -89,9 +87,9 @@ class PanoSegDetector(Detector):
     ) -> Detections:
         pixels = np.flatnonzero(objects)
         order = pixels[np.argsort(objects.flat[pixels], kind="stable")]
-        found = np.split(order, np.cumsum(np.bincount(objects.flat[pixels])[1:])[:-1]) if len(pixels) else []
+        instances = np.split(order, np.cumsum(np.bincount(objects.flat[pixels])[1:])[:-1]) if len(pixels) else []
         labels, scores, clouds = [], [], []
-        for pixels in found:
+        for pixels in instances:
             mean = float(score.flat[pixels].mean())
             if mean >= self.config.min_score:
                 labels.append(self._labels[int(class_id.flat[pixels[0]])])
@@ -101,19 +99,19 @@ class PanoSegDetector(Detector):
 
 
 def _labels(card: Path) -> list[str]:
-    """The label of each class; that of class 0, which is no object, is empty."""
+    """Return the label of each class; the label of class 0, no object, is empty."""
     content = read_json(card)
     labels = content.get("labels") if isinstance(content, dict) else None
     if not isinstance(labels, list) or not all(isinstance(label, str) for label in labels):
-        raise WeightsMissing(
-            f"{card} holds no list of labels, expected the card that training wrote beside its network"
-        )
+        raise WeightsMissing(f"{card} has no list of labels, expected the card that training wrote beside the network")
     return ["", *labels]
 
 
 def into_panorama(vote_m: np.ndarray) -> np.ndarray:
-    """(H, W, 3) votes in the panorama frame, from votes (3, H, W) along the floor, to the left, and up, seen by each
-    pixel."""
+    """Convert votes (3, H, W) to the panorama frame: (H, W, 3).
+
+    Votes are in each pixel's frame: horizontally away from the camera, to the left, and up.
+    """
     azimuth = column_azimuth(vote_m.shape[2])
     cosine, sine = np.cos(azimuth), np.sin(azimuth)
     along, left, up = vote_m
@@ -121,7 +119,7 @@ def into_panorama(vote_m: np.ndarray) -> np.ndarray:
 
 
 def from_panorama(offset_m: np.ndarray) -> np.ndarray:
-    """The inverse of `into_panorama`: (3, H, W) votes from offsets (H, W, 3) in the panorama frame."""
+    """Inverse of `into_panorama`: convert offsets (H, W, 3) in the panorama frame to votes (3, H, W)."""
     azimuth = column_azimuth(offset_m.shape[1])
     cosine, sine = np.cos(azimuth), np.sin(azimuth)
     x, y, z = np.moveaxis(offset_m, -1, 0)

@@ -1,4 +1,4 @@
-"""From classes and votes on pixels to objects: pixels that mean the same thing of the same class."""
+"""Grouping of pixels to objects by class and by votes for the object's centre."""
 
 from __future__ import annotations
 
@@ -7,29 +7,36 @@ import numpy as np
 from salframe.graphs.pixels import connected_parts
 
 MIN_POINTS = 12
-"""An object on fewer pixels of the network's panorama is not reported."""
+"""Minimum number of pixels of an object on the network's panorama."""
 LINK_M = 0.2
-"""Neighbouring pixels vote for the same object where their votes differ by less."""
+"""Maximum distance in metres between the votes of neighbouring pixels of the same part."""
 SAME_M = 0.7
-"""Parts of a class, cut by what stands before them, are one object where the centres that they vote for are nearer than
-this, or than the larger part is long: votes are as far off as an object is large."""
+"""Maximum distance in metres between the mean votes of parts of one object that is cut by an occluder; the length of
+the larger part if that is longer, since the error of votes grows with the size of the object."""
 
 
-def group_pixels(class_id: np.ndarray, points_m: np.ndarray, centre_m: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """Number the objects of a panorama's pixels: (H, W) int32, 0 for none.
+def group_pixels(class_id: np.ndarray, points_m: np.ndarray, centre_m: np.ndarray, valid: np.ndarray) -> np.ndarray:
+    """Group the pixels of a panorama to objects.
 
-    class_id (H, W) int, 0 for structure; points_m (H, W, 3) float, where a pixel's surface is; centre_m (H, W, 3)
-    float, the object's centre that it votes for; seen (H, W) bool. Neighbours, the seam's among them, are one part
-    where their class is the same and their votes differ by less than LINK_M; parts of a class are one object where
-    their mean votes are close.
+    Neighbouring pixels, also across the seam, are in one part if their classes are equal and their votes differ by less
+    than LINK_M. Parts of a class are one object if their mean votes are close.
+
+    Args:
+        class_id: Class (H, W) int of each pixel, 0 for structure.
+        points_m: Points (H, W, 3) of the pixels in metres.
+        centre_m: Object centre (H, W, 3) in metres that each pixel votes for.
+        valid: Mask (H, W) bool of the pixels to group.
+
+    Returns:
+        Object number (H, W) int32 of each pixel, 0 for none.
     """
-    usable = seen & (class_id > 0)
+    usable = valid & (class_id > 0)
     classes, votes = class_id.ravel(), centre_m.reshape(-1, 3)
 
-    def alike(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    def same_object(first: np.ndarray, second: np.ndarray) -> np.ndarray:
         return (classes[first] == classes[second]) & (np.linalg.norm(votes[first] - votes[second], axis=1) < LINK_M)
 
-    part_of = connected_parts(usable, alike)
+    part_of = connected_parts(usable, same_object)
     count = np.bincount(part_of)
     pixels = np.flatnonzero(usable)
     owner = _join_parts(classes[pixels], points_m.reshape(-1, 3)[pixels], votes[pixels], part_of, count)
@@ -41,24 +48,24 @@ def group_pixels(class_id: np.ndarray, points_m: np.ndarray, centre_m: np.ndarra
 def _join_parts(
     class_id: np.ndarray, points_m: np.ndarray, vote_m: np.ndarray, part_of: np.ndarray, count: np.ndarray
 ) -> np.ndarray:
-    """(P,) int32: the object number of each part, 0 for parts too small to join and too small to stand alone."""
+    """Return the object number (P,) int32 of each part, 0 for parts too small to join another or to be an object."""
     mean_m = np.stack([np.bincount(part_of, vote_m[:, axis]) for axis in range(3)], 1) / count[:, None]
-    own = np.split(np.argsort(part_of, kind="stable"), np.cumsum(count)[:-1])
+    members = np.split(np.argsort(part_of, kind="stable"), np.cumsum(count)[:-1])
     object_of = np.zeros(len(count), np.int32)
     leaders: dict[int, list[tuple[int, float]]] = {}
     number = 0
     for part in np.argsort(-count, kind="stable"):
-        same = leaders.setdefault(int(class_id[own[part][0]]), [])
+        same = leaders.setdefault(int(class_id[members[part][0]]), [])
         nearness = [float(np.linalg.norm(mean_m[leader] - mean_m[part])) / reach for leader, reach in same]
         if nearness and min(nearness) < 1:
             object_of[part] = object_of[same[int(np.argmin(nearness))][0]]
         elif count[part] >= MIN_POINTS:
             number += 1
             object_of[part] = number
-            same.append((part, max(SAME_M, _length_m(points_m[own[part]]))))
+            same.append((part, max(SAME_M, _length_m(points_m[members[part]]))))
     return object_of
 
 
 def _length_m(points_m: np.ndarray) -> float:
-    """The length of a bar whose points (n, 3) lie as far from their mean, whichever way it is turned."""
+    """Return the length of a bar whose points have the same mean squared distance from their mean as points (n, 3)."""
     return float(np.sqrt(12 * points_m.var(0).sum()))

@@ -1,4 +1,4 @@
-"""Model cards: what a segmentation network takes, gives and knows, in YAML."""
+"""Model cards: input, output and classes of a segmentation network, in YAML."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from salframe.framework.validation import Settings, validate
 SHIPPED = Path(__file__).with_name("cards")
 
 Layout = Literal["nchw", "nhwc"]
-"""Order of a tensor's axes: images, channels or classes, rows, columns."""
+"""Order of a tensor's axes. n: images, c: channels or classes, h: rows, w: columns."""
 
 
 class Input(Settings):
-    """What the network takes. A colour from 0 to 255 becomes (colour * scale - mean) / std; size_px: width, height."""
+    """Input of the network: a colour from 0 to 255 becomes (colour * scale - mean) / std; size_px: width, height."""
 
     name: str | None = None
     layout: Layout
@@ -34,14 +34,16 @@ class Input(Settings):
     @model_validator(mode="after")
     def _bytes_stay(self) -> Input:
         if self.dtype == "uint8" and (self.scale, self.mean, self.std) != (1.0, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)):
-            raise ValueError("a network that takes uint8 takes colours as they are: leave out scale, mean and std")
+            raise ValueError("a uint8 network takes colours without scaling, expected no scale, mean or std")
         return self
 
 
 class Output(Settings):
-    """What it gives, in any resolution: a score for each class and pixel. Integers are brought back to numbers by the
-    quantization that a TensorFlow Lite file states. `name` may be any tensor of the file, an inner one too; null: the
-    first that the file declares."""
+    """Output of the network: a score for each class and pixel, in any resolution.
+
+    Integers are converted to numbers with the quantization of the TensorFlow Lite file. `name` may be any tensor of the
+    file, also an inner one; null: the first output of the file.
+    """
 
     name: str | None = None
     layout: Layout
@@ -49,25 +51,38 @@ class Output(Settings):
 
 
 class Calibration(Settings):
-    """An object's score as the probability that it is what it is called: the logistic function of slope * logit(p) +
-    offset, where p is the mean probability of its class. As declared: p itself."""
+    """Conversion of mean class probability p to score, the probability that the object's label is correct.
+
+    The score is the logistic function of slope * logit(p) + offset. With the default values it is p.
+    """
 
     slope: float = Field(1.0, gt=0)
     offset: float = 0.0
 
     def score(self, probability: float) -> float:
-        """The score of an object whose class has this mean probability, both from 0 to 1."""
+        """Return the score of an object whose class has this mean probability; both are in [0, 1]."""
         p = min(max(probability, 1e-6), 1 - 1e-6)
         return 1 / (1 + math.exp(-self.slope * math.log(p / (1 - p)) - self.offset))
 
 
 class Card(Settings):
-    """A network: what it is called, its licence, what it was trained on and on what terms; the sha256 of its file, by
-    which a shipped card is found; what goes in and comes out; its classes.
+    """Model card of a network.
 
-    labels: the network's own, in its order, each one in one of: structure, no object; fixed and objects, network label
-    -> name in salframe's vocabulary, of what is part of the building and what is not. These may say more than `labels`
-    has, so that cards can share them.
+    Each label of `labels` must be in exactly one of `structure`, `fixed` and `objects`. These may contain more labels,
+    so that cards can share them.
+
+    Attributes:
+        network: Name of the network.
+        licence: Licence of the weights.
+        data: Training data.
+        data_terms: Terms of the training data.
+        sha256: Hash of the file, which identifies the shipped card of a file.
+        input, output: Input and output of the network.
+        labels: The network's labels in its order.
+        structure: Labels that are not objects.
+        fixed: Name in salframe's vocabulary of each label of an object that is part of the building.
+        objects: Name in salframe's vocabulary of each label of any other object.
+        calibration: Conversion of probabilities to scores.
     """
 
     network: str
@@ -88,36 +103,38 @@ class Card(Settings):
         for label in self.labels:
             kinds = [
                 kind for kind in ("structure", "fixed", "objects") if label in getattr(self, kind)
-            ]  # a label that stands twice in `labels` is fine: two classes of one name
+            ]  # a label may occur twice in `labels`: two classes with the same name
             if len(kinds) != 1:
-                where = " and ".join(kinds) or "none"
-                raise ValueError(f"the label {label!r} is in {where} of structure, fixed and objects, expected one")
+                sections = " and ".join(kinds) or "none"
+                raise ValueError(
+                    f"the label {label!r} is in {sections} of structure, fixed and objects, expected exactly one"
+                )
         return self
 
     def name_of(self, label: str) -> str | None:
-        """What a class is called in the graph; None where it is structure."""
+        """Return the name of a class in the graph; None if it is structure."""
         return self.fixed.get(label) or self.objects.get(label)
 
 
 def read_card(path: Path) -> Card:
-    """A card. Raises ConfigError, in one line, on whatever does not fit."""
+    """Read a card. Raises ConfigError on invalid content."""
     return validate(Card, read_yaml(path), f"{path}:")
 
 
 def card_beside(model: Path) -> Path | None:
-    """The card that lies beside a network's file, by the same name; None where there is none."""
+    """Return the path of the card beside a network's file, with the same stem; None if there is none."""
     path = model.with_suffix(".yaml")
     return path if path.is_file() else None
 
 
 def shipped_card(model: Path) -> Card:
-    """The card that comes with salframe for this very file. Raises WeightsMissing where there is none."""
+    """Return the card that salframe ships for the content of this file. Raises WeightsMissing if there is none."""
     sha256 = file_sha256(model)
     for path in sorted(SHIPPED.glob("*.yaml")):
         card = read_card(path)
         if card.sha256 == sha256:
             return card
     raise WeightsMissing(
-        f"no model card for {model}: salframe ships none for its sha256 {sha256[:12]}..., and there is no "
-        f"{model.with_suffix('.yaml')}; write one (docs/how-to/segments.md) or name one: detector.card=PATH"
+        f"no model card for {model}: salframe ships none for its sha256 {sha256[:12]}..., expected "
+        f"{model.with_suffix('.yaml')}, or another path as detector.card=PATH (docs/how-to/segments.md)"
     )

@@ -27,9 +27,9 @@ from salframe_segments.networks import TFLITE, open_network
 from salframe_segments.voting import HEIGHT, Views, vote
 
 UNSEEN = 114
-"""The grey of what a partial panorama did not see."""
+"""Grey value of the pixels that a partial panorama does not cover."""
 MAX_SCORES = 160
-"""Of a view's scores at most so many rows and columns vote: more than a panorama of 512 x 256 can show."""
+"""Maximum number of rows and columns of a view's scores that vote: more than a panorama of 512 x 256 can resolve."""
 
 ADE20K = NetworkWeights(
     name="ade20k",
@@ -42,7 +42,7 @@ ADE20K = NetworkWeights(
             2_415_896,
         ),
     ),
-    # TensorFlow Hub moved to Kaggle: its address leads on to the second, where its files for TensorFlow Lite lay.
+    # TensorFlow Hub moved to Kaggle: the first address redirects, the second hosts its TensorFlow Lite files.
     source=Link(
         (
             "https://tfhub.dev/sayakpaul/lite-model/deeplabv3-mobilenetv2-ade20k/1/default/1?lite-format=tflite",
@@ -54,23 +54,26 @@ ADE20K = NetworkWeights(
 
 @dataclass(frozen=True, eq=False)
 class PixelClasses:
-    """What each pixel of a panorama most likely shows.
+    """The most likely class of each pixel of a panorama.
 
-    names: of objects as the graph calls them, of structure as the network does; class_id (H, W) int32 into names;
-    probability (H, W) float32 of that class; seen (H, W) bool, false where no view looks or the panorama is not valid.
+    Attributes:
+        names: Class names: objects have their names in the graph, structure those of the network.
+        class_id: Index (H, W) int32 into names.
+        probability: Probability (H, W) float32 of that class.
+        valid: Mask (H, W) bool, False where there is no view or the panorama is not valid.
     """
 
     names: tuple[str, ...]
     class_id: np.ndarray
     probability: np.ndarray
-    seen: np.ndarray
+    valid: np.ndarray
 
 
 class SegmentsDetector(Detector):
-    """Objects from any network that gives class scores for each pixel, by votes of overlapping views; doors and windows
-    are objects too.
+    """Objects from any network with class scores per pixel, by votes of overlapping views; doors and windows are
+    objects.
 
-    Works from colour alone; then bearings, labels and scores are known, and positions are NaN.
+    Works with colour only; then bearings, labels and scores are known, and positions are NaN.
     """
 
     name = "segments"
@@ -84,25 +87,27 @@ class SegmentsDetector(Detector):
         model: Literal["ade20k"] | UserFile = Field(
             "ade20k",
             union_mode="left_to_right",
-            description="path of an ONNX or TensorFlow Lite file, or weights to fetch: ade20k",
+            description="path of an ONNX or TensorFlow Lite file, or name of weights to download: ade20k",
         )
         card: UserFile | None = Field(
             None,
-            description="the network's model card; null: the one beside its file, NAME.yaml, else the one that comes "
-            "with salframe for this very file",
+            description="path of the network's model card; null: NAME.yaml beside the network's file, else the card "
+            "that salframe ships for the file",
         )
-        views: int = Field(6, ge=1, le=16, description="views around the horizon")
-        tilted_views: int = Field(0, ge=0, le=8, description="views that look up by 60 deg, and as many down")
+        views: int = Field(6, ge=1, le=16, description="number of horizontal views")
+        tilted_views: int = Field(
+            0, ge=0, le=8, description="number of views that look up by 60 deg, and of views that look down"
+        )
         fov_deg: float = Field(90.0, ge=30, le=120, description="field of view across the width of a view")
         mirrored: bool = Field(
-            False, description="look at every view a second time, mirrored: twice the time, steadier answers"
+            False, description="run the network on mirrored views too: takes twice the time, gives more stable results"
         )
-        min_score: float = Field(0.3, ge=0, le=1, description="objects that score less are left out")
+        min_score: float = Field(0.3, ge=0, le=1, description="minimum score of an object")
 
         @model_validator(mode="before")
         @classmethod
         def _card_beside(cls, value: Any) -> Any:
-            """A card that lies beside the network is named, so that its content is part of the identity."""
+            """Set the card beside the network explicitly, so that its content is part of the identity."""
             if isinstance(value, Mapping) and value.get("card") is None:
                 model = value.get("model", "ade20k")
                 if isinstance(model, str | Path) and model != "ade20k" and (card := card_beside(Path(model))):
@@ -110,7 +115,12 @@ class SegmentsDetector(Detector):
             return value
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
-        """Raises WeightsMissing where there is no network or it does not fit its card; ConfigError on a faulty card."""
+        """Open the network and run it once.
+
+        Raises:
+            WeightsMissing: The network does not exist or does not match its card.
+            ConfigError: The card is invalid.
+        """
         super().__init__(config)
         path = _model_path(self.config.model)
         card = shipped_card(path) if self.config.card is None else read_card(self.config.card)
@@ -124,46 +134,46 @@ class SegmentsDetector(Detector):
 
     @property
     def calibration(self) -> Calibration:
-        """How scores follow from probabilities."""
+        """Conversion of probabilities to scores."""
         return self._network.card.calibration
 
     @classmethod
     def requires_in_use(cls, config: Any) -> tuple[str, ...]:
-        """LiteRT for networks of TensorFlow Lite alone."""
+        """Return LiteRT's package, which only TensorFlow Lite networks need."""
         return cls.requires if config.model == "ade20k" or config.model.suffix == TFLITE else ()
 
     @classmethod
     def weights_in_use(cls, config: Any) -> tuple[NetworkWeights, ...]:
-        """Those that `model` names; none where it is a file."""
+        """Return the downloadable weights that `model` names; none if it is a file."""
         return cls.weights if config.model == "ade20k" else ()
 
     @from_near_side
     def detect(self, panorama: Panorama) -> Detections:
-        """See Detector. Raises InputMissing where the panorama has no colour."""
-        pixels = self.classify(panorama)
+        """See Detector. Raises InputMissing if the panorama has no colour."""
+        pixel_classes = self.classify(panorama)
         rays = equirectangular_rays(HEIGHT)
-        area_sr = np.broadcast_to(pixel_solid_angles(HEIGHT)[:, None], pixels.seen.shape)
+        area_sr = np.broadcast_to(pixel_solid_angles(HEIGHT)[:, None], pixel_classes.valid.shape)
         points_m = None
         if panorama.range_m is not None:
-            points_m = rays * _smaller(panorama.range_m)[..., None]
-        # Class 0, no object, stands where nothing was seen too.
-        class_id = np.where(pixels.seen, pixels.class_id, 0)
-        found = find_instances(class_id, self._classes.is_object, self._classes.is_fixed, points_m, area_sr)
+            points_m = rays * _downsample(panorama.range_m)[..., None]
+        # Pixels that are not valid get class 0, no object.
+        class_id = np.where(pixel_classes.valid, pixel_classes.class_id, 0)
+        instances = find_instances(class_id, self._classes.is_object, self._classes.is_fixed, points_m, area_sr)
         labels, scores, bearing, solid_angle_sr, masks, clouds = [], [], [], [], [], []
-        for own in found:
-            weight = area_sr.flat[own]
-            mean = float(np.average(pixels.probability.flat[own], weights=weight))
+        for pixel_indices in instances:
+            weight = area_sr.flat[pixel_indices]
+            mean = float(np.average(pixel_classes.probability.flat[pixel_indices], weights=weight))
             score = self.calibration.score(mean)
             if score < self.config.min_score:
                 continue
-            labels.append(pixels.names[int(class_id.flat[own[0]])])
+            labels.append(pixel_classes.names[int(class_id.flat[pixel_indices[0]])])
             scores.append(score)
-            towards = weight @ rays.reshape(-1, 3)[own]
+            towards = weight @ rays.reshape(-1, 3)[pixel_indices]
             bearing.append(towards / np.linalg.norm(towards))
             solid_angle_sr.append(weight.sum())
-            masks.append(rays.reshape(-1, 3)[own])
+            masks.append(rays.reshape(-1, 3)[pixel_indices])
             if points_m is not None:
-                points = points_m.reshape(-1, 3)[own]
+                points = points_m.reshape(-1, 3)[pixel_indices]
                 points = points[np.isfinite(points).all(1)]
                 clouds.append(without_strays(points) if len(points) else points)
         return detections_where_known(
@@ -176,36 +186,44 @@ class SegmentsDetector(Detector):
         )
 
     def classify(self, panorama: Panorama) -> PixelClasses:
-        """What each pixel of a panorama shows, on HEIGHT rows and 2 HEIGHT columns. Raises InputMissing where it has no
-        colour."""
+        """Return the class of each pixel, on HEIGHT rows and 2 HEIGHT columns.
+
+        Raises:
+            InputMissing: The panorama has no colour.
+        """
         if panorama.rgb is None:
-            raise InputMissing(f"{panorama.id} has no colour, which the detector {self.name!r} reads")
+            raise InputMissing(f"{panorama.id} has no colour, which the detector {self.name!r} needs")
         image, valid, shown = panorama.rgb, np.ones((HEIGHT, 2 * HEIGHT), bool), np.ones(self._views.count, bool)
         if panorama.valid is not None:
             image = np.where(panorama.valid[..., None], image, np.uint8(UNSEEN))
-            valid = _smaller(panorama.valid.astype(np.uint8)) > 0
-            shown = self._views.show(valid)
+            valid = _downsample(panorama.valid.astype(np.uint8)) > 0
+            shown = self._views.visible_views(valid)
         if not shown.any():
-            nothing = np.zeros(valid.shape, np.float32)
-            return PixelClasses(self._classes.names, nothing.astype(np.int32), nothing, nothing > 0)
+            zeros = np.zeros(valid.shape, np.float32)
+            return PixelClasses(self._classes.names, zeros.astype(np.int32), zeros, zeros > 0)
         views = self._views.cut(image)[shown]
-        probabilities = self._look(views)
+        probabilities = self._view_probabilities(views)
         if self.config.mirrored:
-            probabilities = (probabilities + self._look(views[:, :, ::-1])[:, :, ::-1]) / 2
+            probabilities = (probabilities + self._view_probabilities(views[:, :, ::-1])[:, :, ::-1]) / 2
         mean, weight = vote(self._views, shown, probabilities)
         class_id = mean.argmax(-1)
         probability = np.take_along_axis(mean, class_id[..., None], -1)[..., 0]
         return PixelClasses(self._classes.names, class_id.astype(np.int32), probability, valid & (weight > 0))
 
-    def _look(self, views: np.ndarray) -> np.ndarray:
-        """(V, h, w, names) float32: the probabilities of views (V, height, width, 3) uint8 RGB."""
-        return np.stack([self._classes.join(_thin(one)) for one in self._network.probabilities(views)])
+    def _view_probabilities(self, views: np.ndarray) -> np.ndarray:
+        """Return the probabilities (V, h, w, names) float32 of views (V, height, width, 3) uint8 RGB."""
+        return np.stack([self._classes.join(_subsample(scores)) for scores in self._network.probabilities(views)])
 
 
 @dataclass(frozen=True, eq=False)
 class Classes:
-    """A network's classes as the graph knows them: names, the first of them nothing; those of one name are one class.
-    index (C,) int, the name of each of the network's classes; is_object, is_fixed (names,) bool."""
+    """Classes of the graph, and their relation to the network's classes. Classes with the same name are merged.
+
+    Attributes:
+        names: Class names; the first, "", is no object.
+        index: Index (C,) int into names of each of the network's classes.
+        is_object, is_fixed: Whether each name is an object, and a part of the building: (names,) bool.
+    """
 
     names: tuple[str, ...]
     index: np.ndarray
@@ -214,19 +232,19 @@ class Classes:
 
     @classmethod
     def of(cls, card: Card) -> Classes:
-        called = [card.name_of(label) or label for label in card.labels]
-        names = ("", *dict.fromkeys(called))
+        name_by_class = [card.name_of(label) or label for label in card.labels]
+        names = ("", *dict.fromkeys(name_by_class))
         objects = {name for label in card.labels if (name := card.name_of(label))}
         fixed = {card.fixed[label] for label in card.labels if label in card.fixed}
         return cls(
             names,
-            np.array([names.index(name) for name in called]),
+            np.array([names.index(name) for name in name_by_class]),
             np.array([name in objects for name in names]),
             np.array([name in fixed for name in names]),
         )
 
     def join(self, probabilities: np.ndarray) -> np.ndarray:
-        """(h, w, names) float32: the sum of the probabilities (h, w, C) of the classes of each name."""
+        """Sum the probabilities (h, w, C) of the classes with the same name: (h, w, names) float32."""
         joined = np.zeros((*probabilities.shape[:2], len(self.names)), np.float32)
         names, first = np.unique(self.index, return_index=True)
         joined[..., names] = probabilities[..., first]
@@ -236,16 +254,16 @@ class Classes:
 
 
 def _model_path(model: str | UserFile) -> Path:
-    """The file of the network to fetch, verified, or of the user's own. Raises WeightsMissing."""
+    """Return the path of a network: verified downloaded weights, or the user's file. Raises WeightsMissing."""
     if isinstance(model, str):
         return ADE20K.paths()[0]
     if not model.is_file():
-        raise WeightsMissing(f"no file {model}: expected the path of an ONNX or TensorFlow Lite file, or ade20k")
+        raise WeightsMissing(f"no file {model}, expected the path of an ONNX or TensorFlow Lite file, or ade20k")
     return model
 
 
-def _thin(scores: np.ndarray) -> np.ndarray:
-    """Scores (h, w, C) at evenly spaced rows and columns, at most MAX_SCORES of each."""
+def _subsample(scores: np.ndarray) -> np.ndarray:
+    """Subsample scores (h, w, C) to at most MAX_SCORES evenly spaced rows and columns."""
     for axis in (0, 1):
         length = scores.shape[axis]
         if length > MAX_SCORES:
@@ -253,8 +271,8 @@ def _thin(scores: np.ndarray) -> np.ndarray:
     return scores
 
 
-def _smaller(image: np.ndarray) -> np.ndarray:
-    """An image (H, 2H) of ranges or a mask with HEIGHT rows, each pixel one of those that it covers."""
+def _downsample(image: np.ndarray) -> np.ndarray:
+    """Resize an image (H, 2H) of ranges or a mask to HEIGHT rows by nearest-neighbour sampling."""
     import cv2
 
     return cv2.resize(image, (2 * HEIGHT, HEIGHT), interpolation=cv2.INTER_NEAREST)

@@ -1,4 +1,4 @@
-"""Segmentation networks behind one interface: views in, class probabilities out."""
+"""Segmentation networks behind one interface: views as input, class probabilities as output."""
 
 from __future__ import annotations
 
@@ -20,62 +20,75 @@ TFLITE = ".tflite"
 
 
 class SegmentationNetwork(ABC):
-    """A network with its card, ready to run; `open_network` makes it."""
+    """A network and its model card, ready to run; created by `open_network`."""
 
     def __init__(self, path: Path, card: Card) -> None:
         self.path, self.card = path, card
 
     @abstractmethod
     def raw(self, image: np.ndarray) -> np.ndarray:
-        """What the network gives, float32 in the card's output layout, for a batch of one in its own layout and
-        dtype."""
+        """Run the network on a batch of one image in its own layout and dtype.
+
+        Returns:
+            Output in the card's layout, float32.
+        """
 
     def probabilities(self, views: np.ndarray) -> Iterator[np.ndarray]:
-        """For each view of (V, height, width, 3) uint8 RGB, of the card's size, the probabilities (h, w, C) float32 of
-        its classes at the network's own resolution. Raises WeightsMissing where the file gives something else than the
-        card says."""
-        given = self.card.output
-        for view in views:  # one at a time: most networks take no more
-            scores = _channels_last(self.raw(self._as_input(view[None])), given.layout)
+        """Yield the class probabilities of each view, at the network's output resolution.
+
+        Args:
+            views: Views (V, height, width, 3) uint8 RGB, of the card's size.
+
+        Yields:
+            Probabilities (h, w, C) float32.
+
+        Raises:
+            WeightsMissing: The network's output does not match its card.
+        """
+        output = self.card.output
+        for view in views:  # one by one, since most networks have a fixed batch size of 1
+            scores = _channels_last(self.raw(self._as_input(view[None])), output.layout)
             if scores.ndim != 4 or scores.shape[-1] != len(self.card.labels):
                 raise WeightsMissing(
-                    f"{self.path} gives {' x '.join(map(str, scores.shape))}, "
-                    f"expected 4 axes, {len(self.card.labels)} classes as its card has labels ({given.layout})"
+                    f"{self.path} gives an output of {' x '.join(map(str, scores.shape))}, expected 4 axes with "
+                    f"{len(self.card.labels)} classes, one for each label of its card ({output.layout})"
                 )
-            yield _softmax(scores[0]) if given.values == "logits" else scores[0]
+            yield _softmax(scores[0]) if output.values == "logits" else scores[0]
 
     def _as_input(self, views: np.ndarray) -> np.ndarray:
-        taken = self.card.input
-        images = views[..., ::-1] if taken.channels == "bgr" else views
-        if taken.dtype == "float32":
+        expected = self.card.input
+        images = views[..., ::-1] if expected.channels == "bgr" else views
+        if expected.dtype == "float32":
             images = images.astype(np.float32)
-            images *= np.float32(taken.scale)
-            images -= np.array(taken.mean, np.float32)
-            images /= np.array(taken.std, np.float32)
-        return np.ascontiguousarray(images.transpose(0, 3, 1, 2) if taken.layout == "nchw" else images)
+            images *= np.float32(expected.scale)
+            images -= np.array(expected.mean, np.float32)
+            images /= np.array(expected.std, np.float32)
+        return np.ascontiguousarray(images.transpose(0, 3, 1, 2) if expected.layout == "nchw" else images)
 
 
 class OnnxNetwork(SegmentationNetwork):
-    """By onnxruntime."""
+    """A network that onnxruntime runs."""
 
     def __init__(self, path: Path, card: Card) -> None:
         from salframe.framework.onnx import open_model
 
         super().__init__(path, card)
-        taken, (width, height) = card.input, card.input.size_px
-        shape = (None, 3, height, width) if taken.layout == "nchw" else (None, height, width, 3)
+        expected, (width, height) = card.input, card.input.size_px
+        shape = (None, 3, height, width) if expected.layout == "nchw" else (None, height, width, 3)
         outputs = () if card.output.name is None else (card.output.name,)
-        self._model = open_model(path, [shape], outputs, taken.dtype)
+        self._model = open_model(path, [shape], outputs, expected.dtype)
 
     def raw(self, image: np.ndarray) -> np.ndarray:
         scores = self._model.run(image)[0]
         if scores.dtype.kind != "f":
-            raise WeightsMissing(f"{self.path} gives {scores.dtype}, expected scores as floats: name them, output.name")
+            raise WeightsMissing(
+                f"{self.path} gives {scores.dtype}, expected scores as floats: set the tensor's name as output.name"
+            )
         return np.asarray(scores, np.float32)
 
 
 class TfliteNetwork(SegmentationNetwork):
-    """By LiteRT, TensorFlow Lite's runtime."""
+    """A network that LiteRT, the runtime of TensorFlow Lite, runs."""
 
     def __init__(self, path: Path, card: Card) -> None:
         from ai_edge_litert.interpreter import Interpreter
@@ -84,27 +97,33 @@ class TfliteNetwork(SegmentationNetwork):
         content = bytearray(read_network(path))
         try:
             if card.output.name is not None:
-                _end_at(content, card.output.name)
+                _truncate_after(content, card.output.name)
             self._interpreter = Interpreter(
                 model_content=bytes(content), num_threads=threads_allowed() or os.cpu_count()
             )
             self._interpreter.allocate_tensors()
         except _NoTensor:
-            raise WeightsMissing(f"{path} has no tensor {card.output.name!r}, which its card names as output") from None
-        except Exception as error:  # the runtime raises ValueError and RuntimeError, and on no model struct.error
             raise WeightsMissing(
-                f"{path} is no TensorFlow Lite network: {' '.join(str(error).split())[:200]}"
+                f"{path} has no tensor {card.output.name!r}, expected the output that its card names"
+            ) from None
+        except Exception as error:  # the runtime raises ValueError, RuntimeError, and struct.error on other files
+            raise WeightsMissing(
+                f"{path} is not a valid TensorFlow Lite network: {' '.join(str(error).split())[:200]}"
             ) from None
         inputs = self._interpreter.get_input_details()
         self._output = self._interpreter.get_output_details()[0]
         width, height = card.input.size_px
         shape = (1, 3, height, width) if card.input.layout == "nchw" else (1, height, width, 3)
-        received = [(_dtype(one), tuple(map(int, one["shape"]))) for one in inputs]
+        received = [(_dtype(details), tuple(map(int, details["shape"]))) for details in inputs]
         if received != [(card.input.dtype, shape)]:
-            raise WeightsMissing(f"{path} takes {_listed(received)}, expected {_listed([(card.input.dtype, shape)])}")
+            raise WeightsMissing(
+                f"{path} takes {_format_tensors(received)} as input, "
+                f"expected {_format_tensors([(card.input.dtype, shape)])}"
+            )
         if self._output["dtype"] is not np.float32 and not self._output["quantization"][0]:
             raise WeightsMissing(
-                f"{path} gives {_dtype(self._output)} without quantization, expected scores: name them, output.name"
+                f"{path} gives {_dtype(self._output)} without quantization, expected scores: set the tensor's name as "
+                "output.name"
             )
         self._input = inputs[0]["index"]
 
@@ -119,18 +138,19 @@ class TfliteNetwork(SegmentationNetwork):
 
 
 def open_network(path: Path, card: Card) -> SegmentationNetwork:
-    """The network in a file, by the file's suffix. Raises WeightsMissing where it does not fit its card."""
+    """Open a network with the runtime for its suffix. Raises WeightsMissing if the file does not match its card."""
     return (TfliteNetwork if path.suffix == TFLITE else OnnxNetwork)(path, card)
 
 
 class _NoTensor(Exception):
-    """A network has no tensor of this name."""
+    """A network has no tensor of the requested name."""
 
 
-def _end_at(content: bytearray, name: str) -> None:
-    """Make a tensor the only output of a TensorFlow Lite file, and leave out the operators after the one that gives it.
+def _truncate_after(content: bytearray, name: str) -> None:
+    """Make a tensor the only output of a TensorFlow Lite file, and remove all operators after the one that computes it.
 
-    Raises _NoTensor.
+    Raises:
+        _NoTensor: No operator computes a tensor of this name.
     """
     from ai_edge_litert import schema_py_generated as schema
 
@@ -141,13 +161,13 @@ def _end_at(content: bytearray, name: str) -> None:
     if not last:
         raise _NoTensor
     graph.OutputsAsNumpy()[:] = tensors[0]
-    # A vector is stored as its length and its elements; operators stand in the order in which they run.
+    # A vector is stored as its length and its elements. Operators are stored in execution order.
     length_at = graph._tab.Vector(graph._tab.Offset(OPERATORS_SLOT)) - 4
     struct.pack_into("<I", content, length_at, last[0] + 1)
 
 
 OPERATORS_SLOT = 10
-"""Where a subgraph's table names its operators (schema.fbs, its fourth field)."""
+"""Offset of the operators in a subgraph's table (schema.fbs, its fourth field)."""
 
 
 def _channels_last(scores: np.ndarray, layout: Layout) -> np.ndarray:
@@ -155,13 +175,13 @@ def _channels_last(scores: np.ndarray, layout: Layout) -> np.ndarray:
 
 
 def _softmax(logits: np.ndarray) -> np.ndarray:
-    grown = np.exp(logits - logits.max(-1, keepdims=True))
-    return grown / grown.sum(-1, keepdims=True)
+    exponentials = np.exp(logits - logits.max(-1, keepdims=True))
+    return exponentials / exponentials.sum(-1, keepdims=True)
 
 
 def _dtype(details: Any) -> str:
     return np.dtype(details["dtype"]).name
 
 
-def _listed(tensors: list[tuple[str, tuple[int, ...]]]) -> str:
+def _format_tensors(tensors: list[tuple[str, tuple[int, ...]]]) -> str:
     return ", ".join(f"{dtype} ({', '.join(map(str, shape))})" for dtype, shape in tensors)

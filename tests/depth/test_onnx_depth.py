@@ -69,15 +69,15 @@ def test_noise_of_each_view_is_borne(network, monkeypatch):
     """Every view's depth is bent and noisy by some percent."""
     rng = np.random.default_rng(0)
     y, x = np.mgrid[-1:1:128j, -1:1:128j]
-    look_at = OnnxDepth._look_at
+    run_network = OnnxDepth._run_network
 
     def bent(model, images):
-        depth = look_at(model, images)
+        depth = run_network(model, images)
         noise = [0.03 * (rng.normal() * x + rng.normal() * y + 0.5 * rng.normal(size=x.shape)) for _ in depth]
         return (depth * np.exp(noise)).astype(np.float32)
 
     model = build(network("z-depth", spread=1.0, shift=0.8), gives="z-depth", camera_height_m=EYE_M)
-    monkeypatch.setattr(OnnxDepth, "_look_at", bent)
+    monkeypatch.setattr(OnnxDepth, "_run_network", bent)
     off = errors(model, painted(ROOMS[0]))
     assert np.median(off) < 0.04
     assert np.quantile(off, 0.9) < 0.1
@@ -106,7 +106,7 @@ def test_every_direction_is_in_a_view_and_most_are_in_two(views, width, height):
     rig = DepthRig.around(views, width, height, np.radians(FOV_DEG))
     rays = equirectangular_rays(64)
     assert np.allclose(np.linalg.det(rig.rotations), 1)
-    counts = sum((rig.look(view, rays).weight > 0).astype(int) for view in range(rig.count))
+    counts = sum((rig.project_rays(view, rays).weight > 0).astype(int) for view in range(rig.count))
     assert counts.min() >= 1
     assert (counts >= 2).mean() > 0.9
 
@@ -115,7 +115,7 @@ def test_a_view_looks_where_its_pixels_come_from():
     rig = DepthRig.around(6, 90, 120, np.radians(FOV_DEG))
     pixels = np.array([[0.5, 0.5], [45, 60], [80.5, 20.5]])
     for view in range(rig.count):
-        look = rig.look(view, rig.bearings(view, pixels).astype(np.float32))
+        look = rig.project_rays(view, rig.bearings(view, pixels).astype(np.float32))
         assert (look.x + 1) * 45 == pytest.approx(pixels[:, 0], abs=1e-3)
         assert (look.y + 1) * 60 == pytest.approx(pixels[:, 1], abs=1e-3)
 
@@ -166,10 +166,13 @@ def test_another_content_of_the_file_is_another_model(network):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({}, "nothing tells onnx-depth how long a metre is: expected metric: true .* or camera_height_m"),
+        ({}, "onnx-depth has no metric scale, expected metric: true .* or camera_height_m"),
         ({"metric": True, "size_px": (64, 64)}, r"takes image float32 \(1, 3, 128, 128\), .*\(\*, 3, 64, 64\)"),
-        ({"metric": True, "gives": "points"}, r"gives \(1, 1, 128, 128\) first, expected \(1, 3, height, width\)"),
-        ({"metric": True, "input": "equirectangular"}, "takes images of 128 x 128, expected a width of twice"),
+        (
+            {"metric": True, "gives": "points"},
+            r"gives \(1, 1, 128, 128\) as first output, expected \(1, 3, height, width\)",
+        ),
+        ({"metric": True, "input": "equirectangular"}, "takes images of 128 x 128, expected width = 2 x height"),
         (
             {"metric": True, "input": "equirectangular", "gives": "z-depth"},
             "received gives: z-depth for a whole panorama, which has no axis",
@@ -183,7 +186,7 @@ def test_settings_that_do_not_fit_are_told_in_one_line(network, settings, messag
 
 
 def test_a_model_that_is_not_there_is_told(tmp_path):
-    with pytest.raises(WeightsMissing, match="onnx-depth needs a depth network: expected the path of an ONNX file"):
+    with pytest.raises(WeightsMissing, match="onnx-depth has no network, expected the path of an ONNX file"):
         OnnxDepth(OnnxDepth.Config(metric=True))
-    with pytest.raises(WeightsMissing, match=r"no file .*nothing.onnx: expected the path"):
+    with pytest.raises(WeightsMissing, match=r"no file .*nothing.onnx, expected the path"):
         build(tmp_path / "nothing.onnx", metric=True)

@@ -25,7 +25,7 @@ def rotations():
 
 @pytest.mark.parametrize("fov_deg", [MIN_FOV_DEG, 90, 120])
 def test_every_direction_is_in_a_view(fov_deg):
-    seen = Rig(96, 96, np.radians(fov_deg)).grid(256).seen
+    seen = Rig(96, 96, np.radians(fov_deg)).grid(256).visible
     assert seen.any(0).all()
     if fov_deg == 90:
         assert seen.sum(0).mean() > 2.4  # overlapping: a view holds 1/6 of the sphere

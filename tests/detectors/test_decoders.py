@@ -14,7 +14,7 @@ from salframe_detectors.merging import suppress
 from salframe.framework.components.registry import registry
 from salframe.framework.errors import WeightsMissing
 
-ASKED = Question(width_px=96, height_px=64, classes=3, min_score=0.25)
+REQUEST = Question(width_px=96, height_px=64, classes=3, min_score=0.25)
 BOXES = np.array([[10.0, 8.0, 30.0, 40.0], [50.0, 20.0, 90.0, 60.0]])
 LABEL, SCORE = np.array([2, 0]), np.array([0.9, 0.5])
 CENTRE, SIZE = (BOXES[:, :2] + BOXES[:, 2:]) / 2, BOXES[:, 2:] - BOXES[:, :2]
@@ -86,7 +86,7 @@ def decoder(name) -> DetectionDecoder:
 @pytest.mark.parametrize("name", WRITERS)
 def test_known_boxes_come_back(name):
     outputs = [np.concatenate([output, np.zeros_like(output)]).astype(np.float32) for output in WRITERS[name]()]
-    first, second = decoder(name).decode(outputs, ASKED)
+    first, second = decoder(name).decode(outputs, REQUEST)
     assert first.box_px == pytest.approx(BOXES, abs=1e-3)
     assert first.label.tolist() == LABEL.tolist()
     assert first.score == pytest.approx(SCORE, abs=1e-3)
@@ -95,7 +95,7 @@ def test_known_boxes_come_back(name):
 
 
 def test_masks_are_those_of_the_prototypes():
-    (found,) = decoder("yolov8-seg").decode([output.astype(np.float32) for output in as_yolov8_seg()], ASKED)
+    (found,) = decoder("yolov8-seg").decode([output.astype(np.float32) for output in as_yolov8_seg()], REQUEST)
     left = np.broadcast_to(np.arange(96) < 48, (64, 96))
     assert found.mask.shape == (2, 64, 96)
     assert (found.mask[0] == left).mean() > 0.98
@@ -104,17 +104,17 @@ def test_masks_are_those_of_the_prototypes():
 
 def test_candidates_that_score_less_are_left_out_and_boxes_end_at_the_border():
     raw = np.array([[90.0, 60, 40, 40, 1, 0.6, 0, 0], [20, 20, 10, 10, 1, 0.2, 0.1, 0]], np.float32)
-    (found,) = decoder("yolov5").decode([raw[None]], ASKED)
+    (found,) = decoder("yolov5").decode([raw[None]], REQUEST)
     assert found.box_px.tolist() == [[70, 40, 96, 64]]
 
 
 def test_other_shapes_are_told():
-    with pytest.raises(WeightsMissing, match=r"gives \(8, 100\) an image, the decoder yolox expects \(126, 8\)"):
-        decoder("yolox").decode([np.zeros((1, 8, 100), np.float32)], ASKED)
+    with pytest.raises(WeightsMissing, match=r"gives \(8, 100\) for each image, the decoder yolox expects \(126, 8\)"):
+        decoder("yolox").decode([np.zeros((1, 8, 100), np.float32)], REQUEST)
     with pytest.raises(
-        WeightsMissing, match=r"gives \(100, 3\) an image, the decoder detr expects \(\*, 4\), \(\*, 4\)"
+        WeightsMissing, match=r"gives \(100, 3\) for each image, the decoder detr expects \(\*, 4\), \(\*, 4\)"
     ):
-        decoder("detr").decode([np.zeros((1, 100, 3), np.float32)], ASKED)
+        decoder("detr").decode([np.zeros((1, 100, 3), np.float32)], REQUEST)
 
 
 def test_of_overlapping_boxes_of_a_class_the_best_is_kept():
@@ -132,7 +132,7 @@ def test_the_decoder_that_the_documentation_adds_works():
     written: dict = {}
     exec(re.search(r"```python\n(.*?)```", page, re.DOTALL)[1], written)
     raw = np.hstack([BOXES, SCORE[:, None], LABEL[:, None]])[None]
-    (found,) = written["EndToEnd"]().decode([np.concatenate([raw, raw * (1, 1, 1, 1, 0.1, 1)], 1)], ASKED)
+    (found,) = written["EndToEnd"]().decode([np.concatenate([raw, raw * (1, 1, 1, 1, 0.1, 1)], 1)], REQUEST)
     assert found.box_px.tolist() == BOXES.tolist()
     assert (found.score.tolist(), found.label.tolist()) == (SCORE.tolist(), LABEL.tolist())
     assert conforms(written["EndToEnd"])
@@ -148,8 +148,8 @@ class Overflowing(Yolov5):
 
     name = "broken"
 
-    def decode(self, outputs, asked):
-        return [Found(one.box_px + 50, one.score, one.label) for one in super().decode(outputs, asked)]
+    def decode(self, outputs, request):
+        return [Found(one.box_px + 50, one.score, one.label) for one in super().decode(outputs, request)]
 
 
 class Doubtful(Yolov5):
@@ -157,8 +157,8 @@ class Doubtful(Yolov5):
 
     name = "broken"
 
-    def decode(self, outputs, asked):
-        return super().decode(outputs, replace(asked, min_score=0.1))
+    def decode(self, outputs, request):
+        return super().decode(outputs, replace(request, min_score=0.1))
 
 
 class Surprised(Yolov5):
@@ -166,8 +166,8 @@ class Surprised(Yolov5):
 
     name = "broken"
 
-    def decode(self, outputs, asked):
-        return super().decode([outputs[0].reshape(-1, 11)], asked)
+    def decode(self, outputs, request):
+        return super().decode([outputs[0].reshape(-1, 11)], request)
 
 
 @pytest.mark.parametrize(

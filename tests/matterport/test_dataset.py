@@ -163,12 +163,12 @@ def test_bad_input_is_one_clear_line(building, tmp_path):
         MatterportAnnotations().folds()
     with pytest.raises(DataError, match="has no building other, expected some of fake"):
         opened(building, scans=("other",)).folds()
-    with pytest.raises(DataError, match="gives no query: expected a viewpoint with 9 visible objects"):
+    with pytest.raises(DataError, match="has no queries, expected a viewpoint with 9 visible objects"):
         opened(building, min_visible=9).folds()
     with pytest.raises(ConfigError, match=r"data\.min_visible: received 0, expected"):
         validate(MatterportAnnotations.Config, {"min_visible": 0}, "data")
     building.write_json("vp2room_label.json", {"pano_info": {"fake": {"a": {"region_index": "0"}}}})
-    with pytest.raises(DataError, match="2 viewpoints of fake have no region"):
+    with pytest.raises(DataError, match="no region for 2 viewpoints of fake"):
         opened(building).folds()
     boxes_path(building.root, "fake", "b").unlink()
     with pytest.raises(DataError, match=r"cannot read .*fake_b\.json"):

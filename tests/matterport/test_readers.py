@@ -50,10 +50,10 @@ def test_regions(building):
 
 
 def test_missing_and_malformed_files_are_named(building, tmp_path):
-    with pytest.raises(DataError, match=r"no folder, expected connectivity/\*_connectivity.json"):
+    with pytest.raises(DataError, match=r"not a folder, expected connectivity/\*_connectivity.json"):
         find_scans(tmp_path / "nowhere")
     (tmp_path / "empty").mkdir()
-    with pytest.raises(DataError, match="empty is a folder without any"):
+    with pytest.raises(DataError, match="empty is a folder without connectivity files"):
         find_scans(tmp_path / "empty")
     with pytest.raises(DataError, match=r"cannot read .*fake_z\.json: No such file"):
         read_boxes(boxes_path(building.root, "fake", "z"), "z")

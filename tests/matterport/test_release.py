@@ -130,13 +130,13 @@ def test_pixels_show_the_object_whose_box_their_point_lies_in(prepared):
 
 
 def test_stitching_resumes_and_the_fingerprint_follows_the_files(prepared, release):
-    kept = sorted(prepared._folder / prepared._kept(f"drawn/{name}")["rgb"] for name in NAMES)
-    kept[1].unlink()
-    before = [path.stat().st_mtime_ns for path in (kept[0], kept[2])]
+    stored = sorted(prepared._folder / prepared._cached_files(f"drawn/{name}")["rgb"] for name in NAMES)
+    stored[1].unlink()
+    before = [path.stat().st_mtime_ns for path in (stored[0], stored[2])]
     seen = []
     of(release).prepare(lambda done, total: seen.append((done, total)))
-    assert kept[1].exists()
-    assert [path.stat().st_mtime_ns for path in (kept[0], kept[2])] == before
+    assert stored[1].exists()
+    assert [path.stat().st_mtime_ns for path in (stored[0], stored[2])] == before
     assert seen == [(0, 3), (1, 3), (2, 3), (3, 3)]
     assert of(release).fingerprint == prepared.fingerprint != of(release, seed=1).fingerprint
 
@@ -174,13 +174,13 @@ def test_bad_folders_are_one_clear_line(release, tmp_path):
     with pytest.raises(DataError, match="--data-dir DIR"):
         Matterport3D().folds()
     with pytest.raises(
-        DataError, match=r"is a folder without any, expected v1/scans/<scan>/undistorted_camera_parameters/<scan>\.conf"
+        DataError, match=r"is a folder without camera files, expected v1/scans/<scan>/undistorted_camera_parameters/"
     ):
         of(tmp_path).folds()
     with pytest.raises(DataError, match="has no building other, expected some of drawn"):
         of(release, scans=("other",)).folds()
     write_building(tmp_path / "scans" / "bare", ["scan a b 1 2 3"], {0: ((0, 0, 0), (1, 1, 1))}, {})
-    with pytest.raises(DataError, match=r"bare\.conf is no camera file"):
+    with pytest.raises(DataError, match=r"bare\.conf is not a valid camera file"):
         of(tmp_path).folds()
     (tmp_path / "scans" / "bare" / "house_segmentations" / "bare.house").unlink()
     with pytest.raises(

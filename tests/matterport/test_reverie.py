@@ -146,12 +146,12 @@ def test_ways_are_shortest_in_3d(root):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"1_8_1": None}, r"answers.json lacks 1 of the 3 instructions of val_seen: 1_8_1$"),
-        (dict.fromkeys(ANSWERS), r"answers none of the instructions of .*: 3 of val_seen"),
-        ({"1_8_0": ("abz", 8)}, "1_8_0: the viewpoint 'z' is not one of building fake"),
-        ({"1_8_0": ("afd", 8)}, "1_8_0: the viewpoint 'f' is not one of building fake"),
+        ({"1_8_1": None}, r"answers.json lacks 1 of the 3 instructions of val_seen, expected answers to all: 1_8_1$"),
+        (dict.fromkeys(ANSWERS), r"answers none of the instructions of .*, expected answers to 3 of val_seen"),
+        ({"1_8_0": ("abz", 8)}, "1_8_0: the viewpoint 'z' is not in building fake"),
+        ({"1_8_0": ("afd", 8)}, "1_8_0: the viewpoint 'f' is not in building fake"),
         ({"1_8_0": ("bc", 8)}, "1_8_0: the trajectory begins at b, expected the start a"),
-        ({"1_8_0": ("abe", 8)}, "1_8_0: the trajectory jumps between viewpoints of fake that no way joins"),
+        ({"1_8_0": ("abe", 8)}, "1_8_0: the trajectory jumps between viewpoints of fake that no path connects"),
         ({"1_8_0": ("", 8)}, "1_8_0 has an empty trajectory"),
     ],
 )
@@ -165,12 +165,12 @@ def test_what_is_wrong_with_an_answer_is_one_line(root, change, message):
     ("content", "message"),
     [
         ("[{", "is not JSON"),
-        ("3", "holds int, expected a list of"),
+        ("3", "contains int, expected a list of"),
         ("[3]", "answer 0: 'int' object is not subscriptable; expected a list of"),
         ('[{"instr_id": "1_8_0"}]', "answer 0: no key 'trajectory'; expected a list of"),
         (
             '[{"instr_id": "1_8_0", "trajectory": [["a", 0, 0], 7]}]',
-            "answer 0: a trajectory of int; expected a list of",
+            "answer 0: the trajectory is int, not a list; expected a list of",
         ),
     ],
 )
@@ -182,7 +182,7 @@ def test_a_file_that_is_no_submission_is_told_in_one_line(root, content, message
 
 def test_an_episode_that_ends_outside_its_building_is_told_in_one_line(root):
     write(root / "reverie" / "REVERIE_val_seen.json", [{**task, "path": ["a", "z"]} for task in TASKS])
-    with pytest.raises(DataError, match="1_8_0: the viewpoint 'z' is not one of building fake"):
+    with pytest.raises(DataError, match="1_8_0: the viewpoint 'z' is not in building fake"):
         score(root, official(ANSWERS))
 
 

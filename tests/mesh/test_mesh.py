@@ -10,7 +10,7 @@ from conformance import conforms
 pytest.importorskip("open3d", reason="the extra `mesh` is not installed: pip install 'salframe[mesh]'")
 
 from salframe_house.building import generate_building
-from salframe_house.render import HouseRenderer as HouseRenderer
+from salframe_house.render import HouseRenderer
 from salframe_mesh.dataset import MeshDataset
 from salframe_mesh.floors import floor_masks, read_rooms
 from salframe_mesh.mesh_file import read_mesh
@@ -230,7 +230,7 @@ def test_bad_input_is_one_clear_line(tmp_path, capfd):
     with pytest.raises(DataError, match=r"frames\.csv, line 2: received .*'high'.*, expected finite numbers in x_m"):
         prepared()
     (tmp_path / "frames.csv").write_text(header + "a,query,hall,1,2,1.5,0\n")
-    with pytest.raises(DataError, match=r"frames\.csv has no row of role map"):
+    with pytest.raises(DataError, match=r"frames\.csv has no row with role map"):
         prepared()
     (tmp_path / "frames.csv").write_text(header + "a,map,hall,1,2,1.5,0\na,map,hall,1,2,1.5,0\n")
     with pytest.raises(DataError, match=r"frames\.csv, line 3: a second frame 'a'"):
@@ -239,7 +239,7 @@ def test_bad_input_is_one_clear_line(tmp_path, capfd):
     with pytest.raises(DataError, match=r"has 0 meshes \(none\), expected one"):
         prepared()
     write_ply(tmp_path / "bare.ply", np.eye(3), np.zeros((0, 3), int))
-    with pytest.raises(DataError, match=r"bare\.ply is no mesh with faces"):
+    with pytest.raises(DataError, match=r"bare\.ply has no faces"):
         prepared()
     whole = (tmp_path / "bare.ply").read_bytes()
     (tmp_path / "bare.ply").write_bytes(whole.replace(b"vertex 3", b"vertex 1000000000000"))
@@ -251,7 +251,7 @@ def test_bad_input_is_one_clear_line(tmp_path, capfd):
     with pytest.raises(DataError, match=r"cannot read .*other\.obj: No such file"):
         prepared(mesh="other.obj")
     (tmp_path / "cut.glb").write_bytes(b"glTF\x02\x00")
-    with pytest.raises(DataError, match=r"cut\.glb is no mesh with faces"):
+    with pytest.raises(DataError, match=r"cut\.glb has no faces"):
         prepared(mesh="cut.glb")
     (tmp_path / "regions.json").write_text('{"hall": {"outline_m": [[0, 0], [1]]}}')
     with pytest.raises(DataError, match=r"regions\.json: hall\.outline_m"):

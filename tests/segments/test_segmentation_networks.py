@@ -74,13 +74,16 @@ def test_colours_are_normalized_as_the_card_says(tmp_path, channels):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"output": {"name": "gone", "layout": "nhwc", "values": "logits"}}, "has no tensor 'gone', which its card"),
+        (
+            {"output": {"name": "gone", "layout": "nhwc", "values": "logits"}},
+            "has no tensor 'gone', expected the output",
+        ),
         ({"output": {"layout": "nhwc", "values": "logits"}}, "gives int32 without quantization, expected scores"),
         (
             {"input": {"layout": "nhwc", "size_px": [64, 96]}},
-            r"takes float32 \(1, 96, 96, 3\), expected float32 \(1, 96, 64, 3\)",
+            r"takes float32 \(1, 96, 96, 3\) as input, expected float32 \(1, 96, 64, 3\)",
         ),
-        ({"output": {"name": "logits", "layout": "nchw", "values": "logits"}}, "expected 4 axes, 5 classes"),
+        ({"output": {"name": "logits", "layout": "nchw", "values": "logits"}}, "expected 4 axes with 5 classes"),
     ],
 )
 def test_a_tflite_network_that_does_not_fit_its_card_is_one_line(tmp_path, changes, message):
@@ -98,7 +101,7 @@ def test_no_network_at_all_is_one_line(tmp_path):
     card = read_card(card_beside(write_network(tmp_path / "net.onnx")))
     for content in (b"", b"nothing of the kind" * 100):
         path.write_bytes(content)
-        with pytest.raises(WeightsMissing, match=r"net\.tflite is no TensorFlow Lite network") as caught:
+        with pytest.raises(WeightsMissing, match=r"net\.tflite is not a valid TensorFlow Lite network") as caught:
             open_network(path, card)
         assert "\n" not in str(caught.value)
     with pytest.raises(WeightsMissing, match=r"cannot read .*gone\.tflite"):

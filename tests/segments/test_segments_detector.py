@@ -175,7 +175,7 @@ def test_conformance(network):
 
 
 def test_colour_is_needed(detector):
-    with pytest.raises(InputMissing, match="scene has no colour, which the detector 'segments' reads"):
+    with pytest.raises(InputMissing, match="scene has no colour, which the detector 'segments' needs"):
         detector.detect(Panorama("scene", range_m=np.ones((8, 16), np.float32)))
 
 
@@ -189,7 +189,9 @@ def test_the_card_beside_a_file_is_part_of_its_identity(tmp_path):
 def test_a_network_without_a_card_says_what_to_write(tmp_path):
     own = write_network(tmp_path / "own.onnx")
     own.with_suffix(".yaml").rename(tmp_path / "elsewhere.yaml")
-    with pytest.raises(WeightsMissing, match=r"no model card for .*own\.onnx: .* there is no .*own\.yaml; write one"):
+    with pytest.raises(
+        WeightsMissing, match=r"no model card for .*own\.onnx: .* expected .*own\.yaml, or another path"
+    ):
         build(own)
     assert build(own, card=str(tmp_path / "elsewhere.yaml")).detect(scene()[0]).labels == ()
 
@@ -197,7 +199,7 @@ def test_a_network_without_a_card_says_what_to_write(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "error", "message"),
     [
-        ({"labels": ["wall", "tv"]}, WeightsMissing, "gives .* 5, expected 4 axes, 2 classes as its card has labels"),
+        ({"labels": ["wall", "tv"]}, WeightsMissing, "gives .* 5, expected 4 axes with 2 classes, one for each label"),
         ({"labels": ["wall", "sofa"]}, ConfigError, "the label 'sofa' is in none of structure, fixed and objects"),
         ({"structure": ["wall", "tv"]}, ConfigError, "the label 'tv' is in structure and objects of structure"),
         ({"output": {"name": "gone", "layout": "nchw", "values": "logits"}}, WeightsMissing, "no ONNX network with a"),

@@ -54,9 +54,9 @@ def test_a_vote_counts_less_towards_the_border_of_its_view():
 
 def test_only_views_that_show_something_are_asked():
     valid = np.zeros((HEIGHT, 2 * HEIGHT), bool)
-    assert not VIEWS.show(valid).any()
+    assert not VIEWS.visible_views(valid).any()
     valid[HEIGHT // 2, HEIGHT] = True  # straight ahead
-    shown = VIEWS.show(valid)
+    shown = VIEWS.visible_views(valid)
     assert shown.tolist() == [True] + 5 * [False] + 8 * [False]
     probabilities = seen_by_views(VIEWS, 60)
     part, weight = vote(VIEWS, shown, probabilities[shown])
