@@ -191,7 +191,13 @@ def write_network(path: Path) -> None:
 
 def _write_run(root: Path, data: Path) -> None:
     asked = {"kind": "folder", "root": str(data)}
-    request = {"task": {"name": "localization"}, "seed": 0, "data": asked, "methods": {"objects": {"kind": "objects"}}}
+    request = {
+        "format": 2,
+        "task": {"name": "localization"},
+        "seed": 0,
+        "data": asked,
+        "methods": {"objects": {"kind": "objects"}},
+    }
     root.mkdir()
     (root / "request.yaml").write_text(json.dumps(request))
     write_json(root / "env.json", {"dataset_fingerprint": "0", "python": "3.11"})
