@@ -41,7 +41,7 @@ class House(RenderedDataset["HouseFrame"], NavigableDataset):
         held = {"annotations", *(["rgb"] if self.config.rgb else []), *(["range"] if self.config.query_range else [])}
         return frozenset(held)
 
-    def kept(self, frame: HouseFrame) -> frozenset[str]:
+    def stored_parts(self, frame: HouseFrame) -> frozenset[str]:
         return self.provides if frame.is_query else self.provides | {"range"}
 
     def list_frames(self) -> Sequence[HouseFrame]:

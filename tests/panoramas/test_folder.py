@@ -210,7 +210,7 @@ def test_valid_mask_marks_a_partial_field_of_view(folder: Path) -> None:
     [
         (lambda m: m["frames"][0].pop("id"), r"manifest.json: frames.0.id is missing"),
         (lambda m: m.pop("frames"), r"manifest.json: frames is missing"),
-        (lambda m: m.update(frames=[]), r"0 frames and none to map with"),
+        (lambda m: m.update(frames=[]), r"0 frames and no reference frame"),
         (lambda m: m.update(version=2), r"version: received 2, expected 1"),
         (lambda m: m["frames"][0].pop("pose"), r"the reference frame a has no pose"),
         (lambda m: m["frames"][1].pop("place"), r"the transition frame t has no place"),
