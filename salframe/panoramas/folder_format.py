@@ -65,7 +65,7 @@ class FrameEntry(Settings):
                 f"the query {self.id} has a pose or place in the manifest, expected them in the truth file"
             )
         if self.role != "query" and not all(known):
-            raise ValueError(f"the {self.role} frame {self.id} has no {'place' if known[0] else 'pose'}")
+            raise ValueError(f"the reference frame {self.id} has no {'place' if known[0] else 'pose'}")
         if not (self.rgb or self.range or self.instances):
             raise ValueError(f"the frame {self.id} names no image, expected rgb, range or instances")
         return self
@@ -165,7 +165,7 @@ class Folder:
         kind = FrameKind.TRANSITION if entry.role == "transition" else FrameKind.SCENE
         pose, place = pose_matrix(entry.pose), entry.place
         if pose is None or place is None:
-            raise DataError(f"{self.root / MANIFEST}: the {entry.role} frame {entry.id} has no pose or no place")
+            raise DataError(f"{self.root / MANIFEST}: the reference frame {entry.id} has no pose or no place")
         return ReferenceFrame(entry.id, place, pose, kind, partial(self.load, entry), content)
 
     def query_frame(self, entry: FrameEntry, content: str = "") -> QueryFrame:

@@ -51,8 +51,8 @@ def test_probabilities_of_places_and_none_of_them_are_one_together():
     [
         ((0.5, 0.25), 0.2, "probabilities that sum to 0.95, expected 1"),
         ((0.5, 0.5), 2e-6, "probabilities that sum to 1.000002, expected 1"),
-        ((1.5, -0.5), 0.0, r"the probability 1.5, expected one in \[0, 1\]"),
-        ((float("nan"), 0.5), 0.5, r"the probability nan, expected one in \[0, 1\]"),
+        ((1.5, -0.5), 0.0, r"the probability 1.5, expected a value in \[0, 1\]"),
+        ((float("nan"), 0.5), 0.5, r"the probability nan, expected a value in \[0, 1\]"),
         ((0.5, None), 0.5, "2 of 3 probabilities, expected one for each place and one for `out_of_map_probability`"),
         ((0.5, 0.5), None, "2 of 3 probabilities"),
         ((None, None), 1.0, "1 of 3 probabilities"),
