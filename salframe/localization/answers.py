@@ -111,8 +111,8 @@ class Localization:
         try:
             object.__setattr__(self, "status", LocalizationStatus(self.status))
         except ValueError:
-            known = ", ".join(LocalizationStatus)
-            raise InvalidAnswer(f"a localization has the status {self.status!r}, expected one of {known}") from None
+            statuses = ", ".join(LocalizationStatus)
+            raise InvalidAnswer(f"a localization has the status {self.status!r}, expected one of {statuses}") from None
         if self.T_world_query is not None and not is_rigid(self.T_world_query, RIGID_TOLERANCE):
             received = " ".join(str(np.asarray(self.T_world_query).tolist()).split())[:200]
             raise InvalidAnswer(f"a localization has the pose {received}, expected a rigid motion (4, 4) or None")

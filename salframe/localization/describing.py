@@ -176,7 +176,7 @@ def _describe(method: str, data: str, frame: str) -> tuple[str, float]:
 def _open(method: str, data: str) -> tuple[Localizer, Cache, str, Mapping[str, ReferenceFrame]]:
     """Return a localizer, the cache, the content_key and the reference frames of a dataset.
 
-    A worker process holds them from one frame to the next.
+    A worker process reuses them for all its frames.
     """
     dataset = open_dataset(read_config("dataset", data))
     localizer: Localizer = registry().build("localizer", read_config("localizer", method))

@@ -56,7 +56,7 @@ class _SavedMethod(Settings):
 
 
 class MapParts:
-    """The parts of one map, in a folder of their own, to read or to write one by one."""
+    """The folder with the parts of one map, which are read and written one by one."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -74,7 +74,7 @@ class MapParts:
         return read_model(self.folder / name, model)
 
     def write_table(self, name: str, rows: Iterable[Row]) -> None:
-        """Write a part that is a table, row by row; memory holds only what `write_columns` says."""
+        """Write a part that is a table, row by row, with the memory use of `write_columns`."""
         write_columns(self.folder / name, rows)
 
     def read_table(self, name: str, columns: Mapping[str, ArrayKind] | None = None) -> Columns:

@@ -53,8 +53,8 @@ class PoseEstimate:
         try:
             object.__setattr__(self, "status", PoseStatus(self.status))
         except ValueError:
-            known = ", ".join(PoseStatus)
-            raise InvalidAnswer(f"a pose has the status {self.status!r}, expected one of {known}") from None
+            statuses = ", ".join(PoseStatus)
+            raise InvalidAnswer(f"a pose has the status {self.status!r}, expected one of {statuses}") from None
         if self.T_reference_query is not None:
             object.__setattr__(self, "yaw_rad", pose_yaw(self.T_reference_query))
 

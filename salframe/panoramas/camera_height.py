@@ -124,6 +124,6 @@ def _sample(frames: Sequence[_Source]) -> list[_Source]:
 def _height_of(frame: _Source) -> float | None:
     try:
         panorama = frame if isinstance(frame, Panorama) else frame.load()
-    except Exception:  # code of a plugin; whatever needs the frame later reports the error
+    except Exception:  # raised by a plugin; the code that uses the frame later reports the error
         return None
     return None if panorama.range_m is None else camera_height(panorama.range_m)

@@ -147,7 +147,7 @@ def join_floors(floors: Sequence[FloorMasks], more: Sequence[FloorMasks]) -> tup
     """
     joined = list(floors)
     for floor in more:
-        same = next((i for i, known in enumerate(floors) if abs(known.z_m - floor.z_m) < SAME_FLOOR_M), None)
+        same = next((i for i, other in enumerate(floors) if abs(other.z_m - floor.z_m) < SAME_FLOOR_M), None)
         if same is None:
             joined.append(floor)
         else:
@@ -182,12 +182,12 @@ def _lay_over(below: FloorMasks, above: FloorMasks) -> FloorMasks:
                 f"masks of the floor at z = {above.z_m:g} m cover most of {place} with other regions: use masks in the "
                 f"world frame of the map, or remove {place} from it"
             )
-    known = above.free | above.obstacle | labelled
+    is_covered = above.free | above.obstacle | labelled
     return replace(
         below,
-        free=np.where(known, above.free, below.free),
+        free=np.where(is_covered, above.free, below.free),
         region=np.where(labelled, above.region, below.region),
-        obstacle=np.where(known, above.obstacle, below.obstacle),
+        obstacle=np.where(is_covered, above.obstacle, below.obstacle),
         origin_m=(left_m + float(corner[1]) * resolution_m, top_m - float(corner[0]) * resolution_m),
         regions=dict(sorted({**below.regions, **above.regions}.items())),
     )

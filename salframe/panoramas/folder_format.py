@@ -59,13 +59,13 @@ class FrameEntry(Settings):
 
     @model_validator(mode="after")
     def _belongs_together(self) -> FrameEntry:
-        known = self.pose is not None, self.place is not None
-        if self.role == "query" and any(known):
+        has_pose, has_place = self.pose is not None, self.place is not None
+        if self.role == "query" and (has_pose or has_place):
             raise ValueError(
                 f"the query {self.id} has a pose or place in the manifest, expected them in the truth file"
             )
-        if self.role != "query" and not all(known):
-            raise ValueError(f"the reference frame {self.id} has no {'place' if known[0] else 'pose'}")
+        if self.role != "query" and not (has_pose and has_place):
+            raise ValueError(f"the reference frame {self.id} has no {'place' if has_pose else 'pose'}")
         if not (self.rgb or self.range or self.instances):
             raise ValueError(f"the frame {self.id} names no image, expected rgb, range or instances")
         return self

@@ -53,8 +53,8 @@ class ReferenceFrame:
         try:
             object.__setattr__(self, "kind", FrameKind(self.kind))
         except ValueError:
-            known = ", ".join(FrameKind)
-            raise DataError(f"the frame {self.id} has the kind {self.kind!r}, expected one of {known}") from None
+            kinds = ", ".join(FrameKind)
+            raise DataError(f"the frame {self.id} has the kind {self.kind!r}, expected one of {kinds}") from None
 
 
 @dataclass(frozen=True, eq=False)

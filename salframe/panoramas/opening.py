@@ -40,8 +40,8 @@ def configure_dataset(
     if (folder / MANIFEST).exists():
         name, content = folder.resolve().name, {"kind": FolderDataset.name, "root": str(folder.resolve())}
     elif not data.endswith(SUFFIXES) and data not in names("dataset") and (folder.is_dir() or "/" in data):
-        known = ", ".join(names("dataset"))
-        raise UnknownName(f"{data} is not a dataset: expected a folder with a {MANIFEST}, or one of {known}")
+        available = ", ".join(names("dataset"))
+        raise UnknownName(f"{data} is not a dataset: expected a folder with a {MANIFEST}, or one of {available}")
     else:
         name, content = short_name(data), settings("dataset", data)
     if data_dir is not None:
@@ -114,7 +114,7 @@ def find_image(path: Path) -> tuple[Path, str]:
     folder = next((parent for parent in path.parents if (parent / MANIFEST).exists()), None)
     if folder is None:
         raise DataError(
-            f"{path} lies in no folder with a {MANIFEST}, expected an image of a dataset folder, whose manifest names it"
+            f"{path} lies in no folder with a {MANIFEST}, expected an image that the manifest of a dataset names"
         )
     from salframe.panoramas.folder_format import IMAGE_KEYS, Folder
 

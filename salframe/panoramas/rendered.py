@@ -39,7 +39,7 @@ class FrameSpec:
 
     Attributes:
         id: Id of the frame.
-        role: Whether it is a map frame, a transition frame or a query.
+        role: Whether it is a reference frame of a scene ("map"), one of a transition, or a query.
         place: Name of its place.
         x_m: Position of the camera in the world (z up).
         y_m: Position of the camera in the world.
@@ -250,7 +250,7 @@ class _Job:
 class _Renderer:
     """Render frames of a dataset and write them.
 
-    In another process it holds one dataset, with all that the dataset has built, from one frame to the next.
+    In another process it reuses one dataset for all frames.
     """
 
     def __init__(self, dataset: RenderedDataset[Any]) -> None:
