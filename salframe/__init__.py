@@ -1,7 +1,7 @@
-"""salframe: where am I, and which way do I turn? Localization from one RGB-D panorama by 360-degree saliency graphs.
+"""salframe: indoor localization from a single RGB-D panorama with 360-degree saliency graphs.
 
-What this module exports is promised, nothing else is. A name is imported when it is first used: __init__.pyi says from
-where.
+The exports of this module are the public API; everything else may change. A name is imported when it is first used.
+__init__.pyi lists the names and their modules.
 """
 
 import os
@@ -11,7 +11,7 @@ import lazy_loader
 
 _root = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 if os.path.isfile(os.path.join(_root, "pyproject.toml")):
-    # A clone: use its own plugins, not those of a version that is installed besides.
+    # In a clone of the repository: prefer its plugins to those of an installed version.
     _folders = [os.path.join(_root, name) for name in ("plugins", "baselines")]
     sys.path[:0] = [folder for folder in _folders if folder not in sys.path]
 

@@ -1,4 +1,4 @@
-"""The core as a plugin: its roles, and the data set that reads its own folder format."""
+"""The core as a plugin: its roles, and the dataset that reads the folder format."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from salframe.topology.planner import Planner
 
 @salframe.hookimpl
 def salframe_provides() -> list[type]:
+    """Return the roles and components of the core."""
     return [
         Dataset,
         RangeModel,

@@ -107,7 +107,7 @@ def test_a_map_that_detects_by_itself_is_asked_with_a_picture_and_its_range(tmp_
 
 def test_images_that_do_not_fit_are_told_in_one_line(saved):
     opened, seen = salframe.open_map(saved), query_frames()[0].load()
-    with pytest.raises(salframe.DataError, match="range image is 100 x 50, expected 384 x 192 as the others"):
+    with pytest.raises(salframe.DataError, match="range image is 100 x 50, expected 384 x 192 like the other images"):
         opened.localize(rgb=seen.rgb, range_m=np.ones((50, 100), np.float32))
     with pytest.raises(salframe.DataError, match="received both bedroom-query and images of another panorama"):
         opened.localize(seen, rgb=seen.rgb)

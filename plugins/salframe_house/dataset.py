@@ -47,7 +47,7 @@ class House(RenderedDataset["HouseFrame"], NavigableDataset):
         }
         return frozenset(channels)
 
-    def kept(self, frame: HouseFrame) -> frozenset[str]:
+    def stored_parts(self, frame: HouseFrame) -> frozenset[str]:
         return self.provides if frame.is_query else self.provides | {"range"}
 
     def list_frames(self) -> Sequence[HouseFrame]:

@@ -1,2 +1,2 @@
-"""Where was a panorama taken? Localizers, their answers, positioning
-(docs/explanation/method.md#from-graph-to-panorama), and the map on disk."""
+"""Localize panoramas in a map: localizers, their answers, positioning
+(docs/explanation/method.md#from-graph-to-panorama), and the saved map."""

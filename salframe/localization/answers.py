@@ -1,4 +1,4 @@
-"""What localizers answer: ranked places and a pose, and what they match between two panoramas."""
+"""Answers of localizers: ranked places with a pose, and matches between two panoramas."""
 
 from __future__ import annotations
 
@@ -16,14 +16,20 @@ from salframe.framework.errors import InvalidAnswer
 from salframe.panoramas.geometry import is_rigid, pose_yaw
 
 RIGID_TOLERANCE = 1e-3
-"""By so much the numbers of a pose may be off a rigid motion."""
+"""Tolerance of the check that a pose is a rigid motion."""
 SUM_TOLERANCE = 1e-6
-"""By so much probabilities may miss one together."""
+"""Maximum deviation of the sum of all probabilities from 1."""
 
 
 class RankedPlace(NamedTuple):
-    """One answer of a localizer: the reference frame, its place, a score (larger is better), and the probability that the
-    query is in this place, None from a localizer that has none. A named tuple: `_replace` gives another."""
+    """A candidate place of an answer. A named tuple: `_replace` returns a changed copy.
+
+    Attributes:
+        frame: Id of the best reference frame of the place.
+        place: Name of the place.
+        score: Score; larger is better.
+        probability: Probability that the query is in this place; None from a localizer without probabilities.
+    """
 
     frame: str
     place: str
@@ -40,13 +46,16 @@ def ranked_places(
     scores: Iterable[float],
     probabilities: Iterable[float | None] = repeat(None),
 ) -> tuple[RankedPlace, ...]:
-    """Many at once, from what each is made of: in a quarter of the time of one by one."""
+    """Return many ranked places from their columns, in a quarter of the time of one constructor call each."""
     return tuple(map(_new_place, zip(frames, places, scores, probabilities, strict=False)))
 
 
 class LocalizationStatus(StrEnum):
-    """Whether a localizer answered, or why not. `NO_POSE` keeps its places: the place counts, the pose does not.
-    `OUT_OF_MAP` keeps them too, and says that the query is in none of them."""
+    """Whether a localizer answered, or why not.
+
+    An answer with `NO_POSE` has places, and no pose. An answer with `OUT_OF_MAP` has places too, but the query is
+    probably in none of them.
+    """
 
     OK = "ok"
     NO_POSE = "no-pose"
@@ -58,26 +67,37 @@ class LocalizationStatus(StrEnum):
 
     @property
     def names_a_place(self) -> bool:
-        """Whether the places of such an answer count; every other status is a failure."""
+        """Whether an answer with this status names a place; every other status is a failure."""
         return self in (LocalizationStatus.OK, LocalizationStatus.NO_POSE)
 
     @property
     def denies_the_map(self) -> bool:
-        """Whether such an answer says that the map does not show the query's place, so that it is right where that is
-        so: it was refused, or nothing was like it. A query that shows nothing says nothing of the map."""
+        """Whether an answer with this status means that the query is out-of-map: it was rejected, or nothing in the map
+        is similar.
+
+        Such an answer is correct for an out-of-map query. The status of a query without objects or features says
+        nothing about the map.
+        """
         return self in (LocalizationStatus.OUT_OF_MAP, LocalizationStatus.NO_MATCH, LocalizationStatus.LOW_SCORE)
 
 
 @dataclass(frozen=True)
 class Localization:
-    """A localizer's answer: `places` best first, one entry a place; T_world_query (4, 4), a rigid motion, or None;
-    covariance as in PoseEstimate, in the world's axes; heading_rad, the azimuth of the query's x axis in the world:
-    the pose's, or what is known of a query without one; out_of_map_probability, the probability that the query is in none of the
-    places, which those of the places and it make one, None from a localizer that has none.
+    """The answer of a localizer.
 
-    Raises InvalidAnswer on a status that is none of LocalizationStatus, on a pose that is no rigid motion, on a heading
-    that is not finite, where a status that names a place comes without one, where OK comes without a pose or NO_POSE or
-    OUT_OF_MAP with one, and on probabilities of which some are missing, outside [0, 1], or that do not sum to one.
+    Attributes:
+        places: Candidate places, best first, one entry for each place.
+        T_world_query: (4, 4) pose of the query, a rigid motion; None where it is unknown.
+        status: Whether the localizer answered, or why not.
+        covariance: Covariance of the pose as in PoseEstimate, in the axes of the world.
+        heading_rad: Azimuth of the x axis of the query in the world: that of the pose, or an estimate without a pose.
+        out_of_map_probability: Probability that the query is in none of the places. It and the probabilities of the
+            places sum to 1. None from a localizer without probabilities.
+
+    Raises:
+        InvalidAnswer: The status is not a LocalizationStatus; the pose is no rigid motion; the heading is not finite; a
+            status that names a place has no place; OK has no pose, or NO_POSE or OUT_OF_MAP has one; or some
+            probabilities are missing, are outside [0, 1], or do not sum to 1.
     """
 
     places: tuple[RankedPlace, ...]
@@ -91,48 +111,52 @@ class Localization:
         try:
             object.__setattr__(self, "status", LocalizationStatus(self.status))
         except ValueError:
-            known = ", ".join(LocalizationStatus)
-            raise InvalidAnswer(f"a localization has the status {self.status!r}, expected one of {known}") from None
+            statuses = ", ".join(LocalizationStatus)
+            raise InvalidAnswer(f"a localization has the status {self.status!r}, expected one of {statuses}") from None
         if self.T_world_query is not None and not is_rigid(self.T_world_query, RIGID_TOLERANCE):
-            told = " ".join(str(np.asarray(self.T_world_query).tolist()).split())[:200]
-            raise InvalidAnswer(f"a localization has the pose {told}, expected a rigid motion (4, 4) or None")
+            received = " ".join(str(np.asarray(self.T_world_query).tolist()).split())[:200]
+            raise InvalidAnswer(f"a localization has the pose {received}, expected a rigid motion (4, 4) or None")
         if self.status.names_a_place and not self.places:
             raise InvalidAnswer(f"a localization has the status {self.status} and no place, expected a place")
         if self.status.names_a_place and (self.T_world_query is not None) != (self.status is LocalizationStatus.OK):
-            there = "no pose" if self.T_world_query is None else "a pose"
+            received = "no pose" if self.T_world_query is None else "a pose"
             raise InvalidAnswer(
-                f"a localization has the status {self.status} and {there}, expected a pose with ok alone"
+                f"a localization has the status {self.status} and {received}, expected a pose only with the status ok"
             )
         if self.status is LocalizationStatus.OUT_OF_MAP and self.T_world_query is not None:
-            raise InvalidAnswer(f"a localization has the status {self.status} and a pose, expected none")
+            raise InvalidAnswer(f"a localization has the status {self.status} and a pose, expected no pose")
         self._check_probabilities()
         if self.T_world_query is not None:
             object.__setattr__(self, "heading_rad", pose_yaw(np.asarray(self.T_world_query)))
         if self.heading_rad is not None and not np.isfinite(self.heading_rad):
-            raise InvalidAnswer(f"a localization has the heading {self.heading_rad}, expected radians or None")
+            raise InvalidAnswer(f"a localization has the heading {self.heading_rad}, expected finite radians or None")
 
     def _check_probabilities(self) -> None:
-        """All are None, or each is in [0, 1] and together they are one."""
-        all_of_them = [*[place.probability for place in self.places], self.out_of_map_probability]
-        known = [probability for probability in all_of_them if probability is not None]
-        if not known:
+        """Raise InvalidAnswer unless all probabilities are None, or each is in [0, 1] and they sum to 1."""
+        entries = [*[place.probability for place in self.places], self.out_of_map_probability]
+        probabilities = [probability for probability in entries if probability is not None]
+        if not probabilities:
             return
-        if len(known) < len(all_of_them):
+        if len(probabilities) < len(entries):
             raise InvalidAnswer(
-                f"a localization has {len(known)} of {len(all_of_them)} probabilities, "
-                "expected one for each place and one for `out_of_map_probability`, or none at all"
+                f"a localization has {len(probabilities)} of {len(entries)} probabilities, "
+                "expected one for each place and one for `out_of_map_probability`, or none"
             )
-        outside = [probability for probability in known if not 0 <= probability <= 1]
+        outside = [probability for probability in probabilities if not 0 <= probability <= 1]
         if outside:
-            raise InvalidAnswer(f"a localization has the probability {outside[0]}, expected one in [0, 1]")
-        if abs(sum(known) - 1) > SUM_TOLERANCE:
-            raise InvalidAnswer(f"a localization has probabilities that sum to {sum(known):.9g}, expected 1")
+            raise InvalidAnswer(f"a localization has the probability {outside[0]}, expected a value in [0, 1]")
+        if abs(sum(probabilities) - 1) > SUM_TOLERANCE:
+            raise InvalidAnswer(f"a localization has probabilities that sum to {sum(probabilities):.9g}, expected 1")
 
 
 @dataclass(frozen=True, eq=False)
 class PointMatches:
-    """Points that two panoramas show alike: query, reference (M, 3) float64 unit bearings, each in its own panorama
-    frame, a row a match."""
+    """M matched points of two panoramas.
+
+    Attributes:
+        query: (M, 3) float64 unit bearings in the frame of the query.
+        reference: (M, 3) float64 unit bearings in the frame of the reference panorama.
+    """
 
     query: np.ndarray
     reference: np.ndarray
@@ -144,8 +168,12 @@ class PointMatches:
 
 @dataclass(frozen=True, eq=False)
 class NodeMatches:
-    """Objects that two panoramas show alike: pairs (M, 2) int64 of positions in query_m (N, 3) and reference_m (K, 3),
-    each used at most once. These are float64, the centroids of all objects, each in its own panorama frame.
+    """M matched objects of two panoramas.
+
+    Attributes:
+        query_m: (N, 3) float64 centroids of all objects in the frame of the query.
+        reference_m: (K, 3) float64 centroids of all objects in the frame of the reference panorama.
+        pairs: (M, 2) int64 rows of `query_m` and `reference_m`. Each row is used at most once.
     """
 
     query_m: np.ndarray
@@ -161,5 +189,6 @@ class NodeMatches:
         one_to_one = all(len(np.unique(side)) == len(side) for side in pairs.T)
         if len(pairs) and not (pairs.min() >= 0 and (pairs < counts).all() and one_to_one):
             raise InvalidAnswer(
-                f"NodeMatches.pairs must use each of {counts[0]} query and {counts[1]} reference nodes at most once"
+                f"NodeMatches.pairs has a repeated or invalid row, expected each of {counts[0]} query and {counts[1]} "
+                "reference nodes at most once"
             )

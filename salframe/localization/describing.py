@@ -1,4 +1,4 @@
-"""Describe frames with a localizer: completed by the range model, cached, timed, and by the workers of an engine."""
+"""Describe frames with a localizer: estimate missing range, cache and time the result, use the workers of an engine."""
 
 from __future__ import annotations
 
@@ -25,13 +25,20 @@ from salframe.panoramas.range_model import estimate_range
 
 def estimates_range(localizer: Localizer, provides: frozenset[str]) -> bool:
     """Return whether the range of panoramas that provide these parts is estimated: they have no range, and the
-    localizer has a range model."""
+    localizer has a range model.
+
+    Args:
+        localizer: The localizer.
+        provides: Parts of the panoramas, of "rgb", "range" and "annotations".
+    """
     return localizer.range_model is not None and "range" not in provides
 
 
 def required_parts(localizer: Localizer, provides: frozenset[str]) -> frozenset[str]:
-    """Return the parts that a localizer requires of panoramas that provide these parts: its `needs`, where range is
-    estimated with the needs of the range model in place of range."""
+    """Return the parts that a localizer requires of panoramas that provide these parts: its `needs`.
+
+    Where range is estimated, the needs of the range model replace range.
+    """
     if localizer.range_model is None or not estimates_range(localizer, provides):
         return localizer.needs
     return (localizer.needs - {"range"}) | localizer.range_model.needs
@@ -45,23 +52,35 @@ def check_parts(localizer: Localizer, panorama: Panorama, remedy: Callable[[], s
 
 
 def suggest_components(config: ComponentConfig, provides: frozenset[str]) -> str:
-    """Return what to do where a localizer needs more than panoramas of these parts have: build its map with other
-    components in its slots, or give the parts."""
-    wanting = ((slot, inner.component.role) for slot, inner in components_in(config) if needs_of(inner) - provides)
-    taken = [
-        (slot, component.name) for slot, role in wanting if (component := first_fit(role, provides)[0]) is not None
+    """Return advice for a localizer that needs more parts than panoramas provide: build its map with other components
+    in its slots, or pass the missing parts."""
+    unusable = ((slot, inner.component.role) for slot, inner in components_in(config) if needs_of(inner) - provides)
+    replacements = [
+        (slot, component.name) for slot, role in unusable if (component := first_fit(role, provides)[0]) is not None
     ]
-    absent = " and ".join(sorted(needs_of(config) - provides))
-    if not taken:
-        return f"give {absent} too, or build the map of another method"
-    return f"build the map with {' and '.join(f'{slot}.kind={name}' for slot, name in taken)}, or give {absent} too"
+    missing = " and ".join(sorted(needs_of(config) - provides))
+    if not replacements:
+        return f"give {missing} too, or build a map with another method"
+    settings = " and ".join(f"{slot}.kind={name}" for slot, name in replacements)
+    return f"build the map with {settings}, or give {missing} too"
 
 
 def complete_panorama(
     localizer: Localizer, panorama: Panorama, cache: Cache | None = None, cache_key: Mapping[str, str] | None = None
 ) -> tuple[Panorama, float]:
-    """Return the panorama, with estimated range where it has none and the localizer has a range model, and the seconds
-    that the estimation took; cache and cache_key as in `estimate_range`. Raises InputMissing."""
+    """Return the panorama, with estimated range where necessary, and the time of the estimation in seconds.
+
+    Range is estimated where the panorama has none and the localizer has a range model.
+
+    Args:
+        localizer: The localizer.
+        panorama: The panorama.
+        cache: As in `estimate_range`.
+        cache_key: As in `estimate_range`.
+
+    Raises:
+        InputMissing: The panorama lacks a part that the localizer requires.
+    """
     check_parts(localizer, panorama)
     if localizer.range_model is None or not estimates_range(localizer, panorama.provides):
         return panorama, 0.0
@@ -71,15 +90,23 @@ def complete_panorama(
 def describe_frame(
     localizer: Localizer, frame: ReferenceFrame | QueryFrame, cache: Cache | None = None, dataset: str = ""
 ) -> tuple[Description, float]:
-    """Return the description of a frame, and the seconds that it took when it was computed, without loading.
+    """Return the description of a frame, and the time of its computation in seconds, without loading.
 
-    With a cache, the frame's id and its `content`, or where it has none `dataset` (a content_key), identify the
-    panorama. Raises InputMissing also where a ReferenceFrame cannot be a reference frame of this localizer; DataError.
+    Args:
+        localizer: The localizer.
+        frame: The frame.
+        cache: Cache of descriptions; None: no cache.
+        dataset: The content_key of the dataset. The cache identifies a panorama by the id of the frame and by the
+            `content` of the frame, or by this key where the frame has no `content`.
+
+    Raises:
+        InputMissing: The panorama lacks a part, or a ReferenceFrame cannot be a reference frame of this localizer.
+        DataError: The panorama cannot be read.
     """
-    described = _describe_cached(localizer, frame, cache, dataset)
-    if isinstance(frame, ReferenceFrame) and (reason := localizer.unfit_for_map(described[0])):
-        raise InputMissing(f"{frame.id} cannot be a frame of the map: {reason}")
-    return described
+    description, seconds = _describe_cached(localizer, frame, cache, dataset)
+    if isinstance(frame, ReferenceFrame) and (reason := localizer.unfit_for_map(description)):
+        raise InputMissing(f"{frame.id} cannot be a reference frame: {reason}")
+    return description, seconds
 
 
 def _describe_cached(
@@ -88,9 +115,9 @@ def _describe_cached(
     cache_key = {"dataset": frame.content or dataset, "frame": frame.id}
     if cache is not None:
         key = {**cache_key, "describe": localizer.describe_identity()}
-        known = cache.get(key)
-        if known is not None:
-            return known
+        cached = cache.get(key)
+        if cached is not None:
+            return cached
     panorama, estimate_s = complete_panorama(localizer, frame.load(), cache, cache_key)
     start = time.perf_counter()
     description = localizer.describe(panorama)
@@ -103,11 +130,19 @@ def _describe_cached(
 def describe_frames(
     method: ComponentConfig, data: ComponentConfig, frames: Sequence[str], engine: Engine
 ) -> Iterator[tuple[str, float]]:
-    """Describe reference frames of a prepared dataset, by their ids, into the cache with an engine; yield each frame
-    that is done and the seconds that it took when it was computed.
+    """Describe reference frames of a prepared dataset with an engine, and store the descriptions in the cache.
 
-    A frame that cannot be described is skipped, and where the method itself fails, all frames that follow: whoever
-    needs the description later gets the error.
+    A frame that cannot be described is skipped. Where the method itself fails, all following frames are skipped. The
+    error is raised later, where the description is needed.
+
+    Args:
+        method: Settings of the localizer.
+        data: Settings of the dataset.
+        frames: Ids of the frames.
+        engine: The engine.
+
+    Yields:
+        The id of each described frame, and the time of the computation in seconds.
     """
     settings = [config.model_dump_json() for config in (method, data)]
     for answer in engine.try_all(partial(_describe, *settings), frames):
@@ -120,8 +155,10 @@ def describe_frames(
 def describe_ahead(
     method: ComponentConfig, dataset: Dataset, progress: Callable[[int, int], None] | None = None
 ) -> None:
-    """Describe the reference frames of a prepared dataset into the cache with the workers of its engine; do nothing
-    where the number of workers is not set."""
+    """Describe the reference frames of a prepared dataset with the workers of its engine, and cache the descriptions.
+
+    Does nothing where the number of workers is not set.
+    """
     if dataset.engine is None or not dataset.engine.isolates or dataset.engine.workers is None:
         return
     ids = [frame.id for frame in reference_frames(dataset)]
@@ -137,13 +174,16 @@ def _describe(method: str, data: str, frame: str) -> tuple[str, float]:
 
 @lru_cache(maxsize=1)
 def _open(method: str, data: str) -> tuple[Localizer, Cache, str, Mapping[str, ReferenceFrame]]:
-    """Return a localizer and the reference frames of a dataset, which a worker keeps from one frame to the next."""
+    """Return a localizer, the cache, the content_key and the reference frames of a dataset.
+
+    A worker process reuses them for all its frames.
+    """
     dataset = open_dataset(read_config("dataset", data))
     localizer: Localizer = registry().build("localizer", read_config("localizer", method))
     return localizer, Cache(), dataset.content_key, {frame.id: frame for frame in reference_frames(dataset)}
 
 
 def read_config(role: str, content: str) -> Any:
-    """Return the configuration of a component from JSON text, as one process passes it to another."""
+    """Return the configuration of a component from JSON text, the form in which processes exchange it."""
     settings = parse_json(content.encode())
     return validate(registry().get(role, settings["kind"]).Config, settings, settings["kind"])

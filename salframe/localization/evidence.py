@@ -1,4 +1,4 @@
-"""What tells the places of a map apart, as named columns, and the weights of these columns, fitted on tuning data."""
+"""Evidence for the places of a map as named columns, and weights of these columns, fitted on tuning data."""
 
 from __future__ import annotations
 
@@ -10,15 +10,17 @@ import numpy as np
 from salframe.framework.errors import DataError
 
 RIDGE = 1e-3
-"""Weight of the squared weights, per answer and in units of a column's spread: without it columns that tell the places
-apart without an error have no best weights."""
+"""Ridge penalty: factor of the squared weights, per answer, in units of the spread of a column. Without it, columns
+that separate the places without an error have no optimal weights."""
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """H hypotheses of where a query was taken, several of which may name the same place.
+    """H hypotheses of the place of a query. Several hypotheses may have the same place.
 
-    places: H names. values: (H,) float64 for each named column, larger where it supports a hypothesis more.
+    Attributes:
+        places: H names of places.
+        values: (H,) float64 for each named column; a larger value supports a hypothesis more.
     """
 
     places: Sequence[str]
@@ -42,25 +44,25 @@ class Evidence:
 def fit_weights(samples: Sequence[tuple[Evidence, str]]) -> tuple[dict[str, float], float, float]:
     """Fit the weights that maximize the softmax probability of the true place.
 
-    Maximum likelihood with a ridge. Samples whose place no hypothesis names are left out.
+    Maximum likelihood with a ridge penalty. Samples without a hypothesis for the true place are ignored.
 
     Args:
-        samples: the evidence of each query, and the query's place. All have the same columns.
+        samples: The evidence and the true place of each query. All samples have the same columns.
 
     Returns:
-        The weight of each column, and the mean negative logarithm of the true place's share with equal hypotheses and
-        with these weights.
+        The weight of each column, and the mean negative logarithm of the true place's share, first with equal
+        hypotheses and then with these weights.
 
     Raises:
-        DataError: no sample is left.
+        DataError: No sample has a hypothesis for the true place.
     """
     from scipy.optimize import minimize
 
-    known = [(one, np.array(one.places) == place) for one, place in samples if place in one.places]
-    if not known:
-        raise DataError(f"received {len(samples)} answers, none of which ranks the query's place, expected some")
-    names = list(known[0][0].values)
-    columns = [(np.column_stack([one.values[name] for name in names]), is_true) for one, is_true in known]
+    usable = [(evidence, np.array(evidence.places) == place) for evidence, place in samples if place in evidence.places]
+    if not usable:
+        raise DataError(f"received {len(samples)} answers, none of which ranks the query's place, expected at least 1")
+    names = list(usable[0][0].values)
+    columns = [(np.column_stack([evidence.values[name] for name in names]), is_true) for evidence, is_true in usable]
     spread = np.concatenate([values - values.mean(0) for values, _ in columns]).std(0)
     scale = np.where(spread > 0, spread, 1.0)
     scaled = [(values / scale, is_true) for values, is_true in columns]

@@ -1,4 +1,4 @@
-"""What a map remembers, as a table for other programs."""
+"""Export the reference frames of a map as a table for other programs."""
 
 from __future__ import annotations
 
@@ -16,9 +16,18 @@ from salframe.panoramas.frames import ReferenceFrame
 
 
 def export_scenes(directory: Path, path: Path) -> None:
-    """Write the scenes of a map as a Parquet table, a row a reference frame: frame, place, kind, T_world_pano (16 numbers
-    row by row), and what the method remembers of it, an array a column, as nested lists. Raises DataError as
-    `open_map`."""
+    """Write the reference frames of a map as a Parquet table, one row each.
+
+    The columns are frame, place, kind, T_world_pano (16 numbers row by row), and each array of the description, as
+    nested lists.
+
+    Args:
+        directory: The saved map.
+        path: The Parquet file.
+
+    Raises:
+        DataError: As `open_map`.
+    """
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -41,11 +50,11 @@ def _read_scenes(parts: MapParts) -> tuple[Sequence[ReferenceFrame], list[Descri
 
 
 def _nested(arrays: Sequence[np.ndarray | None]):
-    """Arrays of one number of dimensions as a column of nested lists of their type."""
+    """Return arrays with the same number of dimensions as a column of nested lists of their type."""
     import pyarrow as pa
 
-    known = next(array for array in arrays if array is not None)
-    kind = pa.string() if known.dtype.kind == "U" else pa.from_numpy_dtype(known.dtype)
-    for _ in range(known.ndim):
+    example = next(array for array in arrays if array is not None)
+    kind = pa.string() if example.dtype.kind == "U" else pa.from_numpy_dtype(example.dtype)
+    for _ in range(example.ndim):
         kind = pa.list_(kind)
     return pa.array([None if array is None else array.tolist() for array in arrays], kind)

@@ -31,12 +31,14 @@ Description = Mapping[str, np.ndarray]
 
 def range_slot() -> Any:
     """Return the type of a localizer's setting `range`, the range model for panoramas without range."""
-    return slot(RangeModel.role, optional=True, description="estimates the range of panoramas without; null: nothing")
+    return slot(
+        RangeModel.role, optional=True, description="estimates the range of panoramas without range; null: none"
+    )
 
 
 def posterior_slot() -> Any:
     """Return the type of a localizer's setting `posterior`, which converts scores to probabilities."""
-    help = "a file of `salframe fit`, or its parameters: scores become probabilities; null: none"
+    help = "converts scores to probabilities: a file of `salframe fit`, or its parameters; null: no probabilities"
     return Annotated[
         Posterior | None, BeforeValidator(partial(read_fitted, "posterior")), match_only(None, description=help)
     ]
@@ -47,9 +49,9 @@ class Localizer(Role):
 
     A localizer implements `needs` and three hooks: `describe` a panorama, `index` the descriptions of the reference
     frames, `match` the description of a query with them. All other hooks have a default. `LocalizationMap` does the
-    rest for all localizers: it describes frames, caches, times, saves and opens. It also estimates the range of
-    panoramas without range for localizers whose Config has the field `range: range_slot()`, and computes probabilities
-    for those whose Config has `posterior: posterior_slot()`.
+    rest for all localizers: it describes frames, caches and times descriptions, saves and opens maps. It also estimates
+    the range of panoramas without range for localizers whose Config has the field `range: range_slot()`, and computes
+    probabilities for those whose Config has `posterior: posterior_slot()`.
 
     A localizer holds the index of one map at a time.
     """
@@ -90,8 +92,12 @@ class Localizer(Role):
 
     @abstractmethod
     def index(self, descriptions: Sequence[Description], frames: Sequence[ReferenceFrame]) -> None:
-        """Prepare matching with the reference frames of a map: one description and one ReferenceFrame (id, place, pose) for
-        each frame."""
+        """Prepare matching with the reference frames of a map.
+
+        Args:
+            descriptions: One description for each frame.
+            frames: The frames: id, place and pose.
+        """
 
     @abstractmethod
     def match(self, description: Description) -> Localization:
@@ -112,9 +118,16 @@ class Localizer(Role):
         """
 
     def open_index(self, folder: Path, packed: Columns, frames: SavedFrames) -> None:
-        """Restore the state after `index` from the folder that `write_index` wrote, from packed descriptions and from
-        frames, all mapped into memory. The answers must be the same. The files may be removed while they are in use."""
-        raise NotImplementedError(f"{self.name} overrides write_index, expected that it overrides open_index too")
+        """Restore the state after `index`. The answers must be the same.
+
+        The files may be removed while they are in use.
+
+        Args:
+            folder: The folder that `write_index` wrote.
+            packed: Packed descriptions, mapped into memory.
+            frames: Reference frames, mapped into memory.
+        """
+        raise NotImplementedError(f"{self.name} overrides write_index and not open_index, expected both or neither")
 
     def describe_identity(self) -> dict[str, Any]:
         """Return what `describe` depends on besides the panorama: weights, and settings that are not `match_only`."""

@@ -42,8 +42,7 @@ class LocalizationMap:
         frames: Sequence[ReferenceFrame],
         floors: Sequence[FloorMasks] = (),
     ) -> None:
-        """Hold packed descriptions of frames without indexing them: such a map can be changed, merged and saved, but
-        does not answer."""
+        """Create a map without indexing it. Such a map can be changed, merged and saved, but it cannot localize."""
         self.localizer = localizer
         self._hold(packed, frames, floors)
 
@@ -61,8 +60,18 @@ class LocalizationMap:
     ) -> LocalizationMap:
         """Describe reference frames and index them.
 
-        cache and dataset are as in `describe_frame`; `tell` is called with the localizer's notes on the descriptions.
-        Raises DataError without frames, InputMissing on frames that the localizer cannot use.
+        Args:
+            localizer: The localizer.
+            frames: The reference frames.
+            cache: As in `describe_frame`.
+            dataset: As in `describe_frame`.
+            floors: Floors of the map.
+            progress: Called as progress(done, total) with numbers of frames.
+            tell: Called with the notes of the localizer on the descriptions.
+
+        Raises:
+            DataError: There are no frames.
+            InputMissing: The localizer cannot use a frame.
         """
         packed = _describe_all(localizer, frames, cache, dataset, progress, tell)
         built = cls(localizer, packed, list(frames), floors)
@@ -87,16 +96,27 @@ class LocalizationMap:
 
     @classmethod
     def open(cls, directory: str | Path, localizer: Localizer | None = None) -> LocalizationMap:
-        """Open a saved map; where it has an index of the localizer's settings, nothing is indexed.
+        """Open a saved map. It is not indexed again where it has an index for the settings of the localizer.
 
-        localizer: replaces the one with the saved settings, for other settings of matching. Raises DataError where
-        `directory` holds no map or one that was edited, cut short, or described in another way; UnknownName.
+        Args:
+            directory: The folder of the map.
+            localizer: Replaces the localizer with the saved settings, to change settings of matching.
+
+        Raises:
+            DataError: `directory` contains no map, or the map was edited, truncated, or described in another way.
+            UnknownName: The localizer is not installed.
         """
         return read_map(Path(directory), partial(cls.read, localizer=localizer))
 
     @classmethod
     def read(cls, parts: MapParts, *, localizer: Localizer | None = None, indexed: bool = True) -> LocalizationMap:
-        """Read a map from its parts; with indexed=False only to change, merge or save it. Raises as `open`."""
+        """Read a map from its parts. Raises as `open`.
+
+        Args:
+            parts: The parts of the map.
+            localizer: As in `open`.
+            indexed: Whether the map must be able to localize; False only to change, merge or save it.
+        """
         localizer = localizer or registry().build(Localizer.role, parts.read_config())
         parts.check_method(localizer)
         packed, frames = parts.read_scenes()
@@ -112,8 +132,15 @@ class LocalizationMap:
         return opened
 
     def save(self, directory: str | Path, *, with_index: bool = True) -> None:
-        """Write the map to a folder, in one step; it replaces a map in the folder, with its topology. Raises
-        ConfigError where the folder holds something else."""
+        """Write the map to a folder in one step. It replaces a map in the folder, including its topology.
+
+        Args:
+            directory: The folder.
+            with_index: Whether to write the index too.
+
+        Raises:
+            ConfigError: The folder contains something other than a map.
+        """
         with write_map(Path(directory)) as parts:
             self.write(parts, with_index=with_index)
 
@@ -127,7 +154,7 @@ class LocalizationMap:
             self.localizer.write_index(parts.index_folder(self.localizer))
 
     def num_bytes(self) -> int:
-        """Return the size of the saved map without its index, which can be computed from the rest."""
+        """Return the size of the saved map in bytes, without its index, which can be computed from the rest."""
         with TemporaryDirectory() as folder:
             self.save(Path(folder) / "map", with_index=False)
             return folder_bytes(Path(folder))
@@ -142,8 +169,10 @@ class LocalizationMap:
         progress: Callable[[int, int], None] | None = None,
         tell: Tell = silent,
     ) -> None:
-        """Describe more reference frames, which replace all frames of their places, and index the map. `floors` are
-        those of the changed map. Raises as `build`."""
+        """Describe more reference frames, which replace all frames of their places, and index the map.
+
+        `floors` are those of the changed map; the other arguments are as in `build`. Raises as `build`.
+        """
         packed = _describe_all(self.localizer, frames, cache, dataset, progress, tell)
         self._replace({frame.place for frame in frames}, packed, frames, floors)
         for note in scene_index_notes(self.localizer.config, len(self.frames)):
@@ -170,18 +199,19 @@ class LocalizationMap:
         """Localize a frame, a panorama, or the images of a panorama.
 
         Args:
-            query: the frame or panorama.
+            query: The frame or panorama.
             rgb: (H, 2H, 3) uint8, equirectangular.
             range_m: (H, 2H) float32, metres along the ray, NaN where unknown.
-            annotations: annotated objects.
+            annotations: Annotated objects.
 
-        Raises InputMissing where the localizer needs other parts, and names a detector that does not; DataError on
-        images that do not fit.
+        Raises:
+            InputMissing: The localizer needs other parts. The error names a detector that does not need them.
+            DataError: Both a query and images were passed, or the images differ in size.
         """
         if query is None:
             query = Panorama("the panorama", rgb, range_m, annotations=annotations)
         elif any(image is not None for image in (rgb, range_m, annotations)):
-            raise DataError(f"received both {query.id} and images of another panorama, expected one of them")
+            raise DataError(f"received both {query.id} and images of another panorama, expected only one of them")
         if isinstance(query, Panorama):
             panorama = query
             check_parts(self.localizer, panorama, lambda: suggest_components(self.localizer.config, panorama.provides))
@@ -189,8 +219,13 @@ class LocalizationMap:
         return self.answer(describe_frame(self.localizer, query)[0])
 
     def answer(self, description: Description) -> Localization:
-        """Localize a described query. Where the localizer has a posterior, the answer has its probabilities, unless
-        `match` gave some. Raises InvalidAnswer where `match` returns something else than a Localization."""
+        """Localize a described query.
+
+        Where the localizer has a posterior, it adds probabilities to answers of `match` without probabilities.
+
+        Raises:
+            InvalidAnswer: `match` did not return a Localization.
+        """
         answer = self.localizer.match(description)
         if not isinstance(answer, Localization):
             raise InvalidAnswer(f"match gave {type(answer).__name__}, expected a Localization")
@@ -233,8 +268,10 @@ class LocalizationMap:
 def build_localization(
     localizer: Localizer, dataset: Dataset, progress: Callable[[int, int], None] | None, tell: Tell
 ) -> LocalizationMap:
-    """Build the map of a prepared dataset; the workers of its engine describe the frames first, where their number is
-    set. Raises as `LocalizationMap.build`."""
+    """Build the map of a prepared dataset. Raises as `LocalizationMap.build`.
+
+    Where the number of workers of its engine is set, the workers describe the frames first.
+    """
     describe_ahead(localizer.config, dataset, progress)
     frames, floors = reference_frames(dataset), dataset.floors()
     return LocalizationMap.build(
@@ -245,8 +282,9 @@ def build_localization(
 def open_map(directory: str | Path) -> LocalizationMap:
     """Open a saved map, ready to localize any number of panoramas.
 
-    Raises DataError where `directory` holds no map, or one that was edited or is not whole; UnknownName where its
-    localizer is not installed.
+    Raises:
+        DataError: `directory` contains no map, or the map was edited or is incomplete.
+        UnknownName: The localizer of the map is not installed.
     """
     return LocalizationMap.open(directory)
 
@@ -285,10 +323,12 @@ def _describe_all(
 
 @contextmanager
 def _blaming(what: str, localizer: Localizer) -> Iterator[None]:
-    """Report errors on saved arrays that the localizer cannot index as a DataError on `what`: only the localizer knows
-    which arrays there must be."""
+    """Raise DataError on `what` where the localizer cannot index saved arrays.
+
+    Only the localizer knows which arrays are required, so that its exceptions are the check.
+    """
     try:
         yield
     except (IndexError, KeyError, TypeError, ValueError) as error:
         reason = describe_error(error)
-        raise DataError(f"{what} is not what {localizer.name} wrote ({reason}): build it again") from error
+        raise DataError(f"{what} has arrays that {localizer.name} cannot read ({reason}): build it again") from error

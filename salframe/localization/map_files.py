@@ -1,7 +1,7 @@
 """The folder of a saved map. Only this module reads and writes it.
 
-`map.json` names a sub-folder and the sha256 of every file in it, the parts of the map: `method.json`, tables (`frames`,
-`scenes`, those of a topology), `floors.npz`, and the index of the localizer.
+`map.json` names a sub-folder, which contains the parts of the map, and the SHA-256 of every file in it. The parts are
+`method.json`, tables (`frames`, `scenes`, those of a topology), `floors.npz`, and the index of the localizer.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class _SavedMethod(Settings):
 
 
 class MapParts:
-    """The parts of one map, in a folder of their own, to read or to write one by one."""
+    """The folder with the parts of one map, which are read and written one by one."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -74,7 +74,7 @@ class MapParts:
         return read_model(self.folder / name, model)
 
     def write_table(self, name: str, rows: Iterable[Row]) -> None:
-        """Write a part that is a table, row by row; memory holds only what `write_columns` says."""
+        """Write a part that is a table, row by row, with the memory use of `write_columns`."""
         write_columns(self.folder / name, rows)
 
     def read_table(self, name: str, columns: Mapping[str, ArrayKind] | None = None) -> Columns:
@@ -86,7 +86,7 @@ class MapParts:
         write_floors(self.folder, floors)
 
     def read_floors(self) -> tuple[FloorMasks, ...]:
-        """Read the floors of the map; there are none where none were written. Raises DataError."""
+        """Read the floors of the map; empty where it has no floors. Raises DataError."""
         return read_floors(self.folder) if self.has(FLOORS) else ()
 
     def write_scenes(self, packed: Iterable[Row], frames: Iterable[ReferenceFrame]) -> None:
@@ -98,7 +98,7 @@ class MapParts:
         """Map packed descriptions and reference frames into memory. Raises DataError."""
         packed, frames = self.read_table(SCENES), SavedFrames(self.read_table(FRAMES, FRAME_COLUMNS))
         if len(packed) != len(frames):
-            raise DataError(f"{self.folder} has {len(packed)} scenes and {len(frames)} frames, expected as many")
+            raise DataError(f"{self.folder} has {len(packed)} scenes and {len(frames)} frames, expected equal numbers")
         return packed, frames
 
     def write_method(self, localizer: Localizer) -> None:
@@ -115,7 +115,7 @@ class MapParts:
         return config
 
     def check_method(self, localizer: Localizer) -> None:
-        """Raise DataError unless this localizer describes panoramas as those of the map were described."""
+        """Raise DataError unless this localizer describes panoramas in the same way as the map was described."""
         saved, directory, name, version = self._read_method(), self.folder.parent, localizer.name, localizer.version
         kind = saved.localizer.get("kind")
         if (kind, saved.version) != (name, version):
@@ -142,9 +142,11 @@ def write_map(directory: Path) -> Iterator[MapParts]:
     """Write the parts of a map in a `with` block; they replace the map in `directory` when the block ends without an
     error.
 
-    The parts lie in a sub-folder of their own, and map.json, which names it, is replaced in one step: whenever the
-    process is killed, `directory` holds the old map or the new one. The next call removes what killed processes left.
-    Raises ConfigError where `directory` holds something else than a map, or another process writes to it.
+    The parts are written to a new sub-folder, and map.json, which names it, is replaced in one step: when the process
+    is killed, `directory` contains the old map or the new one. The next call removes the files of killed processes.
+
+    Raises:
+        ConfigError: `directory` contains something other than a map, or another process writes to it.
     """
     check_output(directory)
     existed = directory.exists()
@@ -169,10 +171,10 @@ def _replace_parts(directory: Path, existed: bool) -> Iterator[MapParts]:
 
 
 def read_map(directory: Path, read: Callable[[MapParts], _Result]) -> _Result:
-    """Return what `read` returns for the parts of a map; it is called again where the map was replaced meanwhile.
+    """Return the result of `read` for the parts of a map. It is called again where the map was replaced meanwhile.
 
-    Raises DataError, in one line, where `directory` holds no map, one of another format, or one that was edited or is
-    not whole.
+    Raises:
+        DataError: `directory` contains no map, or a map of another format, or the map was edited or is incomplete.
     """
     while True:
         manifest = _read_manifest(directory)
@@ -185,7 +187,7 @@ def read_map(directory: Path, read: Callable[[MapParts], _Result]) -> _Result:
 
 
 def check_output(directory: Path) -> None:
-    """Raise ConfigError where a folder to write a map to holds something else than a map, or what is left of one."""
+    """Raise ConfigError where an output folder contains something other than a map or the parts of one."""
     if not directory.exists() or (directory / MAP).exists():
         return
     if not directory.is_dir() or not all(path.name.startswith(_PARTS) for path in directory.iterdir()):
@@ -208,11 +210,11 @@ def _check_files(folder: Path, sha256: Mapping[str, str]) -> None:
         if not path.is_file():
             raise DataError(f"{path} is missing: build the map again")
         if file_sha256(path) != expected:
-            raise DataError(f"{path} is not what was written when the map was built: build the map again")
+            raise DataError(f"{path} was changed after the map was built: build the map again")
 
 
 def _remove_other_parts(directory: Path) -> None:
-    """Remove the parts that map.json does not name: of the map before, and of builds that did not end."""
+    """Remove the parts that map.json does not name: those of the previous map and of interrupted builds."""
     try:
         current = _read_manifest(directory).parts
     except DataError:

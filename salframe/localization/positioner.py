@@ -1,4 +1,4 @@
-"""The role `positioner`: where one graph's frame lies in another's
+"""The role `positioner`: estimate the pose of a query in a reference frame from matched nodes
 (docs/explanation/method.md#from-matched-nodes-to-a-pose)."""
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from salframe.panoramas.geometry import pose_yaw
 
 
 class PoseStatus(StrEnum):
-    """Whether there is a pose, or why not."""
+    """Whether a pose was estimated, or why not."""
 
     OK = "ok"
     TOO_FEW = "too-few"
@@ -27,13 +27,19 @@ class PoseStatus(StrEnum):
 
 @dataclass(frozen=True)
 class PoseEstimate:
-    """The query's frame in the reference frame.
+    """The estimated pose of the query in the reference frame.
 
-    T_reference_query (4, 4) or None where `status` is not OK; covariance (3, 3) of (x_m, y_m, yaw_rad) for SE(2),
-    (6, 6) for SE(3), or None; inliers (M,) bool over the given pairs; `runner_up` the support of the next best pose
-    divided by that of this one, in [0, 1]; yaw_rad the azimuth of the query's x axis in the reference frame: the
-    pose's, or of directions that tell the heading and not the position. Raises InvalidAnswer on a status that is none
-    of PoseStatus.
+    Attributes:
+        T_reference_query: (4, 4) pose; None where `status` is not OK.
+        status: Whether a pose was estimated, or why not.
+        covariance: (3, 3) covariance of (x_m, y_m, yaw_rad) for SE(2), (6, 6) for SE(3); None where it is unknown.
+        inliers: (M,) bool, whether each matched pair is an inlier.
+        runner_up: Ratio of the support of the second best pose to that of this pose, in [0, 1].
+        yaw_rad: Azimuth of the x axis of the query in the reference frame: that of the pose, or an estimate from
+            directions that determine the heading but not the position; None where it is unknown.
+
+    Raises:
+        InvalidAnswer: The status is not a PoseStatus.
     """
 
     T_reference_query: np.ndarray | None
@@ -47,23 +53,34 @@ class PoseEstimate:
         try:
             object.__setattr__(self, "status", PoseStatus(self.status))
         except ValueError:
-            known = ", ".join(PoseStatus)
-            raise InvalidAnswer(f"a pose has the status {self.status!r}, expected one of {known}") from None
+            statuses = ", ".join(PoseStatus)
+            raise InvalidAnswer(f"a pose has the status {self.status!r}, expected one of {statuses}") from None
         if self.T_reference_query is not None:
             object.__setattr__(self, "yaw_rad", pose_yaw(self.T_reference_query))
 
 
 class Positioner(Role):
-    """Estimates where one graph's frame lies in another's from matched nodes."""
+    """Estimates the pose of a query in a reference frame from matched nodes."""
 
     role = "positioner"
 
     @abstractmethod
     def solve(self, query_m: np.ndarray, reference_m: np.ndarray, weights: np.ndarray | None = None) -> PoseEstimate:
-        """Pose of the query frame in the reference frame, from matched points query_m, reference_m (M, 3) and weights
-        (M,) or None (equal)."""
+        """Estimate the pose of the query in the reference frame from matched points.
+
+        Args:
+            query_m: (M, 3) points in the frame of the query.
+            reference_m: (M, 3) points in the reference frame.
+            weights: (M,) weights; None: equal weights.
+        """
 
     def resect(self, bearing: np.ndarray, reference_m: np.ndarray) -> PoseEstimate:
-        """Pose of the query frame in the reference frame, from matched directions bearing (M, 3), unit vectors in the
-        query frame, and points reference_m (M, 3). A positioner that does not override this needs points: NO_RANGE."""
+        """Estimate the pose of the query in the reference frame from directions that are matched with points.
+
+        The default returns NO_RANGE: a positioner that does not override it needs points.
+
+        Args:
+            bearing: (M, 3) unit vectors in the frame of the query.
+            reference_m: (M, 3) points in the reference frame.
+        """
         return PoseEstimate(None, PoseStatus.NO_RANGE, None, np.zeros(len(bearing), bool))

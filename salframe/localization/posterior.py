@@ -1,5 +1,4 @@
-"""From the scores of places to probabilities, with one for 'in none of them': a few parameters, fitted on tuning
-data."""
+"""Convert scores of places to probabilities, including that of out-of-map, with parameters fitted on tuning data."""
 
 from __future__ import annotations
 
@@ -17,55 +16,78 @@ from salframe.framework.validation import Settings
 from salframe.localization.answers import Localization, LocalizationStatus, ranked_places
 
 FEATURES = ("top_score", "top_probability", "margin", "log_objects")
-"""What the head weighs, in the order of `head_features`."""
+"""Features of the head, in the order of `head_features`."""
 TEMPERATURES = (1e-4, 1e4)
-"""Between these, times the spread of the scores, a temperature is looked for."""
+"""Minimum and maximum temperature, relative to the spread of the scores."""
 RIDGE = 1e-3
-"""Weight of the squared weights of the head, per answer and in units of a feature's spread: without it answers that can
-be told apart without an error have no best weights."""
+"""Ridge penalty: factor of the squared weights of the head, per answer, in units of the spread of a feature. Without
+it, answers that can be separated without an error have no optimal weights."""
 
 
 class Head(Settings):
-    """A logistic model of 'here': log-odds that the query is in a place of the map, a sum of weighted features."""
+    """A logistic model: the log-odds that the query is in a place of the map, a weighted sum of features."""
 
     bias: float = Field(description="log-odds where all features are 0")
-    top_score: float = Field(description="log-odds for each unit of the best score")
-    top_probability: float = Field(description="log-odds for a share of 1 that the best place has among the places")
-    margin: float = Field(description="log-odds for each unit that the best score leads by; over 0 where it is alone")
-    log_objects: float = Field(description="log-odds for each unit of ln(1 + number of objects of the query)")
+    top_score: float = Field(description="log-odds per unit of the best score")
+    top_probability: float = Field(description="log-odds per unit of the share of the best place among the places")
+    margin: float = Field(
+        description="log-odds per unit of the difference between the two best scores; a single score is compared with 0"
+    )
+    log_objects: float = Field(description="log-odds per unit of ln(1 + number of objects of the query)")
 
 
 class Posterior(Settings):
-    """What scores of places are worth. The share of a place is softmax(score / temperature) over the ranked places; the
-    head says how probable it is that the query is in one of them at all, and the product is a place's probability."""
+    """A model of probabilities from scores.
 
-    temperature: float = Field(gt=0, description="difference of scores that makes a place e times as probable")
+    The share of a place is softmax(score / temperature) over the ranked places. The head gives the probability that the
+    query is in one of them. The probability of a place is the product.
+    """
+
+    temperature: float = Field(gt=0, description="difference in score that makes a place e times as probable")
     head: Head
     max_out_of_map_probability: float = Field(
-        0.5, ge=0, le=1, description="above this probability of being in no place of the map the answer is out-of-map"
+        0.5, ge=0, le=1, description="maximum out-of-map probability; above it, the answer is out-of-map"
     )
 
     def apply(self, localization: Localization, objects: int = 0) -> Localization:
-        """The same answer with probabilities, of the query's number of objects; `out-of-map` and without a pose where
-        that is more probable than `max_out_of_map_probability`. An answer without places stays as it is."""
+        """Return an answer with probabilities.
+
+        The status is `out-of-map`, without a pose, where the out-of-map probability is larger than
+        `max_out_of_map_probability`. An answer without places is returned unchanged.
+
+        Args:
+            localization: The answer.
+            objects: Number of objects of the query.
+        """
         if not localization.places:
             return localization
-        frames, names, told, _ = zip(*localization.places, strict=True)
-        scores = np.array(told, np.float64)
+        frames, names, place_scores, _ = zip(*localization.places, strict=True)
+        scores = np.array(place_scores, np.float64)
         share = shares(scores, self.temperature)
         weights = np.array([getattr(self.head, name) for name in FEATURES])
-        here = float(_logistic(self.head.bias + head_features(scores, share, objects) @ weights))
-        places = ranked_places(frames, names, told, (here * share).tolist())
-        denied = localization.status.names_a_place and 1 - here > self.max_out_of_map_probability
-        if denied:
-            return Localization(places, None, LocalizationStatus.OUT_OF_MAP, out_of_map_probability=1 - here)
-        return replace(localization, places=places, out_of_map_probability=1 - here)
+        in_map = float(_logistic(self.head.bias + head_features(scores, share, objects) @ weights))
+        places = ranked_places(frames, names, place_scores, (in_map * share).tolist())
+        is_rejected = localization.status.names_a_place and 1 - in_map > self.max_out_of_map_probability
+        if is_rejected:
+            return Localization(places, None, LocalizationStatus.OUT_OF_MAP, out_of_map_probability=1 - in_map)
+        return replace(localization, places=places, out_of_map_probability=1 - in_map)
 
 
 def read_fitted(part: str, value: Any) -> Any:
-    """What a setting stands for whose numbers `salframe fit` finds: of a file that it wrote, its mapping `part`, with
-    those laid on top that were set one by one, or a mapping of them. Raises ConfigError on a file that cannot be read,
-    ValueError on one that holds no such part."""
+    """Return the value of a setting whose parameters `salframe fit` computes.
+
+    Args:
+        part: Name of the mapping with the parameters in a file of `salframe fit`.
+        value: The path of such a file, or a mapping of parameters. The key `kind` of a mapping names a file; the other
+            keys replace parameters of the file.
+
+    Returns:
+        The mapping of parameters; another value unchanged.
+
+    Raises:
+        ConfigError: The file cannot be read.
+        ValueError: The file has no mapping `part`.
+    """
     if isinstance(value, str | Path):
         value = {"kind": str(value)}
     if not isinstance(value, Mapping) or "kind" not in value:
@@ -74,27 +96,38 @@ def read_fitted(part: str, value: Any) -> Any:
     if not isinstance(content, Mapping):
         raise ValueError(f"{value['kind']} has no mapping `{part}`, expected a file that `salframe fit` wrote")
     rest = {key: number for key, number in value.items() if key != "kind"}
-    # A preset's own numbers, which are complete, lie below the file; what was set of the file's is not.
+    # A complete mapping comes from a preset: the file replaces it. An incomplete one replaces parameters of the file.
     return content if content.keys() <= rest.keys() else merge(content, rest)
 
 
 def shares(scores: np.ndarray, temperature: float) -> np.ndarray:
-    """softmax(scores / temperature) (P,)."""
+    """Return softmax(scores / temperature), (P,)."""
     power = np.exp((scores - scores.max()) / temperature)
     return np.asarray(power / power.sum())
 
 
 def head_features(scores: np.ndarray, share: np.ndarray, objects: int) -> np.ndarray:
-    """(4,) float64, see FEATURES; scores (P,), best first, at least one, with their `shares`."""
+    """Return the features of the head in the order of FEATURES, (4,) float64.
+
+    Args:
+        scores: (P,) scores of the places, best first, at least one.
+        share: (P,) `shares` of the scores.
+        objects: Number of objects of the query.
+    """
     second = scores[1] if len(scores) > 1 else 0.0
     return np.array([scores[0], share[0], scores[0] - second, np.log1p(objects)])
 
 
 @dataclass(frozen=True, eq=False)
 class ScoredAnswer:
-    """An answer and what is true of it: scores (P,) float64 of its places, best first, at least one; true_place, the
-    position of the query's place among them, None where it is not; here, whether that place is in the map; objects, how
-    many the query shows."""
+    """An answer with its truth.
+
+    Attributes:
+        scores: (P,) float64 scores of the places, best first, at least one.
+        true_place: Index of the query's place among them; None where it is not ranked.
+        here: Whether the query's place is in the map.
+        objects: Number of objects of the query.
+    """
 
     scores: np.ndarray
     true_place: int | None
@@ -104,9 +137,18 @@ class ScoredAnswer:
 
 @dataclass(frozen=True)
 class Fit:
-    """A fitted posterior, and what it gains: mean negative logarithms, in nats, of the share of the true place
-    (`place`, of `place_answers` answers that rank it) and of the probability that the query is here or not (`here`, of
-    all `answers`), before (temperature 1; the share of queries that are here) and after."""
+    """A fitted posterior, and its mean negative log-likelihoods in nats.
+
+    Attributes:
+        posterior: The posterior.
+        answers: Number of answers.
+        place_answers: Number of answers that rank the true place.
+        place_nll_before: Of the share of the true place in these answers, with temperature 1.
+        place_nll_after: Of the share of the true place in these answers, with the fitted temperature.
+        here_nll_before: Of whether the query is in the map, in all answers, with the same probability for all: the
+            share of queries in the map.
+        here_nll_after: Of whether the query is in the map, in all answers, with the fitted head.
+    """
 
     posterior: Posterior
     answers: int
@@ -118,28 +160,30 @@ class Fit:
 
 
 def fit_posterior(answers: Sequence[ScoredAnswer]) -> Fit:
-    """The temperature and the head of maximal likelihood; the same for the same answers.
+    """Fit temperature and head by maximum likelihood. The result is deterministic.
 
-    Raises DataError where the scores tell nothing, or where queries that are here or queries that are not are missing.
+    Raises:
+        DataError: All places of each answer have equal scores; or there are no queries in the map, or no out-of-map
+            queries.
     """
     ranked = [answer for answer in answers if answer.here and answer.true_place is not None]
-    absent = sum(not answer.here for answer in answers)
-    if not ranked or not absent:
+    num_out_of_map = sum(not answer.here for answer in answers)
+    if not ranked or not num_out_of_map:
         raise DataError(
-            f"received {len(ranked)} answers that rank the query's place and {absent} whose map lacks it, "
-            "expected some of both"
+            f"received {len(ranked)} answers that rank the query's place and {num_out_of_map} out-of-map answers, "
+            "expected at least 1 of each"
         )
     spread = float(np.std(np.concatenate([answer.scores for answer in answers])))
     if spread == 0 or all(np.ptp(answer.scores) == 0 for answer in ranked):
-        raise DataError("the places of each answer have one and the same score, expected scores that tell places apart")
+        raise DataError("all places of each answer have the same score, expected scores that differ between places")
     temperature = _fit_temperature(ranked, spread)
-    here = np.array([answer.here for answer in answers], float)
+    in_map = np.array([answer.here for answer in answers], float)
     features = np.stack(
         [head_features(answer.scores, shares(answer.scores, temperature), answer.objects) for answer in answers]
     )
-    bias, weights = _fit_logistic(features, here)
+    bias, weights = _fit_logistic(features, in_map)
     head = Head(bias=bias, **dict(zip(FEATURES, weights, strict=True)))
-    base = here.mean()
+    base = in_map.mean()
     return Fit(
         Posterior(temperature=temperature, head=head, max_out_of_map_probability=0.5),
         len(answers),
@@ -147,22 +191,22 @@ def fit_posterior(answers: Sequence[ScoredAnswer]) -> Fit:
         _place_nll(ranked, 1.0),
         _place_nll(ranked, temperature),
         -float(base * np.log(base) + (1 - base) * np.log(1 - base)),
-        _here_nll(bias + features @ np.array(weights), here),
+        _logistic_nll(bias + features @ np.array(weights), in_map),
     )
 
 
 def _fit_temperature(ranked: Sequence[ScoredAnswer], spread: float) -> float:
     from scipy.optimize import minimize_scalar
 
-    low, high = np.log(np.array(TEMPERATURES) * spread)
-    found = minimize_scalar(
-        lambda log_t: _place_nll(ranked, float(np.exp(log_t))), bounds=(low, high), method="bounded"
+    min_log, max_log = np.log(np.array(TEMPERATURES) * spread)
+    result = minimize_scalar(
+        lambda log_t: _place_nll(ranked, float(np.exp(log_t))), bounds=(min_log, max_log), method="bounded"
     )
-    return float(np.exp(found.x))
+    return float(np.exp(result.x))
 
 
 def _place_nll(ranked: Sequence[ScoredAnswer], temperature: float) -> float:
-    """Mean negative logarithm of the true places' shares."""
+    """Return the mean negative logarithm of the share of the true place."""
     total = 0.0
     for answer in ranked:
         power = answer.scores / temperature
@@ -171,30 +215,36 @@ def _place_nll(ranked: Sequence[ScoredAnswer], temperature: float) -> float:
 
 
 def _fit_logistic(features: np.ndarray, outcome: np.ndarray) -> tuple[float, list[float]]:
-    """Bias and weights (F,) of logistic regression with a ridge, of features (N, F) and outcomes (N,) 0 or 1. A feature
-    that never varies weighs nothing."""
+    """Fit a logistic regression with a ridge penalty; return the bias and the weights (F,).
+
+    A constant feature has the weight 0.
+
+    Args:
+        features: (N, F) features.
+        outcome: (N,) outcomes, 0 or 1.
+    """
     from scipy.optimize import minimize
 
     mean, spread = features.mean(0), features.std(0)
     varies = spread > 1e-9 * np.maximum(np.abs(mean), 1)
     scale = np.where(varies, spread, 1.0)
-    plain = (features - mean) / scale * varies
+    standardized = (features - mean) / scale * varies
 
     def loss(parameters: np.ndarray) -> tuple[float, np.ndarray]:
-        logit = parameters[0] + plain @ parameters[1:]
-        off = (_logistic(logit) - outcome) / len(outcome)
-        value = _here_nll(logit, outcome) + RIDGE * (parameters[1:] @ parameters[1:])
-        return value, np.concatenate([[off.sum()], plain.T @ off + 2 * RIDGE * parameters[1:]])
+        logit = parameters[0] + standardized @ parameters[1:]
+        residual = (_logistic(logit) - outcome) / len(outcome)
+        value = _logistic_nll(logit, outcome) + RIDGE * (parameters[1:] @ parameters[1:])
+        return value, np.concatenate([[residual.sum()], standardized.T @ residual + 2 * RIDGE * parameters[1:]])
 
-    found = minimize(loss, np.zeros(1 + features.shape[1]), jac=True, method="L-BFGS-B", options={"gtol": 1e-8})
-    weights = found.x[1:] / scale * varies
-    return float(found.x[0] - mean @ weights), [float(weight) for weight in weights]
+    result = minimize(loss, np.zeros(1 + features.shape[1]), jac=True, method="L-BFGS-B", options={"gtol": 1e-8})
+    weights = result.x[1:] / scale * varies
+    return float(result.x[0] - mean @ weights), [float(weight) for weight in weights]
 
 
-def _here_nll(logit: np.ndarray, outcome: np.ndarray) -> float:
-    """Mean negative logarithm of the probability of the outcomes (N,) 0 or 1 at these log-odds."""
+def _logistic_nll(logit: np.ndarray, outcome: np.ndarray) -> float:
+    """Return the mean negative logarithm of the probability of outcomes (N,), 0 or 1, with log-odds (N,)."""
     return float(np.mean(np.logaddexp(0, logit) - outcome * logit))
 
 
 def _logistic(logit: Any) -> Any:
-    return 0.5 * (1 + np.tanh(0.5 * logit))  # which does not overflow
+    return 0.5 * (1 + np.tanh(0.5 * logit))  # does not overflow, unlike 1 / (1 + exp(-logit))

@@ -34,10 +34,20 @@ def prepare(
     progress: Progress | None,
     tell: Tell,
 ) -> tuple[str, Dataset, Localizer]:
-    """Return the short name of a method, the dataset, prepared by an engine, and the method's localizer.
+    """Return the short name of a method, a prepared dataset, and the localizer of the method.
 
-    overrides are for all of them. `tell` is called with what `auto` selected, and where ranges seem to be in a wrong
-    unit. Raises SalframeError.
+    Args:
+        data: As in `find_dataset`.
+        method: A preset, a localizer or a YAML file; None: the default method.
+        data_dir: As in `find_dataset`.
+        overrides: Settings as "METHOD.KEY=value", "data.KEY=value" or "engine.KEY=value".
+        engine: As in `find_dataset`.
+        progress: As in `find_dataset`.
+        tell: Called with each component that `auto` selected, and with a warning where ranges seem to be in a wrong
+            unit.
+
+    Raises:
+        SalframeError: A name or a setting is wrong, or the data are missing or malformed.
     """
     requested = default_of("map_method") if method is None else method
     name, content = short_name(requested), settings("localizer", requested)

@@ -1,4 +1,4 @@
-"""From scored reference frames to ranked places (docs/explanation/method.md#doorways)."""
+"""Rank places from the scores of reference frames (docs/explanation/method.md#doorways)."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from salframe.panoramas.frames import FrameKind, ReferenceFrame
 def rank_places(
     frames: Sequence[ReferenceFrame], scores: np.ndarray, T_world_query: np.ndarray | None = None
 ) -> tuple[RankedPlace, ...]:
-    """Return the places of scored frames, best first, each by its best frame; ties keep the order of the frames.
+    """Return the places of scored frames, best first, each with its best frame. Ties are in the order of the frames.
 
     Where the best frame is a transition and the pose is known, the scene frame nearest to the pose comes first with
-    that score: a doorway lies between places, and the pose tells which of them the query stands in.
+    that score: a doorway is between places, and the pose determines the place of the query.
 
     Args:
         frames: The K reference frames.
-        scores: (K,) scores, larger is better; -inf: the frame is no candidate.
-        T_world_query: (4, 4) pose of the query; None where it is not known.
+        scores: (K,) scores, larger is better; -inf: the frame is not a candidate.
+        T_world_query: (4, 4) pose of the query; None where it is unknown.
     """
     order = [int(i) for i in np.argsort(-scores, kind="stable") if np.isfinite(scores[i])]
     value = scores.astype(np.float64)

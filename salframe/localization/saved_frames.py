@@ -1,4 +1,4 @@
-"""The frames of a saved map: rows of a table, mapped into memory and read when needed."""
+"""The reference frames of a saved map: rows of a table, mapped into memory and read on demand."""
 
 from __future__ import annotations
 
@@ -15,30 +15,34 @@ from salframe.panoramas.frames import FrameKind, ReferenceFrame
 from salframe.panoramas.geometry import are_rotations
 
 _CHUNK = 1 << 14
-"""Number of poses that are checked at once."""
+"""Number of poses to check at a time."""
 _NAME = ArrayKind("U", ())
 FRAME_COLUMNS = {"id": _NAME, "place": _NAME, "kind": _NAME, "pose": ArrayKind("f", (None,))}
-"""The columns of a table of frames."""
+"""Columns of a table of frames."""
 _LEVEL, _TILTED = 5, 12
-"""Numbers of a pose: x, y, z, cosine and sine of the yaw where it is turned about the vertical alone, as panoramas
-mostly are; else the upper rows of its matrix."""
+"""Length of the two formats of a pose. Level: x, y, z, cosine and sine of the yaw, for an upright panorama. Tilted: the
+first three rows of the matrix."""
 
 
 class SavedFrames(Sequence[ReferenceFrame]):
-    """The S frames of a saved map, each created when it is first read; is_scene (S,) bool.
+    """The S reference frames of a saved map, each created when it is first read.
 
-    Raises DataError on an unknown kind, and on a pose that is not a rigid motion.
+    Attributes:
+        is_scene: (S,) bool, whether each frame is a scene.
+
+    Raises:
+        DataError: A frame has an unknown kind, or a pose that is not a rigid motion.
     """
 
     def __init__(self, rows: Columns) -> None:
-        """rows: a table that was written from `frame_row`."""
-        self._columns, self._rows, self._made = rows.columns, len(rows), dict[int, ReferenceFrame]()
+        """Read a table with the rows of `frame_row`."""
+        self._columns, self._rows, self._created = rows.columns, len(rows), dict[int, ReferenceFrame]()
         self._check(rows)
         kinds = np.array(rows.columns["kind"].words)
         self.is_scene = (kinds == FrameKind.SCENE)[rows.columns["kind"].values]
 
     def poses(self, low: int = 0, high: int | None = None) -> np.ndarray:
-        """Return (high - low, 3, 4) float64, the upper rows of the poses of consecutive frames (default: of all)."""
+        """Return the first three rows of the poses of the frames low to high - 1 (default: all), (N, 3, 4) float64."""
         high = len(self) if high is None else min(high, len(self))
         numbers, start = self._columns["pose"].values, self._columns["pose"].start[low : high + 1]
         first, is_level = start[:-1], np.diff(start) == _LEVEL
@@ -54,18 +58,18 @@ class SavedFrames(Sequence[ReferenceFrame]):
         if isinstance(number, slice):
             return [self[i] for i in range(len(self))[number]]
         number = range(len(self))[number]
-        if number not in self._made:
+        if number not in self._created:
             T_world_pano = np.eye(4)
             T_world_pano[:3] = self.poses(number, number + 1)[0]
             id, place, kind = (self._columns[name][number].item() for name in ("id", "place", "kind"))
-            self._made[number] = ReferenceFrame(id, place, T_world_pano, FrameKind(kind))
-        return self._made[number]
+            self._created[number] = ReferenceFrame(id, place, T_world_pano, FrameKind(kind))
+        return self._created[number]
 
     def _check(self, rows: Columns) -> None:
         if not rows:
-            raise DataError(f"{rows.folder} holds no frame: build the map again")
+            raise DataError(f"{rows.folder} has no frames: build the map again")
         if unknown := set(rows.columns["kind"].words or ()) - set(FrameKind):
-            raise DataError(f"{rows.folder} has frames of the kind {min(unknown)!r}: build the map again")
+            raise DataError(f"{rows.folder} has frames of the unknown kind {min(unknown)!r}: build the map again")
         if lengths := set(np.diff(rows.columns["pose"].start).tolist()) - {_LEVEL, _TILTED}:
             raise DataError(f"{rows.folder} has a pose of {min(lengths)} numbers, expected {_LEVEL} or {_TILTED}")
         for low in range(0, len(self), _CHUNK):
@@ -74,7 +78,7 @@ class SavedFrames(Sequence[ReferenceFrame]):
                 raise DataError(f"{rows.folder}: the pose of {frame} is no rigid motion: build the map again")
 
     def _are_rigid(self, low: int, high: int) -> np.ndarray:
-        """Return (high - low,) bool, whether the pose of each of these frames is a rigid motion."""
+        """Return whether the pose of each of the frames low to high - 1 is a rigid motion, (high - low,) bool."""
         numbers, start = self._columns["pose"].values, self._columns["pose"].start[low : high + 1]
         first, is_level = start[:-1], np.diff(start) == _LEVEL
         rigid, (cos, sin) = np.zeros(len(first), bool), (numbers[first[is_level] + axis] for axis in (3, 4))
@@ -85,7 +89,7 @@ class SavedFrames(Sequence[ReferenceFrame]):
 
 
 def frame_row(frame: ReferenceFrame) -> Row:
-    """Return the row of a frame in a table of frames; its panorama is not saved."""
+    """Return the row of a frame in a table of frames. Its panorama is not saved."""
     return {
         "id": np.array(frame.id),
         "place": np.array(frame.place),
@@ -95,13 +99,13 @@ def frame_row(frame: ReferenceFrame) -> Row:
 
 
 def _pose_numbers(T_world_pano: np.ndarray) -> np.ndarray:
-    """Return the numbers that restore the upper rows of a pose (3, 4) bit by bit."""
+    """Return the numbers that restore the first three rows of a pose (3, 4) bit by bit."""
     level = np.concatenate([T_world_pano[:, 3], T_world_pano[:2, 0]])
     return level if np.array_equal(_level_poses(level[None])[0], T_world_pano) else T_world_pano.ravel()
 
 
 def _level_poses(numbers: np.ndarray) -> np.ndarray:
-    """Return (N, 3, 4), the upper rows of poses that are turned about the vertical alone, from their numbers (N, 5)."""
+    """Return the first three rows of the poses of upright frames, (N, 3, 4), from their numbers (N, 5)."""
     x, y, z, cos, sin = numbers.T
-    none, one = np.zeros(len(numbers)), np.ones(len(numbers))
-    return np.stack([cos, -sin, none, x, sin, cos, none, y, none, none, one, z], 1).reshape(-1, 3, 4)
+    zero, one = np.zeros(len(numbers)), np.ones(len(numbers))
+    return np.stack([cos, -sin, zero, x, sin, cos, zero, y, zero, zero, one, z], 1).reshape(-1, 3, 4)

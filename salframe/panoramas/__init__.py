@@ -1,1 +1,1 @@
-"""Panoramas and where they come from: geometry, perspective views, data sets, the folder format, annotations."""
+"""Panoramas and datasets: geometry, perspective views, the folder format, annotations."""

@@ -1,4 +1,4 @@
-"""The role `dataset`: where panoramas come from."""
+"""The role `dataset`: a source of panoramas."""
 
 from __future__ import annotations
 
@@ -19,33 +19,37 @@ from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.query_view import view_queries, view_settings
 
 MANIFEST = "manifest.json"
-"""What makes a folder of panoramas a data set (panoramas/folder_format.py)."""
+"""Name of the file that makes a folder of panoramas a dataset (panoramas/folder_format.py)."""
 
 
 class Dataset(Role):
-    """Panoramas with poses for mapping, panoramas without for queries, and the truth that only evaluation asks for."""
+    """Reference frames with poses, queries without poses, and the ground truth of the queries for evaluation."""
 
     role = "dataset"
     presets = "data"
     engine: Engine | None = None
-    """What does the pieces of `prepare`; the default one where it is None."""
+    """The engine that runs the jobs of `prepare`; None: the default engine."""
 
     @property
     @abstractmethod
     def provides(self) -> frozenset[str]:
-        """Which of "rgb", "range", "annotations" its panoramas have. Known before `prepare`."""
+        """Parts that all panoramas have, of "rgb", "range" and "annotations". Available before `prepare`."""
 
     @property
     @abstractmethod
     def fingerprint(self) -> str:
-        """Changes whenever any frame's content or any truth does, before queries are seen as QueryView says; part of
-        every cache key."""
+        """Digest that changes with the content of any frame and with any truth; part of every cache key.
+
+        It is independent of the settings of QueryView.
+        """
 
     @final
     @property
     def content_key(self) -> str:
-        """What caches know the content by: name, version and fingerprint, so that a new version changes every key, and
-        how queries are seen."""
+        """Cache key of the content: a digest of name, version, fingerprint and the settings of QueryView.
+
+        A new version of the component changes every key.
+        """
         view = view_settings(self.config)
         return digest([self._stored_key, view]) if view else self._stored_key
 
@@ -56,50 +60,69 @@ class Dataset(Role):
     @final
     @property
     def question_key(self) -> str:
-        """What runs know their questions by: the fingerprint, and with it the settings declared `match_only` where they
-        are not the defaults. These choose what maps hold and what is asked of them, and no panorama depends on them, so
-        that descriptions are shared between such runs."""
+        """Key of the maps and queries of a run: a digest of the fingerprint and of the `match_only` settings that are
+        not the defaults.
+
+        These settings select reference frames and queries. No panorama depends on them, so that runs which differ only
+        in them share descriptions.
+        """
         chosen = matching_settings(self.config)
         return digest([self.fingerprint, chosen]) if chosen else self.fingerprint
 
     def prepare(self, progress: Callable[[int, int], None]) -> None:
-        """Do what takes long and can be resumed (render, index) before the first fold; `progress(done, total)`."""
+        """Do the long work that can be resumed (rendering, indexing) before the first call of `folds`.
+
+        Args:
+            progress: Called as progress(done, total).
+        """
 
     @property
     def rendered(self) -> bool:
-        """Whether its annotations and ranges come from a renderer and hold no error of their own. Known after
-        `prepare`."""
+        """Whether annotations and ranges come from a renderer and are free of errors. Available after `prepare`."""
         return False
 
     @abstractmethod
     def folds(self) -> Sequence[Fold]:
-        """Each fold: reference frames with poses and query frames without. Most sets have one, leave-one-out has many."""
+        """Return the folds: each has reference frames with poses, and queries without poses.
+
+        Most datasets have one fold; leave-one-out evaluation has many.
+        """
 
     @final
     def view(self, folds: Sequence[Fold]) -> list[Fold]:
-        """The folds with queries seen as the settings of QueryView say: what `folds` of a data set gives whose Config
-        has these. Caches know its reference frames as if there were none."""
+        """Return the folds with the settings of QueryView applied to the queries.
+
+        A dataset whose Config has these settings returns the result from `folds`. The cache keys of its reference
+        frames do not depend on these settings.
+        """
         if not view_settings(self.config):
             return list(folds)
         return view_queries(folds, self.config, self._stored_key)
 
     @abstractmethod
     def truth(self, query_id: str) -> Truth:
-        """The pose and place of a query. Only the evaluator calls it."""
+        """Return the true pose and place of a query. Only the evaluation calls it."""
 
     def floors(self) -> Sequence[FloorMasks]:
-        """The floors seen from above; none where the set has no masks."""
+        """Return the floor masks, top view; empty where the dataset has none."""
         return ()
 
     def room_types(self) -> Mapping[str, str]:
-        """What kind of room each place is, "kitchen", by the place; places that are missing have no kind that is known.
-        For evaluation, like `truth`."""
+        """Return the room type of each place, such as "kitchen"; places of unknown type are missing.
+
+        Only the evaluation calls it.
+        """
         return {}
 
     def observe(self, T_world_pano: np.ndarray) -> Panorama:
-        """The panorama that a query would show at this pose (4, 4), for data sets that can render; `as_query` where
-        the Config has the settings of QueryView.
+        """Return the panorama of a query at a new pose, in datasets that can render.
 
-        Raises InputMissing in those that cannot.
+        A dataset whose Config has the settings of QueryView applies `as_query` to it.
+
+        Args:
+            T_world_pano: (4, 4) pose of the query.
+
+        Raises:
+            InputMissing: The dataset cannot render.
         """
-        raise InputMissing(f"{self.name} cannot render: it has panoramas at its own frames only")
+        raise InputMissing(f"{self.name} cannot render panoramas at new poses; it has only those of its frames")

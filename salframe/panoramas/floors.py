@@ -1,4 +1,4 @@
-"""Floors seen from above, as masks."""
+"""Floors as masks, top view."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from salframe.framework.files.reading import read_arrays
 from salframe.framework.files.writing import write_arrays
 
 FLOORS = "floors.npz"
+"""Name of the file with the floors of a map."""
 _FLOOR = {
     "free": ArrayKind("u", (None, None)),
     "obstacle": ArrayKind("u", (None, None)),
@@ -26,21 +27,31 @@ _FLOOR = {
     "origin_m": ArrayKind("f", (2,)),
     "z_m": ArrayKind("f", ()),
 }
-"""What floors.npz holds of a floor."""
+"""Arrays of one floor in floors.npz."""
 SAME_FLOOR_M = 0.5
-"""Masks whose heights differ by less are of one floor."""
+"""Minimum difference in height between two floors. Masks that are closer belong to the same floor."""
 MAX_PIXELS = 1 << 28
-"""Larger floors are not joined."""
+"""Maximum number of pixels of joined masks."""
 
 
 @dataclass(frozen=True, eq=False)
 class FloorMasks:
-    """A floor seen from above. Row 0 is at the largest y, so that the picture reads like a map.
+    """The masks of a floor in the world frame, top view. Row 0 is at the maximum y, so that the image reads like a map.
 
-    free, region (rows, columns): bool free floor before obstacles, int32 region label (0 outside); obstacle bool. Pixel
-    (row, column) covers x = origin_m[0] + column * resolution_m, y = origin_m[1] - row * resolution_m at its upper left
-    corner. regions: label -> place. z_m is the floor's height in the world: a frame belongs to the highest floor below
-    it. Raises DataError on masks of different sizes.
+    The upper left corner of the pixel (row, column) is at x = origin_m[0] + column * resolution_m,
+    y = origin_m[1] - row * resolution_m.
+
+    Attributes:
+        free: (rows, columns) bool, free floor, obstacles not yet subtracted.
+        region: (rows, columns) int32, label of the region; 0 outside all regions.
+        obstacle: (rows, columns) bool, obstacles.
+        resolution_m: Side of a pixel in metres.
+        origin_m: x and y of the upper left corner of the masks in the world, in metres.
+        regions: Place of each region label.
+        z_m: Height of the floor in the world. A frame belongs to the highest floor below it.
+
+    Raises:
+        DataError: The masks differ in size, or the resolution is not positive.
     """
 
     free: np.ndarray
@@ -54,21 +65,27 @@ class FloorMasks:
     def __post_init__(self) -> None:
         shape = check_array(self, "free", np.bool_, None, None).shape
         for name, dtype in (("region", np.int32), ("obstacle", np.bool_)):
-            got = check_array(self, name, dtype, None, None).shape
-            if got != shape:
+            mask_shape = check_array(self, name, dtype, None, None).shape
+            if mask_shape != shape:
                 raise DataError(
-                    f"the {name} mask of a floor is {got[1]} x {got[0]} pixels, "
-                    f"expected {shape[1]} x {shape[0]} as its free mask"
+                    f"the {name} mask of a floor is {mask_shape[1]} x {mask_shape[0]} pixels, "
+                    f"expected {shape[1]} x {shape[0]}, the size of its free mask"
                 )
         if not self.resolution_m > 0:
             raise DataError(
-                f"the masks of a floor have a resolution of {self.resolution_m} m a pixel, expected more than 0"
+                f"the masks of a floor have a resolution of {self.resolution_m} m per pixel, expected more than 0"
             )
 
 
 def find_floor(floors: Sequence[FloorMasks], xyz_m: Sequence[float] | np.ndarray) -> int | None:
-    """Which floor, of those sorted by height, a camera or an agent at this position is on: the highest below it whose
-    masks it is over."""
+    """Return the index of the floor that a camera or an agent is on; None where it is outside all masks.
+
+    It is on the highest floor below it whose masks cover its position.
+
+    Args:
+        floors: Floors, sorted by height.
+        xyz_m: Position in the world.
+    """
     for number in reversed(range(len(floors))):
         floor = floors[number]
         column = (xyz_m[0] - floor.origin_m[0]) / floor.resolution_m
@@ -80,8 +97,11 @@ def find_floor(floors: Sequence[FloorMasks], xyz_m: Sequence[float] | np.ndarray
 
 
 class Regions:
-    """Which place each position of some floors belongs to: that of the nearest region, walls and sills among them;
-    places: their names."""
+    """The place at each position of some floors: that of the nearest region, also on walls and sills.
+
+    Attributes:
+        places: Names of the places.
+    """
 
     def __init__(self, floors: Sequence[FloorMasks]) -> None:
         from scipy.ndimage import distance_transform_edt
@@ -99,28 +119,35 @@ class Regions:
             self._numbers.append(numbers[tuple(nearest)])
 
     def at(self, xy_m: np.ndarray, camera_z_m: np.ndarray) -> np.ndarray:
-        """(N,) int: the numbers of the places (`places`) at positions (N, 2) in the world, on the floors that cameras
-        at these heights (N,) stand on; -1 off the masks."""
-        found = np.full(len(xy_m), -1)
-        for floor, numbers in zip(self._floors, self._numbers, strict=True):  # the highest last
+        """Return the index in `places` of the place at each position, (N,) int; -1 outside the masks.
+
+        Args:
+            xy_m: (N, 2) positions in the world.
+            camera_z_m: (N,) heights of the cameras in the world, which select the floors.
+        """
+        place_numbers = np.full(len(xy_m), -1)
+        for floor, numbers in zip(self._floors, self._numbers, strict=True):  # from the lowest to the highest
             column, row = (np.array([1, -1]) * (xy_m - floor.origin_m) / floor.resolution_m).T
             over = (row >= 0) & (row < numbers.shape[0]) & (column >= 0) & (column < numbers.shape[1])
             over &= (floor.z_m <= camera_z_m) | (len(self._floors) == 1)
-            found[over] = numbers[row[over].astype(int), column[over].astype(int)]
-        return found
+            place_numbers[over] = numbers[row[over].astype(int), column[over].astype(int)]
+        return place_numbers
 
 
 def join_floors(floors: Sequence[FloorMasks], more: Sequence[FloorMasks]) -> tuple[FloorMasks, ...]:
-    """The floors of a building that two sets of masks show, those of `floors` first.
+    """Return the union of two sets of floors, those of `floors` first.
 
-    Where both show a floor, by its height within SAME_FLOOR_M, `more` lies on top, moved by half a pixel at most:
-    regions replace those of their names, and so do pixels that are free, blocked or of a region. Raises DataError on
-    masks of different resolutions, and where most of a region would come to lie under others, as it does where two sets
-    are not of one world frame.
+    Where both sets have a floor at the same height (within SAME_FLOOR_M), the masks of `more` are laid over the others,
+    shifted by half a pixel at most. A region of `more` replaces the region of the same place. Pixels of `more` that are
+    free, blocked or in a region replace those below.
+
+    Raises:
+        DataError: The resolutions differ, the joined masks have more than MAX_PIXELS, or `more` covers most of a region
+            of another place, as it does where the two sets are not in the same world frame.
     """
     joined = list(floors)
     for floor in more:
-        same = next((i for i, known in enumerate(floors) if abs(known.z_m - floor.z_m) < SAME_FLOOR_M), None)
+        same = next((i for i, other in enumerate(floors) if abs(other.z_m - floor.z_m) < SAME_FLOOR_M), None)
         if same is None:
             joined.append(floor)
         else:
@@ -132,8 +159,8 @@ def _lay_over(below: FloorMasks, above: FloorMasks) -> FloorMasks:
     resolution_m = below.resolution_m
     if not np.isclose(above.resolution_m, resolution_m, rtol=1e-6):
         raise DataError(
-            f"masks of the floor at z = {above.z_m:g} m have {above.resolution_m:g} m a pixel, "
-            f"expected {resolution_m:g} m as those of the map"
+            f"masks of the floor at z = {above.z_m:g} m have a resolution of {above.resolution_m:g} m per pixel, "
+            f"expected {resolution_m:g} m as in the map"
         )
     below = _without(below, list(above.regions.values()))
     (left_m, top_m), (above_left_m, above_top_m) = below.origin_m, above.origin_m
@@ -142,37 +169,41 @@ def _lay_over(below: FloorMasks, above: FloorMasks) -> FloorMasks:
     rows, columns = (np.maximum(below.region.shape, shift + above.region.shape) - corner).tolist()
     if rows * columns > MAX_PIXELS:
         raise DataError(
-            f"masks of the floor at z = {above.z_m:g} m make one of {columns} x {rows} pixels with those of the map, "
+            f"masks of the floor at z = {above.z_m:g} m, joined with those of the map, have {columns} x {rows} pixels, "
             f"expected at most {MAX_PIXELS}"
         )
     above = _spread(_relabel(above, below), shift - corner, (rows, columns))
     below = _spread(below, -corner, (rows, columns))
     labelled = above.region != 0
     for label, place in below.regions.items():
-        here = below.region == label
-        if 2 * (here & labelled).sum() > here.sum():
+        in_place = below.region == label
+        if 2 * (in_place & labelled).sum() > in_place.sum():
             raise DataError(
-                f"masks of the floor at z = {above.z_m:g} m have other regions where most of {place} lies, expected "
-                f"masks in the world frame of the map, or {place} removed from it"
+                f"masks of the floor at z = {above.z_m:g} m cover most of {place} with other regions: use masks in the "
+                f"world frame of the map, or remove {place} from it"
             )
-    known = above.free | above.obstacle | labelled
+    is_covered = above.free | above.obstacle | labelled
     return replace(
         below,
-        free=np.where(known, above.free, below.free),
+        free=np.where(is_covered, above.free, below.free),
         region=np.where(labelled, above.region, below.region),
-        obstacle=np.where(known, above.obstacle, below.obstacle),
+        obstacle=np.where(is_covered, above.obstacle, below.obstacle),
         origin_m=(left_m + float(corner[1]) * resolution_m, top_m - float(corner[0]) * resolution_m),
         regions=dict(sorted({**below.regions, **above.regions}.items())),
     )
 
 
 def _relabel(floor: FloorMasks, other: FloorMasks) -> FloorMasks:
-    """A floor whose labels mean nothing else in another: none with a name is a label there, none without has a name."""
-    own = {*floor.regions, *np.unique(floor.region).tolist()} - {0}
+    """Return a floor with new labels that do not collide with those of another floor.
+
+    Labels with a place differ from all labels of the other floor. Labels without a place differ from its labels with a
+    place.
+    """
+    present = {*floor.regions, *np.unique(floor.region).tolist()} - {0}
     others = {*other.regions, *np.unique(other.region).tolist()}
-    new_label = count(max(own | others, default=0) + 1)
+    new_label = count(max(present | others, default=0) + 1)
     labels = {}
-    for label in sorted(own):
+    for label in sorted(present):
         taken = others if label in floor.regions else other.regions
         labels[label] = next(new_label) if label in taken else label
     region = floor.region.copy()
@@ -182,7 +213,7 @@ def _relabel(floor: FloorMasks, other: FloorMasks) -> FloorMasks:
 
 
 def _spread(floor: FloorMasks, at: np.ndarray, shape: tuple[int, int]) -> FloorMasks:
-    """The masks of a floor in larger ones of this shape, from the pixel `at` on."""
+    """Return the masks of a floor, padded to a larger shape; `at`: (row, column) of their first pixel."""
     margins = [
         (int(start), int(total - start - size)) for start, total, size in zip(at, shape, floor.free.shape, strict=True)
     ]
@@ -191,8 +222,7 @@ def _spread(floor: FloorMasks, at: np.ndarray, shape: tuple[int, int]) -> FloorM
 
 
 def without_places(floors: Sequence[FloorMasks], places: Collection[str]) -> tuple[FloorMasks, ...]:
-    """The floors without the regions of some places and without what lies in them; those that have no other region are
-    left out."""
+    """Return the floors with the regions of some places cleared; floors without another region are removed."""
     return tuple(rest for floor in floors if (rest := _without(floor, places)).region.any())
 
 
@@ -208,14 +238,14 @@ def _without(floor: FloorMasks, places: Collection[str]) -> FloorMasks:
 
 
 def write_floors(directory: Path, floors: Sequence[FloorMasks]) -> None:
-    """Write floors to floors.npz in a folder, atomically; masks of bool as bits, labels in the smallest type."""
+    """Write floors to floors.npz in a folder, atomically: bool masks as bits, labels in the smallest integer type."""
     parts = [_pack_floor(floor) for floor in floors]
     arrays = {f"{number}/{name}": part for number, floor in enumerate(parts) for name, part in floor.items()}
     write_arrays(directory / FLOORS, {"count": np.array(len(floors)), **arrays})
 
 
 def read_floors(directory: Path) -> tuple[FloorMasks, ...]:
-    """The floors that `write_floors` wrote. Raises DataError."""
+    """Read the floors that `write_floors` wrote. Raises DataError."""
     path = directory / FLOORS
     arrays = read_arrays(path)
     parts: dict[str, dict[str, np.ndarray]] = {}
@@ -224,7 +254,9 @@ def read_floors(directory: Path) -> tuple[FloorMasks, ...]:
         number, _, part = name.partition("/")
         parts.setdefault(number, {})[part] = array
     if count.ndim or count.dtype.kind not in "iu" or list(parts) != [str(number) for number in range(int(count))]:
-        raise DataError(f"{path} has the floors {', '.join(parts)} and a count of {count}, expected as many from 0")
+        raise DataError(
+            f"{path} has a count of {count} and the floors {', '.join(parts)}, expected the floors 0 to count - 1"
+        )
     return tuple(_unpack_floor(floor, f"{path}, floor {number}") for number, floor in parts.items())
 
 
@@ -247,9 +279,11 @@ def _unpack_floor(parts: Mapping[str, np.ndarray], where: str) -> FloorMasks:
     left_m, top_m = parts["origin_m"].tolist()
     height, width = parts["region"].shape
     if any(parts[name].shape != (height, -(-width // 8)) for name in ("free", "obstacle")):
-        raise DataError(f"{where}: the masks have other sizes than the regions, expected {width} x {height} pixels")
+        raise DataError(f"{where}: the masks and the regions differ in size, expected {width} x {height} pixels")
     if len(parts["labels"]) != len(parts["places"]):
-        raise DataError(f"{where}: {len(parts['labels'])} labels and {len(parts['places'])} places, expected as many")
+        raise DataError(
+            f"{where} has {len(parts['labels'])} labels and {len(parts['places'])} places, expected equal numbers"
+        )
     return FloorMasks(
         np.unpackbits(parts["free"], axis=1, count=width).astype(bool),
         parts["region"],

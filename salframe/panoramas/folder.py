@@ -21,21 +21,21 @@ if TYPE_CHECKING:
 
 
 class FolderDataset(Dataset):
-    """Your own panoramas: a folder with a manifest.json (docs/reference/folder-format.md)."""
+    """Panoramas in a folder with a manifest.json (docs/reference/folder-format.md)."""
 
     name = "folder"
     version = "1"
 
     class Config(QueryView):
-        root: Path | None = Field(None, description="the folder with the manifest.json")
+        root: Path | None = Field(None, description="folder with the manifest.json")
         hide_query_place: bool = hide_query_place_setting()
 
     @property
     def root(self) -> Path:
-        """The folder that is read."""
+        """The folder of the dataset."""
         if self.config.root is None:
             raise DataError(
-                f"{self.name} needs the folder of a dataset: name it instead of '{self.name}', or give --data-dir DIR"
+                f"{self.name} needs the folder of a dataset: name it instead of '{self.name}', or pass --data-dir DIR"
             )
         return self.config.root
 
@@ -47,12 +47,12 @@ class FolderDataset(Dataset):
 
     @property
     def contents(self) -> Mapping[str, str]:
-        """The `content` of frames by their ids; not of those that are known by the folder's."""
+        """The `content` of frames by id. A frame that is missing has the content key of the dataset."""
         return {}
 
     @property
     def provides(self) -> frozenset[str]:
-        """What every frame has."""
+        """Parts that every frame has."""
         return self._folder.provides
 
     @property
@@ -65,13 +65,17 @@ class FolderDataset(Dataset):
 
     def folds(self) -> Sequence[Fold]:
         entries = self._folder.manifest.frames
-        known = self.contents
-        mapping = tuple(
-            self._folder.reference_frame(one, known.get(one.id, "")) for one in entries if one.role != "query"
+        contents = self.contents
+        references = tuple(
+            self._folder.reference_frame(entry, contents.get(entry.id, ""))
+            for entry in entries
+            if entry.role != "query"
         )
-        queries = tuple(self._folder.query_frame(one, known.get(one.id, "")) for one in entries if one.role == "query")
-        folds = self.view([Fold("all", mapping, queries)])
-        hidden = getattr(self.config, "hide_query_place", False)  # a data set that renders may do without the setting
+        queries = tuple(
+            self._folder.query_frame(entry, contents.get(entry.id, "")) for entry in entries if entry.role == "query"
+        )
+        folds = self.view([Fold("all", references, queries)])
+        hidden = getattr(self.config, "hide_query_place", False)  # datasets that render may lack this setting
         return add_hidden_places(folds, self.truth, self.floors()) if hidden else folds
 
     def truth(self, query_id: str) -> Truth:

@@ -1,5 +1,4 @@
-"""The folder format: a manifest, panoramas as images, and what is known about them. See
-docs/reference/folder-format.md."""
+"""The folder format: a manifest, panoramas as images, and their metadata. See docs/reference/folder-format.md."""
 
 from __future__ import annotations
 
@@ -25,19 +24,19 @@ from salframe.panoramas.geometry import is_rigid
 from salframe.panoramas.panorama import Annotations, Panorama
 
 IMAGE_KEYS = ("rgb", "range", "instances", "valid")
-"""The keys of a frame in the manifest that name an image file."""
+"""Keys of a frame in the manifest that name an image file."""
 _WRITTEN_AS = {
     "rgb": ("rgb", ".jpg"),
     "range": ("range", ".range.png"),
     "annotations": ("instances", ".instances.png"),
     "valid": ("valid", ".valid.png"),
 }
-"""What a panorama may hold: its key in the manifest, and how its file is called."""
+"""Parts of a panorama: the key in the manifest, and the ending of the file name."""
 
 
 def _rigid(pose: tuple[float, ...] | None) -> tuple[float, ...] | None:
     if pose is not None and not is_rigid(np.array(pose).reshape(4, 4), 1e-3):
-        expected = "16 numbers row by row: rotation and shift, then 0 0 0 1"
+        expected = "16 numbers row by row: rotation and translation, then 0 0 0 1"
         raise ValueError(f"the pose is no rigid motion, expected {expected}")
     return pose
 
@@ -46,7 +45,7 @@ Pose = Field(None, min_length=16, max_length=16, description="T_world_pano, 4 x 
 
 
 class FrameEntry(Settings):
-    """A panorama in the manifest: its image files relative to the folder; pose and place of reference frames only."""
+    """A panorama in the manifest: image files relative to the folder, and pose and place of reference frames."""
 
     id: str = Field(min_length=1)
     role: Literal["map", "transition", "query"]
@@ -60,21 +59,20 @@ class FrameEntry(Settings):
 
     @model_validator(mode="after")
     def _belongs_together(self) -> FrameEntry:
-        known = self.pose is not None, self.place is not None
-        if self.role == "query" and any(known):
+        has_pose, has_place = self.pose is not None, self.place is not None
+        if self.role == "query" and (has_pose or has_place):
             raise ValueError(
                 f"the query {self.id} has a pose or place in the manifest, expected them in the truth file"
             )
-        if self.role != "query" and not all(known):
-            raise ValueError(f"the {self.role} frame {self.id} has no {'place' if known[0] else 'pose'}")
+        if self.role != "query" and not (has_pose and has_place):
+            raise ValueError(f"the reference frame {self.id} has no {'place' if has_pose else 'pose'}")
         if not (self.rgb or self.range or self.instances):
             raise ValueError(f"the frame {self.id} names no image, expected rgb, range or instances")
         return self
 
 
 class FloorEntry(Settings):
-    """A floor in the manifest: masks as PNG files, laid out as FloorMasks says; `regions` names the places of the
-    region labels."""
+    """A floor in the manifest: masks as PNG files with the layout of FloorMasks, and the place of each region label."""
 
     free: str
     region: str
@@ -86,7 +84,7 @@ class FloorEntry(Settings):
 
 
 class Manifest(Settings):
-    """manifest.json."""
+    """Content of manifest.json."""
 
     format: Literal["salframe-folder"]
     version: Literal[1]
@@ -98,14 +96,14 @@ class Manifest(Settings):
 
     @model_validator(mode="after")
     def _frames_differ(self) -> Manifest:
-        seen: set[str] = set()
+        ids: set[str] = set()
         for frame in self.frames:
-            if frame.id in seen:
-                raise ValueError(f"two frames have the id {frame.id}")
-            seen.add(frame.id)
+            if frame.id in ids:
+                raise ValueError(f"two frames have the id {frame.id}, expected unique ids")
+            ids.add(frame.id)
         if not any(frame.role != "query" for frame in self.frames):
             raise ValueError(
-                f"the manifest has {len(self.frames)} frames and none to map with, expected at least one of role map"
+                f"the manifest has {len(self.frames)} frames and no reference frame, expected at least one of role map"
             )
         if any(frame.instances for frame in self.frames) and self.objects is None:
             raise ValueError("frames have instance images, but `objects` names no table with their labels")
@@ -113,7 +111,7 @@ class Manifest(Settings):
 
 
 class TruthEntry(Settings):
-    """What is true of a query, in the truth file."""
+    """The truth of a query in the truth file: place, pose, and ids of the visible instances."""
 
     place: str
     pose: tuple[float, ...] | None = Pose
@@ -122,30 +120,30 @@ class TruthEntry(Settings):
 
 
 class TruthFile(Settings):
-    """The truth file: an entry a query."""
+    """Content of the truth file: one entry for each query."""
 
     queries: dict[str, TruthEntry]
 
 
 class Folder:
-    """A folder in the format, read on demand. Raises DataError on whatever is missing or malformed, in one line."""
+    """A dataset folder, read on demand. Raises DataError, in one line, where a file is missing or malformed."""
 
     def __init__(self, root: Path):
         if not (root / MANIFEST).exists():
-            raise DataError(f"{root} is no dataset folder: it has no {MANIFEST}")
+            raise DataError(f"{root} is not a dataset folder: it has no {MANIFEST}")
         self.root = root
         self.manifest = read_model(root / MANIFEST, Manifest)
 
     @property
     def provides(self) -> frozenset[str]:
-        """Which of "rgb", "range", "annotations" every frame has."""
+        """Parts that every frame has, of "rgb", "range" and "annotations"."""
         frames = self.manifest.frames
-        whole = {name for name, (key, _) in _WRITTEN_AS.items() if all(getattr(frame, key) for frame in frames)}
-        return frozenset(whole - {"valid"})
+        parts = {name for name, (key, _) in _WRITTEN_AS.items() if all(getattr(frame, key) for frame in frames)}
+        return frozenset(parts - {"valid"})
 
     @cached_property
     def labels(self) -> dict[int, str]:
-        """Instance id -> label, from the table of objects."""
+        """Label of each instance id, from the table of objects."""
         return {} if self.manifest.objects is None else read_labels(self.root / self.manifest.objects)
 
     @cached_property
@@ -153,7 +151,7 @@ class Folder:
         return {} if self.manifest.truth is None else read_model(self.root / self.manifest.truth, TruthFile).queries
 
     def truth(self, query_id: str) -> Truth:
-        """The truth of a query."""
+        """Return the truth of a query."""
         try:
             entry = self._truth[query_id]
         except KeyError:
@@ -163,19 +161,19 @@ class Folder:
         return Truth(entry.place, pose_matrix(entry.pose), entry.instances)
 
     def reference_frame(self, entry: FrameEntry, content: str = "") -> ReferenceFrame:
-        """A reference frame of the manifest, of this `content`; its images are read when it is loaded."""
+        """Return a reference frame of the manifest with this `content`; its images are read when it is loaded."""
         kind = FrameKind.TRANSITION if entry.role == "transition" else FrameKind.SCENE
         pose, place = pose_matrix(entry.pose), entry.place
         if pose is None or place is None:
-            raise DataError(f"{self.root / MANIFEST}: the {entry.role} frame {entry.id} has no pose or no place")
+            raise DataError(f"{self.root / MANIFEST}: the reference frame {entry.id} has no pose or no place")
         return ReferenceFrame(entry.id, place, pose, kind, partial(self.load, entry), content)
 
     def query_frame(self, entry: FrameEntry, content: str = "") -> QueryFrame:
-        """A query of the manifest, of this `content`; its images are read when it is loaded."""
+        """Return a query of the manifest with this `content`; its images are read when it is loaded."""
         return QueryFrame(entry.id, partial(self.load, entry), content)
 
     def load(self, frame: FrameEntry) -> Panorama:
-        """A frame's panorama."""
+        """Read the panorama of a frame."""
         instances = self._part(frame.instances, images.read_ids)
         return Panorama(
             frame.id,
@@ -191,7 +189,7 @@ class Folder:
         return None if name is None else read(self.root / name)
 
     def floors(self) -> list[FloorMasks]:
-        """The floor masks."""
+        """Read the floor masks."""
         floors = []
         for floor in self.manifest.floors:
             free, obstacle = (images.read_mask(self.root / name) for name in (floor.free, floor.obstacle))
@@ -199,7 +197,7 @@ class Folder:
             if not free.shape == obstacle.shape == region.shape:
                 shapes = ", ".join(f"{image.shape[1]} x {image.shape[0]}" for image in (free, region, obstacle))
                 raise DataError(
-                    f"{self.root}: the masks free, region and obstacle of a floor are {shapes}, expected one size"
+                    f"{self.root}: the masks free, region and obstacle of a floor are {shapes}, expected equal sizes"
                 )
             floors.append(
                 FloorMasks(free, region, obstacle, floor.resolution_m, floor.origin_m, floor.regions, floor.z_m)
@@ -208,7 +206,7 @@ class Folder:
 
     @cached_property
     def fingerprint(self) -> str:
-        """Sha256 of the content of every file that the manifest names, and of the manifest."""
+        """SHA-256 of the manifest and of every file that it names."""
         names = [MANIFEST, *(name for name in (self.manifest.truth, self.manifest.objects) if name)]
         names += [name for floor in self.manifest.floors for name in (floor.free, floor.region, floor.obstacle)]
         names += [name for frame in self.manifest.frames for key in IMAGE_KEYS if (name := getattr(frame, key))]
@@ -219,31 +217,34 @@ class Folder:
 
 
 def pose_matrix(pose: Sequence[float] | None) -> np.ndarray | None:
-    """(4, 4) float64 of 16 numbers row by row."""
+    """Return the pose, (4, 4) float64, from 16 numbers row by row; None from None."""
     return None if pose is None else np.array(pose, np.float64).reshape(4, 4)
 
 
 class ObjectRow(Settings):
-    """A row of the table of objects, of which other columns are left alone. Id 0 stands for no object."""
+    """A row of the table of objects; other columns are ignored. Id 0 means no object."""
 
     instance_id: int = Field(strict=True, ge=0, le=65535)
     label: str = Field(strict=True)
 
 
 def read_labels(path: Path) -> dict[int, str]:
-    """Instance id -> label from a Parquet table with the columns instance_id and label. Raises DataError on a table
-    that is empty, too, and on an id that stands in it twice."""
+    """Read the label of each instance id from a Parquet table with the columns instance_id and label.
+
+    Raises:
+        DataError: The table is malformed or empty, or has an id twice.
+    """
     rows = read_table(path, ObjectRow)
     if not rows:
         raise DataError(f"{path} has no row, expected one for each object of the instance images")
     labels = {row.instance_id: row.label for row in rows}
     if len(labels) < len(rows):
-        raise DataError(f"{path} has {len(rows)} rows and {len(labels)} different instance_id, expected an id once")
+        raise DataError(f"{path} has {len(rows)} rows and {len(labels)} different instance_id, expected unique ids")
     return labels
 
 
 def write_objects(path: Path, columns: Mapping[str, Sequence]) -> None:
-    """Write the table of objects: instance_id, label and whatever else is known, a row an object."""
+    """Write the table of objects, one row each, with the columns instance_id, label and any others."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -252,7 +253,7 @@ def write_objects(path: Path, columns: Mapping[str, Sequence]) -> None:
 
 
 def write_floor(root: Path, name: str, masks: FloorMasks) -> FloorEntry:
-    """Write the masks of a floor as `name`-free.png and so on; returns its manifest entry."""
+    """Write the masks of a floor as NAME-free.png, NAME-region.png and NAME-obstacle.png; return its manifest entry."""
     entry = FloorEntry(
         free=f"{name}-free.png",
         region=f"{name}-region.png",
@@ -268,11 +269,15 @@ def write_floor(root: Path, name: str, masks: FloorMasks) -> FloorEntry:
     return entry
 
 
-def image_names(stem: str, held: Iterable[str]) -> dict[str, Any]:
-    """The files, by part, of a panorama that holds some of "rgb", "range", "annotations" and "valid": stem.jpg,
-    stem.range.png and so on."""
-    chosen = set(held)
-    return {key: stem + ending for name, (key, ending) in _WRITTEN_AS.items() if name in chosen}
+def image_names(stem: str, parts: Iterable[str]) -> dict[str, Any]:
+    """Return the file names of a panorama by key of the manifest: STEM.jpg, STEM.range.png and so on.
+
+    Args:
+        stem: The beginning of all names.
+        parts: The parts of the panorama, of "rgb", "range", "annotations" and "valid".
+    """
+    selected = set(parts)
+    return {key: stem + ending for name, (key, ending) in _WRITTEN_AS.items() if name in selected}
 
 
 def write_panorama(
@@ -283,7 +288,7 @@ def write_panorama(
     instance_id: np.ndarray | None = None,
     valid: np.ndarray | None = None,
 ) -> None:
-    """Write the images of a frame to the files that its entry names; each appears whole or not at all."""
+    """Write the images of a frame to the files that its entry names, each atomically."""
     if frame.range and range_m is not None:
         images.write_range(root / frame.range, range_m)
     if frame.instances and instance_id is not None:
@@ -295,7 +300,7 @@ def write_panorama(
 
 
 def is_written(root: Path, frame: FrameEntry) -> bool:
-    """Whether all images of a frame are there."""
+    """Return whether all image files of a frame exist."""
     return all((root / name).exists() for key in IMAGE_KEYS if (name := getattr(frame, key)))
 
 
@@ -307,7 +312,7 @@ def write_manifest(
     floors: Sequence[FloorEntry] = (),
     rendered: bool = False,
 ) -> None:
-    """Write truth.json and then manifest.json, which makes the folder a dataset: write it last."""
+    """Write truth.json and then manifest.json. Call this last: the manifest makes the folder a dataset."""
     write_json(root / "truth.json", TruthFile(queries=dict(truth)).model_dump(mode="json", exclude_none=True))
     manifest = Manifest(
         format="salframe-folder",

@@ -1,4 +1,4 @@
-"""Panoramas on demand: those that a map is made from, and those that it is asked about."""
+"""Reference frames and queries, whose panoramas are loaded on demand."""
 
 from __future__ import annotations
 
@@ -14,23 +14,31 @@ from salframe.panoramas.panorama import Panorama
 
 
 class FrameKind(StrEnum):
-    """What a reference frame shows: a place of its own, or the doorway between two."""
+    """Whether a reference frame shows one place (scene), or the doorway between two places (transition)."""
 
     SCENE = "scene"
     TRANSITION = "transition"
 
 
 def _no_panorama() -> Panorama:
-    raise DataError("a frame of a saved map holds no panorama: only what its method remembers of it")
+    raise DataError("a frame of a saved map has no panorama: the map stores only its description")
 
 
 @dataclass(frozen=True, eq=False)
 class ReferenceFrame:
-    """A reference frame: its id, its place, where it stands, T_world_pano (4, 4) float64, and what it shows.
+    """A panorama that a map is made from.
 
-    `load` gives its panorama; frames of a saved map have none, and raise DataError. `content` is what caches know the
-    panorama by beside the id, "" the data set's content_key: data sets that show the same give the same. Raises
-    DataError on a kind that is none of FrameKind and on a pose of another shape.
+    Attributes:
+        id: Id of the frame.
+        place: Name of the place.
+        T_world_pano: (4, 4) float64 pose.
+        kind: Whether the frame shows a scene or a transition.
+        load: Returns the panorama. Frames of a saved map have no panorama; their `load` raises DataError.
+        content: Cache key of the panorama, in addition to the id; "": the content_key of the dataset. Datasets that
+            have the same panorama have the same key.
+
+    Raises:
+        DataError: The kind is not a FrameKind, or the pose has another shape.
     """
 
     id: str
@@ -45,14 +53,19 @@ class ReferenceFrame:
         try:
             object.__setattr__(self, "kind", FrameKind(self.kind))
         except ValueError:
-            known = ", ".join(FrameKind)
-            raise DataError(f"the frame {self.id} has the kind {self.kind!r}, expected one of {known}") from None
+            kinds = ", ".join(FrameKind)
+            raise DataError(f"the frame {self.id} has the kind {self.kind!r}, expected one of {kinds}") from None
 
 
 @dataclass(frozen=True, eq=False)
 class QueryFrame:
-    """A panorama to localize: its id and `load`, which gives it; `content` as in ReferenceFrame. Where it was taken is the
-    data set's truth."""
+    """A panorama to localize. Its pose and place are part of the truth of the dataset.
+
+    Attributes:
+        id: Id of the query.
+        load: Returns the panorama.
+        content: As in ReferenceFrame.
+    """
 
     id: str
     load: Callable[[], Panorama]
@@ -61,7 +74,13 @@ class QueryFrame:
 
 @dataclass(frozen=True)
 class Truth:
-    """What only the evaluator sees of a query: pose (4, 4) or None, place, ids of the visible instances."""
+    """The truth of a query, for the evaluation only.
+
+    Attributes:
+        place: Name of the place.
+        T_world_pano: (4, 4) pose; None where it is unknown.
+        instances: Ids of the visible instances.
+    """
 
     place: str
     T_world_pano: np.ndarray | None = None
@@ -70,7 +89,7 @@ class Truth:
 
 @dataclass(frozen=True)
 class Fold:
-    """One map and the queries asked of it."""
+    """The reference frames of one map, and the queries to localize in it."""
 
     id: str
     references: tuple[ReferenceFrame, ...]

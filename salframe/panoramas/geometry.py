@@ -1,7 +1,7 @@
-"""Frames and pixels: the equirectangular image and rigid motions.
+"""Coordinate frames and pixels: the equirectangular image and rigid motions.
 
-World and panorama frames are right-handed, z up, metres; the panorama looks along +x, y is to its left (ROS REP-103).
-Pixel centres lie at +0.5; azimuth grows to the left, counter-clockwise seen from above.
+World and panorama frames are right-handed, z up, in metres; the panorama looks along +x, y is to its left (ROS
+REP-103). Pixel centres are at +0.5. Azimuth increases to the left: counter-clockwise in a top view.
 """
 
 from __future__ import annotations
@@ -13,29 +13,32 @@ import numpy as np
 
 
 def wrap_angle(angle_rad):
-    """Angles brought into [-pi, pi), float64, the shape of the input."""
+    """Return angles wrapped to [-pi, pi), float64, in the shape of the input."""
     return (np.asarray(angle_rad, np.float64) + np.pi) % (2 * np.pi) - np.pi
 
 
 def column_azimuth(width: int) -> np.ndarray:
-    """(W,) float64 azimuth_rad of the pixel columns of an equirectangular image of this width."""
+    """Return the azimuth of each pixel column of an equirectangular image, (W,) float64 in radians."""
     return np.pi - 2 * np.pi * (np.arange(width) + 0.5) / width
 
 
 def row_elevation(height: int) -> np.ndarray:
-    """(H,) float64 elevation_rad of the pixel rows of an equirectangular image of this height."""
+    """Return the elevation of each pixel row of an equirectangular image, (H,) float64 in radians."""
     return np.pi / 2 - np.pi * (np.arange(height) + 0.5) / height
 
 
 def pixel_solid_angles(height: int) -> np.ndarray:
-    """(H,) float64 solid angle_sr of a pixel in each row of an equirectangular image of this height."""
+    """Return the solid angle of a pixel in each row of an equirectangular image, (H,) float64 in steradians."""
     edges = np.sin(np.linspace(np.pi / 2, -np.pi / 2, height + 1))
     return (edges[:-1] - edges[1:]) * np.pi / height
 
 
 @lru_cache(maxsize=4)
 def equirectangular_rays(height: int) -> np.ndarray:
-    """(H, 2H, 3) float32 unit vectors in the panorama frame through the pixel centres; read-only, shared by calls."""
+    """Return unit vectors through the pixel centres in the panorama frame, (H, 2H, 3) float32.
+
+    The array is read-only and shared between calls.
+    """
     azimuth, elevation = column_azimuth(2 * height), row_elevation(height)
     rays = np.empty((height, 2 * height, 3), np.float32)
     rays[..., 0] = np.cos(elevation)[:, None] * np.cos(azimuth)
@@ -46,15 +49,27 @@ def equirectangular_rays(height: int) -> np.ndarray:
 
 
 def range_of_cube_depth(depth_m: np.ndarray) -> np.ndarray:
-    """(H, 2H) float32 range along the ray of the z-depth (H, 2H) of an equirectangular image that was stitched from the
-    six faces of a cube, whose axes are the panorama's: depth along the axis of the face that a ray goes through."""
+    """Convert the z-depth of a panorama that was stitched from a cube map to range along the ray.
+
+    Args:
+        depth_m: (H, 2H) depth along the axis of the cube face that a ray passes through. The axes of the cube are those
+            of the panorama.
+
+    Returns:
+        (H, 2H) float32 range along the ray in metres.
+    """
     return depth_m / np.abs(equirectangular_rays(len(depth_m))).max(axis=2)
 
 
 def rays_to_pixels(rays: np.ndarray, height: int) -> tuple[np.ndarray, np.ndarray]:
-    """Where directions (..., 3) in the panorama frame (any length) fall on an equirectangular image.
+    """Project directions onto an equirectangular image.
 
-    Returns float64 (column, row) in pixels, the centre of the first pixel at (0.5, 0.5); column in [0, 2H).
+    Args:
+        rays: (..., 3) directions of any length in the panorama frame.
+        height: Height H of the image in pixels.
+
+    Returns:
+        Columns in [0, 2H) and rows, (...) float64 each; the centre of the first pixel is at (0.5, 0.5).
     """
     rays = np.asarray(rays, np.float64)
     azimuth = np.arctan2(rays[..., 1], rays[..., 0])
@@ -64,29 +79,30 @@ def rays_to_pixels(rays: np.ndarray, height: int) -> tuple[np.ndarray, np.ndarra
 
 
 def sample_nearest(image: np.ndarray, bearings: np.ndarray) -> np.ndarray:
-    """(K, ...) values of an equirectangular image (H, 2H, ...) at the pixels that bearings (K, 3) fall on."""
+    """Return the values of an equirectangular image (H, 2H, ...) at the pixels of bearings (K, 3): (K, ...)."""
     height = image.shape[0]
     columns, rows = rays_to_pixels(bearings, height)
     return image[np.minimum(rows.astype(int), height - 1), columns.astype(int) % (2 * height)]
 
 
-def peak_column(side: np.ndarray) -> int:
-    """The column around which values (W,) are high: the phase of their first Fourier coefficient. Rolling them by c
-    adds c, modulo W."""
-    column = -np.angle(np.fft.rfft(side)[1]) * len(side) / (2 * np.pi)
-    return int(
-        np.floor(column + 0.5 + 1e-6)
-    )  # half columns, where mirrored rooms peak, go up in spite of rounding errors
+def peak_column(values: np.ndarray) -> int:
+    """Return the column at the peak of the first harmonic of values (W,), from its phase.
+
+    Rolling the values by c columns adds c to the result, modulo W.
+    """
+    column = -np.angle(np.fft.rfft(values)[1]) * len(values) / (2 * np.pi)
+    # The peak of a mirror-symmetric room lies on a half column: 1e-6 rounds it up in spite of rounding errors.
+    return int(np.floor(column + 0.5 + 1e-6))
 
 
 def pose_2d(x_m: float, y_m: float, yaw_rad: float, z_m: float = 0.0) -> np.ndarray:
-    """(4, 4) float64 rigid motion of an upright frame: yaw about +z, then the shift (x, y, z)."""
+    """Return the pose of an upright frame, (4, 4) float64: rotation by yaw about +z, then translation by (x, y, z)."""
     c, s = np.cos(yaw_rad), np.sin(yaw_rad)
     return np.array([[c, -s, 0, x_m], [s, c, 0, y_m], [0, 0, 1, z_m], [0, 0, 0, 1]], np.float64)
 
 
 def poses_2d(xy_m: np.ndarray, yaw_rad: np.ndarray) -> np.ndarray:
-    """(K, 4, 4) float64, `pose_2d` of each xy_m (K, 2) and yaw_rad (K,)."""
+    """Return the poses of K upright frames, (K, 4, 4) float64: `pose_2d` of each xy_m (K, 2) and yaw_rad (K,)."""
     c, s = np.cos(yaw_rad), np.sin(yaw_rad)
     poses = np.zeros((len(yaw_rad), 4, 4))
     poses[:, 0, 0], poses[:, 0, 1], poses[:, 1, 0], poses[:, 1, 1] = c, -s, s, c
@@ -96,24 +112,26 @@ def poses_2d(xy_m: np.ndarray, yaw_rad: np.ndarray) -> np.ndarray:
 
 
 def as_complex(xy: np.ndarray) -> np.ndarray:
-    """Return the first two coordinates of points (..., D) as complex numbers x + iy, (...), so that a product turns
-    them."""
+    """Return the first two coordinates of points (..., D) as complex numbers x + iy, (...).
+
+    A product with exp(i * angle) rotates them.
+    """
     return xy[..., 0] + 1j * xy[..., 1]  # type: ignore[no-any-return]
 
 
 def pose_yaw(pose: np.ndarray) -> float:
-    """Yaw_rad of a (4, 4) pose: the azimuth of its x axis."""
+    """Return the yaw of a (4, 4) pose in radians: the azimuth of its x axis."""
     return float(np.arctan2(pose[1, 0], pose[0, 0]))
 
 
 def are_rotations(matrices: np.ndarray, tolerance: float = 1e-6) -> np.ndarray:
-    """(...) bool: whether each of (..., 3, 3) finite matrices is a rotation, its numbers within a tolerance."""
+    """Return whether each of (..., 3, 3) finite matrices is a rotation within a tolerance, (...) bool."""
     orthonormal = np.isclose(matrices @ np.swapaxes(matrices, -1, -2), np.eye(3), atol=tolerance).all((-1, -2))
     return orthonormal & (np.linalg.det(matrices) > 0)
 
 
 def invert_pose(pose: np.ndarray) -> np.ndarray:
-    """(4, 4) inverse of a rigid motion."""
+    """Return the inverse of a rigid motion, (4, 4)."""
     inverse = np.eye(4)
     inverse[:3, :3] = pose[:3, :3].T
     inverse[:3, 3] = -pose[:3, :3].T @ pose[:3, 3]
@@ -121,12 +139,15 @@ def invert_pose(pose: np.ndarray) -> np.ndarray:
 
 
 def transform_points(pose: np.ndarray, points_m: np.ndarray) -> np.ndarray:
-    """(..., 3) points moved by a (4, 4) rigid motion."""
+    """Transform points (..., 3) by a (4, 4) rigid motion."""
     return points_m @ pose[:3, :3].T + pose[:3, 3]
 
 
 def pose_errors(estimate: np.ndarray, truth: np.ndarray) -> tuple[float, float]:
-    """Translation error in metres and rotation error (angle of the residual rotation, [0, pi]) in radians."""
+    """Return the translation error in metres and the rotation error in radians.
+
+    The rotation error is the angle of the residual rotation, in [0, pi].
+    """
     residual = estimate[:3, :3].T @ truth[:3, :3]
     sine = np.linalg.norm(residual - residual.T) / (2 * np.sqrt(2))
     rotation = np.arctan2(sine, (np.trace(residual) - 1) / 2)
@@ -134,14 +155,16 @@ def pose_errors(estimate: np.ndarray, truth: np.ndarray) -> tuple[float, float]:
 
 
 def is_rigid(pose: object, tolerance: float = 1e-6) -> bool:
-    """Return whether this is a (4, 4) rigid motion, its numbers within a tolerance."""
+    """Return whether a value is a (4, 4) rigid motion within a tolerance."""
     matrix = np.asarray(pose)
     if matrix.shape != (4, 4) or matrix.dtype.kind not in "iuf" or not np.isfinite(matrix).all():
         return False
-    rows = matrix.tolist()  # lists: many times as fast as arrays this small
+    rows = matrix.tolist()  # lists are many times as fast as arrays of this size
     x, y, z = (row[:3] for row in rows[:3])
-    products = [sum(map(operator.mul, one, other)) for one in (x, y, z) for other in (x, y, z)]
+    products = [sum(map(operator.mul, left, right)) for left in (x, y, z) for right in (x, y, z)]
     numbers, rigid = [*products, *rows[3]], [1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1]
     determinant = sum(x[i] * (y[i - 2] * z[i - 1] - y[i - 1] * z[i - 2]) for i in range(3))
-    near = all(abs(one - expected) <= tolerance + 1e-5 * expected for one, expected in zip(numbers, rigid, strict=True))
-    return near and determinant > 0
+    is_near = all(
+        abs(number - expected) <= tolerance + 1e-5 * expected for number, expected in zip(numbers, rigid, strict=True)
+    )
+    return is_near and determinant > 0

@@ -1,4 +1,4 @@
-"""The .house file of a Matterport3D building: its regions, its objects, and where its panoramas were taken."""
+"""Read the .house file of a Matterport3D building: regions, objects, and positions of panoramas."""
 
 from __future__ import annotations
 
@@ -12,14 +12,21 @@ from salframe.framework.errors import DataError, one_line
 from salframe.framework.files.reading import read_text
 
 _NAME_LENGTH = 32
-"""Panoramas are named by 32 hexadecimal digits; a P line whose name is shorter is a portal."""
+"""Length of the name of a panorama: 32 hexadecimal digits. A P line with a shorter name is a portal."""
 
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """A room of the building: its index in the file, the level it is on, the letter of its kind, the corners (3,) of
-    its box, and its outlines on the floor, each (n, 2), metres in the world frame. A file without outlines gives the
-    box's."""
+    """A room of the building.
+
+    Attributes:
+        index: Index in the file.
+        level: Level of the building.
+        kind: Letter of the room type.
+        low_m: (3,) minimum corner of the box in the world.
+        high_m: (3,) maximum corner of the box in the world.
+        outlines_m: Outlines on the floor in the world, (n, 2) each. The outline of the box where the file has none.
+    """
 
     index: int
     level: int
@@ -31,8 +38,12 @@ class Region:
 
 @dataclass(frozen=True, eq=False)
 class StandingPoint:
-    """Where a panorama was taken: (3,) metres in the world frame, and the index of its region, None where it stands in
-    none."""
+    """The position of a panorama.
+
+    Attributes:
+        region: Index of its region; None where it is in no region.
+        position_m: (3,) position in the world.
+    """
 
     region: int | None
     position_m: np.ndarray
@@ -40,8 +51,16 @@ class StandingPoint:
 
 @dataclass(frozen=True, eq=False)
 class HouseObject:
-    """An annotated object: its index in the file, its label, its category among Matterport's forty, and its oriented
-    box in the world: centre (3,) in metres, axes (3, 3) one a row, half extents (3,) in metres along them."""
+    """An annotated object with its oriented box in the world.
+
+    Attributes:
+        index: Index in the file.
+        label: Label of the object.
+        category: Category, one of the forty of Matterport3D.
+        centre_m: (3,) centre of the box.
+        axes: (3, 3) axes of the box, one in each row.
+        half_m: (3,) half extents of the box along its axes.
+    """
 
     index: int
     label: str
@@ -53,7 +72,7 @@ class HouseObject:
 
 @dataclass(frozen=True, eq=False)
 class HouseFile:
-    """Regions and objects in the order of the file, and the panoramas by name."""
+    """Content of a .house file: regions and objects in the order of the file, and panoramas by name."""
 
     regions: tuple[Region, ...]
     objects: tuple[HouseObject, ...]
@@ -61,8 +80,11 @@ class HouseFile:
 
 
 def read_house(path: Path) -> HouseFile:
-    """Read a .house file (data_organization.md of the Matterport3D release). Raises DataError where it is missing,
-    malformed or empty."""
+    """Read a .house file (data_organization.md of the Matterport3D release).
+
+    Raises:
+        DataError: The file is missing, malformed or empty.
+    """
     expected = "a .house file (house_segmentations of the Matterport3D release)"
     lines = [line.split() for line in read_text(path, expected).splitlines()]
     try:
@@ -73,14 +95,14 @@ def read_house(path: Path) -> HouseFile:
             if words[:1] == ["P"] and len(words[1]) == _NAME_LENGTH
         }
     except (IndexError, ValueError) as error:
-        raise DataError(f"{path} is no .house file: {one_line(error)}") from None
+        raise DataError(f"{path} is not a .house file: {one_line(error)}") from None
     numbers = [*(r.low_m for r in regions), *(r.high_m for r in regions), *(o for r in regions for o in r.outlines_m)]
     numbers += [part for o in objects for part in (o.centre_m, o.axes, o.half_m)]
     numbers += [point.position_m for point in panoramas.values()]
     if not all(np.isfinite(part).all() for part in numbers):
-        raise DataError(f"{path} holds a number that is not finite")
+        raise DataError(f"{path} has a number that is not finite, expected finite numbers")
     if not regions:
-        raise DataError(f"{path} has no region, expected lines that begin with R")
+        raise DataError(f"{path} has no regions, expected lines that begin with R")
     return HouseFile(regions, objects, panoramas)
 
 
@@ -96,9 +118,9 @@ def _regions(lines: list[list[str]]) -> Iterator[Region]:
         if words[:1] == ["R"]:
             index, low, high = int(words[1]), _vector(words, 9), _vector(words, 12)
             if len(words[5]) != 1 or words[5].isdigit():
-                raise ValueError(f"the kind of region {index} is {words[5]!r}, expected a letter")
+                raise ValueError(f"the type of region {index} is {words[5]!r}, expected a letter")
             if (high < low).any():
-                raise ValueError(f"the box of region {index} ends at {high}, below its beginning {low}")
+                raise ValueError(f"the maximum corner {high} of region {index} is below its minimum corner {low}")
             outlines = tuple(
                 np.array(corners[surface]) for surface in surfaces.get(index, ()) if len(corners.get(surface, ())) > 2
             )
@@ -118,7 +140,7 @@ def _objects(lines: list[list[str]]) -> Iterator[HouseObject]:
 
 
 def _vector(words: list[str], first: int) -> np.ndarray:
-    """Three numbers (3,) of a line. Raises ValueError where it has not as many words."""
+    """Return the three numbers of a line from a word on, (3,). Raises ValueError where the line is too short."""
     if len(words) < first + 3:
-        raise ValueError(f"the line {' '.join(words[:2])} has {len(words)} words, expected at least {first + 3}")
+        raise ValueError(f"the line {' '.join(words[:2])!r} has {len(words)} words, expected at least {first + 3}")
     return np.array(words[first : first + 3], float)

@@ -1,4 +1,4 @@
-"""Images of the folder format: colour as JPEG or PNG, range and instance ids as 16-bit PNG, masks as PNG."""
+"""Read and write the images of the folder format: colour as JPEG or PNG, range and ids as 16-bit PNG, masks as PNG."""
 
 from __future__ import annotations
 
@@ -11,42 +11,49 @@ from salframe.framework.files.reading import read_image
 from salframe.framework.files.writing import atomic_path
 
 _PNG_COMPRESSION, _JPEG_QUALITY = 16, 1
-"""cv2.IMWRITE_PNG_COMPRESSION, cv2.IMWRITE_JPEG_QUALITY: OpenCV is imported where it is used."""
+"""Values of cv2.IMWRITE_PNG_COMPRESSION and cv2.IMWRITE_JPEG_QUALITY. OpenCV is imported only where it is used."""
 _ENCODING = {".png": [_PNG_COMPRESSION, 2], ".jpg": [_JPEG_QUALITY, 93], ".jpeg": [_JPEG_QUALITY, 93]}
 MILLIMETRE = 0.001
-"""One step of a range image in metres."""
+"""Unit of a range image in metres."""
 _MAX = np.iinfo(np.uint16).max
 
 
 def read_color(path: Path) -> np.ndarray:
-    """(H, W, 3) uint8 RGB. Raises DataError."""
+    """Read a colour image, (H, W, 3) uint8 RGB. Raises DataError."""
     import cv2
 
     return cv2.cvtColor(read_image(path, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
 
 
 def write_color(path: Path, rgb: np.ndarray) -> None:
-    """Write (H, W, 3) uint8 RGB as JPEG or PNG, by the path's suffix."""
+    """Write (H, W, 3) uint8 RGB as JPEG or PNG, depending on the suffix of the path."""
     import cv2
 
     _write(path, cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))
 
 
 def read_range(path: Path, unit_m: float = MILLIMETRE) -> np.ndarray:
-    """(H, W) float32 metres, `unit_m` a step of the file, NaN where that has 0. Raises DataError where it is no 16-bit
-    grey image."""
+    """Read a range image, (H, W) float32 in metres, NaN where the file has 0.
+
+    Args:
+        path: A 16-bit grey image.
+        unit_m: Unit of the file in metres.
+
+    Raises:
+        DataError: The file is not a 16-bit grey image.
+    """
     steps = read_ids(path)
     return np.where(steps > 0, steps * unit_m, np.nan).astype(np.float32)
 
 
 def write_range(path: Path, range_m: np.ndarray) -> None:
-    """Write (H, W) range in metres as 16-bit millimetres; NaN and what 16 bits cannot hold (65.5 m) become 0."""
+    """Write (H, W) range in metres as 16-bit millimetres; NaN and ranges above 65.535 m, the 16-bit limit, become 0."""
     millimetres = np.round(np.nan_to_num(range_m.astype(np.float64)) / MILLIMETRE)
     _write(path, np.where(millimetres <= _MAX, millimetres, 0).astype(np.uint16))
 
 
 def read_ids(path: Path) -> np.ndarray:
-    """(H, W) int32 of a 16-bit grey image. Raises DataError."""
+    """Read a 16-bit grey image, (H, W) int32. Raises DataError."""
     import cv2
 
     image = read_image(path, cv2.IMREAD_UNCHANGED)
@@ -59,12 +66,12 @@ def read_ids(path: Path) -> np.ndarray:
 def write_ids(path: Path, ids: np.ndarray) -> None:
     """Write (H, W) ids as a 16-bit grey image. Raises DataError on ids outside 0 to 65535."""
     if ids.min(initial=0) < 0 or ids.max(initial=0) > _MAX:
-        raise DataError(f"{path}: ids from {ids.min()} to {ids.max()}, expected 0 to {_MAX}")
+        raise DataError(f"{path}: the ids are from {ids.min()} to {ids.max()}, expected 0 to {_MAX}")
     _write(path, ids.astype(np.uint16))
 
 
 def read_mask(path: Path) -> np.ndarray:
-    """(H, W) bool, true where the image is not black. Raises DataError."""
+    """Read a mask, (H, W) bool, true where the image is not black. Raises DataError."""
     import cv2
 
     return read_image(path, cv2.IMREAD_GRAYSCALE) > 0
@@ -79,7 +86,7 @@ def _write(path: Path, image: np.ndarray) -> None:
     import cv2
 
     if path.suffix.lower() not in _ENCODING:
-        raise DataError(f"cannot write {path}, expected a name that ends in {', '.join(_ENCODING)}")
+        raise DataError(f"cannot write {path}: expected a file name that ends in one of {', '.join(_ENCODING)}")
     with atomic_path(path) as temporary:
         if not cv2.imwrite(str(temporary), image, _ENCODING[path.suffix.lower()]):
             raise DataError(f"cannot write {path}")

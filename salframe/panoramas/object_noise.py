@@ -1,4 +1,4 @@
-"""Errors in what is told of a panorama's objects: missed, mislabelled, made up, and at another range."""
+"""Simulated errors in the objects of a panorama: missed and mislabelled objects, false positives, errors of range."""
 
 from __future__ import annotations
 
@@ -14,52 +14,67 @@ from salframe.panoramas.geometry import pose_2d, transform_points
 from salframe.panoramas.panorama import Annotations, ObjectBoxes, Panorama
 
 MIN_FACTOR = 0.1
-"""An object is at no less than this share of its range, however unlucky the draw."""
+"""Minimum factor of the range of an object."""
 
 
 class ObjectNoise(Settings):
-    """How often objects are told wrongly, and by how much. Every draw is keyed by seed, frame and object."""
+    """Rates and sizes of simulated errors. Every random draw is keyed by seed, frame and object."""
 
-    missed: float = Field(0.0, ge=0, le=1, description="share of the objects not found")
-    mislabelled: float = Field(0.0, ge=0, le=1, description="share of the objects given another label of the data set")
+    missed: float = Field(0.0, ge=0, le=1, description="share of objects that are missed")
+    mislabelled: float = Field(
+        0.0, ge=0, le=1, description="share of objects with a wrong label, another one of the dataset"
+    )
     range_share: float = Field(
-        0.0, ge=0, description="standard deviation of an object's range, a share of the range, one factor an object"
+        0.0,
+        ge=0,
+        description="standard deviation of an object's range, relative to the range; one factor for each object",
     )
 
 
 class AnnotationNoise(ObjectNoise):
-    """Errors in the annotations of a panorama, whatever its pixels show."""
+    """Rates and sizes of simulated errors in the annotations of a panorama, independent of its pixels."""
 
     made_up: float = Field(
         0.0,
         ge=0,
         le=1,
-        description="objects that are not there, a share of those that are: the outline of one elsewhere at its "
-        "height, under another label",
+        description="number of false positives, relative to the number of objects: the outline of an object, moved "
+        "to another azimuth, with another label",
     )
 
 
 @dataclass(frozen=True)
 class _Draw:
-    """What befalls one object; its double, where it has one, stands `turn_rad` further."""
+    """The random errors of one object.
+
+    Attributes:
+        missed: Whether the object is missed.
+        label: Its label.
+        factor: Factor of its range.
+        false_label: Label of a false positive with the outline of this object; None where there is no false positive.
+        turn_rad: Azimuth of the false positive, relative to the object.
+    """
 
     missed: bool
     label: str
     factor: float
-    double: str | None
+    false_label: str | None
     turn_rad: float
 
 
 def another_label(label: str, vocabulary: Sequence[str], rng: np.random.Generator) -> str:
-    """One of the other labels of a vocabulary; the label itself where there is no other."""
+    """Return a random other label of a vocabulary; the label itself where there is no other."""
     others = [name for name in vocabulary if name != label]
     return others[rng.integers(len(others))] if others else label
 
 
 def spoil_annotations(panorama: Panorama, noise: AnnotationNoise, seed: int) -> Panorama:
-    """A panorama whose objects are told with errors; its pixels stay, but for the ranges of objects that are told at
-    another. What befalls an object depends on the seed, the panorama's id and the object alone, and objects that are
-    missed at a share are missed at every larger one."""
+    """Return a panorama with simulated errors in its annotations.
+
+    The pixels do not change, except for the range of objects whose range has an error. The errors of an object depend
+    only on the seed, the id of the panorama and the object. Objects that are missed at some rate are missed at every
+    higher rate.
+    """
     annotations = panorama.annotations
     if annotations is None:
         return panorama
@@ -76,48 +91,49 @@ def spoil_annotations(panorama: Panorama, noise: AnnotationNoise, seed: int) -> 
     if annotations.objects is not None:
         listed = annotations.objects
         keys = [zlib.crc32(key.encode()) for key in listed.keys]
-        draws = [draw(*one) for one in zip(keys, listed.labels, strict=True)]
+        draws = [draw(key, label) for key, label in zip(keys, listed.labels, strict=True)]
         return replace(panorama, annotations=replace(annotations, objects=_spoil_list(listed, draws)))
-    assert annotations.instance_id is not None  # one of both is there
-    seen = np.unique(annotations.instance_id)
-    named = {int(key): draw(int(key), annotations.labels[key]) for key in seen if key and key in annotations.labels}
-    return _spoil_image(panorama, annotations.instance_id, annotations, named)
+    assert annotations.instance_id is not None  # Annotations have either a list or an image
+    ids = np.unique(annotations.instance_id)
+    labelled = {int(key): draw(int(key), annotations.labels[key]) for key in ids if key and key in annotations.labels}
+    return _spoil_image(panorama, annotations.instance_id, annotations, labelled)
 
 
 def _spoil_image(
     panorama: Panorama, instance_id: np.ndarray, annotations: Annotations, draws: dict[int, _Draw]
 ) -> Panorama:
-    """As told in an instance image. What is made up lies on what is no object, as far away as that is."""
-    most, width = max(int(instance_id.max()), *annotations.labels, 0), instance_id.shape[1]
-    told, factors = np.arange(most + 1, dtype=np.int32), np.ones(most + 1, np.float32)
+    """Apply errors to an instance image. False positives cover only pixels without an object, at the range there."""
+    max_id, width = max(int(instance_id.max()), *annotations.labels, 0), instance_id.shape[1]
+    new_ids, factors = np.arange(max_id + 1, dtype=np.int32), np.ones(max_id + 1, np.float32)
     labels = dict(annotations.labels)
-    for key, one in draws.items():
-        labels[key] = one.label
-        if one.missed:
-            told[key] = 0
+    for key, errors in draws.items():
+        labels[key] = errors.label
+        if errors.missed:
+            new_ids[key] = 0
         else:
-            factors[key] = one.factor
-    told_at = told[instance_id]
-    for key, one in draws.items():
-        if one.double is not None:
-            most += 1
-            labels[most] = one.double
-            outline = np.roll(instance_id == key, -round(one.turn_rad / (2 * np.pi) * width), axis=1)
-            told_at[outline & (told_at == 0) & (instance_id == 0)] = most
+            factors[key] = errors.factor
+    new_image = new_ids[instance_id]
+    for key, errors in draws.items():
+        if errors.false_label is not None:
+            max_id += 1
+            labels[max_id] = errors.false_label
+            outline = np.roll(instance_id == key, -round(errors.turn_rad / (2 * np.pi) * width), axis=1)
+            new_image[outline & (new_image == 0) & (instance_id == 0)] = max_id
     range_m = None if panorama.range_m is None else panorama.range_m * factors[instance_id]
-    return replace(panorama, range_m=range_m, annotations=replace(annotations, instance_id=told_at, labels=labels))
+    return replace(panorama, range_m=range_m, annotations=replace(annotations, instance_id=new_image, labels=labels))
 
 
 def _spoil_list(objects: ObjectBoxes, draws: Sequence[_Draw]) -> ObjectBoxes:
-    """As told in a list; an object at another range spans the angle that it did."""
+    """Apply errors to a list of objects. An object at another range subtends the same angle as before."""
     rows: list[tuple[str, str, np.ndarray, np.ndarray, float]] = []
-    for i, one in enumerate(draws):
+    for i, errors in enumerate(draws):
         key, centroid_m, size_m, yaw_rad = objects.keys[i], objects.centroid_m[i], objects.size_m[i], objects.yaw_rad[i]
-        if not one.missed:
-            rows.append((one.label, key, centroid_m * one.factor, size_m * one.factor, yaw_rad))
-        if one.double is not None:
-            turned_m = transform_points(pose_2d(0, 0, one.turn_rad), centroid_m)
-            rows.append((one.double, f"{key} made up", turned_m, size_m, (yaw_rad + one.turn_rad) % np.pi))
+        if not errors.missed:
+            rows.append((errors.label, key, centroid_m * errors.factor, size_m * errors.factor, yaw_rad))
+        if errors.false_label is not None:
+            turned_m = transform_points(pose_2d(0, 0, errors.turn_rad), centroid_m)
+            new_yaw_rad = (yaw_rad + errors.turn_rad) % np.pi
+            rows.append((errors.false_label, f"{key} made up", turned_m, size_m, new_yaw_rad))
     if not rows:
         return ObjectBoxes.empty()
     labels, keys, centroid_m, size_m, yaw_rad = zip(*rows, strict=True)

@@ -1,4 +1,4 @@
-"""Data sets and their frames by name: a preset, a data set, a YAML file, or a folder of panoramas."""
+"""Open datasets and their frames by name: a preset, a dataset, a YAML file, or a folder of panoramas."""
 
 from __future__ import annotations
 
@@ -19,22 +19,29 @@ from salframe.panoramas.folder import FolderDataset
 from salframe.panoramas.frames import QueryFrame, ReferenceFrame
 
 Progress = Callable[[str, int, int], None]
-"""progress(what, done, total): `what` is a data set's name while it is prepared, or a method's label."""
+"""Called as progress(what, done, total); `what` is the name of a dataset that is prepared, or the label of a method."""
 
 
 def configure_dataset(
     data: str | Path | None, data_dir: str | Path | None, overrides: Sequence[Mapping[str, Any]] = ()
 ) -> tuple[str, ComponentConfig]:
-    """The short name and the configuration of a data set: `data` is a preset, a data set, a YAML file, or a folder with
-    a manifest.json, the default data set where it is None; `data_dir` sets its `root`.
+    """Return the short name and the configuration of a dataset.
+
+    Args:
+        data: A preset, a dataset, a YAML file, or a folder with a manifest.json; None: the default dataset.
+        data_dir: Value of its setting `root`.
+        overrides: Settings that replace those of the preset.
+
+    Raises:
+        UnknownName: There is no dataset of this name.
     """
     data = default_of("data") if data is None else str(data)
     folder = Path(data)
     if (folder / MANIFEST).exists():
         name, content = folder.resolve().name, {"kind": FolderDataset.name, "root": str(folder.resolve())}
     elif not data.endswith(SUFFIXES) and data not in names("dataset") and (folder.is_dir() or "/" in data):
-        known = ", ".join(names("dataset"))
-        raise UnknownName(f"{data} is no dataset: expected a folder with a {MANIFEST}, or one of {known}")
+        available = ", ".join(names("dataset"))
+        raise UnknownName(f"{data} is not a dataset: expected a folder with a {MANIFEST}, or one of {available}")
     else:
         name, content = short_name(data), settings("dataset", data)
     if data_dir is not None:
@@ -45,8 +52,7 @@ def configure_dataset(
 def open_dataset(
     config: ComponentConfig, progress: Callable[[int, int], None] | None = None, engine: Engine | None = None
 ) -> Dataset:
-    """The dataset, prepared: what it renders or indexes is done when this returns, by an engine, the default one where
-    it is None."""
+    """Build a dataset and prepare it: render or index its frames with an engine (None: the default engine)."""
     dataset: Dataset = registry().build("dataset", config)
     dataset.engine = engine
     dataset.prepare(progress or (lambda done, total: None))
@@ -54,7 +60,7 @@ def open_dataset(
 
 
 def provided(config: ComponentConfig) -> frozenset[str]:
-    """Which of "rgb", "range", "annotations" the panoramas of a data set have; it is not prepared for that."""
+    """Return the parts that the panoramas of a dataset have, without preparing it."""
     dataset: Dataset = registry().build("dataset", config)
     return dataset.provides
 
@@ -66,23 +72,33 @@ def find_dataset(
     progress: Progress | None = None,
     engine: str | None = None,
 ) -> Dataset:
-    """A data set, prepared: what it renders or indexes is done when this returns. `data`: a preset, a data set, a YAML
-    file, or a folder with a manifest.json, the default one where it is None; data_dir sets its `root`; engine: the name
-    of what renders, the default one where it is None; overrides: "data.key=value" or "engine.key=value" each. Raises
-    UnknownName, ConfigError, DataError."""
-    given = nest_for(map(parse_override, overrides), ("data", "engine"))
-    name, config = configure_dataset(data, data_dir, given["data"])
-    made = open_engine(engine, given["engine"]) if engine or given["engine"] else None
-    return open_dataset(config, progress and partial(progress, name), made)
+    """Open a dataset by name and prepare it: render or index its frames.
+
+    Args:
+        data: A preset, a dataset, a YAML file, or a folder with a manifest.json; None: the default dataset.
+        data_dir: Value of its setting `root`.
+        overrides: Settings as "data.KEY=value" or "engine.KEY=value".
+        progress: Called with the progress of the preparation.
+        engine: Name of the engine that renders; None: the default engine.
+
+    Raises:
+        UnknownName: A name is unknown.
+        ConfigError: A setting is wrong.
+        DataError: The data are missing or malformed.
+    """
+    scoped = nest_for(map(parse_override, overrides), ("data", "engine"))
+    name, config = configure_dataset(data, data_dir, scoped["data"])
+    opened = open_engine(engine, scoped["engine"]) if engine or scoped["engine"] else None
+    return open_dataset(config, progress and partial(progress, name), opened)
 
 
 def reference_frames(dataset: Dataset) -> list[ReferenceFrame]:
-    """The reference frames of all folds, each once."""
+    """Return the reference frames of all folds, each once."""
     return list({frame.id: frame for fold in dataset.folds() for frame in fold.references}.values())
 
 
 def find_frame(dataset: Dataset, name: str) -> ReferenceFrame | QueryFrame:
-    """The query or reference frame of this id. Raises UnknownName with the closest one."""
+    """Return the query or reference frame with an id. Raises UnknownName, which suggests the closest id."""
     frames: dict[str, ReferenceFrame | QueryFrame] = {}
     for fold in dataset.folds():
         frames.update((frame.id, frame) for frame in fold.references)
@@ -93,12 +109,12 @@ def find_frame(dataset: Dataset, name: str) -> ReferenceFrame | QueryFrame:
 
 
 def find_image(path: Path) -> tuple[Path, str]:
-    """The folder with a manifest.json that an image lies in, and the id of its frame. Raises DataError."""
+    """Return the dataset folder that contains an image, and the id of the frame of the image. Raises DataError."""
     path = path.resolve()
     folder = next((parent for parent in path.parents if (parent / MANIFEST).exists()), None)
     if folder is None:
         raise DataError(
-            f"{path} lies in no folder with a {MANIFEST}, expected one that says what frame the image belongs to"
+            f"{path} lies in no folder with a {MANIFEST}, expected an image that the manifest of a dataset names"
         )
     from salframe.panoramas.folder_format import IMAGE_KEYS, Folder
 
@@ -116,9 +132,18 @@ def open_frame(
     overrides: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> ReferenceFrame | QueryFrame:
-    """The frame of this id in a dataset; without one, the frame that the image at this path belongs to.
+    """Return the frame with an id in a dataset; without a dataset, the frame of the image at a path.
 
-    Raises DataError, UnknownName.
+    Args:
+        name: Id of the frame, or path of the image where `data` is None.
+        data: The dataset, as in `find_dataset`.
+        data_dir: As in `find_dataset`.
+        overrides: As in `find_dataset`.
+        progress: As in `find_dataset`.
+
+    Raises:
+        DataError: The data are missing or malformed.
+        UnknownName: There is no such dataset or frame.
     """
     if data is None:
         folder, name = find_image(Path(name))

@@ -1,4 +1,4 @@
-"""An RGB-D panorama, any part of which may be missing, and what a labelled data set tells about it."""
+"""RGB-D panoramas, any part of which may be missing, and their annotations."""
 
 from __future__ import annotations
 
@@ -11,18 +11,21 @@ from salframe.framework.arrays import check_array
 from salframe.framework.errors import DataError
 
 PARTS = frozenset({"rgb", "range", "annotations"})
-"""What a panorama may provide, and a component may need."""
+"""Parts that a panorama may provide and a component may need."""
 VISIBLE_PIXELS = 50
-"""An object that covers fewer pixels of a panorama is not visible."""
+"""Minimum number of pixels of a visible object."""
 
 
 @dataclass(frozen=True, eq=False)
 class ObjectBoxes:
-    """Annotated objects by their upright boxes, in the panorama frame.
+    """Upright boxes of N annotated objects, in the panorama frame.
 
-    labels: N names; keys: N strings that stay with an object when the panorama is turned (they key noise, nothing
-    else); centroid_m, size_m (N, 3) float64, centre and length, width, height; yaw_rad (N,) float64, azimuth of the
-    length, modulo pi. A centroid whose range is not known is NaN.
+    Attributes:
+        labels: N labels.
+        keys: N strings that identify an object when the panorama is rotated. They only key the random noise.
+        centroid_m: (N, 3) float64 centres; NaN where the range is unknown.
+        size_m: (N, 3) float64 length, width and height.
+        yaw_rad: (N,) float64 azimuth of the length, modulo pi.
     """
 
     labels: tuple[str, ...]
@@ -34,28 +37,35 @@ class ObjectBoxes:
     def __post_init__(self) -> None:
         n = len(self.labels)
         if len(self.keys) != n:
-            raise DataError(f"ObjectBoxes.keys holds {len(self.keys)} keys, expected {n}, one an object")
+            raise DataError(f"ObjectBoxes.keys has {len(self.keys)} keys, expected {n}, one for each object")
         check_array(self, "centroid_m", np.float64, n, 3)
         check_array(self, "size_m", np.float64, n, 3)
         check_array(self, "yaw_rad", np.float64, n)
 
     @classmethod
     def empty(cls) -> ObjectBoxes:
+        """Return a list without objects."""
         return cls((), (), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
 
-    def take(self, chosen: np.ndarray) -> ObjectBoxes:
-        """Some of the objects, (N,) bool."""
-        rows = np.flatnonzero(chosen)
-        labels, keys = (tuple(of_all[i] for i in rows) for of_all in (self.labels, self.keys))
+    def take(self, mask: np.ndarray) -> ObjectBoxes:
+        """Return the objects where a mask (N,) bool is true."""
+        rows = np.flatnonzero(mask)
+        labels, keys = (tuple(column[i] for i in rows) for column in (self.labels, self.keys))
         return ObjectBoxes(labels, keys, self.centroid_m[rows], self.size_m[rows], self.yaw_rad[rows])
 
 
 @dataclass(frozen=True, eq=False)
 class Annotations:
-    """What a labelled data set tells about a panorama: an instance image with its label table, or a list of objects.
+    """Annotated objects of a panorama: either an instance image with its labels, or a list of objects.
 
-    instance_id (H, 2H) int32, 0 where there is no object; labels: instance id -> label. `objects` instead, where there
-    is no image. `rendered`: labels and ranges come from a renderer and hold no error of their own.
+    Attributes:
+        instance_id: (H, 2H) int32 instance image, 0 where there is no object; None where there is a list of objects.
+        labels: Label of each instance id.
+        objects: List of objects; None where there is an instance image.
+        rendered: Whether labels and ranges come from a renderer and are free of errors.
+
+    Raises:
+        DataError: There are both an instance image and a list of objects, or neither; or the image is no int32 array.
     """
 
     instance_id: np.ndarray | None = None
@@ -65,23 +75,31 @@ class Annotations:
 
     def __post_init__(self) -> None:
         if (self.instance_id is None) == (self.objects is None):
-            raise DataError("Annotations take either an instance image or a list of objects, received both or neither")
+            received = "both" if self.instance_id is not None else "neither"
+            raise DataError(f"Annotations received {received}, expected either an instance image or a list of objects")
         if self.instance_id is not None:
             check_array(self, "instance_id", np.int32, None, None)
 
     @property
     def vocabulary(self) -> tuple[str, ...]:
-        """The labels that are told of, each once, in alphabetical order."""
+        """Labels of all objects, each once, in alphabetical order."""
         return tuple(sorted(set(self.labels.values() if self.objects is None else self.objects.labels)))
 
 
 @dataclass(frozen=True, eq=False)
 class Panorama:
-    """An equirectangular RGB-D panorama; any part may be missing, and `provides` says what is there.
+    """An equirectangular RGB-D panorama. Any part may be missing; `provides` lists the parts.
 
-    rgb (H, 2H, 3) uint8; range_m (H, 2H) float32, range along the ray, NaN where unknown; valid (H, 2H) bool, the part
-    of the sphere that was seen (None: all of it). `id` names the frame it was taken in; `range_by` the range model that
-    estimated the range, None where a sensor or a renderer gave it. Raises DataError on images that do not fit together.
+    Attributes:
+        id: Id of the frame.
+        rgb: (H, 2H, 3) uint8 colour.
+        range_m: (H, 2H) float32 range along the ray in metres, NaN where unknown.
+        valid: (H, 2H) bool, the visible part of the sphere; None: all of it.
+        annotations: Annotated objects.
+        range_by: Name of the range model that estimated the range; None where it comes from a sensor or a renderer.
+
+    Raises:
+        DataError: An image has another shape or dtype, the images differ in size, or `range_by` is set without range.
     """
 
     id: str
@@ -93,7 +111,9 @@ class Panorama:
 
     def __post_init__(self) -> None:
         if self.range_by is not None and self.range_m is None:
-            raise DataError(f"{self.id} has a range by {self.range_by!r} and no range image, expected both or neither")
+            raise DataError(
+                f"{self.id} has range_by {self.range_by!r} and no range image, expected both or neither of them"
+            )
         height = None
         instance_id = None if self.annotations is None else self.annotations.instance_id
         for name, image in (
@@ -108,12 +128,12 @@ class Panorama:
             if len(shape) < 2 or shape[1] != 2 * shape[0]:
                 raise DataError(
                     f"{self.id}: the {name} image is {' x '.join(map(str, shape[1::-1]))}, "
-                    "expected a width of twice the height"
+                    "expected width = 2 x height (equirectangular)"
                 )
             if height is not None and shape[0] != height:
                 raise DataError(
                     f"{self.id}: the {name} image is {shape[1]} x {shape[0]}, "
-                    f"expected {2 * height} x {height} as the others"
+                    f"expected {2 * height} x {height} like the other images"
                 )
             height = shape[0]
         if self.rgb is not None:
@@ -125,12 +145,16 @@ class Panorama:
 
     @property
     def provides(self) -> frozenset[str]:
-        """Which of "rgb", "range", "annotations" are there."""
+        """Parts that the panorama has, of "rgb", "range" and "annotations"."""
         parts = {"rgb": self.rgb, "range": self.range_m, "annotations": self.annotations}
         return frozenset(name for name, value in parts.items() if value is not None)
 
 
 def visible_instances(instance_id: np.ndarray) -> tuple[int, ...]:
-    """The ids, ascending, of the objects that are visible in an instance image (H, 2H) int32, 0 where there is none."""
+    """Return the ids of the objects that are visible in an instance image, in ascending order.
+
+    Args:
+        instance_id: (H, 2H) int32, 0 where there is no object.
+    """
     pixels = np.bincount(instance_id.ravel())
     return tuple(int(i) for i in np.flatnonzero(pixels >= VISIBLE_PIXELS) if i)

@@ -1,5 +1,4 @@
-"""Perspective views of an equirectangular panorama, the way back from their pixels to bearings, and how two sets of
-them compare."""
+"""Perspective views of an equirectangular panorama: cut views, convert between pixels and bearings, compare views."""
 
 from __future__ import annotations
 
@@ -13,10 +12,17 @@ from salframe.panoramas.geometry import rays_to_pixels
 
 @dataclass(frozen=True)
 class ViewRig:
-    """A ring of `count` pinhole views, equally spaced in azimuth and all looking up by elevation_rad; the first looks
-    along +x, the others follow counter-clockwise.
+    """A ring of pinhole views with equal spacing in azimuth. The first looks along +x, the others follow
+    counter-clockwise.
 
-    Pixel centres lie at +0.5 and the principal point in the image's centre, as in salframe.panoramas.geometry.
+    Pixel centres are at +0.5, as in salframe.panoramas.geometry; the principal point is at the centre of the image.
+
+    Attributes:
+        count: Number V of views.
+        width_px: Width of a view.
+        height_px: Height of a view.
+        hfov_rad: Horizontal field of view.
+        elevation_rad: Elevation of the optical axes.
     """
 
     count: int
@@ -27,12 +33,12 @@ class ViewRig:
 
     @property
     def focal_px(self) -> float:
-        """Focal length of every view."""
+        """Focal length of each view in pixels."""
         return self.width_px / 2 / np.tan(self.hfov_rad / 2)
 
     @cached_property
     def rotations(self) -> np.ndarray:
-        """(V, 3, 3) float64 from camera axes (x right, y down, z forward) to the panorama frame."""
+        """Rotations from camera axes (x right, y down, z forward) to the panorama frame, (V, 3, 3) float64."""
         azimuth = 2 * np.pi * np.arange(self.count) / self.count
         c, s, zero = np.cos(azimuth), np.sin(azimuth), np.zeros(self.count)
         level, up = np.cos(self.elevation_rad), np.sin(self.elevation_rad)
@@ -40,14 +46,30 @@ class ViewRig:
         return np.array([right, down, forward]).transpose(2, 1, 0)
 
     def bearings(self, view: int, pixels: np.ndarray) -> np.ndarray:
-        """(K, 3) float64 unit vectors in the panorama frame through the pixels (K, 2), x then y, of one view."""
+        """Return unit vectors through pixels of one view, in the panorama frame.
+
+        Args:
+            view: Index of the view.
+            pixels: (K, 2) pixels, x then y.
+
+        Returns:
+            (K, 3) float64.
+        """
         rays = np.ones((len(pixels), 3))
         rays[:, :2] = (np.asarray(pixels, np.float64) - (self.width_px / 2, self.height_px / 2)) / self.focal_px
         return (rays / np.linalg.norm(rays, axis=1, keepdims=True)) @ self.rotations[view].T
 
     def project(self, bearings: np.ndarray, view: int) -> tuple[np.ndarray, np.ndarray]:
-        """Where bearings (K, 3) in the panorama frame fall on one view: pixels (K, 2) float64, x then y, and (K,) bool
-        whether the view shows them; the pixels of those that it does not show mean nothing."""
+        """Project bearings to one view.
+
+        Args:
+            bearings: (K, 3) directions in the panorama frame.
+            view: Index of the view.
+
+        Returns:
+            (K, 2) float64 pixels, x then y, and (K,) bool, whether the view shows each bearing. The pixels of bearings
+            that it does not show are undefined.
+        """
         local = bearings @ self.rotations[view]
         ahead = local[:, 2] > 1e-6
         pixels = local[:, :2] / np.where(ahead, local[:, 2], 1)[:, None] * self.focal_px
@@ -55,12 +77,11 @@ class ViewRig:
         return pixels, ahead & ((pixels >= 0) & (pixels < (self.width_px, self.height_px))).all(1)
 
     def cut(self, image: np.ndarray) -> np.ndarray:
-        """(V, height, width, C) views of an equirectangular uint8 image (H, 2H, C), bilinear."""
+        """Return the views of an equirectangular uint8 image (H, 2H, C), bilinear: (V, height, width, C) uint8."""
         import cv2
 
-        if (
-            image.shape[0] * self.hfov_rad / np.pi > 2 * self.width_px
-        ):  # far finer than the views: average first, or they alias
+        # Average an image of more than twice the resolution of the views first, to avoid aliasing.
+        if image.shape[0] * self.hfov_rad / np.pi > 2 * self.width_px:
             height = round(self.width_px * np.pi / self.hfov_rad)
             image = cv2.resize(image, (2 * height, height), interpolation=cv2.INTER_AREA)
         columns, rows = _sampling(self, image.shape[0])
@@ -74,8 +95,10 @@ class ViewRig:
 
 @lru_cache(maxsize=4)
 def _sampling(rig: ViewRig, height: int) -> tuple[np.ndarray, np.ndarray]:
-    """(V, height_px, width_px) float32 columns and rows in a panorama of this height, in OpenCV's convention (centres
-    at 0)."""
+    """Return the columns and rows in a panorama of all pixels of the views, (V, height_px, width_px) float32 each.
+
+    Pixel centres are at 0, the convention of OpenCV.
+    """
     y, x = np.mgrid[: rig.height_px, : rig.width_px] + 0.5
     pixels = np.stack([x.ravel(), y.ravel()], 1)
     rays = np.stack([rig.bearings(view, pixels) for view in range(rig.count)])
@@ -84,11 +107,17 @@ def _sampling(rig: ViewRig, height: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def turned_similarity(query: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """(F, V) float: how alike a query's views (V, G) are to those of each reference frame (F, V, G) when turned by 0 to V - 1
-    views.
+    """Return the similarity of the views of a query to those of each reference frame, for each rotation by whole views.
 
-    G values a view, of unit length, or zeros where it shows nothing. The mean cosine over query view i and map view i +
-    turn: both panoramas are upright, so one turn serves all views.
+    The similarity is the mean cosine between view i of the query and view i + turn of the reference frame. Both
+    panoramas are upright, so that all views share one rotation.
+
+    Args:
+        query: (V, G) features of the views, of unit length; zeros for a view that shows nothing.
+        reference: (F, V, G) features of F reference frames.
+
+    Returns:
+        (F, V) similarities at rotations by 0 to V - 1 views.
     """
     count = len(query)
     cosines = np.einsum("ig,fjg->fij", query, reference)

@@ -1,4 +1,4 @@
-"""Plain photographs as partial panoramas: the part of the sphere that a pinhole camera saw."""
+"""Photographs as partial panoramas: the part of the sphere that a pinhole camera shows."""
 
 from __future__ import annotations
 
@@ -12,13 +12,20 @@ from salframe.panoramas.geometry import equirectangular_rays, rays_to_pixels
 from salframe.panoramas.panorama import Panorama
 
 LEVEL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-"""From the axes of a camera that looks level along +x (x right, y down, z forward) to the panorama frame."""
+"""Rotation from the axes of a level camera that looks along +x (x right, y down, z forward) to the panorama frame."""
 
 
 @dataclass(frozen=True, eq=False)
 class Pinhole:
-    """An ideal camera: size and focal length in pixels, the principal point (x, y) with pixel centres at +0.5, and how
-    it was held: rotation (3, 3) float64 from camera axes (x right, y down, z forward) to the panorama frame."""
+    """A pinhole camera without distortion.
+
+    Attributes:
+        width_px: Width of the image.
+        height_px: Height of the image.
+        focal_px: Focal length.
+        centre_px: Principal point (x, y); pixel centres are at +0.5.
+        rotation: (3, 3) float64 from camera axes (x right, y down, z forward) to the panorama frame.
+    """
 
     width_px: int
     height_px: int
@@ -30,14 +37,23 @@ class Pinhole:
         check_array(self, "rotation", np.float64, 3, 3)
         if not (self.width_px > 0 and self.height_px > 0 and 0 < self.focal_px < np.inf):
             raise DataError(
-                f"a camera of {self.width_px} x {self.height_px} pixels has the focal length {self.focal_px}, "
-                "expected positive numbers"
+                f"a camera has {self.width_px} x {self.height_px} pixels and a focal length of {self.focal_px}, "
+                "expected positive finite numbers"
             )
 
     @classmethod
     def of_field_of_view(cls, width_px: int, height_px: int, hfov_rad: float, pitch_rad: float = 0.0) -> Pinhole:
-        """A camera whose principal point is the image's centre, looking up by pitch_rad; hfov_rad is its horizontal
-        field of view. Raises DataError where that is not between 0 and pi."""
+        """Return a camera with the principal point at the centre of the image.
+
+        Args:
+            width_px: Width of the image.
+            height_px: Height of the image.
+            hfov_rad: Horizontal field of view.
+            pitch_rad: Elevation of the optical axis.
+
+        Raises:
+            DataError: The field of view is not between 0 and pi.
+        """
         if not 0 < hfov_rad < np.pi:
             raise DataError(f"a photograph has a field of view of {np.degrees(hfov_rad):g} deg, expected 0 to 180")
         c, s = np.cos(pitch_rad), np.sin(pitch_rad)
@@ -46,8 +62,11 @@ class Pinhole:
         return cls(width_px, height_px, focal_px, (width_px / 2, height_px / 2), up @ LEVEL)
 
     def rays(self) -> np.ndarray:
-        """(height_px, width_px, 3) float64 through the pixel centres, in the panorama frame, 1 long along the optical
-        axis: times z-depth they are points, and their lengths times z-depth the range along the ray."""
+        """Return rays through the pixel centres in the panorama frame, (height_px, width_px, 3) float64.
+
+        Their component along the optical axis is 1: a ray times the z-depth is a point, and the length of a ray times
+        the z-depth is the range along the ray.
+        """
         y, x = np.mgrid[: self.height_px, : self.width_px] + 0.5
         local = np.stack(
             [(x - self.centre_px[0]) / self.focal_px, (y - self.centre_px[1]) / self.focal_px, np.ones_like(x)], -1
@@ -55,8 +74,15 @@ class Pinhole:
         return local @ self.rotation.T
 
     def sees(self, height: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Which pixels of a panorama of this height it sees, (H, 2H) bool, and where: float32 columns and rows (H, 2H)
-        in OpenCV's pixels (centres at 0), meaningless elsewhere."""
+        """Project the pixels of a panorama to the camera.
+
+        Args:
+            height: Height H of the panorama.
+
+        Returns:
+            (H, 2H) bool, whether the camera shows each pixel of the panorama; and its column and row in the camera,
+            (H, 2H) float32 each, with pixel centres at 0 (the convention of OpenCV), undefined where it is not shown.
+        """
         right, down, forward = np.moveaxis(equirectangular_rays(height) @ self.rotation, -1, 0)
         ahead = np.maximum(forward, 1e-6)
         x, y = (
@@ -66,8 +92,17 @@ class Pinhole:
         return inside, (x - 0.5).astype(np.float32), (y - 0.5).astype(np.float32)
 
     def lay_on_sphere(self, image: np.ndarray, height: int, *, smooth: bool = True) -> np.ndarray:
-        """(H, 2H, ...) an image (height_px, width_px, ...) as a panorama of this height shows it, 0 where it does not;
-        bilinear, or the nearest pixel where values are not to be mixed (labels, ranges with holes)."""
+        """Project an image of the camera to a panorama.
+
+        Args:
+            image: (height_px, width_px, ...) image.
+            height: Height H of the panorama.
+            smooth: Whether to interpolate bilinearly. Otherwise the nearest pixel is used, for values that must not be
+                mixed (labels, ranges with holes).
+
+        Returns:
+            (H, 2H, ...) image, 0 outside the view of the camera.
+        """
         import cv2
 
         inside, columns, rows = self.sees(height)
@@ -78,14 +113,23 @@ class Pinhole:
         return laid
 
     def see(self, panorama_image: np.ndarray) -> np.ndarray:
-        """(height_px, width_px, ...) what each pixel shows of a panorama's image (H, 2H, ...), the nearest pixel."""
+        """Return the camera's view of a panorama image (H, 2H, ...), (height_px, width_px, ...), nearest pixel."""
         height = panorama_image.shape[0]
         columns, rows = rays_to_pixels(self.rays(), height)
         return panorama_image[np.minimum(rows.astype(int), height - 1), columns.astype(int) % (2 * height)]
 
     def panorama(self, name: str, rgb: np.ndarray, depth_m: np.ndarray | None = None, height: int = 512) -> Panorama:
-        """A photograph (height_px, width_px, 3) uint8 as a partial panorama of this height; depth_m (height_px,
-        width_px) float, z-depth in metres, NaN where unknown. Raises DataError on images of another size."""
+        """Return a photograph as a partial panorama.
+
+        Args:
+            name: Id of the panorama.
+            rgb: (height_px, width_px, 3) uint8 photograph.
+            depth_m: (height_px, width_px) float z-depth in metres, NaN where unknown.
+            height: Height of the panorama.
+
+        Raises:
+            DataError: An image has another size.
+        """
         for what, image in (("photograph", rgb), ("depth image", depth_m)):
             if image is not None and image.shape[:2] != (self.height_px, self.width_px):
                 raise DataError(

@@ -1,4 +1,4 @@
-"""What queries show of what was taken: a part of the sphere, and objects that are told with errors."""
+"""Restricted queries: a part of the sphere, and annotations with simulated errors."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from salframe.panoramas.object_noise import AnnotationNoise, spoil_annotations
 from salframe.panoramas.panorama import Panorama
 
 ASPECT = 3 / 4
-"""Height of a rectilinear view over its width."""
-LISTED_HEIGHT = 180
-"""Rows of `valid` where there is no image that says how many: a degree each."""
+"""Ratio of height to width of a rectilinear view."""
+DEFAULT_HEIGHT = 180
+"""Number of rows of `valid` for panoramas without images: one row per degree."""
 
 
 class QueryView(ComponentConfig):
-    """Base of the Config of data sets whose queries may show less than was taken, or objects that are told with errors.
+    """Base of the Config of datasets whose queries may show a part of the sphere, or have errors in the annotations.
 
-    Map frames stay as they are. What is stored of a data set depends on none of these settings: it is seen through them
-    (`as_query`), as is what `observe` shows.
+    Reference frames do not change. The stored panoramas of a dataset do not depend on these settings: `as_query`
+    applies them to the queries when they are loaded, and to the panoramas of `observe`.
     """
 
     query_fov_deg: float = added(
@@ -36,14 +36,14 @@ class QueryView(ComponentConfig):
         match_only=True,
         gt=0,
         le=360,
-        description="degrees around their heading that queries show, at all elevations",
+        description="field of view of queries around their heading in degrees, at all elevations",
     )
     query_focal: float | None = added(
         None,
         match_only=True,
         gt=0,
-        description="focal length of the one rectilinear view along their heading that queries show, over half its "
-        "width: 1, 2, 3 are 90, 53, 37 deg across and, at 4:3, 74, 41, 28 deg from top to bottom; null: panoramas",
+        description="focal length of the rectilinear view along their heading that queries show, relative to half its "
+        "width: 1, 2, 3 are 90, 53, 37 deg wide and, at 4:3, 74, 41, 28 deg high; null: whole panoramas",
     )
     query_noise: AnnotationNoise = added(
         AnnotationNoise(), match_only=True, description="errors in the annotations of queries, not of reference frames"
@@ -51,58 +51,69 @@ class QueryView(ComponentConfig):
 
 
 VIEW_SETTINGS = frozenset(QueryView.model_fields) - {"kind"}
-"""Names of the settings: a data set's fingerprint is without them."""
+"""Names of the settings of QueryView. The fingerprint of a dataset does not depend on them."""
 
 
 def view_settings(config: ComponentConfig) -> dict[str, Any]:
-    """The settings of QueryView that are not the defaults, which show queries as they were taken."""
+    """Return the settings of QueryView that are not the defaults. The defaults do not change queries."""
     if not isinstance(config, QueryView):
         return {}
     return {name: value for name, value in settings_identity(config).items() if name in VIEW_SETTINGS}
 
 
 def as_query(panorama: Panorama, config: ComponentConfig) -> Panorama:
-    """A panorama as queries of a data set show it. Raises InputMissing where errors are set and it has no
-    annotations."""
+    """Return a panorama with the settings of QueryView applied.
+
+    Raises:
+        InputMissing: Errors in the annotations are set, and the panorama has no annotations.
+    """
     if not isinstance(config, QueryView):
         return panorama
     if config.query_noise != AnnotationNoise():
         if panorama.annotations is None:
-            raise InputMissing(f"{panorama.id} has no annotations, which query_noise puts errors in")
+            raise InputMissing(f"{panorama.id} has no annotations, which the setting query_noise requires")
         panorama = spoil_annotations(panorama, config.query_noise, getattr(config, "seed", 0))
     if config.query_fov_deg < 360 or config.query_focal is not None:
-        panorama = _narrowed(panorama, config.query_fov_deg, config.query_focal)
+        panorama = _crop(panorama, config.query_fov_deg, config.query_focal)
     return panorama
 
 
 def view_queries(folds: Sequence[Fold], config: ComponentConfig, stored_key: str) -> list[Fold]:
-    """The folds with queries as settings of QueryView show them. `stored_key`: what caches know frames by that have no
-    `content`, as they were taken."""
+    """Return the folds with the settings of QueryView applied to the queries.
+
+    Args:
+        folds: The folds.
+        config: Settings of the dataset.
+        stored_key: Cache key of unchanged frames that have no `content`.
+    """
     view = view_settings(config)
 
     @cache  # folds share their frames
-    def stored(frame: ReferenceFrame) -> ReferenceFrame:
+    def with_key(frame: ReferenceFrame) -> ReferenceFrame:
         return replace(frame, content=frame.content or stored_key)
 
-    def seen(query: QueryFrame) -> QueryFrame:
+    def with_view(query: QueryFrame) -> QueryFrame:
         content = digest([query.content or stored_key, view])
-        return QueryFrame(query.id, partial(_load_seen, query, config), content)
+        return QueryFrame(query.id, partial(_load_query, query, config), content)
 
-    return [Fold(fold.id, tuple(map(stored, fold.references)), tuple(map(seen, fold.queries))) for fold in folds]
+    return [Fold(fold.id, tuple(map(with_key, fold.references)), tuple(map(with_view, fold.queries))) for fold in folds]
 
 
-def _load_seen(query: QueryFrame, config: ComponentConfig) -> Panorama:
+def _load_query(query: QueryFrame, config: ComponentConfig) -> Panorama:
     return as_query(query.load(), config)
 
 
-def _narrowed(panorama: Panorama, fov_deg: float, focal: float | None) -> Panorama:
-    """What a view shows: outside of it nothing is valid, colour is black and range NaN, and there are no objects, of
-    those in a list the ones whose middle lies there."""
+def _crop(panorama: Panorama, fov_deg: float, focal: float | None) -> Panorama:
+    """Return the part of a panorama inside a view.
+
+    Outside the view, pixels are not valid, colour is black, range is NaN, and there are no objects. An object of a list
+    is outside where its centroid is.
+    """
     annotations = panorama.annotations
     instance_id = None if annotations is None else annotations.instance_id
     images = (panorama.rgb, panorama.range_m, instance_id, panorama.valid)
-    height = next((len(image) for image in images if image is not None), LISTED_HEIGHT)
-    inside = _seen_pixels(height, fov_deg, focal)
+    height = next((len(image) for image in images if image is not None), DEFAULT_HEIGHT)
+    inside = _visible_pixels(height, fov_deg, focal)
     if annotations is not None and instance_id is not None:
         annotations = replace(annotations, instance_id=np.where(inside, instance_id, np.int32(0)))
     elif annotations is not None and annotations.objects is not None:
@@ -118,7 +129,13 @@ def _narrowed(panorama: Panorama, fov_deg: float, focal: float | None) -> Panora
 
 
 def sees(rays: np.ndarray, fov_deg: float, focal: float | None) -> np.ndarray:
-    """(...) bool: which directions (..., 3) in the panorama frame, of any length, a view shows; none that is NaN."""
+    """Return whether a view shows each of some directions, (...) bool; false where a direction is NaN.
+
+    Args:
+        rays: (..., 3) directions of any length in the panorama frame.
+        fov_deg: Field of view around the heading.
+        focal: Focal length of a rectilinear view, relative to half its width; None: all elevations.
+    """
     forward, left, up = np.moveaxis(rays, -1, 0)
     inside = np.abs(np.arctan2(left, forward)) <= np.radians(fov_deg) / 2
     if focal is not None:
@@ -127,8 +144,8 @@ def sees(rays: np.ndarray, fov_deg: float, focal: float | None) -> np.ndarray:
 
 
 @lru_cache(maxsize=4)
-def _seen_pixels(height: int, fov_deg: float, focal: float | None) -> np.ndarray:
-    """(H, 2H) bool: the pixels of a panorama that a view shows; read-only, shared by calls."""
+def _visible_pixels(height: int, fov_deg: float, focal: float | None) -> np.ndarray:
+    """Return whether a view shows each pixel of a panorama, (H, 2H) bool; read-only, shared between calls."""
     inside = sees(equirectangular_rays(height), fov_deg, focal)
     inside.flags.writeable = False
     return inside

@@ -1,4 +1,4 @@
-"""The role `range-model`: how far everything in a panorama is, from its colour."""
+"""The role `range-model`: estimate the range of a panorama from its colour."""
 
 from __future__ import annotations
 
@@ -25,33 +25,42 @@ class RangeModel(Role):
     role = "range-model"
     needs: ClassVar[frozenset[str]] = frozenset({"rgb"})
     gives: ClassVar[frozenset[str]] = frozenset({"range"})
-    """What panoramas get, for `auto` in a slot declared after the range model's."""
+    """Parts that the model adds to panoramas, for `auto` in slots that are declared after the slot of the model."""
     turn_tolerance: ClassVar[float] = 1e-3
-    """Turning the panorama by columns turns the range image: 95 % of its ranges change by no more than this share of
-    themselves. `from_bright_side` sees to it."""
+    """Maximum relative change of 95 % of the ranges when the panorama is rotated by whole columns.
+
+    `from_bright_side` makes any model meet it."""
 
     @abstractmethod
     def estimate(self, panorama: Panorama) -> np.ndarray:
-        """(H, 2H) float32 range along the ray in metres, over 0, NaN where unknown.
+        """Return the range along the ray in metres, (H, 2H) float32, positive, NaN where unknown.
 
-        Must not change its input; the same input gives the same output. A panorama in which nothing can be told has no
-        known range, and raises nothing.
+        Must not change its input. The same input must give the same output. Where the range of a panorama cannot be
+        estimated, all of it is unknown, and no exception is raised.
         """
 
 
 def estimate_range(
     model: RangeModel, panorama: Panorama, cache: Cache | None = None, cache_key: Mapping[str, str] | None = None
 ) -> tuple[Panorama, float]:
-    """The panorama with the range that a model estimates, unknown where nothing was seen, and `range_by` the model's
-    name; the seconds that it took when it was estimated.
+    """Return the panorama with the estimated range, and the time of the estimation in seconds.
 
-    With a cache, `cache_key` (the content_key of its dataset and the id of its frame) stands for the colour, and methods
-    that share a model share its estimates. Raises InputMissing where the panorama lacks what the model needs,
-    InvalidAnswer on an answer that is no range image.
+    The range is unknown outside the visible part of the sphere, and `range_by` is the name of the model. Methods that
+    share a model and a cache share its estimates.
+
+    Args:
+        model: The range model.
+        panorama: The panorama.
+        cache: Cache of estimates; None: no cache.
+        cache_key: Identifies the colour in the cache: the content_key of the dataset and the id of the frame.
+
+    Raises:
+        InputMissing: The panorama lacks a part that the model needs.
+        InvalidAnswer: The model did not return a range image.
     """
     key = {**(cache_key or {}), "range": identity(model.config)}
-    known = None if cache is None else cache.get(key)
-    if known is None:
+    cached = None if cache is None else cache.get(key)
+    if cached is None:
         absent = sorted(model.needs - panorama.provides)
         if absent:
             raise InputMissing(
@@ -64,7 +73,7 @@ def estimate_range(
         if cache is not None:
             cache.put(key, {"range_m": range_m}, seconds)
     else:
-        range_m, seconds = known[0]["range_m"], known[1]
+        range_m, seconds = cached[0]["range_m"], cached[1]
     if panorama.valid is not None:
         range_m = np.where(panorama.valid, range_m, np.float32(np.nan))
     return replace(panorama, range_m=range_m, range_by=model.name), seconds
@@ -76,15 +85,17 @@ def _check_range(model: RangeModel, panorama: Panorama, range_m: Any) -> None:
         received = f"{getattr(range_m, 'dtype', type(range_m).__name__)} {np.shape(range_m)}"
         raise InvalidAnswer(f"{model.name} gave {received}, expected float32 {shape}, metres along the ray")
     if (range_m <= 0).any() or np.isinf(range_m).any():
-        raise InvalidAnswer(f"{model.name} gave a range of 0, less or infinity, expected NaN where it is not known")
+        raise InvalidAnswer(
+            f"{model.name} gave a range that is not positive or not finite, expected NaN where it is unknown"
+        )
 
 
 def from_bright_side(estimate: Callable[[Any, Panorama], np.ndarray]) -> Callable[[Any, Panorama], np.ndarray]:
-    """Make a model's `estimate` see each panorama with its bright side in the middle, and turn the range image back.
+    """Decorate `estimate` so that it receives each panorama with its bright side in the middle.
 
-    For networks whose answer depends on where the panorama begins (strides, views at fixed azimuths): turning the
-    panorama by any number of columns then turns the range and changes nothing else, as
-    salframe.graphs.turning.from_near_side does for detectors.
+    The range image is rotated back. For networks whose output depends on the first column of the panorama (strides,
+    views at fixed azimuths): rotating the panorama by any number of columns then rotates the range and changes nothing
+    else. salframe.graphs.turning.from_near_side does the same for detectors.
     """
 
     @wraps(estimate)
@@ -97,7 +108,7 @@ def from_bright_side(estimate: Callable[[Any, Panorama], np.ndarray]) -> Callabl
             for name in ("rgb", "valid")
             if (image := getattr(panorama, name)) is not None
         }
-        seen = replace(panorama, range_m=None, range_by=None, annotations=None, **images)
-        return np.roll(estimate(model, seen), -columns, 1)
+        rotated = replace(panorama, range_m=None, range_by=None, annotations=None, **images)
+        return np.roll(estimate(model, rotated), -columns, 1)
 
     return steady

@@ -1,4 +1,4 @@
-"""Data sets that render: once into the folder format, and read from there."""
+"""Datasets that render their panoramas once into the folder format and read them from there."""
 
 from __future__ import annotations
 
@@ -35,8 +35,17 @@ _OBJECTS, _CONTENTS, _SHARED = "objects.parquet", "contents.json", "frames"
 
 @dataclass(frozen=True)
 class FrameSpec:
-    """An upright panorama to render: its role, its place, and where it is taken, in the world (z up); `yaw_rad` turns
-    its x axis from the world's."""
+    """An upright panorama to render.
+
+    Attributes:
+        id: Id of the frame.
+        role: Whether it is a reference frame of a scene ("map"), one of a transition, or a query.
+        place: Name of its place.
+        x_m: Position of the camera in the world (z up).
+        y_m: Position of the camera in the world.
+        z_m: Position of the camera in the world.
+        yaw_rad: Azimuth of the x axis of the panorama in the world.
+    """
 
     id: str
     role: FrameRole
@@ -53,7 +62,7 @@ class FrameSpec:
 
     @property
     def is_query(self) -> bool:
-        """Whether its place and pose are truth, which the manifest does not tell."""
+        """Whether the frame is a query, whose place and pose are in the truth file and not in the manifest."""
         return self.role == "query"
 
 
@@ -61,81 +70,88 @@ Frame = TypeVar("Frame", bound=FrameSpec)
 
 
 class RenderedDataset(FolderDataset, Generic[Frame]):
-    """Base of data sets that render their panoramas once, into a folder of salframe's cache, and read them from there.
+    """Base of datasets that render their panoramas once into a folder of the salframe cache and read them from there.
 
-    A subclass says which frames there are, of FrameSpec or a subclass, and renders one at a time; it may name objects
-    and floors. It states `provides`: the folder, which knows, comes later. Its configuration and version determine
-    every pixel, or it has a `fingerprint` of its own. Data sets that differ in some frames share the images of the
-    others, and what caches know of these, where `depends_on` says what a frame's pixels depend on. Where an engine
-    renders in other processes, each makes a data set of its own from the configuration.
+    A subclass lists its frames (FrameSpec or a subclass) and renders one frame at a time. It may list objects and
+    floors. It declares `provides`, because the folder does not exist before `prepare`. Its configuration and version
+    determine every pixel; otherwise it overrides `fingerprint`. Datasets that differ in some frames share the images
+    and the cache entries of the others, where `depends_on` returns what the pixels of a frame depend on. An engine that
+    renders in other processes creates one dataset per process from the configuration.
     """
 
     @property
     @abstractmethod
     def provides(self) -> frozenset[str]:
-        """Which of "rgb", "range", "annotations" every panorama has."""
+        """Parts that every panorama has, of "rgb", "range" and "annotations"."""
 
-    def kept(self, frame: Frame) -> frozenset[str]:
-        """Which parts of what `render` gives are kept of a frame: what the data set provides, unless overridden."""
+    def stored_parts(self, frame: Frame) -> frozenset[str]:
+        """Return the parts of a rendered frame to store: `provides`, unless overridden."""
         return self.provides
 
     @abstractmethod
     def list_frames(self) -> Sequence[Frame]:
-        """The panoramas of the data set, reference frames and queries. A query's id must not tell where it was taken."""
+        """Return all frames, reference frames and queries. The id of a query must not reveal its place or pose."""
 
     def depends_on(self, frame: Frame) -> str:
-        """A digest of all that the pixels of a frame depend on, besides the frame itself and the version: that of the
-        settings, unless overridden by one of fewer of them."""
+        """Return a digest of the settings that the pixels of a frame depend on, besides the frame and the version.
+
+        The default is `fingerprint`, which includes all settings. Override it where fewer settings matter.
+        """
         return self.fingerprint
 
     @abstractmethod
     def render(self, frame: Frame) -> Panorama:
-        """The panorama of one of these frames."""
+        """Render the panorama of a frame."""
 
     def list_objects(self) -> Mapping[str, Sequence[Any]] | None:
-        """The columns of the table of objects, `instance_id` and `label` among them; None without annotations."""
+        """Return the columns of the table of objects, with `instance_id` and `label`; None without annotations."""
         return None
 
     def list_floors(self) -> Mapping[str, FloorMasks]:
-        """The floors by the name that their files begin with."""
+        """Return the floors by name. The file names of a floor begin with its name."""
         return {}
 
     def file_stem(self, number: int, frame: Frame) -> str:
-        """What the files of a frame are called: its number, as an id may hold what no file's name can."""
+        """Return the file name of a frame without ending: its number, because ids may contain any character."""
         return f"{number:05d}"
 
     @cached_property
     def fingerprint(self) -> str:
-        """Of the settings that pixels depend on, and the version."""
+        """Digest of the settings that pixels depend on, and of the version."""
         return digest(identity(self.config, describing=True))
 
     @property
     def root(self) -> Path:
-        """Where the rendered frames are kept."""
+        """The folder of the rendered frames."""
         return cache_home() / self.name / self.fingerprint[:16]
 
     def prepare(self, progress: Callable[[int, int], None]) -> None:
-        """Render the frames that are not there yet; progress(done, total) counts frames.
+        """Render the missing frames.
 
-        Raises SalframeError where rendering processes die twice of one frame.
+        Args:
+            progress: Called as progress(done, total) with numbers of frames.
+
+        Raises:
+            SalframeError: Rendering processes died twice while they rendered the same frame.
         """
         if (self.root / MANIFEST).exists() and (self.root / _CONTENTS).exists():
             return
         from salframe.panoramas.folder_format import write_floor, write_manifest, write_objects
 
         frames = self.list_frames()
-        # What describes the frames comes first: what is wrong with it shows before hours of rendering.
+        # Objects, floors and entries are validated first, so that errors appear before hours of rendering.
         objects, floors = self.list_objects(), self.list_floors()
         entries = [self._entry(number, frame) for number, frame in enumerate(frames)]
         keys = [self._key(frame) for frame in frames]
-        jobs = [self._job(*one) for one in zip(frames, entries, keys, strict=True)]
-        absent = [job for job in jobs if not job.share()]
-        done = len(frames) - len(absent)
+        jobs = [self._job(*arguments) for arguments in zip(frames, entries, keys, strict=True)]
+        missing = [job for job in jobs if not job.share()]
+        done = len(frames) - len(missing)
         progress(done, len(frames))
-        for answer in (self.engine or open_engine()).try_all(_Renderer(self), absent) if absent else ():
+        for answer in (self.engine or open_engine()).try_all(_Renderer(self), missing) if missing else ():
             if isinstance(answer, WorkerDied):
                 raise SalframeError(
-                    f"a rendering process died twice of a frame, after {done} of {len(frames)}: run it again to resume"
+                    f"two rendering processes died on the same frame, after {done} of {len(frames)}: "
+                    "run the command again to resume"
                 )
             if isinstance(answer, BaseException):
                 raise answer
@@ -147,9 +163,9 @@ class RenderedDataset(FolderDataset, Generic[Frame]):
             frame.id: self._truth(frame, entry) for frame, entry in zip(frames, entries, strict=True) if frame.is_query
         }
         masks = [write_floor(self.root, name, floor) for name, floor in floors.items()]
-        # A frame's own labels belong to its pixels; components may also draw from the words of the whole table.
-        words = sorted(set(objects["label"])) if objects else []
-        contents = {frame.id: digest([key, words]) for frame, key in zip(frames, keys, strict=True)}
+        # The key of a frame covers its own labels; components may also use the labels of the whole table.
+        labels = sorted(set(objects["label"])) if objects else []
+        contents = {frame.id: digest([key, labels]) for frame, key in zip(frames, keys, strict=True)}
         write_json(self.root / _CONTENTS, contents)
         table = None if objects is None else _OBJECTS
         write_manifest(self.root, entries, truth, table, masks, rendered="annotations" in self.provides)
@@ -160,38 +176,48 @@ class RenderedDataset(FolderDataset, Generic[Frame]):
         return contents
 
     def _key(self, frame: Frame) -> str:
-        """What the images of a frame are shared by."""
-        return digest([self.name, self.version, self.depends_on(frame), asdict(frame), sorted(self.kept(frame))])
+        """Return the key under which datasets share the images of a frame."""
+        return digest(
+            [self.name, self.version, self.depends_on(frame), asdict(frame), sorted(self.stored_parts(frame))]
+        )
 
     def _job(self, frame: Frame, entry: FrameEntry, key: str) -> _Job:
         from salframe.panoramas.folder_format import image_names
 
-        shared = entry.model_copy(update=image_names(f"{key[:2]}/{key[2:]}", self.kept(frame)))
+        shared = entry.model_copy(update=image_names(f"{key[:2]}/{key[2:]}", self.stored_parts(frame)))
         return _Job(frame, self.root, entry, cache_home() / self.name / _SHARED, shared)
 
     def _entry(self, number: int, frame: Frame) -> FrameEntry:
         from salframe.panoramas.folder_format import FrameEntry, image_names
 
-        known: dict[str, Any] = {} if frame.is_query else {"place": frame.place, "pose": _numbers(frame)}
-        names = image_names(f"frames/{self.file_stem(number, frame)}", self.kept(frame))
-        return FrameEntry(id=frame.id, role=frame.role, **names, **known)
+        location: dict[str, Any] = {} if frame.is_query else {"place": frame.place, "pose": _pose_numbers(frame)}
+        names = image_names(f"frames/{self.file_stem(number, frame)}", self.stored_parts(frame))
+        return FrameEntry(id=frame.id, role=frame.role, **names, **location)
 
     def _truth(self, frame: Frame, entry: FrameEntry) -> TruthEntry:
         from salframe.panoramas.folder_format import TruthEntry
         from salframe.panoramas.images import read_ids
 
         instances = visible_instances(read_ids(self.root / entry.instances)) if entry.instances else ()
-        return TruthEntry(place=frame.place, pose=_numbers(frame), instances=instances)
+        return TruthEntry(place=frame.place, pose=_pose_numbers(frame), instances=instances)
 
 
-def _numbers(frame: FrameSpec) -> tuple[float, ...]:
-    """The pose as the manifest has it: 16 numbers row by row."""
+def _pose_numbers(frame: FrameSpec) -> tuple[float, ...]:
+    """Return the pose as in the manifest: 16 numbers row by row."""
     return tuple(frame.pose.ravel().tolist())
 
 
 @dataclass(frozen=True)
 class _Job:
-    """A frame to render, its files in the folder of its data set, and in the folder `pool` that data sets share."""
+    """A frame to render.
+
+    Attributes:
+        frame: The frame.
+        root: The folder of the dataset.
+        entry: File names of the frame in `root`.
+        pool: The folder that datasets share.
+        shared: File names of the frame in `pool`.
+    """
 
     frame: FrameSpec
     root: Path
@@ -200,19 +226,20 @@ class _Job:
     shared: FrameEntry
 
     def share(self) -> bool:
-        """Bring its images, where one of the folders has them all, to the other; whether one had."""
+        """Link or copy the images from the folder that has all of them to the other; return whether one has them."""
         from salframe.panoramas.folder_format import IMAGE_KEYS, is_written
 
-        own, common = (self.root, self.entry), (self.pool, self.shared)
-        for (here, entry), (there, other) in ((own, common), (common, own)):
-            if is_written(here, entry):
+        private, common = (self.root, self.entry), (self.pool, self.shared)
+        for (source, entry), (target, other) in ((private, common), (common, private)):
+            if is_written(source, entry):
                 for name, other_name in ((getattr(entry, key), getattr(other, key)) for key in IMAGE_KEYS):
                     if name:
-                        share_file(here / name, there / other_name)
+                        share_file(source / name, target / other_name)
                 return True
         return False
 
     def write(self, panorama: Panorama) -> None:
+        """Write the images of a rendered panorama to both folders."""
         from salframe.panoramas.folder_format import write_panorama
 
         instance_id = None if panorama.annotations is None else panorama.annotations.instance_id
@@ -221,8 +248,10 @@ class _Job:
 
 
 class _Renderer:
-    """Renders frames of a data set and writes them. In another process it keeps a data set of its own, and what that
-    has built, from one frame to the next."""
+    """Render frames of a dataset and write them.
+
+    In another process it reuses one dataset for all frames.
+    """
 
     def __init__(self, dataset: RenderedDataset[Any]) -> None:
         self._dataset = dataset

@@ -1,4 +1,4 @@
-"""Image files as a panorama: equirectangular, with what a manifest says of it, or a plain photograph."""
+"""Read image files as a panorama: equirectangular images, an image of a dataset folder, or a photograph."""
 
 from __future__ import annotations
 
@@ -16,16 +16,21 @@ from salframe.panoramas.geometry import range_of_cube_depth
 from salframe.panoramas.panorama import Annotations, Panorama
 from salframe.panoramas.photograph import Pinhole
 
-_DIGITS = 5
-"""Of an instance id in an image of 16 bits."""
-LOWEST, HIGHEST = 256, 1024
-"""A photograph is laid on a panorama as fine as its middle, of no fewer and no more rows than these."""
+_MAX_DIGITS = 5
+"""Maximum number of digits of an instance id in a 16-bit image."""
+MIN_ROWS, MAX_ROWS = 256, 1024
+"""Limits of the height of the panorama of a photograph, which has the resolution of the centre of the photograph."""
 
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """An image as it was taken, rgb (H, W, 3) uint8, as the panorama that components look at, and the camera of a
-    photograph; None of a panorama."""
+    """An image and its panorama.
+
+    Attributes:
+        rgb: (H, W, 3) uint8, the original image.
+        panorama: The panorama for components.
+        camera: The camera of a photograph; None for a panorama.
+    """
 
     rgb: np.ndarray
     panorama: Panorama
@@ -41,21 +46,31 @@ def read_panorama(
     range_unit_m: float = images.MILLIMETRE,
     z_depth: bool = False,
 ) -> Panorama:
-    """A panorama of loose image files, each twice as wide as high, all of one size; at least one.
+    """Read a panorama from image files of equal size, with width = 2 x height. At least one image is required.
 
-    rgb: JPEG or PNG; range_image: 16 bits, one step of which is `range_unit_m` metres along the ray, 0 where unknown,
-    or with z_depth along the axis of the cube's face that the ray goes through, as in panoramas stitched from cube
-    maps; instances: 16 bits, an object's id at each pixel, 0 where there is none, with labels, JSON such as
-    {"1": "bed"}. It is called as its first file. Raises DataError.
+    The id of the panorama is the name of its first file.
+
+    Args:
+        rgb: JPEG or PNG file.
+        range_image: 16-bit file, 0 where the range is unknown.
+        instances: 16-bit file with the id of the object at each pixel, 0 where there is none.
+        labels: JSON file with the label of each id, such as {"1": "bed"}.
+        range_unit_m: Unit of the range image in metres.
+        z_depth: Whether the range image has z-depth, as in panoramas stitched from cube maps: depth along the axis of
+            the cube face that the ray passes through. Otherwise it has the range along the ray.
+
+    Raises:
+        DataError: A file is missing or malformed.
     """
-    given = [Path(path) for path in (rgb, range_image, instances) if path is not None]
-    if not given:
+    files = [Path(path) for path in (rgb, range_image, instances) if path is not None]
+    if not files:
         raise DataError("received no image, expected an rgb, range or instance image")
     if (instances is None) != (labels is None):
-        raise DataError("received one of an instance image and its labels, expected both or neither")
+        received = "labels without an instance image" if instances is None else "an instance image without labels"
+        raise DataError(f"received {received}, expected both or neither")
     range_m = None if range_image is None else images.read_range(Path(range_image), range_unit_m)
     panorama = Panorama(
-        given[0].name,
+        files[0].name,
         None if rgb is None else images.read_color(Path(rgb)),
         range_m,
         annotations=None
@@ -70,35 +85,53 @@ def read_panorama(
 def _read_labels(path: Path) -> dict[int, str]:
     content = read_json(path)
     if not isinstance(content, dict) or not all(
-        id.isascii() and id.isdecimal() and len(id) <= _DIGITS and isinstance(label, str)
+        id.isascii() and id.isdecimal() and len(id) <= _MAX_DIGITS and isinstance(label, str)
         for id, label in content.items()
     ):
-        raise DataError(f'{path} holds something else than labels, expected JSON such as {{"1": "bed", "2": "lamp"}}')
+        raise DataError(f'{path} does not contain labels, expected JSON such as {{"1": "bed", "2": "lamp"}}')
     return {int(id): label for id, label in content.items()}
 
 
 def open_panorama(image: Path, range_image: Path | None = None) -> Shot:
-    """A panorama with the range in a file of 16-bit millimetres; without that, with all that the frame has whose rgb a
-    manifest.json above it says the image is. Raises DataError."""
+    """Read a panorama.
+
+    Without a range image, an image of a dataset folder gets all parts of its frame.
+
+    Args:
+        image: The rgb image.
+        range_image: Range in 16-bit millimetres.
+
+    Raises:
+        DataError: A file is missing or malformed, or the image is not equirectangular.
+    """
     panorama = None if range_image is not None else _in_manifest(image.resolve())
     if panorama is None:
         rgb = images.read_color(image)
         height, width = rgb.shape[:2]
         if width != 2 * height:
             raise DataError(
-                f"{image} is {width} x {height}, expected a panorama, twice as wide as high: of a photograph, "
-                "say the horizontal field of view (--fov DEG)"
+                f"{image} is {width} x {height}, expected a panorama with width = 2 x height; for a photograph, "
+                "pass its horizontal field of view (--fov DEG)"
             )
         range_m = None if range_image is None else images.read_range(range_image)
         panorama = Panorama(image.name, rgb, range_m)
     if panorama.rgb is None:
-        raise DataError(f"{image} has no colour")
+        raise DataError(f"{image} has no colour, expected an rgb image")
     return Shot(panorama.rgb, panorama)
 
 
 def open_photograph(image: Path, hfov_rad: float, pitch_rad: float = 0.0, depth_image: Path | None = None) -> Shot:
-    """A photograph of this horizontal field of view, taken looking up by pitch_rad, with the z-depth in a file of
-    16-bit millimetres. Raises DataError."""
+    """Read a photograph as a partial panorama.
+
+    Args:
+        image: The photograph.
+        hfov_rad: Horizontal field of view.
+        pitch_rad: Elevation of the optical axis.
+        depth_image: Z-depth in 16-bit millimetres, of the same size.
+
+    Raises:
+        DataError: A file is missing or malformed, or the images differ in size.
+    """
     import cv2
 
     rgb = images.read_color(image)
@@ -107,20 +140,20 @@ def open_photograph(image: Path, hfov_rad: float, pitch_rad: float = 0.0, depth_
     if depth_m is not None and depth_m.shape != (height, width):
         raise DataError(f"{depth_image} is {depth_m.shape[1]} x {depth_m.shape[0]}, expected {width} x {height}")
     camera = Pinhole.of_field_of_view(width, height, hfov_rad, pitch_rad)
-    rows = int(np.clip(round(np.pi * camera.focal_px), LOWEST, HIGHEST))
-    laid = camera
-    if (factor := int(np.pi * camera.focal_px / rows)) > 1:  # far finer than the panorama: average first, or it aliases
+    rows = int(np.clip(round(np.pi * camera.focal_px), MIN_ROWS, MAX_ROWS))
+    small_camera = camera
+    if (factor := int(np.pi * camera.focal_px / rows)) > 1:  # average an image of higher resolution to avoid aliasing
         size = width // factor, height // factor
-        rgb_laid = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA)
+        small_rgb = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA)
         depth_m = None if depth_m is None else cv2.resize(depth_m, size, interpolation=cv2.INTER_NEAREST)
-        laid = Pinhole.of_field_of_view(*size, hfov_rad, pitch_rad)
+        small_camera = Pinhole.of_field_of_view(*size, hfov_rad, pitch_rad)
     else:
-        rgb_laid = rgb
-    return Shot(rgb, laid.panorama(image.name, rgb_laid, depth_m, rows), camera)
+        small_rgb = rgb
+    return Shot(rgb, small_camera.panorama(image.name, small_rgb, depth_m, rows), camera)
 
 
 def _in_manifest(image: Path) -> Panorama | None:
-    """The panorama of the frame whose rgb an image is; None where no manifest.json above it names it."""
+    """Return the panorama of the frame whose rgb image this is; None where no manifest.json above it names it."""
     root = next((parent for parent in image.parents if (parent / MANIFEST).exists()), None)
     if root is None:
         return None
@@ -129,5 +162,5 @@ def _in_manifest(image: Path) -> Panorama | None:
         if name == frame.rgb:
             return folder.load(frame)
         if other := next((key for key in IMAGE_KEYS if name == getattr(frame, key)), None):
-            raise DataError(f"{image} is no picture but the {other} image of {frame.id}, expected its rgb: {frame.rgb}")
+            raise DataError(f"{image} is the {other} image of {frame.id}, expected its rgb image: {frame.rgb}")
     return None

@@ -79,7 +79,7 @@ SPOILT_FOLDERS = {
     ),
     "not twice as wide": (
         with_image("kitchen-map.rgb.png", np.ones((192, 500, 3), np.uint8)),
-        "the rgb image is 500 x 192, expected a width of twice the height",
+        r"the rgb image is 500 x 192, expected width = 2 x height \(equirectangular\)",
     ),
     "missing key": (change_manifest(lambda manifest: manifest.pop("format")), r"manifest\.json: format is missing"),
     "missing id": (
@@ -147,7 +147,8 @@ def test_a_comparison_without_any_usable_frame_fails(data):
 def test_an_empty_dataset(data):
     Path("nothing").mkdir()
     assert_one_line(
-        compare("./nothing"), r"\./nothing is no dataset: expected a folder with a manifest\.json, or one of .*house-12"
+        compare("./nothing"),
+        r"\./nothing is not a dataset: expected a folder with a manifest\.json, or one of .*house-12",
     )
     change_manifest(lambda manifest: manifest.update(frames=[f for f in manifest["frames"] if f["role"] == "map"]))(
         data

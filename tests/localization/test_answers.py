@@ -51,8 +51,8 @@ def test_probabilities_of_places_and_none_of_them_are_one_together():
     [
         ((0.5, 0.25), 0.2, "probabilities that sum to 0.95, expected 1"),
         ((0.5, 0.5), 2e-6, "probabilities that sum to 1.000002, expected 1"),
-        ((1.5, -0.5), 0.0, r"the probability 1.5, expected one in \[0, 1\]"),
-        ((float("nan"), 0.5), 0.5, r"the probability nan, expected one in \[0, 1\]"),
+        ((1.5, -0.5), 0.0, r"the probability 1.5, expected a value in \[0, 1\]"),
+        ((float("nan"), 0.5), 0.5, r"the probability nan, expected a value in \[0, 1\]"),
         ((0.5, None), 0.5, "2 of 3 probabilities, expected one for each place and one for `out_of_map_probability`"),
         ((0.5, 0.5), None, "2 of 3 probabilities"),
         ((None, None), 1.0, "1 of 3 probabilities"),
@@ -64,7 +64,7 @@ def test_other_probabilities_are_refused(probabilities, out_of_map_probability, 
 
 
 def test_what_is_not_here_has_no_pose():
-    with pytest.raises(InvalidAnswer, match="the status out-of-map and a pose, expected none"):
+    with pytest.raises(InvalidAnswer, match="the status out-of-map and a pose, expected no pose"):
         Localization(probable(None), np.eye(4), "out-of-map")
 
 
@@ -92,7 +92,7 @@ def test_a_heading_is_that_of_the_pose_or_stands_alone():
     assert Localization(here, pose_2d(1.0, -2.0, 2.5), "ok").heading_rad == pytest.approx(2.5)
     assert Localization(here, None, "no-pose", heading_rad=-0.3).heading_rad == -0.3
     assert Localization(here, None, "no-pose").heading_rad is None
-    with pytest.raises(InvalidAnswer, match="the heading nan, expected radians"):
+    with pytest.raises(InvalidAnswer, match="the heading nan, expected finite radians"):
         Localization(here, None, "no-pose", heading_rad=float("nan"))
 
 
@@ -103,7 +103,7 @@ def test_matches_must_fit_together():
         PointMatches(points, points[:2])
     assert len(NodeMatches(points, points, np.array([[0, 2], [1, 0]])).pairs) == 2
     for pairs in ([[0, 3]], [[-1, 0]], [[0, 1], [0, 2]]):
-        with pytest.raises(InvalidAnswer, match="must use each of 3 query and 3 reference nodes at most once"):
+        with pytest.raises(InvalidAnswer, match="expected each of 3 query and 3 reference nodes at most once"):
             NodeMatches(points, points, np.array(pairs))
 
 

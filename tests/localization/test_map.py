@@ -51,7 +51,7 @@ def test_a_map_that_is_opened_again_answers_as_before(saved):
 def test_frames_of_a_saved_map_have_no_panorama(saved):
     frame = open_map(saved).frames[0]
     assert (frame.id, frame.place, frame.kind) == ("map-0", "room-0", FrameKind.SCENE)
-    with pytest.raises(DataError, match="a frame of a saved map holds no panorama"):
+    with pytest.raises(DataError, match="a frame of a saved map has no panorama"):
         frame.load()
 
 
@@ -243,7 +243,7 @@ def test_a_map_that_is_open_is_written_as_it_was_when_its_folder_is_gone(indexed
 def test_an_index_that_was_edited_is_refused(indexed):
     (rooms,) = indexed.rglob("rooms.npy")
     rooms.write_bytes(rooms.read_bytes()[:-1] + b"x")
-    with pytest.raises(DataError, match=r"rooms\.npy is not what was written when the map was built"):
+    with pytest.raises(DataError, match=r"rooms\.npy was changed after the map was built"):
         opened(indexed)
 
 

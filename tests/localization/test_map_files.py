@@ -70,8 +70,8 @@ def test_a_map_moves_with_its_folder(tmp_path):
 
 def test_what_was_edited_or_lost_is_one_line(tmp_path):
     for damage, message in (
-        (lambda parts: (parts / "scenes.txt").write_text("0ne"), r"scenes\.txt is not what was written when the map"),
-        (lambda parts: (parts / "scenes.txt").write_text("on"), r"scenes\.txt is not what was written when the map"),
+        (lambda parts: (parts / "scenes.txt").write_text("0ne"), r"scenes\.txt was changed after the map"),
+        (lambda parts: (parts / "scenes.txt").write_text("on"), r"scenes\.txt was changed after the map"),
         (lambda parts: (parts / "frames" / "ids.txt").unlink(), r"frames/ids\.txt is missing: build the map again"),
         (lambda parts: shutil.rmtree(parts), r"ids\.txt is missing: build the map again"),
     ):
@@ -89,7 +89,7 @@ def test_parts_of_two_maps_are_refused(tmp_path):
     for name, other in (("one", "two"), ("two", "one")):
         shutil.copytree(tmp_path / name, tmp_path / f"mixed-{name}")
         shutil.copy(parts_of(tmp_path / other) / "scenes.txt", parts_of(tmp_path / f"mixed-{name}"))
-        with pytest.raises(DataError, match=r"scenes\.txt is not what was written"):
+        with pytest.raises(DataError, match=r"scenes\.txt was changed after the map was built"):
             read_map(tmp_path / f"mixed-{name}", read)
 
 

@@ -115,12 +115,12 @@ def test_answers_that_can_be_told_apart_have_finite_weights():
 
 def test_what_cannot_be_fitted_is_told():
     here, gone = ScoredAnswer(np.array([2.0, 1.0]), 0, True, 1), ScoredAnswer(np.array([1.0]), None, False, 1)
-    with pytest.raises(DataError, match="received 2 answers that rank the query's place and 0 whose map lacks it"):
+    with pytest.raises(DataError, match="received 2 answers that rank the query's place and 0 out-of-map answers"):
         fit_posterior([here, here])
-    with pytest.raises(DataError, match="received 0 answers that rank the query's place and 1 whose map lacks it"):
+    with pytest.raises(DataError, match="received 0 answers that rank the query's place and 1 out-of-map answers"):
         fit_posterior([gone])
     flat = ScoredAnswer(np.array([1.0, 1.0]), 0, True, 1)
-    with pytest.raises(DataError, match="one and the same score, expected scores that tell places apart"):
+    with pytest.raises(DataError, match="the same score, expected scores that differ between places"):
         fit_posterior([flat, gone])
 
 

@@ -86,18 +86,20 @@ def test_labels_of_no_name_are_not_mixed_with_names():
 
 
 def test_masks_of_another_frame_are_refused():
-    with pytest.raises(DataError, match="have other regions where most of hall lies, expected masks in the world fram"):
+    with pytest.raises(DataError, match="cover most of hall with other regions: use masks in the world frame"):
         join_floors([HALL], [floor("kkkkk kkkkk", k="kitchen")])
     assert join_floors([HALL], [floor("kkk", k="kitchen")])  # half of it and no more
 
 
 def test_masks_of_another_resolution_are_refused():
-    with pytest.raises(DataError, match=r"have 0\.1 m a pixel, expected 0\.5 m as those of the map"):
+    with pytest.raises(DataError, match=r"a resolution of 0\.1 m per pixel, expected 0\.5 m as in the map"):
         join_floors([HALL], [floor("kk", resolution_m=0.1, k="kitchen")])
 
 
 def test_masks_far_from_one_another_are_refused():
-    with pytest.raises(DataError, match="make one of 2000002 x 2000001 pixels with those of the map, expected at most"):
+    with pytest.raises(
+        DataError, match="joined with those of the map, have 2000002 x 2000001 pixels, expected at most"
+    ):
         join_floors([HALL], [floor("kk", left_m=1e6, top_m=1e6 - 1, k="kitchen")])
 
 

@@ -210,10 +210,10 @@ def test_valid_mask_marks_a_partial_field_of_view(folder: Path) -> None:
     [
         (lambda m: m["frames"][0].pop("id"), r"manifest.json: frames.0.id is missing"),
         (lambda m: m.pop("frames"), r"manifest.json: frames is missing"),
-        (lambda m: m.update(frames=[]), r"0 frames and none to map with"),
+        (lambda m: m.update(frames=[]), r"0 frames and no reference frame"),
         (lambda m: m.update(version=2), r"version: received 2, expected 1"),
-        (lambda m: m["frames"][0].pop("pose"), r"the map frame a has no pose"),
-        (lambda m: m["frames"][1].pop("place"), r"the transition frame t has no place"),
+        (lambda m: m["frames"][0].pop("pose"), r"the reference frame a has no pose"),
+        (lambda m: m["frames"][1].pop("place"), r"the reference frame t has no place"),
         (lambda m: m["frames"][2].update(place="room-a"), r"the query q has a pose or place in the manifest"),
         (lambda m: m["frames"][1].update(id="a"), r"two frames have the id a"),
         (lambda m: m["frames"][0].update(depth="a.png"), r"unknown key .*frames.0.depth"),
@@ -247,7 +247,7 @@ def cut(path: Path) -> None:
         ),
         (
             lambda root: cv2.imwrite(str(root / "q.jpg"), np.ones((32, 60, 3), np.uint8)),
-            r"q: the rgb image is .*60.*twice the height",
+            r"q: the rgb image is .*60.*width = 2 x height",
         ),
         (
             lambda root: cv2.imwrite(str(root / "q.range.png"), np.ones((32, 64), np.uint8)),

@@ -104,7 +104,7 @@ def test_without_settings_a_query_is_what_was_taken() -> None:
 
 
 def test_errors_take_annotations() -> None:
-    with pytest.raises(InputMissing, match="p has no annotations, which query_noise puts errors in"):
+    with pytest.raises(InputMissing, match="p has no annotations, which the setting query_noise requires"):
         as_query(Panorama("p", whole().rgb), config(query_noise={"missed": 0.5}))
 
 

@@ -28,7 +28,7 @@ def test_an_image_that_a_manifest_names_comes_with_its_frame(tmp_path):
     folder = write_tiny_folder(tmp_path / "data")
     panorama = open_panorama(folder / "frames/kitchen-map.rgb.png").panorama
     assert (panorama.id, panorama.provides) == ("kitchen-map", {"rgb", "range", "annotations"})
-    with pytest.raises(DataError, match=r"no picture but the range image of kitchen-map, expected .*map\.rgb\.png"):
+    with pytest.raises(DataError, match=r"is the range image of kitchen-map, expected .*map\.rgb\.png"):
         open_panorama(folder / "frames/kitchen-map.range.png")
     images.write_color(folder / "frames/other.png", panorama.rgb)
     assert open_panorama(folder / "frames/other.png").panorama.provides == {"rgb"}
@@ -107,9 +107,9 @@ def test_depth_of_a_cubes_faces_becomes_range(tmp_path):
     ("given", "said"),
     [
         ((), "received no image"),
-        (("a.jpg", None, "b.png"), "received one of an instance image and its labels"),
-        (("a.jpg", None, "b.png", "words.json"), r"words\.json holds something else than labels"),
-        (("a.jpg", None, "b.png", "list.json"), r"list\.json holds something else than labels"),
+        (("a.jpg", None, "b.png"), "received an instance image without labels, expected both"),
+        (("a.jpg", None, "b.png", "words.json"), r"words\.json does not contain labels"),
+        (("a.jpg", None, "b.png", "list.json"), r"list\.json does not contain labels"),
         (("a.jpg", "a.jpg"), r"a\.jpg has 3 channel\(s\) of 8 bits, expected one of 16 bits"),
     ],
 )

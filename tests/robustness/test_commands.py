@@ -32,8 +32,8 @@ WORDS = {
     "nan": ((*COMPARE, "--data", "./data", "--set", "detector.seed=.nan"), "finite"),
     "long name": ((*COMPARE, "--data", "./data", "--name", "n" * 300), "run name of 300 bytes, expected at most"),
     "half a character": ((*COMPARE, "--data", "./data", "--name", "\udcff"), "run name .* expected printable"),
-    "no path": ((*COMPARE, "--data", "./" + "d" * 5000), "name too long|no dataset"),
-    "half a path": ((*COMPARE, "--data", "./\udcff"), "no dataset"),
+    "no path": ((*COMPARE, "--data", "./" + "d" * 5000), "name too long|not a dataset"),
+    "half a path": ((*COMPARE, "--data", "./\udcff"), "not a dataset"),
     "heading": (("map", "route", "map", "a", "b", "--heading", "nan"), "--heading nan, expected degrees"),
     "pipe": (("ablate", "pipe.yaml", "--data", "./data"), "pipe.yaml: it is a pipe.*expected a regular file"),
     "device": (("ablate", "/dev/zero", "--data", "./data"), "expected a regular file"),
@@ -81,7 +81,7 @@ def test_a_table_of_objects_that_says_nothing_is_refused(tmp_path, monkeypatch):
             "instance_id": ["1"],
             "label": ["bed"],
         },
-        r"instance_id, expected an id once": {"instance_id": [1, 1], "label": ["bed", "lamp"]},
+        r"instance_id, expected unique ids": {"instance_id": [1, 1], "label": ["bed", "lamp"]},
     }
     for message, columns in cases.items():
         write_objects(Path("objects.parquet"), columns)

@@ -158,7 +158,7 @@ SEEN: dict[str, tuple[Spoil, tuple[str, ...], str]] = {
     "NUL in a setting": (
         text_file("data.yaml", 'kind: folder\nroot: "a\\0b"\n'),
         (*COMPARE, "--data", "data.yaml"),
-        r"a\\x00b is no dataset folder",
+        r"a\\x00b is not a dataset folder",
     ),
     "half a character": (
         text_file("labels.json", '{"1": "\\ud800"}'),

@@ -255,7 +255,7 @@ def test_what_does_not_fit_is_one_line_and_changes_nothing(rooms):
         (
             lambda: add_to_map("map", "upstairs", overrides=(at_zero,)),
             DataError,
-            "the floor at z = 0 m have other regions where most of room-0 lies, expected masks in the world frame",
+            "the floor at z = 0 m cover most of room-0 with other regions: use masks in the world frame",
         ),
         (lambda: remove_from_map("map", ["rom-1"]), UnknownName, "unknown place 'rom-1', did you mean 'room-1'"),
         (
@@ -290,7 +290,9 @@ def test_a_map_that_holds_something_else_is_one_line(rooms):
         shutil.copytree(old, parts.folder, dirs_exist_ok=True)
         shutil.rmtree(parts.folder / "scenes")
         parts.write_table("scenes", [{"hall": np.array(number)} for number in range(5)])
-    with pytest.raises(DataError, match=r"the map is not what reader wrote \(KeyError: 'room'\): build it again"):
+    with pytest.raises(
+        DataError, match=r"the map has arrays that reader cannot read \(KeyError: 'room'\): build it again"
+    ):
         remove_from_map(map, ["room-1"])
 
 

@@ -93,7 +93,7 @@ def test_runs_with_hidden_places_have_another_fingerprint_and_share_descriptions
     [
         (("greedy", "--data", "rooms", "-o", "out.txt"), "the file out.txt, expected one that ends in .yaml or .yml"),
         (("plain", "--data", "rooms", "-o", "out.yaml"), "unknown method 'plain'"),
-        (("reader", "--data", "rooms", "--set", "data.rooms=1", "-o", "out.yaml"), "and 0 whose map lacks it"),
+        (("reader", "--data", "rooms", "--set", "data.rooms=1", "-o", "out.yaml"), "and 0 out-of-map answers"),
         (("ranger", "--data", "rooms", "-o", "out.yaml"), "needs range, which rooms does not have"),
     ],
 )
@@ -115,7 +115,7 @@ def test_a_method_without_the_setting_is_refused(fakes, monkeypatch, tmp_path):
     done = run("fit", "mute", "--data", "rooms", "-o", "out.yaml")
     assert "mute is a 'mute', which has no setting `posterior`" in done.err
     done = run("fit", "constant", "--data", "rooms", "-o", "out.yaml")
-    assert "constant cannot be fitted: the places of each answer have one and the same score" in done.err
+    assert "constant cannot be fitted: all places of each answer have the same score" in done.err
 
 
 def test_settings_are_tried_and_evidence_is_weighed(fakes, monkeypatch, tmp_path):
