@@ -192,7 +192,7 @@ def test_a_map_whose_last_floor_is_removed_has_no_topology_any_more(rooms):
     assert [node.id for node in open_topology(map).nodes] == ["map-0"]
     change = remove_from_map(map, ["room-0"])
     assert change.places == 4
-    assert change.notes == ("the map has no topology any more: none of its places has a floor",)
+    assert change.notes == ("the topology was dropped: none of the remaining places has a floor",)
     assert content(map).keys() == content(build("plain", "maskless")).keys()
 
 
@@ -261,7 +261,7 @@ def test_what_does_not_fit_is_one_line_and_changes_nothing(rooms):
         (
             lambda: remove_from_map("map", [f"room-{room}" for room in range(5)]),
             ConfigError,
-            "received all places of map to remove, expected one to stay",
+            "received all places of map to remove, expected at least one to remain",
         ),
         (
             lambda: merge_maps("map", ["same"]),
@@ -269,7 +269,11 @@ def test_what_does_not_fit_is_one_line_and_changes_nothing(rooms):
             "both map and same have room-0, room-1, .*, expected places of different names: remove them from one",
         ),
         (lambda: merge_maps("map", ["above", "above"]), DataError, "both above and above have upper-room-0"),
-        (lambda: merge_maps("map", ["sharp-1"]), DataError, "sharp-1 is a map of sharp, expected one of reader as map"),
+        (
+            lambda: merge_maps("map", ["sharp-1"]),
+            DataError,
+            "sharp-1 is a map of sharp, expected a map of reader like map",
+        ),
         (
             lambda: merge_maps("sharp-1", ["sharp-2"]),
             DataError,
