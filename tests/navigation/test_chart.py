@@ -41,7 +41,7 @@ def test_ways_lead_straight_or_through_the_door(world):
 
 
 def test_no_way_is_an_error(world):
-    with pytest.raises(NoRoute, match=r"no way leads from \(1.00, 2.00\) m to attic"):
+    with pytest.raises(NoRoute, match=r"no path leads from \(1.00, 2.00\) m to attic"):
         guide(world.chart).way(A_WEST, "attic")
 
 
