@@ -1,4 +1,4 @@
-"""Pictures of objects: outlines and names where closed forms put them."""
+"""Pictures of objects: positions of outlines and names compared with closed forms."""
 
 import numpy as np
 import pytest
@@ -33,7 +33,7 @@ def is_colour(image: np.ndarray, detections: Detections, label: str) -> np.ndarr
 
 
 def off_outline(coloured: np.ndarray, rays: np.ndarray, centre_m, radius_m: float) -> np.ndarray:
-    """How far from its outline, in radians, the pixels in an object's colour lie."""
+    """Return the distances, in radians, of the pixels in an object's colour from its outline."""
     towards = np.array(centre_m) / np.linalg.norm(centre_m)
     return np.arccos(np.clip(rays[coloured] @ towards, -1, 1)) - angular_radius(centre_m, radius_m)
 
@@ -84,7 +84,7 @@ def test_around_a_pole_the_outline_is_a_line_across_and_nothing_else():
 
 
 def test_names_lie_on_the_objects():
-    """What naming changes are boxes, each as near to its object as its middle."""
+    """Naming changes boxes only, each of which is near the middle of its object."""
     detections = balls(False)
     colours, lines = choose_colours(detections.labels), find_lines(HEIGHT, detections)
     named = name_objects(GREY, detections, lines, colours)
@@ -151,7 +151,7 @@ def test_the_plan_looks_ahead_upwards_and_has_nodes_at_their_positions():
 
 
 def test_what_lies_far_beyond_the_others_is_named_at_the_plans_border():
-    """Nine objects 1 m away and one 30 m to the right, which would leave the others no room."""
+    """Nine objects 1 m away and one 30 m to the right, which does not determine the scale."""
     angle = np.linspace(0, 2 * np.pi, 9, endpoint=False)
     centroid = np.vstack([np.column_stack([np.cos(angle), np.sin(angle), 0 * angle]), [[0, -30, 0]]])
     detections = Detections((*("cup",) * 9, "tower"), np.ones(10), centroid, np.full((10, 3), 0.1), np.zeros(10))

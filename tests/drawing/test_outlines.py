@@ -1,4 +1,4 @@
-"""Outlines against the closed forms of balls, boxes and circles."""
+"""Outlines compared with the closed forms of balls, boxes and circles."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What an agent believes, and the turn and walk it decides on."""
+"""An agent's estimate of its pose, and its moves."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def test_answers_from_one_spot_count_once():
     belief = Belief(0.0)
     belief.add_localization(Located(at(0.0), 1.0))
     belief.add_motion(STEP)
-    for _ in range(5):  # standing there, the same wrong answer again and again
+    for _ in range(5):  # the same wrong answer repeatedly, without moving
         belief.add_localization(Located(at(9.0, 9.0), 0.6))
         belief.add_motion(pose_2d(0.0, 0.0, 0.0))
     np.testing.assert_allclose(belief.pose[:2, 3], [1.0, 0.0])
@@ -119,7 +119,7 @@ def test_stopped_by_a_known_wall_it_steps_aside_and_by_another_thing_it_goes_aro
     agent.add_motion(pose_2d(0.0, 0.0, 0.0), stopped=True)
     assert agent.decide().length_m == world.chart.aside_m
     agent.add_motion(pose_2d(0.0, 0.0, 0.0), stopped=True)
-    assert agent.decide().length_m != world.chart.aside_m  # twice on the same spot: it is not the wall
+    assert agent.decide().length_m != world.chart.aside_m  # a second collision at the same position: it is not the wall
     agent = make(world)
     agent.belief.add_localization(Located(at(2.0, 2.0), 1.0))
     agent.add_motion(pose_2d(0.0, 0.0, 0.0), stopped=True)
@@ -131,7 +131,7 @@ def test_stopped_by_a_known_wall_it_steps_aside_and_by_another_thing_it_goes_aro
 
 def test_where_bumps_leave_no_way_they_are_forgotten(world):
     agent = make(world)
-    for y in np.arange(1.6, 2.5, 0.2):  # believed in the door, which is closed thereby
+    for y in np.arange(1.6, 2.5, 0.2):  # estimated positions in the door, which collisions close
         agent.belief.add_localization(Located(at(3.55, y), 1.0))
         agent.add_motion(pose_2d(0.0, 1.0, 0.0), stopped=True)
     agent.belief.add_localization(Located(at(1.0, 2.0), 99.0))

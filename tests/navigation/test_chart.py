@@ -1,4 +1,4 @@
-"""What an agent knows: straight walks, ways along the map, and obstacles that it bumped into."""
+"""An agent's knowledge: straight walks, paths along the map, and obstacles from collisions."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def test_a_bump_in_the_open_is_walked_around(world):
     assert np.linalg.norm(walked - centre, axis=1).min() > BUMP_M - 0.06
     assert way.length_m == pytest.approx(
         np.hypot(1.0, 1.5) + np.hypot(1.1, 1.5) + 2.9, abs=0.1
-    )  # by a-north, which (2, 2) sees still
+    )  # via a-north, which is still visible from (2, 2)
     assert guide(world.chart).way(np.array([2.0, 2.0, 1.5]), "b").length_m == pytest.approx(5.0)
 
 

@@ -1,4 +1,4 @@
-"""Episodes drawn from a seed, and read from files."""
+"""Random episodes, and episodes from files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an agent makes of its true place, by hand in the apartment."""
+"""Localization with perfect place recognition, with expected values computed by hand for the apartment."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The rendered world: where an agent can stand, and where its walks end."""
+"""The rendered world: free positions of an agent, and the ends of its walks."""
 
 from __future__ import annotations
 

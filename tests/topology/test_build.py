@@ -1,4 +1,4 @@
-"""Maps of plans drawn by hand, where every node, length and azimuth is known, and of generated buildings."""
+"""Maps of hand-drawn plans with known nodes, lengths and azimuths, and of generated buildings."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from salframe.topology.topological_map import MapEdge, TopologicalMap, TopologyS
 
 
 def edge(topology: TopologicalMap, start: str, end: str) -> MapEdge:
-    (found,) = [e if e.start == start else e.reversed() for e in topology.edges if {e.start, e.end} == {start, end}]
-    return found
+    (edge,) = [e if e.start == start else e.reversed() for e in topology.edges if {e.start, e.end} == {start, end}]
+    return edge
 
 
 def house_frames(building) -> list[ReferenceFrame]:
@@ -73,7 +73,7 @@ def test_chosen_scene_nodes_are_where_a_region_is_widest(frames):
     west, east = (node for node in topology.nodes if node.kind == "scene")
     assert (west.id, west.regions, west.frames) == ("west", ("west",), tuple(f.id for f in frames))
     assert east.xyz_m == pytest.approx((1.6, 0.0, 0.0), abs=2 * RESOLUTION_M)
-    # Of the west room 2 m x 3 m are left: any point of the middle line is 1 m from the walls and the furniture.
+    # 2 m x 3 m of the west room are free: any point of the middle line is 1 m from the walls and the furniture.
     assert west.xyz_m[1] == pytest.approx(-0.5, abs=2 * RESOLUTION_M)
     assert -2.1 - 2 * RESOLUTION_M <= west.xyz_m[0] <= -1.1 + 2 * RESOLUTION_M
 
@@ -122,8 +122,8 @@ def test_a_way_round_a_corner_is_added_where_sight_does_not_reach_and_reported()
     topology = build_topology([floor], [frame("a", -2.5, 0.0), frame("b", 1.5, 0.0, "east")])
     (bent,) = [e for e in topology.edges if e.path_m]
     assert {bent.start, bent.end} == {"a", "west/east"}
-    # Round one end of a wall of 0.7 m x 2 m, 0.18 m off its corners at (-1.6, +-1) and (-0.9, +-1): the taut string,
-    # and a pixel of slack a corner.
+    # Around one end of a wall of 0.7 m x 2 m, 0.18 m from its corners at (-1.6, +-1) and (-0.9, +-1): the shortest
+    # path, and a tolerance of one pixel per corner.
     ends = np.array([[-2.5, 0.0], [-1.6, 1.18], [-0.9, 1.18], [0.0, 0.0]])
     taut_m = np.linalg.norm(np.diff(ends, axis=0), axis=1).sum()
     assert taut_m - 0.1 <= bent.length_m <= taut_m + 0.3
