@@ -1,1 +1,1 @@
-"""Pictures: panoramas with their objects, plans of saliency graphs, floors of topological maps."""
+"""Draws pictures: panoramas with their objects, plans of saliency graphs, and floors of topological maps."""

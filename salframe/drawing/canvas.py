@@ -1,4 +1,4 @@
-"""Lines, areas and letters on images (h, w, 3) uint8 RGB; points (..., 2) are pixels (x, y), the first's centre 0.5."""
+"""Draws lines, areas and text on images (h, w, 3) uint8 RGB. Points (..., 2) are pixels (x, y), centres at +0.5."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ if TYPE_CHECKING:
 Colour = tuple[int, int, int]
 INK, PAPER, FAINT = (40, 44, 52), (255, 255, 255), (120, 126, 138)
 _BITS = 4
-"""Binary places of a pixel that OpenCV is given, whose first pixel's centre is 0."""
+"""Number of fractional bits of pixel coordinates passed to OpenCV, where pixel centres are at +0."""
 
 
 def stroke(image: np.ndarray, line: np.ndarray, colour: Colour, width: float, *, closed: bool = False) -> None:
-    """Draw a line (K, 2) into an image, this many pixels wide."""
+    """Draw a line (K, 2) on an image, `width` pixels wide."""
     import cv2
 
     cv2.polylines(image, [_fixed(line)], closed, colour, max(1, round(width)), cv2.LINE_AA, _BITS)
@@ -32,7 +32,7 @@ def fill(image: np.ndarray, polygon: np.ndarray, colour: Colour) -> None:
 
 
 def disk(image: np.ndarray, centre: np.ndarray, radius: float, colour: Colour) -> None:
-    """Fill a circle about a pixel."""
+    """Draw a filled circle around a pixel."""
     import cv2
 
     x, y = _fixed(centre).tolist()
@@ -40,16 +40,16 @@ def disk(image: np.ndarray, centre: np.ndarray, radius: float, colour: Colour) -
 
 
 def coat(image: np.ndarray, polygons: Iterable[tuple[np.ndarray, Colour]], opacity: float) -> np.ndarray:
-    """An image with polygons in their colours on it, the later over the earlier, that let it shine through."""
-    covered = image.copy()
+    """Return an image with translucent polygons drawn on it, later polygons over earlier ones."""
+    overlay = image.copy()
     for polygon, colour in polygons:
-        fill(covered, polygon, colour)
-    return np.round(opacity * covered.astype(np.float32) + (1 - opacity) * image).astype(np.uint8)
+        fill(overlay, polygon, colour)
+    return np.round(opacity * overlay.astype(np.float32) + (1 - opacity) * image).astype(np.uint8)
 
 
 @cache
 def font(points: int) -> FreeTypeFont | ImageFont:
-    """The font that pictures are lettered in."""
+    """Return the font of all text in pictures."""
     from PIL import ImageFont
 
     return ImageFont.load_default(points)

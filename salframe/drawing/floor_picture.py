@@ -1,4 +1,4 @@
-"""A picture of a topological map: floor, regions, nodes, edges with their lengths and azimuths."""
+"""Draws a picture of a topological map: floor, regions, nodes, and edges with their lengths and azimuths."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from PIL import Image
     from PIL.ImageFont import FreeTypeFont, ImageFont
 
-_SMOOTH = 2  # drawn this much larger, then reduced
-_LONG_SIDE, _MIN_SCALE, _MAX_SCALE = 3200, 30.0, 110.0  # pixels, and pixels a metre
+_SMOOTH = 2  # factor by which the drawing is enlarged before it is reduced for smooth lines
+_LONG_SIDE, _MIN_SCALE, _MAX_SCALE = 3200, 30.0, 110.0  # pixels, and pixels per metre
 _MARGIN, _HEADER, _FOOTER = 40, 72, 90
 _INK, _PAPER, _WALL = (40, 44, 52), (255, 255, 255), (92, 96, 104)
 _SCENE, _TRANSITION, _SIGHT, _BENT = (31, 78, 160), (214, 84, 34), (70, 98, 150), (176, 98, 8)
@@ -35,27 +35,30 @@ _REGIONS = (
 
 
 def draw_topology(topology: TopologicalMap, path: str | Path) -> None:
-    """Write a PNG of the map, its floors below each other from the top one down.
+    """Write a PNG of the map, with its floors below each other from the top floor down.
 
-    An edge is labelled with its length and with its azimuth in the direction that the label reads; labels that would
-    cover something are left out. Raises ConfigError where the path is that of a file which is no PNG.
+    An edge is labelled with its length and its azimuth in the reading direction of the label. Labels that would cover
+    something are left out.
+
+    Raises:
+        ConfigError: The path is that of an existing file which is no PNG.
     """
     from PIL import Image
 
     check_picture_output(Path(path))
 
     panels = [_Panel(topology, number).image for number in reversed(range(len(topology.floors)))]
-    whole = Image.new("RGB", (max(panel.width for panel in panels), sum(panel.height for panel in panels)), _PAPER)
+    picture = Image.new("RGB", (max(panel.width for panel in panels), sum(panel.height for panel in panels)), _PAPER)
     top = 0
     for panel in panels:
-        whole.paste(panel, (0, top))
+        picture.paste(panel, (0, top))
         top += panel.height
     with atomic_path(Path(path)) as temporary:
-        whole.save(temporary, "PNG", optimize=True)
+        picture.save(temporary, "PNG", optimize=True)
 
 
 class _Panel:
-    """One floor. Lengths here are pixels of the enlarged drawing unless their names say otherwise."""
+    """The picture of one floor. Lengths are in pixels of the enlarged drawing, except where names have other units."""
 
     def __init__(self, topology: TopologicalMap, number: int) -> None:
         from PIL import Image, ImageDraw
@@ -93,7 +96,7 @@ class _Panel:
         return (np.asarray(tuple(xy_m)) - self._corner_m) * (self._scale, -self._scale) + self._top_left
 
     def _draw_floor(self, floor: FloorMasks, low: np.ndarray, high: np.ndarray) -> None:
-        """Walls dark, floor in the colour of its region, obstacles a shade darker."""
+        """Draw walls in a dark colour, the floor in the colour of its region, and obstacles a shade darker."""
         from PIL import Image
         from scipy import ndimage
 
@@ -105,19 +108,19 @@ class _Panel:
             np.uint8
         )
         row, column = _rows_columns(floor, low, high)
-        cut = Image.fromarray(picture[row, column])
-        grown = max(1, round(floor.resolution_m * self._scale))
+        image = Image.fromarray(picture[row, column])
+        factor = max(1, round(floor.resolution_m * self._scale))
         size = (
-            round(cut.width * floor.resolution_m * self._scale),
-            round(cut.height * floor.resolution_m * self._scale),
+            round(image.width * floor.resolution_m * self._scale),
+            round(image.height * floor.resolution_m * self._scale),
         )
-        cut = cut.resize((cut.width * grown, cut.height * grown), Image.Resampling.NEAREST).resize(
+        image = image.resize((image.width * factor, image.height * factor), Image.Resampling.NEAREST).resize(
             size, Image.Resampling.BOX
         )
         corner = self._pixel(
             (floor.origin_m[0] + column.start * floor.resolution_m, floor.origin_m[1] - row.start * floor.resolution_m)
         )
-        self.image.paste(cut, tuple(np.round(corner).astype(int)))
+        self.image.paste(image, tuple(np.round(corner).astype(int)))
 
     def _mark_node(self, node: MapNode, at: np.ndarray) -> None:
         (x, y), r = at, 7 * _SMOOTH
@@ -128,8 +131,8 @@ class _Panel:
         self._take(at, np.array([2.4 * r, 2.4 * r]), 0.0)
 
     def _name_regions(self, floor: FloorMasks, nodes: list[MapNode], place: dict[str, np.ndarray]) -> None:
-        """The name of each region beside its first scene node, or in its middle where it has none, as near as there is
-        room."""
+        """Write the name of each region as near as possible to its first scene node, or to its middle where it has
+        none."""
         for label, name in floor.regions.items():
             rows, columns = np.nonzero((floor.region == label) & floor.free)
             if not len(rows):
@@ -150,14 +153,14 @@ class _Panel:
             self._take((free or spots)[0], np.array(text.size), 0.0)
 
     def _label_edges(self, edges: list[MapEdge], place: dict[str, np.ndarray]) -> int:
-        """Length and azimuth along each edge that passes by no other node and has room for them, the shortest edges
-        first; how many have."""
+        """Write length and azimuth along each edge that passes no other node and has room for the label, shortest edges
+        first. Return the number of labelled edges."""
         labelled = 0
         nodes = np.array(list(place.values()))
         for edge in sorted(edges, key=lambda edge: edge.length_m):
             line = np.array([self._pixel(point) for point in edge.path_m] or [place[edge.start], place[edge.end]])
-            longest = int(np.linalg.norm(np.diff(line, axis=0), axis=1).argmax())
-            first, second = line[longest], line[longest + 1]
+            segment = int(np.linalg.norm(np.diff(line, axis=0), axis=1).argmax())
+            first, second = line[segment], line[segment + 1]
             azimuth_deg = round(float(np.degrees(edge.azimuth_rad)))
             if second[0] < first[0]:
                 first, second, azimuth_deg = second, first, azimuth_deg - 180
@@ -187,16 +190,14 @@ class _Panel:
         labelled: int,
         size: tuple[int, int],
     ) -> None:
-        """Title above; below, what the marks mean, a scale bar and the world's axes."""
+        """Draw the title above, and below it the legend of the marks, a scale bar and the world's axes."""
         s = _SMOOTH
         scenes, bent = sum(node.kind is NodeKind.SCENE for node in nodes), sum(bool(edge.path_m) for edge in edges)
         which = f"Floor at z = {floor.z_m:.2f} m" if floors > 1 else "Topological map"
         title = f"{which}: {len(floor.regions)} regions, {len(nodes)} nodes, {len(edges)} edges"
         self._write(title, (_MARGIN * s, 10 * s), 24)
-        note = "" if labelled == len(edges) else f" ({labelled} of {len(edges)} edges have room for theirs)"
-        note = (
-            f"On an edge: its length, and its azimuth (from x towards y) in the direction that the label reads{note}."
-        )
+        note = "" if labelled == len(edges) else f" ({labelled} of {len(edges)} edges have room for a label)"
+        note = f"Label of an edge: its length, and its azimuth (from x towards y) in reading direction{note}."
         self._write(note, (_MARGIN * s, 42 * s), 15)
         x, y, r = float(_MARGIN * s), (size[1] - _FOOTER + 34) * s, 6 * s
         self._draw.ellipse((x, y - r, x + 2 * r, y + r), _SCENE)
@@ -207,7 +208,7 @@ class _Panel:
         self._draw.line([(x, y), (x + 24 * s, y)], _SIGHT, 2 * s)
         x = self._write(f"edge by sight ({len(edges) - bent})", (x + 30 * s, y - 9 * s), 16) + 20 * s
         self._draw.line([(x, y), (x + 12 * s, y - 5 * s), (x + 24 * s, y)], _BENT, 2 * s)
-        self._write(f"edge over the floor, round a corner ({bent})", (x + 30 * s, y - 9 * s), 16)
+        self._write(f"edge around corners ({bent})", (x + 30 * s, y - 9 * s), 16)
         bar_m = next(metres for metres in (10, 5, 2, 1) if metres * self._scale <= 260 * s or metres == 1)
         right = (size[0] - _MARGIN) * s
         self._draw.rectangle((right - 110 * s - bar_m * self._scale, y - 3 * s, right - 110 * s, y + 3 * s), _INK)
@@ -225,12 +226,13 @@ class _Panel:
         self._draw.text((x, y), name, _INK, _font(16), "mm")
 
     def _write(self, text: str, at: tuple[float, float], points: int) -> float:
-        """Write text with its upper left corner here; where it ends."""
+        """Write text with its upper left corner at a pixel. Return the x coordinate of its right end."""
         self._draw.text(at, text, _INK, _font(points))
         return at[0] + self._draw.textlength(text, _font(points))
 
     def _text(self, text: str, points: int, colour: tuple[int, int, int]) -> Image.Image:
-        """Text with a light rim on a light ground, so that a line under it does not read as a minus sign."""
+        """Return text with a light rim on a light background, so that a line under it does not look like a minus
+        sign."""
         from PIL import Image, ImageDraw
 
         rim = _SMOOTH
@@ -242,7 +244,7 @@ class _Panel:
         return image
 
     def _put(self, text: Image.Image, centre: np.ndarray, angle: float = 0.0) -> None:
-        """Paste text turned by an angle (radians, clockwise as seen)."""
+        """Paste text rotated by an angle (radians, clockwise in the picture)."""
         from PIL import Image
 
         turned = text.rotate(-np.degrees(angle), Image.Resampling.BICUBIC, expand=True) if angle else text
@@ -265,7 +267,8 @@ class _Panel:
 
 
 def _passes_by(first: np.ndarray, second: np.ndarray, nodes: np.ndarray, near: float) -> bool:
-    """Whether any of the nodes (N, 2) is this near to the line between two points, and away from its ends."""
+    """Return whether any of the nodes (N, 2) is within `near` pixels of the line between two points, except at its
+    ends."""
     along = second - first
     length = float(np.hypot(*along))
     share = (nodes - first) @ along / length
@@ -274,7 +277,7 @@ def _passes_by(first: np.ndarray, second: np.ndarray, nodes: np.ndarray, near: f
 
 
 def _extent(floor: FloorMasks) -> tuple[np.ndarray, np.ndarray]:
-    """Lowest and highest (x, y) in metres of what is floor, with 0.3 m around it."""
+    """Return the minimum and maximum (x, y) in metres of the floor, with a margin of 0.3 m."""
     rows, columns = np.nonzero(floor.free | (floor.region > 0))
     left_m, top_m = floor.origin_m
     low = np.array([left_m + columns.min() * floor.resolution_m, top_m - (rows.max() + 1) * floor.resolution_m])
@@ -283,7 +286,7 @@ def _extent(floor: FloorMasks) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _rows_columns(floor: FloorMasks, low: np.ndarray, high: np.ndarray) -> tuple[slice, slice]:
-    """The pixels between two corners."""
+    """Return the rows and columns of the pixels between two corners."""
     left, right = ((x - floor.origin_m[0]) / floor.resolution_m for x in (low[0], high[0]))
     top, bottom = ((floor.origin_m[1] - y) / floor.resolution_m for y in (high[1], low[1]))
     rows, columns = floor.free.shape

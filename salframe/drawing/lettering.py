@@ -1,4 +1,4 @@
-"""Names on a picture that keep clear of each other."""
+"""Places names on a picture without overlaps."""
 
 from __future__ import annotations
 
@@ -10,13 +10,20 @@ import numpy as np
 
 from salframe.drawing.canvas import INK, PAPER, Colour, font, stroke
 
-SPOTS = 800
-"""So many places for a name are tried, the nearest first."""
+MAX_SPOTS = 800
+"""Maximum number of positions for a name that are tried, the nearest first."""
 
 
 @dataclass(frozen=True)
 class Name:
-    """Text in a box (left, top, right, bottom) of a colour, and the point that a line leads to, if any."""
+    """Text in a coloured box.
+
+    Attributes:
+        text: The text.
+        box: (4,), left, top, right, bottom.
+        colour: Colour of the box.
+        leads_to: (2,), the point that a line from the box leads to, None for no line.
+    """
 
     text: str
     box: np.ndarray
@@ -26,7 +33,15 @@ class Name:
 
 @dataclass
 class Lettering:
-    """Names for a picture of width x height pixels, in letters of this size; boxes in `taken` stay free."""
+    """Names for a picture.
+
+    Attributes:
+        width: Width of the picture in pixels.
+        height: Height of the picture in pixels.
+        points: Size of the letters.
+        taken: Boxes (left, top, right, bottom) that names do not cover.
+        names: The placed names.
+    """
 
     width: int
     height: int
@@ -35,10 +50,16 @@ class Lettering:
     names: list[Name] = field(default_factory=list)
 
     def put(self, text: str, colour: Colour, around: np.ndarray, at: np.ndarray) -> None:
-        """Name what lies in the box `around` (left, top, right, bottom), a point of which is `at` (x, y).
+        """Place the name of an object.
 
-        On that point if the name is the smaller one or the box is that point, else beside the box, else as near as
-        there is room, with a line to the point.
+        The name is centred on the point `at` if it is smaller than the object's box or the box is that point; else it
+        is placed beside the box; else as near as there is room, with a line to the point.
+
+        Args:
+            text: The name.
+            colour: Colour of its box.
+            around: Box of the object (left, top, right, bottom).
+            at: A point (x, y) of the object.
         """
         size = self.measure(text)
         spots = list(self._spots(size, around, at))
@@ -53,11 +74,11 @@ class Lettering:
         self.taken.append(box)
 
     def measure(self, text: str) -> np.ndarray:
-        """Width and height of a name's box."""
+        """Return the width and height of a name's box."""
         return np.array([font(self.points).getbbox(text)[2] + 0.7 * self.points, 1.45 * self.points], float)
 
     def draw(self, picture: np.ndarray) -> np.ndarray:
-        """A picture (height, width, 3) uint8, a copy, with the names on it."""
+        """Return a copy of a picture (height, width, 3) uint8 with the names on it."""
         from PIL import Image, ImageDraw
 
         picture = picture.copy()
@@ -75,7 +96,7 @@ class Lettering:
         return np.array(image)
 
     def _spots(self, size: np.ndarray, around: np.ndarray, at: np.ndarray) -> Iterable[np.ndarray]:
-        """Middles of boxes of this size, the best first."""
+        """Yield middles of boxes of this size, best first."""
         width, height = size / 2
         left, top, right, bottom = around
         if (around[2:] == around[:2]).all():
@@ -93,9 +114,9 @@ class Lettering:
         yield np.array([left - width - gap, at[1]])
         grid = np.meshgrid(np.arange(width, self.width, width), np.arange(height, self.height, height))
         anywhere = np.stack(grid, -1).reshape(-1, 2)
-        yield from anywhere[np.argsort(np.hypot(*(anywhere - at).T), kind="stable")[:SPOTS]]
+        yield from anywhere[np.argsort(np.hypot(*(anywhere - at).T), kind="stable")[:MAX_SPOTS]]
 
     def _inside(self, middle: np.ndarray, size: np.ndarray) -> np.ndarray:
-        """The box of this size about a middle, moved into the picture."""
+        """Return the box of this size around a middle, moved into the picture."""
         low = np.clip(middle - size / 2, 1, np.maximum((self.width, self.height) - size - 1, 1))
         return np.concatenate([low, low + size])

@@ -1,4 +1,4 @@
-"""A picture of what a detector found: outlines, names and scores on the image, the graph from above, a table."""
+"""Draws a picture of detections: outlines, names and scores on the image, the graph from above, and a table."""
 
 from __future__ import annotations
 
@@ -17,10 +17,11 @@ from salframe.graphs.graph import SaliencyGraph
 from salframe.panoramas.geometry import rays_to_pixels
 from salframe.panoramas.photograph import Pinhole
 
-NARROWEST, WIDEST = 1280, 2560
-"""Images of fewer columns are enlarged by a whole factor, of more reduced by one, so that names can be read."""
-NAMES, CROWD = 40, 24
-"""The largest objects, so many at most, are named on the image; names of more than a crowd are smaller."""
+MIN_WIDTH, MAX_WIDTH = 1280, 2560
+"""Minimum and maximum width of the picture in pixels. Smaller images are enlarged and larger ones reduced by an integer
+factor, so that names are readable."""
+MAX_NAMES, MANY_OBJECTS = 40, 24
+"""Maximum number of objects, largest first, that are named on the image; number above which names are smaller."""
 COLOURS: tuple[Colour, ...] = (
     (230, 57, 70),
     (29, 120, 200),
@@ -54,18 +55,25 @@ def draw_objects(
     camera: Pinhole | None = None,
     title: str = "",
 ) -> np.ndarray:
-    """(h, w, 3) uint8: the image rgb (H, W, 3) uint8 with outlines, labels and scores under a title, below it the graph
-    from above (without one the bearings) and a table.
+    """Draw detections on an image, the graph from above, and a table.
 
-    rgb is an equirectangular panorama, or what `camera` took; the detections are in the panorama frame in both cases.
-    saliency (N,) float64 is theirs.
+    Args:
+        rgb: (H, W, 3) uint8, an equirectangular panorama, or the photograph of `camera`.
+        detections: N detections, in the panorama frame in both cases.
+        saliency: (N,) float64, their saliency.
+        graph: Their saliency graph; without one the bearings are drawn.
+        camera: The camera of a photograph, None for a panorama.
+        title: Title above the image.
+
+    Returns:
+        (h, w, 3) uint8: the image with outlines, labels and scores under the title, below it the graph and the table.
     """
     import cv2
 
     height, width = rgb.shape[:2]
-    factor = -(-NARROWEST // width) if width < NARROWEST else 1 / -(-width // WIDEST)
+    factor = -(-MIN_WIDTH // width) if width < MIN_WIDTH else 1 / -(-width // MAX_WIDTH)
     colours = choose_colours(detections.labels)
-    lines = [[line * factor for line in own] for own in find_lines(height, detections, camera)]
+    lines = [[line * factor for line in parts] for parts in find_lines(height, detections, camera)]
     width, height = round(width * factor), round(height * factor)
     image = cv2.resize(rgb, (width, height), interpolation=cv2.INTER_AREA if factor < 1 else cv2.INTER_CUBIC)
     image = name_objects(draw_outlines(image, detections, lines, colours), detections, lines, colours)
@@ -77,7 +85,7 @@ def draw_objects(
 
 
 def choose_colours(labels: Iterable[str]) -> dict[str, Colour]:
-    """A colour for each label, the same in every picture unless another label of this one has it already."""
+    """Return a colour for each label, the same in every picture unless another label of the picture has that colour."""
     chosen: dict[str, int] = {}
     for label in sorted(set(labels)):
         first = zlib.crc32(label.encode()) % len(COLOURS)
@@ -87,19 +95,28 @@ def choose_colours(labels: Iterable[str]) -> dict[str, Colour]:
 
 
 def find_lines(height: int, detections: Detections, camera: Pinhole | None = None) -> list[list[np.ndarray]]:
-    """For each object the closed lines (K, 2) around its parts in an image of this height, which is a panorama or that
-    of a camera; pixels (x, y), the centre of the first at 0.5. One point where its bearing alone is known."""
-    found = []
+    """Return the outlines of objects in an image.
+
+    Args:
+        height: Height of the image in pixels.
+        detections: N detections.
+        camera: The camera of a photograph, None for a panorama.
+
+    Returns:
+        For each object the closed lines (K, 2) around its parts, pixels (x, y) with centres at +0.5; a single point
+        where only the bearing is known.
+    """
+    outlines = []
     for rays, bearing in zip(outline_objects(detections), detections.bearing, strict=True):
-        found.append([line for one in rays or [bearing[None]] for line in _project(one, height, camera)])
-    return found
+        outlines.append([line for part in rays or [bearing[None]] for line in _project(part, height, camera)])
+    return outlines
 
 
 def draw_outlines(
     rgb: np.ndarray, detections: Detections, lines: list[list[np.ndarray]], colours: dict[str, Colour]
 ) -> np.ndarray:
-    """An image (H, W, 3) uint8 with the objects' lines, of `find_lines`, filled with a thin coat of their colours."""
-    order = _max_first(lines)
+    """Return an image (H, W, 3) uint8 with the lines of `find_lines` drawn and filled in translucent colours."""
+    order = _by_area(lines)
     polygons = [(line, colours[detections.labels[i]]) for i in order for line in lines[i]]
     image = coat(rgb, polygons, 0.25)
     for line, colour in polygons:
@@ -111,11 +128,11 @@ def draw_outlines(
 def name_objects(
     image: np.ndarray, detections: Detections, lines: list[list[np.ndarray]], colours: dict[str, Colour]
 ) -> np.ndarray:
-    """An image (H, W, 3) uint8 with labels and scores of the largest objects where their lines are (`find_lines`)."""
+    """Return an image (H, W, 3) uint8 with labels and scores of the largest objects at the lines of `find_lines`."""
     height, width = image.shape[:2]
-    crowded = len(detections) > CROWD
-    lettering = Lettering(width, height, round(_letters(image) * (0.8 if crowded else 1)))
-    for i in _max_first(lines)[:NAMES]:
+    has_many = len(detections) > MANY_OBJECTS
+    lettering = Lettering(width, height, round(_letters(image) * (0.8 if has_many else 1)))
+    for i in _by_area(lines)[:MAX_NAMES]:
         label, spot = detections.labels[i], _spot(lines[i], width, height)
         if spot is not None:
             lettering.put(f"{label} {detections.scores[i]:.2f}", colours[label], *spot)
@@ -123,19 +140,24 @@ def name_objects(
 
 
 def _letters(image: np.ndarray) -> int:
-    """The size of letters on an image, in pixels."""
+    """Return the size of letters on an image, in pixels."""
     return max(16, round(image.shape[1] / 100))
 
 
-def _max_first(lines: list[list[np.ndarray]]) -> np.ndarray:
+def _by_area(lines: list[list[np.ndarray]]) -> np.ndarray:
+    """Return the indices of objects, largest first."""
     import cv2
 
-    return np.argsort([-sum(cv2.contourArea(line.astype(np.float32)) for line in own) for own in lines], kind="stable")
+    areas = [sum(cv2.contourArea(line.astype(np.float32)) for line in parts) for parts in lines]
+    return np.argsort([-area for area in areas], kind="stable")
 
 
 def _project(rays: np.ndarray, height: int, camera: Pinhole | None) -> Iterator[np.ndarray]:
-    """Where a closed line of rays (K, 3) lies in the image, the first pixel's centre at 0.5: (K', 2) polygons, in a
-    panorama more than one where its border cuts the line; none behind a photograph's camera or of unknown rays."""
+    """Yield the projections of a closed line of rays (K, 3) to the image, polygons (K', 2) with pixel centres at +0.5.
+
+    The border of a panorama may cut a line into several polygons. Rays behind the camera of a photograph and unknown
+    rays give none.
+    """
     if not np.isfinite(rays).all():
         return
     if camera is not None:
@@ -148,7 +170,7 @@ def _project(rays: np.ndarray, height: int, camera: Pinhole | None) -> Iterator[
     column = np.unwrap(column, period=2 * height)
     column -= np.floor(column.min() / (2 * height)) * 2 * height
     line = np.column_stack([column, row])
-    if abs(column[-1] - column[0]) > height:  # around a pole: thrice around, and closed beyond the image's border
+    if abs(column[-1] - column[0]) > height:  # around a pole: three turns, closed beyond the border of the image
         turn = np.array([np.copysign(2 * height, column[-1] - column[0]), 0])
         pole = -height if row.mean() < height / 2 else 2 * height
         line = np.vstack([line - turn, line, line + turn])
@@ -159,8 +181,8 @@ def _project(rays: np.ndarray, height: int, camera: Pinhole | None) -> Iterator[
 
 
 def _spot(lines: list[np.ndarray], width: int, height: int) -> tuple[np.ndarray, np.ndarray] | None:
-    """The box (left, top, right, bottom) around the largest part of an object that the image shows, and the point
-    (x, y) in it that is far from its outline; None where it shows none."""
+    """Return the box (left, top, right, bottom) around the largest visible part of an object, and a point (x, y) in the
+    part that is far from its outline; None where no part is visible."""
     import cv2
 
     best = None
@@ -177,7 +199,7 @@ def _spot(lines: list[np.ndarray], width: int, height: int) -> tuple[np.ndarray,
         cv2.fillPoly(mask, [np.round((line - low) / coarse + 0.5).astype(np.int32)], 1)
         mask[[0, -1]] = mask[:, [0, -1]] = 0
         depth = cv2.distanceTransform(mask, cv2.DIST_L2, 3)
-        deep = np.argwhere(depth >= 0.85 * depth.max())  # of a long strip the middle, not an end
+        deep = np.argwhere(depth >= 0.85 * depth.max())  # in a long strip, the middle rather than an end
         row, column = deep[np.argmin(((deep - np.argwhere(mask).mean(0)) ** 2).sum(1))] if depth.any() else (0, 0)
         if best is None or mask.sum() * coarse**2 > best[0]:
             at = low + (np.array([column, row]) - 0.5) * coarse
@@ -186,6 +208,7 @@ def _spot(lines: list[np.ndarray], width: int, height: int) -> tuple[np.ndarray,
 
 
 def _title(text: str, width: int) -> np.ndarray:
+    """Return an image of the title."""
     from PIL import Image, ImageDraw
 
     points = max(14, round(width / 80))
@@ -197,7 +220,7 @@ def _title(text: str, width: int) -> np.ndarray:
 
 
 def _ruler(width: int) -> np.ndarray:
-    """The azimuths of a panorama's columns, every 30 degrees."""
+    """Return an image of the azimuths of a panorama's columns, every 30 degrees."""
     from PIL import Image, ImageDraw
 
     points = max(12, round(width / 120))
@@ -214,7 +237,7 @@ def _ruler(width: int) -> np.ndarray:
 def _table(
     detections: Detections, saliency: np.ndarray | None, colours: dict[str, Colour], width: int, height: int
 ) -> np.ndarray:
-    """The objects in rows, the most salient first, without saliency the surest."""
+    """Return an image of a table of the objects, sorted by decreasing saliency, or by score without saliency."""
     from PIL import Image, ImageDraw
 
     image = Image.new("RGB", (width, height), PAPER)
@@ -231,7 +254,7 @@ def _table(
     azimuth_deg, elevation_deg = np.degrees(np.arctan2(y, x)), np.degrees(np.arctan2(z, np.hypot(x, y)))
     range_m = np.linalg.norm(detections.centroid_m, axis=1)
 
-    longest = (columns["score"] - columns["object"] - 0.09) * width
+    max_width = (columns["score"] - columns["object"] - 0.09) * width
 
     def write(row: int, cells: Iterable[str], colour: Colour) -> None:
         for number, (share, text) in enumerate(zip(columns.values(), cells, strict=False)):
@@ -243,12 +266,12 @@ def _table(
         draw.rounded_rectangle(
             (0.05 * width, middle - 0.26 * line, 0.08 * width, middle + 0.26 * line), 0.1 * line, colours[label]
         )
-        seen = _shorten(label, letters, longest), f"{detections.scores[i]:.2f}", _degrees(azimuth_deg[i])
+        first_cells = _shorten(label, letters, max_width), f"{detections.scores[i]:.2f}", _degrees(azimuth_deg[i])
         if saliency is None:
-            write(row, (*seen, _degrees(elevation_deg[i])), INK)
+            write(row, (*first_cells, _degrees(elevation_deg[i])), INK)
             continue
-        far = f"{range_m[i]:.2f} m" if np.isfinite(range_m[i]) else "-"
-        write(row, (*seen, far, f"{100 * saliency[i]:.1f} %"), INK)
+        range_text = f"{range_m[i]:.2f} m" if np.isfinite(range_m[i]) else "-"
+        write(row, (*first_cells, range_text, f"{100 * saliency[i]:.1f} %"), INK)
         if saliency[i] > 0.01 * saliency.max():
             end = 0.905 + 0.085 * saliency[i] / saliency.max()
             draw.rectangle((0.905 * width, middle - 0.14 * line, end * width, middle + 0.14 * line), colours[label])
@@ -257,11 +280,11 @@ def _table(
     return np.asarray(image)
 
 
-def _shorten(text: str, letters: Any, longest: float) -> str:
-    """As much of a text as fits into so many pixels."""
-    if letters.getlength(text) <= longest:
+def _shorten(text: str, letters: Any, max_width: float) -> str:
+    """Return a text cut to a maximum width in pixels."""
+    if letters.getlength(text) <= max_width:
         return text
-    while text and letters.getlength(f"{text}...") > longest:
+    while text and letters.getlength(f"{text}...") > max_width:
         text = text[:-1]
     return f"{text.rstrip()}..."
 
@@ -269,5 +292,5 @@ def _shorten(text: str, letters: Any, longest: float) -> str:
 def _degrees(angle_deg: float) -> str:
     if not np.isfinite(angle_deg):
         return "-"
-    whole = round(angle_deg)
-    return f"{whole:+d}°" if whole % 180 else f"{abs(whole)}°"
+    rounded = round(angle_deg)
+    return f"{rounded:+d}°" if rounded % 180 else f"{abs(rounded)}°"

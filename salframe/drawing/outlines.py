@@ -1,4 +1,4 @@
-"""What detections cover of the sphere, as lines around them."""
+"""Computes the outlines of detections on the sphere."""
 
 from __future__ import annotations
 
@@ -6,22 +6,22 @@ import numpy as np
 
 from salframe.graphs.detections import Detections
 
-FEWEST = 20
-"""Fewer points than this are corners, with the object between them, and no samples of its surface."""
-MAX = 800
-"""A mask has no more cells than this on a side."""
+MIN_SURFACE_POINTS = 20
+"""Minimum number of points that are samples of an object's surface; fewer points are the corners of its box."""
+MAX_MASK_SIDE = 800
+"""Maximum side of a mask, in cells."""
 MIN_SPACING = 2e-4
-"""Points nearer to each other than this, in radians, are of one pixel or row."""
+"""Minimum spacing of neighbouring pixels and rows, in radians; nearer points belong to one pixel or row."""
 MIN_PART = 0.02
-"""Parts of an object that are smaller than this share of its largest are not drawn."""
+"""Minimum area of a part of an object, as a share of its largest part; smaller parts are not drawn."""
 _BOX = np.array(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5])).reshape(3, 8).T
 
 
 def outline_objects(detections: Detections) -> list[list[np.ndarray]]:
-    """For each object the closed lines around its parts, each (K, 3) float64 unit vectors in the panorama frame.
+    """Return the closed lines around the parts of each object, (K, 3) float64 unit vectors in the panorama frame.
 
-    Around the points behind its mask where these are known, else around the mask, else around its box, else a circle of
-    its solid angle about its bearing, else none.
+    The lines are around the points behind the mask where these are known, else around the mask, else around the box;
+    else the line is a circle of the object's solid angle around its bearing, where these are known.
     """
     return [_outline(detections, i) for i in range(len(detections))]
 
@@ -31,11 +31,11 @@ def _outline(detections: Detections, i: int) -> list[np.ndarray]:
         points = np.asarray(detections.points_m[i], np.float64)
         length = np.linalg.norm(points, axis=1)
         known = np.isfinite(length) & (length > 0)
-        if known.sum() >= FEWEST:
+        if known.sum() >= MIN_SURFACE_POINTS:
             return _around_mask(points[known] / length[known, None])
         if known.any():
             return _around_corners(points[known] / length[known, None])
-    if detections.rays is not None and len(detections.rays[i]) >= FEWEST:
+    if detections.rays is not None and len(detections.rays[i]) >= MIN_SURFACE_POINTS:
         return _around_mask(np.asarray(detections.rays[i], np.float64))
     centroid, size = detections.centroid_m[i], detections.size_m[i]
     if np.isfinite([*centroid, *size, detections.yaw_rad[i]]).all() and np.linalg.norm(centroid):
@@ -49,8 +49,8 @@ def _outline(detections: Detections, i: int) -> list[np.ndarray]:
 
 
 class _Chart:
-    """Lambert's equal-area map of the sphere about the middle of some rays (N, 3): flat enough for any object, with no
-    seam and no poles."""
+    """Lambert's azimuthal equal-area projection of the sphere around the middle of rays (N, 3). It has no seam or pole
+    within an object."""
 
     def __init__(self, rays: np.ndarray) -> None:
         middle = rays.mean(0)
@@ -60,37 +60,38 @@ class _Chart:
         self._left, self._up = _across(self._ahead)
 
     def flatten(self, rays: np.ndarray) -> np.ndarray:
-        """(N, 2) in the plane, 1 a radian in the middle."""
+        """Return the projections (N, 2) of unit vectors to the plane, in radians near the middle."""
         stretch = np.sqrt(2 / np.maximum(1 + rays @ self._ahead, 1e-9))
         return np.column_stack([rays @ self._left, rays @ self._up]) * stretch[:, None]
 
     def raise_up(self, points: np.ndarray) -> np.ndarray:
-        """(N, 3) unit vectors of points in the plane."""
+        """Return the unit vectors (N, 3) of points in the plane."""
         square = np.minimum((points**2).sum(1), 4)
         flat = points @ np.stack([self._left, self._up])
         return flat * np.sqrt(1 - square / 4)[:, None] + np.outer(1 - square / 2, self._ahead)
 
 
 def _across(ahead: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Two unit vectors at right angles to a third and to each other: to its left and up, where up is not the same."""
+    """Return two unit vectors orthogonal to a third and to each other: to its left and up. For directions near the
+    vertical, left and up are arbitrary."""
     left = np.cross([0, 0, 1] if abs(ahead[2]) < 0.99 else [1, 0, 0], ahead)
     left /= np.linalg.norm(left)
     return left, np.cross(ahead, left)
 
 
 def _around_mask(rays: np.ndarray) -> list[np.ndarray]:
-    """The lines around what rays (N, 3) through the pixels of a mask cover."""
+    """Return the lines around the area of rays (N, 3) through the pixels of a mask."""
     import cv2
 
     chart = _Chart(rays)
     points, spacing = chart.flatten(rays), _spacing(rays)
-    cell = max(spacing / 3, float(np.ptp(points, axis=0).max()) / MAX)
+    cell = max(spacing / 3, float(np.ptp(points, axis=0).max()) / MAX_MASK_SIDE)
     reach = max(1, round(0.75 * spacing / cell))
     low = points.min(0) - (reach + 3) * cell
     place = np.round((points - low) / cell).astype(int)
     mask = np.zeros(place.max(0)[::-1] + reach + 4, np.uint8)
     mask[place[:, 1], place[:, 0]] = 255
-    # Grown until the pixels meet, then cut back to half a pixel around the outermost.
+    # Dilate until the pixels meet, then erode to half a pixel around the outermost pixels.
     mask = cv2.dilate(mask, _disk(reach))
     mask = cv2.erode(mask, _disk(round(0.25 * spacing / cell)))
     mask = (cv2.GaussianBlur(mask, (0, 0), 1.2) > 127).astype(np.uint8)
@@ -104,11 +105,11 @@ def _around_mask(rays: np.ndarray) -> list[np.ndarray]:
 
 
 def _spacing(rays: np.ndarray) -> float:
-    """How far apart, in radians, neighbouring pixels are that rays (N, 3) run through."""
+    """Return the spacing, in radians, of neighbouring pixels with rays (N, 3)."""
     from scipy.spatial import cKDTree
 
     beside = np.median(cKDTree(rays).query(rays[:: max(1, len(rays) // 400)], 5)[0][:, 4])
-    # Near the poles a panorama's columns are dense, its rows are as far apart as anywhere.
+    # Near the poles the columns of a panorama are dense; the spacing of its rows is constant.
     rows = np.diff(np.sort(np.arcsin(np.clip(rays[:, 2], -1, 1))))
     rows = rows[rows > MIN_SPACING]
     return float(max(beside, np.median(rows) if len(rows) else 0.0, MIN_SPACING))
@@ -120,7 +121,7 @@ def _disk(radius: int) -> np.ndarray:
 
 
 def _around_corners(rays: np.ndarray) -> list[np.ndarray]:
-    """The line around corners (N, 3), along great circles, as straight edges in space are seen."""
+    """Return the line around corners (N, 3) along great circles, which are the projections of straight edges."""
     import cv2
 
     hull = rays[cv2.convexHull(_Chart(rays).flatten(rays).astype(np.float32), returnPoints=False)[:, 0]]
@@ -130,7 +131,7 @@ def _around_corners(rays: np.ndarray) -> list[np.ndarray]:
 
 
 def _circle(bearing: np.ndarray, radius_rad: float) -> np.ndarray:
-    """(72, 3) around a bearing."""
+    """Return a circle around a bearing, (72, 3)."""
     left, up = _across(bearing)
     angle = np.linspace(0, 2 * np.pi, 72, endpoint=False)[:, None]
     return np.cos(radius_rad) * bearing + np.sin(radius_rad) * (np.cos(angle) * left + np.sin(angle) * up)

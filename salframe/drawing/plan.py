@@ -1,4 +1,4 @@
-"""A saliency graph from above, the camera in its middle."""
+"""Draws a plan of a saliency graph from above, with the camera in the middle."""
 
 from __future__ import annotations
 
@@ -12,19 +12,25 @@ from salframe.graphs.detections import Detections
 from salframe.graphs.graph import SaliencyGraph, box_footprints
 from salframe.panoramas.photograph import Pinhole
 
-GROUND, SEEN, RING, EDGE = (247, 248, 250), (233, 236, 242), (206, 211, 219), (118, 128, 146)
+GROUND, VIEW, RING, EDGE = (247, 248, 250), (233, 236, 242), (206, 211, 219), (118, 128, 146)
 BEARING_LENGTH = 0.82
-"""How far rays reach, a share of the plan's reach."""
-NAMES = 30
-"""The most salient objects, so many at most, are named."""
-RINGS, RING_METRES = 6, (0.5, 1, 2, 5, 10, 20, 50)
-"""So many rings at most, these metres apart."""
+"""Length of rays, as a share of the plan's reach."""
+MAX_NAMES = 30
+"""Maximum number of objects that are named, most salient first."""
+MAX_RINGS, RING_METRES = 6, (0.5, 1, 2, 5, 10, 20, 50)
+"""Maximum number of rings, and their possible distances in metres."""
 
 
 class Plan:
-    """A square of `side` pixels, ahead (+x) up: objects by their boxes where their positions are known, else by rays.
+    """A square plan with ahead (+x) up. Objects are drawn as boxes where their positions are known, else as rays.
 
-    camera: the photograph that the objects were seen in; what it shows is shaded, and it stands at the lower end.
+    Args:
+        detections: The detections.
+        graph: Their saliency graph, None where no position is known.
+        colours: Colour of each label.
+        side: Side of the plan in pixels.
+        camera: The camera of a photograph; its field of view is shaded, and it is placed near the lower edge. None for
+            a panorama.
     """
 
     def __init__(
@@ -49,7 +55,7 @@ class Plan:
             self._draw_ring(BEARING_LENGTH)
         else:
             self._draw_rings(reach_m)
-        self._image = self._lettering.draw(self._image)  # under the objects
+        self._image = self._lettering.draw(self._image)  # names of rings and sides, under the objects
         self._lettering.names.clear()
         if graph is None:
             self._draw_rays(detections)
@@ -60,23 +66,23 @@ class Plan:
 
     @property
     def image(self) -> np.ndarray:
-        """(side, side, 3) uint8."""
+        """The plan, (side, side, 3) uint8."""
         return self._lettering.draw(self._image)
 
     def pixel(self, xy_m: np.ndarray) -> np.ndarray:
-        """Where positions (..., 2) in the panorama frame are drawn."""
+        """Return the pixels of positions (..., 2) in the panorama frame."""
         return self._middle - np.asarray(xy_m)[..., ::-1] * self._scale
 
     def _draw_graph(self, graph: SaliencyGraph) -> None:
-        """Boxes, edges by weight, nodes by saliency, and their names."""
+        """Draw boxes, edges with their weights as widths, nodes with their saliency as radius, and names."""
         place, boxes = self.pixel(graph.centroid_m[:, :2]), self.pixel(box_footprints(graph))
         colours = [self._colours[label] for label in graph.labels]
         self._image = coat(self._image, zip(boxes, colours, strict=True), 0.35)
         for box, colour in zip(boxes, colours, strict=True):
             stroke(self._image, box, colour, self._side / 600, closed=True)
-        heaviest = graph.weights.max(initial=1e-9)
+        max_weight = graph.weights.max(initial=1e-9)
         for edge, weight in zip(graph.edges, graph.weights, strict=True):
-            stroke(self._image, place[edge], EDGE, self._side / 900 * (1 + 4 * weight / heaviest))
+            stroke(self._image, place[edge], EDGE, self._side / 900 * (1 + 4 * weight / max_weight))
         share = graph.saliency / max(graph.saliency.max(initial=0), 1e-9)
         radius = self._side / 160 * (0.6 + 1.6 * np.sqrt(share))
         around = np.concatenate([place - radius[:, None], place + radius[:, None]], 1)
@@ -84,7 +90,7 @@ class Plan:
         for centre, r, colour in zip(place, radius, colours, strict=True):
             disk(self._image, centre, r + self._side / 500, PAPER)
             disk(self._image, centre, r, colour)
-        for i in range(min(len(graph), NAMES)):
+        for i in range(min(len(graph), MAX_NAMES)):
             label, inside = graph.labels[i], ((place[i] >= 0) & (place[i] < self._side)).all()
             if inside:
                 self._lettering.put(label, colours[i], around[i], place[i])
@@ -93,13 +99,13 @@ class Plan:
                 self._write(f"{label}, {far_m:.1f} m", self._towards(place[i]), colours[i])
 
     def _towards(self, beyond: np.ndarray) -> np.ndarray:
-        """Where the line from the camera to a pixel outside the plan leaves it."""
+        """Return the point where the line from the camera to a pixel outside the plan leaves the plan."""
         ahead = beyond - self._middle
         room = np.where(ahead > 0, self._side - self._middle, self._middle) / np.maximum(np.abs(ahead), 1e-9)
         return self._middle + room.min() * ahead
 
     def _draw_rays(self, detections: Detections) -> None:
-        """Objects whose bearing alone is known, each as wide as its solid angle."""
+        """Draw objects with a bearing only, each as wide as its solid angle."""
         across = np.clip(np.sqrt(np.nan_to_num(detections.solid_angle_sr)), 0.01, np.pi)
         for label, bearing, width in zip(detections.labels, detections.bearing, across, strict=True):
             if not np.isfinite(bearing).all():
@@ -115,8 +121,8 @@ class Plan:
             self._write(label, tip + beyond * towards, colour)
 
     def _draw_rings(self, reach_m: float) -> None:
-        """Circles at round distances, named ahead to the right."""
-        step_m = next((metres for metres in RING_METRES if metres * RINGS >= reach_m), RING_METRES[-1])
+        """Draw circles at round distances, with their names ahead to the right."""
+        step_m = next((metres for metres in RING_METRES if metres * MAX_RINGS >= reach_m), RING_METRES[-1])
         for radius_m in step_m * np.arange(1, reach_m // step_m + 1):
             self._draw_ring(radius_m)
             self._write(f"{radius_m:g} m", self.pixel(radius_m * np.array([np.sqrt(0.5), -np.sqrt(0.5)])))
@@ -127,7 +133,7 @@ class Plan:
         stroke(self._image, ring, RING, self._side / 900, closed=True)
 
     def _name_sides(self, *, all_around: bool) -> None:
-        """The azimuths that the plan's sides lie at."""
+        """Write the azimuths of the plan's sides."""
         inset, middle = 1.2 * self._points, self._side / 2
         self._write("0°", np.array([middle, inset]))
         if all_around:
@@ -136,19 +142,19 @@ class Plan:
             self._write("180°", np.array([middle, self._side - inset]))
 
     def _shade_view(self, camera: Pinhole) -> None:
-        """What the photograph shows, as far as the plan reaches."""
+        """Shade the field of view of the photograph."""
         sides = camera.rays()[camera.height_px // 2, [0, -1], :2]
         far = 2 * self._side / self._scale * sides / np.linalg.norm(sides, axis=1, keepdims=True)
-        fill(self._image, np.stack([self._middle, *self.pixel(far)]), SEEN)
+        fill(self._image, np.stack([self._middle, *self.pixel(far)]), VIEW)
 
     def _write(self, text: str, at: np.ndarray, colour: Colour = GROUND) -> None:
-        """Write with the text's middle at a pixel if there is room."""
+        """Write a text with its middle at a pixel, or nearby where there is no room."""
         self._lettering.put(text, colour, np.concatenate([at, at]), at)
 
 
 def _reach(graph: SaliencyGraph) -> float:
-    """How far from the camera the plan has to reach, in metres: to the ends of the boxes, but not to what lies far
-    beyond the others."""
+    """Return the reach of the plan from the camera in metres: up to the ends of the boxes, except boxes far beyond the
+    others."""
     if not len(graph):
         return 1.0
     distance_m = np.hypot(graph.centroid_m[:, 0], graph.centroid_m[:, 1])

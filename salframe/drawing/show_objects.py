@@ -1,4 +1,4 @@
-"""What a detector finds in panoramas and photographs, to look at: a picture of each."""
+"""Draws pictures of the objects that a detector finds in panoramas and photographs."""
 
 from __future__ import annotations
 
@@ -44,13 +44,13 @@ if TYPE_CHECKING:
     from salframe.panoramas.shot import Shot
 
 SUFFIX, MARK = ".objects.png", ("Software", "salframe show-objects")
-"""How a picture's name ends, and the text in the file by which it is known to be one."""
+"""Suffix of the names of pictures, and the PNG text that marks a file as such a picture."""
 SETUP_ERRORS = (ConfigError, UnknownName, PluginFailed, RequirementMissing, WeightsMissing)
-"""What is wrong with the settings or the machine, not with an image."""
+"""Errors of the settings or the installation, which concern all images."""
 
 
 class ShowConfig(Settings):
-    """What `--set` changes: the detector, and how its objects become a saliency graph."""
+    """Settings for `--set`: the detector, and how a saliency graph is built from its objects."""
 
     detector: slot("detector")  # type: ignore[valid-type]
     saliency: slot("saliency")  # type: ignore[valid-type]
@@ -59,9 +59,16 @@ class ShowConfig(Settings):
 
 @dataclass(frozen=True, eq=False)
 class ObjectView:
-    """What was found in an image: where its picture lies, the detector with those of its settings that are not as they
-    come, the objects in the panorama frame, their saliency (N,) float64, None where no range is known, and the seconds
-    that detection took."""
+    """The objects of an image.
+
+    Attributes:
+        image: Path of the image.
+        picture: Path of the picture.
+        detector: The detector, with its settings that differ from the defaults.
+        detections: N objects, in the panorama frame.
+        saliency: (N,) float64, their saliency; None where no range is known.
+        seconds: Time of detection.
+    """
 
     image: Path
     picture: Path
@@ -71,21 +78,21 @@ class ObjectView:
     seconds: float
 
     def to_json(self) -> dict[str, Any]:
-        """Angles in degrees, lengths in metres, null for what is not known."""
-        found = self.detections
-        x, y, z = found.bearing.T
-        range_m = np.linalg.norm(found.centroid_m, axis=1)
+        """Return the objects as JSON, with angles in degrees, lengths in metres, and null for unknown values."""
+        detections = self.detections
+        x, y, z = detections.bearing.T
+        range_m = np.linalg.norm(detections.centroid_m, axis=1)
         objects = [
             {
-                "label": found.labels[i],
-                "score": float(found.scores[i]),
+                "label": detections.labels[i],
+                "score": float(detections.scores[i]),
                 "azimuth_deg": _number(np.degrees(np.arctan2(y[i], x[i]))),
                 "elevation_deg": _number(np.degrees(np.arctan2(z[i], np.hypot(x[i], y[i])))),
                 "range_m": _number(range_m[i]),
-                "size_m": found.size_m[i].tolist() if np.isfinite(found.size_m[i]).all() else None,
+                "size_m": detections.size_m[i].tolist() if np.isfinite(detections.size_m[i]).all() else None,
                 "saliency": None if self.saliency is None else float(self.saliency[i]),
             }
-            for i in range(len(found))
+            for i in range(len(detections))
         ]
         named = {"image": str(self.image), "picture": str(self.picture), "detector": self.detector}
         return {**named, "seconds": self.seconds, "objects": objects}
@@ -93,15 +100,20 @@ class ObjectView:
 
 @dataclass(frozen=True, eq=False)
 class ObjectViews:
-    """The images that were shown, in the order in which they were named, why others were not, in a line each,
-    and notes:
-    what `auto` became, and which ranges seem to be in a wrong unit."""
+    """The results of `show_objects`.
+
+    Attributes:
+        views: The images that were shown, in the order of the arguments.
+        failures: A one-line error for each other image.
+        notes: Notes for the user: the component that `auto` selected, and ranges that seem to have a wrong unit.
+    """
 
     views: tuple[ObjectView, ...]
     failures: Mapping[Path, str]
     notes: tuple[str, ...]
 
     def to_json(self) -> dict[str, Any]:
+        """Return views and failures as JSON."""
         return {
             "images": [view.to_json() for view in self.views],
             "failures": [{"image": str(image), "error": error} for image, error in self.failures.items()],
@@ -121,17 +133,28 @@ def show_objects(
 ) -> ObjectViews:
     """Detect objects in images and write a picture of each to the folder `output`, as NAME.objects.png.
 
-    An image twice as wide as high is a panorama; one that a manifest.json names comes with the other parts of its
-    frame. fov_deg makes photographs of them, of this horizontal field of view, taken looking up by pitch_deg.
-    range_image is the range of the one image: along the ray of a panorama, z-depth of a photograph, 16 bits,
-    millimetres. An image that cannot be shown costs its own answer alone. Raises SalframeError on names and settings
-    that are wrong.
+    Without `fov_deg` the images are equirectangular panoramas (width = 2 x height); an image that is listed in a
+    manifest.json is opened with the other parts of its frame. An image that cannot be shown does not affect the others.
+
+    Args:
+        images: Paths of the images.
+        output: Folder for the pictures.
+        detector: Name of the detector, None for the default.
+        overrides: Settings of ShowConfig, "key.path=value" each.
+        range_image: 16-bit range image in millimetres, for a single image: range along the ray for a panorama, z-depth
+            for a photograph.
+        fov_deg: Horizontal field of view of photographs, in degrees; None for panoramas.
+        pitch_deg: Angle by which the camera of the photographs looks up, in degrees.
+        progress: Called with the name of the step, the number of images done and their total number.
+
+    Raises:
+        SalframeError: A name or setting is invalid, or a component cannot run.
     """
     paths, output = [Path(image) for image in images], Path(output)
     range_image = None if range_image is None else Path(range_image)
     _check(paths, output, range_image, fov_deg, pitch_deg)
     content = _nest(detector, overrides)
-    stages: dict[frozenset[str], _Stages] = {}  # by what an image provides, on which `auto` depends
+    stages: dict[frozenset[str], _Stages] = {}  # by the inputs of an image, on which `auto` depends
     views, failures = [], {}
     notes: dict[str, None] = {}
     for done, image in enumerate(paths):
@@ -161,24 +184,28 @@ def show_objects(
 def _check(
     images: Sequence[Path], output: Path, range_image: Path | None, fov_deg: float | None, pitch_deg: float | None
 ) -> None:
-    """Raises ConfigError on what would go wrong with every image."""
+    """Check the arguments.
+
+    Raises:
+        ConfigError: No image could be shown with these arguments.
+    """
     if not images:
         raise ConfigError("received no image, expected at least one")
     if range_image is not None and len(images) != 1:
-        raise ConfigError(f"received {len(images)} images and the range of one, expected one image with --range")
+        raise ConfigError(f"received {len(images)} images with --range, expected one image")
     if pitch_deg is not None and fov_deg is None:
-        raise ConfigError("received --pitch without --fov, expected the field of view of photographs with it")
+        raise ConfigError("received --pitch without --fov, expected the field of view of the photographs too")
     if output.exists() and not output.is_dir():
         raise ConfigError(f"{output} is a file, expected a folder for the pictures")
     stem, count = Counter(image.stem for image in images).most_common(1)[0]
     if count > 1:
         raise ConfigError(
-            f"{count} images would all be shown as {stem}{SUFFIX}: show them one by one, each in a folder"
+            f"{count} images would have the same picture {stem}{SUFFIX}: show them one by one, each in its own folder"
         )
 
 
 def _nest(detector: str | None, overrides: Sequence[str]) -> dict[str, Any]:
-    """The settings of a ShowConfig as nested mappings."""
+    """Return settings of a ShowConfig as nested mappings."""
     content: dict[str, Any] = {} if detector is None else {"detector": detector}
     for override in overrides:
         content = merge(content, nest(*parse_override(override)))
@@ -194,56 +221,65 @@ def _open(image: Path, range_image: Path | None, fov_deg: float | None, pitch_de
 
 
 class _Stages:
-    """From a panorama to its objects and their graph."""
+    """The detector, and the stages that build the graph of its objects."""
 
     def __init__(self, config: ShowConfig) -> None:
         self._detector: Detector = registry().build("detector", config.detector)
         self._saliency: SaliencyModel = registry().build("saliency", config.saliency)
         self._graph = config.graph
         changed = [
-            f"{one.key}={Path(str(one.value)).name}"
-            for one in list_settings(config.detector)
-            if one.value != one.default
+            f"{setting.key}={Path(str(setting.value)).name}"
+            for setting in list_settings(config.detector)
+            if setting.value != setting.default
         ]
         self.detector = f"{config.detector.kind} ({', '.join(changed)})" if changed else config.detector.kind
 
     def detect(self, panorama: Panorama) -> tuple[Detections, float]:
-        """The objects, and the seconds it took. Raises InputMissing, InvalidAnswer."""
-        absent = sorted(self._detector.needs - panorama.provides)
-        if absent:
-            hint = " (--range FILE)" if absent == ["range"] else ""
-            raise InputMissing(f"{self._detector.name} needs {' and '.join(absent)}{hint}, which {panorama.id} has not")
-        start = time.perf_counter()
-        found = self._detector.detect(panorama)
-        seconds = time.perf_counter() - start
-        if not isinstance(found, Detections):
-            raise InvalidAnswer(f"detect gave {type(found).__name__}, expected Detections")
-        return found, seconds
+        """Return the objects, and the time of detection in seconds.
 
-    def link(self, found: Detections) -> tuple[np.ndarray | None, SaliencyGraph | None]:
-        """The objects' saliency and their graph; neither where no object's position is known."""
-        if not np.isfinite(found.centroid_m).all(1).any():
+        Raises:
+            InputMissing: The panorama lacks an input of the detector.
+            InvalidAnswer: The detector did not return Detections.
+        """
+        missing = sorted(self._detector.needs - panorama.provides)
+        if missing:
+            hint = " (--range FILE)" if missing == ["range"] else ""
+            raise InputMissing(f"{self._detector.name} needs {' and '.join(missing)}{hint}, which {panorama.id} lacks")
+        start = time.perf_counter()
+        detections = self._detector.detect(panorama)
+        seconds = time.perf_counter() - start
+        if not isinstance(detections, Detections):
+            raise InvalidAnswer(f"detect gave {type(detections).__name__}, expected Detections")
+        return detections, seconds
+
+    def link(self, detections: Detections) -> tuple[np.ndarray | None, SaliencyGraph | None]:
+        """Return the objects' saliency and their graph; None for both where no position is known."""
+        if not np.isfinite(detections.centroid_m).all(1).any():
             return None, None
-        saliency = self._saliency.score(found)
-        return saliency, build_graph(found, saliency, self._graph)
+        saliency = self._saliency.score(detections)
+        return saliency, build_graph(detections, saliency, self._graph)
 
 
 def _show(image: Path, picture: Path, shot: Shot, stages: _Stages) -> ObjectView:
-    found, seconds = stages.detect(shot.panorama)
-    saliency, graph = stages.link(found)
-    title = f"{image.name}    {stages.detector}: {len(found)} objects in {seconds:.2f} s"
-    drawn = draw_objects(shot.rgb, found, saliency=saliency, graph=graph, camera=shot.camera, title=title)
-    _write_picture(picture, drawn)
-    return ObjectView(image, picture, stages.detector, found, saliency, seconds)
+    detections, seconds = stages.detect(shot.panorama)
+    saliency, graph = stages.link(detections)
+    title = f"{image.name}    {stages.detector}: {len(detections)} objects in {seconds:.2f} s"
+    rendered = draw_objects(shot.rgb, detections, saliency=saliency, graph=graph, camera=shot.camera, title=title)
+    _write_picture(picture, rendered)
+    return ObjectView(image, picture, stages.detector, detections, saliency, seconds)
 
 
 def _check_picture(path: Path) -> None:
-    """Raises DataError where another file than a picture of ours has the name."""
+    """Check that a picture may be written to a path.
+
+    Raises:
+        DataError: A file exists there that `show_objects` did not write.
+    """
     if path.exists() and image_notes(path).get(MARK[0]) != MARK[1]:
-        raise DataError(f"{path} is there and no picture of show-objects: remove it, or name another folder (-o)")
+        raise DataError(f"{path} exists and is no picture of show-objects: remove it, or choose another folder (-o)")
 
 
-def _write_picture(path: Path, drawn: np.ndarray) -> None:
+def _write_picture(path: Path, rendered: np.ndarray) -> None:
     from PIL import Image
     from PIL.PngImagePlugin import PngInfo
 
@@ -251,7 +287,7 @@ def _write_picture(path: Path, drawn: np.ndarray) -> None:
     mark.add_text(*MARK)
     try:
         with atomic_path(path) as temporary:
-            Image.fromarray(drawn).save(temporary, "PNG", pnginfo=mark)
+            Image.fromarray(rendered).save(temporary, "PNG", pnginfo=mark)
     except OSError as error:
         raise DataError(f"cannot write {path}: {error.strerror or error}") from None
 

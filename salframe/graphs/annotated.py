@@ -1,5 +1,5 @@
-"""Annotated objects as detections without error: what a perfect detector finds, and the truth that detectors are
-measured by."""
+"""Annotated objects as detections without error: the output of a perfect detector, and the truth that detectors are
+compared with."""
 
 from __future__ import annotations
 
@@ -18,9 +18,15 @@ from salframe.panoramas.panorama import VISIBLE_PIXELS, Annotations, Panorama
 
 @dataclass(frozen=True)
 class Annotated:
-    """One annotated object: `key`, a number that stays with it; points_m (n, 3) float32 in the panorama frame, or the
-    directions of its pixels, unit vectors, where the range is not known; solid_angle_sr (n,), what each pixel covers,
-    NaN where it is known by its box."""
+    """An annotated object.
+
+    Attributes:
+        key: A number that identifies the object in every panorama.
+        label: The annotated label.
+        points_m: (n, 3) float32, points of the object in the panorama frame, in metres; where the range is unknown,
+            unit vectors through the pixels of the object.
+        solid_angle_sr: (n,), solid angle of the pixel behind each point, NaN for an object known only by its box.
+    """
 
     key: int
     label: str
@@ -29,17 +35,22 @@ class Annotated:
 
 
 def annotated_objects(panorama: Panorama) -> list[Annotated]:
-    """The visible annotated objects of a panorama and where they are. Raises InputMissing where it has no annotations,
-    or an instance image and no range.
+    """Return the visible annotated objects of a panorama with their points.
+
+    Raises:
+        InputMissing: The panorama has no annotations, or an instance image and no range.
     """
     if panorama.annotations is not None and not has_points(panorama):
-        raise InputMissing(f"{panorama.id} lacks range, expected it beside the instance image")
+        raise InputMissing(f"{panorama.id} lacks range, expected a range image with its instance image")
     return seen_objects(panorama)
 
 
 def seen_objects(panorama: Panorama) -> list[Annotated]:
-    """The visible annotated objects of a panorama, by their directions where it has no range. Raises InputMissing where
-    it has no annotations."""
+    """Return the visible annotated objects of a panorama, with directions instead of points where it has no range.
+
+    Raises:
+        InputMissing: The panorama has no annotations.
+    """
     if panorama.annotations is None:
         raise InputMissing(f"{panorama.id} has no annotations")
     if panorama.annotations.instance_id is not None:
@@ -48,43 +59,52 @@ def seen_objects(panorama: Panorama) -> list[Annotated]:
 
 
 def has_points(panorama: Panorama) -> bool:
-    """Whether its annotated objects have points, or directions alone."""
+    """Return whether the annotated objects of a panorama have points; otherwise they have directions only."""
     listed = panorama.annotations is not None and panorama.annotations.objects is not None
     return listed or panorama.range_m is not None
 
 
 def annotated_detections(panorama: Panorama) -> Detections:
-    """The annotated objects as a detector without error finds them. Raises InputMissing."""
+    """Return the annotated objects as the detections of a perfect detector.
+
+    Raises:
+        InputMissing: As in `annotated_objects`.
+    """
     objects = annotated_objects(panorama)
     return as_detections(objects)
 
 
 def as_detections(objects: list[Annotated], *, ranged: bool = True) -> Detections:
-    """Objects as detections of full score; not `ranged`: their points are directions."""
-    labels, scores = [one.label for one in objects], np.ones(len(objects))
+    """Return objects as detections with score 1.
+
+    Args:
+        objects: The annotated objects.
+        ranged: Whether the points of the objects are positions; otherwise they are directions.
+    """
+    labels, scores = [annotated.label for annotated in objects], np.ones(len(objects))
     if not objects:
         return Detections.empty()
-    solid_angle_sr = np.array([one.solid_angle_sr.sum() for one in objects])
+    solid_angle_sr = np.array([annotated.solid_angle_sr.sum() for annotated in objects])
     if ranged:
-        found = detections_from_points(labels, scores, [one.points_m for one in objects])
-        return replace(found, solid_angle_sr=solid_angle_sr)
-    bearing = unit_vectors(np.array([one.solid_angle_sr @ one.points_m for one in objects]))
+        detections = detections_from_points(labels, scores, [annotated.points_m for annotated in objects])
+        return replace(detections, solid_angle_sr=solid_angle_sr)
+    bearing = unit_vectors(np.array([annotated.solid_angle_sr @ annotated.points_m for annotated in objects]))
     return detections_where_known(labels, scores, None, bearing, solid_angle_sr)
 
 
 def _objects_in_image(
     instance_id: np.ndarray, labels: Mapping[int, str], range_m: np.ndarray | None
 ) -> list[Annotated]:
-    """The objects of an instance image, by instance id."""
-    seen = instance_id > 0
+    """Return the objects of an instance image, sorted by instance id."""
+    visible = instance_id > 0
     if range_m is not None:
-        seen &= range_m > 0
-    ids = instance_id[seen]
+        visible &= range_m > 0
+    ids = instance_id[visible]
     order = np.argsort(ids.astype(np.uint16) if ids.max(initial=0) < 2**16 else ids, kind="stable")
-    points = equirectangular_rays(len(seen))[seen]
+    points = equirectangular_rays(len(visible))[visible]
     if range_m is not None:
-        points = points * range_m[seen][:, None]
-    points, solid_angle_sr = points[order], pixel_solid_angles(len(seen))[np.nonzero(seen)[0]][order]
+        points = points * range_m[visible][:, None]
+    points, solid_angle_sr = points[order], pixel_solid_angles(len(visible))[np.nonzero(visible)[0]][order]
     instances, counts = np.unique(ids, return_counts=True)
     parts = [slice(end - count, end) for count, end in zip(counts, np.cumsum(counts), strict=True)]
     return [
@@ -95,16 +115,16 @@ def _objects_in_image(
 
 
 def _objects_in_list(annotations: Annotations) -> list[Annotated]:
-    """The objects of a list, each as the eight corners of its box; those of unknown range are left out."""
-    objects = annotations.objects
-    if objects is None:
+    """Return the objects of a list, each with the eight corners of its box, without those of unknown position."""
+    listed = annotations.objects
+    if listed is None:
         return []
     signs = np.array(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5])).reshape(3, 8).T
-    found = []
-    for i in np.flatnonzero(np.isfinite(objects.centroid_m).all(1)):
-        x_m, y_m, z_m = objects.centroid_m[i]
-        pose = pose_2d(x_m, y_m, objects.yaw_rad[i], z_m)
-        corners = transform_points(pose, signs * objects.size_m[i])
-        key = zlib.crc32(objects.keys[i].encode())
-        found.append(Annotated(key, objects.labels[i], corners.astype(np.float32), np.full(8, np.nan)))
-    return found
+    objects = []
+    for i in np.flatnonzero(np.isfinite(listed.centroid_m).all(1)):
+        x_m, y_m, z_m = listed.centroid_m[i]
+        pose = pose_2d(x_m, y_m, listed.yaw_rad[i], z_m)
+        corners = transform_points(pose, signs * listed.size_m[i])
+        key = zlib.crc32(listed.keys[i].encode())
+        objects.append(Annotated(key, listed.labels[i], corners.astype(np.float32), np.full(8, np.nan)))
+    return objects

@@ -1,4 +1,4 @@
-"""From points to detections: centroids and upright minimum-area boxes
+"""Detections from points: centroids and upright boxes of minimum area
 (docs/explanation/method.md#from-panorama-to-graph)."""
 
 from __future__ import annotations
@@ -10,18 +10,24 @@ import numpy as np
 from salframe.graphs.detections import Detections
 
 MIN_SIDE_M = 0.05
-"""No object is thinner: flat sets of points (a picture seen head on) get a box this thick."""
+"""Minimum side of a box, in metres: a flat set of points, such as a picture viewed head on, gets a box this thick."""
 MIN_POINTS = 5
-"""Fewer points than this tell no position."""
+"""Minimum number of points that give an object a position."""
 
 
 def upright_box(points_m: np.ndarray) -> tuple[np.ndarray, float]:
-    """The upright box of least area around points (N, 3), N >= 1: size_m (3,) with length >= width, and the length's
-    yaw_rad in [0, pi)."""
+    """Return the upright box of minimum area around points.
+
+    Args:
+        points_m: (N, 3), N >= 1, in metres.
+
+    Returns:
+        size_m (3,): length >= width, and height; and yaw_rad in [0, pi), the azimuth of the length.
+    """
     import cv2
 
     height = float(np.ptp(points_m[:, 2]))
-    # Turned to the object's own bearing, so that turning the panorama turns the box and leaves its size alone.
+    # Rotate the points to the bearing of the object: rotating the panorama then rotates the box and keeps its size.
     bearing = float(np.arctan2(*points_m[:, 1::-1].mean(0, dtype=np.float64)))
     c, s = np.cos(bearing), np.sin(bearing)
     flat = points_m[:, :2] @ np.array([[c, -s], [s, c]])
@@ -30,8 +36,8 @@ def upright_box(points_m: np.ndarray) -> tuple[np.ndarray, float]:
     angle = np.append(np.arctan2(edge[:, 1], edge[:, 0]), 0.0)
     along = np.stack([np.cos(angle), np.sin(angle)])
     length, width = np.ptp(hull @ along, axis=0), np.ptp(hull @ np.stack([-along[1], along[0]]), axis=0)
-    # Among boxes that differ by less than rounding the most aligned with the bearing wins, whatever order the hull came
-    # in.
+    # Of boxes whose areas differ by less than rounding, select the one best aligned with the bearing, so that the
+    # result does not depend on the order of the hull.
     area = np.maximum(length, MIN_SIDE_M) * np.maximum(width, MIN_SIDE_M)
     tied = np.flatnonzero(area <= area.min() * (1 + 1e-5))
     best = tied[np.argmin(np.round(angle[tied] % (np.pi / 2), 5))]
@@ -42,7 +48,13 @@ def upright_box(points_m: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def detections_from_points(labels: Sequence[str], scores: np.ndarray, points_m: Sequence[np.ndarray]) -> Detections:
-    """Detections of objects given by the points (n_i >= 1, 3) behind their masks."""
+    """Return detections of objects from the points behind their masks.
+
+    Args:
+        labels: N labels.
+        scores: (N,).
+        points_m: N arrays (n_i, 3), n_i >= 1, in metres.
+    """
     if not labels:
         return Detections.empty()
     boxes = [upright_box(points) for points in points_m]
@@ -64,8 +76,17 @@ def detections_where_known(
     solid_angle_sr: np.ndarray | None = None,
     rays: Sequence[np.ndarray] | None = None,
 ) -> Detections:
-    """Detections of objects given by the points (n_i, 3) behind their masks; where these are fewer than MIN_POINTS,
-    or None for all, position and size are NaN. bearing (N, 3), solid_angle_sr (N,) and rays as in Detections."""
+    """Return detections of objects, some of which may lack a position.
+
+    Args:
+        labels: N labels.
+        scores: (N,).
+        points_m: N arrays (n_i, 3), the points behind the masks in metres, or None where no range is known. Objects
+            with fewer than MIN_POINTS points have the position and size NaN.
+        bearing: (N, 3), as in Detections.
+        solid_angle_sr: (N,), as in Detections.
+        rays: N arrays, as in Detections.
+    """
     known = [i for i, points in enumerate(points_m or ()) if len(points) >= MIN_POINTS]
     centroid, size = np.full((len(labels), 3), np.nan), np.full((len(labels), 3), np.nan)
     yaw = np.full(len(labels), np.nan)

@@ -1,5 +1,5 @@
-"""Maps of any size, made of the graphs of a few rooms: scenes are rooms furnished anew, queries are scenes seen
-again."""
+"""Synthetic maps of any size from the graphs of a few rooms: a scene is a room with changed furniture, a query is a
+scene observed again with errors."""
 
 from __future__ import annotations
 
@@ -13,73 +13,85 @@ from salframe.graphs.detections import unit_vectors
 from salframe.graphs.graph import REACH_M, SaliencyGraph
 from salframe.panoramas.geometry import pose_2d, transform_points
 
-MOVED_M, RAISED_M, RESIZED_LOG = 0.6, 0.08, 0.12
-"""Standard deviations of what furnishes a scene anew: along x and y, in height, and of log sizes."""
-RENAMED, MISSING = 0.1, 0.15
-"""Shares of a room's objects that a scene has under another name, or does not have."""
-SHIFT_M, SEEN_M, SEEN_RAISED_M, SEEN_RESIZED_LOG = 0.7, 0.1, 0.08, 0.15
-"""Standard deviations of a query: where it stands along x and y, and its detector's errors."""
-MISNAMED, UNSEEN = 0.05, 0.2
-"""Shares of a scene's objects that a query has under another name, or does not see."""
+SCENE_MOVE_M, SCENE_MOVE_Z_M, SCENE_SIZE_LOG = 0.6, 0.08, 0.12
+"""Standard deviations of the changes from a room to a scene: along x and y, in height, and of log sizes."""
+SCENE_RELABEL_SHARE, SCENE_MISSING_SHARE = 0.1, 0.15
+"""Shares of a room's objects that have another label in a scene, and that are missing in it."""
+QUERY_OFFSET_M, ERROR_M, ERROR_Z_M, ERROR_SIZE_LOG = 0.7, 0.1, 0.08, 0.15
+"""Standard deviations of a query: its position along x and y relative to the scene's, and the detector's errors along x
+and y, in height, and of log sizes."""
+MISLABEL_SHARE, MISS_SHARE = 0.05, 0.2
+"""Shares of a scene's objects that the detector mislabels in a query, and that it misses."""
 
 
 @dataclass(frozen=True)
 class City:
-    """Scenes 0, 1, 2, ... of rooms taken in turn. Each is the same in every city of its seed, however many are made."""
+    """Scenes 0, 1, 2, ..., made from the rooms in turn. A scene depends on the seed, the rooms and its number only, not
+    on the number of scenes."""
 
     seed: int
     rooms: tuple[SaliencyGraph, ...]
 
     def scene(self, number: int) -> SaliencyGraph:
-        """A scene of the map."""
+        """Return a scene of the map."""
         rng = np.random.default_rng((self.seed, number, 0))
         room = self.rooms[number % len(self.rooms)]
-        return self._resampled(room, rng, MISSING, RENAMED, (MOVED_M, MOVED_M, RAISED_M), RESIZED_LOG)
+        return self._resampled(
+            room,
+            rng,
+            SCENE_MISSING_SHARE,
+            SCENE_RELABEL_SHARE,
+            (SCENE_MOVE_M, SCENE_MOVE_M, SCENE_MOVE_Z_M),
+            SCENE_SIZE_LOG,
+        )
 
     def scenes(self, count: int) -> Iterator[SaliencyGraph]:
-        """The first scenes, one after the other."""
+        """Return an iterator over the first `count` scenes."""
         return (self.scene(number) for number in range(count))
 
     def query(self, number: int) -> SaliencyGraph:
-        """A scene seen again by a detector, from elsewhere and turned."""
+        """Return a scene as a detector observes it from another position and heading."""
         rng = np.random.default_rng((self.seed, number, 1))
-        spread_m = (SEEN_M, SEEN_M, SEEN_RAISED_M)
-        seen = self._resampled(self.scene(number), rng, UNSEEN, MISNAMED, spread_m, SEEN_RESIZED_LOG)
-        x_m, y_m = rng.normal(0, SHIFT_M, 2).tolist()
-        moved = pose_2d(x_m, y_m, rng.uniform(-np.pi, np.pi))
-        turn = np.arctan2(moved[1, 0], moved[0, 0])
-        centroid_m = transform_points(moved, seen.centroid_m)
-        return replace(seen, centroid_m=centroid_m, yaw_rad=seen.yaw_rad + turn, bearing=unit_vectors(centroid_m))
+        spread_m = (ERROR_M, ERROR_M, ERROR_Z_M)
+        observation = self._resampled(self.scene(number), rng, MISS_SHARE, MISLABEL_SHARE, spread_m, ERROR_SIZE_LOG)
+        x_m, y_m = rng.normal(0, QUERY_OFFSET_M, 2).tolist()
+        T_query_scene = pose_2d(x_m, y_m, rng.uniform(-np.pi, np.pi))
+        turn = np.arctan2(T_query_scene[1, 0], T_query_scene[0, 0])
+        centroid_m = transform_points(T_query_scene, observation.centroid_m)
+        return replace(
+            observation, centroid_m=centroid_m, yaw_rad=observation.yaw_rad + turn, bearing=unit_vectors(centroid_m)
+        )
 
     @cached_property
     def labels(self) -> np.ndarray:
-        """(L,) all names, sorted."""
+        """All labels of the rooms, (L,) str, sorted."""
         return np.unique([label for room in self.rooms for label in room.labels])
 
     def _resampled(
         self,
         graph: SaliencyGraph,
         rng: np.random.Generator,
-        missing: float,
-        renamed: float,
+        missing_share: float,
+        relabel_share: float,
         spread_m: tuple[float, float, float],
-        resized_log: float,
+        size_log: float,
     ) -> SaliencyGraph:
-        """A graph with objects missing, at least one left, others renamed, and all of them moved and resized."""
-        present = rng.random(len(graph)) >= missing
+        """Return a graph with random changes: objects are missing (at least one remains), have other labels, and all
+        are moved and resized."""
+        present = rng.random(len(graph)) >= missing_share
         present[rng.integers(len(graph))] = True
-        kept = np.flatnonzero(present)
+        index = np.flatnonzero(present)
         names = np.where(
-            rng.random(len(kept)) < renamed, rng.choice(self.labels, len(kept)), np.array(graph.labels)[kept]
+            rng.random(len(index)) < relabel_share, rng.choice(self.labels, len(index)), np.array(graph.labels)[index]
         )
         edges = graph.edges[present[graph.edges].all(1)]
-        saliency = graph.saliency[kept]
+        saliency = graph.saliency[index]
         return SaliencyGraph(
             tuple(names.tolist()),
-            graph.scores[kept],
+            graph.scores[index],
             saliency / saliency.sum(),
-            np.clip(graph.centroid_m[kept] + rng.normal(0, spread_m, (len(kept), 3)), -REACH_M, REACH_M),
-            graph.size_m[kept] * np.exp(rng.normal(0, resized_log, (len(kept), 3))),
-            graph.yaw_rad[kept],
-            np.searchsorted(kept, edges),
+            np.clip(graph.centroid_m[index] + rng.normal(0, spread_m, (len(index), 3)), -REACH_M, REACH_M),
+            graph.size_m[index] * np.exp(rng.normal(0, size_log, (len(index), 3))),
+            graph.yaw_rad[index],
+            np.searchsorted(index, edges),
         )

@@ -1,4 +1,4 @@
-"""What a detector finds: objects with labels, scores and boxes."""
+"""Detections of a panorama: objects with labels, scores and boxes."""
 
 from __future__ import annotations
 
@@ -12,14 +12,19 @@ from salframe.framework.errors import InvalidAnswer
 
 @dataclass(frozen=True, eq=False)
 class Detections:
-    """Objects seen in one panorama, in the panorama frame.
+    """Objects detected in one panorama, in the panorama frame.
 
-    labels: N names; scores (N,) float64 in [0, 1]; centroid_m, size_m (N, 3) float64, the centroid and the length,
-    width, height of the upright box; yaw_rad (N,) float64, azimuth of the box's length, modulo pi; points_m: N arrays
-    (n_i, 3) float32 behind the masks, or None where only boxes are known. A centroid whose range is not known is NaN.
-    bearing (N, 3) float64, unit vectors towards the objects, known without range too; unless given, that of the
-    centroid. solid_angle_sr (N,) float64, how much of the sphere each covers; NaN where it is not known. rays: N arrays
-    (n_i, 3) float32, unit vectors through the pixels of the masks, or None where there are no masks.
+    Attributes:
+        labels: N names.
+        scores: (N,) float64 in [0, 1].
+        centroid_m: (N, 3) float64, centroids in metres, NaN where the range is unknown.
+        size_m: (N, 3) float64, length, width and height of the upright boxes in metres.
+        yaw_rad: (N,) float64, azimuth of the box's length, modulo pi.
+        points_m: N arrays (n_i, 3) float32, the points behind the masks in metres; None where only boxes are known.
+        bearing: (N, 3) float64, unit vectors towards the objects, known without range too; by default the directions of
+            the centroids.
+        solid_angle_sr: (N,) float64, solid angle that each object covers, NaN where unknown.
+        rays: N arrays (n_i, 3) float32, unit vectors through the pixels of the masks; None where there are no masks.
     """
 
     labels: tuple[str, ...]
@@ -28,7 +33,7 @@ class Detections:
     size_m: np.ndarray
     yaw_rad: np.ndarray
     points_m: tuple[np.ndarray, ...] | None = None
-    bearing: np.ndarray = None  # type: ignore[assignment]  # filled in below
+    bearing: np.ndarray = None  # type: ignore[assignment]  # set in __post_init__
     solid_angle_sr: np.ndarray = None  # type: ignore[assignment]
     rays: tuple[np.ndarray, ...] | None = None
 
@@ -56,7 +61,7 @@ class Detections:
         return len(self.labels)
 
     def take(self, index) -> Detections:
-        """The detections at these positions, in this order."""
+        """Return the detections at these positions, in this order."""
         index = np.asarray(index, int)
         points = None if self.points_m is None else tuple(self.points_m[i] for i in index)
         return Detections(
@@ -73,10 +78,11 @@ class Detections:
 
     @classmethod
     def empty(cls) -> Detections:
+        """Return no detections."""
         return cls((), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
 
 
 def unit_vectors(vectors: np.ndarray) -> np.ndarray:
-    """Vectors (N, 3) at length 1; NaN where they have none."""
+    """Return vectors (N, 3) scaled to length 1; NaN for vectors of length 0."""
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.divide(vectors, length, out=np.full(vectors.shape, np.nan), where=length > 0)

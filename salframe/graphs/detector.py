@@ -1,4 +1,4 @@
-"""The role `detector`: objects in a panorama."""
+"""The role `detector`: detects objects in a panorama."""
 
 from __future__ import annotations
 
@@ -11,22 +11,30 @@ from salframe.panoramas.panorama import Panorama
 
 
 class Detector(Role):
-    """Finds objects in a panorama."""
+    """Detects objects in a panorama."""
 
     role = "detector"
     needs: ClassVar[frozenset[str]] = frozenset({"rgb", "range"})
     column_step: ClassVar[int] = 1
-    """Turning the panorama by a multiple of this many columns turns the objects and nothing else; by others, 95 % of
-    them within 2 degrees."""
+    """Step, in columns, at which the detector is equivariant: rotating the panorama by a multiple of it rotates the
+    detections and changes nothing else. For other rotations this holds for 95 % of the detections within 2 degrees."""
     turn_tolerance_m: ClassVar[float] = 1e-4
-    """How far a centroid may move (metres) and a size change when the panorama turns by a multiple of `column_step`."""
+    """Maximum change of a centroid and of a size, in metres, when the panorama rotates by a multiple of
+    `column_step`."""
 
     @classmethod
     def noise_in(cls, config: Any, rendered: bool) -> str | None:
-        """The name of the errors that it puts into annotations, those of a renderer or of real panoramas; None where it
-        puts in none."""
+        """Return the name of the noise that this detector adds to annotations; None where it adds none.
+
+        Args:
+            config: Settings of the detector.
+            rendered: Whether the panoramas are rendered; otherwise they are real.
+        """
         return None
 
     @abstractmethod
     def detect(self, panorama: Panorama) -> Detections:
-        """The objects of a panorama, in its frame. Must not change its input; the same input gives the same output."""
+        """Return the objects of a panorama, in the panorama frame.
+
+        Must not change its input. The same input must give the same output.
+        """

@@ -16,8 +16,8 @@ from salframe.framework.validation import Settings
 from salframe.graphs.detections import Detections, unit_vectors
 
 REACH_M = 32.767
-"""Positions reach so far along each axis when they are packed: an object beyond is seen through a hole in the range
-rather than in the room."""
+"""Maximum absolute coordinate of a node along each axis, in metres; packed positions are limited to it. An object
+farther away is an error of the range image rather than an object in the room."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,12 +25,19 @@ class SaliencyGraph:
     """A place as a 360-degree saliency graph (docs/explanation/method.md#from-panorama-to-graph): salient objects and
     the context between them.
 
-    labels: N names; scores (N,) float64 in [0, 1], the detector's; saliency (N,) float64, shares of volume; centroid_m,
-    size_m (N, 3) and yaw_rad (N,) float64 in the panorama frame; edges (E, 2) int64 with edges[:, 0] < edges[:, 1];
-    bearing (N, 3) float64, unit vectors towards the nodes, unless given those of the centroids. A graph of a panorama
-    without range has bearings only: centroid_m, size_m and yaw_rad are NaN, there is no edge, and saliency is a share
-    of solid angle. It can be asked of a map, not be part of one. out_of_reach: how many objects were left out because
-    they lie further than REACH_M along an axis.
+    A graph of a panorama without range has bearings only: centroid_m, size_m and yaw_rad are NaN, there are no edges,
+    and saliency is a share of solid angle. Such a graph can be a query, but not part of a map.
+
+    Attributes:
+        labels: N names.
+        scores: (N,) float64 in [0, 1], scores of the detector.
+        saliency: (N,) float64, shares of volume.
+        centroid_m: (N, 3) float64, in the panorama frame.
+        size_m: (N, 3) float64, length, width and height of the upright boxes.
+        yaw_rad: (N,) float64, azimuth of the box's length in the panorama frame.
+        edges: (E, 2) int64, pairs of nodes in context, edges[:, 0] < edges[:, 1].
+        bearing: (N, 3) float64, unit vectors towards the nodes; by default the directions of the centroids.
+        out_of_reach: Number of objects that were left out because they lie beyond REACH_M along an axis.
     """
 
     labels: tuple[str, ...]
@@ -40,7 +47,7 @@ class SaliencyGraph:
     size_m: np.ndarray
     yaw_rad: np.ndarray
     edges: np.ndarray
-    bearing: np.ndarray = None  # type: ignore[assignment]  # filled in below
+    bearing: np.ndarray = None  # type: ignore[assignment]  # set in __post_init__
     out_of_reach: int = 0
 
     def __post_init__(self) -> None:
@@ -56,19 +63,19 @@ class SaliencyGraph:
         check_array(self, "bearing", np.float64, n, 3)
         edges = check_array(self, "edges", np.int64, None, 2)
         if len(edges) and not (edges[:, 0].min() >= 0 and (edges[:, 0] < edges[:, 1]).all() and edges[:, 1].max() < n):
-            raise DataError(f"SaliencyGraph.edges must be pairs a < b of nodes below {n}")
+            raise DataError(f"SaliencyGraph.edges must be pairs a < b of nodes below {n}, the number of nodes")
 
     def __len__(self) -> int:
         return len(self.labels)
 
     @property
     def bearings_only(self) -> bool:
-        """Whether it has nodes and the range of none is known."""
+        """Whether the graph has nodes, none of which has a known range."""
         return without_positions(self.centroid_m)
 
     @cached_property
     def range_m(self) -> np.ndarray:
-        """(N,) distance of the centroids."""
+        """(N,) distances of the centroids from the camera."""
         return np.linalg.norm(self.centroid_m, axis=1)
 
     @cached_property
@@ -78,19 +85,19 @@ class SaliencyGraph:
 
     @cached_property
     def adjacency(self) -> np.ndarray:
-        """(N, N) bool, symmetric."""
+        """(N, N) bool, symmetric: which nodes are in context."""
         matrix = np.zeros((len(self), len(self)), bool)
         matrix[self.edges[:, 0], self.edges[:, 1]] = matrix[self.edges[:, 1], self.edges[:, 0]] = True
         return matrix
 
 
 def without_positions(centroid_m: np.ndarray) -> bool:
-    """Whether there are objects and the position of none is known; centroid_m (N, 3)."""
+    """Return whether there are objects, none of which has a known position; centroid_m (N, 3)."""
     return len(centroid_m) > 0 and bool(np.isnan(centroid_m).any(1).all())
 
 
 def without_range(graph: SaliencyGraph) -> SaliencyGraph:
-    """What is left of a graph where no range is known: labels, scores, shares and bearings."""
+    """Return a graph with bearings only: labels, scores, saliency and bearings remain."""
     unknown = np.full((len(graph), 3), np.nan)
     return replace(graph, centroid_m=unknown, size_m=unknown, yaw_rad=unknown[:, 0], edges=np.zeros((0, 2), np.int64))
 
@@ -98,30 +105,35 @@ def without_range(graph: SaliencyGraph) -> SaliencyGraph:
 class GraphConfig(Settings):
     """Which objects become nodes and which nodes are in context."""
 
-    min_share: float = Field(0.0, ge=0, le=1, description="least saliency (share of volume) of a node")
-    top_k: int | None = Field(None, ge=1, description="keep the k most salient objects at most; null: all")
-    extent: Literal["mean", "max"] = Field("mean", description="l of Eq. 1: mean or largest box dimension")
+    min_share: float = Field(0.0, ge=0, le=1, description="minimum saliency (share of volume) of a node")
+    top_k: int | None = Field(None, ge=1, description="maximum number of nodes, most salient first; null: all")
+    extent: Literal["mean", "max"] = Field("mean", description="l of Eq. 1: mean or maximum box dimension")
     distance: Literal["surface", "centroid"] = Field(
-        "surface", description="d_s of Eq. 1: between the upright boxes or the centroids"
+        "surface", description="d_s of Eq. 1: distance between the upright boxes or between the centroids"
     )
 
 
 def build_graph(detections: Detections, saliency: np.ndarray, config: GraphConfig) -> SaliencyGraph:
-    """The saliency graph of detections with known positions within reach and their saliency (N,); where no position is
-    known, that of their bearings.
+    """Return the saliency graph of detections.
 
-    Nodes run from the most to the least salient; E(a, b) = 1 iff min(l_a, l_b) > d_s(a, b) (paper Eq. 1).
+    Its nodes are the detections with known positions within REACH_M; where no position is known, the graph has bearings
+    only. Nodes are sorted by decreasing saliency; E(a, b) = 1 iff min(l_a, l_b) > d_s(a, b) (paper Eq. 1).
+
+    Args:
+        detections: N detections.
+        saliency: (N,), their saliency.
+        config: Which detections become nodes, and how edges are computed.
     """
-    placed = np.isfinite(detections.centroid_m).all(1)
-    # Ties are broken by position, not by order of detection, which turning the panorama changes.
-    height = detections.centroid_m[:, 2] if placed.any() else detections.bearing[:, 2]
-    known = placed if placed.any() else np.isfinite(detections.bearing).all(1)
+    has_position = np.isfinite(detections.centroid_m).all(1)
+    # Break ties by position: the order of the detections changes when the panorama is rotated.
+    height = detections.centroid_m[:, 2] if has_position.any() else detections.bearing[:, 2]
+    usable = has_position if has_position.any() else np.isfinite(detections.bearing).all(1)
     with np.errstate(invalid="ignore"):
-        far = placed & (np.abs(detections.centroid_m) > REACH_M).any(1)
-    keep = np.flatnonzero((saliency >= config.min_share) & known & ~far)
-    keep = keep[np.lexsort((height[keep], -saliency[keep]))][: config.top_k]
-    chosen, saliency = detections.take(keep), saliency[keep]
-    bearings_only = not placed.any()
+        far = has_position & (np.abs(detections.centroid_m) > REACH_M).any(1)
+    nodes = np.flatnonzero((saliency >= config.min_share) & usable & ~far)
+    nodes = nodes[np.lexsort((height[nodes], -saliency[nodes]))][: config.top_k]
+    chosen, saliency = detections.take(nodes), saliency[nodes]
+    bearings_only = not has_position.any()
     return SaliencyGraph(
         chosen.labels,
         chosen.scores,
@@ -136,7 +148,7 @@ def build_graph(detections: Detections, saliency: np.ndarray, config: GraphConfi
 
 
 def _edges(chosen: Detections, config: GraphConfig) -> np.ndarray:
-    """(E, 2) int64 pairs of nodes in context (paper Eq. 1)."""
+    """Return the pairs of nodes in context (paper Eq. 1), (E, 2) int64."""
     extent = chosen.size_m.mean(1) if config.extent == "mean" else chosen.size_m.max(1, initial=0)
     distance = box_distances(chosen) if config.distance == "surface" else _centroid_distances(chosen.centroid_m)
     a, b = np.triu_indices(len(chosen), 1)
@@ -149,7 +161,8 @@ def _centroid_distances(centroid_m: np.ndarray) -> np.ndarray:
 
 
 def box_distances(detections: Detections) -> np.ndarray:
-    """(N, N) float64 metres between the surfaces of the upright boxes, 0 where they touch or overlap."""
+    """Return the distances in metres between the surfaces of the upright boxes, (N, N) float64, 0 where they touch or
+    overlap."""
     import shapely
 
     corners = box_footprints(detections)
@@ -161,7 +174,7 @@ def box_distances(detections: Detections) -> np.ndarray:
 
 
 def box_footprints(boxes: Detections | SaliencyGraph) -> np.ndarray:
-    """(N, 4, 2) float64 corners (x, y) of the upright boxes in metres, in order around each."""
+    """Return the corners (x, y) of the upright boxes in metres, in order around each, (N, 4, 2) float64."""
     c, s = np.cos(boxes.yaw_rad), np.sin(boxes.yaw_rad)
     along = np.stack([c, s], 1) * boxes.size_m[:, :1] / 2
     across = np.stack([-s, c], 1) * boxes.size_m[:, 1:2] / 2

@@ -1,4 +1,4 @@
-"""The role `matcher`: a query graph among the graphs of a map (docs/explanation/method.md#from-graph-to-panorama)."""
+"""The role `matcher`: matches a query with a map (docs/explanation/method.md#from-graph-to-panorama)."""
 
 from __future__ import annotations
 
@@ -17,11 +17,15 @@ from salframe.graphs.table import MappedGraphs
 
 @dataclass(frozen=True)
 class GraphMatch:
-    """A map graph's claim to be the query's place: index of the scene, score (larger is better), pairs (M, 2) int64 of
-    query and map nodes.
+    """A match of a query graph with a graph of the map.
 
-    Matchers that verify geometry give the pose that did: T_scene_query (4, 4), the query's frame in the reference frame's, or
-    None; and scale, the factor that puts the query's ranges right, where they do not take them to be.
+    Attributes:
+        scene: Index of the scene in the map.
+        score: Score of the match, larger is better.
+        pairs: (M, 2) int64, pairs of query and map nodes.
+        T_scene_query: (4, 4) pose of the query's panorama frame in the frame of the reference frame, from matchers that
+            verify geometry; else None.
+        scale: Factor that corrects the ranges of the query, 1 for matchers that do not estimate it.
     """
 
     scene: int
@@ -33,8 +37,13 @@ class GraphMatch:
 
 @dataclass(frozen=True, eq=False)
 class RankedGraphs:
-    """What matches claim without their pairs, best first: scene (T,) int64, score (T,) float64, T_scene_query (T, 4, 4)
-    float64, NaN of a match without a pose."""
+    """Matches without their pairs, best first.
+
+    Attributes:
+        scene: (T,) int64, indices of the scenes in the map.
+        score: (T,) float64, larger is better.
+        T_scene_query: (T, 4, 4) float64, as in GraphMatch, NaN for a match without a pose.
+    """
 
     scene: np.ndarray
     score: np.ndarray
@@ -42,38 +51,51 @@ class RankedGraphs:
 
 
 class GraphMatcher(Role):
-    """Finds a query graph among the graphs of a map."""
+    """Finds the graphs of a map that match a query graph."""
 
     role = "matcher"
     uses_scene_index: ClassVar[bool] = False
-    """Whether it takes candidates from a scene index: that of the graphs (`GraphTable.scenes`) where they have one."""
+    """Whether the matcher takes candidates from a scene index: that of the graphs (`GraphTable.scenes`) where they have
+    one."""
 
     @property
     def estimates_scale(self) -> bool:
-        """Whether it takes all of a query's ranges to be off by one unknown factor, so that the query's positions are
-        not in metres."""
+        """Whether the matcher estimates an unknown factor common to all ranges of a query, whose positions are then not
+        in metres."""
         return False
 
     @abstractmethod
     def index(self, graphs: Sequence[SaliencyGraph]) -> Any:
-        """Whatever makes matching against these graphs fast; handed back to `match`."""
+        """Return data that makes matching with these graphs fast; it is passed to `match`."""
 
     def write_index(self, graphs: Sequence[SaliencyGraph], folder: Path) -> None:
-        """Write to a new folder what it takes to match against these graphs without `index`: an option, to be taken
-        together with `open_index`. Unless overridden, nothing."""
+        """Write to a new folder the data that `open_index` needs to match these graphs without `index`.
+
+        Optional; override it together with `open_index`. The default writes nothing.
+        """
 
     def open_index(self, graphs: MappedGraphs, folder: Path) -> Any:
-        """As `index` of the same graphs, which lie on disk as packed, with what `write_index` wrote of them, if
-        anything. `folder` may be removed while the index is in use."""
+        """Return the index of packed graphs on disk, as `index` does.
+
+        Args:
+            graphs: The packed graphs.
+            folder: Folder with the files of `write_index`, if it wrote any. It may be removed while the index is in
+                use.
+        """
         return self.index(list(graphs))
 
     @abstractmethod
     def match(self, query: SaliencyGraph, index: Any, top_k: int) -> list[GraphMatch]:
-        """At most `top_k` matches, best first; none where the query shares nothing with any graph. A query may have
-        bearings only (SaliencyGraph); a map's graphs have range."""
+        """Return at most `top_k` matches, best first; none where the query has nothing in common with any graph.
+
+        The query may have bearings only, see SaliencyGraph; the graphs of a map have range.
+        """
 
     def rank(self, query: SaliencyGraph, index: Any, top_k: int) -> RankedGraphs:
-        """As `match`, for those who do not ask for pairs: an option, where that takes less time."""
+        """Return the matches of `match` without their pairs.
+
+        Optional; override it where this takes less time.
+        """
         matches = self.match(query, index, top_k)
         poses = [np.full((4, 4), np.nan) if match.T_scene_query is None else match.T_scene_query for match in matches]
         return RankedGraphs(

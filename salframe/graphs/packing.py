@@ -1,4 +1,4 @@
-"""Graphs as named arrays: exact, and packed into a few hundred bytes."""
+"""Graphs as named arrays: exact arrays, and packed arrays of a few hundred bytes."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from salframe.framework.errors import DataError
 from salframe.graphs.graph import REACH_M, SaliencyGraph
 
 NODE = np.dtype([("score", "u1"), ("yaw", "u1"), ("saliency", "<u2"), ("position_mm", "<i2", 3), ("size_mm", "<u2", 3)])
-"""A packed node, see `pack_graph`."""
+"""Type of a packed node, see `pack_graph`."""
 
 GRAPH_ARRAYS = frozenset({"labels", "scores", "saliency", "centroid_m", "size_m", "yaw_rad", "edges"})
-"""What `graph_to_arrays` makes of every graph."""
+"""Names of the arrays that `graph_to_arrays` returns for every graph."""
 
 
 def graph_to_arrays(graph: SaliencyGraph) -> dict[str, np.ndarray]:
-    """The graph as named arrays, exact."""
+    """Return a graph as named arrays, without loss."""
     labels = np.array(graph.labels, dtype=np.str_)
-    bearing = {"bearing": graph.bearing} if graph.bearings_only else {}  # elsewhere that of the centroids
+    bearing = {"bearing": graph.bearing} if graph.bearings_only else {}  # otherwise computed from the centroids
     out_of_reach = {"out_of_reach": np.array(graph.out_of_reach)} if graph.out_of_reach else {}
     return {
         "labels": labels,
@@ -36,7 +36,7 @@ def graph_to_arrays(graph: SaliencyGraph) -> dict[str, np.ndarray]:
 
 
 def graph_from_arrays(arrays: Mapping[str, np.ndarray]) -> SaliencyGraph:
-    """The graph that `graph_to_arrays` made."""
+    """Return the graph of arrays from `graph_to_arrays`."""
     fields = {name: arrays[name] for name in ("scores", "saliency", "centroid_m", "size_m", "yaw_rad", "edges")}
     if "bearing" in arrays:
         fields["bearing"] = arrays["bearing"]
@@ -45,11 +45,14 @@ def graph_from_arrays(arrays: Mapping[str, np.ndarray]) -> SaliencyGraph:
 
 
 def pack_graph(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Arrays of `graph_to_arrays` in 16 bytes a node and an edge bit matrix, and the labels.
+    """Pack arrays of `graph_to_arrays` into 16 bytes per node, one bit per pair of nodes, and the labels.
 
-    `nodes` (N,): score in 1/255, yaw in pi/256, saliency in 1/65535, position and size in mm, a size of 1 to 65535.
-    `edges`: a bit for each pair, row by row above the diagonal. Raises DataError on a position that is not known or
-    beyond +-32.7 m.
+    Returns:
+        `labels`; `nodes` (N,): score in 1/255, yaw in pi/256, saliency in 1/65535, position and size in mm, a size from
+        1 to 65535; `edges`: a bit for each pair of nodes, row by row above the diagonal.
+
+    Raises:
+        DataError: A position is unknown or beyond +-32.7 m.
     """
     centroid_m, count = arrays["centroid_m"], len(arrays["labels"])
     if not (np.abs(centroid_m) <= REACH_M).all():
@@ -64,14 +67,14 @@ def pack_graph(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 def unpack_graph(packed: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """The arrays of `graph_to_arrays`, to the rounding of `pack_graph`."""
+    """Return the arrays of `graph_to_arrays`, rounded as in `pack_graph`."""
     pairs = _pairs(len(packed["nodes"]))
     edges = pairs[np.unpackbits(packed["edges"], count=len(pairs)).view(bool)]
     return {"labels": packed["labels"], **unpack_nodes(packed["nodes"]), "edges": edges}
 
 
 def unpack_nodes(nodes: np.ndarray) -> dict[str, np.ndarray]:
-    """What `graph_to_arrays` knows of each of the nodes (N,) of `pack_graph`."""
+    """Return the arrays of `graph_to_arrays` that describe nodes, from packed nodes (N,)."""
     return {
         "scores": nodes["score"] / 255,
         "saliency": nodes["saliency"] / 65535,
@@ -82,7 +85,8 @@ def unpack_nodes(nodes: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def edge_bits(edges: np.ndarray, count: int) -> np.ndarray:
-    """Edges (E, 2) between so many nodes as uint8: a bit for each pair, row by row above the diagonal."""
+    """Return the edges (E, 2) of a graph of `count` nodes as uint8: a bit for each pair of nodes, row by row above the
+    diagonal."""
     linked = np.zeros((count, count), bool)
     linked[tuple(edges.T)] = True
     return np.packbits(linked[tuple(_pairs(count).T)])
@@ -90,5 +94,5 @@ def edge_bits(edges: np.ndarray, count: int) -> np.ndarray:
 
 @lru_cache(maxsize=256)
 def _pairs(count: int) -> np.ndarray:
-    """(P, 2) the pairs a < b of so many nodes."""
+    """Return all pairs a < b of `count` nodes, (P, 2)."""
     return np.column_stack(np.triu_indices(count, 1))

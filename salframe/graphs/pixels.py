@@ -1,4 +1,4 @@
-"""From labelled pixels to parts: what detectors that segment panoramas share."""
+"""Connected parts of labelled pixels and removal of stray points, for detectors that segment panoramas."""
 
 from __future__ import annotations
 
@@ -7,17 +7,24 @@ from collections.abc import Callable
 import numpy as np
 
 STRAY = 4.0
-"""A point this many times farther from an object's median than half of its points are is a stray."""
+"""Maximum distance of a point from the median of its object's points, in median distances; a point beyond is a
+stray."""
 
 _NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))
 
 
 def connected_parts(usable: np.ndarray, alike: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> np.ndarray:
-    """(P,) int: the part, from 0, of each of the P usable pixels of a panorama (H, W) bool, in the order of
-    np.flatnonzero(usable).
+    """Return the connected part of each usable pixel of a panorama.
 
-    Neighbours, diagonal ones and those across the seam among them, are of one part where `alike`, called with the flat
-    indices (n,) of n pairs of usable neighbours, says so.
+    Neighbours include diagonal ones and those across the seam.
+
+    Args:
+        usable: (H, W) bool.
+        alike: Called with the flat indices, two arrays (n,), of n pairs of usable neighbours; returns (n,) bool,
+            whether the two pixels of a pair belong to one part.
+
+    Returns:
+        (P,) int, the number of the part, from 0, of the P usable pixels in the order of np.flatnonzero(usable).
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -38,6 +45,7 @@ def connected_parts(usable: np.ndarray, alike: Callable[[np.ndarray, np.ndarray]
 
 
 def without_strays(points_m: np.ndarray) -> np.ndarray:
-    """The points (n, 3) of an object that lie with the others: mask borders spill onto the wall behind."""
+    """Return the points (n, 3) of an object without strays, which lie on the wall behind it where the mask is too
+    large."""
     distance = np.linalg.norm(points_m - np.median(points_m, axis=0), axis=1)
     return points_m[distance <= STRAY * max(float(np.median(distance)), 0.05)]

@@ -1,4 +1,4 @@
-"""The role `saliency`: how much an object stands out (docs/explanation/method.md#from-panorama-to-graph)."""
+"""The role `saliency`: scores how much an object stands out (docs/explanation/method.md#from-panorama-to-graph)."""
 
 from __future__ import annotations
 
@@ -17,4 +17,5 @@ class SaliencyModel(Role):
 
     @abstractmethod
     def score(self, detections: Detections) -> np.ndarray:
-        """(N,) float64, a share: non-negative, summing to 1 where there is any object."""
+        """Return the saliency of each object, (N,) float64: non-negative shares that sum to 1 where there are
+        objects."""

@@ -1,4 +1,4 @@
-"""The role `scene-index`: it finds the scenes of a large map that are worth matching to a query."""
+"""The role `scene-index`: selects the scenes of a large map that are matched with a query."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from salframe.graphs.graph import SaliencyGraph
 
 @dataclass(frozen=True, eq=False)
 class SceneCandidates:
-    """K scenes worth matching, best first; of equal scores the lower number comes first.
+    """K candidate scenes, best first; scenes of equal scores are sorted by number.
 
     Attributes:
         scene: (K,) int64, numbers of the scenes in the map.
@@ -34,40 +34,53 @@ class SceneCandidates:
 
 
 class SceneLookup(Protocol):
-    """Anything that returns the scenes worth matching."""
+    """An object that returns candidate scenes."""
 
     def candidates(self, query: SaliencyGraph, count: int) -> SceneCandidates:
-        """See SceneIndex."""
+        """Return candidate scenes, see SceneIndex."""
 
 
 class SceneIndex(Role):
-    """Finds the scenes of a large map that are worth matching, with an index in a folder that is mapped into memory."""
+    """Selects the scenes of a large map that are matched with a query, with an index in a memory-mapped folder."""
 
     role = "scene-index"
     word = "scene index"
 
     @classmethod
     def note(cls, config: Any, num_scenes: int) -> str | None:
-        """Return what a user should know about an index with this config of this many scenes; None where there is
-        nothing, which is the default."""
+        """Return a note for users on an index with this config of `num_scenes` scenes; None, the default, where there
+        is none."""
         return None
 
     @abstractmethod
     def build(self, graphs: Iterable[SaliencyGraph], folder: Path) -> None:
-        """Write an index of a map's graphs, scenes 0, 1, 2, ..., to a new folder, which appears whole. The graphs come
-        one by one; memory must not grow with their number. Raises ConfigError where the folder exists."""
+        """Write an index of a map's graphs to a new folder, in one atomic step.
+
+        Args:
+            graphs: The graphs of scenes 0, 1, 2, ..., as a stream; memory must not grow with their number.
+            folder: The folder to write.
+
+        Raises:
+            ConfigError: The folder exists.
+        """
 
     @abstractmethod
     def open(self, folder: Path) -> None:
-        """Use the index in a folder, which may be removed meanwhile. Raises DataError where `build` wrote none."""
+        """Open the index in a folder, which may be removed while the index is open.
+
+        Raises:
+            DataError: The folder holds no index written by `build`.
+        """
 
     @abstractmethod
     def candidates(self, query: SaliencyGraph, count: int) -> SceneCandidates:
-        """Return at most `count` scenes of the open index, none that shares nothing with the query. The query may have
-        bearings only, see SaliencyGraph."""
+        """Return at most `count` scenes of the open index, without scenes that have nothing in common with the query.
+
+        The query may have bearings only, see SaliencyGraph.
+        """
 
     def take(self, graphs: Iterable[SaliencyGraph]) -> None:
-        """Build an index of a map's graphs and open it, in a temporary folder that lives as long as this object."""
+        """Build an index of a map's graphs and open it, in a temporary folder that is removed with this object."""
         folder = Path(tempfile.mkdtemp(prefix="salframe-"))
         weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
         self.build(graphs, folder / "index")
@@ -75,7 +88,7 @@ class SceneIndex(Role):
 
 
 def scene_index_notes(config: Any, num_scenes: int) -> list[str]:
-    """Return the notes of all scene indexes in a configuration, in its slots and those of its components, each once."""
+    """Return the notes of all scene indexes in a configuration and its nested components, without duplicates."""
     notes: dict[str, None] = {}
     for _, inner in components_in(config):
         kind = inner.component

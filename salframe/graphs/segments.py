@@ -6,10 +6,11 @@ import numpy as np
 
 
 class Segments:
-    """N groups of consecutive columns, T together.
+    """N groups of consecutive columns, T columns in total.
 
-    count: (N,) int64, number of columns of each group. start: (N + 1,) int64, where each group begins, and where the
-    last one ends.
+    Attributes:
+        count: (N,) int64, number of columns of each group.
+        start: (N + 1,) int64, first column of each group, then T.
     """
 
     def __init__(self, count: np.ndarray) -> None:
@@ -21,11 +22,11 @@ class Segments:
         return len(self.count)
 
     def sum(self, values: np.ndarray) -> np.ndarray:
-        """Return the sum of each group's columns, (..., N), 0 of an empty group; values (..., T)."""
+        """Return the sum of each group's columns, (..., N), 0 for an empty group; values (..., T)."""
         return self._reduce(np.add, values)
 
     def max(self, values: np.ndarray) -> np.ndarray:
-        """Return the maximum of each group's columns, (..., N), 0 of an empty group; values (..., T)."""
+        """Return the maximum of each group's columns, (..., N), 0 for an empty group; values (..., T)."""
         return self._reduce(np.maximum, values)
 
     def spread(self, values: np.ndarray) -> np.ndarray:
@@ -42,7 +43,7 @@ class Segments:
 
 
 def starts(count: np.ndarray) -> np.ndarray:
-    """Return where each of N groups of these sizes begins, and where the last one ends, (N + 1,) int64."""
+    """Return the first position of each of N groups of these sizes, then the end of the last one, (N + 1,) int64."""
     start = np.zeros(len(count) + 1, np.int64)
     np.cumsum(count, out=start[1:])
     return start
@@ -55,7 +56,7 @@ def ranges(first: np.ndarray, count: np.ndarray) -> np.ndarray:
 
 
 def run_starts(*keys: np.ndarray) -> np.ndarray:
-    """Return the positions at which one of the keys (N,) differs from the position before, 0 among them."""
+    """Return the positions where any of the keys (N,) differs from the position before, including 0."""
     is_start = np.zeros(len(keys[0]), bool)
     is_start[:1] = True
     for key in keys:
@@ -64,9 +65,10 @@ def run_starts(*keys: np.ndarray) -> np.ndarray:
 
 
 def pairs_within(start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the positions a < b of every two rows of the same group, two arrays (P,) int64, group by group.
+    """Return the positions a < b of all pairs of rows of the same group, two arrays (P,) int64, group by group.
 
-    start: (N + 1,) as of Segments.
+    Args:
+        start: (N + 1,), as in Segments.
     """
     position = np.arange(start[-1])
     later = start[1:].repeat(np.diff(start)) - position - 1
@@ -74,9 +76,15 @@ def pairs_within(start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def top_per_group(value: np.ndarray, group: np.ndarray, count: int) -> np.ndarray:
-    """Return the positions of the `count` largest finite values of each group, sorted by group, then largest first.
+    """Return the positions of the `count` largest finite values of each group, sorted by group, then by decreasing
+    value.
 
-    Ties keep their order. value (N,) float; group (N,) int.
+    Ties stay in their order.
+
+    Args:
+        value: (N,) float.
+        group: (N,) int.
+        count: Maximum number of values per group.
     """
     order = np.flatnonzero(np.isfinite(value))
     order = order[np.lexsort((-value[order], group[order]))]

@@ -1,5 +1,5 @@
-"""A sensor model: what a detector finds, what it calls it, what it makes up and how far off it is, as measured against
-annotations. What adds a detector's errors to annotations and what weighs them when graphs are matched speak it."""
+"""The sensor model of a detector, measured against annotations: detection probability, label confusion, false positives
+and errors. It simulates a detector's errors on annotations, and weights them when graphs are matched."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from salframe.graphs.vocabulary import common_label
 
 FORMAT: Final = "salframe sensor 2"
 QUANTILES = 11
-"""A distribution is kept as so many values: its least, its deciles, its largest."""
+"""Number of values that a distribution is stored as: minimum, deciles and maximum."""
 PSEUDO_COUNT = 1.0
-"""What all labels together are taken to have been seen of, beside the counts of one."""
+"""Number of objects, distributed as all labels together are, that smooth the counts of a label."""
 
 Quantiles = tuple[float, ...]
 
 
 class DetectionModel(Settings):
-    """P(found): the logistic function of `intercept` + `per_log_solid_angle` ln(solid angle / reference) +
+    """P(detected): the logistic function of `intercept` + `per_log_solid_angle` ln(solid angle / reference) +
     `per_log_range` ln(range / reference) + `per_hidden_share` (hidden share - reference) + the group's offset.
 
-    A group is what detectors call by one name (`common_label`); one that was not seen has offset 0, and an unknown
-    quantity is taken for its reference, the median of what was measured.
+    A group is a set of labels with one common label (`common_label`). A group without measurements has offset 0. An
+    unknown quantity is replaced by its reference, the median of the measurements.
     """
 
     intercept: float
@@ -40,7 +40,7 @@ class DetectionModel(Settings):
     reference_solid_angle_sr: float = Field(gt=0)
     reference_range_m: float = Field(gt=0)
     reference_hidden_share: float = Field(ge=0, le=1)
-    offsets: dict[str, float] = Field(description="by group, drawn towards 0 as far as few objects tell")
+    offsets: dict[str, float] = Field(description="offset by group, shrunk towards 0 for groups of few objects")
     offset_deviation: float = Field(ge=0, description="standard deviation of the offsets of all groups")
 
     def probability(
@@ -50,7 +50,14 @@ class DetectionModel(Settings):
         range_m: np.ndarray | None = None,
         hidden_share: np.ndarray | None = None,
     ) -> np.ndarray:
-        """(N,) float64: how likely each of N objects is found. NaN and None are what is not known."""
+        """Return the probability that each of N objects is detected, (N,) float64.
+
+        Args:
+            labels: N annotated labels.
+            solid_angle_sr: (N,), NaN or None where unknown.
+            range_m: (N,), NaN or None where unknown.
+            hidden_share: (N,), NaN or None where unknown.
+        """
         offset = np.array([self.offsets.get(common_label(label), 0.0) for label in labels], np.float64)
         terms = self.terms(len(labels), solid_angle_sr, range_m, hidden_share)
         slopes = (self.per_log_solid_angle, self.per_log_range, self.per_hidden_share)
@@ -59,7 +66,7 @@ class DetectionModel(Settings):
     def terms(
         self, count: int, solid_angle_sr: np.ndarray | None, range_m: np.ndarray | None, hidden_share: np.ndarray | None
     ) -> np.ndarray:
-        """(N, 3) float64: what the three slopes are multiplied by."""
+        """Return the factors of the three slopes, (N, 3) float64."""
         terms = np.full((count, 3), np.nan)
         if solid_angle_sr is not None:
             terms[:, 0] = np.log(np.maximum(solid_angle_sr, 1e-9) / self.reference_solid_angle_sr)
@@ -71,17 +78,17 @@ class DetectionModel(Settings):
 
 
 class FalseObjects(Settings):
-    """Detections that no annotated object accounts for. Quantiles from the least to the largest, evenly spaced."""
+    """False positives: detections without an annotated object. Quantiles are evenly spaced from minimum to maximum."""
 
-    per_panorama: float = Field(ge=0, description="mean number")
-    labels: dict[str, int] = Field(description="how often each label, as the detector says it")
-    range_m: Quantiles = Field(description="of the centroid")
-    elevation_rad: Quantiles = Field(description="of the bearing")
+    per_panorama: float = Field(ge=0, description="mean number per panorama")
+    labels: dict[str, int] = Field(description="number by label of the detector")
+    range_m: Quantiles = Field(description="range of the centroid")
+    elevation_rad: Quantiles = Field(description="elevation of the bearing")
     size_m: Quantiles = Field(description="cube root of the box's volume")
 
 
 class Errors(Settings):
-    """Robust standard deviations (1.4826 times the median distance from the median) of what is found."""
+    """Robust standard deviations (1.4826 times the median absolute deviation) of the detections."""
 
     bearing_rad: float = Field(ge=0, description="of the bearing, along either of two axes across it")
     range_share: float = Field(ge=0, description="of the logarithm of the range")
@@ -90,19 +97,21 @@ class Errors(Settings):
 
 
 class Provenance(Settings):
-    """What was measured, on what, and with which salframe."""
+    """Detector, data and version of salframe of a measurement."""
 
     salframe: str
-    detector: dict[str, Any] = Field(description="its identity: name, version, settings, sha256 of weights and files")
-    data: dict[str, dict[str, Any]] = Field(description="the identity of each data set")
-    panoramas: int = Field(ge=0)
-    objects: int = Field(ge=0, description="annotated objects, one for each panorama that shows it")
-    detected: int = Field(ge=0, description="how many of them were found")
+    detector: dict[str, Any] = Field(
+        description="identity of the detector: name, version, settings, sha256 of weights and files"
+    )
+    data: dict[str, dict[str, Any]] = Field(description="identity of each dataset")
+    panoramas: int = Field(ge=0, description="number of panoramas")
+    objects: int = Field(ge=0, description="number of annotated objects, counted once per panorama")
+    detected: int = Field(ge=0, description="number of annotated objects that were detected")
 
 
 class SensorModel(Settings):
-    """What a detector gets right, and how often. `confusion`: annotated label -> label of the detector -> count, of
-    objects that were found."""
+    """The sensor model of a detector. `confusion` counts detected objects: annotated label -> label of the detector ->
+    count."""
 
     format: Literal["salframe sensor 2"] = FORMAT
     provenance: Provenance
@@ -113,60 +122,64 @@ class SensorModel(Settings):
 
     @property
     def right_share(self) -> float:
-        """The share of the objects found whose label is right in the words that detectors share."""
-        right = total = 0
+        """The share of detected objects with the correct label, compared by `common_label`."""
+        correct = total = 0
         for label, row in self.confusion.items():
             total += sum(row.values())
-            right += sum(count for said, count in row.items() if common_label(said) == common_label(label))
-        return right / total if total else 1.0
+            correct += sum(count for detected, count in row.items() if common_label(detected) == common_label(label))
+        return correct / total if total else 1.0
 
     def label_probabilities(self, label: str) -> dict[str, float]:
-        """How likely the detector says what of a found object that is annotated so.
+        """Return the probability of each label of the detector for a detected object with this annotated label.
 
-        The counts of the label, or where it was never found those of its group, smoothed: PSEUDO_COUNT objects more
-        that are right as often as all labels are, by a word of the detector's for the group, and else get any wrong
-        label.
+        The probabilities are the counts of the label, or of its group where the label was never detected, smoothed by
+        PSEUDO_COUNT objects. These are labelled correctly at the rate of all labels, with the labels of the detector
+        for the group, and otherwise get any wrong label.
         """
         group = common_label(label)
-        alike = [own for own in self.confusion if common_label(own) == group]
+        group_labels = [annotated for annotated in self.confusion if common_label(annotated) == group]
         counts = Counter[str]()
-        for own in [label] if label in self.confusion else alike:
-            counts.update(self.confusion[own])
-        said, wrong = Counter[str](), Counter[str]()
-        for own, row in self.confusion.items():
+        for annotated in [label] if label in self.confusion else group_labels:
+            counts.update(self.confusion[annotated])
+        correct, wrong = Counter[str](), Counter[str]()
+        for annotated, row in self.confusion.items():
             for name, count in row.items():
                 if common_label(name) == group:
-                    said[name] += count
-                elif common_label(own) != common_label(name):
+                    correct[name] += count
+                elif common_label(annotated) != common_label(name):
                     wrong[name] += count
-        right = _shares(said or {group: 1})
         share = self.right_share if wrong else 1.0
-        prior = Counter({name: share * part for name, part in right.items()})
+        prior = Counter({name: share * part for name, part in _shares(correct or {group: 1}).items()})
         prior.update({name: (1 - share) * part for name, part in _shares(wrong).items()})
         total = sum(counts.values()) + PSEUDO_COUNT
         return {name: (counts[name] + PSEUDO_COUNT * prior[name]) / total for name in sorted({*counts, *prior})}
 
 
 def read_sensor(path: Path) -> SensorModel:
-    """The sensor model in a file that `salframe sensor` wrote. Raises DataError."""
+    """Read the sensor model in a file written by `salframe sensor`.
+
+    Raises:
+        DataError: The file cannot be read or is no sensor file.
+    """
     content = read_json(path)
-    found = content.get("format") if isinstance(content, Mapping) else None
-    if found != FORMAT:
+    file_format = content.get("format") if isinstance(content, Mapping) else None
+    if file_format != FORMAT:
         raise DataError(
-            f"{path} is no sensor file: its format is {found!r}, expected {FORMAT!r} as `salframe sensor` writes"
+            f"{path} is no sensor file: its format is {file_format!r}, expected {FORMAT!r}; "
+            "write one with `salframe sensor`"
         )
     return read_model(path, SensorModel)
 
 
 def quantiles(values: np.ndarray) -> Quantiles:
-    """A distribution of finite values as its quantiles; none of no values."""
+    """Return the quantiles of finite values, rounded to 4 digits; () without values."""
     if not len(values):
         return ()
     return tuple(round(float(value), 4) for value in np.quantile(values, np.linspace(0, 1, QUANTILES)))
 
 
 def value_at(distribution: Quantiles, shares: np.ndarray | float) -> np.ndarray:
-    """The values below which these shares, from 0 to 1, of a distribution lie."""
+    """Return the values of a distribution at these quantile levels, from 0 to 1."""
     return np.asarray(np.interp(shares, np.linspace(0, 1, len(distribution)), distribution))
 
 

@@ -1,4 +1,4 @@
-"""Many graphs as columns, their nodes one after the other: in memory, or packed in the folder of a map."""
+"""Many graphs as columns with concatenated nodes: in memory, or packed in the folder of a map."""
 
 from __future__ import annotations
 
@@ -26,15 +26,20 @@ from salframe.graphs.scene_index import SceneLookup
 from salframe.graphs.segments import Segments, ranges, starts
 
 _CHUNK = 1024
-"""Labels of so many graphs are counted at once."""
+"""Number of graphs whose labels are counted at once, which limits memory."""
 
 
 @dataclass(frozen=True, eq=False)
 class GraphNodes:
-    """The nodes of K graphs, one graph after the other: the flat layout that matching works on.
+    """The concatenated nodes of K graphs, N in total: the flat layout used by matching.
 
-    count: (K,) int64, number of nodes of each graph. label: (N,) int64, numbers of a vocabulary, -1 of a label that it
-    lacks. scores, saliency: (N,) float64. centroid_m, size_m: (N, 3) float64, in each graph's panorama frame.
+    Attributes:
+        count: (K,) int64, number of nodes of each graph.
+        label: (N,) int64, numbers of labels in a vocabulary, -1 for a label that is not in it.
+        scores: (N,) float64.
+        saliency: (N,) float64.
+        centroid_m: (N, 3) float64, in the panorama frame of each graph.
+        size_m: (N, 3) float64.
     """
 
     count: np.ndarray
@@ -46,7 +51,7 @@ class GraphNodes:
 
     @classmethod
     def of(cls, graph: SaliencyGraph, vocabulary: Mapping[str, int]) -> GraphNodes:
-        """Return the nodes of one graph, their labels numbered by a vocabulary."""
+        """Return the nodes of one graph, with labels numbered by a vocabulary."""
         label = np.array([vocabulary.get(name, -1) for name in graph.labels], np.int64)
         columns = (graph.scores, graph.saliency, graph.centroid_m, graph.size_m)
         return cls(np.array([len(graph)]), label, *columns)
@@ -66,7 +71,7 @@ class GraphNodes:
 
     @cached_property
     def range_m(self) -> np.ndarray:
-        """(N,) float64: distance of the centroids."""
+        """(N,) float64: distances of the centroids from the camera."""
         return np.linalg.norm(self.centroid_m, axis=1)
 
     @cached_property
@@ -76,24 +81,38 @@ class GraphNodes:
 
 
 def count_having(count: np.ndarray, label: np.ndarray, labels: int) -> np.ndarray:
-    """(L,) int64: how many graphs have each of so many labels, of `count` (S,) nodes each, label (P,) graph by
-    graph."""
-    owned = np.sort(np.repeat(np.arange(len(count)), count) * labels + label)
-    return np.bincount(owned[np.diff(owned, prepend=-1) > 0] % max(labels, 1), minlength=labels)
+    """Return the number of graphs that have each label, (L,) int64.
+
+    Args:
+        count: (S,), number of nodes of each graph.
+        label: (P,), labels of the nodes, graph by graph.
+        labels: L, number of different labels.
+    """
+    graph_labels = np.sort(np.repeat(np.arange(len(count)), count) * labels + label)
+    return np.bincount(graph_labels[np.diff(graph_labels, prepend=-1) > 0] % max(labels, 1), minlength=labels)
 
 
 class GraphTable(Sequence[SaliencyGraph]):
-    """S graphs with range, each by its number, or some as a batch.
+    """A sequence of S graphs with range that also returns batches of graphs.
 
-    sizes (S,) int64: nodes of each; labels: L names, in order; vocabulary: name -> number; scenes: an index of these
-    graphs, open, None where there is none.
+    Attributes:
+        sizes: (S,) int64, number of nodes of each graph.
+        labels: L names, sorted by number.
+        vocabulary: Number of each name.
+        scenes: An open scene index of these graphs, None where there is none.
     """
 
     scenes: SceneLookup | None = None
 
     def __init__(self, labels: Sequence[str], count: np.ndarray, label: np.ndarray, edges: np.ndarray) -> None:
-        """count (S,) int64, nodes of each graph; label (P,), their numbers; edges (B,) uint8, the bits of each graph's
-        edges as in `pack_graph`."""
+        """Create a table.
+
+        Args:
+            labels: L names.
+            count: (S,) int64, number of nodes of each graph.
+            label: (P,), numbers of the nodes' labels.
+            edges: (B,) uint8, bits of each graph's edges as in `pack_graph`.
+        """
         self.labels = tuple(labels)
         self.vocabulary = {name: number for number, name in enumerate(labels)}
         self.sizes, self._label, self._edges = count, label, edges
@@ -104,7 +123,7 @@ class GraphTable(Sequence[SaliencyGraph]):
 
     @cached_property
     def having(self) -> np.ndarray:
-        """(L,) int64: how many graphs have each label."""
+        """(L,) int64: number of graphs that have each label."""
         having = np.zeros(len(self.labels), np.int64)
         for low in range(0, len(self), _CHUNK):
             count = self.sizes[low : low + _CHUNK]
@@ -114,34 +133,34 @@ class GraphTable(Sequence[SaliencyGraph]):
 
     @abstractmethod
     def _values(self, nodes: np.ndarray) -> Mapping[str, np.ndarray]:
-        """The scores, saliency, centroid_m and size_m of nodes (N,)."""
+        """Return scores, saliency, centroid_m and size_m of nodes (N,)."""
 
     def nodes(self, graphs: np.ndarray) -> np.ndarray:
-        """(N,) int64 positions of the nodes of graphs (K,) among the nodes of all, graph by graph."""
+        """Return the positions of the nodes of graphs (K,) among all nodes, graph by graph, (N,) int64."""
         return ranges(self._start[graphs], self.sizes[graphs])
 
     def take(self, graphs: np.ndarray) -> GraphNodes:
-        """The graphs of these numbers (K,), one after the other."""
+        """Return the nodes of the graphs with these numbers (K,)."""
         nodes = self.nodes(graphs)
         return GraphNodes(self.sizes[graphs], self._label[nodes].astype(np.int64), **self._values(nodes))
 
     def adjacency(self, graphs: np.ndarray) -> np.ndarray:
         """Return which nodes of these graphs are in context, (K, m, m) bool, symmetric, padded to the largest graph."""
         count = self.sizes[graphs][:, None]
-        most = count.max(initial=0)
-        low, high = np.triu_indices(most, 1)
-        known = high < count
+        max_count = count.max(initial=0)
+        low, high = np.triu_indices(max_count, 1)
+        exists = high < count
         bit = low * (2 * count - low - 1) // 2 + high - low - 1
-        byte = self._edges[(self._first_byte[graphs][:, None] + bit // 8)[known]]
-        linked = np.zeros((len(graphs), most, most), bool)
-        upper = np.zeros(known.shape, bool)
-        upper[known] = byte >> (7 - bit[known] % 8) & 1
+        byte = self._edges[(self._first_byte[graphs][:, None] + bit // 8)[exists]]
+        linked = np.zeros((len(graphs), max_count, max_count), bool)
+        upper = np.zeros(exists.shape, bool)
+        upper[exists] = byte >> (7 - bit[exists] % 8) & 1
         linked[:, low, high] = linked[:, high, low] = upper
         return linked
 
 
 class HeldGraphs(GraphTable):
-    """The table of graphs in memory, exact."""
+    """A table of graphs in memory, without loss."""
 
     def __init__(self, graphs: Sequence[SaliencyGraph]) -> None:
         labels = sorted({label for graph in graphs for label in graph.labels})
@@ -165,28 +184,38 @@ class HeldGraphs(GraphTable):
 
 
 class MappedGraphs(GraphTable):
-    """The table of packed graphs in columns on disk, mapped into memory."""
+    """A table of packed graphs in memory-mapped columns on disk."""
 
     def __init__(self, rows: Columns, scenes: SceneLookup | None = None) -> None:
-        """rows: of `pack_graph`, and whatever else was packed with it. Raises DataError where they are not."""
+        """Open packed graphs.
+
+        Args:
+            rows: Columns of `pack_graph`; other columns are ignored.
+            scenes: An open scene index of these graphs.
+
+        Raises:
+            DataError: The columns are not those of packed graphs.
+        """
         try:
             names, nodes, edges = (rows.columns[name] for name in ("labels", "nodes", "edges"))
         except KeyError as error:
             raise DataError(f"{rows.folder} has no column {error}, expected packed graphs") from None
         if names.words is None or (nodes.values.dtype, edges.values.dtype) != (NODE, np.uint8):
-            raise DataError(f"{rows.folder} has columns of other types than packed graphs have")
+            raise DataError(f"{rows.folder} has columns of unexpected types, expected packed graphs")
         count = np.diff(names.start)
         super().__init__(names.words, count, names.values, edges.values)
         self._packed, self.scenes = nodes.values, scenes
         if not (np.array_equal(nodes.start, self._start) and np.array_equal(edges.start, self._first_byte)):
-            raise DataError(f"{rows.folder} has graphs with more or fewer nodes or edges than labels")
+            raise DataError(
+                f"{rows.folder} has graphs whose numbers of nodes, edges and labels differ, expected packed graphs"
+            )
 
     def __getitem__(self, number: int) -> SaliencyGraph:  # type: ignore[override]  # some at once: `batch`
         if not 0 <= number < len(self):
             raise IndexError(number)
-        own, bits = (slice(*start[number : number + 2]) for start in (self._start, self._first_byte))
-        labels = np.array([self.labels[i] for i in self._label[own]], np.str_)
-        packed = {"labels": labels, "nodes": self._packed[own], "edges": self._edges[bits]}
+        rows, bits = (slice(*start[number : number + 2]) for start in (self._start, self._first_byte))
+        labels = np.array([self.labels[i] for i in self._label[rows]], np.str_)
+        packed = {"labels": labels, "nodes": self._packed[rows], "edges": self._edges[bits]}
         return graph_from_arrays(unpack_graph(packed))
 
     def _values(self, nodes: np.ndarray) -> Mapping[str, np.ndarray]:
@@ -195,10 +224,14 @@ class MappedGraphs(GraphTable):
 
 
 def write_graphs(graphs: Iterable[SaliencyGraph], folder: Path) -> None:
-    """Write a stream of graphs, packed, to a new folder of columns. Raises DataError as `pack_graph`."""
+    """Pack a stream of graphs and write it to a new folder of columns.
+
+    Raises:
+        DataError: As in `pack_graph`.
+    """
     write_columns(folder, (pack_graph(graph_to_arrays(graph)) for graph in graphs))
 
 
 def _edge_bytes(count: np.ndarray) -> np.ndarray:
-    """Bytes of the edges of graphs of so many nodes: a bit a pair."""
+    """Return the number of bytes of the edges of graphs with these numbers of nodes, one bit per pair of nodes."""
     return -(-count * (count - 1) // 16)

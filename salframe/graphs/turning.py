@@ -1,4 +1,4 @@
-"""Detectors that see every panorama from the same side, however the camera was turned."""
+"""Rotation-equivariant detectors: every panorama is rotated to a canonical heading before detection."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from salframe.panoramas.panorama import Panorama
 
 
 def from_near_side(detect: Callable[[Any, Panorama], Detections]) -> Callable[[Any, Panorama], Detections]:
-    """Make a detector's `detect` see each panorama with its near side in the middle, without annotations, and turn what
-    it finds back.
+    """Decorate the `detect` of a detector: rotate each panorama so that its near side is in the middle, remove the
+    annotations, detect, and rotate the detections back.
 
-    For networks whose answer depends on where the panorama begins (strides, views at fixed azimuths): turning the
-    panorama by any number of columns then turns the objects and changes nothing else. This is canonicalisation (Kaba et
-    al., Equivariance with Learned Canonicalization Functions, ICML 2023) by a fixed function.
+    This is for networks whose output depends on where the panorama begins (strides, views at fixed azimuths): rotating
+    the panorama by any number of columns then rotates the detections and changes nothing else. It is canonicalisation
+    (Kaba et al., Equivariance with Learned Canonicalization Functions, ICML 2023) by a fixed function.
     """
 
     @wraps(detect)
-    def steady(detector: Any, panorama: Panorama) -> Detections:
+    def detect_canonical(detector: Any, panorama: Panorama) -> Detections:
         side = _side(panorama)
         if side is None:
             return detect(detector, panorama)
@@ -34,32 +34,32 @@ def from_near_side(detect: Callable[[Any, Panorama], Detections]) -> Callable[[A
             for name in ("rgb", "range_m", "valid")
             if (image := getattr(panorama, name)) is not None
         }
-        found = detect(detector, replace(panorama, annotations=None, **images))
-        return turned_detections(found, 2 * np.pi * columns / len(side))
+        detections = detect(detector, replace(panorama, annotations=None, **images))
+        return turned_detections(detections, 2 * np.pi * columns / len(side))
 
-    return steady
+    return detect_canonical
 
 
-def turned_detections(found: Detections, angle_rad: float) -> Detections:
-    """The detections turned about the vertical by angle_rad, counter-clockwise seen from above."""
+def turned_detections(detections: Detections, angle_rad: float) -> Detections:
+    """Return detections rotated about the vertical axis by angle_rad, counter-clockwise when viewed from above."""
     turn = pose_2d(0, 0, angle_rad)
 
-    def turned(sets: tuple[np.ndarray, ...] | None) -> tuple[np.ndarray, ...] | None:
-        return None if sets is None else tuple(transform_points(turn, one).astype(np.float32) for one in sets)
+    def rotate(sets: tuple[np.ndarray, ...] | None) -> tuple[np.ndarray, ...] | None:
+        return None if sets is None else tuple(transform_points(turn, points).astype(np.float32) for points in sets)
 
     return replace(
-        found,
-        centroid_m=transform_points(turn, found.centroid_m),
-        bearing=transform_points(turn, found.bearing),
-        yaw_rad=(found.yaw_rad + angle_rad) % np.pi,
-        points_m=turned(found.points_m),
-        rays=turned(found.rays),
+        detections,
+        centroid_m=transform_points(turn, detections.centroid_m),
+        bearing=transform_points(turn, detections.bearing),
+        yaw_rad=(detections.yaw_rad + angle_rad) % np.pi,
+        points_m=rotate(detections.points_m),
+        rays=rotate(detections.rays),
     )
 
 
 def _side(panorama: Panorama) -> np.ndarray | None:
-    """(W,) float64, how near things are in each column; where no range is known, how bright; None where the panorama
-    has neither."""
+    """Return the mean nearness 1 / (1 + range) of each column, (W,) float64; where no range is known, the mean
+    brightness; None where the panorama has neither."""
     if panorama.range_m is not None and (known := np.isfinite(panorama.range_m)).any():
         return np.divide(1, 1 + panorama.range_m, where=known, out=np.zeros(known.shape)).mean(0)
     return None if panorama.rgb is None else panorama.rgb.mean((0, 2))

@@ -1,2 +1,2 @@
-"""Navigation in closed loop (docs/how-to/navigate.md#what-the-agent-knows-and-does): look, localize, turn towards the
-next node, walk; walls and wrong answers are real."""
+"""Closed-loop navigation (docs/how-to/navigate.md#what-the-agent-knows-and-does): an agent takes a panorama, localizes,
+turns towards the next node and walks. It is stopped by walls and misled by wrong answers of the localizer."""

@@ -1,4 +1,4 @@
-"""Episodes: where an agent is put and where it is sent, drawn from a seed or given in a file."""
+"""Episodes: start and goal of an agent, drawn at random or read from a file."""
 
 from __future__ import annotations
 
@@ -18,12 +18,20 @@ from salframe.navigation.world import World
 from salframe.topology.topological_map import NodeKind
 
 TRIES = 100
+"""Number of random starts and goals that are tried for an episode."""
 
 
 @dataclass(frozen=True)
 class Episode:
-    """An agent at T_world_pano (16 numbers, row by row) in a world, sent to a node; shortest_m along the map. `number`
-    seeds its noise."""
+    """An episode: an agent walks from a start to a goal.
+
+    Attributes:
+        number: Number of the episode, which seeds its noise.
+        world: Id of the world.
+        start: T_world_pano at the start, 16 numbers row by row.
+        goal: Id of the goal node.
+        shortest_m: Length of the shortest path along the map.
+    """
 
     number: int
     world: str
@@ -33,41 +41,48 @@ class Episode:
 
 
 class EpisodeRequest(Settings):
-    """An episode in a file."""
+    """An episode as requested in a file."""
 
-    start: str | tuple[float, float] = Field(description="a node, or x and y in metres")
-    goal: str = Field(description="a node")
+    start: str | tuple[float, float] = Field(description="id of a node, or x and y in metres")
+    goal: str = Field(description="id of a node")
     yaw_deg: float | None = Field(
-        None, description="first heading, counter-clockwise from the world's x axis; drawn where absent"
+        None, description="initial heading, counter-clockwise from the world's x axis; random by default"
     )
-    world: str | None = Field(None, description="the building, where the data set has several")
+    world: str | None = Field(None, description="id of the world, required where the dataset has several")
 
 
 class Site(NamedTuple):
-    """A world and the guide that is true to its chart."""
+    """A world, and the guide on its chart."""
 
     world: World
     guide: Guide
 
 
 def draw_episodes(sites: Mapping[str, Site], count: int, seed: int) -> tuple[list[Episode], list[str]]:
-    """`count` episodes dealt out evenly to the worlds, from a uniform pose in a region to a scene node of another
-    region.
+    """Draw random episodes from a uniform pose in a region to a scene node of another region.
 
-    With them a line on each world that gives none. Raises DataError where none does.
+    Args:
+        sites: Site of each world id.
+        count: Number of episodes, distributed evenly over the worlds.
+        seed: Random seed.
+
+    Returns:
+        The episodes, and a message for each world in which none can be drawn.
+
+    Raises:
+        DataError: No world allows an episode.
     """
-    drawn: dict[str, list[Episode]] = {}
+    worlds: list[str] = []
     left_out = []
     for world, site in sites.items():
         if _draw(site, np.random.default_rng([seed, 0]), 0) is None:
             left_out.append(
-                f"{world} gives no episode: expected a scene node in another region than the start, and a way to it"
+                f"{world} allows no episode: expected a scene node in another region than the start, and a path to it"
             )
         else:
-            drawn[world] = []
-    if not drawn:
+            worlds.append(world)
+    if not worlds:
         raise DataError(f"no episode could be drawn: {left_out[0]}")
-    worlds = list(drawn)
     episodes = []
     for number in range(count):
         world = worlds[number % len(worlds)]
@@ -78,6 +93,7 @@ def draw_episodes(sites: Mapping[str, Site], count: int, seed: int) -> tuple[lis
 
 
 def _draw(site: Site, rng: np.random.Generator, number: int) -> Episode | None:
+    """Return a random episode; None where TRIES attempts fail."""
     world, guide = site
     for _ in range(TRIES):
         start = world.draw_start(rng)
@@ -102,18 +118,34 @@ def _draw(site: Site, rng: np.random.Generator, number: int) -> Episode | None:
 
 
 def read_episode_requests(path: Path) -> tuple[EpisodeRequest, ...]:
-    """The episodes of a JSON file. Raises DataError on a malformed one."""
+    """Read the episodes of a JSON file.
+
+    Raises:
+        DataError: The file cannot be read or is invalid.
+    """
     return tuple(read_as(path, list[EpisodeRequest]))
 
 
 def place_episodes(
-    asked: Sequence[EpisodeRequest], sites: Mapping[str, Site], seed: int
+    requests: Sequence[EpisodeRequest], sites: Mapping[str, Site], seed: int
 ) -> tuple[list[Episode], list[str]]:
-    """The episodes that can be walked, and a line on each that cannot. Raises DataError where none can."""
+    """Convert requested episodes.
+
+    Args:
+        requests: The requested episodes.
+        sites: Site of each world id.
+        seed: Random seed of headings that are not requested.
+
+    Returns:
+        The episodes that can be walked, and a message for each that cannot.
+
+    Raises:
+        DataError: No episode can be walked.
+    """
     episodes, left_out = [], []
-    for number, one in enumerate(asked):
+    for number, request in enumerate(requests):
         try:
-            episodes.append(_place(one, sites, np.random.default_rng([seed, 1, number]), number))
+            episodes.append(_place(request, sites, np.random.default_rng([seed, 1, number]), number))
         except (DataError, NoRoute, UnknownName) as error:
             left_out.append(f"episode {number}: {error}")
     if not episodes:
@@ -121,20 +153,20 @@ def place_episodes(
     return episodes, left_out
 
 
-def _place(asked: EpisodeRequest, sites: Mapping[str, Site], rng: np.random.Generator, number: int) -> Episode:
-    if asked.world is None and len(sites) > 1:
-        raise DataError(f"it names no world, expected one of {', '.join(sites)}")
-    name = next(iter(sites)) if asked.world is None else asked.world
+def _place(request: EpisodeRequest, sites: Mapping[str, Site], rng: np.random.Generator, number: int) -> Episode:
+    if request.world is None and len(sites) > 1:
+        raise DataError(f"it has no world, expected one of {', '.join(sites)}")
+    name = next(iter(sites)) if request.world is None else request.world
     if name not in sites:
         raise DataError(f"unknown world {name!r}, expected one of {', '.join(sites)}")
     world, guide = sites[name]
-    yaw_rad = rng.uniform(-np.pi, np.pi) if asked.yaw_deg is None else np.radians(asked.yaw_deg)
-    goal = world.node(asked.goal)
+    yaw_rad = rng.uniform(-np.pi, np.pi) if request.yaw_deg is None else np.radians(request.yaw_deg)
+    goal = world.node(request.goal)
     start = (
-        world.stand_at(world.node(asked.start), yaw_rad)
-        if isinstance(asked.start, str)
-        else world.stand(*asked.start, yaw_rad)
+        world.stand_at(world.node(request.start), yaw_rad)
+        if isinstance(request.start, str)
+        else world.stand(*request.start, yaw_rad)
     )
     if not world.joined(start, world.stand_at(goal, 0.0)):
-        raise DataError(f"what stands in {name} today shuts {goal.id} off from the start")
+        raise DataError(f"obstacles in {name} block every path from the start to {goal.id}")
     return Episode(number, name, tuple(start.ravel().tolist()), goal.id, guide.way(start[:3, 3], goal.id).length_m)

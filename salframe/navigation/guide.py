@@ -1,4 +1,4 @@
-"""The shortest way along a chart's map, from anywhere to a node."""
+"""Shortest paths along a chart's map, from any position to a node."""
 
 from __future__ import annotations
 
@@ -18,15 +18,20 @@ from salframe.topology.topological_map import MapEdge, MapNode, NodeKind, Topolo
 
 @dataclass(frozen=True, eq=False)
 class Way:
-    """A way to walk: its length in metres and its corners (K, 3) on the floor, the first the node it joins the map at,
-    the last its goal."""
+    """A path to walk.
+
+    Attributes:
+        length_m: Length in metres.
+        corners_m: (K, 3), corners on the floor. The first is the node where the path enters the map, the last is the
+            goal.
+    """
 
     length_m: float
     corners_m: np.ndarray
 
 
 class Guide:
-    """A planner (of this configuration) on the map of a chart, for those who stand between its nodes."""
+    """A planner, with this configuration, on the map of a chart, for positions between its nodes."""
 
     def __init__(self, chart: Chart, planner: ComponentConfig) -> None:
         self.chart, self.planner = chart, planner
@@ -37,11 +42,15 @@ class Guide:
 
     @cached_property
     def roomy(self) -> Guide:
-        """The guide on the chart with room to spare."""
+        """The guide on the chart with a safety margin."""
         return Guide(self.chart.roomy(), self.planner)
 
     def way(self, position_m: np.ndarray, goal: str) -> Way:
-        """The shortest way from a position (3,): straight to a node in reach, then along the map. Raises NoRoute."""
+        """Return the shortest path from a position (3,) to a node: straight to a node in reach, then along the map.
+
+        Raises:
+            NoRoute: No path leads to the goal.
+        """
         names = list(self._point_m)
         straight_m = (
             self.chart.reach(position_m, np.array(list(self._point_m.values()))) if goal in names else np.zeros(0)
@@ -59,13 +68,13 @@ class Guide:
                 best = Way(length_m, np.array([self._point_m[name] for name in route.nodes]))
         if best is None:
             x, y, _ = position_m
-            raise NoRoute(f"no way leads from ({x:.2f}, {y:.2f}) m to {goal}")
+            raise NoRoute(f"no path leads from ({x:.2f}, {y:.2f}) m to {goal}")
         return best
 
 
 def straighten(map: TopologicalMap) -> TopologicalMap:
-    """The map with a node at each corner of its edges, so that all edges are straight: one may join an edge at its
-    corners too."""
+    """Return the map with a node at each corner of its edges, so that all edges are straight and an agent can enter an
+    edge at its corners."""
     nodes, edges = list(map.nodes), []
     z_m = {node.id: node.xyz_m[2] for node in nodes}
     for edge in map.edges:

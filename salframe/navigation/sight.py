@@ -1,4 +1,4 @@
-"""What an agent makes of a panorama: a localizer's answer as a pose in the world."""
+"""Localizes an agent by a panorama: converts a localizer's answer to a pose in the world."""
 
 from __future__ import annotations
 
@@ -19,39 +19,51 @@ from salframe.panoramas.frames import QueryFrame, ReferenceFrame
 from salframe.panoramas.geometry import pose_2d, pose_yaw, wrap_angle
 
 ASTRAY_RAD = np.radians(45.0)
-"""Odometry does not go astray by more than this within an episode: a pose that contradicts it is wrong."""
+"""Maximum error of the heading by odometry within an episode; a pose that differs by more is rejected."""
 
 
 def see_place(world: World, T_world_pano: np.ndarray, yaw_rad: float) -> Located:
-    """What an agent makes of being told its true place, without any localizer: it takes itself to stand at the map's
-    node, doorways included, that is nearest of those it could walk straight to. `yaw_rad` is its heading."""
+    """Return the localization of an agent with a perfect place recognition, without a localizer.
+
+    The agent is localized at the nearest node of the map, transition nodes included, to which it could walk straight.
+
+    Args:
+        world: The world.
+        T_world_pano: (4, 4), true pose of the agent.
+        yaw_rad: Heading by odometry.
+    """
     nodes = world.chart.map.nodes
     point_m = np.array([node.xyz_m for node in nodes])
-    away_m = world.chart.reach(T_world_pano[:3, 3], point_m)
-    if not np.isfinite(away_m).any():
-        away_m = np.linalg.norm(point_m - T_world_pano[:3, 3], axis=1)
-    nearest = int(away_m.argmin())
+    distance_m = world.chart.reach(T_world_pano[:3, 3], point_m)
+    if not np.isfinite(distance_m).any():
+        distance_m = np.linalg.norm(point_m - T_world_pano[:3, 3], axis=1)
+    nearest = int(distance_m.argmin())
     x, y, _ = point_m[nearest]
     return Located(pose_2d(x, y, yaw_rad, T_world_pano[2, 3]), 1.0, nodes[nearest].id)
 
 
 class Sight:
-    """A localizer that looks around in worlds; `dataset` is the content_key under which reference frames are cached.
+    """Localizes agents in worlds with a localizer.
 
-    Without `positioning`, or where the localizer gives no pose, an agent takes itself to stand at the frame of the
-    first place.
+    Without `positioning`, or where the localizer returns no pose, the agent gets the position of the reference frame of
+    the best place.
+
+    Args:
+        localizer: The localizer.
+        dataset: The content_key under which descriptions of reference frames are cached.
+        positioning: Whether to use the poses of the localizer.
     """
 
     def __init__(self, localizer: Localizer, dataset: str, positioning: bool) -> None:
         self._localizer, self._dataset, self._positioning, self._cache = localizer, dataset, positioning, Cache()
-        self._described: dict[str, Description | None] = {}
+        self._descriptions: dict[str, Description | None] = {}
         self._left_out: list[str] = []
         self._frames: dict[str, ReferenceFrame] = {}
         self._map: LocalizationMap | None = None
 
     @property
     def warning(self) -> str | None:
-        """What the user must know of the reference frames."""
+        """A warning on reference frames that were left out, None where there is none."""
         return (
             f"{len(self._left_out)} reference frame(s) left out, the first: {self._left_out[0]}"
             if self._left_out
@@ -59,11 +71,19 @@ class Sight:
         )
 
     def look(self, world: World, T_world_pano: np.ndarray, yaw_rad: float) -> Located | None:
-        """Where the localizer says that the agent is, None where it fails; `yaw_rad` is the heading where it gives no
-        pose."""
-        known = self._map_of(world.references(T_world_pano), world.chart.map.floors)
+        """Localize an agent.
+
+        Args:
+            world: The world.
+            T_world_pano: (4, 4), true pose of the agent, at which the panorama is taken.
+            yaw_rad: Heading by odometry, used where the localizer returns no pose.
+
+        Returns:
+            The localization, None where the localizer fails.
+        """
+        map = self._map_of(world.references(T_world_pano), world.chart.map.floors)
         panorama = world.observe(T_world_pano)
-        answer = known.answer(describe_frame(self._localizer, QueryFrame(panorama.id, lambda: panorama))[0])
+        answer = map.answer(describe_frame(self._localizer, QueryFrame(panorama.id, lambda: panorama))[0])
         if not answer.status.names_a_place or not answer.places:
             return None
         best = answer.places[0]
@@ -74,23 +94,23 @@ class Sight:
         return Located(pose_2d(x, y, yaw_rad, z), best.score, best.frame)
 
     def _map_of(self, frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks]) -> LocalizationMap:
-        """Return the map of these frames, each of which is described once, on these floors; frames that cannot be used
-        are left out."""
+        """Return the map of these frames and floors. Each frame is described once; frames that cannot be used are left
+        out."""
         usable = [frame for frame in frames if self._describe(frame) is not None]
         if self._map is not None and [frame.id for frame in usable] == list(self._frames):
             return self._map
         if not usable:
             raise MethodFailed("; ".join(["no reference frame can be used", *self._left_out[:1]]))
         self._frames = {frame.id: frame for frame in usable}
-        known = [described for id in self._frames if (described := self._described[id]) is not None]
-        self._map = LocalizationMap.from_descriptions(self._localizer, known, usable, floors)
+        descriptions = [description for id in self._frames if (description := self._descriptions[id]) is not None]
+        self._map = LocalizationMap.from_descriptions(self._localizer, descriptions, usable, floors)
         return self._map
 
     def _describe(self, frame: ReferenceFrame) -> Description | None:
-        if frame.id not in self._described:
+        if frame.id not in self._descriptions:
             try:
-                self._described[frame.id] = describe_frame(self._localizer, frame, self._cache, self._dataset)[0]
+                self._descriptions[frame.id] = describe_frame(self._localizer, frame, self._cache, self._dataset)[0]
             except FRAME_ERRORS as error:
-                self._described[frame.id] = None
+                self._descriptions[frame.id] = None
                 self._left_out.append(f"{frame.id}: {error}")
-        return self._described[frame.id]
+        return self._descriptions[frame.id]

@@ -1,5 +1,5 @@
-"""One episode in closed loop: look, localize, decide, turn and walk, until the agent says it is there or has looked
-often enough."""
+"""Runs an episode in closed loop: take a panorama, localize, decide, turn and walk, until the agent reports its arrival
+or has used its budget of panoramas."""
 
 from __future__ import annotations
 
@@ -22,48 +22,49 @@ from salframe.navigation.world import World
 from salframe.panoramas.geometry import pose_2d, pose_yaw
 
 SUCCESS_M = 0.5
-"""An agent that says it has arrived and has no farther to go than this has succeeded."""
+"""Maximum remaining path length at which an agent that reports its arrival has succeeded."""
 LOOSER_M = {"success_1m": 1.0, "success_3m": 3.0}
-"""Looser rules by the key of an episode's row; that of R2R and REVERIE is 3 m."""
+"""Larger limits than SUCCESS_M, by key of an episode's row; R2R and REVERIE use 3 m."""
 
 Row = dict[str, Any]
 
 
 class EpisodeStatus(StrEnum):
-    """How an episode ended: the agent said that it had arrived, or had looked as often as it may."""
+    """How an episode ended: the agent reported its arrival, or used its budget of panoramas."""
 
     ARRIVED = "arrived"
     OUT_OF_BUDGET = "out of budget"
 
 
 class NavigationConfig(Settings):
-    """What every method of a run navigates with. Noise is normal, its standard deviations given here."""
+    """Settings of navigation, the same for every method of a run. Noise is normal with these standard deviations."""
 
     planner: slot("planner", default_of("navigation_planner"))  # type: ignore[valid-type]
-    budget: int = Field(60, ge=1, description="panoramas that an agent may take in an episode")
-    arrival_m: float = Field(
-        0.25, gt=0, description="an agent that believes to have no farther to go says that it has arrived"
-    )
-    turn_noise_deg: float = Field(2.0, ge=0, description="of the heading after a turn")
-    length_noise: float = Field(0.05, ge=0, description="of a walk's length, a share of it")
+    budget: int = Field(60, ge=1, description="maximum number of panoramas per episode")
+    arrival_m: float = Field(0.25, gt=0, description="remaining path length at which an agent reports its arrival")
+    turn_noise_deg: float = Field(2.0, ge=0, description="noise of the heading after a turn")
+    length_noise: float = Field(0.05, ge=0, description="noise of the length of a walk, as a share of it")
     slip_m: float = added(
         0.0,
         ge=0,
-        description="a walk longer than this ends so far from where it would, any way, unless a wall is nearer",
+        description="displacement, in a random direction, at the end of a walk that is longer than it; walls limit it",
     )
-    odometry_turn_noise_deg: float = Field(2.0, ge=0, description="of the turn that odometry tells of a move")
-    odometry_length_noise: float = Field(0.05, ge=0, description="of the length that odometry tells, a share of it")
+    odometry_turn_noise_deg: float = Field(2.0, ge=0, description="noise of the turn that odometry measures")
+    odometry_length_noise: float = Field(
+        0.05, ge=0, description="noise of the length that odometry measures, as a share of it"
+    )
 
 
 Look = Callable[[np.ndarray, float], Located | None]
-"""look(T_world_pano, yaw_rad): where a panorama taken at this true pose is localized, None where it is not; `yaw_rad`
-as the agent believes."""
+"""look(T_world_pano, yaw_rad): return the localization of a panorama taken at this true pose, None where it is not
+localized; `yaw_rad` is the heading by odometry."""
 
 
 def walk(site: Site, look: Look, episode: Episode, config: NavigationConfig, seed: int) -> Row:
-    """Walk an episode: its row. Noise depends on seed and episode alone, so all methods meet the same.
+    """Run an episode and return its row.
 
-    The agent is told its first heading, not its position.
+    Noise depends on the seed and the episode only, so all methods get the same noise. The agent knows its initial
+    heading, but not its initial position.
     """
     world, guide = site
     rng = np.random.default_rng([seed, 2, episode.number])
@@ -73,10 +74,10 @@ def walk(site: Site, look: Look, episode: Episode, config: NavigationConfig, see
     path, believed, localized = [_flat(T)], [], []
     collisions, travelled_m, arrived = 0, 0.0, False
     for _ in range(config.budget):
-        found = look(T, agent.belief.yaw_rad)
-        localized.append(found is not None)
-        if found is not None:
-            agent.belief.localized(found)
+        located = look(T, agent.belief.yaw_rad)
+        localized.append(located is not None)
+        if located is not None:
+            agent.belief.add_localization(located)
         believed.append(None if agent.belief.pose is None else _flat(agent.belief.pose))
         move = agent.decide()
         if move is None:
@@ -90,27 +91,27 @@ def walk(site: Site, look: Look, episode: Episode, config: NavigationConfig, see
         )
         travelled_m += float(np.linalg.norm(T[:3, 3] - before[:3, 3]))
         if move.length_m > config.slip_m > 0 and not stopped:
-            walked, T = T, _slipped(world, T, slips.uniform(-np.pi, np.pi), config.slip_m)
-            travelled_m += float(np.linalg.norm(T[:3, 3] - walked[:3, 3]))
-        told = _odometry(
+            before_slip, T = T, _slip(world, T, slips.uniform(-np.pi, np.pi), config.slip_m)
+            travelled_m += float(np.linalg.norm(T[:3, 3] - before_slip[:3, 3]))
+        motion = _odometry(
             before,
             T,
             np.radians(config.odometry_turn_noise_deg) * odometry_turn_noise,
             1 + config.odometry_length_noise * odometry_length_noise,
         )
-        agent.moved(told, stopped)
+        agent.add_motion(motion, stopped)
         collisions += stopped
         path.append(_flat(T))
-    left_m = [_left(guide, np.array(pose[:3]), episode.goal) for pose in path]
+    left_m = [_remaining_m(guide, np.array(pose[:3]), episode.goal) for pose in path]
     success = arrived and left_m[-1] <= SUCCESS_M
-    longer_m = max(episode.shortest_m, travelled_m)
+    max_length_m = max(episode.shortest_m, travelled_m)
     return {
         "world": episode.world,
         "goal": episode.goal,
         "status": EpisodeStatus.ARRIVED if arrived else EpisodeStatus.OUT_OF_BUDGET,
         "success": success,
         "oracle": min(left_m) <= SUCCESS_M,
-        "spl": success * (episode.shortest_m / longer_m if longer_m else 1.0),
+        "spl": success * (episode.shortest_m / max_length_m if max_length_m else 1.0),
         **{key: arrived and left_m[-1] <= bound_m for key, bound_m in LOOSER_M.items()},
         "shortest_m": episode.shortest_m,
         "travelled_m": travelled_m,
@@ -124,15 +125,15 @@ def walk(site: Site, look: Look, episode: Episode, config: NavigationConfig, see
     }
 
 
-def _slipped(world: World, T_world_pano: np.ndarray, bearing_rad: float, length_m: float) -> np.ndarray:
-    """The pose of an agent that slips, looking the same way; a wall ends it."""
+def _slip(world: World, T_world_pano: np.ndarray, bearing_rad: float, length_m: float) -> np.ndarray:
+    """Return the pose after an agent slips with the same heading; a wall stops the slip."""
     slipped, _ = world.move(T_world_pano, bearing_rad, length_m)
     x, y, z = slipped[:3, 3]
     return pose_2d(x, y, pose_yaw(T_world_pano), z)
 
 
 def _odometry(before: np.ndarray, after: np.ndarray, turn_error_rad: float, scale: float) -> np.ndarray:
-    """The motion in the frame of the pose before, as odometry tells it: turned too far by an error, and scaled."""
+    """Return the motion that odometry measures, in the frame of the pose before: rotated by an error, and scaled."""
     c, s = np.cos(turn_error_rad), np.sin(turn_error_rad)
     x, y, z = before[:3, :3].T @ (after[:3, 3] - before[:3, 3])
     return pose_2d(
@@ -140,7 +141,8 @@ def _odometry(before: np.ndarray, after: np.ndarray, turn_error_rad: float, scal
     )
 
 
-def _left(guide: Guide, position_m: np.ndarray, goal: str) -> float:
+def _remaining_m(guide: Guide, position_m: np.ndarray, goal: str) -> float:
+    """Return the remaining path length, inf where no path leads to the goal."""
     try:
         return guide.way(position_m, goal).length_m
     except NoRoute:
@@ -148,5 +150,5 @@ def _left(guide: Guide, position_m: np.ndarray, goal: str) -> float:
 
 
 def _flat(pose: np.ndarray) -> list[float]:
-    """(x, y, z in metres, yaw in radians) of an upright pose, to tenths of millimetres: a trajectory is for reading."""
+    """Return x, y, z in metres and yaw in radians of an upright pose, rounded to 4 digits for readable trajectories."""
     return [round(float(value), 4) for value in (*pose[:3, 3], pose_yaw(pose))]

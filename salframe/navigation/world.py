@@ -1,4 +1,4 @@
-"""Where an agent really stands, what it sees there, and where its walks end."""
+"""The world of an agent: its true pose, the panoramas taken there, and the effects of its moves."""
 
 from __future__ import annotations
 
@@ -20,13 +20,17 @@ from salframe.topology.grid import FloorGrid, cell
 from salframe.topology.topological_map import MapNode, TopologySettings
 
 _PACE_M = 0.01
+"""Step at which a walk is tested for collisions."""
 
 
 class World(ABC):
-    """A building to navigate in: its `id`, the `chart` that an agent is given of it, and what happens to an agent in
-    it.
+    """A building to navigate in.
 
-    An agent's pose T_world_pano (4, 4) is that of its panorama: upright, looking along its x axis.
+    The pose T_world_pano (4, 4) of an agent is that of its panorama: upright, with the x axis ahead.
+
+    Attributes:
+        id: Id of the world.
+        chart: The chart of the building that agents receive.
     """
 
     def __init__(self, id: str, chart: Chart) -> None:
@@ -35,50 +39,67 @@ class World(ABC):
         self._nodes = {node.id: node for node in chart.map.nodes}
 
     def node(self, name: str) -> MapNode:
-        """A node of the map. Raises UnknownName with the closest one."""
+        """Return a node of the map.
+
+        Raises:
+            UnknownName: There is no such node. The message names the closest one.
+        """
         if name not in self._nodes:
             raise UnknownName(f"{self.id}: {unknown('node', name, list(self._nodes))}")
         return self._nodes[name]
 
     @abstractmethod
     def stand_at(self, node: MapNode, yaw_rad: float) -> np.ndarray:
-        """The pose of an agent at a node. Raises DataError where none can stand there."""
+        """Return the pose of an agent at a node.
+
+        Raises:
+            DataError: An agent does not fit there.
+        """
 
     @abstractmethod
     def stand(self, x_m: float, y_m: float, yaw_rad: float) -> np.ndarray:
-        """The pose of an agent at this place. Raises DataError where none can stand there."""
+        """Return the pose of an agent at a position and heading in the world frame.
+
+        Raises:
+            DataError: An agent does not fit there.
+        """
 
     def joined(self, start: np.ndarray, goal: np.ndarray) -> bool:
-        """Whether an agent could walk from one pose to another, if it knew all."""
+        """Return whether an agent with complete knowledge could walk from one pose to another."""
         return True
 
     @abstractmethod
     def draw_start(self, rng: np.random.Generator) -> np.ndarray:
-        """The pose of an agent somewhere in a region, uniform over place and heading."""
+        """Return a random pose of an agent in a region, uniform over position and heading."""
 
     @abstractmethod
     def region(self, T_world_pano: np.ndarray) -> str:
-        """The region that an agent stands in, "" where it stands in none."""
+        """Return the region at a pose, "" where there is none."""
 
     @abstractmethod
     def references(self, T_world_pano: np.ndarray) -> Sequence[ReferenceFrame]:
-        """The map's frames that a panorama taken at this pose is compared with."""
+        """Return the reference frames that a panorama taken at this pose is compared with."""
 
     @abstractmethod
     def observe(self, T_world_pano: np.ndarray) -> Panorama:
-        """What an agent sees."""
+        """Return the panorama at a pose."""
 
     @abstractmethod
     def move(self, T_world_pano: np.ndarray, turn_rad: float, length_m: float) -> tuple[np.ndarray, bool]:
-        """The pose of an agent that has turned, then walked straight ahead, and whether something stopped it."""
+        """Return the pose after an agent turned and walked straight ahead, and whether an obstacle stopped it."""
 
 
 class FloorWorld(World):
-    """A floor of a data set that can render: a disc of the map's robot radius walks on its clear floor, and walls stop
-    it.
+    """A floor of a dataset that can render. The agent is a disc with the map's robot radius; it walks on clear floor,
+    and walls and obstacles stop it.
 
-    The chart is made from the masks `floor` and the reference frames taken on it. What stops the agent are the masks
-    `actual`: those of the building that `observe` shows, which may have changed since it was mapped.
+    Args:
+        id: Id of the world.
+        dataset: The dataset that renders panoramas.
+        floor: The masks that the chart is built from.
+        frames: The reference frames taken on the floor, from which the chart is built too.
+        actual: The masks that stop the agent: those of the building that `observe` shows, which may have changed since
+            it was mapped.
     """
 
     def __init__(
@@ -90,7 +111,7 @@ class FloorWorld(World):
         self._grid = FloorGrid(floor, settings.robot_radius_m)
         super().__init__(id, FloorChart(build_topology([floor], frames, settings), self._grid, settings.robot_radius_m))
         self._dataset, self._radius_m = dataset, settings.robot_radius_m
-        self._mapping = reference_frames(dataset)
+        self._references = reference_frames(dataset)
         self._camera_z_m = float(np.median([frame.T_world_pano[2, 3] for frame in frames]))
         self._names = self._grid.names
         self._free = FloorGrid(actual, settings.robot_radius_m).clear
@@ -122,7 +143,7 @@ class FloorWorld(World):
         return self._names.get(int(self._grid.label[cell(self._grid.to_pixel(T_world_pano[:2, 3]))]), "")
 
     def references(self, T_world_pano: np.ndarray) -> Sequence[ReferenceFrame]:
-        return self._mapping
+        return self._references
 
     def observe(self, T_world_pano: np.ndarray) -> Panorama:
         return self._dataset.observe(T_world_pano)
@@ -132,12 +153,12 @@ class FloorWorld(World):
         paces = np.linspace(0, length_m, int(np.ceil(length_m / _PACE_M)) + 1)
         line = T_world_pano[:2, 3] + paces[:, None] * (np.cos(yaw_rad), np.sin(yaw_rad))
         free = self._is_free(line[1:])
-        walked = len(free) if free.all() else int(free.argmin())
-        x_m, y_m = line[walked]
-        return pose_2d(x_m, y_m, yaw_rad, T_world_pano[2, 3]), walked < len(free)
+        steps = len(free) if free.all() else int(free.argmin())
+        x_m, y_m = line[steps]
+        return pose_2d(x_m, y_m, yaw_rad, T_world_pano[2, 3]), steps < len(free)
 
     def _is_free(self, xy_m: np.ndarray) -> np.ndarray:
-        """(N,) bool: whether the agent fits at positions (N, 2)."""
+        """Return whether the agent fits at positions (N, 2), (N,) bool."""
         pixel = np.floor(self._grid.to_pixel(xy_m)).astype(int)
         inside = ((pixel >= 0) & (pixel < self._free.shape)).all(1)
         row, column = np.where(inside[:, None], pixel, 0).T
@@ -145,47 +166,55 @@ class FloorWorld(World):
 
 
 class NavigableDataset(Dataset):
-    """A data set that says itself where an agent can navigate; others that can render give their floors."""
+    """A dataset that defines its worlds. For other datasets that can render, each floor is a world."""
 
     @abstractmethod
     def worlds(self) -> Sequence[World]:
-        """Where an agent can navigate, a world a building or floor."""
+        """Return the worlds of the dataset, one for each building or floor."""
 
 
 def open_worlds(dataset: Dataset) -> Sequence[World]:
-    """Where an agent can navigate in a data set. Raises InputMissing in one that cannot show what an agent sees."""
+    """Return the worlds of a dataset.
+
+    Raises:
+        InputMissing: The dataset cannot render panoramas.
+    """
     if isinstance(dataset, NavigableDataset):
         return dataset.worlds()
     if type(dataset).observe is Dataset.observe:
         raise InputMissing(
-            f"{dataset.name} cannot render, and navigation needs panoramas from wherever the agent stands"
+            f"{dataset.name} cannot render, and navigation needs panoramas from any position of the agent"
         )
     return floor_worlds(dataset)
 
 
 def floor_worlds(dataset: Dataset, actual: Sequence[FloorMasks] | None = None) -> list[FloorWorld]:
-    """The floors of a data set that can render, each a world; `actual` as in FloorWorld, in the order of floors(), or
-    None: the same.
+    """Return a world for each floor of a dataset that can render.
 
-    Raises DataError where the data set has no floor, or a floor no reference frame.
+    Args:
+        dataset: The dataset.
+        actual: As in FloorWorld, in the order of `dataset.floors()`; None for the same masks as the dataset's.
+
+    Raises:
+        DataError: The dataset has no floor, or a floor has no reference frame.
     """
     floors = dataset.floors()
     if not floors:
-        raise DataError(f"{dataset.name} has no floor masks, which navigation needs to know where walls are")
+        raise DataError(f"{dataset.name} has no floor masks, and navigation needs them to detect collisions")
     order = sorted(range(len(floors)), key=lambda number: floors[number].z_m)
     by_height = [floors[number] for number in order]
-    own: list[list[ReferenceFrame]] = [[] for _ in floors]
+    frames_by_floor: list[list[ReferenceFrame]] = [[] for _ in floors]
     for frame in reference_frames(dataset):
         place = find_floor(by_height, frame.T_world_pano[:3, 3])
         if place is not None:
-            own[order[place]].append(frame)
-    bare = [floor.z_m for floor, taken in zip(floors, own, strict=True) if not taken]
-    if bare:
+            frames_by_floor[order[place]].append(frame)
+    without_frames = [floor.z_m for floor, frames in zip(floors, frames_by_floor, strict=True) if not frames]
+    if without_frames:
         raise DataError(
-            f"{dataset.name} has no reference frame on its floor at z = {bare[0]:g} m, expected at least one"
+            f"{dataset.name} has no reference frame on its floor at z = {without_frames[0]:g} m, expected at least one"
         )
     names = ["floor" if len(floors) == 1 else f"floor-{number}" for number in range(len(floors))]
     return [
-        FloorWorld(id=name, dataset=dataset, floor=floor, frames=frames, actual=changed)
-        for name, floor, frames, changed in zip(names, floors, own, actual or floors, strict=True)
+        FloorWorld(id=name, dataset=dataset, floor=floor, frames=frames, actual=masks)
+        for name, floor, frames, masks in zip(names, floors, frames_by_floor, actual or floors, strict=True)
     ]

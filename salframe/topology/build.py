@@ -1,4 +1,4 @@
-"""From floor masks and reference frames to the topological map (docs/how-to/maps.md#what-the-map-is-made-of)."""
+"""Builds the topological map from floor masks and reference frames (docs/how-to/maps.md#what-the-map-is-made-of)."""
 
 from __future__ import annotations
 
@@ -21,33 +21,45 @@ from salframe.topology.transitions import Doorway, close_doorways
 def build_topology(
     floors: Sequence[FloorMasks], frames: Iterable[ReferenceFrame] = (), settings: TopologySettings | None = None
 ) -> TopologicalMap:
-    """The topological map of floors: transition nodes from the masks, scene nodes from reference frames, edges by sight
-    over clear floor.
+    """Build the topological map of floors: transition nodes from the masks, scene nodes from reference frames, and
+    edges between nodes with a line of sight over clear floor.
 
-    Frames of kind "scene" are scene points, those of kind "transition" are handed to the transition node they stand at.
-    Without scene frames, or with `choose`, each region has one scene node, in its clear pixel of greatest clearance.
-    Where sight leaves nodes of a floor apart that clear floor joins, the shortest ways over it are added. `notes` of
-    the map tell what was added, moved, dropped or is out of reach. Raises DataError without floors, with floors that
-    cannot be told apart, on a floor without a region, on frames without a pose.
+    A scene node is placed at each frame of kind "scene"; a frame of kind "transition" is assigned to the transition
+    node near it. Without scene frames, or with `choose`, each region has one scene node, at its clear pixel with the
+    largest clearance. Nodes of a floor that clear floor connects but sight does not are connected by shortest paths
+    over it.
+
+    Args:
+        floors: The masks of the floors.
+        frames: The reference frames.
+        settings: Settings of the map, by default `TopologySettings()`.
+
+    Returns:
+        The map. Its `notes` list the edges that were added, the frames that were moved or left out, and the regions and
+        nodes that are out of reach.
+
+    Raises:
+        DataError: There is no floor, two floors have the same height, a floor has no region, two nodes have the same
+            name, or a frame has no pose.
     """
     if not floors:
         raise DataError("a topological map needs floor masks, received none: the dataset has no floors")
     settings = settings or TopologySettings()
     floors = sorted(floors, key=lambda floor: floor.z_m)
-    mapped = list(frames)
+    references = list(frames)
     notes: list[str] = []
-    frames_of = _share_out(mapped, floors, notes)
-    choose = settings.choose or not any(frame.kind is FrameKind.SCENE for frame in mapped)
+    frames_by_floor = _split_by_floor(references, floors, notes)
+    choose = settings.choose or not any(frame.kind is FrameKind.SCENE for frame in references)
     nodes: list[MapNode] = []
     edges: list[MapEdge] = []
-    for floor, own in zip(floors, frames_of, strict=True):
-        made = _FloorMap(floor, own, settings, choose, notes)
-        nodes += made.nodes
-        edges += made.edges
-    twice = [name for name, count in Counter(node.id for node in nodes).items() if count > 1]
-    if twice:
+    for floor, floor_frames in zip(floors, frames_by_floor, strict=True):
+        floor_map = _FloorMap(floor, floor_frames, settings, choose, notes)
+        nodes += floor_map.nodes
+        edges += floor_map.edges
+    duplicates = [name for name, count in Counter(node.id for node in nodes).items() if count > 1]
+    if duplicates:
         raise DataError(
-            f"two nodes of the map would be called {twice[0]!r}, "
+            f"two nodes of the map would have the name {duplicates[0]!r}, "
             "expected places with different names on different floors"
         )
     if len(floors) > 1:
@@ -58,28 +70,26 @@ def build_topology(
     return TopologicalMap(tuple(nodes), tuple(edges), tuple(floors), settings, tuple(notes))
 
 
-def _share_out(
+def _split_by_floor(
     frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks], notes: list[str]
 ) -> list[list[ReferenceFrame]]:
-    """The frames of each floor."""
+    """Return the frames of each floor."""
     for lower, upper in pairwise(floors):
         if lower.z_m == upper.z_m:
-            raise DataError(f"two floors are at z = {lower.z_m:g} m, expected a z_m of its own for each floor")
-    frames_of: list[list[ReferenceFrame]] = [[] for _ in floors]
+            raise DataError(f"two floors are at z = {lower.z_m:g} m, expected a different z_m for each floor")
+    frames_by_floor: list[list[ReferenceFrame]] = [[] for _ in floors]
     for frame in frames:
         number = find_floor(floors, frame.T_world_pano[:3, 3])
         if number is None:
             x, y, z = frame.T_world_pano[:3, 3]
-            notes.append(
-                f"frame {frame.id} at ({x:.2f}, {y:.2f}, {z:.2f}) m is left out: it stands on no floor's masks"
-            )
+            notes.append(f"frame {frame.id} at ({x:.2f}, {y:.2f}, {z:.2f}) m is left out: it is on no floor's masks")
         else:
-            frames_of[number].append(frame)
-    return frames_of
+            frames_by_floor[number].append(frame)
+    return frames_by_floor
 
 
 class _FloorMap:
-    """Nodes and edges of one floor; what a reader must know is added to `notes`."""
+    """Nodes and edges of one floor. The constructor appends notes for the user to `notes`."""
 
     def __init__(
         self,
@@ -106,9 +116,9 @@ class _FloorMap:
         else:
             self._add_scenes(scenes)
         for doorway in narrow:
-            notes.append(f"{self._describe(doorway)} is dropped: it is under {settings.min_doorway_m:g} m")
+            notes.append(f"{self._describe(doorway)} is dropped: it is narrower than {settings.min_doorway_m:g} m")
         self._add_transitions(doorways)
-        self._hand_frames([frame for frame in frames if frame.kind is FrameKind.TRANSITION])
+        self._assign_transition_frames([frame for frame in frames if frame.kind is FrameKind.TRANSITION])
         self.edges: list[MapEdge] = []
         if self.nodes:
             self._add_edges(np.array(self._positions))
@@ -120,44 +130,44 @@ class _FloorMap:
         self._positions.append(pixel)
 
     def _add_scenes(self, frames: Sequence[ReferenceFrame]) -> None:
-        """A scene node where each frame stands; frames over one pixel share it."""
-        at: dict[tuple[int, int], list[tuple[ReferenceFrame, np.ndarray]]] = {}
+        """Add a scene node at the position of each frame; frames on the same pixel share a node."""
+        frames_at: dict[tuple[int, int], list[tuple[ReferenceFrame, np.ndarray]]] = {}
         for frame in frames:
             pixel = self._snap(frame)
             if pixel is not None:
-                at.setdefault((int(pixel[0]), int(pixel[1])), []).append((frame, pixel))
-        for (row, column), here in at.items():
-            frame, pixel = here[0]
+                frames_at.setdefault((int(pixel[0]), int(pixel[1])), []).append((frame, pixel))
+        for (row, column), entries in frames_at.items():
+            frame, pixel = entries[0]
             region = self._names.get(int(self._grid.label[row, column]), frame.place)
-            self._add(frame.id, NodeKind.SCENE, pixel, (region,), tuple(other.id for other, _ in here))
+            self._add(frame.id, NodeKind.SCENE, pixel, (region,), tuple(other.id for other, _ in entries))
 
     def _snap(self, frame: ReferenceFrame) -> np.ndarray | None:
-        """The clear pixel position nearest to a frame, one of the frame's own place where the floor has it; None where
-        there is none near."""
-        grid, reach_m = self._grid, self._settings.snap_m
-        own = [label for label, name in self._names.items() if name == frame.place]
-        stands = grid.to_pixel(frame.T_world_pano[:2, 3])
-        if grid.clear[cell(stands)]:
-            return stands
-        pixel = nearest_pixel(grid.clear & (grid.label == own[0]) if own else grid.clear, stands)
+        """Return the clear pixel position nearest to a frame, within the region of the frame's place where the floor
+        has that region; None where it is farther than `snap_m`."""
+        grid, max_distance_m = self._grid, self._settings.snap_m
+        labels = [label for label, name in self._names.items() if name == frame.place]
+        position = grid.to_pixel(frame.T_world_pano[:2, 3])
+        if grid.clear[cell(position)]:
+            return position
+        pixel = nearest_pixel(grid.clear & (grid.label == labels[0]) if labels else grid.clear, position)
         x, y = frame.T_world_pano[:2, 3]
-        why = f"frame {frame.id} at ({x:.2f}, {y:.2f}) m stands in a wall or too near to one"
-        away_m = np.inf if pixel is None else float(np.linalg.norm(pixel - stands)) * grid.floor.resolution_m
-        if away_m > reach_m:
-            self._notes.append(f"{why} and is left out: no clear floor of its region within {reach_m:g} m")
+        reason = f"frame {frame.id} at ({x:.2f}, {y:.2f}) m is inside a wall or obstacle, or too near to one"
+        distance_m = np.inf if pixel is None else float(np.linalg.norm(pixel - position)) * grid.floor.resolution_m
+        if distance_m > max_distance_m:
+            self._notes.append(f"{reason}; it is left out: no clear floor of its region within {max_distance_m:g} m")
             return None
-        self._notes.append(f"{why}: its node is {away_m:.2f} m from it")
+        self._notes.append(f"{reason}; its node is {distance_m:.2f} m from it")
         return pixel
 
     def _choose_scenes(self, frames: Sequence[ReferenceFrame]) -> None:
-        """A scene node where each region is widest; it takes the frames of its place."""
+        """Add a scene node at the pixel of each region with the largest clearance; it gets all frames of its place."""
         clear = np.where(self._grid.clear, self._grid.clearance_m, -1.0)
         for label, name in self._names.items():
-            widest = np.where(self._grid.label == label, clear, -1.0)
-            if widest.max() < 0:
+            clearance_m = np.where(self._grid.label == label, clear, -1.0)
+            if clearance_m.max() < 0:
                 self._notes.append(f"{name} has no scene node: the robot fits nowhere in it")
                 continue
-            pixel = np.array(np.unravel_index(widest.argmax(), widest.shape)) + 0.5
+            pixel = np.array(np.unravel_index(clearance_m.argmax(), clearance_m.shape)) + 0.5
             self._add(name, NodeKind.SCENE, pixel, (name,), tuple(frame.id for frame in frames if frame.place == name))
 
     def _describe(self, doorway: Doorway) -> str:
@@ -166,13 +176,13 @@ class _FloorMap:
         return f"a doorway of {doorway.width_m:.2f} m between {first} and {second} at ({x:.2f}, {y:.2f}) m"
 
     def _add_transitions(self, doorways: Sequence[Doorway]) -> None:
-        """A transition node in the middle of each passage between two regions."""
+        """Add a transition node in the middle of each passage between two regions."""
         count: Counter[str] = Counter()
         for doorway in doorways:
             if not doorway.points:
                 radius_m = self._settings.robot_radius_m
                 self._notes.append(
-                    f"{self._describe(doorway)} is no way: a robot of radius {radius_m:g} m does not fit through"
+                    f"{self._describe(doorway)} is impassable: a robot of radius {radius_m:g} m does not fit through"
                 )
             first, second = (self._names[label] for label in doorway.labels)
             name = f"{first}/{second}"
@@ -181,17 +191,17 @@ class _FloorMap:
                 id = name if count[name] == 1 else f"{name}/{count[name]}"
                 self._add(id, NodeKind.TRANSITION, np.array(point) + 0.5, (first, second), ())
 
-    def _hand_frames(self, frames: Sequence[ReferenceFrame]) -> None:
-        """Hand each transition frame to the transition node it stands at."""
+    def _assign_transition_frames(self, frames: Sequence[ReferenceFrame]) -> None:
+        """Assign each transition frame to the nearest transition node within `doorway_reach_m`."""
         doors = [number for number, node in enumerate(self.nodes) if node.kind is NodeKind.TRANSITION]
         for frame in frames:
             xy = frame.T_world_pano[:2, 3]
-            away_m = [float(np.hypot(*(xy - self.nodes[door].xyz_m[:2]))) for door in doors]
-            if not doors or min(away_m) > self._settings.doorway_reach_m:
+            distance_m = [float(np.hypot(*(xy - self.nodes[door].xyz_m[:2]))) for door in doors]
+            if not doors or min(distance_m) > self._settings.doorway_reach_m:
                 reach = f"no transition node within {self._settings.doorway_reach_m:g} m"
                 self._notes.append(f"frame {frame.id} at ({xy[0]:.2f}, {xy[1]:.2f}) m belongs to no node: {reach}")
                 continue
-            door = doors[int(np.argmin(away_m))]
+            door = doors[int(np.argmin(distance_m))]
             self.nodes[door] = replace(self.nodes[door], frames=(*self.nodes[door].frames, frame.id))
 
     def _add_edges(self, positions: np.ndarray) -> None:
@@ -202,14 +212,14 @@ class _FloorMap:
         self.edges = [make_edge(grid, names[i], names[j], positions[[i, j]]) for i, j in pairs]
         self.edges += [make_edge(grid, names[i], names[j], corners) for i, j, corners in paths]
         if paths:
-            apart = ", ".join(f"{names[i]} to {names[j]}" for i, j, _ in paths)
-            self._notes.append(f"sight alone leaves nodes apart, joined by the shortest way over clear floor: {apart}")
-        joined = np.vstack([pairs, np.array([(i, j) for i, j, _ in paths], int).reshape(-1, 2)])
-        self._tell_reach(components(len(positions), joined))
+            listed = ", ".join(f"{names[i]} to {names[j]}" for i, j, _ in paths)
+            self._notes.append(f"edges without line of sight, along the shortest path over clear floor: {listed}")
+        connections = np.vstack([pairs, np.array([(i, j) for i, j, _ in paths], int).reshape(-1, 2)])
+        self._note_unreachable(components(len(positions), connections))
 
-    def _tell_reach(self, component: np.ndarray) -> None:
-        """Note what cannot be reached from the greatest connected part of the floor, the one with the most regions:
-        regions, and other nodes."""
+    def _note_unreachable(self, component: np.ndarray) -> None:
+        """Note the regions and nodes that cannot be reached from the main connected part of the floor, which has the
+        largest number of regions."""
         parts = [
             {name for node, c in zip(self.nodes, component, strict=True) if c == part for name in node.regions}
             for part in range(int(component.max()) + 1)
@@ -218,8 +228,12 @@ class _FloorMap:
         with_door = {name for node in self.nodes if node.kind is NodeKind.TRANSITION for name in node.regions}
         for name in self._names.values():
             if name not in parts[main]:
-                why = "its doors lead elsewhere" if name in with_door else "it has no door that the robot fits through"
-                self._notes.append(f"{name} is out of reach of the floor's other regions: {why}")
+                reason = (
+                    "its doors do not lead to them"
+                    if name in with_door
+                    else "it has no door that the robot fits through"
+                )
+                self._notes.append(f"{name} is out of reach of the floor's other regions: {reason}")
         for node, c in zip(self.nodes, component, strict=True):
             if c != main and parts[main].issuperset(node.regions):
                 self._notes.append(f"node {node.id} is out of reach: no clear floor leads to it")

@@ -1,4 +1,4 @@
-"""The map of a building in one folder: localization map and topological map, built and queried together."""
+"""The map of a building in one folder: a localization map and a topological map, built and queried together."""
 
 from __future__ import annotations
 
@@ -25,14 +25,18 @@ from salframe.topology.topological_map import TopologicalMap, TopologySettings
 
 @dataclass(frozen=True)
 class BuildingMap:
-    """The map of a building: `localization` is None for data without reference frames, `topology` is None for data
-    without floors, and where it was not wanted."""
+    """The map of a building.
+
+    Attributes:
+        localization: The localization map, None for data without reference frames.
+        topology: The topological map, None for data without floors and where it was disabled.
+    """
 
     localization: LocalizationMap | None
     topology: TopologicalMap | None
 
     def write(self, parts: MapParts) -> None:
-        """Write the parts of both maps."""
+        """Write both maps as parts of a saved map."""
         if self.localization is not None:
             self.localization.write(parts)
         if self.topology is not None:
@@ -63,51 +67,59 @@ def build_map(
         data: name of a dataset or preset, a YAML file, or a folder with a manifest.json.
         output: folder to write the map to.
         method: name of a preset or localizer (default: that of `salframe build`).
-        topology: whether to make the topology of the floors.
-        choose: put one scene node where each region is widest, instead of one at each reference frame.
+        topology: whether to build the topology of the floors.
+        choose: place one scene node where each region has the largest clearance, instead of one at each reference
+            frame.
         data_dir: folder with the files of the dataset.
         overrides: settings, "key.path=value" each; those of data and engine start with "data." and "engine.".
         engine: name of the component that renders and describes.
-        progress: called with what is done, and how much of how many.
-        tell: called with lines that the user must read.
+        progress: called with the name of the step, the number of items done and their total number.
+        tell: called with messages for the user, one line each.
 
-    Raises ConfigError where `output` holds something else than a map, DataError on data without reference frames and
-    without usable floors and with `choose` on data without usable floors, InputMissing where nothing that `auto` may
-    select can run.
+    Raises:
+        ConfigError: `output` holds something other than a map, or `choose` was combined with no topology.
+        DataError: The data have neither reference frames nor usable floors, or no usable floors with `choose`.
+        InputMissing: None of the components that `auto` may select can run.
     """
     output = Path(output)
     if choose and not topology:
-        raise ConfigError("received both choose and no topology, expected one of them: choose places the scene nodes")
+        raise ConfigError(
+            "received choose without topology: choose places the scene nodes of the topology, "
+            "so enable topology or drop choose"
+        )
     check_output(output)
     name, dataset, localizer = prepare(data, method, data_dir, overrides, engine, progress, tell)
     floors, frames = dataset.floors() if topology else (), reference_frames(dataset)
     if choose and not floors:
-        raise DataError(f"{dataset.name} has no floor masks, expected a dataset with floor masks for its topology")
-    made = None
+        raise DataError(f"{dataset.name} has no floor masks, expected a dataset with floor masks to build the topology")
+    topological_map = None
     if floors:
         try:
-            made = build_topology(floors, frames, TopologySettings(choose=choose))
+            topological_map = build_topology(floors, frames, TopologySettings(choose=choose))
         except DataError as error:
             if choose or not frames:
                 raise
             tell(f"warning: the map has no topology: {error}")
     localization = None
-    if frames or made is None:
+    if frames or topological_map is None:
         localization = build_localization(localizer, dataset, progress and partial(progress, name), tell)
-    built = BuildingMap(localization, made)
+    building_map = BuildingMap(localization, topological_map)
     with write_map(output) as parts:
-        built.write(parts)
-    return built
+        building_map.write(parts)
+    return building_map
 
 
 @dataclass(frozen=True)
 class Whereabouts:
     """The answer of a map to a query.
 
-    localization: the localizer's answer; node: the nearest node, off all floors and without a pose that of the frame
-    that answered, None in a map without topology; distance_m: distance to walk to the node, None without a pose;
-    heading_rad: azimuth of the panorama's x axis, None without a pose; route: the route to the goal where one was
-    requested.
+    Attributes:
+        localization: The answer of the localizer.
+        node: The nearest node. Without a pose, or with a pose off all floors, the node of the reference frame that
+            answered. None in a map without topology.
+        distance_m: Walking distance to the node, None without a pose.
+        heading_rad: Azimuth of the panorama's x axis in the world frame, None without a pose.
+        route: The route to the goal, where a goal was passed.
     """
 
     localization: Localization
@@ -125,16 +137,26 @@ def ask_map(
 ) -> Whereabouts:
     """Localize a query with a saved map, find the nearest node, and plan the route to a node or place.
 
-    With a pose the route begins there, at the node `here`; without, at the node of the reference frame that answered. Raises
-    DataError where the map has no localizer, or no topology to plan a route on; UnknownName on a goal that is not on
-    the map; NoRoute where there is no route or the query is not localized.
+    With a pose the route begins at that pose, in the node `here`; without a pose it begins at the node of the reference
+    frame that answered.
+
+    Args:
+        directory: folder of the map.
+        frame: the query.
+        goal: id of a node or name of a place; None for no route.
+        planner: name of the planner, None for the default.
+
+    Raises:
+        DataError: The map has no localizer, or no topology to plan a route on.
+        UnknownName: The goal is not on the map.
+        NoRoute: There is no route, or the query was not localized.
     """
     localization, topology = read_map(Path(directory), partial(_read_both, needs_topology=goal is not None))
     answer = localization.localize(frame)
     if topology is None:
         return Whereabouts(answer, None, None, None if answer.T_world_query is None else pose_yaw(answer.T_world_query))
-    answered = answer.places[0].frame if answer.status.names_a_place else None
-    start = next((node.id for node in topology.nodes if answered in node.frames), None)
+    best_frame = answer.places[0].frame if answer.status.names_a_place else None
+    start = next((node.id for node in topology.nodes if best_frame in node.frames), None)
     if answer.T_world_query is not None:
         try:
             topology = with_position(topology, answer.T_world_query[:3, 3])
@@ -142,8 +164,8 @@ def ask_map(
             if goal is not None:
                 raise
             return Whereabouts(answer, start, None, pose_yaw(answer.T_world_query))
-        near = min((edge for edge in topology.edges if edge.start == HERE), key=lambda edge: edge.length_m)
-        whereabouts = Whereabouts(answer, near.end, near.length_m, pose_yaw(answer.T_world_query))
+        nearest = min((edge for edge in topology.edges if edge.start == HERE), key=lambda edge: edge.length_m)
+        whereabouts = Whereabouts(answer, nearest.end, nearest.length_m, pose_yaw(answer.T_world_query))
         start = HERE
     else:
         whereabouts = Whereabouts(answer, start)

@@ -1,4 +1,5 @@
-"""Edges between the nodes of a floor: by sight, and along the shortest way where sight does not join them."""
+"""Edges between the nodes of a floor: along lines of sight, and along shortest paths where lines of sight do not
+connect the nodes."""
 
 from __future__ import annotations
 
@@ -9,23 +10,31 @@ from salframe.topology.topological_map import MapEdge
 
 
 def sight_pairs(grid: FloorGrid, pixels: np.ndarray) -> np.ndarray:
-    """(E, 2) pairs i < j of the positions (row, column) in pixels (N, 2) that see each other over clear floor."""
+    """Return the pairs i < j of positions with a line of sight over clear floor.
+
+    Args:
+        grid: The floor.
+        pixels: (N, 2) float64 positions (row, column).
+
+    Returns:
+        (E, 2) int64.
+    """
     first, second = np.triu_indices(len(pixels), 1)
-    seen = sees(grid.clear, pixels[first], pixels[second])
-    return np.column_stack([first[seen], second[seen]])
+    visible = sees(grid.clear, pixels[first], pixels[second])
+    return np.column_stack([first[visible], second[visible]])
 
 
 def components(count: int, pairs: np.ndarray) -> np.ndarray:
-    """(count,) int component of each of `count` nodes joined by pairs (E, 2)."""
+    """Return the connected component of each of `count` nodes connected by pairs (E, 2), (count,) int."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
 
-    joined = coo_matrix((np.ones(len(pairs)), tuple(pairs.T)), (count, count))
-    return connected_components(joined, directed=False)[1]
+    matrix = coo_matrix((np.ones(len(pairs)), tuple(pairs.T)), (count, count))
+    return connected_components(matrix, directed=False)[1]
 
 
 def make_edge(grid: FloorGrid, start: str, end: str, corners: np.ndarray) -> MapEdge:
-    """The edge along corners (K, 2), pixels (row, column); straight where there are two."""
+    """Return the edge along corners (K, 2), pixels (row, column); a straight edge for two corners."""
     path = grid.to_metres(corners)
     x, y = path[-1] - path[0]
     length_m = float(np.hypot(*np.diff(path, axis=0).T).sum())
@@ -34,12 +43,20 @@ def make_edge(grid: FloorGrid, start: str, end: str, corners: np.ndarray) -> Map
 
 
 def joining_paths(grid: FloorGrid, pixels: np.ndarray, component: np.ndarray) -> list[tuple[int, int, np.ndarray]]:
-    """The shortest ways that join the components of nodes at pixels (N, 2) wherever clear floor does: the minimum
-    spanning tree of them.
+    """Return the shortest paths that connect the components of nodes where clear floor does: their minimum spanning
+    tree.
 
-    Each is (i, j, corners), corners (K, 2) the pixels (row, column) of a line from node i to node j over clear floor,
-    pulled straight between its corners. Ways are found from where the nodes' neighbourhoods (pixels nearest to walk to)
-    meet: a tree of shortest ways crosses no other neighbourhood.
+    Candidates are the paths through the borders between the neighbourhoods of nodes, where a neighbourhood is the set
+    of pixels with the shortest walking distance to its node. A path of the tree crosses no other neighbourhood.
+
+    Args:
+        grid: The floor.
+        pixels: (N, 2) float64 positions (row, column) of the nodes.
+        component: (N,), the component of each node.
+
+    Returns:
+        Paths (i, j, corners) from node i to node j over clear floor, straight between corners (K, 2), pixels
+        (row, column).
     """
     from scipy import ndimage
     from scipy.sparse.csgraph import dijkstra
@@ -68,17 +85,17 @@ def joining_paths(grid: FloorGrid, pixels: np.ndarray, component: np.ndarray) ->
     length = distance[row] + steps.data[meets] + distance[column]
     middle = np.argwhere(mask) + 0.5
     paths = []
-    for way in _spanning_ways(component[a[meets]], component[b[meets]], length, int(component.max()) + 1):
-        forth, back = _trace(before, int(row[way])), _trace(before, int(column[way]))
+    for path in _spanning_paths(component[a[meets]], component[b[meets]], length, int(component.max()) + 1):
+        forth, back = _trace(before, int(row[path])), _trace(before, int(column[path]))
         line = middle[[*reversed(forth), *back]]
-        i, j = int(owner[row[way]]), int(owner[column[way]])
+        i, j = int(owner[row[path]]), int(owner[column[path]])
         line[0], line[-1] = pixels[i], pixels[j]
         paths.append((i, j, _pull_straight(grid.clear, line)))
     return paths
 
 
-def _spanning_ways(first: np.ndarray, second: np.ndarray, length: np.ndarray, count: int) -> list[int]:
-    """Positions of the ways between components (first < second) that make their minimum spanning tree."""
+def _spanning_paths(first: np.ndarray, second: np.ndarray, length: np.ndarray, count: int) -> list[int]:
+    """Return the positions of the paths between components (first < second) that form the minimum spanning tree."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import minimum_spanning_tree
 
@@ -88,12 +105,12 @@ def _spanning_ways(first: np.ndarray, second: np.ndarray, length: np.ndarray, co
     tree = minimum_spanning_tree(
         coo_matrix((length[shortest], (first[shortest], second[shortest])), (count, count)).tocsr()
     ).tocoo()
-    position = {(int(first[way]), int(second[way])): int(way) for way in shortest}
+    position = {(int(first[path]), int(second[path])): int(path) for path in shortest}
     return [position[int(i), int(j)] for i, j in zip(tree.row, tree.col, strict=True)]
 
 
 def _trace(before: np.ndarray, pixel: int) -> list[int]:
-    """From a pixel back to the node it is nearest to."""
+    """Return the pixels from a pixel back to its nearest node."""
     line = [pixel]
     while before[line[-1]] >= 0:
         line.append(int(before[line[-1]]))
@@ -101,10 +118,10 @@ def _trace(before: np.ndarray, pixel: int) -> list[int]:
 
 
 def _pull_straight(clear: np.ndarray, line: np.ndarray) -> np.ndarray:
-    """The corners (K, 2) that remain of a line (L, 2) when each goes straight to the farthest point it sees."""
+    """Return the corners (K, 2) of a line (L, 2) after each corner is connected to the farthest visible point."""
     corners = [0]
     while corners[-1] < len(line) - 1:
         ahead = np.arange(corners[-1] + 1, len(line))
-        seen = sees(clear, np.broadcast_to(line[corners[-1]], (len(ahead), 2)), line[ahead])
-        corners.append(int(ahead[seen].max()))
+        visible = sees(clear, np.broadcast_to(line[corners[-1]], (len(ahead), 2)), line[ahead])
+        corners.append(int(ahead[visible].max()))
     return line[corners]

@@ -1,4 +1,4 @@
-"""A map for other programs: its topology as GraphML and GeoJSON, its scenes as Parquet."""
+"""Exports a map to other programs: its topology as GraphML or GeoJSON, its scenes as Parquet."""
 
 from __future__ import annotations
 
@@ -16,8 +16,12 @@ from salframe.topology.topological_map import TopologicalMap
 
 
 def export_map(directory: str | Path, path: str | Path) -> None:
-    """Write the topology of a map as .graphml or .geojson, or its scenes as .parquet, by the file's suffix. Raises
-    ConfigError on another one, DataError where the map has no such part."""
+    """Write the topology of a map as .graphml or .geojson, or its scenes as .parquet, by the file's suffix.
+
+    Raises:
+        ConfigError: The file has another suffix.
+        DataError: The map has no such part.
+    """
     directory, path = Path(directory), Path(path)
     if path.suffix == ".parquet":
         export_scenes(directory, path)
@@ -29,8 +33,8 @@ def export_map(directory: str | Path, path: str | Path) -> None:
 
 
 def _write_graphml(topology: TopologicalMap, path: Path) -> None:
-    """Nodes with kind, x_m, y_m, z_m, regions and frames, edges with length_m, azimuth_deg and path_m; lists joined by
-    ';'."""
+    """Write nodes with kind, x_m, y_m, z_m, regions and frames, and edges with length_m, azimuth_deg and path_m; lists
+    are joined by ';'."""
     import networkx as nx
 
     graph = nx.MultiGraph(name="topological map")
@@ -52,8 +56,8 @@ def _write_graphml(topology: TopologicalMap, path: Path) -> None:
 
 
 def _write_geojson(topology: TopologicalMap, path: Path) -> None:
-    """A point a node and a line an edge. GeoJSON's coordinates are longitude and latitude; these are local metres, and
-    the file says so."""
+    """Write a point for each node and a line for each edge. GeoJSON coordinates are longitude and latitude; these are
+    local metres, which is stated in the file."""
     height = {node.id: node.xyz_m[2] for node in topology.nodes}
     place = {node.id: node.xyz_m[:2] for node in topology.nodes}
     features = [
@@ -69,8 +73,8 @@ def _write_geojson(topology: TopologicalMap, path: Path) -> None:
             )
         )
     note = (
-        "x, y, z in metres in the map's own frame, z up; "
-        "no longitude and latitude, although GeoJSON readers take them for WGS 84"
+        "x, y, z in metres in the map's world frame, z up; "
+        "not longitude and latitude, although GeoJSON readers interpret them as WGS 84"
     )
     collection = {"type": "FeatureCollection", "properties": {"coordinates": note}, "features": features}
     write_text(path, json.dumps(collection, indent=1, allow_nan=False) + "\n")

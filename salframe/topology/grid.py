@@ -1,5 +1,5 @@
-"""A floor's pixels: where a robot may stand, which region each pixel belongs to, what sees what, and the shortest way
-between."""
+"""The pixels of a floor: where a robot fits, the region of each pixel, lines of sight, and the graph for shortest
+paths."""
 
 from __future__ import annotations
 
@@ -14,14 +14,18 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
 _CROSSINGS_AT_ONCE = 4_000_000
+"""Number of crossings of columns that are tested at once, which limits memory."""
 
 
 class FloorGrid:
-    """The masks of a floor as a robot of this radius meets them; positions are pixels (row, column), pixel centres at
-    +0.5.
+    """The masks of a floor for a robot of a radius. Positions are pixels (row, column), with pixel centres at +0.5.
 
-    walkable (rows, columns) bool: free floor without obstacles; clear bool: walkable, and the pixel's centre at least
-    the radius from what blocks (exact along the pixels' axes); label int32: the region of each walkable pixel.
+    Attributes:
+        floor: The masks.
+        walkable: (rows, columns) bool, free floor without obstacles.
+        clearance_m: (rows, columns) float64, distance from the pixel's centre to what blocks.
+        clear: (rows, columns) bool, walkable pixels whose clearance is at least the radius (exact along the axes of the
+            pixels).
     """
 
     def __init__(self, floor: FloorMasks, robot_radius_m: float) -> None:
@@ -35,10 +39,11 @@ class FloorGrid:
 
     @cached_property
     def label(self) -> np.ndarray:
-        """Regions grown over the free floor that has none, each pixel to the region that is nearest to walk to.
+        """The region of each walkable pixel, (rows, columns) int32, 0 for none.
 
-        So the labels of two regions meet in the middle of a threshold however thick the wall
-        (docs/how-to/maps.md#what-the-map-is-made-of). Floor from which no region can be reached keeps 0.
+        Free floor without a region gets the region with the shortest walking distance. The labels of two regions
+        therefore meet in the middle of a threshold, regardless of the thickness of the wall
+        (docs/how-to/maps.md#what-the-map-is-made-of). Floor from which no region can be reached has the label 0.
         """
         from scipy import ndimage
         from scipy.sparse.csgraph import dijkstra
@@ -55,7 +60,7 @@ class FloorGrid:
 
     @property
     def names(self) -> dict[int, str]:
-        """Place of each region label; a label without a name is called after its number."""
+        """The place of each region label; a label without a name gets a name with its number."""
         return {
             int(label): self.floor.regions.get(int(label), f"region-{label}")
             for label in np.unique(self.label)
@@ -63,36 +68,36 @@ class FloorGrid:
         }
 
     def to_pixel(self, xy_m: np.ndarray) -> np.ndarray:
-        """(..., 2) pixels (row, column), float64, of world positions (x, y) in metres."""
+        """Return the pixels (row, column), (..., 2) float64, of world positions (x, y) in metres."""
         x, y = np.moveaxis(np.asarray(xy_m, np.float64), -1, 0)
         left_m, top_m = self.floor.origin_m
         return np.stack([(top_m - y) / self.floor.resolution_m, (x - left_m) / self.floor.resolution_m], -1)
 
     def to_metres(self, pixel: np.ndarray) -> np.ndarray:
-        """(..., 2) world positions (x, y) in metres of pixels (row, column)."""
+        """Return the world positions (x, y) in metres, (..., 2), of pixels (row, column)."""
         row, column = np.moveaxis(np.asarray(pixel, np.float64), -1, 0)
         left_m, top_m = self.floor.origin_m
         return np.stack([left_m + column * self.floor.resolution_m, top_m - row * self.floor.resolution_m], -1)
 
     def inside(self, pixel: np.ndarray) -> np.ndarray:
-        """(...,) bool: whether pixels (row, column) lie on the masks."""
+        """Return whether pixels (row, column) lie on the masks, (...,) bool."""
         return np.all((pixel >= 0) & (pixel < np.array(self.floor.free.shape)), axis=-1)
 
     def world(self, pixel: np.ndarray) -> tuple[float, float, float]:
-        """The point (x, y, z) in metres on the floor at one pixel (row, column)."""
+        """Return the point (x, y, z) in metres on the floor at one pixel (row, column)."""
         x, y = self.to_metres(pixel)
         return float(x), float(y), float(self.floor.z_m)
 
 
 def cell(position: np.ndarray) -> tuple[int, int]:
-    """The pixel that a position (row, column) lies in."""
+    """Return the pixel that contains a position (row, column)."""
     row, column = np.floor(position).astype(int)
     return int(row), int(column)
 
 
 def nearest_pixel(allowed: np.ndarray, position: np.ndarray) -> np.ndarray | None:
-    """The position (row, column) itself where its pixel is allowed, else the centre of the nearest pixel that is; None
-    where none is."""
+    """Return the position (row, column) itself where its pixel is allowed, else the centre of the nearest allowed
+    pixel; None where no pixel is allowed."""
     if allowed[cell(position)]:
         return position
     centres = np.argwhere(allowed) + 0.5
@@ -100,17 +105,24 @@ def nearest_pixel(allowed: np.ndarray, position: np.ndarray) -> np.ndarray | Non
 
 
 def sees(clear: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """(P,) bool: whether all pixels that the straight line from start to end passes through are clear.
+    """Return whether all pixels on the straight line from start to end are clear.
 
-    clear (rows, columns) bool; start, end (P, 2) float64 positions (row, column) on it. Exact: every pixel the line
-    crosses counts.
+    The test is exact: it includes every pixel that the line crosses.
+
+    Args:
+        clear: (rows, columns) bool.
+        start: (P, 2) float64, positions (row, column) on `clear`.
+        end: (P, 2) float64, positions (row, column) on `clear`.
+
+    Returns:
+        (P,) bool.
     """
-    seen = _at(clear, start) & _at(clear, end)
+    visible = _at(clear, start) & _at(clear, end)
     steep = np.abs(end[:, 0] - start[:, 0]) > np.abs(end[:, 1] - start[:, 1])
-    for image, chosen, axes in ((clear, ~steep, [0, 1]), (clear.T, steep, [1, 0])):
-        pairs = np.flatnonzero(chosen & seen)
-        seen[pairs] = _sees_flat(image, start[pairs][:, axes], end[pairs][:, axes])
-    return seen
+    for image, selected, axes in ((clear, ~steep, [0, 1]), (clear.T, steep, [1, 0])):
+        pairs = np.flatnonzero(selected & visible)
+        visible[pairs] = _sees_flat(image, start[pairs][:, axes], end[pairs][:, axes])
+    return visible
 
 
 def _at(image: np.ndarray, position: np.ndarray) -> np.ndarray:
@@ -119,8 +131,8 @@ def _at(image: np.ndarray, position: np.ndarray) -> np.ndarray:
 
 
 def _sees_flat(clear: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """`sees` for lines that cross at least as many columns as rows: where such a line crosses from a column to the
-    next, both pixels count."""
+    """Return `sees` for lines that cross at least as many columns as rows. Where such a line crosses from a column to
+    the next, both pixels must be clear."""
     swap = start[:, 1] > end[:, 1]
     start, end = np.where(swap[:, None], end, start), np.where(swap[:, None], start, end)
     across = end[:, 1] - start[:, 1]
@@ -128,7 +140,7 @@ def _sees_flat(clear: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndar
     first = np.floor(start[:, 1]).astype(int) + 1
     count = np.floor(end[:, 1]).astype(int) + 1 - first
     passable = clear[:, :-1] & clear[:, 1:]  # [row, column - 1]: from a column to the next
-    seen = np.ones(len(start), bool)
+    visible = np.ones(len(start), bool)
     chunk = np.cumsum(count) // _CROSSINGS_AT_ONCE
     for number in np.unique(chunk):
         pairs = np.flatnonzero(chunk == number)
@@ -136,15 +148,18 @@ def _sees_flat(clear: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndar
         before = np.repeat(np.cumsum(count[pairs]) - count[pairs], count[pairs])
         column = first[owner] + np.arange(len(owner)) - before
         row = np.floor(start[owner, 0] + (column - start[owner, 1]) * slope[owner]).astype(int)
-        seen[owner[~passable[row, column - 1]]] = False
-    return seen
+        visible[owner[~passable[row, column - 1]]] = False
+    return visible
 
 
 def pixel_graph(mask: np.ndarray) -> csr_matrix:
-    """Steps between the N pixels of a mask, in the order of np.nonzero, as an (N, N) sparse matrix of lengths in
-    pixels, each both ways.
+    """Return the steps between neighbouring pixels of a mask.
 
-    Steps go to 8 neighbours; a diagonal one only where both pixels beside it are in the mask too.
+    Steps lead to 8 neighbours; a diagonal step requires that both pixels beside it are in the mask.
+
+    Returns:
+        (N, N) symmetric sparse matrix of lengths in pixels between the N pixels of the mask, in the order of
+        np.nonzero.
     """
     from scipy.sparse import coo_matrix
 

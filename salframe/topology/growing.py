@@ -1,4 +1,5 @@
-"""Change a saved map by places: add, replace and remove them, or merge maps. The map's panoramas are not needed."""
+"""Changes the places of a saved map: adds, replaces and removes places, and merges maps. The map's panoramas are not
+needed."""
 
 from __future__ import annotations
 
@@ -24,15 +25,23 @@ from salframe.topology.store import TOPOLOGY, read_topology
 from salframe.topology.topological_map import TopologicalMap
 
 _Change = Callable[[LocalizationMap, Sequence[FloorMasks]], Sequence[FloorMasks]]
-"""A function that changes a map with these floors, and returns the floors of the changed map."""
+"""A function that takes a map and its floors, changes the map, and returns the floors of the changed map."""
 _Source = tuple[Path, Sequence[ReferenceFrame]]
 """A map or dataset, and its frames."""
 
 
 @dataclass(frozen=True)
 class MapChange:
-    """A change of a map: the places that were added, replaced and removed, the number of places and reference frames of
-    the changed map, and the notes of its topology."""
+    """A change of a map.
+
+    Attributes:
+        added: Places that were added.
+        replaced: Places that were replaced.
+        removed: Places that were removed.
+        places: Number of places of the changed map.
+        frames: Number of reference frames of the changed map.
+        notes: Notes of the changed topology.
+    """
 
     added: tuple[str, ...]
     replaced: tuple[str, ...]
@@ -52,55 +61,72 @@ def add_to_map(
     progress: Progress | None = None,
     tell: Tell = silent,
 ) -> MapChange:
-    """Add the places of a dataset to the map in the folder `directory`, described as the map was.
+    """Add the places of a dataset to the map in the folder `directory`, with the method and settings of the map.
 
-    A place that the map has is replaced: all its frames are removed. Panoramas of the map are not described again. The
-    dataset's floors are laid over the map's (`join_floors`), and a topology is computed again from floors and frames.
-    Data and map share one world frame. The map changes in one step. data_dir, overrides and engine, which describes
-    too, are as in `find_dataset`. Raises DataError where the folder holds no map with a method, where a frame has the
-    id of another place's in the map, and on floors that cannot be joined; InputMissing on panoramas that lack what the
-    method needs.
+    A place that the map already has is replaced: all its frames are removed. Panoramas of the map are not described
+    again. The floors of the dataset are laid over those of the map (`join_floors`), and a topology is computed again
+    from floors and frames. Dataset and map must share one world frame. The map changes in one atomic step.
+
+    Args:
+        directory: folder of the map.
+        data: name of a dataset or preset, a YAML file, or a folder with a manifest.json.
+        data_dir: as in `find_dataset`.
+        overrides: as in `find_dataset`.
+        engine: as in `find_dataset`; it also describes the panoramas.
+        progress: called with the name of the step, the number of items done and their total number.
+        tell: called with messages for the user, one line each.
+
+    Raises:
+        DataError: The folder holds no map with a method, a frame has the id of a frame of another place in the map, or
+            floors cannot be joined.
+        InputMissing: Panoramas lack an input that the method needs.
     """
     directory = Path(directory)
-    read_map(directory, MapParts.read_config)  # reports a missing map before the data are prepared
+    read_map(directory, MapParts.read_config)  # report a missing map before the data are prepared
     dataset = find_dataset(data, data_dir, overrides, progress, engine)
     frames = reference_frames(dataset)
     if units := units_note(frames):
         tell(f"warning: {units}")
 
-    def add(known: LocalizationMap, floors: Sequence[FloorMasks]) -> Sequence[FloorMasks]:
+    def add(localization: LocalizationMap, floors: Sequence[FloorMasks]) -> Sequence[FloorMasks]:
         places = {frame.place for frame in frames}
-        staying = [frame for frame in known.frames if frame.place not in places]
-        _check_ids([(directory, staying), (Path(data), frames)])
-        joined = join_floors(floors, dataset.floors())
-        tracked = progress and partial(progress, known.localizer.name)
-        describe_ahead(known.localizer.config, dataset, tracked)
-        known.extend(frames, Cache(), dataset.content_key, floors=joined, progress=tracked, tell=tell)
-        return joined
+        remaining = [frame for frame in localization.frames if frame.place not in places]
+        _check_ids([(directory, remaining), (Path(data), frames)])
+        new_floors = join_floors(floors, dataset.floors())
+        method_progress = progress and partial(progress, localization.localizer.name)
+        describe_ahead(localization.localizer.config, dataset, method_progress)
+        localization.extend(
+            frames, Cache(), dataset.content_key, floors=new_floors, progress=method_progress, tell=tell
+        )
+        return new_floors
 
     return _change(directory, add)
 
 
 def remove_from_map(directory: str | Path, places: Iterable[str]) -> MapChange:
-    """Remove places from the map in the folder `directory`: their frames, and their regions with the floor in them, so
-    that no route leads there or through.
+    """Remove places from the map in the folder `directory`.
 
-    A topology is computed again from what stays, and dropped where no place with a floor stays. The map changes in one
-    step. Raises UnknownName on a place that the map does not have, ConfigError where none would stay, DataError where
-    the folder holds no map with a method.
+    Their frames and regions are removed, and the floor of these regions, so that no route leads to or through them. The
+    topology is computed again from the remaining places; it is dropped where none of them has a floor. The map changes
+    in one atomic step.
+
+    Raises:
+        UnknownName: The map has no such place.
+        ConfigError: No place would remain.
+        DataError: The folder holds no map with a method.
     """
     removed = list(dict.fromkeys(places))
 
-    def remove(known: LocalizationMap, floors: Sequence[FloorMasks]) -> Sequence[FloorMasks]:
-        names = _places(known.frames, floors)
+    def remove(localization: LocalizationMap, floors: Sequence[FloorMasks]) -> Sequence[FloorMasks]:
+        names = _places(localization.frames, floors)
         for place in removed:
             if place not in names:
                 raise UnknownName(unknown("place", place, names))
-        if {frame.place for frame in known.frames} <= set(removed):
-            raise ConfigError(f"received all places of {directory} to remove, expected one to stay")
-        rest = without_places(floors, removed)
-        known.remove(removed, rest)
-        return rest
+        if {frame.place for frame in localization.frames} <= set(removed):
+            raise ConfigError(f"received all places of {directory} to remove, expected at least one to remain")
+        remaining = without_places(floors, removed)
+        localization.remove(removed, remaining)
+        return remaining
 
     return _change(Path(directory), remove)
 
@@ -108,60 +134,69 @@ def remove_from_map(directory: str | Path, places: Iterable[str]) -> MapChange:
 def merge_maps(directory: str | Path, others: Iterable[str | Path]) -> MapChange:
     """Add the places of other maps, which do not change, to the map in the folder `directory`.
 
-    All maps are of one method and described alike; settings that matter to matching only stay those of the first. All
-    share one world frame: masks of the same floor are joined (`join_floors`), and floors at other heights are added. A
-    topology is computed again from all; a map without topology stays one. The map changes in one step. Raises
-    DataError where a folder holds no map with a method, where methods, settings or weights differ, where two maps have
-    a place or a frame of one name, and on floors that cannot be joined.
+    All maps must have the same method, the same settings of its description, and one world frame. Settings that affect
+    matching only are those of the first map. Masks of the same floor are joined (`join_floors`), and floors at other
+    heights are added. The topology is computed again from all floors and frames; a map without topology gets none. The
+    map changes in one atomic step.
+
+    Raises:
+        DataError: A folder holds no map with a method, methods, settings or weights differ, two maps have a place or a
+            frame of the same name, or floors cannot be joined.
     """
     directory = Path(directory)
 
-    def merge(known: LocalizationMap, floors: Sequence[FloorMasks]) -> Sequence[FloorMasks]:
-        sources, added = [(directory, known.frames)], []
+    def merge(localization: LocalizationMap, floors: Sequence[FloorMasks]) -> Sequence[FloorMasks]:
+        sources, added = [(directory, localization.frames)], []
         for folder in map(Path, others):
             other, topology = read_map(folder, _read)
-            _check_alike(known.localizer, directory, other.localizer, folder)
+            _check_alike(localization.localizer, directory, other.localizer, folder)
             _check_places(sources, other.frames, folder)
             sources.append((folder, other.frames))
             floors = join_floors(floors, _floors(other, topology))
             added.append(other)
         _check_ids(sources)
-        known.merge(added, floors)
+        localization.merge(added, floors)
         return floors
 
     return _change(directory, merge)
 
 
 def _read(parts: MapParts) -> tuple[LocalizationMap, TopologicalMap | None]:
-    """Read a map that can be changed, and its topology. Raises DataError where it has no method."""
+    """Read a map that can be changed, and its topology.
+
+    Raises:
+        DataError: The map has no method.
+    """
     return LocalizationMap.read(parts, indexed=False), read_topology(parts) if parts.has(TOPOLOGY) else None
 
 
-def _floors(known: LocalizationMap, topology: TopologicalMap | None) -> tuple[FloorMasks, ...]:
-    return known.floors if topology is None else topology.floors
+def _floors(localization: LocalizationMap, topology: TopologicalMap | None) -> tuple[FloorMasks, ...]:
+    return localization.floors if topology is None else topology.floors
 
 
 def _change(directory: Path, change: _Change) -> MapChange:
-    """Read a map, change it and write it, while no other process writes to it."""
-    read_map(directory, MapParts.read_config)  # or write_map would create the folders above one that does not exist
+    """Read a map, change it and write it, while other processes cannot write to it."""
+    read_map(
+        directory, MapParts.read_config
+    )  # without this check, write_map would create the parents of a missing folder
     with write_map(directory) as parts:
-        known, topology = read_map(directory, _read)
-        old, old_floors = known.frames, _floors(known, topology)
-        floors = change(known, old_floors)
+        localization, topology = read_map(directory, _read)
+        old, old_floors = localization.frames, _floors(localization, topology)
+        floors = change(localization, old_floors)
         notes: tuple[str, ...] = ()
         if topology is not None and floors:
-            topology = build_topology(floors, known.frames, topology.parameters)
+            topology = build_topology(floors, localization.frames, topology.parameters)
             notes = topology.notes
         elif topology is not None:
-            topology, notes = None, ("the map has no topology any more: none of its places has a floor",)
-        BuildingMap(known, topology).write(parts)
-    frames, kept, before = known.frames, set(old), {frame.place for frame in old}
-    fresh = dict.fromkeys(frame.place for frame in frames if frame not in kept)
-    after = _places(frames, floors)
+            topology, notes = None, ("the topology was dropped: none of the remaining places has a floor",)
+        BuildingMap(localization, topology).write(parts)
+    frames, old_set, old_places = localization.frames, set(old), {frame.place for frame in old}
+    changed = dict.fromkeys(frame.place for frame in frames if frame not in old_set)
+    places = _places(frames, floors)
     return MapChange(
-        added=tuple(place for place in fresh if place not in before),
-        replaced=tuple(place for place in fresh if place in before),
-        removed=tuple(place for place in _places(old, old_floors) if place not in after),
+        added=tuple(place for place in changed if place not in old_places),
+        replaced=tuple(place for place in changed if place in old_places),
+        removed=tuple(place for place in _places(old, old_floors) if place not in places),
         places=len({frame.place for frame in frames}),
         frames=len(frames),
         notes=notes,
@@ -169,45 +204,57 @@ def _change(directory: Path, change: _Change) -> MapChange:
 
 
 def _places(frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks]) -> list[str]:
-    """The places of frames, and those that floors have regions of, each once."""
+    """Return the places of frames and the places of the floors' regions, without duplicates."""
     regions = (place for floor in floors for place in floor.regions.values())
     return list(dict.fromkeys([*(frame.place for frame in frames), *regions]))
 
 
 def _check_alike(first: Localizer, folder: Path, other: Localizer, other_folder: Path) -> None:
-    """Raises DataError on localizers whose descriptions do not belong in one map."""
+    """Check that the descriptions of two localizers belong in one map.
+
+    Raises:
+        DataError: Methods, settings or weights differ.
+    """
     if first.name != other.name:
-        raise DataError(f"{other_folder} is a map of {other.name}, expected one of {first.name} as {folder}")
-    one, two = first.describe_identity(), other.describe_identity()
-    if one != two:
-        settings, others = one.get("settings", {}), two.get("settings", {})
-        differing = [key for key in settings if settings[key] != others.get(key)]
+        raise DataError(f"{other_folder} is a map of {other.name}, expected a map of {first.name} like {folder}")
+    identity, other_identity = first.describe_identity(), other.describe_identity()
+    if identity != other_identity:
+        settings, other_settings = identity.get("settings", {}), other_identity.get("settings", {})
+        differing = [key for key in settings if settings[key] != other_settings.get(key)]
         raise DataError(
             f"{other_folder} was described with other {', '.join(differing) or 'weights'} than {folder}, "
             f"expected the same settings of {first.name}"
         )
 
 
-def _check_places(known: Iterable[_Source], frames: Sequence[ReferenceFrame], folder: Path) -> None:
-    """Raises DataError on frames of places that another map has."""
+def _check_places(sources: Iterable[_Source], frames: Sequence[ReferenceFrame], folder: Path) -> None:
+    """Check that the places of frames are in no other map.
+
+    Raises:
+        DataError: Another map has one of the places.
+    """
     places = {frame.place for frame in frames}
-    for other, theirs in known:
-        if both := sorted(places & {frame.place for frame in theirs}):
+    for other, other_frames in sources:
+        if both := sorted(places & {frame.place for frame in other_frames}):
             raise DataError(
                 f"both {other} and {folder} have {shorten(', '.join(both))}, expected places of different names: "
-                "remove them from one of the two, or build it with other names"
+                "remove them from one of the two maps, or build it again with other names"
             )
 
 
 def _check_ids(sources: Iterable[_Source]) -> None:
-    """Raises DataError on two frames of one id."""
-    known: dict[str, tuple[Path, str]] = {}
+    """Check that all frames have different ids.
+
+    Raises:
+        DataError: Two frames have the same id.
+    """
+    origin: dict[str, tuple[Path, str]] = {}
     for folder, frames in sources:
         for frame in frames:
-            if frame.id in known:
-                other, place = known[frame.id]
+            if frame.id in origin:
+                other, place = origin[frame.id]
                 raise DataError(
                     f"the frame {frame.id} is of {place} in {other} and of {frame.place} in {folder}, "
                     "expected different ids"
                 )
-            known[frame.id] = folder, frame.place
+            origin[frame.id] = folder, frame.place

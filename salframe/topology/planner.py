@@ -1,4 +1,4 @@
-"""The role `planner`: shortest routes on a topological map."""
+"""The role `planner`: plans shortest routes on a topological map."""
 
 from __future__ import annotations
 
@@ -11,7 +11,13 @@ from salframe.topology.topological_map import MapEdge, TopologicalMap
 
 @dataclass(frozen=True)
 class Route:
-    """A shortest route: nodes in order, one leg from each to the next as it is walked, total length_m."""
+    """A shortest route.
+
+    Attributes:
+        nodes: Ids of the nodes, from start to goal.
+        legs: The edge from each node to the next, in walking direction.
+        length_m: Total length.
+    """
 
     nodes: tuple[str, ...]
     legs: tuple[MapEdge, ...]
@@ -25,8 +31,12 @@ class Planner(Role):
 
     @abstractmethod
     def prepare(self, map: TopologicalMap) -> None:
-        """Take a map in; called once before `route`."""
+        """Prepare planning on a map. Called once before `route`."""
 
     @abstractmethod
     def route(self, start: str, goal: str) -> Route:
-        """The shortest route between two nodes. Raises NoRoute."""
+        """Return the shortest route between two nodes.
+
+        Raises:
+            NoRoute: The map does not connect the nodes.
+        """

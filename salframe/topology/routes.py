@@ -1,4 +1,4 @@
-"""Ways through a map: from a node, a place or an estimated position, as legs and as what to do at each corner."""
+"""Routes through a map from a node, a place or an estimated position, as legs and as walking directions."""
 
 from __future__ import annotations
 
@@ -21,13 +21,19 @@ from salframe.topology.topological_map import MapNode, NodeKind, TopologicalMap
 from salframe.topology.transitions import close_doorways
 
 HERE = "here"
-"""The id of the node that `with_position` adds."""
+"""Id of the node that `with_position` adds."""
 
 
 @dataclass(frozen=True)
 class Step:
-    """Turn by turn_rad (left is positive; None where the heading is not known), then walk length_m straight at
-    azimuth_rad in the world, to the node `to`, or to a corner where that is None."""
+    """A step of walking directions: turn, then walk straight ahead.
+
+    Attributes:
+        to: Id of the node where the step ends, None for a corner.
+        length_m: Length of the walk.
+        azimuth_rad: Azimuth of the walk in the world frame.
+        turn_rad: Turn before the walk, positive to the left; None where the heading is unknown.
+    """
 
     to: str | None
     length_m: float
@@ -44,31 +50,44 @@ class Step:
 
 
 def directions(route: Route, heading_rad: float | None = None) -> list[Step]:
-    """The straight stretches of a route, the first turn from heading_rad (azimuth in the world), each further one from
-    the stretch before."""
-    steps: list[tuple[str | None, float, float]] = []
+    """Return the walking directions along a route.
+
+    Args:
+        route: The route.
+        heading_rad: Azimuth in the world frame before the first step, None where unknown. Each further step turns from
+            the azimuth of the step before.
+    """
+    stretches: list[tuple[str | None, float, float]] = []
     for leg in route.legs:
         if not leg.path_m:
-            steps.append((leg.end, leg.length_m, leg.azimuth_rad))
+            stretches.append((leg.end, leg.length_m, leg.azimuth_rad))
             continue
         along = np.diff(leg.path_m, axis=0)
         ends = [*[None] * (len(along) - 1), leg.end]
-        steps += [(to, float(np.hypot(x, y)), float(np.arctan2(y, x))) for to, (x, y) in zip(ends, along, strict=True)]
-    made = []
-    for to, length_m, azimuth_rad in steps:
+        stretches += [
+            (to, float(np.hypot(x, y)), float(np.arctan2(y, x))) for to, (x, y) in zip(ends, along, strict=True)
+        ]
+    steps = []
+    for to, length_m, azimuth_rad in stretches:
         turn_rad = (
             None if heading_rad is None else -float(wrap_angle(heading_rad - azimuth_rad))
-        )  # (-pi, pi]: half a turn is to the left
-        made.append(Step(to, length_m, azimuth_rad, turn_rad))
+        )  # in (-pi, pi]: a half turn is to the left
+        steps.append(Step(to, length_m, azimuth_rad, turn_rad))
         heading_rad = azimuth_rad
-    return made
+    return steps
 
 
 def find_nodes(topology: TopologicalMap, name: str, doors: bool = False) -> list[str]:
-    """The node of this id, or the scene nodes of the place of this name, its doors where it has none or `doors` asks
-    for them.
+    """Return the ids of the nodes of a node id or place.
 
-    Raises UnknownName with the closest one.
+    Args:
+        topology: The map.
+        name: Id of a node, or name of a place.
+        doors: Whether to return the transition nodes of a place rather than its scene nodes. The other kind is returned
+            where the place has no node of this kind.
+
+    Raises:
+        UnknownName: There is no such node or place. The message names the closest one.
     """
     ids = [node.id for node in topology.nodes]
     if name in ids:
@@ -83,29 +102,45 @@ def find_nodes(topology: TopologicalMap, name: str, doors: bool = False) -> list
 
 
 def find_route(topology: TopologicalMap, start: str, goal: str, planner: str | None = None) -> Route:
-    """The shortest route between two nodes or places, by the planner of this name. Raises NoRoute, UnknownName.
+    """Return the shortest route between two nodes or places.
 
-    A place is left and reached at whichever of its scene nodes makes the route shortest; where furniture shuts all of
-    them in, at its doors.
+    A route from or to a place uses the scene node of the place that makes the route shortest, or a transition node
+    where furniture blocks all scene nodes.
+
+    Args:
+        topology: The map.
+        start: Id of a node, or name of a place.
+        goal: Id of a node, or name of a place.
+        planner: Name of the planner, None for the default.
+
+    Raises:
+        NoRoute: No route connects start and goal.
+        UnknownName: There is no such node, place or planner.
     """
-    made = cast(Planner, registry().get("planner", planner or default_of("planner"))())
-    made.prepare(topology)
+    prepared = cast(Planner, registry().get("planner", planner or default_of("planner"))())
+    prepared.prepare(topology)
     for doors in (False, True):
         routes = []
         for pair in itertools.product(find_nodes(topology, start, doors), find_nodes(topology, goal, doors)):
             with suppress(NoRoute):
-                routes.append(made.route(*pair))
+                routes.append(prepared.route(*pair))
         if routes:
             return min(routes, key=lambda route: route.length_m)
     raise NoRoute(f"no route from {start} to {goal}: they lie in parts of the map that no edge joins")
 
 
 def with_position(topology: TopologicalMap, xyz_m: np.ndarray) -> TopologicalMap:
-    """The map with one more node, `here`, below an agent or its camera at xyz_m (3,), on the nearest clear floor where
-    it is taken to be in a wall.
+    """Return the map with an additional node, `here`, below the position of an agent or its camera.
 
-    It is joined to every node it sees, and by the shortest way over clear floor where it sees none. Raises DataError
-    off all floors, and where no node can be reached.
+    The node is on the nearest clear floor where the position is inside a wall or obstacle. Edges connect it to every
+    node in its line of sight, or along the shortest path over clear floor where there is none.
+
+    Args:
+        topology: The map.
+        xyz_m: (3,), position in the world frame.
+
+    Raises:
+        DataError: The position is on no floor, or no node can be reached from it.
     """
     number = find_floor(topology.floors, xyz_m)
     if number is None:
@@ -116,16 +151,16 @@ def with_position(topology: TopologicalMap, xyz_m: np.ndarray) -> TopologicalMap
     pixel = nearest_pixel(grid.clear, grid.to_pixel(xyz_m[:2]))
     others = [node for node in topology.nodes if node.xyz_m[2] == floor.z_m]
     if pixel is None or not others:
-        raise DataError(f"the floor at z = {floor.z_m:g} m has no node to walk to")
+        raise DataError(f"the floor at z = {floor.z_m:g} m has no node that a route could lead to")
     pixels = grid.to_pixel(np.array([node.xyz_m[:2] for node in others]))
-    seen = sees(grid.clear, np.broadcast_to(pixel, pixels.shape), pixels)
-    ways = [(int(node), np.array([pixel, pixels[node]])) for node in np.flatnonzero(seen)]
-    if not ways:
-        apart = np.array([0] + [1] * len(others))
-        ways = [(j - 1, corners) for _, j, corners in joining_paths(grid, np.vstack([pixel, pixels]), apart)]
-    if not ways:
+    visible = sees(grid.clear, np.broadcast_to(pixel, pixels.shape), pixels)
+    paths = [(int(node), np.array([pixel, pixels[node]])) for node in np.flatnonzero(visible)]
+    if not paths:
+        component = np.array([0] + [1] * len(others))
+        paths = [(j - 1, corners) for _, j, corners in joining_paths(grid, np.vstack([pixel, pixels]), component)]
+    if not paths:
         raise DataError(f"no node of the map can be reached from ({xyz_m[0]:.2f}, {xyz_m[1]:.2f}) m over clear floor")
     region = grid.names.get(int(grid.label[cell(pixel)]))
     here = MapNode(HERE, NodeKind.SCENE, grid.world(pixel), () if region is None else (region,))
-    edges = [make_edge(grid, HERE, others[node].id, corners) for node, corners in ways]
+    edges = [make_edge(grid, HERE, others[node].id, corners) for node, corners in paths]
     return replace(topology, nodes=(*topology.nodes, here), edges=(*topology.edges, *edges))

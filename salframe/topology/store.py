@@ -1,4 +1,4 @@
-"""A topological map among the parts of a map on disk."""
+"""Reads and writes a topological map as parts of a map on disk."""
 
 from __future__ import annotations
 
@@ -21,19 +21,22 @@ _NAME, _NAMES, _NUMBER = ArrayKind("U", ()), ArrayKind("U", (None,)), ArrayKind(
 _NODE = {"id": _NAME, "kind": _NAME, "xyz_m": ArrayKind("f", (3,)), "regions": _NAMES, "frames": _NAMES}
 _EDGE = {"start": _NAME, "end": _NAME, "length_m": _NUMBER, "azimuth_rad": _NUMBER, "path_m": ArrayKind("f", (None, 2))}
 _NEAR_M, _NEAR_RAD = 1e-3, 1e-3
-"""How far an edge may lead from its nodes."""
+"""Tolerances in metres and radians when edges are compared with the positions of their nodes."""
 
 
 class _Saved(Settings):
-    """topology.json."""
+    """Content of topology.json."""
 
     parameters: TopologySettings
     notes: tuple[str, ...]
 
 
 def open_topology(directory: str | Path) -> TopologicalMap:
-    """Return the topological map in a folder, identical to the one that was written. Raises DataError where the folder
-    holds none, or one that was edited or is not whole."""
+    """Return the topological map in a folder, identical to the one that was written.
+
+    Raises:
+        DataError: The folder holds no topological map, or one that was edited or is incomplete.
+    """
     return read_map(Path(directory), read_topology)
 
 
@@ -46,7 +49,11 @@ def write_topology(parts: MapParts, topology: TopologicalMap) -> None:
 
 
 def read_topology(parts: MapParts) -> TopologicalMap:
-    """Return the topological map among the parts of a map. Raises DataError where there is none."""
+    """Return the topological map among the parts of a map.
+
+    Raises:
+        DataError: There is none, or it is invalid.
+    """
     if not parts.has(TOPOLOGY):
         raise DataError(
             f"{parts.folder.parent} holds no topological map: build it again, from data with floor masks and without "
@@ -61,8 +68,12 @@ def read_topology(parts: MapParts) -> TopologicalMap:
 
 
 def _check_edges(path: Path, nodes: Sequence[MapNode], edges: Sequence[MapEdge]) -> None:
-    """Raises DataError on nodes of one id, and on an edge that does not lie between its nodes: of other nodes than
-    these, another azimuth, as long as its way is not, or along a way from and to elsewhere."""
+    """Check that ids are unique and that edges agree with the positions of their nodes.
+
+    Raises:
+        DataError: Two nodes have the same id, or an edge has unknown nodes, or an azimuth, length or path that does not
+            lead from one node to the other.
+    """
     place = {node.id: np.array(node.xyz_m) for node in nodes}
     if len(place) < len(nodes):
         raise DataError(f"{path.with_name(NODES)} has {len(nodes)} nodes and {len(place)} different ids")
@@ -71,14 +82,14 @@ def _check_edges(path: Path, nodes: Sequence[MapNode], edges: Sequence[MapEdge])
             raise DataError(f"{path}: an edge from {edge.start!r} to {edge.end!r}, expected nodes of the map")
         ends = np.stack([place[edge.start], place[edge.end]])
         x_m, y_m, _ = ends[1] - ends[0]
-        away_rad = abs(wrap_angle(edge.azimuth_rad - np.arctan2(y_m, x_m))) if np.hypot(x_m, y_m) > _NEAR_M else 0.0
-        way = np.array(edge.path_m) if edge.path_m else ends[:, :2]
-        strays = np.abs(way[[0, -1]] - ends[:, :2]).max() > _NEAR_M
-        off_m = abs(edge.length_m - np.hypot(*np.diff(way, axis=0).T).sum())
-        if away_rad > _NEAR_RAD or off_m > _NEAR_M or strays:
+        error_rad = abs(wrap_angle(edge.azimuth_rad - np.arctan2(y_m, x_m))) if np.hypot(x_m, y_m) > _NEAR_M else 0.0
+        corners = np.array(edge.path_m) if edge.path_m else ends[:, :2]
+        ends_differ = np.abs(corners[[0, -1]] - ends[:, :2]).max() > _NEAR_M
+        error_m = abs(edge.length_m - np.hypot(*np.diff(corners, axis=0).T).sum())
+        if error_rad > _NEAR_RAD or error_m > _NEAR_M or ends_differ:
             raise DataError(
                 f"{path}: the edge from {edge.start} to {edge.end} is {edge.length_m:.2f} m long at "
-                f"{np.degrees(edge.azimuth_rad):.0f} deg, not from one to the other: build the map again"
+                f"{np.degrees(edge.azimuth_rad):.0f} deg, which does not match their positions: build the map again"
             )
 
 

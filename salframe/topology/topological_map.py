@@ -13,7 +13,7 @@ from salframe.panoramas.geometry import wrap_angle
 
 
 class NodeKind(StrEnum):
-    """A scene, a doorway between two regions, or a mere corner of the way."""
+    """A scene, a transition (doorway) between two regions, or a corner of an edge."""
 
     SCENE = "scene"
     TRANSITION = "transition"
@@ -22,7 +22,15 @@ class NodeKind(StrEnum):
 
 @dataclass(frozen=True)
 class MapNode:
-    """A node of the topological map: xyz_m on the floor in the world, its region(s), the reference frames taken there."""
+    """A node of the topological map.
+
+    Attributes:
+        id: Unique id.
+        kind: Kind of the node.
+        xyz_m: Position on the floor in the world frame.
+        regions: Region of a scene node, both regions of a transition node.
+        frames: Ids of the reference frames taken there.
+    """
 
     id: str
     kind: NodeKind
@@ -33,10 +41,14 @@ class MapNode:
 
 @dataclass(frozen=True)
 class MapEdge:
-    """An edge walked either way; azimuth_rad of the straight line from `start` to `end` in the world frame.
+    """An edge, which can be walked in both directions.
 
-    path_m: the corners (x, y) of the way from `start` to `end`, both included, where it is no straight line; else
-    empty.
+    Attributes:
+        start: Id of the first node.
+        end: Id of the second node.
+        length_m: Length of the edge.
+        azimuth_rad: Azimuth of the straight line from `start` to `end` in the world frame.
+        path_m: Corners (x, y) from `start` to `end`, both included; empty for a straight edge.
     """
 
     start: str
@@ -46,18 +58,21 @@ class MapEdge:
     path_m: tuple[tuple[float, float], ...] = ()
 
     def reversed(self) -> MapEdge:
-        """The edge walked from `end` to `start`."""
+        """Return the edge from `end` to `start`."""
         azimuth_rad = float(wrap_angle(self.azimuth_rad + np.pi))
         return MapEdge(self.end, self.start, self.length_m, azimuth_rad, self.path_m[::-1])
 
 
 class TopologySettings(Settings):
-    """How a topological map is made.
+    """Settings of a topological map.
 
-    robot_radius_m: what the free floor is eroded by; min_doorway_m: narrower doorways, measured before erosion, are
-    dropped; snap_m: a scene point that is not clear moves to the nearest clear pixel this near, or is left out;
-    doorway_reach_m: a transition frame belongs to the nearest transition node this near; choose: put one scene node
-    where each region is widest, whatever frames there are.
+    Attributes:
+        robot_radius_m: Radius by which the free floor is eroded.
+        min_doorway_m: Minimum width of a doorway, measured before erosion; narrower ones are dropped.
+        snap_m: Maximum distance from a scene frame to its node, the nearest clear pixel; frames farther from clear
+            floor are left out.
+        doorway_reach_m: Maximum distance from a transition frame to its transition node.
+        choose: Whether to place one scene node where each region has the largest clearance instead of at the frames.
     """
 
     robot_radius_m: float = 0.18
@@ -69,11 +84,15 @@ class TopologySettings(Settings):
 
 @dataclass(frozen=True)
 class TopologicalMap:
-    """Scene and transition nodes and the edges between them (docs/how-to/maps.md#what-the-map-is-made-of), each edge
-    once.
+    """Scene and transition nodes and the edges between them (docs/how-to/maps.md#what-the-map-is-made-of).
 
-    floors: the masks it was made from; parameters: what it was made with; notes: what its reader must know (regions out
-    of reach, edges that sight alone did not give, frames moved or left out), a line each.
+    Attributes:
+        nodes: The nodes.
+        edges: The edges, each in one direction.
+        floors: The floor masks that the map was built from.
+        parameters: The settings that the map was built with.
+        notes: Notes for the user, one line each: regions out of reach, edges without line of sight, frames that were
+            moved or left out.
     """
 
     nodes: tuple[MapNode, ...]

@@ -1,4 +1,4 @@
-"""Where one walks from a region to the next (docs/how-to/maps.md#what-the-map-is-made-of)."""
+"""Transitions (doorways) between the regions of a floor (docs/how-to/maps.md#what-the-map-is-made-of)."""
 
 from __future__ import annotations
 
@@ -14,9 +14,14 @@ _EIGHT = np.ones((3, 3), bool)
 
 @dataclass(frozen=True, eq=False)
 class Doorway:
-    """Where the labels of two regions meet on walkable floor, before erosion: how far the line they meet along reaches,
-    on the side where that is less, its pixels (N, 2), and the transition points on it, (row, column) of medoids; none
-    where the robot does not fit through."""
+    """A line along which the labels of two regions meet on walkable floor, before erosion.
+
+    Attributes:
+        labels: Labels of the two regions.
+        width_m: Extent of the line, on the side where it is shorter.
+        pixels: (N, 2), pixels of the line.
+        points: Transition points on the line, (row, column) of medoids; empty where the robot does not fit through.
+    """
 
     labels: tuple[int, int]
     width_m: float
@@ -25,10 +30,10 @@ class Doorway:
 
 
 def find_doorways(grid: FloorGrid) -> list[Doorway]:
-    """Every doorway of a floor, by pair of regions, then from the top left.
+    """Return the doorways of a floor, sorted by pair of regions, then from the top left.
 
-    Transition pixels have a 4-neighbour of another region; their 8-connected components make the doorways, and on the
-    clear floor alone the transition points.
+    Transition pixels have a 4-neighbour of another region. Their 8-connected components are the doorways; the
+    8-connected components of those on clear floor give the transition points.
     """
     from scipy import ndimage
 
@@ -52,8 +57,11 @@ def find_doorways(grid: FloorGrid) -> list[Doorway]:
 
 
 def close_doorways(grid: FloorGrid, min_doorway_m: float) -> tuple[list[Doorway], list[Doorway]]:
-    """The doorways of a floor that are wide enough, and the narrower ones: these are closed, their pixels no longer
-    clear."""
+    """Close narrow doorways: set their pixels in the grid to not clear.
+
+    Returns:
+        The doorways of the floor of at least the minimum width, and the narrower ones.
+    """
     doorways = find_doorways(grid)
     narrow = [doorway for doorway in doorways if doorway.width_m < min_doorway_m - 1e-9]
     for doorway in narrow:
@@ -62,21 +70,21 @@ def close_doorways(grid: FloorGrid, min_doorway_m: float) -> tuple[list[Doorway]
 
 
 def _meetings(grid: FloorGrid) -> Iterator[tuple[tuple[int, int], np.ndarray, np.ndarray]]:
-    """For each pair of labels that meet: the pair, (N, 2) pixels that have the other as 4-neighbour, (N,) bool those
-    where both are clear."""
+    """Yield for each pair of labels that meet: the pair, (N, 2) pixels with a 4-neighbour of the other label, and (N,)
+    bool, whether both pixels are clear."""
     label, clear = grid.label, grid.clear
-    found = []
+    columns = []
     for step in ((0, 1), (1, 0)):
         first, second = np.s_[: label.shape[0] - step[0], : label.shape[1] - step[1]], np.s_[step[0] :, step[1] :]
         pixel = np.argwhere((label[first] != label[second]) & (label[first] > 0) & (label[second] > 0))
         other = pixel + step
         labels = np.sort(np.column_stack([label[tuple(pixel.T)], label[tuple(other.T)]]), 1)
         fits = clear[tuple(pixel.T)] & clear[tuple(other.T)]
-        found += [np.column_stack([labels, side, fits]) for side in (pixel, other)]
-    rows = np.concatenate(found)
+        columns += [np.column_stack([labels, side, fits]) for side in (pixel, other)]
+    rows = np.concatenate(columns)
     for pair in np.unique(rows[:, :2], axis=0):
-        chosen = rows[(rows[:, :2] == pair).all(1)]
-        yield (int(pair[0]), int(pair[1])), chosen[:, 2:4], chosen[:, 4].astype(bool)
+        matching = rows[(rows[:, :2] == pair).all(1)]
+        yield (int(pair[0]), int(pair[1])), matching[:, 2:4], matching[:, 4].astype(bool)
 
 
 def _distances(pixels: np.ndarray) -> np.ndarray:

@@ -137,17 +137,21 @@ def test_only_pictures_of_ours_are_overwritten(pictures):
         before = (pictures / "hall.objects.png").read_bytes()
         done = run("show-objects", "hall.jpg", *DETECTOR)
         assert (done.code, done.err.count("\n")) == (1, 1)
-        assert "hall.objects.png is there and no picture of show-objects" in done.err
+        assert "hall.objects.png exists and is no picture of show-objects" in done.err
         assert (pictures / "hall.objects.png").read_bytes() == before
 
 
 @pytest.mark.parametrize(
     ("arguments", "code", "message"),
     [
-        (("hall.jpg", "desk.png", "--range", "hall.range.png"), 2, "received 2 images and the range of one"),
+        (
+            ("hall.jpg", "desk.png", "--range", "hall.range.png"),
+            2,
+            "received 2 images with --range, expected one image",
+        ),
         (("hall.jpg", "--pitch", "10"), 2, "received --pitch without --fov"),
         (("hall.jpg", "-o", "desk.png"), 2, "desk.png is a file, expected a folder"),
-        (("hall.jpg", "other/hall.png"), 2, "2 images would all be shown as hall.objects.png"),
+        (("hall.jpg", "other/hall.png"), 2, "2 images would have the same picture hall.objects.png"),
         (("hall.jpg", "--fov", "180"), 1, "a photograph has a field of view of 180 deg, expected 0 to 180"),
         (("hall.jpg", "--range", "hall.jpg"), 1, "hall.jpg has 3 channel(s) of 8 bits, expected one of 16 bits"),
         (("hall.jpg", "--range", "desk.depth.png"), 1, "the range image is 640 x 480"),

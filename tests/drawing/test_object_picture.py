@@ -1,4 +1,4 @@
-"""Pictures of objects: outlines and names where closed forms put them."""
+"""Pictures of objects: positions of outlines and names compared with closed forms."""
 
 import numpy as np
 import pytest
@@ -23,17 +23,17 @@ HEIGHT = 640
 GREY = np.full((HEIGHT, 2 * HEIGHT, 3), 128, np.uint8)
 
 
-def outlined(rgb: np.ndarray, found: Detections, camera: Pinhole | None = None) -> np.ndarray:
-    lines = find_lines(len(rgb), found, camera)
-    return draw_outlines(rgb, found, lines, choose_colours(found.labels))
+def outlined(rgb: np.ndarray, detections: Detections, camera: Pinhole | None = None) -> np.ndarray:
+    lines = find_lines(len(rgb), detections, camera)
+    return draw_outlines(rgb, detections, lines, choose_colours(detections.labels))
 
 
-def is_colour(image: np.ndarray, found: Detections, label: str) -> np.ndarray:
-    return (image == choose_colours(found.labels)[label]).all(-1)
+def is_colour(image: np.ndarray, detections: Detections, label: str) -> np.ndarray:
+    return (image == choose_colours(detections.labels)[label]).all(-1)
 
 
 def off_outline(coloured: np.ndarray, rays: np.ndarray, centre_m, radius_m: float) -> np.ndarray:
-    """How far from its outline, in radians, the pixels in an object's colour lie."""
+    """Return the distances, in radians, of the pixels in an object's colour from its outline."""
     towards = np.array(centre_m) / np.linalg.norm(centre_m)
     return np.arccos(np.clip(rays[coloured] @ towards, -1, 1)) - angular_radius(centre_m, radius_m)
 
@@ -41,8 +41,8 @@ def off_outline(coloured: np.ndarray, rays: np.ndarray, centre_m, radius_m: floa
 @pytest.mark.parametrize("with_range", [True, False])
 @pytest.mark.parametrize(("label", "centre_m", "radius_m", "score"), BALLS)
 def test_a_panorama_has_outlines_around_the_objects(label, centre_m, radius_m, score, with_range):
-    found = balls(with_range)
-    coloured = is_colour(outlined(GREY, found), found, label)
+    detections = balls(with_range)
+    coloured = is_colour(outlined(GREY, detections), detections, label)
     off = off_outline(coloured, equirectangular_rays(HEIGHT), centre_m, radius_m)
     assert len(off) > 100
     assert np.abs(off).max() < 2 * np.pi / 256  # the detector's pixels, and half of the line
@@ -55,23 +55,26 @@ def test_a_panorama_has_outlines_around_the_objects(label, centre_m, radius_m, s
 
 @pytest.mark.parametrize("with_range", [True, False])
 def test_a_photograph_is_drawn_in_its_own_pixels(with_range):
-    camera, found = Pinhole.of_field_of_view(1300, 900, np.radians(80), pitch_rad=np.radians(25)), balls(with_range)
-    drawn = outlined(np.full((900, 1300, 3), 128, np.uint8), found, camera)
+    camera, detections = (
+        Pinhole.of_field_of_view(1300, 900, np.radians(80), pitch_rad=np.radians(25)),
+        balls(with_range),
+    )
+    drawn = outlined(np.full((900, 1300, 3), 128, np.uint8), detections, camera)
     assert drawn.shape == (900, 1300, 3)
     rays = camera.rays() / np.linalg.norm(camera.rays(), axis=-1, keepdims=True)
     label, centre_m, radius_m, _ = BALLS[1]
-    off = off_outline(is_colour(drawn, found, label), rays, centre_m, radius_m)
+    off = off_outline(is_colour(drawn, detections, label), rays, centre_m, radius_m)
     assert len(off) > 100
     assert np.abs(off).max() < 2 * np.pi / 256
-    assert not is_colour(drawn, found, "ottoman").any()  # behind the camera
+    assert not is_colour(drawn, detections, "ottoman").any()  # behind the camera
 
 
 def test_around_a_pole_the_outline_is_a_line_across_and_nothing_else():
     unknown, down = np.full((1, 3), np.nan), np.array([[0, 0, -1.0]])
     solid_angle_sr = np.array([2 * np.pi * (1 - np.cos(np.radians(40)))])
-    found = Detections(("rug",), np.ones(1), unknown, unknown, np.full(1, np.nan), None, down, solid_angle_sr)
-    drawn = outlined(GREY, found)
-    rows, columns = np.nonzero(is_colour(drawn, found, "rug"))
+    detections = Detections(("rug",), np.ones(1), unknown, unknown, np.full(1, np.nan), None, down, solid_angle_sr)
+    drawn = outlined(GREY, detections)
+    rows, columns = np.nonzero(is_colour(drawn, detections, "rug"))
     border = 140 / 180 * HEIGHT  # 50 deg down
     assert np.abs(rows + 0.5 - border).max() < 3
     assert set(columns) == set(range(2 * HEIGHT))
@@ -81,10 +84,10 @@ def test_around_a_pole_the_outline_is_a_line_across_and_nothing_else():
 
 
 def test_names_lie_on_the_objects():
-    """What naming changes are boxes, each as near to its object as its middle."""
-    found = balls(False)
-    colours, lines = choose_colours(found.labels), find_lines(HEIGHT, found)
-    named = name_objects(GREY, found, lines, colours)
+    """Naming changes boxes only, each of which is near the middle of its object."""
+    detections = balls(False)
+    colours, lines = choose_colours(detections.labels), find_lines(HEIGHT, detections)
+    named = name_objects(GREY, detections, lines, colours)
     for i, (label, centre_m, _, _) in enumerate(BALLS):
         rows, columns = np.nonzero((named == colours[label]).all(-1))
         x, y, z = np.array(centre_m) / np.linalg.norm(centre_m)
@@ -128,31 +131,31 @@ def test_a_label_has_its_colour_in_every_picture_and_no_two_share_one():
     assert len(choose_colours(f"thing {number}" for number in range(50))) == 50
 
 
-def plan_of(found: Detections) -> tuple[Plan, np.ndarray]:
-    graph = build_graph(found, np.full(len(found), 1 / len(found)), GraphConfig())
-    colours = choose_colours(found.labels)
-    plan = Plan(found, graph, colours, 800)
-    return plan, np.array([(plan.image == colours[label]).all(-1) for label in found.labels])
+def plan_of(detections: Detections) -> tuple[Plan, np.ndarray]:
+    graph = build_graph(detections, np.full(len(detections), 1 / len(detections)), GraphConfig())
+    colours = choose_colours(detections.labels)
+    plan = Plan(detections, graph, colours, 800)
+    return plan, np.array([(plan.image == colours[label]).all(-1) for label in detections.labels])
 
 
 def test_the_plan_looks_ahead_upwards_and_has_nodes_at_their_positions():
-    found = balls(True)
-    plan, coloured = plan_of(found)
+    detections = balls(True)
+    plan, coloured = plan_of(detections)
     np.testing.assert_allclose(plan.pixel((0, 0)), (400, 400))
     ahead, left = plan.pixel((1, 0)) - 400, plan.pixel((0, 1)) - 400
     assert ahead[0] == left[1] == 0
     assert ahead[1] == left[0] < 0
-    for centroid, colour in zip(found.centroid_m, coloured, strict=True):
+    for centroid, colour in zip(detections.centroid_m, coloured, strict=True):
         x, y = np.round(plan.pixel(centroid[:2])).astype(int)
         assert colour[y - 2 : y + 2, x - 2 : x + 2].all()
 
 
 def test_what_lies_far_beyond_the_others_is_named_at_the_plans_border():
-    """Nine objects 1 m away and one 30 m to the right, which would leave the others no room."""
+    """Nine objects 1 m away and one 30 m to the right, which does not determine the scale."""
     angle = np.linspace(0, 2 * np.pi, 9, endpoint=False)
     centroid = np.vstack([np.column_stack([np.cos(angle), np.sin(angle), 0 * angle]), [[0, -30, 0]]])
-    found = Detections((*("cup",) * 9, "tower"), np.ones(10), centroid, np.full((10, 3), 0.1), np.zeros(10))
-    plan, coloured = plan_of(found)
+    detections = Detections((*("cup",) * 9, "tower"), np.ones(10), centroid, np.full((10, 3), 0.1), np.zeros(10))
+    plan, coloured = plan_of(detections)
     assert np.hypot(*(plan.pixel(centroid[0, :2]) - 400)) > 100
     rows, columns = np.nonzero(coloured[9])
     assert columns.min() > 800 - 160
@@ -161,10 +164,10 @@ def test_what_lies_far_beyond_the_others_is_named_at_the_plans_border():
 
 
 def test_without_range_the_plan_has_rays():
-    found = balls(False)
-    colours = choose_colours(found.labels)
-    plan = Plan(found, None, colours, 800)
-    for label, bearing in zip(found.labels, found.bearing, strict=True):
+    detections = balls(False)
+    colours = choose_colours(detections.labels)
+    plan = Plan(detections, None, colours, 800)
+    for label, bearing in zip(detections.labels, detections.bearing, strict=True):
         azimuth = np.arctan2(bearing[1], bearing[0])
         x, y = np.round(plan.pixel(0.5 * np.array([np.cos(azimuth), np.sin(azimuth)]))).astype(int)
         assert (plan.image[y - 1 : y + 1, x - 1 : x + 1] == colours[label]).all(-1).any()

@@ -1,4 +1,4 @@
-"""Outlines against the closed forms of balls, boxes and circles."""
+"""Outlines compared with the closed forms of balls, boxes and circles."""
 
 import numpy as np
 import pytest
@@ -64,8 +64,8 @@ def test_a_turned_box_is_turned():
 def test_a_bearing_and_a_solid_angle_are_a_circle():
     unknown, bearing = np.full((1, 3), np.nan), np.array([[0, 0.6, 0.8]])
     solid_angle_sr = np.array([2 * np.pi * (1 - np.cos(0.2))])
-    found = Detections(("lamp",), np.ones(1), unknown, unknown, np.full(1, np.nan), None, bearing, solid_angle_sr)
-    (lines,) = outline_objects(found)
+    detections = Detections(("lamp",), np.ones(1), unknown, unknown, np.full(1, np.nan), None, bearing, solid_angle_sr)
+    (lines,) = outline_objects(detections)
     np.testing.assert_allclose(angles(lines, bearing[0]), 0.2)
 
 

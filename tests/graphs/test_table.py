@@ -94,10 +94,13 @@ def packed(graph):
     ("change", "message"),
     [
         (lambda row: {"labels": row["labels"], "nodes": row["nodes"]}, "has no column 'edges', expected packed graphs"),
-        (lambda row: {**row, "labels": np.arange(len(row["labels"]))}, "columns of other types than packed graphs"),
-        (lambda row: {**row, "nodes": row["nodes"]["saliency"]}, "columns of other types than packed graphs"),
-        (lambda row: {**row, "nodes": row["nodes"][1:]}, "more or fewer nodes or edges than labels"),
-        (lambda row: {**row, "edges": row["edges"][1:]}, "more or fewer nodes or edges than labels"),
+        (
+            lambda row: {**row, "labels": np.arange(len(row["labels"]))},
+            "columns of unexpected types, expected packed graphs",
+        ),
+        (lambda row: {**row, "nodes": row["nodes"]["saliency"]}, "columns of unexpected types, expected packed graphs"),
+        (lambda row: {**row, "nodes": row["nodes"][1:]}, "numbers of nodes, edges and labels differ"),
+        (lambda row: {**row, "edges": row["edges"][1:]}, "numbers of nodes, edges and labels differ"),
     ],
 )
 def test_columns_of_something_else_are_refused(graphs, tmp_path, change, message):

@@ -30,7 +30,7 @@ POSES = {"a-west": (1.0, 2.0, 0.3), "a-north": (3.0, 3.5, -1.0), "b": (7.0, 2.0,
 
 
 def masks(*boxes: tuple[float, float, float, float]) -> FloorMasks:
-    """The floor, with obstacles in boxes (x0, y0, x1, y1) in metres."""
+    """Return the floor, with obstacles in boxes (x0, y0, x1, y1) in metres."""
     y, x = np.meshgrid(
         4.5 - (np.arange(100) + 0.5) * RESOLUTION_M, -0.5 + (np.arange(180) + 0.5) * RESOLUTION_M, indexing="ij"
     )
@@ -60,7 +60,7 @@ def references() -> tuple[ReferenceFrame, ...]:
 
 
 class Still(Dataset):
-    """Has panoramas at its own frames only."""
+    """Has panoramas at its frames only: it cannot render."""
 
     name = "still"
     version = "1"
@@ -78,7 +78,7 @@ class Still(Dataset):
 
 
 class Apartment(Still):
-    """Shows where a panorama was taken, anywhere."""
+    """Renders a panorama that encodes its pose, anywhere."""
 
     name = "apartment"
 
@@ -88,7 +88,7 @@ class Apartment(Still):
 
 
 class Unmasked(Apartment):
-    """Renders, but nobody knows where its walls are."""
+    """Renders, but has no floor masks."""
 
     name = "unmasked"
 
@@ -97,7 +97,7 @@ class Unmasked(Apartment):
 
 
 class Seer(Localizer):
-    """Reads the pose off the panorama."""
+    """Reads the pose from the panorama."""
 
     name = "seer"
     version = "1"
@@ -134,7 +134,7 @@ class Seer(Localizer):
 
 
 class Weightless(Seer):
-    """Its weights are never there."""
+    """Its weights are always missing."""
 
     name = "weightless"
 

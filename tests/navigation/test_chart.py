@@ -1,4 +1,4 @@
-"""What an agent knows: straight walks, ways along the map, and obstacles that it bumped into."""
+"""An agent's knowledge: straight walks, paths along the map, and obstacles from collisions."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def test_ways_lead_straight_or_through_the_door(world):
 
 
 def test_no_way_is_an_error(world):
-    with pytest.raises(NoRoute, match=r"no way leads from \(1.00, 2.00\) m to attic"):
+    with pytest.raises(NoRoute, match=r"no path leads from \(1.00, 2.00\) m to attic"):
         guide(world.chart).way(A_WEST, "attic")
 
 
@@ -63,7 +63,7 @@ def test_a_bump_in_the_open_is_walked_around(world):
     assert np.linalg.norm(walked - centre, axis=1).min() > BUMP_M - 0.06
     assert way.length_m == pytest.approx(
         np.hypot(1.0, 1.5) + np.hypot(1.1, 1.5) + 2.9, abs=0.1
-    )  # by a-north, which (2, 2) sees still
+    )  # via a-north, which is still visible from (2, 2)
     assert guide(world.chart).way(np.array([2.0, 2.0, 1.5]), "b").length_m == pytest.approx(5.0)
 
 

@@ -1,4 +1,4 @@
-"""Episodes drawn from a seed, and read from files."""
+"""Random episodes, and episodes from files."""
 
 from __future__ import annotations
 
@@ -83,9 +83,9 @@ def test_an_episode_that_cannot_be_walked_costs_only_itself(sites, entry, line):
 def test_goals_that_what_was_moved_shuts_off_are_not_asked_for():
     shut = FloorWorld("floor", Apartment(), masks(), references(), masks((3.7, 1.0, 4.0, 3.0)))
     sites = {"floor": Site(shut, Guide(shut.chart, Dijkstra.Config()))}
-    with pytest.raises(DataError, match="floor gives no episode"):
+    with pytest.raises(DataError, match="floor allows no episode"):
         draw_episodes(sites, 5, 3)
-    with pytest.raises(DataError, match="episode 0: what stands in floor today shuts b off from the start"):
+    with pytest.raises(DataError, match="episode 0: obstacles in floor block every path from the start to b"):
         place_episodes(read_episode_requests(write([{"start": "a-west", "goal": "b"}])), sites, 0)
 
 
@@ -110,7 +110,7 @@ def test_a_file_without_episodes_is_one_line(sites):
 
 
 def test_several_worlds_must_be_told_apart(sites):
-    with pytest.raises(DataError, match="episode 0: it names no world, expected one of floor, attic"):
+    with pytest.raises(DataError, match="episode 0: it has no world, expected one of floor, attic"):
         place_episodes(
             read_episode_requests(write([{"start": "b", "goal": "a-west"}])), {**sites, "attic": sites["floor"]}, 0
         )

@@ -1,4 +1,4 @@
-"""What an agent makes of its true place, by hand in the apartment."""
+"""Localization with perfect place recognition, with expected values computed by hand for the apartment."""
 
 import numpy as np
 import pytest
@@ -13,5 +13,5 @@ from salframe.panoramas.geometry import pose_2d
     ids=["a frame", "the doorway", "a-north would be nearer, through the wall"],
 )
 def test_told_its_place_an_agent_stands_at_the_nearest_node_in_sight(world, x_m, y_m, node_m):
-    found = see_place(world, pose_2d(x_m, y_m, 2.0, 1.5), 0.3)
-    np.testing.assert_allclose(found.pose, pose_2d(*node_m, 0.3, 1.5), atol=0.03)
+    located = see_place(world, pose_2d(x_m, y_m, 2.0, 1.5), 0.3)
+    np.testing.assert_allclose(located.pose, pose_2d(*node_m, 0.3, 1.5), atol=0.03)

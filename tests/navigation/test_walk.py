@@ -1,4 +1,4 @@
-"""One episode in closed loop, against closed forms."""
+"""Episodes in closed loop, compared with closed forms."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def truly(T, yaw_rad):
 
 
 def located_once():
-    """Told its true pose once, and never again."""
+    """Localizes the agent at its true pose once, and never again."""
     answers = [True]
     return lambda T, yaw_rad: Located(T, 1.0) if answers and answers.pop() else None
 
@@ -40,7 +40,7 @@ def test_without_noise_the_way_walked_is_the_shortest(site):
     assert (row["status"], row["success"], row["collisions"]) == ("arrived", True, 0)
     assert row["shortest_m"] == row["travelled_m"] == pytest.approx(5.5)
     assert row["spl"] == pytest.approx(1.0)
-    assert row["panoramas"] == 4 == len(row["believed"])  # 2 m at a time, and one to see that it is there
+    assert row["panoramas"] == 4 == len(row["believed"])  # one for each 2 m, and one at the goal
     np.testing.assert_allclose([pose[0] for pose in row["path"]], [1.5, 3.5, 5.5, 7.0], atol=1e-4)
 
 
@@ -75,7 +75,7 @@ def test_to_say_so_elsewhere_is_no_success(site):
 
 @pytest.mark.parametrize(("x_m", "reached"), [(6.4, [False, True, True]), (5.9, [False, False, True])])
 def test_looser_rules_take_a_greater_distance(site, x_m, reached):
-    """From 0.6 m and from 1.1 m away it says that it is there."""
+    """The agent reports its arrival at 0.6 m and at 1.1 m from the goal."""
     row = walk(
         site,
         lambda T, yaw_rad: Located(pose_2d(7.0, 2.0, yaw_rad, 1.5), 1.0),
@@ -95,7 +95,7 @@ def test_to_pass_the_goal_without_saying_so_is_the_oracles(site):
 
 
 def test_a_wrong_localization_sends_the_agent_the_wrong_way(site):
-    """Taken to be in room b, east of the goal, it walks west, into the wall of room a."""
+    """An agent localized in room b, east of the goal, walks west, into the wall of room a."""
 
     def astray(T, yaw_rad):
         return Located(pose_2d(7.7, 2.0, yaw_rad, 1.5), 1.0)
@@ -162,7 +162,7 @@ def test_a_slip_is_as_long_as_stated_any_way_and_odometry_tells_of_it(site):
 
 
 def test_odometry_has_the_stated_noise(site):
-    """Never localized again, the belief drifts from the truth by the noise of odometry alone."""
+    """Without further localizations, the estimate drifts from the true pose by the noise of odometry only."""
     off = []
     for number in range(120):
         row = walk(site, located_once(), episode(site, 1.5, 2.0, number=number), NavigationConfig(budget=2), 7)

@@ -1,4 +1,4 @@
-"""The rendered world: where an agent can stand, and where its walks end."""
+"""The rendered world: free positions of an agent, and the ends of its walks."""
 
 from __future__ import annotations
 
@@ -88,8 +88,8 @@ def test_the_map_has_every_frame(world):
 
 def test_a_data_set_that_cannot_render_says_so():
     with pytest.raises(
-        InputMissing, match="still cannot render, and navigation needs panoramas from wherever the agent stands"
+        InputMissing, match="still cannot render, and navigation needs panoramas from any position of the agent"
     ):
         open_worlds(Still())
-    with pytest.raises(DataError, match="unmasked has no floor masks, which navigation needs"):
+    with pytest.raises(DataError, match="unmasked has no floor masks, and navigation needs"):
         open_worlds(Unmasked())

@@ -132,12 +132,12 @@ SEEN: dict[str, tuple[Spoil, tuple[str, ...], str]] = {
     "shuffled edges": (
         array_file("ways/parts-*/edges/azimuth_rad.npy", lambda azimuth: azimuth + 1.0),
         ROUTE,
-        "not from one to the other",
+        "does not match their positions",
     ),
     "swapped edges": (
         array_file("ways/parts-*/edges/start.npy", lambda start: start[::-1]),
         ROUTE,
-        "not from one to the other|expected nodes",
+        "does not match their positions|expected nodes",
     ),
     "edges of bool": (
         array_file("ways/parts-*/edges/length_m.npy", lambda lengths: lengths > 0),

@@ -15,7 +15,7 @@ from salframe.panoramas.frames import Fold
 
 
 class DooredRooms(Rooms):
-    """Rooms in a row, a door of 1 m from each to the next."""
+    """Rooms in a row, with a door of 1 m between neighbours."""
 
     name = "doored"
 
@@ -37,7 +37,7 @@ class Maskless(DooredRooms):
 
 
 class HalfMasked(DooredRooms):
-    """Masks of the first room alone."""
+    """Masks of the first room only."""
 
     name = "half-masked"
 
@@ -55,7 +55,7 @@ class Frameless(DooredRooms):
 
 
 class Storeys(DooredRooms):
-    """Another floor on top."""
+    """A second floor above the first."""
 
     name = "storeys"
 

@@ -1,4 +1,4 @@
-"""Floor plans drawn by hand for the tests of the topological map."""
+"""Hand-drawn floor plans for the tests of the topological map."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ RESOLUTION_M = 0.05
 
 
 def two_rooms(door_m: float = 0.9, wall_m: float = 0.6, label_threshold: bool = False, z_m: float = 0.0) -> FloorMasks:
-    """West and east, 3 m x 3 m each, apart by a wall, with a doorway in its middle; origin such that the door's middle
+    """Two rooms, west and east, 3 m x 3 m each, and a wall with a doorway in its middle; the middle of the doorway
     is at (0, 0).
 
     The threshold is free floor of no region, or of the west room.
@@ -34,7 +34,7 @@ def two_rooms(door_m: float = 0.9, wall_m: float = 0.6, label_threshold: bool = 
 
 
 def block(floor: FloorMasks, low_m: tuple[float, float], high_m: tuple[float, float]) -> FloorMasks:
-    """The floor with an obstacle from one corner (x, y) to another."""
+    """Return the floor with an obstacle from one corner (x, y) to another."""
     obstacle = floor.obstacle.copy()
     left, right = (round((x - floor.origin_m[0]) / floor.resolution_m) for x in (low_m[0], high_m[0]))
     top, bottom = (round((floor.origin_m[1] - y) / floor.resolution_m) for y in (high_m[1], low_m[1]))

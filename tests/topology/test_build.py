@@ -1,4 +1,4 @@
-"""Maps of plans drawn by hand, where every node, length and azimuth is known, and of generated buildings."""
+"""Maps of hand-drawn plans with known nodes, lengths and azimuths, and of generated buildings."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from salframe.topology.topological_map import MapEdge, TopologicalMap, TopologyS
 
 
 def edge(topology: TopologicalMap, start: str, end: str) -> MapEdge:
-    (found,) = [e if e.start == start else e.reversed() for e in topology.edges if {e.start, e.end} == {start, end}]
-    return found
+    (edge,) = [e if e.start == start else e.reversed() for e in topology.edges if {e.start, e.end} == {start, end}]
+    return edge
 
 
 def house_frames(building) -> list[ReferenceFrame]:
@@ -73,7 +73,7 @@ def test_chosen_scene_nodes_are_where_a_region_is_widest(frames):
     west, east = (node for node in topology.nodes if node.kind == "scene")
     assert (west.id, west.regions, west.frames) == ("west", ("west",), tuple(f.id for f in frames))
     assert east.xyz_m == pytest.approx((1.6, 0.0, 0.0), abs=2 * RESOLUTION_M)
-    # Of the west room 2 m x 3 m are left: any point of the middle line is 1 m from the walls and the furniture.
+    # 2 m x 3 m of the west room are free: any point of the middle line is 1 m from the walls and the furniture.
     assert west.xyz_m[1] == pytest.approx(-0.5, abs=2 * RESOLUTION_M)
     assert -2.1 - 2 * RESOLUTION_M <= west.xyz_m[0] <= -1.1 + 2 * RESOLUTION_M
 
@@ -87,15 +87,15 @@ def test_a_scene_point_in_a_wall_moves_to_clear_floor_of_its_room_or_is_left_out
     assert across.regions == ("west",)
     assert across.xyz_m[0] == pytest.approx(-0.3, abs=RESOLUTION_M)
     notes = "\n".join(topology.notes)
-    assert "frame near at (-3.12, 0.00) m stands in a wall or too near to one: its node is 0.2" in notes
-    left_out = "frame inside at (1.00, 0.00) m stands in a wall or too near to one and is left out"
+    assert "frame near at (-3.12, 0.00) m is inside a wall or obstacle, or too near to one; its node is 0.2" in notes
+    left_out = "frame inside at (1.00, 0.00) m is inside a wall or obstacle, or too near to one; it is left out"
     assert f"{left_out}: no clear floor of its region within 0.5 m" in notes
 
 
 def test_frames_that_belong_nowhere_are_told():
     frames = [frame("a", -2.0, 0.0), frame("far", 40.0, 0.0), frame("t", -2.0, 1.0, "door", FrameKind.TRANSITION)]
     notes = build_topology([two_rooms()], frames).notes
-    assert "frame far at (40.00, 0.00, 1.50) m is left out: it stands on no floor's masks" in notes
+    assert "frame far at (40.00, 0.00, 1.50) m is left out: it is on no floor's masks" in notes
     assert "frame t at (-2.00, 1.00) m belongs to no node: no transition node within 0.5 m" in notes
 
 
@@ -103,7 +103,9 @@ def test_a_narrow_doorway_is_dropped_and_what_lies_behind_is_told():
     topology = build_topology([two_rooms(door_m=0.45, wall_m=0.2)], [frame("a", -2.0, 0.0)])
     assert [node.id for node in topology.nodes] == ["a"]
     dropped, reach = topology.notes
-    assert dropped == "a doorway of 0.45 m between west and east at (0.00, 0.00) m is dropped: it is under 0.5 m"
+    assert (
+        dropped == "a doorway of 0.45 m between west and east at (0.00, 0.00) m is dropped: it is narrower than 0.5 m"
+    )
     assert reach == "east is out of reach of the floor's other regions: it has no door that the robot fits through"
 
 
@@ -120,16 +122,14 @@ def test_a_way_round_a_corner_is_added_where_sight_does_not_reach_and_reported()
     topology = build_topology([floor], [frame("a", -2.5, 0.0), frame("b", 1.5, 0.0, "east")])
     (bent,) = [e for e in topology.edges if e.path_m]
     assert {bent.start, bent.end} == {"a", "west/east"}
-    # Round one end of a wall of 0.7 m x 2 m, 0.18 m off its corners at (-1.6, +-1) and (-0.9, +-1): the taut string,
-    # and a pixel of slack a corner.
+    # Around one end of a wall of 0.7 m x 2 m, 0.18 m from its corners at (-1.6, +-1) and (-0.9, +-1): the shortest
+    # path, and a tolerance of one pixel per corner.
     ends = np.array([[-2.5, 0.0], [-1.6, 1.18], [-0.9, 1.18], [0.0, 0.0]])
     taut_m = np.linalg.norm(np.diff(ends, axis=0), axis=1).sum()
     assert taut_m - 0.1 <= bent.length_m <= taut_m + 0.3
     assert bent.length_m == pytest.approx(np.linalg.norm(np.diff(bent.path_m, axis=0), axis=1).sum())
     assert abs(np.degrees(edge(topology, "a", "west/east").azimuth_rad)) < 2
-    assert topology.notes == (
-        "sight alone leaves nodes apart, joined by the shortest way over clear floor: a to west/east",
-    )
+    assert topology.notes == ("edges without line of sight, along the shortest path over clear floor: a to west/east",)
 
 
 def test_floors_are_told_apart_by_height_and_said_to_be_apart():
@@ -155,8 +155,8 @@ def test_floors_are_told_apart_by_height_and_said_to_be_apart():
     ("floors", "message"),
     [
         ([], "a topological map needs floor masks, received none"),
-        ([two_rooms(), two_rooms(0.6)], "two floors are at z = 0 m, expected a z_m of its own for each floor"),
-        ([two_rooms(), two_rooms(z_m=3.0)], "two nodes of the map would be called 'west'"),
+        ([two_rooms(), two_rooms(0.6)], "two floors are at z = 0 m, expected a different z_m for each floor"),
+        ([two_rooms(), two_rooms(z_m=3.0)], "two nodes of the map would have the name 'west'"),
         ([replace(two_rooms(), region=np.zeros_like(two_rooms().region))], "has no free floor in any region"),
     ],
 )
@@ -184,7 +184,7 @@ def test_every_room_of_a_building_is_reachable(style, rooms, seed):
         for name in node.frames:
             assert np.hypot(*(at[name] - node.xyz_m[:2])) <= (0.3 if node.kind == "transition" else 1e-9)
     pockets = [f"node {name} is out of reach: no clear floor leads to it" for name in sorted(set(graph) - main)]
-    assert sorted(note for note in topology.notes if "joined by the shortest way" not in note) == pockets
+    assert sorted(note for note in topology.notes if "edges without line of sight" not in note) == pockets
     grid = FloorGrid(building.floor_masks(), 0.18)
     clear = ndimage.label(grid.clear)[0]
     parts = {node.id: clear[cell(grid.to_pixel(np.array(node.xyz_m[:2])))] for node in topology.nodes}

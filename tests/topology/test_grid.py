@@ -1,4 +1,4 @@
-"""Pixels, clearance, grown labels and sight, against shapely and networkx."""
+"""Pixels, clearance, labels and lines of sight, compared with shapely and networkx."""
 
 from __future__ import annotations
 
@@ -50,7 +50,8 @@ def test_labels_grow_to_the_middle_of_the_threshold(wall_m):
 
 
 def test_labels_do_not_grow_through_walls():
-    """The threshold runs along a third room, behind a thin wall, whose floor is nearer than that of the two joined."""
+    """The threshold lies beside a third room, behind a thin wall, whose floor is nearer than the floor of the two rooms
+    that it connects."""
     region = np.zeros((13, 20), np.int32)
     region[1:12, 1:4], region[1:12, 16:19], region[1:5, 5:15] = 1, 2, 3
     free = region > 0
@@ -90,7 +91,7 @@ def test_the_nearest_pixel_is_the_position_itself_where_that_is_allowed():
 
 
 def walk_graph(clear: np.ndarray) -> nx.Graph:
-    """The steps of a robot on clear pixels, made one by one."""
+    """The graph of steps between clear pixels, built step by step."""
     graph = nx.Graph()
     for row, column in np.argwhere(clear):
         graph.add_node((row, column))
@@ -113,7 +114,7 @@ def test_steps_between_pixels_cut_no_corner():
 
 
 def test_what_sight_leaves_apart_is_joined_by_the_shortest_ways():
-    """A maze of walls; the ways are those of the minimum spanning tree of shortest walks between the parts that see
+    """A maze of walls. The paths are those of the minimum spanning tree of shortest walks between the parts that see
     each other."""
     clear = np.ones((40, 60), bool)
     clear[:32, 14:17] = clear[8:, 30:33] = clear[:30, 45:48] = False

@@ -1,4 +1,4 @@
-"""Maps that are added to, taken from and merged, against maps that were built at once."""
+"""Maps with added and removed places and merged maps, compared with maps that were built in one step."""
 
 from __future__ import annotations
 
@@ -39,21 +39,21 @@ def content(directory: Path) -> dict[str, str]:
 
 
 def answers(directory: Path, queries: Sequence[QueryFrame]) -> list[str]:
-    """What a map answers, in every digit."""
+    """The answers of a map, with all digits."""
     opened = open_map(directory)
     return [str(opened.localize(query)) for query in queries]
 
 
 @pytest.fixture
 def rooms(fakes, monkeypatch):
-    """The fakes with doors."""
+    """The fake components, with doors between rooms."""
     monkeypatch.setenv("SALFRAME_PLUGINS", "fake_plugin,doored_plugin")
     registry.cache_clear()
 
 
 @pytest.fixture(scope="module")
 def house(tmp_path_factory) -> Callable[[str, Sequence[str]], Path]:
-    """A small home's folder of some of its places alone: their frames, their doorways' and their floor."""
+    """A function that writes the folder of a small home with some of its places: their frames, doorways and floor."""
     dataset = find_dataset(*HOUSE[:1], overrides=HOUSE[1])
     manifest = json.loads((dataset.root / "manifest.json").read_text())
 
@@ -79,7 +79,7 @@ def house(tmp_path_factory) -> Callable[[str, Sequence[str]], Path]:
 
 @pytest.fixture(scope="module")
 def halves() -> tuple[list[str], list[str]]:
-    """The places of the home, those of its first rooms and the others, doorways among them."""
+    """The places of the home's first rooms, and the other places; both include doorways."""
     (fold,) = find_dataset(*HOUSE[:1], overrides=HOUSE[1]).folds()
     places = list(dict.fromkeys(frame.place for frame in fold.references))
     return places[::2], places[1::2]
@@ -122,7 +122,7 @@ def build(directory: str, data: str = "doored", *overrides: str) -> Path:
 
 
 def places(directory: Path) -> list[str]:
-    """The places of a map, that of each node, in the order of its frames."""
+    """The place of each reference frame of a map."""
     return [frame.place for frame in open_map(directory).frames]
 
 
@@ -134,11 +134,13 @@ def test_places_of_the_same_name_are_replaced(rooms):
 
 
 def test_panoramas_of_the_map_are_not_seen_again(rooms, monkeypatch):
-    """Nothing is known of them but what the map remembers."""
+    """The map stores all that is needed of them."""
     map, described = build("map"), []
     Cache().clear()
     describe = Reader.describe
-    monkeypatch.setattr(Reader, "describe", lambda self, seen: described.append(seen.id) or describe(self, seen))
+    monkeypatch.setattr(
+        Reader, "describe", lambda self, panorama: described.append(panorama.id) or describe(self, panorama)
+    )
     assert add_to_map(map, "upstairs").added == tuple(f"upper-room-{room}" for room in range(5))
     assert len(described) == 5
 
@@ -192,7 +194,7 @@ def test_a_map_whose_last_floor_is_removed_has_no_topology_any_more(rooms):
     assert [node.id for node in open_topology(map).nodes] == ["map-0"]
     change = remove_from_map(map, ["room-0"])
     assert change.places == 4
-    assert change.notes == ("the map has no topology any more: none of its places has a floor",)
+    assert change.notes == ("the topology was dropped: none of the remaining places has a floor",)
     assert content(map).keys() == content(build("plain", "maskless")).keys()
 
 
@@ -217,9 +219,9 @@ def test_a_map_without_a_topology_stays_one(rooms):
 
 
 def test_what_a_change_tells_of_progress_and_panoramas(rooms):
-    told, map = [], build("map", "doored", "data.rooms=1")
-    add_to_map(map, "doored", progress=lambda *call: told.append(call))
-    assert told == [("doored", 5, 5), *(("reader", done, 5) for done in range(6))]
+    calls, map = [], build("map", "doored", "data.rooms=1")
+    add_to_map(map, "doored", progress=lambda *call: calls.append(call))
+    assert calls == [("doored", 5, 5), *(("reader", done, 5) for done in range(6))]
 
 
 def test_what_does_not_fit_is_one_line_and_changes_nothing(rooms):
@@ -231,7 +233,9 @@ def test_what_does_not_fit_is_one_line_and_changes_nothing(rooms):
     for sharpness in (1, 2):
         overrides = (f"sharpness={sharpness}",)
         build_map("upstairs", f"sharp-{sharpness}", "sharp", overrides=overrides)
-    kept = {folder: content(folder) for folder in map(Path, ("map", "bare", "same", "above", "sharp-1", "sharp-2"))}
+    unchanged = {
+        folder: content(folder) for folder in map(Path, ("map", "bare", "same", "above", "sharp-1", "sharp-2"))
+    }
     at_zero, same_ids = "data.z_m=0", "data.rename_frames=false"
     for change, error, message in (
         (lambda: add_to_map("absent", "nothing"), DataError, "absent holds no map: make one with salframe"),
@@ -261,7 +265,7 @@ def test_what_does_not_fit_is_one_line_and_changes_nothing(rooms):
         (
             lambda: remove_from_map("map", [f"room-{room}" for room in range(5)]),
             ConfigError,
-            "received all places of map to remove, expected one to stay",
+            "received all places of map to remove, expected at least one to remain",
         ),
         (
             lambda: merge_maps("map", ["same"]),
@@ -269,7 +273,11 @@ def test_what_does_not_fit_is_one_line_and_changes_nothing(rooms):
             "both map and same have room-0, room-1, .*, expected places of different names: remove them from one",
         ),
         (lambda: merge_maps("map", ["above", "above"]), DataError, "both above and above have upper-room-0"),
-        (lambda: merge_maps("map", ["sharp-1"]), DataError, "sharp-1 is a map of sharp, expected one of reader as map"),
+        (
+            lambda: merge_maps("map", ["sharp-1"]),
+            DataError,
+            "sharp-1 is a map of sharp, expected a map of reader like map",
+        ),
         (
             lambda: merge_maps("sharp-1", ["sharp-2"]),
             DataError,
@@ -279,7 +287,7 @@ def test_what_does_not_fit_is_one_line_and_changes_nothing(rooms):
         with pytest.raises(error, match=message) as caught:
             change()
         assert "\n" not in str(caught.value)
-    assert {folder: content(folder) for folder in kept} == kept
+    assert {folder: content(folder) for folder in unchanged} == unchanged
     assert not Path("absent").exists()
 
 
@@ -305,23 +313,23 @@ EACH = pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES.keys())
 
 
 def answer() -> str:
-    """What the map answers, in every digit; it ranks all of its places."""
+    """The answer of the map, with all digits; it ranks all places."""
     return str(ask_map("map", find_frame(find_dataset("doored"), "query-1-0")))
 
 
 @pytest.fixture
 def old_and_new(rooms, request) -> tuple[str, str]:
-    """What the map answers before and after a change; it is left as it was, `saved` and `above` are beside it."""
+    """The answers of the map before and after a change. The change is undone; `saved` and `above` are other maps."""
     build("above", "upstairs")
     build("saved")
-    found = []
+    both = []
     for change in (lambda: None, request.node.callspec.params["change"]):
         restore()
         change()
-        found.append(answer())
+        both.append(answer())
     restore()
-    assert found[0] != found[1]
-    return found[0], found[1]
+    assert both[0] != both[1]
+    return both[0], both[1]
 
 
 def restore() -> None:
@@ -338,34 +346,34 @@ def at_step(step: int, change: Callable[[], object]) -> None:
 @EACH
 def test_a_map_is_as_before_or_after_a_change_that_is_killed_at_any_step(old_and_new, change):
     old, new = old_and_new
-    found = []
-    while killed(start(partial(at_step, len(found) + 1, change))):
-        found.append(answer())
+    after_kill = []
+    while killed(start(partial(at_step, len(after_kill) + 1, change))):
+        after_kill.append(answer())
         restore()
     assert answer() == new
-    assert found == [old] * found.count(old) + [new] * found.count(new)  # it changes once
-    assert min(found.count(old), found.count(new)) >= 2
+    assert after_kill == [old] * after_kill.count(old) + [new] * after_kill.count(new)  # it changes once
+    assert min(after_kill.count(old), after_kill.count(new)) >= 2
 
 
 @EACH
 def test_a_map_is_as_before_or_after_a_change_that_is_killed_at_any_time(old_and_new, change):
-    """And the next change removes what the killed ones have left."""
-    rng, seen = random.Random(0), Counter[bool]()
+    """The next change removes what killed changes left behind."""
+    rng, is_new = random.Random(0), Counter[bool]()
     began = time.monotonic()
     assert not killed(start(change))
-    whole_s = time.monotonic() - began
+    duration_s = time.monotonic() - began
     restore()
     for _ in range(15):
         child = start(change)
-        time.sleep(rng.uniform(0, whole_s))
+        time.sleep(rng.uniform(0, duration_s))
         os.kill(child, signal.SIGKILL)
         killed(child)
-        found = answer()
-        assert found in old_and_new
-        seen[found == old_and_new[1]] += 1
-        if found == old_and_new[1]:
+        after_kill = answer()
+        assert after_kill in old_and_new
+        is_new[after_kill == old_and_new[1]] += 1
+        if after_kill == old_and_new[1]:
             restore()
-    assert seen[False]
+    assert is_new[False]
     change()
     assert answer() == old_and_new[1]
     assert sorted(path.name.partition("-")[0] for path in Path("map").iterdir()) == ["map.json", "parts"]
@@ -378,10 +386,10 @@ def test_readers_see_the_map_before_or_after_while_it_is_written(old_and_new, ch
             change()
             remove_from_map("map", [f"upper-room-{room}" for room in range(5)])
 
-    seen, writer = Counter[str](), start(write)
+    counts, writer = Counter[str](), start(write)
     while os.waitpid(writer, os.WNOHANG) == (0, 0):
-        seen[answer()] += 1
-    assert set(seen) == set(old_and_new)
+        counts[answer()] += 1
+    assert set(counts) == set(old_and_new)
 
 
 def test_a_map_that_is_open_goes_on(rooms):

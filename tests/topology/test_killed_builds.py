@@ -1,4 +1,4 @@
-"""`salframe build`, with and without topology, killed: the folder holds the old map or the new one."""
+"""Killed `salframe build` processes, with and without topology: the folder holds the old map or the new one."""
 
 from __future__ import annotations
 
@@ -33,40 +33,40 @@ EITHER = pytest.mark.parametrize(
 
 @dataclass(frozen=True)
 class Site:
-    """A folder that maps of two buildings are written to by turns, and the question that they answer differently."""
+    """A folder to which maps of two buildings are written in turn, and a query that they answer differently."""
 
     topology: bool
     folder: Path
     data: str
     method: str
     buildings: tuple[tuple[str, ...], tuple[str, ...]]
-    question: QueryFrame
+    query: QueryFrame
 
     def build(self, building: int) -> None:
         build_map(self.data, self.folder, self.method, topology=self.topology, overrides=self.buildings[building])
 
     def ask(self) -> str:
-        """What the map answers, in every digit; a topological map is asked for the nearest node too."""
+        """The answer of the map, with all digits; with a topological map it includes the nearest node."""
         try:
             if self.topology:
-                return str(ask_map(self.folder, self.question))
-            return str(open_map(self.folder).localize(self.question))
+                return str(ask_map(self.folder, self.query))
+            return str(open_map(self.folder).localize(self.query))
         except DataError as error:
             if NO_MAP in str(error):
                 return NO_MAP
             raise
 
     def answers(self) -> list[str]:
-        """What the maps of the two buildings answer, the second of which is left there."""
-        found = []
+        """The answers of the maps of both buildings; the second map stays in the folder."""
+        answers = []
         for building in (0, 1):
             self.build(building)
-            found.append(self.ask())
-        assert found[0] != found[1]
-        return found
+            answers.append(self.ask())
+        assert answers[0] != answers[1]
+        return answers
 
-    def whole(self) -> bool:
-        """Whether there is one map, and nothing of another."""
+    def is_complete(self) -> bool:
+        """Whether the folder holds one complete map, and no parts of another."""
         return sorted(path.name.partition("-")[0] for path in self.folder.iterdir()) == ["map.json", "parts"]
 
     def parts(self) -> set[Path]:
@@ -75,16 +75,16 @@ class Site:
 
 @pytest.fixture
 def rooms(fakes, monkeypatch, tmp_path) -> Callable[..., Site]:
-    """Rooms in a row, three of them or five."""
+    """A function that returns a site with three or five rooms in a row."""
     monkeypatch.setenv("SALFRAME_PLUGINS", "fake_plugin,doored_plugin")
     registry.cache_clear()
-    question = find_frame(find_dataset("doored"), "query-1-0")
+    query = find_frame(find_dataset("doored"), "query-1-0")
     buildings = ("data.rooms=3",), ("data.rooms=5", "offset=1")
-    return lambda topology: Site(topology, tmp_path / "map", "doored", "reader", buildings, question)
+    return lambda topology: Site(topology, tmp_path / "map", "doored", "reader", buildings, query)
 
 
 def steps(site: Site, building: int) -> Iterator[int]:
-    """Build once for each time that it changes what is in the folder, and be killed there."""
+    """Build once for each step that changes the folder, and kill the build at that step."""
     step = 1
     while killed(start(partial(be_killed, step, site, building))):
         yield step
@@ -100,15 +100,15 @@ def be_killed(step: int, site: Site, building: int) -> None:
 def test_a_map_that_is_replaced_is_the_old_or_the_new_at_every_step(rooms, topology):
     site = rooms(topology)
     new, old = site.answers()
-    found = []
+    after_kill = []
     for _ in steps(site, 0):
-        found.append(site.ask())
+        after_kill.append(site.ask())
         site.build(1)
         assert site.ask() == old
-        assert site.whole()
+        assert site.is_complete()
     assert site.ask() == new
-    assert found == [old] * found.count(old) + [new] * found.count(new)  # it changes once
-    assert min(found.count(old), found.count(new)) >= 2
+    assert after_kill == [old] * after_kill.count(old) + [new] * after_kill.count(new)  # it changes once
+    assert min(after_kill.count(old), after_kill.count(new)) >= 2
 
 
 @EITHER
@@ -116,16 +116,16 @@ def test_a_first_build_that_is_killed_leaves_none_and_is_repeated(rooms, topolog
     site = rooms(topology)
     new, _ = site.answers()
     shutil.rmtree(site.folder)
-    found = []
+    after_kill = []
     for _ in steps(site, 0):
-        found.append(site.ask())
+        after_kill.append(site.ask())
         site.build(0)
         assert site.ask() == new
-        assert site.whole()
+        assert site.is_complete()
         shutil.rmtree(site.folder)
     assert site.ask() == new
-    assert set(found) == {NO_MAP}
-    assert len(found) >= 10
+    assert set(after_kill) == {NO_MAP}
+    assert len(after_kill) >= 10
 
 
 @pytest.mark.slow
@@ -134,9 +134,9 @@ def test_fifty_kills_at_any_time(topology, tmp_path):
     """Homes of 6 rooms by `proposed`: half of the kills at any time of the build, half while the map is being written;
     every fifth of a first build."""
     buildings = tuple(("data.rgb=false", f"data.seed={seed}") for seed in (1, 2))
-    question = find_frame(find_dataset("house-6", overrides=buildings[0]), "query-0020")
-    site = Site(topology, tmp_path / "map", "house-6", "proposed", buildings, question)
-    answers, rng, seen = site.answers(), random.Random(0), Counter[str]()
+    query = find_frame(find_dataset("house-6", overrides=buildings[0]), "query-0020")
+    site = Site(topology, tmp_path / "map", "house-6", "proposed", buildings, query)
+    answers, rng, counts = site.answers(), random.Random(0), Counter[str]()
     began = time.monotonic()
     site.build(1)
     whole_s = time.monotonic() - began
@@ -163,9 +163,9 @@ def test_fifty_kills_at_any_time(topology, tmp_path):
             continue
         answer = site.ask()
         assert answer in (new, NO_MAP if first else old)
-        seen[f"{ {new: 'new', old: 'old', NO_MAP: 'no'}[answer] } map, {len(site.parts() - before)} new parts"] += 1
+        counts[f"{ {new: 'new', old: 'old', NO_MAP: 'no'}[answer] } map, {len(site.parts() - before)} new parts"] += 1
         site.build(kill % 2)
         assert site.ask() == new
-        assert site.whole()
+        assert site.is_complete()
         kill += 1
-    print(dict(seen))
+    print(dict(counts))

@@ -62,11 +62,11 @@ def test_regions_are_joined_as_people_walked_between_them(topology, viewpoints):
     Edges of the viewpoint graph are up to 4.5 m long: where the map has no doorway for one, it leads across a third
     region.
     """
-    found, walked = region_graph(topology), walked_pairs(viewpoints)
-    assert set(found) == set(viewpoints.values()) == set(range(10))
-    assert nx.is_connected(found)
-    assert {frozenset(pair) for pair in found.edges} - walked == {frozenset((7, 9))}
-    assert all(nx.shortest_path_length(found, *pair) <= 2 for pair in walked)
+    region_edges, walked = region_graph(topology), walked_pairs(viewpoints)
+    assert set(region_edges) == set(viewpoints.values()) == set(range(10))
+    assert nx.is_connected(region_edges)
+    assert {frozenset(pair) for pair in region_edges.edges} - walked == {frozenset((7, 9))}
+    assert all(nx.shortest_path_length(region_edges, *pair) <= 2 for pair in walked)
 
 
 def test_every_region_is_reached_and_what_is_not_is_told(topology, viewpoints):
@@ -76,12 +76,12 @@ def test_every_region_is_reached_and_what_is_not_is_told(topology, viewpoints):
         topology.floors[0].regions.values()
     )
     scenes = {node.id: node for node in topology.nodes if node.kind == "scene"}
-    told = "\n".join(topology.notes)
+    notes = "\n".join(topology.notes)
     for name in viewpoints:
         if name not in scenes:
-            assert f"frame {name} at" in told  # it stands on a sofa or in a shower
+            assert f"frame {name} at" in notes  # it stands on a sofa or in a shower
         elif name not in main:
-            assert f"node {name} is out of reach" in told
+            assert f"node {name} is out of reach" in notes
     assert len(main & set(scenes)) >= 0.9 * len(viewpoints)
 
 

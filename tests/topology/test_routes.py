@@ -1,4 +1,4 @@
-"""Ways and turns in a plan whose geometry is known."""
+"""Routes and turns in a plan with known geometry."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Maps on disk, for other programs, and as a picture."""
+"""Maps on disk, exported maps, and pictures of maps."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from salframe.topology.topological_map import TopologicalMap
 
 @pytest.fixture(scope="module")
 def topology() -> TopologicalMap:
-    """Two floors, a way round a corner on the lower one."""
+    """Two floors, with an edge around a corner on the lower one."""
     upper = two_rooms(door_m=0.7, z_m=3.1)
     upper = FloorMasks(
         upper.free, upper.region, upper.obstacle, upper.resolution_m, upper.origin_m, {1: "loft", 2: "attic"}, upper.z_m
@@ -122,7 +122,7 @@ def test_another_suffix_is_refused(tmp_path):
 
 
 def test_the_picture_has_a_mark_for_each_node_in_its_place(tmp_path):
-    """The marks' distance in the picture is that of the nodes, by the scale that the floor's width has."""
+    """The distance of the marks in the picture is that of the nodes, at the scale of the floor's width."""
     floor = two_rooms(wall_m=0.2)
     made = build_topology([floor], [frame("a", -2.0, 0.5), frame("b", 2.0, -0.5, "east")])
     draw_topology(made, tmp_path / "map.png")

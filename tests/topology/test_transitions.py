@@ -1,4 +1,4 @@
-"""Doorways of plans drawn by hand and of generated buildings, against the generator's own doors."""
+"""Doorways of hand-drawn plans and of generated buildings, compared with the generator's doors."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_a_doorway_that_furniture_stands_in_is_as_wide_as_what_is_left():
 
 
 def test_transition_pixels_are_those_with_a_neighbour_of_another_region():
-    """Three regions in one hall, drawn at random: pair by pair the components and medoids are found again pixel by
+    """Three random regions in one hall: for each pair the components and medoids are computed independently pixel by
     pixel."""
     rng = np.random.default_rng(5)
     corners = rng.uniform(0, 40, (3, 2))
@@ -54,17 +54,17 @@ def test_transition_pixels_are_those_with_a_neighbour_of_another_region():
                 if 0 <= r < 40 and 0 <= c < 40 and region[r, c] != region[row, column]:
                     pair = tuple(sorted((int(region[r, c]), int(region[row, column]))))
                     pixels.setdefault(pair, []).append((row, column))
-    found = {doorway.labels: doorway for doorway in find_doorways(grid)}
-    assert set(found) == set(pixels)
+    doorways = {doorway.labels: doorway for doorway in find_doorways(grid)}
+    assert set(doorways) == set(pixels)
     for pair, points in pixels.items():
         points = np.unique(points, axis=0)
         spread = np.linalg.norm(points[:, None] - points, axis=2)
-        (medoid,) = found[pair].points
+        (medoid,) = doorways[pair].points
         here = int(np.flatnonzero((points == medoid).all(1))[0])
         assert spread[here].sum() == pytest.approx(spread.sum(1).min())
         sides = [points[region[tuple(points.T)] == label] for label in pair]
         reach = min(np.linalg.norm(side[:, None] - side, axis=2).max() for side in sides)
-        assert found[pair].width_m == pytest.approx((reach + 1) * 0.1)
+        assert doorways[pair].width_m == pytest.approx((reach + 1) * 0.1)
 
 
 def test_the_node_of_a_bent_threshold_lies_on_it():
@@ -86,14 +86,14 @@ def test_every_door_of_a_building_is_found_and_none_invented(style, rooms, seed)
     building = generate_building(style, rooms, seed)
     floor = building.floor_masks()
     grid = FloorGrid(floor, 0.18)
-    found = [
+    doorways = [
         (frozenset(floor.regions[label] for label in doorway.labels), grid.to_metres(np.array(point) + 0.5))
         for doorway in find_doorways(grid)
         if doorway.width_m >= 0.5
         for point in doorway.points
     ]
-    assert len(found) == len(building.doors)
+    assert len(doorways) == len(building.doors)
     for door in building.doors:
-        away_m = [np.hypot(*(point - door.centre_m)) for regions, point in found if regions == set(door.rooms)]
+        away_m = [np.hypot(*(point - door.centre_m)) for regions, point in doorways if regions == set(door.rooms)]
         assert len(away_m) == sum(set(other.rooms) == set(door.rooms) for other in building.doors)
         assert min(away_m) <= 0.3

@@ -160,11 +160,11 @@ def test_the_command_prints_the_table_and_the_report(read):
     [
         (
             ("--data", "still"),
-            "error: still cannot render, and navigation needs panoramas from wherever the agent stands\n",
+            "error: still cannot render, and navigation needs panoramas from any position of the agent\n",
         ),
         (
             ("--data", "unmasked"),
-            "error: unmasked has no floor masks, which navigation needs to know where walls are\n",
+            "error: unmasked has no floor masks, and navigation needs them to detect collisions\n",
         ),
         (
             ("--data", "apartment", "--episodes", "none.json"),
