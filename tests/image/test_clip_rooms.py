@@ -51,7 +51,7 @@ def folder(write_network, tmp_path):
 
 @pytest.fixture
 def build(folder):
-    """A map of rooms, named as given and painted in one colour of COLOURS each."""
+    """A map of rooms, with these names, each painted in one colour of COLOURS."""
 
     def make(rooms: dict[str, str], **settings) -> LocalizationMap:
         localizer = ClipRooms(ClipRooms.Config(checkpoint=folder, views=4, hfov_deg=80, **settings))
@@ -82,8 +82,8 @@ def share(*colours: str, types: tuple[str, ...] = ("blue", "green", "red")) -> n
     prompts = EMBEDDINGS[[WORDS[word] for word in types]].astype(float)
     rows = []
     for colour in colours:
-        seen = (np.array(COLOURS[colour]) - MEAN) / STD
-        weight = np.exp(100 * prompts @ seen / np.linalg.norm(seen) / np.sqrt(6))
+        colour_input = (np.array(COLOURS[colour]) - MEAN) / STD
+        weight = np.exp(100 * prompts @ colour_input / np.linalg.norm(colour_input) / np.sqrt(6))
         rows.append(weight / weight.sum())
     return np.mean(rows, 0)
 
@@ -178,7 +178,7 @@ def test_without_clip_the_row_says_how_to_get_it(monkeypatch, tmp_path):
 
 def test_a_file_that_is_no_tokenizer_is_one_line(folder, build):
     (folder / "tokenizer.json").write_text("{}")
-    with pytest.raises(WeightsMissing, match=r"tokenizer\.json is no tokenizer: ."):
+    with pytest.raises(WeightsMissing, match=r"tokenizer\.json is not a tokenizer: ."):
         build(ROOMS)
 
 
@@ -187,7 +187,8 @@ def test_another_text_encoder_is_one_line(folder, build, write_network):
 
     write_network("onnx/text_model.onnx", [helper.make_node("Identity", ["pixel_values"], ["y"])], taken="pixel_values")
     with pytest.raises(
-        WeightsMissing, match=r"text_model\.onnx takes pixel_values, expected input_ids and perhaps attention_mask"
+        WeightsMissing,
+        match=r"text_model\.onnx has the inputs pixel_values; expected input_ids and optionally attention_mask",
     ):
         build(ROOMS)
 
@@ -197,7 +198,7 @@ def test_another_image_encoder_is_one_line(folder, build, write_network):
 
     write_network("onnx/vision_model.onnx", [helper.make_node("Identity", ["x"], ["y"])])
     with pytest.raises(
-        WeightsMissing, match=r"vision_model\.onnx gives \(4, 3, 224, 224\), expected one embedding \(N, D\)"
+        WeightsMissing, match=r"vision_model\.onnx returned an array of shape \(4, 3, 224, 224\); expected \(N, D\)"
     ):
         build(ROOMS)
 
