@@ -10,7 +10,7 @@ import numpy as np
 from salframe_lines.arcs import Arcs, Lines3d, project_lines
 
 CODES_PER_RAD, MAX_CODE = 128, 200
-"""Scale and maximum of distances stored as uint8. The maximum, 1.56 rad, is well below 255, so that differences that wrap
+"""Scale and maximum of distances stored as uint8. The maximum, 1.56 rad, is below 255, so that differences that wrap
 around are large."""
 CHUNK = 8
 """Number of positions computed at once. The arrays of this number fit the cache of the processor."""
