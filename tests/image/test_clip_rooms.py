@@ -29,7 +29,7 @@ COLOURS = {
 
 @pytest.fixture
 def folder(write_network, tmp_path):
-    """A CLIP whose image encoder returns the mean of its input, and its text encoder the sum of EMBEDDINGS of the words."""
+    """A CLIP whose image encoder returns the mean of its input, and its text encoder the sum of EMBEDDINGS of words."""
     from onnx import TensorProto, helper
 
     write_network("onnx/vision_model.onnx", [helper.make_node("ReduceMean", ["x"], ["y"], axes=[2, 3], keepdims=0)])
