@@ -1,4 +1,4 @@
-"""What tests say of conformance."""
+"""Assertions on conformance."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from salframe.testing import Conformance, check_component
 
 
 def conforms(component: type, config: Any = None) -> bool:
-    """Whether a component breaks no rule; what it breaks stands in the test's output."""
-    found = check_component(component, config)
-    print(*found.failed, sep="\n")
-    return not found.failed
+    """Return whether a component breaks no rule. Failed rules are printed in the output of the test."""
+    conformance = check_component(component, config)
+    print(*conformance.failed, sep="\n")
+    return not conformance.failed
 
 
 def breaks(message: str, component: type, config: Any = None) -> Conformance:
-    """What came of the rules, of which one is broken with this message (a regular expression), in one line."""
-    found = check_component(component, config)
-    said = [result.message for result in found.failed]
-    assert any(re.search(message, line) for line in said), said
-    assert not any("\n" in line for line in said)
-    return found
+    """Assert that a rule failed with a message that matches a regular expression, and return the results."""
+    conformance = check_component(component, config)
+    messages = [result.message for result in conformance.failed]
+    assert any(re.search(message, line) for line in messages), messages
+    assert not any("\n" in line for line in messages)
+    return conformance

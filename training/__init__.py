@@ -1,1 +1,1 @@
-"""What trains the networks that salframe ships, run from the repository's root; no part of the distribution."""
+"""Training of the networks that salframe ships. Run from the root of the repository; not part of the distribution."""

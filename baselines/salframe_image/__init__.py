@@ -1,4 +1,4 @@
-"""Image baselines: features of perspective views by a network in ONNX, compared as they are."""
+"""Image baselines: features of perspective views by an ONNX network, compared by similarity."""
 
 import salframe
 from salframe_image.clip import ClipRooms
@@ -9,5 +9,5 @@ from salframe_image.networks import EfficientNetLite0, OwnNetwork, ResNet101
 
 @salframe.hookimpl
 def salframe_provides() -> list[type]:
-    """The role `image-network`, what fills it, and the localizers `image` and `clip-rooms`."""
+    """Return the role `image-network`, its components, and the localizers `image` and `clip-rooms`."""
     return [ImageNetwork, EfficientNetLite0, ResNet101, OwnNetwork, ImageFeatures, ClipRooms]

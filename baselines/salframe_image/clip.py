@@ -1,4 +1,4 @@
-"""The localizer `clip-rooms`: what kind of room it is, told by CLIP (Radford et al. 2021) from prompts alone."""
+"""The localizer `clip-rooms`: zero-shot room types by CLIP (Radford et al. 2021)."""
 
 from __future__ import annotations
 
@@ -39,19 +39,20 @@ CLIP_VIT_B32 = NetworkWeights(
 )
 SIZE_PX = 224
 MEAN, STD = (122.77, 116.75, 104.09), (68.50, 66.63, 70.32)
-"""Of CLIP's input, in grey levels."""
+"""Mean and standard deviation of CLIP's input (red, green, blue), in grey levels from 0 to 255."""
 LOGIT_SCALE = 100.0
-"""What CLIP learned to multiply cosines by."""
+"""Learned scale of CLIP's cosine similarities."""
 
 
 class ClipRooms(Localizer):
-    """Room types told by CLIP from views, places ranked by how alike their room types are; gives a place and no pose.
+    """Room types of views by CLIP; places are ranked by the similarity of their room types. Gives a place and no pose.
 
-    After the scene perceiver of March-in-Chat (Qiao et al. 2023), which asks CLIP for the type of a room and the
-    objects in it and has no map; making a localizer of its room types is our reading. Each view's probabilities of the
-    room types, softmax(100 cos(view, prompt)), are averaged over the views, p; a reference frame with q scores the
-    Bhattacharyya coefficient sum_t sqrt(p_t q_t). Equal scores keep the order of the map. The types are those in the
-    names of the map's scenes, "kitchen-01" is a kitchen, unless `room_types` names others.
+    The method follows the scene perceiver of March-in-Chat (Qiao et al. 2023), which classifies the room type and the
+    objects of a room with CLIP and has no map. Localization by its room types is our adaptation. The probabilities of
+    the room types, softmax(100 cos(view, prompt)), are averaged over the views to p. The score of a reference frame
+    with probabilities q is the Bhattacharyya coefficient sum_t sqrt(p_t q_t). Equal scores are in the order of the map.
+    By default the room types are taken from the place names of the map ("kitchen-01" is a kitchen). `room_types`
+    replaces them.
     """
 
     name = "clip-rooms"
@@ -63,13 +64,14 @@ class ClipRooms(Localizer):
 
     class Config(ComponentConfig):
         checkpoint: UserFile | None = Field(
-            None, description="local folder with a CLIP's files, named as the fetched ones, instead of those"
+            None,
+            description="local folder with CLIP's files under the names of the downloaded ones, used instead of them",
         )
         room_types: tuple[str, ...] | None = match_only(
-            None, min_length=1, description="words for the rooms; null: those in the map's place names"
+            None, min_length=1, description="room types; null: those in the place names of the map"
         )
         prompt: str = match_only(
-            "a photo of a {}", pattern=r"\{\}", description="what CLIP compares a view with; {} is the room type"
+            "a photo of a {}", pattern=r"\{\}", description="prompt that CLIP compares a view with; {} is the room type"
         )
         views: int = Field(12, ge=1, le=72, description="perspective views around the panorama")
         hfov_deg: float = Field(90.0, gt=0, lt=150, description="field of view of each view")
@@ -81,22 +83,24 @@ class ClipRooms(Localizer):
         self._text_model = open_model(self._text_path)
         self._tokenizer = _read_tokenizer(self._tokenizer_path)
         self._rig = ViewRig(self.config.views, SIZE_PX, SIZE_PX, np.deg2rad(self.config.hfov_deg))
-        self._known: dict[str, np.ndarray] = {}
+        self._prompt_embeddings: dict[str, np.ndarray] = {}
 
     @classmethod
     def weights_in_use(cls, config: Any) -> tuple[NetworkWeights, ...]:
-        """None where the user's checkpoint takes their place."""
+        """Return no weights if the user's checkpoint replaces them."""
         return cls.weights if config.checkpoint is None else ()
 
     def describe(self, panorama: Panorama) -> Description:
-        """embeddings (V, D) float16: CLIP's of each view, of unit length; zeros for a view that lies for the greater
-        part in what was not seen."""
-        views, seen = cut_views(panorama, self._rig)
+        """Return `embeddings` (V, D) float16, CLIP's unit-length embedding of each view.
+
+        The row of a view with less than half of its pixels valid is zero.
+        """
+        views, valid = cut_views(panorama, self._rig)
         embeddings = _unit(self._image_model.run(as_batch(views, MEAN, STD))[0], self._image_path)
-        return {"embeddings": (embeddings * seen[:, None]).astype(np.float16)}
+        return {"embeddings": (embeddings * valid[:, None]).astype(np.float16)}
 
     def index(self, descriptions: Sequence[Description], frames: Sequence[ReferenceFrame]) -> None:
-        self._map_frames = list(frames)
+        self._frames = list(frames)
         types = self.config.room_types or sorted({room_type(frame.place) for frame in frames if frame.kind == "scene"})
         types = types or sorted({room_type(frame.place) for frame in frames})
         self._prompts = np.concatenate([self._embed_text(self.config.prompt.format(word)) for word in types])
@@ -106,50 +110,58 @@ class ClipRooms(Localizer):
         if not description["embeddings"].any():
             return Localization((), None, LocalizationStatus.NO_FEATURES)
         scores = np.sqrt(self._map_shares * self._share(description)).sum(1)
-        return Localization(rank_places(self._map_frames, scores), None, LocalizationStatus.NO_POSE)
+        return Localization(rank_places(self._frames, scores), None, LocalizationStatus.NO_POSE)
 
     def _share(self, description: Description) -> np.ndarray:
-        """(T,) float64 probabilities of the room types; zeros where no view was seen."""
+        """Return (T,) float64 probabilities of the room types, zeros if no view is valid."""
         embeddings = description["embeddings"].astype(np.float64)
-        seen = embeddings[embeddings.any(1)]
-        if not len(seen):
+        valid = embeddings[embeddings.any(1)]
+        if not len(valid):
             return np.zeros(len(self._prompts))
-        logits = LOGIT_SCALE * seen @ self._prompts.T
+        logits = LOGIT_SCALE * valid @ self._prompts.T
         shares = np.exp(logits - logits.max(1, keepdims=True))
         return (shares / shares.sum(1, keepdims=True)).mean(0)
 
     def _embed_text(self, prompt: str) -> np.ndarray:
-        """(1, D) of unit length. Raises WeightsMissing where the text encoder takes something else than a prompt's
-        tokens."""
-        if prompt not in self._known:
+        """Return the (1, D) unit-length embedding of a prompt.
+
+        Raises:
+            WeightsMissing: The text encoder has inputs other than the tokens of a prompt and their mask.
+        """
+        if prompt not in self._prompt_embeddings:
             ids = np.array([self._tokenizer.encode(prompt).ids], np.int64)
-            given = {"input_ids": ids, "attention_mask": np.ones_like(ids)}
+            inputs = {"input_ids": ids, "attention_mask": np.ones_like(ids)}
             names = [tensor.name for tensor in self._text_model.inputs]
-            if not set(names) <= set(given):
+            if not set(names) <= set(inputs):
                 raise WeightsMissing(
-                    f"{self._text_path} takes {', '.join(names)}, expected input_ids and perhaps attention_mask"
+                    f"{self._text_path} has the inputs {', '.join(names)}; "
+                    "expected input_ids and optionally attention_mask"
                 )
-            self._known[prompt] = _unit(self._text_model.run(*(given[name] for name in names))[0], self._text_path)
-        return self._known[prompt]
+            self._prompt_embeddings[prompt] = _unit(
+                self._text_model.run(*(inputs[name] for name in names))[0], self._text_path
+            )
+        return self._prompt_embeddings[prompt]
 
 
 def room_type(place: str) -> str:
-    """The words of a place's name, after the last slash and without its number: "dining-room-02" is a "dining room"."""
+    """Return the room type in a place name: "dining room" for "house/dining-room-02"."""
     name = place.rpartition("/")[2]
     return re.sub(r"[-_ ]+", " ", re.sub(r"[-_ ]*\d+$", "", name)).strip() or name
 
 
 def _unit(embeddings: np.ndarray, path: Path) -> np.ndarray:
     if embeddings.ndim != 2:
-        raise WeightsMissing(f"{path} gives {embeddings.shape}, expected one embedding (N, D) an image or prompt")
+        raise WeightsMissing(
+            f"{path} returned an array of shape {embeddings.shape}; expected (N, D), one embedding per image or prompt"
+        )
     return embeddings / np.maximum(np.linalg.norm(embeddings, axis=1, keepdims=True), 1e-9)
 
 
 def _read_tokenizer(path: Path) -> Any:
-    """The tokenizer of a tokenizer.json. Raises WeightsMissing."""
+    """Return the tokenizer in a tokenizer.json. Raises WeightsMissing if the file is no tokenizer."""
     from tokenizers import Tokenizer
 
     try:
         return Tokenizer.from_file(str(path))
     except Exception as error:  # tokenizers raises Exception itself
-        raise WeightsMissing(f"{path} is no tokenizer: {' '.join(str(error).split())[:200]}") from None
+        raise WeightsMissing(f"{path} is not a tokenizer: {' '.join(str(error).split())[:200]}") from None

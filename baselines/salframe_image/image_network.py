@@ -1,4 +1,4 @@
-"""The role that the localizer `image` is built around: what a network makes of an image."""
+"""The role `image-network`: features of an image by a network, used by the localizer `image`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from salframe.framework.component import Role
 
 
 class ImageNetwork(Role):
-    """Makes features of an image that tell what it shows."""
+    """A network that computes features of images."""
 
     role = "image-network"
     conformance = "salframe_image.conformance:check_image_network"
@@ -18,14 +18,28 @@ class ImageNetwork(Role):
     @property
     @abstractmethod
     def size_px(self) -> int:
-        """Width and height of the images that it takes."""
+        """Width and height of the input images, in pixels."""
 
     @abstractmethod
     def embed(self, views: np.ndarray) -> np.ndarray:
-        """Feature maps (V, C, h, w), or features (V, C) that are pooled already, float32, of the images (V, size_px,
-        size_px, 3) uint8 RGB. Raises WeightsMissing where the network gives something else."""
+        """Compute features of images.
+
+        Args:
+            views: (V, size_px, size_px, 3) uint8 RGB images.
+
+        Returns:
+            float32 feature maps (V, C, h, w), or pooled features (V, C).
+
+        Raises:
+            WeightsMissing: The output of the network has another shape.
+        """
 
     def pooled(self, views: np.ndarray, power: float) -> np.ndarray:
-        """(V, C) float32: the features of `embed`, maps pooled by their generalised mean of this power."""
+        """Return the features of `embed` as (V, C) float32. Feature maps are pooled by the generalised mean.
+
+        Args:
+            views: (V, size_px, size_px, 3) uint8 RGB images.
+            power: Exponent of the generalised mean.
+        """
         features = self.embed(views)
         return features if features.ndim == 2 else (np.maximum(features, 0) ** power).mean((2, 3)) ** (1 / power)

@@ -1,4 +1,4 @@
-"""The localizer `image`: what a classification network makes of the views around a place (the paper's row "image")."""
+"""The localizer `image`: features of a classification network (the paper's row "image")."""
 
 from __future__ import annotations
 
@@ -22,31 +22,34 @@ from salframe_image.image_network import ImageNetwork
 from salframe_image.network_input import cut_views
 
 FLAT = 1e-3
-"""Similarities that vary by less over the turns tell no heading: features are kept as float16, which holds no more."""
+"""Minimum variation of the similarity over the headings for a pose. Features are stored as float16, which cannot
+resolve less."""
 
 
 class ImageFeatures(Localizer):
-    """Pooled features of a classification network over perspective views, compared by cosine; stands where the map
-    frame stands.
+    """Cosine similarity of pooled network features of perspective views, with the position of the best reference frame.
 
-    The paper names image features (ResNet-101) and no more; this is the strongest plain use of them that we found. Each
-    view's feature map is pooled by its generalised mean (Radenovic et al. 2019) and brought to unit length. A reference frame
-    scores the mean cosine between the query's views and its own, turned as fits best; views that were not seen count 0.
-    The pose is that of the best frame, turned by the best turn, refined by a parabola through it and its neighbours:
-    the heading is measured, the position only as near as the map is dense. There is no pose where all turns fit alike.
+    The paper names image features (ResNet-101) without details. This is the strongest simple use of them that we know.
+    Each view's feature map is pooled by the generalised mean (Radenovic et al. 2019) and normalised to unit length. The
+    score of a reference frame is the mean cosine between the query's views and its views at the best relative
+    heading; invalid views count 0. The pose is that of the best frame, rotated by the best heading, which is refined by
+    a parabola through it and its neighbours. So the heading is measured, and the accuracy of the position depends on
+    the density of the map. There is no pose if all headings fit equally well.
     """
 
     name = "image"
     version = "1"
     needs = frozenset({"rgb"})
-    turn_tolerance_m: ClassVar[float] = 0.2  # between two views the heading is interpolated
+    turn_tolerance_m: ClassVar[float] = 0.2  # the heading is interpolated between two views
 
     class Config(ComponentConfig):
         network: slot("image-network", "efficientnet-lite0")  # type: ignore[valid-type]
         views: int = Field(12, ge=3, le=72, description="perspective views around the panorama")
         hfov_deg: float = Field(120.0, gt=0, lt=150, description="field of view of each view")
         power: float = Field(
-            3.0, ge=1, description="of the generalised mean that pools a view: 1 the average, large the maximum"
+            3.0,
+            ge=1,
+            description="exponent of the generalised mean that pools a view: 1 is the mean, large is the maximum",
         )
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
@@ -56,15 +59,14 @@ class ImageFeatures(Localizer):
         self._rig = ViewRig(self.config.views, size_px, size_px, np.deg2rad(self.config.hfov_deg))
 
     def describe(self, panorama: Panorama) -> Description:
-        """features (V, C) float16: of unit length, zeros for a view that lies for the greater part in what was not
-        seen."""
-        views, seen = cut_views(panorama, self._rig)
+        """Return `features` (V, C) float16 of unit length, zeros for a view with less than half valid pixels."""
+        views, valid = cut_views(panorama, self._rig)
         pooled = self._network.pooled(views, self.config.power)
         unit = pooled / np.maximum(np.linalg.norm(pooled, axis=1, keepdims=True), 1e-9)
-        return {"features": (unit * seen[:, None]).astype(np.float16)}
+        return {"features": (unit * valid[:, None]).astype(np.float16)}
 
     def index(self, descriptions: Sequence[Description], frames: Sequence[ReferenceFrame]) -> None:
-        self._map_frames = list(frames)
+        self._frames = list(frames)
         self._map_features = np.stack([description["features"] for description in descriptions]).astype(np.float32)
 
     def match(self, description: Description) -> Localization:
@@ -75,14 +77,19 @@ class ImageFeatures(Localizer):
         scores = similarity.max(1)
         best = int(scores.argmax())
         if np.ptp(similarity[best]) < FLAT:
-            return Localization(rank_places(self._map_frames, scores), None, LocalizationStatus.NO_POSE)
-        pose = self._map_frames[best].T_world_pano @ pose_2d(0, 0, peak_rad(similarity[best]))
-        return Localization(rank_places(self._map_frames, scores, pose), pose, LocalizationStatus.OK)
+            return Localization(rank_places(self._frames, scores), None, LocalizationStatus.NO_POSE)
+        pose = self._frames[best].T_world_pano @ pose_2d(0, 0, peak_rad(similarity[best]))
+        return Localization(rank_places(self._frames, scores, pose), pose, LocalizationStatus.OK)
 
 
 def peak_rad(values: np.ndarray) -> float:
-    """Where values (V,) at V equally spaced angles from 0 are largest, radians: the vertex of the parabola through the
-    largest and its neighbours."""
+    """Return the angle, in radians, at which a sampled periodic function has its maximum.
+
+    The maximum is the vertex of the parabola through the largest value and its neighbours.
+
+    Args:
+        values: (V,) values at V equally spaced angles, the first at 0.
+    """
     count, top = len(values), int(np.argmax(values))
     before, peak, after = values[top - 1], values[top], values[(top + 1) % count]
     offset = (before - after) / 2 / (before - 2 * peak + after) if before + after < 2 * peak else 0.0

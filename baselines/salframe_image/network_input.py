@@ -1,4 +1,4 @@
-"""What networks trained on perspective images are shown of a panorama."""
+"""Input of networks that were trained on perspective images."""
 
 from __future__ import annotations
 
@@ -12,10 +12,16 @@ from salframe.panoramas.perspective import ViewRig
 
 
 def cut_views(panorama: Panorama, rig: ViewRig) -> tuple[np.ndarray, np.ndarray]:
-    """The views (V, height, width, 3) uint8 of a panorama with colour, and which of them lie for at least a half in
-    what was seen, (V,) bool. Raises InputMissing where it has none."""
+    """Cut perspective views from a panorama.
+
+    Returns:
+        (V, height, width, 3) uint8 views, and (V,) bool, whether at least half of the pixels of a view are valid.
+
+    Raises:
+        InputMissing: The panorama has no colour.
+    """
     if panorama.rgb is None:
-        raise InputMissing(f"{panorama.id} has no colour, which views are cut from")
+        raise InputMissing(f"panorama {panorama.id} has no colour; expected rgb, from which views are cut")
     views = rig.cut(panorama.rgb)
     if panorama.valid is None:
         return views, np.ones(rig.count, bool)
@@ -23,7 +29,12 @@ def cut_views(panorama: Panorama, rig: ViewRig) -> tuple[np.ndarray, np.ndarray]
 
 
 def as_batch(views: np.ndarray, mean: Sequence[float], std: Sequence[float]) -> np.ndarray:
-    """(V, 3, height, width) float32 network input: (grey level - mean) / std for red, green, blue; mean and std in grey
-    levels, 0 to 255."""
+    """Return views as (V, 3, height, width) float32 network input, (grey level - mean) / std.
+
+    Args:
+        views: (V, height, width, 3) uint8 images.
+        mean: Mean of red, green and blue, in grey levels from 0 to 255.
+        std: Standard deviation of red, green and blue, in grey levels.
+    """
     scaled = (views - np.array(mean, np.float32)) / np.array(std, np.float32)
     return np.ascontiguousarray(scaled.transpose(0, 3, 1, 2))

@@ -1,4 +1,4 @@
-"""Image networks in ONNX: those that can be fetched, and the user's own."""
+"""Image networks in ONNX: downloadable ones, and a file of the user."""
 
 from __future__ import annotations
 
@@ -32,41 +32,41 @@ RESNET101 = NetworkWeights(
         )
     ),
 )
-"""ResNet-101 v1 of the ONNX model zoo; the hash is that of the zoo's own Git LFS pointer."""
+"""ResNet-101 v1 of the ONNX model zoo. The hash is from the Git LFS pointer of the zoo."""
 
 Colour = tuple[float, float, float]
 
 
 class OnnxImageNetwork(ImageNetwork):
-    """A network that onnxruntime runs: its file, the tensor to take, and how it wants its colours."""
+    """Base class of networks that run in onnxruntime. Subclasses define the file, the output and the colour scaling."""
 
     class Config(ComponentConfig):
         size_px: int = Field(224, ge=32, le=1024, description="width and height of the network's input")
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
-        """Raises WeightsMissing where the file is no network that takes images of this size."""
+        """Load the network. Raises WeightsMissing if it does not accept images of this size."""
         super().__init__(config)
         self._path = self.path(self.config)
         self._model = open_model(self._path, [(None, 3, self.size_px, self.size_px)], self.outputs())
 
     @classmethod
     def path(cls, config: Any) -> Path:
-        """The network's file, verified. Raises WeightsMissing."""
+        """Return the verified file of the network. Raises WeightsMissing if it is not installed."""
         return cls.weights[0].paths()[0]
 
     @classmethod
     def check(cls, config: Any) -> None:
-        """Raises WeightsMissing where the network is not at hand."""
+        """Raise WeightsMissing if the network is not installed."""
         super().check(config)
         if not cls.weights_in_use(config):
             cls.path(config)
 
     def outputs(self) -> tuple[str, ...]:
-        """The tensor that holds the features, none for the network's first output."""
+        """Return the name of the output tensor with the features, an empty tuple for the first output."""
         return ()
 
     def colours(self) -> tuple[Colour, Colour]:
-        """What is subtracted from red, green, blue, 0 to 255, and what they are then divided by."""
+        """Return the mean that is subtracted from red, green and blue (0 to 255), and the divisors."""
         return (127.0, 127.0, 127.0), (128.0, 128.0, 128.0)
 
     @property
@@ -79,7 +79,9 @@ class OnnxImageNetwork(ImageNetwork):
         features = self._model.run(as_batch(views, *self.colours()))[0]
         if features.ndim not in (2, 4):
             received = f"{self._model.outputs[0]} {features.shape}"
-            raise WeightsMissing(f"{self._path} gives {received}, expected features (N, C, h, w) or (N, C)")
+            raise WeightsMissing(
+                f"{self._path} has the output {received}; expected features of shape (N, C, h, w) or (N, C)"
+            )
         return features
 
 
@@ -99,34 +101,36 @@ class ResNet101(OnnxImageNetwork):
     weights = (RESNET101,)
 
     def outputs(self) -> tuple[str, ...]:
-        """The last feature map before pooling and classifier."""
+        """Return the last feature map before pooling and classifier."""
         return ("resnetv18_stage4_activation2",)
 
     def colours(self) -> tuple[Colour, Colour]:
-        """See OnnxImageNetwork: those of ImageNet."""
+        """Return the mean and standard deviation of ImageNet."""
         return (123.675, 116.28, 103.53), (58.395, 57.12, 57.375)
 
 
 class OwnNetwork(OnnxImageNetwork):
-    """An image network of your own in ONNX."""
+    """An image network from an ONNX file of the user."""
 
     name = "onnx"
     version = "1"
 
     class Config(OnnxImageNetwork.Config):
-        model: UserFile | None = Field(None, description="the ONNX file; there is none to fetch")
+        model: UserFile | None = Field(None, description="path of the ONNX file (required)")
         output: str | None = Field(
-            None, description="tensor that holds the features, (N, C, h, w) or (N, C); null: the network's first output"
+            None, description="output tensor with features of shape (N, C, h, w) or (N, C); null: the first output"
         )
-        mean: Colour = Field((127.0, 127.0, 127.0), description="subtracted from red, green, blue, 0 to 255")
-        std: Colour = Field((128.0, 128.0, 128.0), description="what red, green, blue are then divided by")
+        mean: Colour = Field(
+            (127.0, 127.0, 127.0), description="mean that is subtracted from red, green and blue (0 to 255)"
+        )
+        std: Colour = Field((128.0, 128.0, 128.0), description="divisor of red, green and blue after the subtraction")
 
     @classmethod
     def path(cls, config: Any) -> Path:
         """See OnnxImageNetwork."""
         if config.model is None or not config.model.is_file():
             received = "no model" if config.model is None else f"no file {config.model}"
-            raise WeightsMissing(f"the image network 'onnx': {received}, expected the path of an ONNX file as model")
+            raise WeightsMissing(f"the image network 'onnx' received {received}; set model to the path of an ONNX file")
         return config.model
 
     def outputs(self) -> tuple[str, ...]:

@@ -1,5 +1,5 @@
-"""Keypoint baselines: features of perspective views, matched against a shortlist, with a pose from depth-lifted
-matches."""
+"""Keypoint baselines: features of perspective views, matched against a shortlist, with a pose from matches lifted by
+range."""
 
 import salframe
 from salframe_keypoints.aliked import AlikedLightGlue, AlikedNearest
@@ -16,7 +16,7 @@ from salframe_keypoints.xfeat import XFeat, XFeatNearest
 
 @salframe.hookimpl
 def salframe_provides() -> list[type]:
-    """The role `feature-matcher`, what fills it, and the localizer `keypoints`."""
+    """Return the role `feature-matcher`, its components, and the localizer `keypoints`."""
     return [
         FeatureMatcher,
         Sift,

@@ -1,5 +1,4 @@
-"""ALIKED (Zhao et al., 2023) as kornia implements it, with the authors' aliked-n16: by nearest neighbours, or by
-LightGlue."""
+"""ALIKED (Zhao et al., 2023) by kornia with the authors' aliked-n16, matched by nearest neighbours or LightGlue."""
 
 from __future__ import annotations
 
@@ -31,8 +30,8 @@ class AlikedNearest(NetworkMatcher):
 
         super().__init__(config)
         path, *_ = self.paths(self.config)
-        # 0 takes the best keypoints whatever their score; at the default threshold a bare wall in dim light keeps some
-        # 50 of 512
+        # 0 selects the best keypoints regardless of their score. The default threshold leaves about 50 of 512 on a bare
+        # wall in dim light
         self._extractor = feature.ALIKED(
             "aliked-n16", max_num_keypoints=self.config.max_keypoints, detection_threshold=0.0
         ).eval()
@@ -40,8 +39,8 @@ class AlikedNearest(NetworkMatcher):
 
     def detect(self, image: Any) -> tuple[Any, Any]:
         """See NetworkMatcher."""
-        (found,) = self._extractor(image)
-        return found.keypoints, found.descriptors
+        (detections,) = self._extractor(image)
+        return detections.keypoints, detections.descriptors
 
 
 class AlikedLightGlue(AlikedNearest):

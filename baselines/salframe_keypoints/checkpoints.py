@@ -1,4 +1,4 @@
-"""What matchers with trained networks have in common: their checkpoints."""
+"""Checkpoints of matchers with trained networks."""
 
 from __future__ import annotations
 
@@ -15,52 +15,64 @@ from salframe.framework.files.weights import NetworkWeights
 from salframe_keypoints.feature_matcher import FeatureMatcher
 
 MAX_BYTES = 1 << 32
-"""Of a checkpoint."""
+"""Maximum size of a checkpoint."""
 
 
 class TrainedMatcher(FeatureMatcher):
-    """Runs networks: those of `weights`, or those that the user's checkpoint holds."""
+    """Base class of matchers that run networks, from `weights` or from the user's checkpoint."""
 
     extra = "salframe[keypoints]"
 
     class Config(ComponentConfig):
         checkpoint: UserFile | None = Field(
-            None, description="local weights instead of the fetched ones: the file, or the folder that holds them"
+            None,
+            description="local weights used instead of the downloaded ones: the file, or the folder with the files",
         )
 
     @classmethod
     def paths(cls, config: Any) -> tuple[Path, ...]:
-        """The files that the networks are loaded from, verified. Raises WeightsMissing."""
+        """Return the verified files of the networks. Raises WeightsMissing if one is not installed."""
         return tuple(path for weights in cls.weights for path in weights.paths(config.checkpoint))
 
     @classmethod
     def weights_in_use(cls, config: Any) -> tuple[NetworkWeights, ...]:
-        """None where the user's checkpoint takes their place."""
+        """Return no weights if the user's checkpoint replaces them."""
         return cls.weights if config.checkpoint is None else ()
 
     @classmethod
     def check(cls, config: Any) -> None:
-        """Raises RequirementMissing, or WeightsMissing where the networks are not at hand."""
+        """Raise RequirementMissing or WeightsMissing if a package or the weights are not installed."""
         super().check(config)
         if not cls.weights_in_use(config):
             cls.paths(config)
 
 
 def read_checkpoint(path: Path) -> Any:
-    """What a torch checkpoint holds, on the CPU, without running code from it. Raises WeightsMissing."""
+    """Load a torch checkpoint to the CPU without executing code from it.
+
+    Raises:
+        WeightsMissing: The file is no torch checkpoint.
+    """
     import torch
 
     try:
         check_regular(path, MAX_BYTES)
         return torch.load(path, map_location="cpu", weights_only=True)
-    except Exception as error:  # torch raises whatever its unpickler stumbles over
-        raise WeightsMissing(f"{path} is no torch checkpoint: {type(error).__name__} {_one_line(error)}") from None
+    except Exception as error:  # the unpickler of torch raises many types of exceptions
+        raise WeightsMissing(f"{path} is not a torch checkpoint: {type(error).__name__} {_one_line(error)}") from None
 
 
 def load_strictly(module: Any, state: Any, path: Path, computed: str | None = None) -> None:
-    """Put a state into a torch module, every tensor of both accounted for. Raises WeightsMissing.
+    """Load a state into a torch module. The names and shapes of all tensors must match.
 
-    `computed` names a buffer of the module that is not learned: it stays, whether or not the state has it.
+    Args:
+        module: The module.
+        state: Tensors by name.
+        path: File of the state, for error messages.
+        computed: Name of a buffer of the module that is not learned. It is not loaded, and the state may lack it.
+
+    Raises:
+        WeightsMissing: The state does not match the module.
     """
     try:
         module.load_state_dict(dict(state) | ({computed: module.get_buffer(computed)} if computed else {}))

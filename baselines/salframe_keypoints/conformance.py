@@ -1,4 +1,4 @@
-"""The rules of the role `feature-matcher`, for the conformance suite."""
+"""Rules of the role `feature-matcher` for the conformance suite."""
 
 from __future__ import annotations
 
@@ -14,36 +14,41 @@ from salframe_keypoints.descriptors import DescriptorMatcher
 from salframe_keypoints.feature_matcher import FeatureMatcher, View
 
 RIG = ViewRig(3, 256, 192, np.pi / 2)
-"""The suite's views; sides that every grid of cells divides."""
+"""Views of the suite. Their sides are multiples of all common grid strides."""
 ODD_PX = 333, 111
-"""A size of views that a matcher may refuse, but not meet unprepared."""
+"""Size of views that a matcher must either support or reject in `prepare`."""
 SELF_SHARE, SELF_PX = 0.9, 1.0
-"""Of the matches of views with themselves so many lead to the point itself, at most so far beside it."""
+"""Minimum share of the matches of a view with itself that lead back to the point, and the maximum distance for that."""
 UNIT_SLACK = 1e-3
-"""What the length of a descriptor may be off 1: those of networks are kept as float16."""
+"""Maximum deviation of a descriptor's length from 1. Network descriptors are stored as float16."""
 
 
 def check_feature_matcher(make: Callable[[], FeatureMatcher]) -> None:
-    """Well-formed views and matches, none of what is not there, and each point of a view matched with itself."""
+    """Check that views and matches are well formed, also for blank views, and that a view matches itself."""
     matcher, images = _prepared(make), _images(RIG)
     views = _extract(matcher, "of a bedroom", images)
-    bearing = [_match(matcher, "of a view with itself", view, view) for view in views]
+    matches = [_match(matcher, "of a view with itself", view, view) for view in views]
     offset_px = np.concatenate(
         [
             np.linalg.norm(pixels - view.points_px[positions], axis=1)
-            for view, (pixels, positions) in zip(views, bearing, strict=True)
+            for view, (pixels, positions) in zip(views, matches, strict=True)
         ]
     )
     checked = "match of views with themselves"
-    expect(len(offset_px), checked, "no match", "some: the rooms are full of texture")
+    expect(len(offset_px), checked, "no match", "matches: the rooms are textured")
     share = float((offset_px <= SELF_PX).mean())
-    expect(share >= SELF_SHARE, checked, f"{share:.0%} within {SELF_PX:g} px of themselves", f"{SELF_SHARE:.0%}")
+    expect(
+        share >= SELF_SHARE,
+        checked,
+        f"{share:.0%} within {SELF_PX:g} px of the point itself",
+        f"at least {SELF_SHARE:.0%}",
+    )
 
-    answer = _match(matcher, "of two views", views[0], views[1])
+    matched = _match(matcher, "of two views", views[0], views[1])
     again = _prepared(make)
     first, second, *_ = again.extract(images)
-    expect(same(list(views[:2]), [first, second]), "extract by another instance", "another answer", "the same")
-    expect(same(answer, again.match(first, second)), "match by another instance", "another answer", "the same")
+    expect(same(list(views[:2]), [first, second]), "extract by another instance", "other views", "the same views")
+    expect(same(matched, again.match(first, second)), "match by another instance", "other matches", "the same matches")
 
     (blank,) = _extract(matcher, "of a blank image", np.full_like(images[:1], 127))
     pairs = {
@@ -65,15 +70,15 @@ def _prepared(make: Callable[[], FeatureMatcher]) -> FeatureMatcher:
 
 
 def _images(rig: ViewRig) -> np.ndarray:
-    """(V, h, w, 3) uint8 views of a bedroom."""
+    """Return (V, h, w, 3) uint8 views of a bedroom."""
     room = ROOMS[0]
     rgb = look(room, room.name, stand(room), {"rgb"}).rgb
-    assert rgb is not None  # it was asked for
+    assert rgb is not None  # look() was called with this part
     return rig.cut(rgb)
 
 
 def _extract(matcher: FeatureMatcher, what: str, images: np.ndarray) -> list[View]:
-    """Extract, with every rule on the views checked."""
+    """Extract views and check them."""
     checked = f"extract {what}"
     views = ask(checked, matcher.extract, images)
     expect(
@@ -82,7 +87,7 @@ def _extract(matcher: FeatureMatcher, what: str, images: np.ndarray) -> list[Vie
         type(views).__name__,
         "a list of View",
     )
-    expect(len(views) == len(images), checked, f"{len(views)} views", f"one for each of {len(images)} images")
+    expect(len(views) == len(images), checked, f"{len(views)} views", f"one view for each of {len(images)} images")
     for view in views:
         _check_view(checked, matcher, view, images.shape[2], images.shape[1])
     return views
@@ -91,65 +96,92 @@ def _extract(matcher: FeatureMatcher, what: str, images: np.ndarray) -> list[Vie
 def _check_view(checked: str, matcher: FeatureMatcher, view: View, width_px: int, height_px: int) -> None:
     points, features = view.points_px, view.features
     shaped = isinstance(points, np.ndarray) and points.ndim == 2 and points.shape[1] == 2 and points.dtype.kind in "fiu"
-    expect(shaped, checked, f"points_px of shape {np.shape(points)}", "numbers (K, 2)")
+    expect(shaped, checked, f"points_px of shape {np.shape(points)}", "numbers of shape (K, 2)")
     inside = ((points >= 0) & (points <= (width_px, height_px))).all()
     expect(inside, checked, "a point outside its image", f"points within {width_px} x {height_px} pixels")
     is_array = isinstance(features, np.ndarray) and features.ndim in (1, 2) and features.dtype != object
-    expect(is_array, checked, f"features of shape {np.shape(features)}", "an array of one or two axes, not of objects")
+    expect(
+        is_array,
+        checked,
+        f"features of shape {np.shape(features)}",
+        "an array with one or two axes, not of dtype object",
+    )
     if isinstance(matcher, DescriptorMatcher):
-        expect(len(points) == len(features), checked, f"{len(features)} descriptors", f"one a point: {len(points)}")
+        expect(
+            len(points) == len(features),
+            checked,
+            f"{len(features)} descriptors",
+            f"one descriptor per point, {len(points)}",
+        )
 
 
 def _match(matcher: FeatureMatcher, what: str, query: View, reference: View) -> tuple[np.ndarray, np.ndarray]:
-    """Match, with every rule on the answer checked."""
+    """Match two views and check the matches."""
     checked = f"match {what}"
     pixels, positions = ask(checked, matcher.match, query, reference)
     shapes = f"pixels {np.shape(pixels)} and positions {np.shape(positions)}"
     fits = np.shape(pixels) == (len(positions), 2) and np.shape(positions) == (len(positions),)
     expect(fits, checked, shapes, "pixels (M, 2) of the query and positions (M,) in the reference")
-    expect(np.isfinite(pixels).all(), checked, "a pixel that is not finite", "pixels of the query")
-    expect(positions.dtype.kind in "iu", checked, f"positions of dtype {positions.dtype}", "whole numbers")
+    expect(np.isfinite(pixels).all(), checked, "a pixel that is not finite", "finite pixels of the query")
+    expect(positions.dtype.kind in "iu", checked, f"positions of dtype {positions.dtype}", "integers")
     count = len(reference.points_px)
-    expect(((positions >= 0) & (positions < count)).all(), checked, f"positions {positions}", f"some below {count}")
+    expect(
+        ((positions >= 0) & (positions < count)).all(),
+        checked,
+        f"positions {positions}",
+        f"positions from 0 to {count - 1}",
+    )
     return pixels, positions
 
 
 def _check_described(matcher: FeatureMatcher, views: Sequence[View]) -> None:
-    """Unit vectors as long for a blank view as for any other."""
-    lengths = set()
+    """Check that local descriptors have unit length, and the same dimension for all views including blank ones."""
+    dimensions = set()
     for view in views:
         local = ask("describe", matcher.describe, view)
         shaped = isinstance(local, np.ndarray) and local.ndim == 2 and local.dtype == np.float32
         expect(shaped, "describe", f"{getattr(local, 'dtype', None)} of shape {np.shape(local)}", "float32 (N, D)")
         norm = np.linalg.norm(local, axis=1)
         unit = np.abs(norm - 1) <= UNIT_SLACK
-        expect((unit | (norm == 0)).all(), "describe", f"rows of length {norm.tolist()}", "unit length, or zeros")
-        lengths.add(local.shape[1])
-    expect(len(lengths) == 1, "describe", f"rows of {sorted(lengths)} numbers", "as many for every view")
+        expect(
+            (unit | (norm == 0)).all(), "describe", f"rows of length {norm.tolist()}", "rows of unit length or zeros"
+        )
+        dimensions.add(local.shape[1])
+    expect(
+        len(dimensions) == 1,
+        "describe",
+        f"descriptors of dimensions {sorted(dimensions)}",
+        "the same dimension for all views",
+    )
 
 
 def _check_restricted(matcher: FeatureMatcher, view: View, reference: View) -> None:
-    """Points on pixels that were not seen may go, others stay; what is left can be matched."""
+    """Check that `restrict` retains all points on valid pixels, and that the restricted view can be matched."""
     left = view.points_px[:, 0] < RIG.width_px / 2
-    for what, seen in (("its left half", left), ("nothing of it", np.zeros_like(left))):
+    for what, valid in (("the left half", left), ("no pixel", np.zeros_like(left))):
         checked = f"restrict to {what}"
-        kept = ask(checked, matcher.restrict, view, seen)
-        expect(isinstance(kept, View), checked, type(kept).__name__, "a View")
-        _check_view(checked, matcher, kept, RIG.width_px, RIG.height_px)
-        wanted = set(map(tuple, view.points_px[seen].tolist()))
-        expect(wanted <= set(map(tuple, kept.points_px.tolist())), checked, "fewer points", "all that were seen")
-        _match(matcher, f"of a view restricted to {what}", kept, reference)
-        _match(matcher, f"with a view restricted to {what}", reference, kept)
+        restricted = ask(checked, matcher.restrict, view, valid)
+        expect(isinstance(restricted, View), checked, type(restricted).__name__, "a View")
+        _check_view(checked, matcher, restricted, RIG.width_px, RIG.height_px)
+        expected = set(map(tuple, view.points_px[valid].tolist()))
+        expect(
+            expected <= set(map(tuple, restricted.points_px.tolist())),
+            checked,
+            "fewer points",
+            "all points on valid pixels",
+        )
+        _match(matcher, f"of a view restricted to {what}", restricted, reference)
+        _match(matcher, f"with a view restricted to {what}", reference, restricted)
 
 
 def _check_odd_size(matcher: FeatureMatcher) -> None:
-    """Views of an unusual size are refused before the first of them, or work."""
+    """Check that views of an unusual size are rejected in `prepare`, or work."""
     width_px, height_px = ODD_PX
     try:
         matcher.prepare(width_px, height_px)
     except ConfigError:
         return
     images = _images(ViewRig(3, width_px, height_px, RIG.hfov_rad))
-    what = f"of views of {width_px} x {height_px} pixels, which prepare did not refuse"
+    what = f"of views of {width_px} x {height_px} pixels, which prepare did not reject"
     views = _extract(matcher, what, images)
     _match(matcher, what, views[0], views[1])

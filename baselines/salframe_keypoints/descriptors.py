@@ -1,4 +1,4 @@
-"""What matchers that find points with descriptors have in common."""
+"""Base class of matchers of keypoints with descriptors."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from salframe_keypoints.feature_matcher import FeatureMatcher, View
 
 
 class DescriptorMatcher(FeatureMatcher):
-    """Finds points with descriptors in each view, a row of `features` a point, and then matches those."""
+    """Detects points with descriptors in each view, one row of `features` per point, and matches the descriptors."""
 
     @abstractmethod
     def match_descriptors(self, query: View, reference: View) -> np.ndarray:
-        """(M, 2) int: positions of matched points in the query and in the reference."""
+        """Return (M, 2) int, the indices of matched points in the query and in the reference."""
 
-    def restrict(self, view: View, seen: np.ndarray) -> View:
+    def restrict(self, view: View, valid: np.ndarray) -> View:
         """See FeatureMatcher."""
-        return View(view.points_px[seen], view.features[seen])
+        return View(view.points_px[valid], view.features[valid])
 
     def match(self, query: View, reference: View) -> tuple[np.ndarray, np.ndarray]:
         """See FeatureMatcher."""
@@ -26,11 +26,11 @@ class DescriptorMatcher(FeatureMatcher):
         return query.points_px[matches[:, 0]], matches[:, 1]
 
     def describe(self, view: View) -> np.ndarray:
-        """The descriptors themselves, brought to unit length."""
+        """Return the descriptors, normalised to unit length."""
         return unit_rows(view.features)
 
 
 def unit_rows(vectors: np.ndarray) -> np.ndarray:
-    """(N, D) float32 rows of unit length; a row of zeros stays."""
+    """Return (N, D) float32 with rows of unit length. Rows of zeros do not change."""
     vectors = np.asarray(vectors, np.float32)
     return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-9)

@@ -1,4 +1,4 @@
-"""DISK (Tyszkiewicz et al., NeurIPS 2020) with LightGlue, both as kornia implements them, with the authors' weights."""
+"""DISK (Tyszkiewicz et al., NeurIPS 2020) with LightGlue, both by kornia with the authors' weights."""
 
 from __future__ import annotations
 
@@ -36,15 +36,15 @@ class DiskLightGlue(NetworkMatcher):
         features, matcher = self.paths(self.config)
         content = read_checkpoint(features)
         if not isinstance(content, Mapping) or "extractor" not in content:
-            raise WeightsMissing(f"{features} is no DISK checkpoint: expected a mapping with extractor inside")
+            raise WeightsMissing(f"{features} is not a DISK checkpoint; expected a mapping with the key extractor")
         self._extractor = feature.DISK().eval()
         load_strictly(self._extractor, content["extractor"], features)
         self._matcher = LightGlue("disk", matcher)
 
     def detect(self, image: Any) -> tuple[Any, Any]:
         """See NetworkMatcher."""
-        (found,) = self._extractor(image, n=self.config.max_keypoints, pad_if_not_divisible=True)
-        return found.keypoints, found.descriptors
+        (detections,) = self._extractor(image, n=self.config.max_keypoints, pad_if_not_divisible=True)
+        return detections.keypoints, detections.descriptors
 
     def match_descriptors(self, query: View, reference: View) -> np.ndarray:
         """See DescriptorMatcher."""

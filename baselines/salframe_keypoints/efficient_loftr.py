@@ -17,14 +17,15 @@ EFFICIENT_LOFTR = Pretrained(
     "zju-community/efficientloftr", "Apache-2.0", "EfficientLoFTRForKeypointMatching", "efficientloftr"
 )
 SIDE_MULTIPLE_PX = 32
-"""What the network halves and pools an image's sides by."""
+"""Factor by which the network downsamples the sides of an image."""
 
 
 class EfficientLoftr(ImageMatcher):
     """Efficient LoFTR on grey views.
 
-    Its matches lie off any grid in both views. A match is moved to the nearest grid point of the reference, where a
-    range is kept, and by as much in the query: at most a pixel, over which the two views differ by a shift alone.
+    Its matches have sub-pixel positions in both views. A match is moved to the nearest grid point of the reference,
+    where a range is stored, and by the same offset in the query. The offset is at most one pixel; over this distance
+    the two views differ by a translation only.
     """
 
     name = "efficient-loftr"
@@ -41,7 +42,7 @@ class EfficientLoftr(ImageMatcher):
     def __init__(self, config: ImageMatcher.Config | None = None) -> None:
         super().__init__(config)
         self._network = EFFICIENT_LOFTR.load(self.config.checkpoint)
-        self._network._get_matches_from_scores = in_one_order(self._network._get_matches_from_scores)
+        self._network._get_matches_from_scores = align_match_columns(self._network._get_matches_from_scores)
 
     def prepare(self, width_px: int, height_px: int) -> None:
         """See FeatureMatcher."""
@@ -54,21 +55,21 @@ class EfficientLoftr(ImageMatcher):
 
         size_px, images = np.array(self.view_size_px), np.stack([decode(view) for view in (query, reference)])
         with torch.inference_mode():
-            found = self._network(torch.from_numpy(images)[None, :, None].float() / 255)
-        matched = (found.matches[0, 0] >= 0).numpy()
-        pixels = found.keypoints[0].numpy()[:, matched] * size_px + PIXEL_CENTRE
-        seen, known = pixels[:, ((pixels >= 0) & (pixels < size_px)).all((0, 2))]
+            output = self._network(torch.from_numpy(images)[None, :, None].float() / 255)
+        matched = (output.matches[0, 0] >= 0).numpy()
+        pixels = output.keypoints[0].numpy()[:, matched] * size_px + PIXEL_CENTRE
+        query_px, reference_px = pixels[:, ((pixels >= 0) & (pixels < size_px)).all((0, 2))]
         columns, rows = -(-size_px // self.stride_px)
-        cells = np.clip((known / self.stride_px).round().astype(int), 0, (columns - 1, rows - 1))
-        return seen + cells * self.stride_px - known, cells[:, 1] * columns + cells[:, 0]
+        cells = np.clip((reference_px / self.stride_px).round().astype(int), 0, (columns - 1, rows - 1))
+        return query_px + cells * self.stride_px - reference_px, cells[:, 1] * columns + cells[:, 0]
 
 
-def in_one_order(find_cells: Callable[[Any], tuple[Any, Any]]) -> Callable[[Any], tuple[Any, Any]]:
-    """The library's mutual nearest cells (B, 2, N), -1 where there is none, made to hold a match a column.
+def align_match_columns(find_cells: Callable[[Any], tuple[Any, Any]]) -> Callable[[Any], tuple[Any, Any]]:
+    """Wrap a function of transformers so that each column of its result holds one match.
 
-    transformers 5 gives the cells of the first image in the order of the second's and the other way round, so that a
-    column holds the ends of two different matches, from which it then refines one. The second row says of every cell of
-    the first image which is its partner.
+    The result holds the mutual nearest cells (B, 2, N) of two images, -1 for no match. transformers 5 returns the cells
+    of the first image in the order of the second, and vice versa. A column then holds the ends of two different
+    matches, which breaks the refinement. The second row holds the partner of every cell of the first image.
     """
 
     def find_matches(scores: Any) -> tuple[Any, Any]:
@@ -76,7 +77,7 @@ def in_one_order(find_cells: Callable[[Any], tuple[Any, Any]]) -> Callable[[Any]
 
         cells, confidence = find_cells(scores)
         partner = cells[:, 1]
-        own = torch.where(partner >= 0, torch.arange(partner.shape[1]), -1)
-        return torch.stack([own, partner], 1), confidence[:, 1:].expand(-1, 2, -1)
+        cell = torch.where(partner >= 0, torch.arange(partner.shape[1]), -1)
+        return torch.stack([cell, partner], 1), confidence[:, 1:].expand(-1, 2, -1)
 
     return find_matches

@@ -1,5 +1,4 @@
-"""The role that `keypoints` is built around: what can be matched in perspective views, and the matcher that goes with
-it."""
+"""The role `feature-matcher`: extracts and matches features of perspective views for the localizer `keypoints`."""
 
 from __future__ import annotations
 
@@ -13,10 +12,11 @@ from salframe.framework.component import Role
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """One perspective view as a matcher remembers it.
+    """Stored form of one perspective view. The dtypes of both arrays determine the size of a map.
 
-    points_px (K, 2): x and y of the points that can be matched, pixel centres at +0.5; features: their descriptors (K,
-    D), or whatever else the matcher matches by. Both are stored as they are, so their dtypes are what a map costs.
+    Attributes:
+        points_px: (K, 2) x and y of the points that can be matched, pixel centres at +0.5.
+        features: Their descriptors (K, D), or any other array that the matcher needs.
     """
 
     points_px: np.ndarray
@@ -24,36 +24,41 @@ class View:
 
 
 class FeatureMatcher(Role):
-    """Finds what can be matched in perspective views, and matches two of them.
+    """Extracts features of perspective views, and matches two views.
 
-    What views are stored as is settled by `extract` alone: settings that only `match` and `describe` read are declared
-    with `match_only`.
+    The stored form of a view depends on `extract` only. Declare settings that only `match` and `describe` read with
+    `match_only`.
     """
 
     role = "feature-matcher"
     conformance = "salframe_keypoints.conformance:check_feature_matcher"
     view_size_px: tuple[int, int]
-    """Width and height of the views; `prepare` sets it."""
+    """Width and height of the views, in pixels. Set by `prepare`."""
 
     def prepare(self, width_px: int, height_px: int) -> None:
-        """Learn the size of the views, once, before the first of them. Raises ConfigError where it will not do."""
+        """Set the size of the views. Called once, before `extract`. Raises ConfigError if the size is not supported."""
         self.view_size_px = width_px, height_px
 
     @abstractmethod
     def extract(self, images: np.ndarray) -> list[View]:
-        """A View for each of the images (V, h, w, 3) uint8 RGB."""
+        """Return a View for each of the images (V, h, w, 3) uint8 RGB."""
 
     @abstractmethod
-    def restrict(self, view: View, seen: np.ndarray) -> View:
-        """The view without the points on pixels that are not part of the panorama; seen (K,) bool, one a point."""
+    def restrict(self, view: View, valid: np.ndarray) -> View:
+        """Return the view without points on invalid pixels.
+
+        Args:
+            view: The view.
+            valid: (K,) bool, whether the panorama is valid at each point.
+        """
 
     @abstractmethod
     def match(self, query: View, reference: View) -> tuple[np.ndarray, np.ndarray]:
-        """Matches of two views: (M, 2) pixels of the query, and (M,) int positions in `reference.points_px`."""
+        """Match two views. Return (M, 2) pixels of the query, and (M,) int indices into `reference.points_px`."""
 
     @abstractmethod
     def describe(self, view: View) -> np.ndarray:
-        """(N, D) float32 local descriptors of unit length, D alike for all views.
+        """Return (N, D) float32 local descriptors of unit length, with the same D for all views.
 
-        The global descriptor that a shortlist is made by is pooled from them, over a vocabulary learnt on the map.
+        The global descriptor of the shortlist is pooled from them, with a vocabulary that is learned from the map.
         """

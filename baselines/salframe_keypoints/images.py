@@ -1,4 +1,4 @@
-"""What detector-free matchers have in common: no keypoints, two images go in and matches come out."""
+"""Base class of detector-free matchers, which match two images without keypoints."""
 
 from __future__ import annotations
 
@@ -14,16 +14,18 @@ JPEG_QUALITY = 90
 
 
 class ImageMatcher(TrainedMatcher):
-    """A view is its grey JPEG, and its points are those of a grid `stride_px` apart, to which matches in the reference
-    are brought.
+    """Stores a view as a grey JPEG. Its points form a grid with spacing `stride_px`, to which matches in the reference
+    are moved.
 
-    As detector-free matching has no descriptors to pool, the shortlist comes from SIFT of the same JPEG.
+    Detector-free matching has no descriptors to pool, so the shortlist uses SIFT of the same JPEG.
     """
 
     stride_px: int
 
     class Config(TrainedMatcher.Config):
-        max_keypoints: int = match_only(512, ge=16, description="SIFT keypoints a view that the shortlist is made by")
+        max_keypoints: int = match_only(
+            512, ge=16, description="maximum number of SIFT keypoints per view for the shortlist"
+        )
 
     def __init__(self, config: Config | None = None) -> None:
         import cv2
@@ -40,31 +42,31 @@ class ImageMatcher(TrainedMatcher):
         quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
         return [View(grid, cv2.imencode(".jpg", image, quality)[1].ravel()) for image in gray(images)]
 
-    def restrict(self, view: View, seen: np.ndarray) -> View:
-        """See FeatureMatcher: the image stays whole."""
+    def restrict(self, view: View, valid: np.ndarray) -> View:
+        """Return the view itself, because its image cannot be restricted."""
         return view
 
     def describe(self, view: View) -> np.ndarray:
-        """RootSIFT of the view's image."""
+        """Return RootSIFT descriptors of the view's image."""
         descriptors = self._sift.detectAndCompute(decode(view), None)[1]
         return np.zeros((0, 128), np.float32) if descriptors is None else root_sift(descriptors)
 
 
 def require_multiples(name: str, view_size_px: tuple[int, int], multiple_px: int, max_px: int | None = None) -> None:
-    """Raise ConfigError where a side of the views is no multiple of `multiple_px`, or longer than `max_px`."""
+    """Raise ConfigError if a side of the views is no multiple of `multiple_px` or exceeds `max_px`."""
     if any(side % multiple_px or (max_px is not None and side > max_px) for side in view_size_px):
         expected = f"multiples of {multiple_px}" + (f" up to {max_px}" if max_px else "")
         raise ConfigError(
-            f"{name}: views of {view_size_px[0]} x {view_size_px[1]} pixels, expected {expected}: "
+            f"{name} received views of {view_size_px[0]} x {view_size_px[1]} pixels, expected {expected}: "
             "set view_width_px and view_height_px"
         )
 
 
 def decode(view: View) -> np.ndarray:
-    """(h, w) uint8 grey image of a view. Raises DataError where it is damaged."""
+    """Return the (h, w) uint8 grey image of a view. Raises DataError if the JPEG is corrupt."""
     import cv2
 
     image = cv2.imdecode(view.features, cv2.IMREAD_GRAYSCALE)
     if image is None:
-        raise DataError(f"a view holds {len(view.features)} bytes that are no JPEG: build the map again")
+        raise DataError(f"a view of the map holds {len(view.features)} bytes that are no JPEG: build the map again")
     return image

@@ -1,4 +1,5 @@
-"""The localizer `keypoints`: views matched by any FeatureMatcher, against a shortlist, with a pose from ranges."""
+"""The localizer `keypoints`: matches views with any FeatureMatcher against a shortlist, and estimates a pose from
+ranges."""
 
 from __future__ import annotations
 
@@ -24,15 +25,15 @@ from salframe_keypoints.poses import robust_pose
 from salframe_keypoints.shortlist import GlobalDescriptors, LocalDescriptors, NetworkDescriptors, split_views
 
 EDGE_PX = 8
-"""Points this close to the end of a partial panorama describe that end rather than the scene; its pixels."""
+"""Margin along the border of a partial panorama, in pixels. Points there describe the border instead of the scene."""
 
 
 class Keypoints(Localizer):
-    """Keypoint matches between perspective views of panoramas, with a pose from matches whose map side has a range."""
+    """Keypoint matches between perspective views of panoramas, with a pose from reference points that have a range."""
 
     name = "keypoints"
     version = "2"
-    turn_tolerance_m: ClassVar[float] = 0.05  # the views cut the panorama at other pixels once it is turned
+    turn_tolerance_m: ClassVar[float] = 0.05  # views of a rotated panorama are sampled at other pixels
 
     class Config(ComponentConfig):
         features: slot("feature-matcher", "xfeat")  # type: ignore[valid-type]
@@ -44,21 +45,21 @@ class Keypoints(Localizer):
         shortlist_network: slot(  # type: ignore[valid-type]
             "image-network",
             optional=True,
-            description="image network whose features the shortlist is made by; null: the matcher's own local "
-            "descriptors, pooled over a vocabulary of the map",
+            description="image network for the global descriptors of the shortlist; null: the matcher's local "
+            "descriptors, pooled with a vocabulary of the map",
         )
-        words: int = match_only(64, ge=1, description="size of that vocabulary")
+        words: int = match_only(64, ge=1, description="size of the vocabulary that local descriptors are pooled with")
         shortlist: int | None = match_only(
-            5, ge=1, description="reference frames, best by the global descriptor, that are matched in full; null: all"
+            5, ge=1, description="number of reference frames to match, best by global descriptor; null: all"
         )
         inlier_deg: float = match_only(
-            1.0, gt=0, description="a match agrees with a pose where its bearing is off by less than this"
+            1.0, gt=0, description="maximum error of the bearing of a match that is an inlier of a pose"
         )
-        hypotheses: int = match_only(500, ge=1, description="three-point samples that poses are drawn from")
-        min_inliers: int = match_only(20, ge=4, description="a pose with fewer agreeing matches is none")
+        hypotheses: int = match_only(500, ge=1, description="number of three-point samples for pose hypotheses")
+        min_inliers: int = match_only(20, ge=4, description="minimum number of inliers of a pose")
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
-        """Raises ConfigError where the matcher cannot take views of this size."""
+        """Create the matcher. Raises ConfigError if it does not support views of this size."""
         super().__init__(config)
         width_px, height_px = self.config.view_width_px, self.config.view_height_px
         self._rig = ViewRig(self.config.views, width_px, height_px, np.deg2rad(self.config.hfov_deg))
@@ -70,23 +71,23 @@ class Keypoints(Localizer):
             self._global = NetworkDescriptors(network, self.config.views, np.deg2rad(self.config.hfov_deg))
 
     uses: ClassVar[frozenset[str]] = frozenset({"range"})
-    """A pose needs range, the place does not."""
+    """A pose requires range; a place does not."""
 
     @property
     def needs(self) -> frozenset[str]:
         return frozenset({"rgb"})
 
     def describe(self, panorama: Panorama) -> Description:
-        """The points of all views one after the other, how many each view has, their features, and the range at each
-        point.
+        """Return the concatenated points of all views with their features and ranges.
 
-        points_px (K, 2); range_m (K,) float32, NaN where unknown; features, their rows of all views; point_count,
-        feature_count (V,) int64; global (V, C) where the shortlist is made by an image network.
+        The entries are `points_px` (K, 2); `range_m` (K,) float32, NaN where unknown; `features`, the concatenated rows
+        of all views; `point_count` and `feature_count` (V,) int64, the numbers of points and rows of each view; and
+        `global` (V, C) if an image network computes the shortlist.
         """
         import cv2
 
         if panorama.rgb is None:
-            raise InputMissing(f"{panorama.id} has no colour, which {self.name} describes")
+            raise InputMissing(f"panorama {panorama.id} has no colour; {self.name} requires rgb")
         views = self._matcher.extract(self._rig.cut(panorama.rgb))
         if panorama.valid is not None:
             inside = cv2.erode(
@@ -110,73 +111,78 @@ class Keypoints(Localizer):
         }
 
     def index(self, descriptions: Sequence[Description], frames: Sequence[ReferenceFrame]) -> None:
-        """Learn the vocabulary on the map's features, pool each view over it, and lift the points that have a range."""
-        self._map_frames = list(frames)
+        """Learn the vocabulary from the map, pool each view with it, and lift the points that have a range."""
+        self._frames = list(frames)
         self._map_views = [split_views(description) for description in descriptions]
         self._map_points_m = [self._lift(description) for description in descriptions]
         self._pool, self._map_pooled = self._global.learn(descriptions)
 
     def match(self, description: Description) -> Localization:
-        """Match the shortlist in full; a frame scores its agreeing matches plus its global similarity, which is below
-        1."""
+        """Match the frames of the shortlist. The score of a frame is its number of inliers plus its global similarity,
+        which is below 1."""
         views, pooled = split_views(description), self._pool(description)
         if not pooled.any():
             return Localization((), None, LocalizationStatus.NO_FEATURES)
         similarity = turned_similarity(pooled, self._map_pooled)
         scores = similarity.max(1).astype(np.float64)
-        best_pose, most = None, self.config.min_inliers - 1
+        best_pose, max_support = None, self.config.min_inliers - 1
         for frame in np.argsort(-scores, kind="stable")[: self.config.shortlist]:
             pose, support = self._verify(views, int(frame), int(similarity[frame].argmax()))
             scores[frame] += support
-            if pose is not None and support > most:
-                best_pose, most = self._map_frames[frame].T_world_pano @ pose, support
+            if pose is not None and support > max_support:
+                best_pose, max_support = self._frames[frame].T_world_pano @ pose, support
         return Localization(
-            rank_places(self._map_frames, scores, best_pose),
+            rank_places(self._frames, scores, best_pose),
             best_pose,
             LocalizationStatus.NO_POSE if best_pose is None else LocalizationStatus.OK,
         )
 
     def correspond(self, query: Description, reference: Description) -> PointMatches:
-        """The matches of a shortlisted frame, though the turn between the panoramas comes from a vocabulary of these
-        two."""
-        views, others = split_views(query), split_views(reference)
-        _, (pooled, pooled_others) = self._global.learn([query, reference])
-        turn = int(turned_similarity(pooled, pooled_others[None]).argmax())
-        bearings, bearings_others = [], []
-        for seen, j, matched in self._match_views(views, others, turn):
-            bearings.append(seen)
-            bearings_others.append(self._rig.bearings(j, others[j].points_px[matched]))
-        return PointMatches(np.concatenate(bearings), np.concatenate(bearings_others))
+        """Return the matches of two panoramas, as for a frame of the shortlist.
+
+        The relative heading is estimated with a vocabulary of these two panoramas.
+        """
+        query_views, reference_views = split_views(query), split_views(reference)
+        _, (query_pooled, reference_pooled) = self._global.learn([query, reference])
+        turn = int(turned_similarity(query_pooled, reference_pooled[None]).argmax())
+        query_bearings, reference_bearings = [], []
+        for bearings, j, matched in self._match_views(query_views, reference_views, turn):
+            query_bearings.append(bearings)
+            reference_bearings.append(self._rig.bearings(j, reference_views[j].points_px[matched]))
+        return PointMatches(np.concatenate(query_bearings), np.concatenate(reference_bearings))
 
     def _match_views(
-        self, views: Sequence[View], others: Sequence[View], turn: int
+        self, views: Sequence[View], reference_views: Sequence[View], turn: int
     ) -> Iterator[tuple[np.ndarray, int, np.ndarray]]:
-        """Match each view i with the other panorama's view j = i + turn: bearings (M, 3) in the first, j, and (M,)
-        positions of points in j."""
+        """Match each view i with the view j = i + turn of the reference.
+
+        Yields:
+            Bearings (M, 3) in the query, the index j, and indices (M,) of the matched points of view j.
+        """
         for i, view in enumerate(views):
             j = (i + turn) % len(views)
-            pixels, matched = self._matcher.match(view, others[j])
+            pixels, matched = self._matcher.match(view, reference_views[j])
             yield self._rig.bearings(i, pixels), j, matched
 
     def _verify(self, views: Sequence[View], frame: int, turn: int) -> tuple[np.ndarray | None, int]:
-        """T_map_query and how many matches agree with it, the frame being turned by `turn` views.
+        """Return the pose of the query in the frame and its number of inliers, for a relative heading of `turn` views.
 
-        Where the frame has no range there is no pose, and all matches count.
+        A frame without range gives no pose, and all its matches count.
         """
-        bearings, points = [], []
-        for direction, j, matched in self._match_views(views, self._map_views[frame], turn):
-            bearings.append(direction)
+        view_bearings, points = [], []
+        for bearings, j, matched in self._match_views(views, self._map_views[frame], turn):
+            view_bearings.append(bearings)
             points.append(self._map_points_m[frame][j][matched])
-        seen, points_m = np.concatenate(bearings), np.concatenate(points)
+        query_bearings, points_m = np.concatenate(view_bearings), np.concatenate(points)
         if not any(np.isfinite(view).any() for view in self._map_points_m[frame]):
-            return None, len(seen)
+            return None, len(query_bearings)
         lifted = np.isfinite(points_m).all(1)
         inlier_rad, rng = np.deg2rad(self.config.inlier_deg), np.random.default_rng(0)
-        pose, inliers = robust_pose(seen[lifted], points_m[lifted], inlier_rad, self.config.hypotheses, rng)
+        pose, inliers = robust_pose(query_bearings[lifted], points_m[lifted], inlier_rad, self.config.hypotheses, rng)
         return pose, int(inliers.sum())
 
     def _lift(self, description: Description) -> list[np.ndarray]:
-        """(K, 3) points of each view in the panorama frame, NaN where the range is unknown."""
+        """Return the (K, 3) points of each view in the panorama frame, NaN where the range is unknown."""
         ends = np.cumsum(description["point_count"])[:-1]
         pixels, ranges = np.split(description["points_px"], ends), np.split(description["range_m"], ends)
         return [

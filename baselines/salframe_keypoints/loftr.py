@@ -1,4 +1,4 @@
-"""LoFTR (Sun et al., CVPR 2021) by kornia: no keypoints, two images go in and matches come out."""
+"""LoFTR (Sun et al., CVPR 2021) by kornia: matches two images without keypoints."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ LOFTR = NetworkWeights(
 
 
 class Loftr(ImageMatcher):
-    """LoFTR on grey views; their points are the cells of LoFTR's coarse grid."""
+    """LoFTR on grey views. The points of a view are the cells of LoFTR's coarse grid."""
 
     name = "loftr"
     version = "1"
@@ -41,9 +41,9 @@ class Loftr(ImageMatcher):
     class Config(ImageMatcher.Config):
         architecture: dict[str, Any] = Field(
             {"coarse": {"temp_bug_fix": True}},
-            description="what the checkpoint changes in kornia's default_cfg; as given, the official one",
+            description="differences of the checkpoint's architecture from kornia's default_cfg",
         )
-        fine: bool = match_only(True, description="false for a checkpoint that has no fine stage")
+        fine: bool = match_only(True, description="whether the checkpoint has a fine stage")
 
     def __init__(self, config: Config | None = None) -> None:
         from kornia.feature.loftr import loftr
@@ -56,7 +56,7 @@ class Loftr(ImageMatcher):
         try:
             self._model = loftr.LoFTR(pretrained=None, config=settings).eval()
         except (ValueError, KeyError, TypeError) as error:
-            raise ConfigError(f"architecture is none that kornia knows: {' '.join(str(error).split())}") from None
+            raise ConfigError(f"kornia does not support this architecture: {' '.join(str(error).split())}") from None
         if not self.config.fine:
             _remove_fine_stage(self._model)
         load_strictly(self._model, checkpoint_state(read_checkpoint(path), path), path)
@@ -67,21 +67,27 @@ class Loftr(ImageMatcher):
         require_multiples(self.name, self.view_size_px, self.stride_px)
 
     def match(self, query: View, reference: View) -> tuple[np.ndarray, np.ndarray]:
-        """See FeatureMatcher. The reference is LoFTR's first image, whose matches lie on the grid; those of the second
-        are refined off it."""
+        """See FeatureMatcher.
+
+        The reference is LoFTR's first image, whose matches are on the grid. Matches in the second image are refined to
+        sub-pixel positions.
+        """
         import torch
 
         images = [torch.from_numpy(decode(view)).float()[None, None] / 255 for view in (reference, query)]
         with torch.inference_mode():
-            found = self._model({"image0": images[0], "image1": images[1]})
-        cells = (found["keypoints0"].numpy() / self.stride_px).round().astype(int)
+            output = self._model({"image0": images[0], "image1": images[1]})
+        cells = (output["keypoints0"].numpy() / self.stride_px).round().astype(int)
         columns = -(-images[0].shape[3] // self.stride_px)
-        return found["keypoints1"].numpy(), cells[:, 1] * columns + cells[:, 0]
+        return output["keypoints1"].numpy(), cells[:, 1] * columns + cells[:, 0]
 
 
 def checkpoint_state(content: Any, path: Path) -> dict[str, Any]:
-    """The network's state in a checkpoint: the mapping itself or what it holds as state_dict or model_state_dict.
-    Raises WeightsMissing."""
+    """Return the state of the network in a checkpoint: the mapping itself, or its state_dict or model_state_dict.
+
+    Raises:
+        WeightsMissing: The content is not a LoFTR checkpoint.
+    """
     for key in ("state_dict", "model_state_dict"):
         if isinstance(content, Mapping) and key in content:
             content = content[key]
@@ -89,18 +95,17 @@ def checkpoint_state(content: Any, path: Path) -> dict[str, Any]:
         name.removeprefix("matcher.").startswith("backbone.") for name in content
     ):
         raise WeightsMissing(
-            f"{path} is no LoFTR checkpoint: expected a state_dict or model_state_dict with backbone.* inside"
+            f"{path} is not a LoFTR checkpoint; expected a state_dict or model_state_dict with keys backbone.*"
         )
     return {name.removeprefix("matcher."): value for name, value in content.items()}
 
 
 def _remove_fine_stage(model: Any) -> None:
-    """Make matches end on the coarse grid: kornia always refines, and refines at random where the fine stage was never
-    trained."""
+    """Disable the refinement of matches, which kornia always runs and which is random for an untrained fine stage."""
     for name in ("fine_preprocess", "loftr_fine", "fine_matching"):
         delattr(model, name)
     model.fine_preprocess = lambda fine0, fine1, coarse0, coarse1, data: (
         fine0[:0],
         fine1[:0],
-    )  # none: kornia skips loftr_fine
+    )  # empty arrays, so kornia skips loftr_fine
     model.fine_matching = lambda fine0, fine1, data: data.update(mkpts0_f=data["mkpts0_c"], mkpts1_f=data["mkpts1_c"])

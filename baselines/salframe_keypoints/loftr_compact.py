@@ -1,5 +1,5 @@
-"""`loftr-compact`: a small LoFTR, trained by `python -m training.loftr_compact` and shipped with salframe;
-onnxruntime alone runs it."""
+"""`loftr-compact`: a small LoFTR, trained by `python -m training.loftr_compact` and shipped with salframe. It runs in
+onnxruntime."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from salframe_keypoints.images import ImageMatcher, decode, require_multiples
 
 FILES = ("features.onnx", "coarse.onnx", "fine.onnx")
 STATE = "state.pt"
-"""The same weights for kornia's module, beside FILES."""
+"""File with the same weights for kornia's module, next to FILES."""
 
 FOLDER = Path(__file__).with_name("loftr_compact_weights")
 
 THRESHOLD = 0.5
-"""Of a match's confidence. On a building that nothing is reported on (house-12, seed 100), going from kornia's 0.2 to
-this left 67 % of the matches that were right to 3 pixels and 29 % of the others.
+"""Minimum confidence of a match. On a tuning building without reported results (house-12, seed 100), raising it from
+kornia's 0.2 to this value retained 67 % of the matches that were correct to 3 pixels and 29 % of the others.
 """
 
 ARCHITECTURE = {
@@ -34,17 +34,16 @@ ARCHITECTURE = {
     "match_coarse": {"border_rm": 0, "thr": THRESHOLD},
     "fine": {"d_model": 16, "d_ffn": 16, "nhead": 2},
 }
-"""What it changes in kornia's default_cfg: with this as its `architecture`, `loftr` runs this state in kornia."""
+"""Differences from kornia's default_cfg. `loftr` runs STATE in kornia with this value as its `architecture`."""
 
 STRIDE_PX, FINE_STRIDE_PX, WINDOW = 8, 2, 5
-"""Pixels between cells of the coarse and of the fine grid, and cells along a side of the fine stage's window: kornia's
-defaults."""
+"""Stride of the coarse and the fine grid, and side of the fine stage's window in cells. These are kornia's defaults."""
 
 MAX_PX = 512
-"""Sides of a view; the position encoding in the file goes no further."""
+"""Maximum side of a view, limited by the position encoding in the file."""
 
-REMEMBERED = 32
-"""Views whose features are kept: those of a query are matched with one reference frame after the other."""
+CACHED_VIEWS = 32
+"""Number of views whose features are cached. The views of a query are matched with several reference frames."""
 
 
 LOFTR_COMPACT = NetworkWeights(
@@ -61,7 +60,12 @@ LOFTR_COMPACT = NetworkWeights(
 
 @dataclass(frozen=True, eq=False)
 class Features:
-    """Of an image: tokens (1, L, C) of its coarse grid, `columns` in a row; fine map (1, D, h / 2, w / 2)."""
+    """Features of an image.
+
+    Attributes:
+        tokens: (1, L, C) tokens of the coarse grid, row by row, with `columns` cells per row.
+        fine: (1, D, h / 2, w / 2) fine feature map.
+    """
 
     tokens: np.ndarray
     fine: np.ndarray
@@ -72,24 +76,27 @@ class Features:
 
 
 class Network:
-    """The three parts of the network, and what kornia's LoFTR does between them in numpy."""
+    """The three parts of the network, and the steps of kornia's LoFTR between them in numpy."""
 
     def __init__(self, paths: tuple[Path, ...]) -> None:
-        """Raises WeightsMissing where a file is no such network."""
+        """Load the network. Raises WeightsMissing if a file does not hold its part."""
         features, coarse, fine = paths
         self._features = open_model(features, [(1, 1, None, None)])
         self._coarse = open_model(coarse, [(1, None, None)] * 2)
         self._fine = open_model(fine, [(None, WINDOW**2, None)] * 2 + [(None, None)] * 2)
 
     def features(self, image: np.ndarray) -> Features:
-        """Of a grey image (h, w) uint8 whose sides are multiples of STRIDE_PX up to MAX_PX."""
+        """Return the features of a grey image (h, w) uint8, whose sides are multiples of STRIDE_PX up to MAX_PX."""
         return Features(*self._features.run(image[None, None].astype(np.float32) / 255))
 
     def match(self, first: Features, second: Features) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Cells (M,) int64 of the first image, points (M, 2) float32 of the second in pixels, and confidences (M,).
+        """Match the features of two images.
 
-        A match is each the other's most confident one, above THRESHOLD (LoFTR section 3.3); the fine stage then moves
-        its second point.
+        Matches are mutual maxima of the confidence above THRESHOLD (LoFTR section 3.3). The fine stage then refines the
+        point in the second image.
+
+        Returns:
+            Cells (M,) int64 of the first image, points (M, 2) float32 of the second in pixels, and confidences (M,).
         """
         confidence, *tokens = self._coarse.run(first.tokens, second.tokens)
         cells, second_cells, best = mutual_maxima(confidence[0], THRESHOLD)
@@ -103,8 +110,8 @@ class Network:
 
 
 def mutual_maxima(confidence: np.ndarray, threshold: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rows, columns and values of a matrix's entries above the threshold that are the greatest of both their row and
-    their column."""
+    """Return rows, columns and values of the entries of a matrix that exceed the threshold and are the maximum of both
+    their row and their column."""
     columns = confidence.argmax(1)
     best = confidence[np.arange(len(columns)), columns]
     rows = np.flatnonzero((best > threshold) & (confidence.max(0)[columns] == best))
@@ -112,17 +119,17 @@ def mutual_maxima(confidence: np.ndarray, threshold: float) -> tuple[np.ndarray,
 
 
 def windows(features: Features, cells: np.ndarray) -> np.ndarray:
-    """(M, WINDOW * WINDOW, D) fine features around coarse cells (M,), row by row; zero beyond the image."""
+    """Return (M, WINDOW * WINDOW, D) fine features around coarse cells (M,), row by row, zero outside the image."""
     margin, step = WINDOW // 2, STRIDE_PX // FINE_STRIDE_PX
     padded = np.pad(features.fine[0].transpose(1, 2, 0), ((margin, margin), (margin, margin), (0, 0)))
-    around = np.arange(WINDOW)
-    rows = (cells // features.columns * step)[:, None, None] + around[:, None]
-    columns = (cells % features.columns * step)[:, None, None] + around
+    offset = np.arange(WINDOW)
+    rows = (cells // features.columns * step)[:, None, None] + offset[:, None]
+    columns = (cells % features.columns * step)[:, None, None] + offset
     return padded[rows, columns].reshape(len(cells), WINDOW**2, -1)
 
 
 class LoftrCompact(ImageMatcher):
-    """The small LoFTR on grey views; their points are the cells of its coarse grid."""
+    """The small LoFTR on grey views. The points of a view are the cells of its coarse grid."""
 
     name = "loftr-compact"
     version = "1"
@@ -132,14 +139,13 @@ class LoftrCompact(ImageMatcher):
 
     class Config(ImageMatcher.Config):
         pooled: Literal["sift", "tokens"] = match_only(
-            "tokens",
-            description="local descriptors that the shortlist is made by: the network's own tokens, or RootSIFT",
+            "tokens", description="local descriptors of the shortlist: the tokens of the network, or RootSIFT"
         )
 
     def __init__(self, config: Config | None = None) -> None:
         super().__init__(config)
         self._network = Network(self.paths(self.config))
-        self._see = lru_cache(maxsize=REMEMBERED)(lambda jpeg: self._network.features(decode(jpeg)))
+        self._features = lru_cache(maxsize=CACHED_VIEWS)(lambda jpeg: self._network.features(decode(jpeg)))
 
     def prepare(self, width_px: int, height_px: int) -> None:
         """See FeatureMatcher."""
@@ -147,11 +153,14 @@ class LoftrCompact(ImageMatcher):
         require_multiples(self.name, self.view_size_px, STRIDE_PX, MAX_PX)
 
     def describe(self, view: View) -> np.ndarray:
-        """RootSIFT of the view's image, or the tokens of the network's coarse grid."""
-        return unit_rows(self._see(view).tokens[0]) if self.config.pooled == "tokens" else super().describe(view)
+        """Return RootSIFT of the view's image, or the tokens of the network's coarse grid."""
+        return unit_rows(self._features(view).tokens[0]) if self.config.pooled == "tokens" else super().describe(view)
 
     def match(self, query: View, reference: View) -> tuple[np.ndarray, np.ndarray]:
-        """See FeatureMatcher. The reference is LoFTR's first image, whose matches lie on the grid; those of the second
-        are refined off it."""
-        cells, points, _ = self._network.match(self._see(reference), self._see(query))
+        """See FeatureMatcher.
+
+        The reference is LoFTR's first image, whose matches are on the grid. Matches in the second image are refined to
+        sub-pixel positions.
+        """
+        cells, points, _ = self._network.match(self._features(reference), self._features(query))
         return points, cells

@@ -1,4 +1,4 @@
-"""What features computed by a network of torch have in common, and LightGlue, the matcher learned for them."""
+"""Base class of matchers with torch features, and LightGlue, a learned matcher for such features."""
 
 from __future__ import annotations
 
@@ -17,24 +17,30 @@ from salframe_keypoints.descriptors import DescriptorMatcher
 from salframe_keypoints.feature_matcher import View
 
 PIXEL_CENTRE = np.float32(0.5)
-"""kornia and transformers put pixel centres at whole numbers."""
+"""Offset to the pixel centres of kornia and transformers, which are at integer coordinates."""
 
 
 class NetworkMatcher(TrainedMatcher, DescriptorMatcher):
-    """Keypoints and descriptors of a network, matched where each of two descriptors is the other's nearest."""
+    """Keypoints and descriptors of a network, matched by mutual nearest neighbours."""
 
     requires = ("torch", "kornia")
 
     class Config(TrainedMatcher.Config):
-        max_keypoints: int = Field(512, ge=16, description="keypoints a view")
+        max_keypoints: int = Field(512, ge=16, description="maximum number of keypoints per view")
 
     @abstractmethod
     def detect(self, image: Any) -> tuple[Any, Any]:
-        """Keypoints (K, 2) in the library's pixels and descriptors of unit length (K, D), tensors, of an image (1, 3,
-        h, w) from 0 to 1."""
+        """Detect keypoints in an image.
+
+        Args:
+            image: (1, 3, h, w) tensor with values from 0 to 1.
+
+        Returns:
+            Tensors of keypoints (K, 2) in pixels of the library, and descriptors (K, D) of unit length.
+        """
 
     def extract(self, images: np.ndarray) -> list[View]:
-        """See FeatureMatcher. One image at a time, which bounds the memory; descriptors are kept as float16."""
+        """See FeatureMatcher. Images are processed one by one to limit memory. Descriptors are stored as float16."""
         import torch
 
         views = []
@@ -55,13 +61,21 @@ class NetworkMatcher(TrainedMatcher, DescriptorMatcher):
 
 
 class LightGlue:
-    """LightGlue (Lindenberger et al., ICCV 2023) by kornia, for one kind of features that it knows."""
+    """LightGlue (Lindenberger et al., ICCV 2023) by kornia, for one type of features."""
 
     def __init__(self, features: str, path: Path) -> None:
-        """Raises WeightsMissing where `path` holds no LightGlue for these features."""
+        """Load the network.
+
+        Args:
+            features: Type of features, a key of kornia's LightGlue.features.
+            path: Checkpoint.
+
+        Raises:
+            WeightsMissing: `path` holds no LightGlue for these features.
+        """
         from kornia import feature
 
-        # `features=None` keeps kornia from downloading; what it knows of these features stands in the settings instead.
+        # `features=None` prevents a download by kornia. The settings for these features are passed explicitly instead.
         settings: dict[str, Any] = {**feature.LightGlue.features[features], "features": None}
         del settings["weights"]
         self._network = feature.LightGlue(**settings).eval()
@@ -70,7 +84,7 @@ class LightGlue:
         )
 
     def match(self, query: View, reference: View, view_size_px: tuple[int, int]) -> np.ndarray:
-        """(M, 2) int: positions of matched points in the query and in the reference, both width x height."""
+        """Return (M, 2) int, the indices of matched points in the query and in the reference."""
         import torch
 
         size = torch.tensor([view_size_px])
@@ -87,18 +101,23 @@ def _side(view: View, size: Any) -> dict[str, Any]:
 
 
 def lightglue_state(content: Any, path: Path) -> dict[str, Any]:
-    """A LightGlue checkpoint of its authors in kornia's names; what it carries besides the matcher is left out. Raises
-    WeightsMissing."""
+    """Return the state in a LightGlue checkpoint of the authors under kornia's names, without parts of other networks.
+
+    Raises:
+        WeightsMissing: The content is not a LightGlue checkpoint.
+    """
     if not isinstance(content, Mapping):
         raise WeightsMissing(
-            f"{path} is no LightGlue checkpoint: received a {type(content).__name__}, expected a mapping of tensors"
+            f"{path} is not a LightGlue checkpoint: received a {type(content).__name__}, expected a mapping of tensors"
         )
-    if any(name.startswith("matcher.") for name in content):  # XFeat's authors store the features' network with it
+    if any(name.startswith("matcher.") for name in content):  # the file of XFeat also holds the feature network
         content = {
             name.removeprefix("matcher."): value for name, value in content.items() if name.startswith("matcher.")
         }
     return {
         re.sub(r"^(self_attn|cross_attn)\.(\d+)", r"transformers.\2.\1", name): value
         for name, value in content.items()
-        if not re.fullmatch(r"log_assignment\.\d+\.r", name)  # in the file for DISK, read by no published LightGlue
+        if not re.fullmatch(
+            r"log_assignment\.\d+\.r", name
+        )  # in the file for DISK, not used by any published LightGlue
     }

@@ -1,5 +1,4 @@
-"""The pose of a query panorama from its bearings and points of the map: P3P hypotheses, then refinement over the whole
-sphere."""
+"""Pose of a query panorama from bearings and map points: P3P hypotheses, then refinement on the sphere."""
 
 from __future__ import annotations
 
@@ -12,24 +11,32 @@ STEPS = 5
 def robust_pose(
     bearings: np.ndarray, points_m: np.ndarray, inlier_rad: float, hypotheses: int, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The pose that most matches agree with: T_map_query (4, 4) and inliers (M,) bool.
+    """Estimate a pose from matches with outliers.
 
-    bearings (M, 3): unit vectors in the query frame; points_m (M, 3): the matched points in the reference frame's axes. A
-    match is an inlier where its bearing and the direction to its point differ by less than `inlier_rad`. Random samples
-    of three are solved by P3P, and the best solution is that whose squared errors, each cut off at the inlier bound,
-    sum to the least (MSAC, Torr and Zisserman 2000). It is refined by least squares on the angles of its inliers, taken
-    anew a few times. The identity and no inlier where there are fewer than 4 matches.
+    Random samples of three matches are solved by P3P. The best solution minimises the sum of squared errors, each
+    truncated at the inlier bound (MSAC, Torr and Zisserman 2000). It is refined by least squares on the angles of its
+    inliers, which are selected again after each of a few rounds.
+
+    Args:
+        bearings: (M, 3) unit vectors in the query frame.
+        points_m: (M, 3) matched points in the reference frame.
+        inlier_rad: Maximum angle between the bearing of an inlier and the direction to its point.
+        hypotheses: Number of random samples.
+        rng: Random generator of the samples.
+
+    Returns:
+        T_reference_query (4, 4) and the inliers (M,) bool. With fewer than 4 matches, the identity and no inlier.
     """
     count = len(bearings)
     if count < 4:
         return np.eye(4), np.zeros(count, bool)
-    samples = rng.integers(0, count, (hypotheses, 3))  # a sample that repeats a match is degenerate and gives no pose
+    samples = rng.integers(0, count, (hypotheses, 3))  # a sample with a repeated match is degenerate and gives no pose
     rotations, centres = solve_p3p(bearings[samples], points_m[samples])
     if not len(rotations):
         return np.eye(4), np.zeros(count, bool)
     cosine = np.cos(inlier_rad)
-    # 1 - cos is half the squared angle. The number of inliers would not do: refining the most supported solution often
-    # loses a few of them
+    # 1 - cos is half the squared angle. The number of inliers is a worse criterion: refinement of the solution with the
+    # largest number of inliers often loses a few of them
     cost = np.minimum(1 - _cosines(rotations, centres, bearings, points_m), 1 - cosine).sum(1)
     best = int(cost.argmin())
     rotation, centre = rotations[best], centres[best]
@@ -43,21 +50,26 @@ def robust_pose(
 
 
 def _cosines(rotations, centres, bearings, points_m):
-    """(H, M) cosines between bearings and the directions to the points, for camera centres (H, 3) and rotations (H, 3,
-    3) to the map."""
-    seen = np.einsum("hij,mj->hmi", rotations, bearings)
-    along = np.einsum("hmi,mi->hm", seen, points_m) - np.einsum("hmi,hi->hm", seen, centres)
+    """Return (H, M) cosines between bearings and the directions to the points, for camera centres (H, 3) and rotations
+    (H, 3, 3) from the query to the reference frame."""
+    directions = np.einsum("hij,mj->hmi", rotations, bearings)
+    along = np.einsum("hmi,mi->hm", directions, points_m) - np.einsum("hmi,hi->hm", directions, centres)
     squared = (points_m**2).sum(1) - 2 * centres @ points_m.T + (centres**2).sum(1)[:, None]
     return along / np.sqrt(np.maximum(squared, 1e-12))
 
 
 def solve_p3p(bearings: np.ndarray, points_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """All poses (H, 3, 3), (H, 3), query to map, that put three points each on their bearings, for many samples at
-    once.
+    """Solve the perspective-three-point problem for many samples at once.
 
-    bearings, points_m (S, 3, 3): sample, match, coordinates. Grunert's solution as given by Haralick et al., "Review
-    and analysis of solutions of the three point perspective pose estimation problem" (1994); degenerate samples give
-    none.
+    The method is Grunert's solution in Haralick et al., "Review and analysis of solutions of the three point
+    perspective pose estimation problem" (1994). Degenerate samples have no solution.
+
+    Args:
+        bearings: (S, 3, 3) unit vectors in the query frame: sample, match, coordinates.
+        points_m: (S, 3, 3) points in the reference frame.
+
+    Returns:
+        Rotations (H, 3, 3) and translations (H, 3) from the query to the reference frame, all solutions of all samples.
     """
     f, p = bearings, points_m
     a2, b2, c2 = (((p[:, i] - p[:, j]) ** 2).sum(1) for i, j in ((1, 2), (0, 2), (0, 1)))
@@ -88,8 +100,8 @@ def solve_p3p(bearings: np.ndarray, points_m: np.ndarray) -> tuple[np.ndarray, n
     companion[:, 0] = -monic[usable]
     companion[:, [1, 2, 3], [0, 1, 2]] = 1
     roots = np.linalg.eigvals(companion)
-    which, root = np.nonzero(np.abs(roots.imag) < 1e-4 * (1 + np.abs(roots.real)))
-    v, sample = roots.real[which, root], usable[which]
+    row, root = np.nonzero(np.abs(roots.imag) < 1e-4 * (1 + np.abs(roots.real)))
+    v, sample = roots.real[row, root], usable[row]
     cos_a, cos_b, cos_c, q, b2 = cos_a[sample], cos_b[sample], cos_c[sample], q[sample], b2[sample]
     with np.errstate(divide="ignore", invalid="ignore"):
         u = ((q - 1) * v**2 - 2 * q * cos_b * v + 1 + q) / (2 * (cos_c - v * cos_a))
@@ -101,8 +113,8 @@ def solve_p3p(bearings: np.ndarray, points_m: np.ndarray) -> tuple[np.ndarray, n
 
 
 def _align(source, target):
-    """Rotations (H, 3, 3) and shifts (H, 3) that move three points each, (H, 3, 3), onto three others: their triangles'
-    axes."""
+    """Return rotations (H, 3, 3) and translations (H, 3) that align the axes of triangles (H, 3, 3) with those of
+    others."""
     rotations = np.einsum("hij,hkj->hik", _triangle_axes(target), _triangle_axes(source))
     shifts = target.mean(1) - np.einsum("hij,hj->hi", rotations, source.mean(1))
     finite = np.isfinite(rotations).all((1, 2))
@@ -119,26 +131,30 @@ def _triangle_axes(points):
 
 
 def _refine(rotation, centre, bearings, points_m):
-    """Gauss-Newton on the angles between bearings and the directions to their points; returns rotation and centre."""
+    """Minimise the angles between bearings and the directions to their points by Gauss-Newton.
+
+    Returns:
+        Rotation (3, 3) and camera centre (3,).
+    """
     tangents = np.linalg.svd(bearings[:, None, :])[2][:, 1:]  # (M, 2, 3): two axes orthogonal to each bearing
     for _ in range(STEPS):
         local = (points_m - centre) @ rotation
         distance = np.linalg.norm(local, axis=1)
         direction = local / distance[:, None]
         residual = np.einsum("mki,mi->mk", tangents, direction).ravel()
-        # direction moves by direction x w as the query turns by w, and by -(I - d d^T) R^T t / distance as it shifts by
-        # t
-        turning = np.einsum("mki,mij->mkj", tangents, _cross_matrices(direction))
+        # direction changes by direction x w for a rotation w of the query, and by -(I - d d^T) R^T t / distance for a
+        # translation t
+        by_rotation = np.einsum("mki,mij->mkj", tangents, _cross_matrices(direction))
         projection = np.eye(3) - direction[:, :, None] * direction[:, None, :]
-        shifting = -np.einsum("mki,mij,lj->mkl", tangents, projection, rotation) / distance[:, None, None]
-        jacobian = np.concatenate([turning, shifting], 2).reshape(-1, 6)
+        by_translation = -np.einsum("mki,mij,lj->mkl", tangents, projection, rotation) / distance[:, None, None]
+        jacobian = np.concatenate([by_rotation, by_translation], 2).reshape(-1, 6)
         step = np.linalg.lstsq(jacobian, -residual, rcond=None)[0]
         rotation, centre = rotation @ _rotation(step[:3]), centre + step[3:]
     return rotation, centre
 
 
 def _cross_matrices(vectors):
-    """(M, 3, 3) matrices that take w to vector x w."""
+    """Return the (M, 3, 3) matrices that map w to vector x w."""
     x, y, z = vectors.T
     zero = np.zeros_like(x)
     return np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]).transpose(2, 0, 1)

@@ -1,4 +1,4 @@
-"""Models of the library `transformers` in a folder that the user has downloaded."""
+"""Models of the library `transformers` in a folder that the user downloaded."""
 
 from __future__ import annotations
 
@@ -12,11 +12,16 @@ from salframe.framework.files.reading import read_json
 
 @dataclass(frozen=True)
 class Pretrained:
-    """A model as Hugging Face's hub lays it out, a folder of config.json and model.safetensors; the weights are read
-    without running code.
+    """A model in the layout of the Hugging Face hub: a folder with config.json and model.safetensors.
 
-    It has no entry among the weights that can be fetched, as nobody publishes a hash of its files that could be held
-    against a download.
+    The weights are read without executing code. `salframe weights fetch` does not download them, because there is no
+    published hash to verify a download.
+
+    Attributes:
+        repository: Repository on the hub.
+        licence: Licence of the weights.
+        model_class: Name of the class in transformers.
+        model_type: model_type in config.json.
     """
 
     repository: str
@@ -25,12 +30,15 @@ class Pretrained:
     model_type: str
 
     def files(self, folder: Path | None) -> tuple[Path, Path]:
-        """config.json and model.safetensors of a local folder. Raises WeightsMissing where they are not there or are of
-        another model."""
+        """Return the paths of config.json and model.safetensors in a local folder.
+
+        Raises:
+            WeightsMissing: A file does not exist or belongs to another model.
+        """
         address = f"https://huggingface.co/{self.repository} ({self.licence})"
         where = f"a folder with config.json and model.safetensors of {address}"
         if folder is None:
-            raise WeightsMissing(f"{self.model_type} is not shipped: set checkpoint to {where}")
+            raise WeightsMissing(f"salframe does not ship {self.model_type}: set checkpoint to {where}")
         config, weights = folder / "config.json", folder / "model.safetensors"
         for path in (config, weights):
             if not path.is_file():
@@ -45,7 +53,7 @@ class Pretrained:
         return config, weights
 
     def load(self, folder: Path | None) -> Any:
-        """The model, every tensor of it accounted for. Raises WeightsMissing."""
+        """Load the model. Raises WeightsMissing if any tensor is missing, unexpected or of another shape."""
         import transformers
 
         config, weights = self.files(folder)
@@ -54,13 +62,13 @@ class Pretrained:
             model, report = getattr(transformers, self.model_class).from_pretrained(
                 config.parent, local_files_only=True, use_safetensors=True, output_loading_info=True
             )
-        except Exception as error:  # the library raises whatever its parsers stumble over
+        except Exception as error:  # the parsers of the library raise many types of exceptions
             text = " ".join(str(error).split())
             raise WeightsMissing(
                 f"{weights} does not fit {self.model_class}: {type(error).__name__} {text[:200]}"
             ) from None
-        for what in ("missing_keys", "unexpected_keys", "mismatched_keys"):
-            if report[what]:
-                keys = sorted(map(str, report[what]))[:3]
-                raise WeightsMissing(f"{weights} does not fit {self.model_class}: {what.replace('_', ' ')} {keys}")
+        for key in ("missing_keys", "unexpected_keys", "mismatched_keys"):
+            if report[key]:
+                keys = sorted(map(str, report[key]))[:3]
+                raise WeightsMissing(f"{weights} does not fit {self.model_class}: {key.replace('_', ' ')} {keys}")
         return model.eval()

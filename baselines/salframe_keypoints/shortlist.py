@@ -1,4 +1,4 @@
-"""What the shortlist is made by: a global descriptor of each view, pooled from local ones or of an image network."""
+"""Global descriptors of views for the shortlist, pooled from local descriptors or computed by an image network."""
 
 from __future__ import annotations
 
@@ -13,26 +13,32 @@ from salframe_keypoints.feature_matcher import FeatureMatcher, View
 
 SAMPLE = 20_000
 ITERATIONS = 15
+"""Maximum number of local descriptors that the vocabulary is learned from, and iterations of k-means."""
 POWER = 3.0
-"""Of the generalised mean that pools an image network's features."""
+"""Exponent of the generalised mean that pools the features of an image network."""
 
 Pool = Callable[[Description], np.ndarray]
-"""(V, G) float32: the global descriptors of a description's views, of unit length, zeros of a view that has none."""
+"""Function that returns the (V, G) float32 global descriptors of a description's views: unit length, or zeros if a view
+has none."""
 
 
 class GlobalDescriptors(Protocol):
-    """Makes global descriptors of views."""
+    """Interface for global descriptors of views."""
 
     def describe(self, rgb: np.ndarray, valid: np.ndarray | None) -> dict[str, np.ndarray]:
-        """What a description must hold for them besides the matcher's features: of a panorama's colour (H, 2H, 3) and
-        what of it was seen (H, 2H), None where all was."""
+        """Return the entries that a description needs besides the features of the matcher.
+
+        Args:
+            rgb: (H, 2H, 3) colour of a panorama.
+            valid: (H, 2H) bool, its valid pixels. None if all pixels are valid.
+        """
 
     def learn(self, descriptions: Sequence[Description]) -> tuple[Pool, np.ndarray]:
-        """How a description is pooled in a map of these F, and theirs pooled, (F, V, G)."""
+        """Return a function that pools a description, and the global descriptors (F, V, G) of these F descriptions."""
 
 
 class LocalDescriptors:
-    """Pooled from the matcher's own local descriptors over a vocabulary of the map."""
+    """Global descriptors that are pooled from the matcher's local descriptors with a vocabulary of the map."""
 
     def __init__(self, matcher: FeatureMatcher, words: int) -> None:
         self._matcher, self._words = matcher, words
@@ -54,15 +60,14 @@ class LocalDescriptors:
 
 
 class NetworkDescriptors:
-    """Features of an image network, pooled by their generalised mean (Radenovic et al. 2019)."""
+    """Global descriptors by an image network, pooled by the generalised mean (Radenovic et al. 2019)."""
 
     def __init__(self, network: Any, views: int, hfov_rad: float) -> None:
-        """`network`: of the role `image-network`; it sees as many views as the matcher."""
+        """Create the descriptors for a network of the role `image-network`, with the number of views of the matcher."""
         self._network, self._rig = network, ViewRig(views, network.size_px, network.size_px, hfov_rad)
 
     def describe(self, rgb: np.ndarray, valid: np.ndarray | None) -> dict[str, np.ndarray]:
-        """global (V, C) float16, of unit length; zeros of a view that lies for the greater part in what was not
-        seen."""
+        """Return `global` (V, C) float16 of unit length, zeros for a view with less than half valid pixels."""
         pooled = self._network.pooled(self._rig.cut(rgb), POWER)
         unit = pooled / np.maximum(np.linalg.norm(pooled, axis=1, keepdims=True), 1e-9)
         if valid is not None:
@@ -78,17 +83,17 @@ def _stored(description: Description) -> np.ndarray:
 
 
 def split_views(description: Description) -> list[View]:
-    """The views of a description of `keypoints`."""
+    """Return the views in a description of `keypoints`."""
     points = np.split(description["points_px"], np.cumsum(description["point_count"])[:-1])
     features = np.split(description["features"], np.cumsum(description["feature_count"])[:-1])
     return [View(*parts) for parts in zip(points, features, strict=True)]
 
 
 class Vlad:
-    """VLAD (Jegou et al. 2010) with residuals normalised a word and then together (Arandjelovic and Zisserman 2013)."""
+    """VLAD (Jegou et al. 2010) with residuals normalised per word and globally (Arandjelovic and Zisserman 2013)."""
 
     def __init__(self, features: Sequence[np.ndarray], words: int) -> None:
-        """Learn `words` by k-means on a seeded sample of the local features (N, D) float32 of the map's views."""
+        """Learn `words` by k-means from a seeded random sample of the views' local features, each (N, D) float32."""
         from scipy.cluster.vq import kmeans2
 
         stacked = np.concatenate(features)
@@ -100,7 +105,7 @@ class Vlad:
         )
 
     def pool(self, features: np.ndarray) -> np.ndarray:
-        """(words * D,) float32 of unit length for local features (N, D); zeros where there is none."""
+        """Return (words * D,) float32 of unit length for local features (N, D), zeros if there are none."""
         pooled = np.zeros_like(self.words)
         if len(features) and len(self.words):
             word = (features @ self.words.T - (self.words**2).sum(1) / 2).argmax(1)
@@ -109,5 +114,5 @@ class Vlad:
         return pooled.ravel() / max(np.linalg.norm(pooled), 1e-9)
 
     def pool_all(self, views: Sequence[np.ndarray]) -> np.ndarray:
-        """(V, words * D) float32: `pool` of the local features of each view."""
+        """Return (V, words * D) float32, the pooled local features of each view."""
         return np.stack([self.pool(features) for features in views])

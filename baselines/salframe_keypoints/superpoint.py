@@ -1,7 +1,7 @@
-"""SuperPoint (DeTone et al., CVPRW 2018) by `transformers`: by nearest neighbours, or by SuperGlue (Sarlin et al., CVPR
-2020).
+"""SuperPoint (DeTone et al., CVPRW 2018) by `transformers`, matched by nearest neighbours or SuperGlue (Sarlin et al.,
+CVPR 2020).
 
-Their weights are under Magic Leap's licence: for research, not for commerce.
+The licence of the weights, by Magic Leap, allows non-commercial research only.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class SuperPointNearest(NetworkMatcher):
 class SuperPointSuperGlue(NetworkMatcher):
     """SuperPoint keypoints with SuperGlue.
 
-    SuperGlue reads scores too: a point's features are its descriptor, then its score.
+    SuperGlue also uses scores. The features of a point are its descriptor, followed by its score.
     """
 
     name = "superpoint-superglue"
@@ -74,14 +74,16 @@ class SuperPointSuperGlue(NetworkMatcher):
         return keypoints, torch.cat([descriptors, scores[:, None]], 1)
 
     def match_descriptors(self, query: View, reference: View) -> np.ndarray:
-        """See DescriptorMatcher. SuperGlue detects points on its own; here its detector is one that recalls those of
-        the two views."""
+        """See DescriptorMatcher.
+
+        SuperGlue runs its own detector, which is replaced by one that returns the points of the two views.
+        """
         import torch
 
         if not len(query.features) or not len(reference.features):
             return np.zeros((0, 2), int)
         del self._network.keypoint_detector
-        self._network.keypoint_detector = lambda pixels: self._recall((query, reference))
+        self._network.keypoint_detector = lambda pixels: self._restore_points((query, reference))
         with torch.inference_mode():
             matches = self._network(torch.empty(1, 2, 3, *self.view_size_px[::-1])).matches
         partner = matches[0, 0, : len(query.features)].numpy()
@@ -92,15 +94,15 @@ class SuperPointSuperGlue(NetworkMatcher):
         """The descriptors without the scores."""
         return super().describe(View(view.points_px, view.features[:, :-1]))
 
-    def _recall(self, views: tuple[View, View]) -> tuple[Any, Any, Any, Any]:
-        """What SuperPoint gives of two images: relative positions, scores and descriptors, padded to as many points,
-        and which are points."""
+    def _restore_points(self, views: tuple[View, View]) -> tuple[Any, Any, Any, Any]:
+        """Return the output of SuperPoint for two views: relative positions, scores and descriptors, padded to the same
+        number of points, and a mask of the points."""
         import torch
 
-        most = max(len(view.points_px) for view in views)
-        keypoints = torch.zeros(2, most, 2)
-        features = torch.zeros(2, most, views[0].features.shape[1])
-        mask = torch.zeros(2, most, dtype=torch.int)
+        max_points = max(len(view.points_px) for view in views)
+        keypoints = torch.zeros(2, max_points, 2)
+        features = torch.zeros(2, max_points, views[0].features.shape[1])
+        mask = torch.zeros(2, max_points, dtype=torch.int)
         for i, view in enumerate(views):
             count = len(view.points_px)
             keypoints[i, :count] = torch.from_numpy(
@@ -112,9 +114,12 @@ class SuperPointSuperGlue(NetworkMatcher):
 
 
 def detect_points(extractor: Any, image: Any) -> tuple[Any, Any, Any]:
-    """Keypoints (K, 2) in whole pixels, their scores (K,) and descriptors of unit length (K, D) of an image (1, 3, h,
-    w) from 0 to 1."""
+    """Detect keypoints in an image (1, 3, h, w) with values from 0 to 1.
+
+    Returns:
+        Keypoints (K, 2) in integer pixels, scores (K,), and descriptors (K, D) of unit length.
+    """
     grey = (image * image.new_tensor([0.299, 0.587, 0.114])[:, None, None]).sum(1, keepdim=True)
-    found = extractor(grey)
+    output = extractor(grey)
     height, width = image.shape[2:]
-    return (found.keypoints[0] * image.new_tensor([width, height])).round(), found.scores[0], found.descriptors[0]
+    return (output.keypoints[0] * image.new_tensor([width, height])).round(), output.scores[0], output.descriptors[0]

@@ -1,5 +1,5 @@
-"""XFeat (Potje et al., CVPR 2024) as kornia implements it, with the authors' weights: by nearest neighbours, or by
-their LighterGlue."""
+"""XFeat (Potje et al., CVPR 2024) by kornia with the authors' weights, matched by nearest neighbours or their
+LighterGlue."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ class XFeatNearest(NetworkMatcher):
 
     def detect(self, image: Any) -> tuple[Any, Any]:
         """See NetworkMatcher."""
-        (found,) = self._extractor.detectAndCompute(image)
-        return found["keypoints"], found["descriptors"]
+        (detections,) = self._extractor.detectAndCompute(image)
+        return detections["keypoints"], detections["descriptors"]
 
 
 class XFeat(XFeatNearest):

@@ -1,4 +1,4 @@
-"""Line baseline: line segments on the sphere and in the room, their distance functions, and a pose."""
+"""Line baseline: line segments on the sphere and in 3D, their distance functions, and a pose."""
 
 import salframe
 from salframe_lines.localizer import Lines
@@ -6,5 +6,5 @@ from salframe_lines.localizer import Lines
 
 @salframe.hookimpl
 def salframe_provides() -> list[type]:
-    """The `lines` localizer."""
+    """Return the localizer `lines`."""
     return [Lines]

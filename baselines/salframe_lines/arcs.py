@@ -1,9 +1,9 @@
-"""Segments along the three principal directions of a room, as arcs on the sphere and as lines in space.
+"""Segments along the three principal directions of a room, as arcs on the sphere and as 3D lines.
 
-The principal frame of a panorama is its frame turned about the vertical until x and y run along the walls. A segment
-along axis k, seen in that frame, lies on a half circle through both poles of k, and has two coordinates: the half
-circle's angle around k, from axis k + 1 towards k + 2 (cyclic), and the angles of its ends along it, measured from k's
-pole, in (0, pi). A line in space has its place across k and its ends along k.
+The principal frame of a panorama is its frame rotated about the vertical until x and y are parallel to the walls. A
+segment along axis k lies on a half circle through both poles of k in this frame. Its coordinates are the angle of the
+half circle around k, from axis k + 1 towards k + 2 (cyclic), and the angles of its ends along the half circle, measured
+from the pole of k, in (0, pi). The coordinates of a 3D line are its position across k and its ends along k.
 """
 
 from __future__ import annotations
@@ -15,52 +15,66 @@ import numpy as np
 from salframe.panoramas.geometry import rays_to_pixels, wrap_angle
 
 OFF_AXIS_RAD = np.deg2rad(2.5)
-"""A segment belongs to the axis whose pole its great circle passes this close to."""
+"""Maximum distance between the great circle of a segment and the pole of its axis."""
 POLE_RAD = np.deg2rad(4)
-"""Segments that come this close to the pole of their axis are too short in truth to tell their angle around it."""
+"""Minimum distance of a segment from the pole of its axis. The angle of closer segments around it is inaccurate."""
 SAME_LINE_RAD, SAME_LINE_GAP_RAD = np.deg2rad(0.35), np.deg2rad(1.5)
-"""Pieces of one line: no further apart than this across it, and along it."""
+"""Maximum distance between pieces of one line, across and along the line."""
 MIN_LENGTH_RAD = np.deg2rad(3)
+"""Minimum length of an arc."""
 SURFACE_STEP = 0.1
-"""A surface beside a line is another one, and the line its end, where it is nearer by this share."""
+"""Minimum relative difference in range at which a line is the edge of a nearer surface in front of another."""
 RANGE_SAMPLES = 24
+"""Number of points along an arc at which the range is sampled."""
 SURFACE_SHARE, SURFACE_TOLERANCE = 0.5, 0.05
-"""A segment is lifted where this share of its ranges agree on a line's distance within this part of it."""
+"""Minimum share of the samples that must agree on the distance of a line, and the relative tolerance."""
 
 
 class Arcs(NamedTuple):
-    """Arcs along one axis: around_rad (..., N), along_rad (..., N, 2), the lower end first."""
+    """Arcs along one axis.
+
+    Attributes:
+        around_rad: (..., N) angle around the axis.
+        along_rad: (..., N, 2) angles of the ends along the arc, the lower end first.
+    """
 
     around_rad: np.ndarray
     along_rad: np.ndarray
 
 
 class Lines3d(NamedTuple):
-    """Lines along one axis k, in a principal frame: across_m (N, 2), on axes k + 1 and k + 2; along_m (N, 2), the lower
-    end first."""
+    """3D lines along one axis k, in a principal frame.
+
+    Attributes:
+        across_m: (N, 2) position on the axes k + 1 and k + 2.
+        along_m: (N, 2) ends on axis k, the lower end first.
+    """
 
     across_m: np.ndarray
     along_m: np.ndarray
 
 
 def principal_yaw(ends: np.ndarray) -> float:
-    """The yaw_rad in [0, pi / 2) of the walls: what turns the principal frame into the frame of segments (N, 2, 3).
+    """Estimate the yaw of the walls in [0, pi / 2), the rotation from the principal frame to the frame of the segments.
 
-    The panorama is upright, so that the vertical direction is known, and each segment that is horizontal in truth tells
-    where it points to: the horizontal line in the plane through it and the eye. The peak of a histogram over azimuth
-    modulo 90 degrees, each segment by its length (LDL: principal directions by votes on the sphere), then the mean of
-    what lies around it.
+    The panorama is upright, so the vertical direction is known. The direction of a horizontal segment is the horizontal
+    line in the plane through the segment and the camera. The yaw is the peak of a histogram over azimuth modulo 90
+    degrees, weighted by length (LDL finds principal directions by votes on the sphere), refined by the mean of the
+    directions around it.
+
+    Args:
+        ends: (N, 2, 3) unit vectors to the ends of segments in the panorama frame.
     """
     normal = np.cross(ends[:, 0], ends[:, 1])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    level = np.hypot(normal[:, 0], normal[:, 1])  # 0: the segment lies on the horizon and points anywhere
+    level = np.hypot(normal[:, 0], normal[:, 1])  # 0: the segment lies on the horizon, and its direction is unknown
     votes = np.where(
         np.abs(normal[:, 2]) > np.sin(np.deg2rad(5)), level * _lengths(ends), 0
-    )  # the others may be vertical
+    )  # other segments may be vertical
     if not votes.any():
         return 0.0
     azimuth_rad = np.arctan2(normal[:, 0], -normal[:, 1])
-    bins = np.bincount((azimuth_rad % (np.pi / 2) * 360 / np.pi).astype(int) % 180, votes, 180)  # of half a degree
+    bins = np.bincount((azimuth_rad % (np.pi / 2) * 360 / np.pi).astype(int) % 180, votes, 180)  # half-degree bins
     smooth = np.exp(-((np.arange(-4, 5) / 1.5) ** 2) / 2)
     peak_rad = (np.convolve(np.pad(bins, 4, mode="wrap"), smooth, "valid").argmax() + 0.5) * np.pi / 360
     for within_rad in np.deg2rad((1.5, 0.75, 0.5)):
@@ -75,10 +89,14 @@ def _lengths(ends):
 
 
 def arcs_along_axes(ends: np.ndarray, yaw_rad: float, limit: int) -> tuple[Arcs, Arcs, Arcs]:
-    """The segments (N, 2, 3) along the three axes of the principal frame; pieces of one line joined, the `limit`
-    longest an axis, longest first.
+    """Return the arcs of the segments along the three axes of the principal frame, with pieces of one line joined.
 
-    Segments along no axis, or along two as far as one can see, are left out.
+    Segments along no axis, or along two axes within the tolerance, are ignored.
+
+    Args:
+        ends: (N, 2, 3) unit vectors to the ends of segments in the panorama frame.
+        yaw_rad: Yaw of the principal frame.
+        limit: Maximum number of arcs per axis, the longest first.
     """
     c, s = np.cos(yaw_rad), np.sin(yaw_rad)
     ends = ends @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
@@ -86,12 +104,12 @@ def arcs_along_axes(ends: np.ndarray, yaw_rad: float, limit: int) -> tuple[Arcs,
     off = np.abs(normal / np.linalg.norm(normal, axis=1, keepdims=True))
     belongs = off < np.sin(OFF_AXIS_RAD)
     belongs &= belongs.sum(1, keepdims=True) == 1
-    x, y, z = (_joined(np.roll(ends[belongs[:, k]], -k, axis=2), limit) for k in range(3))
+    x, y, z = (_join_segments(np.roll(ends[belongs[:, k]], -k, axis=2), limit) for k in range(3))
     return x, y, z
 
 
-def _joined(ends: np.ndarray, limit: int) -> Arcs:
-    """Arcs from ends (N, 2, 3) whose first coordinate runs along their axis."""
+def _join_segments(ends: np.ndarray, limit: int) -> Arcs:
+    """Return the arcs of segments (N, 2, 3) whose first coordinate is along their axis."""
     from scipy.sparse.csgraph import connected_components
 
     middle = ends.sum(1)
@@ -109,17 +127,17 @@ def _joined(ends: np.ndarray, limit: int) -> Arcs:
     mean_rad = np.arctan2(
         np.bincount(line, weight * np.sin(around_rad), count), np.bincount(line, weight * np.cos(around_rad), count)
     )
-    reach_rad = np.stack([np.full(count, np.inf), np.full(count, -np.inf)], axis=1)
-    np.minimum.at(reach_rad[:, 0], line, along_rad[:, 0])
-    np.maximum.at(reach_rad[:, 1], line, along_rad[:, 1])
-    length_rad = reach_rad[:, 1] - reach_rad[:, 0]
+    span_rad = np.stack([np.full(count, np.inf), np.full(count, -np.inf)], axis=1)
+    np.minimum.at(span_rad[:, 0], line, along_rad[:, 0])
+    np.maximum.at(span_rad[:, 1], line, along_rad[:, 1])
+    length_rad = span_rad[:, 1] - span_rad[:, 0]
     order = np.argsort(-length_rad, kind="stable")[:limit]
     order = order[length_rad[order] >= MIN_LENGTH_RAD]
-    return Arcs(mean_rad[order], reach_rad[order])
+    return Arcs(mean_rad[order], span_rad[order])
 
 
-def quarter_turned(arcs: tuple[Arcs, Arcs, Arcs]) -> tuple[Arcs, Arcs, Arcs]:
-    """The arcs turned by 90 degrees about the vertical: those along x come to lie along y, those along y along -x."""
+def rotate_by_quarter_turn(arcs: tuple[Arcs, Arcs, Arcs]) -> tuple[Arcs, Arcs, Arcs]:
+    """Return the arcs rotated by 90 degrees about the vertical, from x to y and from y to -x."""
     x, y, z = arcs
     return (
         Arcs(np.pi / 2 - y.around_rad, np.pi - y.along_rad[:, ::-1]),
@@ -129,12 +147,17 @@ def quarter_turned(arcs: tuple[Arcs, Arcs, Arcs]) -> tuple[Arcs, Arcs, Arcs]:
 
 
 def line_distances(arcs: Arcs, axis: int, yaw_rad: float, range_m: np.ndarray) -> np.ndarray:
-    """(N,) distance_m of the eye from the lines behind arcs along `axis`, by a range image (H, 2H); NaN where it is not
-    known.
+    """Return the (N,) distances, in metres, of the camera from the 3D lines of arcs along an axis. NaN is unknown.
 
-    At points along the arc the range is taken, or that of the arc's one side or the other where it is much nearer: a
-    line at which one surface ends before another belongs to the nearer one. A range times the sine of its angle from
-    the axis is the line's distance, the same all along the line; the median is taken.
+    The range is sampled along the arc. If the range on one side of the arc is much smaller, that range is used: an edge
+    in front of another surface belongs to the nearer surface. The range times the sine of the angle from the axis is
+    the distance of the line, which is constant along the line. The result is the median.
+
+    Args:
+        arcs: Arcs along the axis.
+        axis: Index of the axis.
+        yaw_rad: Yaw of the principal frame.
+        range_m: (H, 2H) range image.
     """
     height = range_m.shape[0]
     shares = (np.arange(RANGE_SAMPLES) + 0.5) / RANGE_SAMPLES
@@ -159,17 +182,19 @@ def line_distances(arcs: Arcs, axis: int, yaw_rad: float, range_m: np.ndarray) -
     return np.where(agree.mean(1) >= SURFACE_SHARE, median_m, np.nan)
 
 
-def lifted(arcs: Arcs, distance_m: np.ndarray) -> Lines3d:
-    """The lines in space behind arcs, in the principal frame, by their distances (N,) from the eye; those of unknown
-    distance are left out."""
-    known = np.isfinite(distance_m)
-    distance_m, around_rad, along_rad = distance_m[known], arcs.around_rad[known], arcs.along_rad[known]
+def lift_arcs(arcs: Arcs, distance_m: np.ndarray) -> Lines3d:
+    """Return the 3D lines of arcs in the principal frame, given their distances (N,) from the camera.
+
+    Arcs with unknown distance are ignored.
+    """
+    valid = np.isfinite(distance_m)
+    distance_m, around_rad, along_rad = distance_m[valid], arcs.around_rad[valid], arcs.along_rad[valid]
     across_m = distance_m[:, None] * np.stack([np.cos(around_rad), np.sin(around_rad)], axis=1)
     return Lines3d(across_m, (distance_m[:, None] / np.tan(along_rad))[:, ::-1])
 
 
-def seen_from(lines: Lines3d, axis: int, position_m: np.ndarray) -> Arcs:
-    """The arcs (..., N) that lines along `axis` are seen as from positions (..., 3), all in the principal frame."""
+def project_lines(lines: Lines3d, axis: int, position_m: np.ndarray) -> Arcs:
+    """Project lines along an axis to positions (..., 3), all in the principal frame. Return arcs (..., N)."""
     position_m = np.roll(position_m, -axis, axis=-1)[..., None, :]
     first_m, second_m = (lines.across_m[:, i] - position_m[..., i + 1] for i in (0, 1))
     along_m = lines.along_m[:, ::-1] - position_m[..., :1]

@@ -1,5 +1,5 @@
-"""Line distance functions (LDL, section 3): how far each point of the sphere is from the nearest line along each
-principal direction."""
+"""Line distance functions (LDL, section 3): the distance of points on the sphere to the nearest line of each principal
+direction."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from salframe_lines.arcs import Arcs, Lines3d, seen_from
+from salframe_lines.arcs import Arcs, Lines3d, project_lines
 
 CODES_PER_RAD, MAX_CODE = 128, 200
-"""Distances are kept as uint8, none larger than 1.56 rad: what is left of 256 keeps differences that wrap around from
-being small."""
+"""Scale and maximum of distances stored as uint8. The maximum, 1.56 rad, is below 255, so that differences that wrap
+around are large."""
 CHUNK = 8
-"""Positions computed at once: few enough that the arrays stay in the processor's cache."""
+"""Number of positions computed at once. The arrays of this number fit the cache of the processor."""
 
 
 def sphere_points(count: int) -> np.ndarray:
-    """(count, 3) float32 unit vectors spread evenly over the sphere: a Fibonacci lattice."""
+    """Return (count, 3) float32 unit vectors that are distributed evenly over the sphere (Fibonacci lattice)."""
     number = np.arange(count) + 0.5
     z = 1 - 2 * number / count
     angle_rad, radius = np.pi * (1 + np.sqrt(5)) * number, np.sqrt(1 - z**2)
@@ -25,8 +25,12 @@ def sphere_points(count: int) -> np.ndarray:
 
 
 def distance_codes(arcs: Sequence[Arcs], points: np.ndarray) -> np.ndarray:
-    """(..., 3 Q) uint8: distances from each sphere point (Q, 3) to the nearest arc along x, then y, then z; arcs in
-    batches (..., N)."""
+    """Return (..., 3 Q) uint8 distances from each sphere point (Q, 3) to the nearest arc along x, then y, then z.
+
+    Args:
+        arcs: Arcs along each axis, in batches (..., N).
+        points: (Q, 3) unit vectors.
+    """
     codes = []
     for axis, (around_rad, along_rad) in enumerate(arcs):
         cosine = _nearest_cosines(around_rad, along_rad, np.roll(points, -axis, axis=1))
@@ -35,11 +39,11 @@ def distance_codes(arcs: Sequence[Arcs], points: np.ndarray) -> np.ndarray:
 
 
 def _nearest_cosines(around_rad, along_rad, points):
-    """(..., Q) cosine of the angle from points (Q, 3), first coordinate along the arcs' axis, to the nearest arc; -1
-    where there is none.
+    """Return the (..., Q) cosine of the angle from points (Q, 3) to the nearest arc, -1 if there is no arc.
 
-    In an arc's plane a point has two coordinates, along the axis and away from it: their length is the cosine to the
-    great circle, which holds between the arc's ends; elsewhere the nearer end counts.
+    The first coordinate of the points is along the axis of the arcs. The projection of a point to the plane of an arc
+    has two coordinates, along the axis and perpendicular to it. Its length is the cosine of the distance to the great
+    circle, which applies between the ends of the arc. Elsewhere the nearer end counts.
     """
     around_rad, along_rad = around_rad.astype(np.float32)[..., None], along_rad.astype(np.float32)
     low_rad, high_rad = along_rad[..., 0, None], along_rad[..., 1, None]
@@ -53,17 +57,19 @@ def _nearest_cosines(around_rad, along_rad, points):
 
 
 def distance_codes_from(lines: Sequence[Lines3d], positions_m: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """(T, 3 Q) uint8: the same of lines in space, seen from positions (T, 3)."""
+    """Return (T, 3 Q) uint8, the `distance_codes` of 3D lines that are projected to positions (T, 3)."""
     chunks = [positions_m[i : i + CHUNK] for i in range(0, len(positions_m), CHUNK)]
     return np.concatenate(
-        [distance_codes([seen_from(lines[k], k, chunk) for k in range(3)], points) for chunk in chunks]
+        [distance_codes([project_lines(lines[k], k, chunk) for k in range(3)], points) for chunk in chunks]
     )
 
 
 def agreeing_share(codes: np.ndarray, query: np.ndarray, within_rad: float) -> np.ndarray:
-    """(T,) share of the distances (T, 3 Q) that differ from a query's (3 Q,) by no more than `within_rad`: the inlier
-    cost of LDL and FGPL."""
+    """Return the (T,) share of distances (T, 3 Q) that differ from those of a query (3 Q,) by at most `within_rad`.
+
+    This is the inlier cost of LDL and FGPL.
+    """
     within = np.uint8(round(within_rad * CODES_PER_RAD))
     return (
         np.count_nonzero((codes - (query - within)) <= 2 * within, axis=1) / codes.shape[1]
-    )  # uint8 wraps: one comparison bounds both sides
+    )  # uint8 wraps around, so one comparison checks both bounds

@@ -1,4 +1,4 @@
-"""The localizer `lines`: the line distance functions of a query against those of lines in space, then alignment."""
+"""The localizer `lines`: compares line distance functions of a query with those of 3D lines, then aligns the lines."""
 
 from __future__ import annotations
 
@@ -17,17 +17,31 @@ from salframe.panoramas.frames import ReferenceFrame
 from salframe.panoramas.geometry import pose_2d
 from salframe.panoramas.panorama import Panorama
 from salframe_lines.alignment import AGREE_RAD, agreement, refine, search
-from salframe_lines.arcs import Arcs, Lines3d, arcs_along_axes, lifted, line_distances, principal_yaw, quarter_turned
+from salframe_lines.arcs import (
+    Arcs,
+    Lines3d,
+    arcs_along_axes,
+    lift_arcs,
+    line_distances,
+    principal_yaw,
+    rotate_by_quarter_turn,
+)
 from salframe_lines.distances import agreeing_share, distance_codes, distance_codes_from, sphere_points
 from salframe_lines.segments import find_segments
 
 OUTLIER_SHARE = 0.05
-"""Share of the ends of a frame's lines left out on each side when the extent of its room is taken (LDL's quantiles)."""
+"""Share of line ends on each side that is ignored in the estimate of the room's extent (quantiles of LDL)."""
 
 
 class _MapLines(NamedTuple):
-    """What a reference frame adds: T_world_principal (4, 4), its lines along each axis, whether they have their distances,
-    and where a query may stand."""
+    """Lines of one reference frame.
+
+    Attributes:
+        T_world_principal: (4, 4) pose of the principal frame.
+        lines: Lines along each axis.
+        has_range: Whether the distances of the lines are reference.
+        positions_m: (T, 3) candidate positions of a query in the principal frame.
+    """
 
     T_world_principal: np.ndarray
     lines: tuple[Lines3d, Lines3d, Lines3d]
@@ -36,55 +50,58 @@ class _MapLines(NamedTuple):
 
 
 class Lines(Localizer):
-    """Line segments of panorama and map on the sphere, after LDL (Kim et al. 2023) and FGPL (Kim et al. 2024); gives
-    place and pose.
+    """Line segments of query and map on the sphere, after LDL (Kim et al. 2023) and FGPL (Kim et al. 2024). Gives place
+    and pose.
 
-    Line distance functions along three principal directions are compared at a grid of positions and the four alignments
-    of the directions of upright panoramas (LDL, section 3); the best of them are aligned by geometry alone (FGPL), and
-    the one that explains most of the lines answers.
+    Line distance functions along three principal directions are compared at a grid of positions, for the four
+    alignments of the principal directions of upright panoramas (LDL, section 3). The best candidates are aligned by
+    geometry (FGPL). The answer is the candidate that explains the largest share of the lines.
     """
 
     name = "lines"
     version = "1"
-    turn_tolerance_m: ClassVar[float] = 0.05  # the views cut the panorama at other pixels once it is turned
+    turn_tolerance_m: ClassVar[float] = 0.05  # views of a rotated panorama are sampled at other pixels
 
     class Config(ComponentConfig):
         range: range_slot()  # type: ignore[valid-type]
-        max_lines: int = Field(100, ge=1, description="segments kept along each of the three directions, the longest")
+        max_lines: int = Field(
+            100, ge=1, description="maximum number of segments along each of the three directions, the longest first"
+        )
         sphere_points: int = match_only(
-            162, ge=1, description="points of the sphere at which distance functions are compared"
+            162, ge=1, description="number of points on the sphere at which distance functions are compared"
         )
         step_m: float = match_only(
-            0.35, gt=0, description="between the positions around a reference frame that a query is looked for at"
+            0.35, gt=0, description="spacing of the candidate positions around a reference frame"
         )
         reach_m: float = match_only(
-            5.0, ge=0, description="how far from a reference frame, along x and y, a query is looked for"
+            5.0, ge=0, description="maximum distance of candidate positions from a reference frame along x and y"
         )
         inlier_rad: float = match_only(
-            0.1, gt=0, le=0.3, description="distance functions agree where they differ by no more than this"
+            0.1, gt=0, le=0.3, description="maximum difference of distance functions that agree"
         )
         shortlist: int = match_only(
-            8, ge=1, description="pairs of reference frame and turn, best by distance functions, that are aligned"
+            8, ge=1, description="number of pairs of reference frame and rotation to align, best by distance functions"
         )
         min_agreement: float = match_only(
-            0.1, ge=0, le=1, description="a pose that explains a smaller share of the query's lines is none"
+            0.1, ge=0, le=1, description="minimum share of the query's lines that a pose must explain"
         )
 
     uses: ClassVar[frozenset[str]] = frozenset({"range"})
-    """Where a reference frame is to give a pose."""
+    """A pose requires reference frames with range."""
 
     @property
     def needs(self) -> frozenset[str]:
         return frozenset({"rgb"})
 
     def describe(self, panorama: Panorama) -> Description:
-        """The lines of a panorama in its principal frame, 17 bytes each.
+        """Return the lines of a panorama in its principal frame, 17 bytes per line.
 
-        yaw_rad (): of the principal frame. axis (N,) uint8, around_rad (N,), along_rad (N, 2) float32: see
-        salframe_lines.arcs; distance_m (N,) float32 of the eye from the line, NaN where unknown.
+        The entries are `yaw_rad` (), the yaw of the principal frame; `axis` (N,) uint8; `around_rad` (N,) and
+        `along_rad` (N, 2) float32, see salframe_lines.arcs; and `distance_m` (N,) float32, the distance of the camera
+        from the line, NaN where unreference.
         """
         if panorama.rgb is None:
-            raise InputMissing(f"{panorama.id} has no colour, which {self.name} describes")
+            raise InputMissing(f"panorama {panorama.id} has no colour; {self.name} requires rgb")
         ends = find_segments(panorama.rgb, panorama.valid)
         yaw_rad = principal_yaw(ends)
         arcs = arcs_along_axes(ends, yaw_rad, self.config.max_lines)
@@ -101,46 +118,50 @@ class Lines(Localizer):
         }
 
     def index(self, descriptions: Sequence[Description], frames: Sequence[ReferenceFrame]) -> None:
-        """Lift the lines, and compute their distance functions at every position a query is looked for at; they are no
-        part of a saved map."""
+        """Lift the lines, and compute their distance functions at all candidate positions.
+
+        The distance functions are not part of a saved map.
+        """
         self._frames = list(frames)
         self._points = sphere_points(self.config.sphere_points)
         self._map = [
             self._map_lines(description, frame) for description, frame in zip(descriptions, frames, strict=True)
         ]
         self._codes = np.concatenate(
-            [distance_codes_from(known.lines, known.positions_m, self._points) for known in self._map]
+            [distance_codes_from(reference.lines, reference.positions_m, self._points) for reference in self._map]
         )
-        self._starts = np.cumsum([0, *(len(known.positions_m) for known in self._map)])
+        self._starts = np.cumsum([0, *(len(reference.positions_m) for reference in self._map)])
 
     def match(self, description: Description) -> Localization:
-        """Compare distance functions everywhere, align the shortlist; a frame scores its share of agreeing distances,
-        or 1 + its agreement."""
+        """Compare distance functions at all candidate positions, and align the shortlist.
+
+        The score of a frame is its share of agreeing distances, or 1 + its agreement after alignment.
+        """
         if not len(description["axis"]):
             return Localization((), None, LocalizationStatus.NO_FEATURES)
-        turned = [_arcs(description)]
+        rotated = [_arcs(description)]
         for _ in range(3):
-            turned.append(quarter_turned(turned[-1]))
-        query = [distance_codes(arcs, self._points) for arcs in turned]
+            rotated.append(rotate_by_quarter_turn(rotated[-1]))
+        query = [distance_codes(arcs, self._points) for arcs in rotated]
         shares = np.stack([agreeing_share(self._codes, codes, self.config.inlier_rad) for codes in query], axis=1)
         best = np.maximum.reduceat(shares, self._starts[:-1])
-        scores, pose, most = best.max(axis=1), None, 0.0
+        scores, pose, max_explained = best.max(axis=1), None, 0.0
         for candidate in np.argsort(-best, axis=None, kind="stable")[: self.config.shortlist]:
             frame, quarter = divmod(int(candidate), 4)
-            known = self._map[frame]
-            if not known.has_range:
+            reference = self._map[frame]
+            if not reference.has_range:
                 continue
             start = shares[self._starts[frame] : self._starts[frame + 1], quarter].argmax()
-            position_m = search(turned[quarter], known.lines, known.positions_m[start])
-            position_m, turn_rad = refine(turned[quarter], known.lines, position_m)
-            explained = float(agreement(turned[quarter], known.lines, position_m[None], AGREE_RAD)[0])
+            position_m = search(rotated[quarter], reference.lines, reference.positions_m[start])
+            position_m, turn_rad = refine(rotated[quarter], reference.lines, position_m)
+            explained = float(agreement(rotated[quarter], reference.lines, position_m[None], AGREE_RAD)[0])
             if explained < self.config.min_agreement:
                 continue
             scores[frame] = max(scores[frame], 1 + explained)
-            if explained > most:
+            if explained > max_explained:
                 x_m, y_m, z_m = position_m
                 yaw_rad = turn_rad + quarter * np.pi / 2 - float(description["yaw_rad"])
-                pose, most = known.T_world_principal @ pose_2d(x_m, y_m, yaw_rad, z_m), explained
+                pose, max_explained = reference.T_world_principal @ pose_2d(x_m, y_m, yaw_rad, z_m), explained
         return Localization(
             rank_places(self._frames, scores, pose),
             pose,
@@ -148,21 +169,23 @@ class Lines(Localizer):
         )
 
     def _map_lines(self, description: Description, frame: ReferenceFrame) -> _MapLines:
-        """The frame's lines, and a grid over the extent of their ends. Without range they are taken 1 m away: right as
-        seen from the frame alone."""
+        """Return the lines of a frame, and a grid of candidate positions over the extent of their ends.
+
+        Without range, the distance of all lines is set to 1 m, which is correct only at the position of the frame.
+        """
         distance_m = description["distance_m"]
         has_range = bool(np.isfinite(distance_m).any())
         if not has_range:
             distance_m = np.ones_like(distance_m)
         along = zip(_arcs(description), _along_axes(description, distance_m), strict=True)
-        x, y, z = (lifted(arcs, distances_m) for arcs, distances_m in along)
+        x, y, z = (lift_arcs(arcs, distances_m) for arcs, distances_m in along)
         lines = x, y, z
         T_world_principal = frame.T_world_pano @ pose_2d(0, 0, float(description["yaw_rad"]))
         positions_m = self._grid(lines) if has_range else np.zeros((1, 3))
         return _MapLines(T_world_principal, lines, has_range, positions_m)
 
     def _grid(self, lines: Sequence[Lines3d]) -> np.ndarray:
-        """(T, 3) positions at the frame's height, its own among them."""
+        """Return (T, 3) positions at the height of the frame, including that of the frame."""
         ticks = []
         for axis in (0, 1):
             across_m = [lines[k].across_m[:, (axis - k) % 3 - 1] for k in range(3) if k != axis]
@@ -178,7 +201,7 @@ class Lines(Localizer):
 
 
 def _along_axes(description: Description, values: np.ndarray) -> list[np.ndarray]:
-    """Values of all lines as those along x, y and z."""
+    """Split values of all lines into those along x, y and z."""
     return np.split(values, np.searchsorted(description["axis"], (1, 2)))
 
 

@@ -1,4 +1,4 @@
-"""Objects without a graph as baselines."""
+"""Baselines that compare objects without a graph."""
 
 import salframe
 from salframe_objects.localizer import ObjectSetLocalizer, SalientObjectsLocalizer

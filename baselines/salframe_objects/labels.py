@@ -1,4 +1,4 @@
-"""Places as weighted sets of labels: what the localizers `objects` and `salient-objects` share."""
+"""Places as weighted sets of labels: the base class of the localizers `objects` and `salient-objects`."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from salframe.panoramas.frames import ReferenceFrame
 
 class WeightedLabels(Localizer):
     """Weighted Jaccard index of labels: J = sum_l min(w_l, w'_l) / sum_l max(w_l, w'_l) over the labels l of query and
-    map; no pose.
+    reference frame. Gives no pose.
 
-    With weights of 1 it is the Jaccard index of sets, with numbers of objects that of multisets. A description holds
-    `labels` (L,), each once.
+    Weights of 1 give the Jaccard index of sets, object counts that of multisets. A description holds unique `labels`
+    (L,).
     """
 
     @abstractmethod
     def weigh(self, description: Description) -> np.ndarray:
-        """The weight (L,) float64 of each label of a description."""
+        """Return the weight (L,) float64 of each label of a description."""
 
     def index(self, descriptions: Sequence[Description], frames: Sequence[ReferenceFrame]) -> None:
-        self._map_frames = list(frames)
+        self._frames = list(frames)
         self._vocabulary = {
             label: i for i, label in enumerate(sorted({str(label) for d in descriptions for label in d["labels"]}))
         }
@@ -40,8 +40,8 @@ class WeightedLabels(Localizer):
         if not len(weight):
             return Localization((), None, LocalizationStatus.NO_OBJECTS)
         row = np.array([self._vocabulary.get(str(label), -1) for label in description["labels"]])
-        known = row >= 0
-        shared = np.minimum(self._weights[row[known]], weight[known, None]).sum(0)
+        in_map = row >= 0
+        shared = np.minimum(self._weights[row[in_map]], weight[in_map, None]).sum(0)
         score = shared / (self._weights.sum(0) + weight.sum() - shared)
-        places = rank_places(self._map_frames, np.where(score > 0, score, -np.inf))
+        places = rank_places(self._frames, np.where(score > 0, score, -np.inf))
         return Localization(places, None, LocalizationStatus.NO_POSE if places else LocalizationStatus.NO_MATCH)

@@ -1,4 +1,4 @@
-"""The localizers `objects` and `salient-objects`: which labels are there (the paper's rows "objects" and "salient
+"""The localizers `objects` and `salient-objects`, which compare labels (the paper's rows "objects" and "salient
 objects")."""
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class ObjectSetLocalizer(WeightedLabels):
         range: range_slot()  # type: ignore[valid-type]
         detector: slot("detector", "auto")  # type: ignore[valid-type]
         labels: Literal["set", "multiset"] = match_only(
-            "set", description="which labels are there, or how many of each"
+            "set", description="compare the set of labels, or the multiset with the number of each"
         )
         posterior: posterior_slot()  # type: ignore[valid-type]
 
@@ -60,9 +60,9 @@ class SalientObjectsLocalizer(SalientObjects, WeightedLabels):
     """Jaccard index of labels weighted by their saliency; gives a place and no pose.
 
     J = sum_l min(w_l, w'_l) / sum_l max(w_l, w'_l), where w_l is the sum of S^p over the objects with the label l in
-    the query, w'_l in the reference frame, S the saliency and p `saliency_power`. The paper names "a collection of salient
-    objects" and no formula: a weight for each object, instead of a threshold, is our reading; p = 1/3 was the best of
-    0.33, 0.5 and 1 on buildings set aside for tuning.
+    the query, w'_l the sum in the reference frame, S the saliency and p = `saliency_power`. The paper names
+    "a collection of salient objects" without a formula. A weight of each object instead of a threshold is our
+    interpretation. p = 1/3 was the best of 0.33, 0.5 and 1 on tuning buildings.
     """
 
     name = "salient-objects"

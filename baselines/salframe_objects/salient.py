@@ -1,4 +1,4 @@
-"""What localizers over salient objects share: their detector, their saliency model, and the weight of an object."""
+"""Base class of localizers over salient objects: detector, saliency model, and the weight of an object."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from salframe.panoramas.panorama import Panorama
 
 
 class SalientObjects(Localizer):
-    """Objects weigh w = S^p, S their saliency and p `saliency_power`."""
+    """The weight of an object is w = S^p, with its saliency S and p = `saliency_power`."""
 
     uses: ClassVar[frozenset[str]] = frozenset({"range"})
 
@@ -25,7 +25,7 @@ class SalientObjects(Localizer):
         detector: slot("detector", "auto")  # type: ignore[valid-type]
         saliency: slot("saliency", "volumetric")  # type: ignore[valid-type]
         saliency_power: float = Field(
-            1 / 3, ge=0, description="p of an object's weight S^p: 1 share of volume, 1/3 of length, 0 all alike"
+            1 / 3, ge=0, description="exponent p of the weight S^p: 1 share of volume, 1/3 of length, 0 equal weights"
         )
         posterior: posterior_slot()  # type: ignore[valid-type]
 
@@ -39,15 +39,15 @@ class SalientObjects(Localizer):
         return self._detector.needs
 
     def detect(self, panorama: Panorama) -> Detections:
-        """The panorama's objects."""
+        """Return the objects of a panorama."""
         return self._detector.detect(panorama)
 
     def weigh_objects(self, detections: Detections) -> np.ndarray:
-        """(N,) float64 weight of each object."""
+        """Return the (N,) float64 weight of each object."""
         return self._saliency.score(detections) ** self.config.saliency_power
 
     def pack(self, description: Description) -> Description:
-        """Numbers in single precision."""
+        """Return the description with floats in single precision."""
         return {
             name: array.astype(np.float32) if array.dtype == np.float64 else array
             for name, array in description.items()

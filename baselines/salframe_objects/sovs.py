@@ -1,4 +1,4 @@
-"""The localizer `sovs`: salient objects with volume, space and direction, and no structure between them."""
+"""The localizer `sovs`: salient objects with volume, distance and direction, without a graph."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from salframe_objects.salient import SalientObjects
 
 
 class SalientVolumesLocalizer(SalientObjects):
-    """Salient objects matched one to one by label, saliency, direction and range; gives a place and no pose.
+    """Salient objects matched one-to-one by label, saliency, direction and range. Gives a place and no pose.
 
-    After SOVS (Meena et al. 2024, "volumetric saliency") as the paper tells of it: objects weighted by their share of
-    the volume, with "visual, spatial, and directional features", and no structure. How these make a score is our
-    reading. Two objects a, b of a label share
+    The method follows SOVS (Meena et al. 2024, "volumetric saliency") as the paper describes it: objects are weighted
+    by their share of the volume, have "visual, spatial, and directional features", and no structure. The score is our
+    interpretation. Two objects a, b with the same label share
 
         s_ab(t) = min(w_a, w_b) * max(cos phi_ab(t), 0) * min(r_a, r_b) / max(r_a, r_b)
 
-    with w = S^p, S the saliency and p `saliency_power`, phi_ab(t) the angle between the directions of b and of a turned
-    by t, and r the range in metres. M is the largest sum of s_ab(t) over
-    one-to-one matchings and turns t about the vertical, and the score M / (sum w + sum w' - M), the weighted Jaccard
-    index of `salient-objects` object by object. The heading of a panorama is arbitrary, so the turns tried are all that
-    bring two objects of one label to the same azimuth. Objects of unknown range are left out.
+    with w = S^p, the saliency S, p = `saliency_power`, the angle phi_ab(t) between the direction of b and the direction
+    of a rotated by t, and the range r in metres. M is the maximum of the sum of s_ab(t) over one-to-one matchings and
+    rotations t about the vertical. The score is M / (sum w + sum w' - M), the weighted Jaccard index of
+    `salient-objects` per object. The heading of a panorama is arbitrary, so all rotations that align two objects with
+    the same label in azimuth are tried. Objects with unknown range are ignored.
     """
 
     name = "sovs"
@@ -35,23 +35,22 @@ class SalientVolumesLocalizer(SalientObjects):
 
     def describe(self, panorama: Panorama) -> Description:
         detections = self.detect(panorama)
-        seen = np.flatnonzero(np.isfinite(detections.centroid_m).all(1))
-        known = detections.take(seen)
-        labels = np.array(known.labels, dtype=np.str_)
-        return {"labels": labels, "weight": self.weigh_objects(known), "centroid_m": known.centroid_m}
+        objects = detections.take(np.flatnonzero(np.isfinite(detections.centroid_m).all(1)))
+        labels = np.array(objects.labels, dtype=np.str_)
+        return {"labels": labels, "weight": self.weigh_objects(objects), "centroid_m": objects.centroid_m}
 
     def index(self, descriptions: Sequence[Description], frames: Sequence[ReferenceFrame]) -> None:
-        self._map_frames, self._places = list(frames), list(descriptions)
+        self._frames, self._places = list(frames), list(descriptions)
 
     def match(self, description: Description) -> Localization:
         if not len(description["labels"]):
             return Localization((), None, LocalizationStatus.NO_OBJECTS)
         score = np.array([compare_places(description, place) for place in self._places])
-        places = rank_places(self._map_frames, np.where(score > 0, score, -np.inf))
+        places = rank_places(self._frames, np.where(score > 0, score, -np.inf))
         return Localization(places, None, LocalizationStatus.NO_POSE if places else LocalizationStatus.NO_MATCH)
 
     def correspond(self, query: Description, reference: Description) -> NodeMatches:
-        """The one-to-one matching that the score is made of, without the pairs that add nothing to it."""
+        """Return the one-to-one matching behind the score, without pairs that contribute 0."""
         return NodeMatches(query["centroid_m"], reference["centroid_m"], align_places(query, reference)[1])
 
     def count_objects(self, description: Description) -> int:
@@ -59,13 +58,13 @@ class SalientVolumesLocalizer(SalientObjects):
 
 
 def compare_places(query: Description, place: Description) -> float:
-    """The score of two described places, in [0, 1]."""
+    """Return the score of two described places, from 0 to 1."""
     shared, _ = align_places(query, place)
     return shared / (query["weight"].sum() + place["weight"].sum() - shared) if shared else 0.0
 
 
 def align_places(query: Description, place: Description) -> tuple[float, np.ndarray]:
-    """M, what two described places share, and the pairs of objects (P, 2) int64 that share it."""
+    """Return the shared weight M of two places, and the pairs (P, 2) int64 of objects that contribute to it."""
     from scipy.optimize import linear_sum_assignment
 
     same = query["labels"][:, None] == place["labels"][None]
@@ -74,12 +73,12 @@ def align_places(query: Description, place: Description) -> tuple[float, np.ndar
     azimuth_q, lean_q, up_q, range_q = _directions(query["centroid_m"])
     azimuth_p, lean_p, up_p, range_p = _directions(place["centroid_m"])
     turn_rad = (azimuth_p[None] - azimuth_q[:, None])[same]
-    # The cosine of the angle between two directions, from the horizontal and vertical parts of each.
+    # Cosine of the angle between two directions, from their horizontal and vertical components.
     apart_rad = azimuth_q[:, None] + turn_rad[:, None, None] - azimuth_p
     cosine = lean_q[:, None] * lean_p * np.cos(apart_rad) + up_q[:, None] * up_p
     ratio = np.minimum(range_q[:, None], range_p) / np.maximum(range_q[:, None], range_p)
     shared = same * np.minimum(query["weight"][:, None], place["weight"]) * ratio * np.maximum(cosine, 0)
-    # No matching is worth more than this; turns are tried from the most promising until none can be better.
+    # Upper bound of any matching. Rotations are tried from the largest bound on, until no better one is possible.
     bound = np.minimum(shared.max(2).sum(1), shared.max(1).sum(1))
     best, pairs = 0.0, np.zeros((0, 2), np.int64)
     for turn in np.argsort(-bound, kind="stable"):
@@ -93,6 +92,6 @@ def align_places(query: Description, place: Description) -> tuple[float, np.ndar
 
 
 def _directions(centroid_m: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Azimuth (N,), horizontal and vertical part (N,) of the unit vectors to the centroids, and their range in m."""
+    """Return azimuth, horizontal and vertical part of the unit vectors to the centroids, and range in m, each (N,)."""
     flat_m, range_m = np.hypot(centroid_m[:, 0], centroid_m[:, 1]), np.linalg.norm(centroid_m, axis=1)
     return np.arctan2(centroid_m[:, 1], centroid_m[:, 0]), flat_m / range_m, centroid_m[:, 2] / range_m, range_m

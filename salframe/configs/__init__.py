@@ -1,6 +1,6 @@
-"""salframe's own presets: methods, data sets, ablations, published results, and the default names.
+"""Presets of salframe: methods, data sets, ablations, published results, and default names.
 
-The files lie in configs/ of the repository; a wheel carries them here.
+The files are in configs/ of the repository, and in this folder of a wheel.
 """
 
 from __future__ import annotations

@@ -1,5 +1,8 @@
-"""A conformance suite for components: `assert not check_component(MyDetector).failed` in your own tests says what
-breaks a rule of the role, if anything does."""
+"""Conformance suite for components.
+
+Put `assert not check_component(MyDetector).failed` into the tests of a plugin. Each failed rule names what was checked,
+what was received and what was expected.
+"""
 
 from __future__ import annotations
 
@@ -50,43 +53,53 @@ _RULES: dict[str, type[Rules[Any]]] = {
     "localizer": LocalizerRules,
     "engine": EngineRules,
 }
-"""The rules of the core's own roles. They cannot name these in `conformance`, as a plugin's roles do: they stand in
-layers below this one, which must not know it."""
+"""Rules of the roles of salframe itself. A plugin's role names its rules in `conformance`; these roles cannot, because
+they are in lower layers, which must not import this one."""
 
 
 def check_component(component: type[Component], config: ComponentConfig | None = None) -> Conformance:
-    """Check a component class against the rules of its role, on furnished rooms that the suite makes itself; `config`:
-    None for the defaults. A role that a plugin brings has the rules that its `conformance` names.
+    """Check a component class against the rules of its role.
 
-    Gives what came of every rule, so that a test says `assert not check_component(MyDetector).failed`. Raises
-    RequirementMissing or WeightsMissing where the component cannot run here.
+    The suite generates furnished rooms as input. The rules of a role that a plugin defines are those that its
+    `conformance` names. In a test: `assert not check_component(MyDetector).failed`.
+
+    Args:
+        component: The component class.
+        config: Its configuration, None for the defaults.
+
+    Returns:
+        The result of every rule.
+
+    Raises:
+        RequirementMissing: A package that the component requires is not installed.
+        WeightsMissing: The weights of the component are not installed.
     """
-    used: list[ComponentConfig] = []
+    configs: list[ComponentConfig] = []
     declared = check_all(
         [
             ("declaration", lambda: check_declaration(component)),
-            ("settings", lambda: used.append(on_rooms(check_config(component, config)))),
+            ("settings", lambda: configs.append(on_rooms(check_config(component, config)))),
         ]
     )
-    files: Rule = ("files", lambda: check_files(used[0]))
-    rules = _rules_of(component, lambda: component(used[0]))
+    files: Rule = ("files", lambda: check_files(configs[0]))
+    rules = _rules_of(component, lambda: component(configs[0]))
     if broken := next((result for result in declared if result.status is RuleStatus.FAILED), None):
         checked = [skipped(rule, broken) for rule, _ in (files, *rules)]
     else:
-        component.check(used[0])
+        component.check(configs[0])
         checked = [check_rule(*files), *check_all(rules)]
     name = f"{getattr(component, 'role', '?')} {getattr(component, 'name', component.__qualname__)}"
     return Conformance(name, (*declared, *checked))
 
 
 def on_rooms(config: ComponentConfig) -> ComponentConfig:
-    """The configuration with slots that say `auto` decided by the suite's own rooms, which have everything."""
+    """Return the configuration with `auto` slots resolved for the suite's rooms, which provide every part."""
     choice = Choice("the suite's rooms", lambda: PARTS)
     return validate(type(config), config.model_dump(mode="json"), config.kind, choice)
 
 
 def _rules_of(component: type[Component], make: Callable[[], Any]) -> list[Rule]:
-    """The rules of a component's role; none where nobody wrote any down."""
+    """Return the rules of a component's role, an empty list if the role defines none."""
     role = registry().roles.get(getattr(component, "role", ""))
     if role is None:
         return []
@@ -97,4 +110,4 @@ def _rules_of(component: type[Component], make: Callable[[], Any]) -> list[Rule]
     conformance = resolve_name(role.conformance)
     if isinstance(conformance, type) and issubclass(conformance, Rules):
         return conformance(make).list()
-    return [("promises of its role", lambda: conformance(make))]
+    return [("rules of the role", lambda: conformance(make))]

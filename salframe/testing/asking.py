@@ -1,4 +1,4 @@
-"""Asking a component something, and saying what was wrong with the answer."""
+"""Calls of a component, and errors that describe a wrong answer."""
 
 from __future__ import annotations
 
@@ -12,44 +12,57 @@ import numpy as np
 
 
 class ConformanceError(AssertionError):
-    """A component breaks a rule of its role. One line: what was checked, what was received, what was expected."""
+    """A component breaks a rule of its role. The message is one line: what was checked, received and expected."""
 
 
 class DoesNotApply(Exception):
-    """A rule has nothing to check on a component; in one line, why."""
+    """A rule does not apply to a component. The message is one line that says why."""
 
 
 def expect(holds: object, checked: str, received: object, expected: str) -> None:
-    """Raise ConformanceError where `holds` is not truthy."""
+    """Raise ConformanceError unless a condition holds.
+
+    Args:
+        holds: The condition.
+        checked: What was checked, such as "detect in the bedroom".
+        received: What the component returned.
+        expected: What the rule expects.
+    """
     if not holds:
         raise ConformanceError(" ".join(f"{checked}: received {received}, expected {expected}".split()))
 
 
-def attempt(checked: str, function: Callable[..., Any], *given: Any) -> Any:
-    """function(*given), whatever it raises told as a ConformanceError."""
+def attempt(checked: str, function: Callable[..., Any], *arguments: Any) -> Any:
+    """Return function(*arguments). Any exception is raised again as a ConformanceError."""
     try:
-        return function(*given)
+        return function(*arguments)
     except Exception as error:
         line = " ".join(f"{type(error).__name__}: {error}".split())
         raise ConformanceError(
-            f"{checked}: received {line}, expected an answer (arrays given are read-only)"
+            f"{checked}: received {line}, expected an answer without an exception (input arrays are read-only)"
         ) from error
 
 
-def ask(checked: str, function: Callable[..., Any], *given: Any) -> Any:
-    """function(*given), asked twice with read-only arrays: the answer must be the same and `given` must not change."""
-    for value in given:
+def ask(checked: str, function: Callable[..., Any], *arguments: Any) -> Any:
+    """Return function(*arguments), and check that the function is pure.
+
+    The function is called twice with read-only arrays. Both answers must be equal, and the arguments must not change.
+
+    Raises:
+        ConformanceError: The function raised, changed its arguments or gave two different answers.
+    """
+    for value in arguments:
         _lock(value)
-    before = copy.deepcopy(given)
-    answer = attempt(checked, function, *given)
-    expect(same(given, before), checked, "a change of its input", "an input left as it was")
-    again = attempt(checked, function, *given)
-    expect(same(answer, again), checked, "two answers to the same input", "the same one twice")
+    before = copy.deepcopy(arguments)
+    answer = attempt(checked, function, *arguments)
+    expect(same(arguments, before), checked, "a changed input", "an unchanged input")
+    again = attempt(checked, function, *arguments)
+    expect(same(answer, again), checked, "two different answers to the same input", "the same answer twice")
     return answer
 
 
 def same(a: Any, b: Any, tolerance: float = 0.0) -> bool:
-    """Whether two values hold the same, floats to a tolerance, relative and absolute; NaN is NaN."""
+    """Return whether two values are equal. Floats may differ by a relative and absolute tolerance; NaN equals NaN."""
     if isinstance(a, np.ndarray):
         if not isinstance(b, np.ndarray) or (a.dtype, a.shape) != (b.dtype, b.shape):
             return False

@@ -1,4 +1,4 @@
-"""The rules of the role `detector`."""
+"""Rules of the role `detector`."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from salframe.testing.rooms import HEIGHT_PX, PARTS, ROOMS, blind, halved, look,
 from salframe.testing.rules import Rules
 
 YAW_SLACK_M = 0.01
-"""What the ends of a box may move beyond the tolerance when the panorama turns: the yaw of a box hangs on single points
-of its outline."""
+"""Distance that the ends of a box may move beyond the tolerance when the panorama turns. The yaw of a box depends on
+single points of its outline."""
 BETWEEN_SHARE, BETWEEN_DEG = 0.95, 2.0
-"""Of the objects of panoramas turned by columns between a detector's steps so many come out again, at most so far
-beside the turn."""
+"""Minimum share of objects that are detected again, and maximum angle between an object and its expected position,
+when a panorama is rolled by a number of columns that is not a multiple of the detector's column_step."""
 
 
 class DetectorRules(Rules[Detector]):
-    """Well-formed detections, none where there is nothing, and none that the panorama's seam changes."""
+    """Detections are well formed, independent of the panorama's seam, and empty for a blank panorama."""
 
     @cached_property
     def _detector(self) -> Detector:
@@ -34,177 +34,193 @@ class DetectorRules(Rules[Detector]):
 
     @cached_property
     def _parts(self) -> frozenset[str]:
-        """An instance image says what is where; how far it is, the range image beside it."""
+        """Parts of the panoramas. An instance image holds no distances, so annotations come with a range image."""
         needs = self._detector.needs
         return needs | ({"range"} if "annotations" in needs else set())
 
     @cached_property
     def _rooms(self) -> list[tuple[Panorama, Detections]]:
-        """The suite's rooms, and what is detected in them."""
+        """Panoramas of the suite's rooms, each with its detections."""
         rooms = [look(room, room.name, stand(room), self._parts) for room in ROOMS]
         return [(room, ask(f"detect in the {room.id}", self._detector.detect, room)) for room in rooms]
 
     def detections_are_well_formed(self) -> None:
         check_needs(self._detector.needs)
-        for room, found in self._rooms:
-            _check_detections(f"detect in the {room.id}", found)
+        for room, detections in self._rooms:
+            _check_detections(f"detect in the {room.id}", detections)
 
-    def they_turn_with_the_panorama(self) -> None:
-        for room, found in self._rooms:
+    def detections_rotate_with_the_panorama(self) -> None:
+        for room, detections in self._rooms:
             for columns in turns(self._detector.column_step):
-                _check_turn(self._detector, room, found, columns)
+                _check_turn(self._detector, room, detections, columns)
 
-    def they_turn_between_steps(self) -> None:
+    def detections_rotate_between_column_steps(self) -> None:
         step = self._detector.column_step
         turned_by = [columns for columns in (step // 2, HEIGHT_PX + 1) if columns % step]
         if not turned_by:
-            raise DoesNotApply("every column is a step of it")
-        again = total = 0
-        for room, found in self._rooms:
+            raise DoesNotApply("its column_step is 1")
+        redetected = total = 0
+        for room, detections in self._rooms:
             for columns in turned_by:
-                expected, after = _turn(self._detector, room, found, columns)
-                again, total = again + _alike(expected, after), total + max(len(expected), len(after))
+                expected, after = _turn(self._detector, room, detections, columns)
+                redetected += _count_matches(expected, after)
+                total += max(len(expected), len(after))
         expect(
-            again >= BETWEEN_SHARE * total,
-            f"detect in rooms turned by columns between its steps of {step}",
-            f"{again} of {total} objects within {BETWEEN_DEG:g} deg",
-            f"{BETWEEN_SHARE:.0%}: salframe.graphs.turning.from_near_side sees to it, or a smaller column_step",
+            redetected >= BETWEEN_SHARE * total,
+            f"detect in panoramas rolled by columns that are not multiples of column_step = {step}",
+            f"{redetected} of {total} objects within {BETWEEN_DEG:g} deg",
+            f"at least {BETWEEN_SHARE:.0%}: decorate detect with salframe.graphs.turning.from_near_side, "
+            "or set a smaller column_step",
         )
 
-    def another_instance_answers_the_same(self) -> None:
-        room, found = self._rooms[-1]
+    def another_instance_gives_the_same_answer(self) -> None:
+        room, detections = self._rooms[-1]
         checked = f"detect in the {room.id} by another instance"
-        expect(same(found, attempt(checked, self.make().detect, room)), checked, "another answer", "the same")
+        expect(
+            same(detections, attempt(checked, self.make().detect, room)),
+            checked,
+            "different detections",
+            "the same detections",
+        )
 
-    def settings_change_what_they_may(self) -> None:
+    def identity_covers_the_settings(self) -> None:
         room, _ = self._rooms[-1]
         check_identities(
-            self.make, lambda one: identity(one.config, describing=True), lambda one: one.detect(room), "identity"
+            self.make, lambda made: identity(made.config, describing=True), lambda made: made.detect(room), "identity"
         )
 
-    def little_to_see_is_no_error(self) -> None:
+    def sparse_input_raises_no_error(self) -> None:
         empty = look(ROOMS[-1].emptied(), "empty", stand(ROOMS[-1]), self._parts)
-        for what, given in (("an empty room", empty), ("half a panorama", halved(self._rooms[-1][0]))):
-            self._check(f"detect in {what}", given)
+        for what, panorama in (("an empty room", empty), ("half a panorama", halved(self._rooms[-1][0]))):
+            self._check(f"detect in {what}", panorama)
 
-    def nothing_is_found_where_nothing_is_seen(self) -> None:
-        checked = "detect where nothing is seen"
-        found = self._check(checked, blind(self._parts))
-        expect(len(found) == 0, checked, f"{len(found)} objects", "none: Detections.empty()")
+    def a_blank_panorama_has_no_detections(self) -> None:
+        checked = "detect in a blank panorama"
+        detections = self._check(checked, blind(self._parts))
+        expect(len(detections) == 0, checked, f"{len(detections)} objects", "Detections.empty()")
 
-    def its_needs_are_enough(self) -> None:
+    def its_needs_suffice(self) -> None:
         needs = self._detector.needs
         if self._parts == needs:
-            raise DoesNotApply("the other rules give it no more than it needs")
-        seen = look(ROOMS[-1], ROOMS[-1].name, stand(ROOMS[-1]), needs)
-        self._check(f"detect with {' and '.join(sorted(needs))} alone", seen)
+            raise DoesNotApply("the other rules already pass only the parts that it needs")
+        panorama = look(ROOMS[-1], ROOMS[-1].name, stand(ROOMS[-1]), needs)
+        self._check(f"detect with {' and '.join(sorted(needs))} alone", panorama)
 
     def _check(self, checked: str, panorama: Panorama) -> Detections:
-        found: Detections = ask(checked, self._detector.detect, panorama)
-        _check_detections(checked, found)
-        return found
+        detections: Detections = ask(checked, self._detector.detect, panorama)
+        _check_detections(checked, detections)
+        return detections
 
 
 def check_needs(needs: frozenset[str], possible: frozenset[str] = PARTS) -> None:
-    """Something is needed, and nothing that a panorama cannot have."""
-    expect(needs and needs <= possible, "needs", set(needs), f"some of {', '.join(sorted(possible))}")
+    """Check that `needs` is not empty and names only parts that a panorama can have."""
+    expect(needs and needs <= possible, "needs", set(needs), f"one or more of {', '.join(sorted(possible))}")
 
 
 def turns(column_step: int) -> list[int]:
-    """Columns to turn a panorama by, multiples of column_step: one, half of them, nearly all."""
+    """Return numbers of columns to roll a panorama by, multiples of column_step: one, half of the width, nearly all."""
     return sorted({column_step * max(1, columns // column_step) for columns in (1, HEIGHT_PX, 2 * HEIGHT_PX - 3)})
 
 
-def _check_detections(checked: str, found: Detections) -> None:
-    expect(isinstance(found, Detections), checked, type(found).__name__, "Detections")
+def _check_detections(checked: str, detections: Detections) -> None:
+    expect(isinstance(detections, Detections), checked, type(detections).__name__, "Detections")
     expect(
-        all(isinstance(label, str) and label for label in found.labels), checked, f"the labels {found.labels}", "words"
+        all(isinstance(label, str) and label for label in detections.labels),
+        checked,
+        f"the labels {detections.labels}",
+        "strings that are not empty",
     )
-    known = np.isfinite(found.centroid_m).all(1)
+    has_position = np.isfinite(detections.centroid_m).all(1)
     expect(
-        (known | np.isnan(found.centroid_m).any(1)).all(),
+        (has_position | np.isnan(detections.centroid_m).any(1)).all(),
         checked,
         "an infinite centroid",
-        "metres, NaN where the range is not known",
+        "metres, or NaN where the range is unknown",
     )
-    expect((found.size_m[known] >= 0).all(), checked, f"sizes {found.size_m[known].tolist()}", "metres, at least 0")
-    length = np.linalg.norm(found.bearing, axis=1)
+    size_m = detections.size_m[has_position]
+    expect((size_m >= 0).all(), checked, f"sizes {size_m.tolist()}", "metres, at least 0")
+    length = np.linalg.norm(detections.bearing, axis=1)
     unit = np.isnan(length) | (np.abs(length - 1) < 1e-6)
     expect(
         unit.all(),
         checked,
         f"bearings of length {length[~unit].round(6).tolist()}",
-        "unit vectors, NaN where not known",
+        "unit vectors, or NaN where the bearing is unknown",
     )
-    for label, points in zip(found.labels, found.points_m or (), strict=False):
+    for label, points in zip(detections.labels, detections.points_m or (), strict=False):
         fits = isinstance(points, np.ndarray) and points.ndim == 2 and points.shape[1] == 3 and points.dtype.kind == "f"
         expect(
             fits and len(points),
             checked,
             f"points_m of shape {np.shape(points)} for a {label}",
-            "(n, 3) floats, n at least 1",
+            "floats of shape (n, 3), n at least 1",
         )
 
 
-def _turned_by(panorama: Panorama, columns: int) -> str:
+def _name_turn(panorama: Panorama, columns: int) -> str:
     return f"detect in the {panorama.id} rolled by {columns} columns"
 
 
-def _turn(detector: Detector, panorama: Panorama, found: Detections, columns: int) -> tuple[Detections, Detections]:
-    """What was found, turned as the panorama is, and what is found in the panorama turned."""
-    after = ask(_turned_by(panorama, columns), detector.detect, turned(panorama, columns))
-    return turned_detections(found, -np.pi * columns / HEIGHT_PX), after
+def _turn(
+    detector: Detector, panorama: Panorama, detections: Detections, columns: int
+) -> tuple[Detections, Detections]:
+    """Return the detections rotated with the panorama, and the detections in the rotated panorama."""
+    after = ask(_name_turn(panorama, columns), detector.detect, turned(panorama, columns))
+    return turned_detections(detections, -np.pi * columns / HEIGHT_PX), after
 
 
-def _check_turn(detector: Detector, panorama: Panorama, found: Detections, columns: int) -> None:
-    """The same objects, turned by the angle that the panorama was, and nothing else."""
+def _check_turn(detector: Detector, panorama: Panorama, detections: Detections, columns: int) -> None:
+    """Check that the rotated panorama gives the same objects, rotated by the same angle."""
     from scipy.optimize import linear_sum_assignment
 
-    checked, tolerance_m = _turned_by(panorama, columns), detector.turn_tolerance_m
-    expected, after = _turn(detector, panorama, found, columns)
+    checked, tolerance_m = _name_turn(panorama, columns), detector.turn_tolerance_m
+    expected, after = _turn(detector, panorama, detections, columns)
     expect(
-        sorted(after.labels) == sorted(found.labels),
+        sorted(after.labels) == sorted(detections.labels),
         checked,
         sorted(after.labels),
-        f"{sorted(found.labels)} as before, or column_step a multiple of its {detector.column_step}",
+        f"{sorted(detections.labels)} as before, or a column_step that is a larger multiple of {detector.column_step}",
     )
     distance_m = np.nan_to_num(np.linalg.norm(expected.centroid_m[:, None] - after.centroid_m[None], axis=2))
-    other_label = np.array(found.labels)[:, None] != np.array(after.labels)[None]
+    other_label = np.array(detections.labels)[:, None] != np.array(after.labels)[None]
     rows, partners = linear_sum_assignment(distance_m + 1e3 * other_label)
     for i, j in zip(rows, partners, strict=True):
-        seen = f"a {found.labels[i]} that"
+        subject = f"a {detections.labels[i]} that"
         expect(
-            np.array_equal(np.isnan(found.centroid_m[i]), np.isnan(after.centroid_m[j]))
+            np.array_equal(np.isnan(detections.centroid_m[i]), np.isnan(after.centroid_m[j]))
             and distance_m[i, j] <= tolerance_m,
             checked,
-            f"{seen} moved {distance_m[i, j]:.2g} m",
-            f"at most turn_tolerance_m = {tolerance_m:g} m beside the turn",
+            f"{subject} moved {distance_m[i, j]:.2g} m",
+            f"at most turn_tolerance_m = {tolerance_m:g} m beside the rotation",
         )
-        change_m = np.nan_to_num(np.abs(found.size_m[i] - after.size_m[j])).max()
+        change_m = np.nan_to_num(np.abs(detections.size_m[i] - after.size_m[j])).max()
         expect(
             change_m <= tolerance_m,
             checked,
-            f"{seen} changed its size by {change_m:.2g} m",
+            f"{subject} changed its size by {change_m:.2g} m",
             f"at most turn_tolerance_m = {tolerance_m:g} m",
         )
-        length, width = found.size_m[i, :2]
+        length, width = detections.size_m[i, :2]
         period_rad = np.pi / 2 if length - width <= tolerance_m else np.pi
         turn_rad = (after.yaw_rad[j] - expected.yaw_rad[i]) * 2 * np.pi / period_rad
         off_rad = float(np.abs(wrap_angle(turn_rad))) * period_rad / (2 * np.pi)
         expect(
             not off_rad * length / 2 > tolerance_m + YAW_SLACK_M,
             checked,
-            f"{seen} turned {np.degrees(off_rad):.2g} deg within the room",
-            f"a box that turns with the panorama, its ends within turn_tolerance_m = {tolerance_m:g} m",
+            f"{subject} turned {np.degrees(off_rad):.2g} deg relative to the room",
+            f"a box that rotates with the panorama, its ends within turn_tolerance_m = {tolerance_m:g} m",
         )
 
 
-def _alike(one: Detections, other: Detections) -> int:
-    """How many objects of both, one to one, have the same label and an azimuth within BETWEEN_DEG, or none."""
+def _count_matches(first: Detections, second: Detections) -> int:
+    """Return the number of one-to-one pairs with the same label whose azimuths differ by at most BETWEEN_DEG.
+
+    Two objects without azimuth also pair.
+    """
     from scipy.optimize import linear_sum_assignment
 
-    azimuth, partner = (np.arctan2(found.centroid_m[:, 1], found.centroid_m[:, 0]) for found in (one, other))
+    azimuth, partner = (np.arctan2(side.centroid_m[:, 1], side.centroid_m[:, 0]) for side in (first, second))
     near = np.abs(wrap_angle(azimuth[:, None] - partner)) <= np.radians(BETWEEN_DEG)
     near |= np.isnan(azimuth)[:, None] & np.isnan(partner)
-    near &= np.array(one.labels, str)[:, None] == np.array(other.labels, str)
+    near &= np.array(first.labels, str)[:, None] == np.array(second.labels, str)
     return int(near[linear_sum_assignment(near, maximize=True)].sum())

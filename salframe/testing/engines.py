@@ -1,4 +1,4 @@
-"""The rules of the role `engine`."""
+"""Rules of the role `engine`."""
 
 from __future__ import annotations
 
@@ -13,38 +13,38 @@ from salframe.testing.rules import Rules
 
 
 class EngineRules(Rules[Engine]):
-    """Every item is answered, in order; one that raises costs only itself."""
+    """Every item has an answer, in order. An item that raises affects no other item."""
 
     @cached_property
     def _answers(self) -> list[Any]:
         return attempt("map", lambda: list(self.make().map(_halve, [2, 3, 8])))
 
-    def every_item_is_answered(self) -> None:
+    def every_item_has_an_answer(self) -> None:
         expect(len(self._answers) == 3, "map of 3 items", f"{len(self._answers)} answers", "an answer for each item")
 
-    def an_item_that_raises_costs_only_itself(self) -> None:
+    def an_exception_affects_only_its_item(self) -> None:
         raised = self._answers[1]
         checked = "map over an item that raises ValueError"
-        expect(isinstance(raised, ValueError), checked, repr(raised), "that exception as its answer")
+        expect(isinstance(raised, ValueError), checked, repr(raised), "the exception as the answer of this item")
 
     def answers_come_in_order(self) -> None:
         received = self._answers[::2]
-        expect(received == [1, 4], "map over items beside one that raises", received, "[1, 4], in order")
+        expect(received == [1, 4], "map over items next to one that raises", received, "[1, 4], in order")
 
-    def an_item_whose_process_ends_costs_only_itself(self) -> None:
+    def a_process_that_ends_affects_only_its_item(self) -> None:
         engine = self.make()
         if not engine.isolates:
-            raise DoesNotApply("items have no process of their own")
+            raise DoesNotApply("the engine does not run items in separate processes")
         died, answered = attempt(
             "map over an item that ends its process", lambda: list(engine.map(_end_or_halve, [1, 4]))
         )
         checked = "map over an item that ends its process"
-        expect(isinstance(died, WorkerDied), checked, repr(died), "WorkerDied as its answer")
-        expect(answered == 2, checked, f"{answered} for the item beside it", "2")
+        expect(isinstance(died, WorkerDied), checked, repr(died), "WorkerDied as the answer of this item")
+        expect(answered == 2, checked, f"{answered} for the next item", "2")
 
-    def no_item_gives_no_answer(self) -> None:
-        received = attempt("map of no item", lambda: list(self.make().map(_halve, [])))
-        expect(received == [], "map of no item", "an answer", "none")
+    def no_items_have_no_answers(self) -> None:
+        received = attempt("map of no items", lambda: list(self.make().map(_halve, [])))
+        expect(received == [], "map of no items", f"{len(received)} answers", "an empty list")
 
 
 def _halve(number: int) -> int:

@@ -1,4 +1,4 @@
-"""The rules of a component's identity: what it leaves out does not matter, and what it stands for changes it."""
+"""Rules of a component's identity: settings that affect its output change the identity, all others do not."""
 
 from __future__ import annotations
 
@@ -21,14 +21,16 @@ from salframe.testing.asking import attempt, expect, same
 
 
 def check_files(config: ComponentConfig) -> None:
-    """Another content of a UserFile gives another identity, another name of it does not; no setting is a plain Path,
-    whose content would not be part of the identity, but for a dataset's, which answers for its content itself.
+    """Check that the identity depends on the content of a UserFile and not on its name, and that no setting is a Path.
 
-    The component is not made: it may refuse a file that the suite writes.
+    The content of a plain Path is not part of the identity. Data sets may have one, because they have a fingerprint.
+    The component is not created, because it may reject a file that the suite writes.
     """
     component = config.component
     plain = [] if component.role == "dataset" else list(_plain_paths(component.Config))
-    expect(not plain, f"setting {', '.join(plain)}", "a plain Path", "a UserFile, whose content is in the identity")
+    expect(
+        not plain, f"setting {', '.join(plain)}", "a plain Path", "a UserFile, whose content is part of the identity"
+    )
     for file in _user_files(config):
         checks: list[tuple[str, bool]] = [("identity", False)]
         checks += [] if file.match_only else [("identity for describing", True)]
@@ -39,11 +41,15 @@ def check_files(config: ComponentConfig) -> None:
 def check_identities(
     make: Callable[[], Any], cache_key: Callable[[Any], Any], describe: Callable[[Any], Any], what: str
 ) -> None:
-    """Another value of a `match_only` setting leaves the identity and the description of a panorama as they are;
-    another content of a UserFile gives another identity.
+    """Check that the cache key ignores `match_only` settings and depends on the content of user files.
 
-    known_by(component): what its descriptions are kept under; describe(component): a description; `what` the former is
-    called.
+    A `match_only` setting must not change the description of a panorama either.
+
+    Args:
+        make: Creates the component.
+        cache_key: Returns the key under which the descriptions of a component are cached.
+        describe: Returns a description by a component.
+        what: Name of the cache key in messages.
     """
     component = make()
     for name, field in type(component.config).model_fields.items():
@@ -63,16 +69,21 @@ def _check_match_only(
     describe: Callable[[Any], Any],
     checked: str,
 ) -> None:
-    before, after = (attempt(checked, lambda one: digest(cache_key(one)), one) for one in (component, other))
-    expect(before == after, checked, "another one", "the same: the setting is match_only")
-    before, after = (attempt(checked, describe, one) for one in (component, other))
-    expect(same(before, after), checked, "another description", "the same: the setting is match_only")
+    before, after = (attempt(checked, lambda made: digest(cache_key(made)), made) for made in (component, other))
+    expect(before == after, checked, "another value", "the same value: the setting is match_only")
+    before, after = (attempt(checked, describe, made) for made in (component, other))
+    expect(same(before, after), checked, "another description", "the same description: the setting is match_only")
 
 
 @dataclass(frozen=True)
 class _FileSetting:
-    """A setting that takes a UserFile: its dotted key, whether it matters to matching only, and what gives the model
-    with another file there, None where it takes no such file."""
+    """A setting that takes a UserFile.
+
+    Attributes:
+        key: Its dotted key.
+        match_only: Whether it affects matching only.
+        put: Returns the model with another file in this setting, None if the model rejects the file.
+    """
 
     key: str
     match_only: bool
@@ -80,7 +91,7 @@ class _FileSetting:
 
 
 def _user_files(model: BaseModel) -> Iterator[_FileSetting]:
-    """The settings of a model, of the models nested in it and of the components in its slots that take a UserFile."""
+    """Yield the settings that take a UserFile, of a model, its nested models and the components in its slots."""
 
     def inside(name: str, wrap: Callable[[UserFile], Any]) -> Callable[[UserFile], Any]:
         def put(file: UserFile) -> Any:
@@ -90,50 +101,50 @@ def _user_files(model: BaseModel) -> Iterator[_FileSetting]:
         return put
 
     for name, field in type(model).model_fields.items():
-        value, only = getattr(model, name), matters_to_matching_only(field)
+        value, match_only = getattr(model, name), matters_to_matching_only(field)
         if isinstance(value, BaseModel):
             for inner in _user_files(value):
-                yield _FileSetting(f"{name}.{inner.key}", only or inner.match_only, inside(name, inner.put))
+                yield _FileSetting(f"{name}.{inner.key}", match_only or inner.match_only, inside(name, inner.put))
             continue
         if holds_components(value):
-            for number, one in enumerate(value):
-                for inner in _user_files(one):
+            for number, config in enumerate(value):
+                for inner in _user_files(config):
                     put = inside(name, partial(_put_at, value, number, inner.put))
-                    yield _FileSetting(f"{name}[{number}].{inner.key}", only or inner.match_only, put)
+                    yield _FileSetting(f"{name}[{number}].{inner.key}", match_only or inner.match_only, put)
             continue
         for kind in _alternatives(field.annotation):
             parts = typing.get_args(kind) if typing.get_origin(kind) in (tuple, list) else ()
             if kind is UserFile:
-                yield _FileSetting(name, only, inside(name, lambda file: file))
+                yield _FileSetting(name, match_only, inside(name, lambda file: file))
             elif any(UserFile in _alternatives(part) for part in parts):
                 count = 1 if typing.get_origin(kind) is list or Ellipsis in parts else len(parts)
-                yield _FileSetting(name, only, inside(name, partial(_repeat, count)))
+                yield _FileSetting(name, match_only, inside(name, partial(_repeat, count)))
 
 
 def _put_at(
-    among: tuple[ComponentConfig, ...], number: int, put: Callable[[UserFile], Any], file: UserFile
+    configs: tuple[ComponentConfig, ...], number: int, put: Callable[[UserFile], Any], file: UserFile
 ) -> tuple[ComponentConfig, ...] | None:
-    """Several components' configurations with the file put into one of them."""
+    """Return the configurations with the file set in one of them, None if that one rejects the file."""
     changed = put(file)
-    return None if changed is None else (*among[:number], changed, *among[number + 1 :])
+    return None if changed is None else (*configs[:number], changed, *configs[number + 1 :])
 
 
 def _repeat(count: int, file: UserFile) -> tuple[UserFile, ...]:
     return (file,) * count
 
 
-def _plain_paths(model: type[BaseModel], seen: tuple[type[BaseModel], ...] = ()) -> Iterator[str]:
-    """The settings of a model, and of the models nested in it, that may be a Path which is no UserFile."""
+def _plain_paths(model: type[BaseModel], parents: tuple[type[BaseModel], ...] = ()) -> Iterator[str]:
+    """Yield the settings of a model and its nested models whose type allows a Path that is no UserFile."""
     for name, field in model.model_fields.items():
         for kind in _types_in(field.annotation):
             if issubclass(kind, PurePath) and not issubclass(kind, UserFile):
                 yield name
-            elif issubclass(kind, BaseModel) and not issubclass(kind, ComponentConfig) and kind not in seen:
-                yield from (f"{name}.{key}" for key in _plain_paths(kind, (*seen, model)))
+            elif issubclass(kind, BaseModel) and not issubclass(kind, ComponentConfig) and kind not in parents:
+                yield from (f"{name}.{key}" for key in _plain_paths(kind, (*parents, model)))
 
 
 def _types_in(annotation: Any) -> Iterator[type]:
-    """Every class that an annotation mentions."""
+    """Yield every class that an annotation mentions."""
     arguments = typing.get_args(annotation)
     if typing.get_origin(annotation) is typing.Annotated:
         arguments = arguments[:1]
@@ -147,8 +158,10 @@ def _types_in(annotation: Any) -> Iterator[type]:
 def _check_file(
     make: Callable[[ComponentConfig], Any], cache_key: Callable[[Any], Any], setting: _FileSetting, what: str
 ) -> None:
-    """One file with two contents, and a copy of the latter by another name. A setting that takes no such file, and a
-    component that cannot be made with one, are left alone."""
+    """Check the cache key with two contents of a file, and with a copy of the second content under another name.
+
+    Do nothing if the setting rejects such a file or the component cannot be created with it.
+    """
     checked = f"{what} with another content of the file {setting.key}"
     with tempfile.TemporaryDirectory() as folder:
         received = []
@@ -162,15 +175,17 @@ def _check_file(
                 made = make(config)
             except Exception:
                 return  # the suite cannot write a file of the component's own format
-            received.append(attempt(checked, lambda one: digest(cache_key(one)), made))
+            received.append(attempt(checked, lambda component: digest(cache_key(component)), made))
     first, other, copy = received
-    expect(other != first, checked, "the same one", "another one")
-    expect(copy == other, f"{what} with another name of the file {setting.key}", "another one", "the same one")
+    expect(other != first, checked, "the same value", "another value")
+    expect(copy == other, f"{what} with another name of the file {setting.key}", "another value", "the same value")
 
 
 def another_config(config: ComponentConfig, name: str) -> ComponentConfig | None:
-    """The configuration with another valid value of one setting, None where the suite knows none: it varies truth
-    values, numbers, choices and whether there is a value at all."""
+    """Return the configuration with another valid value of one setting, None if the suite has no candidate.
+
+    The suite varies booleans, numbers, choices and optional values.
+    """
     value = getattr(config, name)
     for candidate in _candidates(type(config).model_fields[name].annotation, value):
         other = None if candidate == value else _with(config, name, candidate)
@@ -187,7 +202,7 @@ def _with(config: Any, name: str, value: Any) -> Any:
 
 
 def _candidates(annotation: Any, value: Any) -> Iterator[Any]:
-    """Values that a setting of this type may take; its bounds may refuse some."""
+    """Yield candidate values for a setting of this type. Its bounds may reject some of them."""
     for kind in _alternatives(annotation):
         if kind is bool:
             yield not value
@@ -201,7 +216,7 @@ def _candidates(annotation: Any, value: Any) -> Iterator[Any]:
 
 
 def _alternatives(annotation: Any) -> list[Any]:
-    """The types that a value of this type may have, one by one."""
+    """Return the types in a union, or the type itself."""
     origin, arguments = typing.get_origin(annotation), typing.get_args(annotation)
     if origin is typing.Annotated:
         return _alternatives(arguments[0])

@@ -1,4 +1,4 @@
-"""The rules of the role `localizer`."""
+"""Rules of the role `localizer`."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from salframe.testing.rooms import HEIGHT_PX, PARTS, blind, halved, map_frames, 
 from salframe.testing.rules import Rules
 
 _ROUNDING = 1e-6
-"""Networks sum in an order that depends on where their input lies in memory."""
+"""Tolerance of numbers. The order of sums in a network depends on the memory address of its input."""
 
 
 class LocalizerRules(Rules[Localizer]):
-    """Well-formed answers from any map, the same after saving and loading, and a pose that turns with the panorama."""
+    """Answers are well formed for any map and equal after saving and loading. Poses rotate with the panorama."""
 
     @cached_property
     def _frames(self) -> list[ReferenceFrame]:
@@ -36,7 +36,7 @@ class LocalizerRules(Rules[Localizer]):
 
     @cached_property
     def _map(self) -> LocalizationMap:
-        """The map of the suite's rooms."""
+        """Map of the suite's rooms."""
         return _build(f"build of {len(self._frames)} frames", self.make(), self._frames)
 
     @property
@@ -45,7 +45,7 @@ class LocalizerRules(Rules[Localizer]):
 
     @cached_property
     def _answers(self) -> list[tuple[Panorama, Localization]]:
-        """Queries, and what is answered to them."""
+        """The queries, each with its answer."""
         queries = [frame.load() for frame in query_frames()]
         return [(query, _answer(self._map, f"of the {query.id}", query, self._frames)) for query in queries]
 
@@ -53,34 +53,34 @@ class LocalizerRules(Rules[Localizer]):
         check_needs(self._localizer.needs)
         expect(self._answers, "match", "no answer", "an answer to each query")
 
-    def it_is_known_by_its_settings(self) -> None:
+    def describe_identity_is_stable(self) -> None:
         cache_key = attempt("describe_identity as JSON", lambda: digest(self._localizer.describe_identity()))
         other = digest(self.make().describe_identity())
-        expect(other == cache_key, "describe_identity of another instance", "another one", "the same")
+        expect(other == cache_key, "describe_identity of another instance", "another identity", "the same identity")
 
-    def settings_change_what_they_may(self) -> None:
+    def identity_covers_the_settings(self) -> None:
         query, _ = self._answers[0]
         check_identities(
-            self.make, lambda one: one.describe_identity(), lambda one: _describe(one, query), "describe_identity"
+            self.make, lambda made: made.describe_identity(), lambda made: _describe(made, query), "describe_identity"
         )
 
-    def poses_turn_with_the_panorama(self) -> None:
+    def poses_rotate_with_the_panorama(self) -> None:
         steps = 3 * turns(self._localizer.column_step)
         for (query, answer), columns in zip(self._answers, steps, strict=False):
             _check_turn(self._map, query, answer, columns)
 
-    def little_to_see_is_no_error(self) -> None:
-        odd = {"where nothing is seen": blind(PARTS), "of half a panorama": halved(self._answers[0][0])}
-        for what, panorama in odd.items():
+    def sparse_input_raises_no_error(self) -> None:
+        inputs = {"of a blank panorama": blind(PARTS), "of half a panorama": halved(self._answers[0][0])}
+        for what, panorama in inputs.items():
             _answer(self._map, what, panorama, self._frames)
 
-    def its_needs_are_enough(self) -> None:
+    def its_needs_suffice(self) -> None:
         parts = required_parts(self._localizer, frozenset())
         for frame in query_frames(parts)[:1]:
             what = f"of a panorama with {' and '.join(sorted(parts))} alone"
             _answer(self._map, what, frame.load(), self._frames)
 
-    def a_saved_map_answers_the_same(self) -> None:
+    def a_saved_map_gives_the_same_answers(self) -> None:
         with tempfile.TemporaryDirectory() as directory:
             attempt("save", self._map.save, Path(directory) / "map")
             opened = attempt("open", LocalizationMap.open, Path(directory) / "map", self.make())
@@ -89,20 +89,20 @@ class LocalizerRules(Rules[Localizer]):
                 again = attempt(checked, lambda query: opened.answer(_describe(opened.localizer, query)), query)
                 for field in ("status", "places", "T_world_query", "covariance", "out_of_map_probability"):
                     before, after = getattr(answer, field), getattr(again, field)
-                    expect(same(before, after, _ROUNDING), checked, f"{field} {after}", f"{before} as before")
+                    expect(same(before, after, _ROUNDING), checked, f"{field} {after}", f"{before} as before save")
 
-    def small_maps_answer(self) -> None:
-        """What a vocabulary is learnt from, or a score divided by, may be missing altogether."""
-        nothing = ReferenceFrame("nothing", "nowhere", np.eye(4), load=lambda: blind(PARTS))
+    def small_maps_give_answers(self) -> None:
+        """Check maps that leave nothing to learn a vocabulary from, or to divide a score by."""
+        blank = ReferenceFrame("blank", "nowhere", np.eye(4), load=lambda: blind(PARTS))
         first = self._frames[0]
-        for what, few in (
+        for what, frames in (
             ("one frame", [first]),
-            ("a frame where nothing is seen, and another", [nothing, first]),
-            ("one frame where nothing is seen", [nothing]),
+            ("a blank frame and another", [blank, first]),
+            ("one blank frame", [blank]),
         ):
-            small = _build(f"build of {what}", self.make(), few)
+            small = _build(f"build of {what}", self.make(), frames)
             for query in (self._answers[0][0], blind(PARTS)):
-                _answer(small, f"of the {query.id} in a map of {what}", query, few)
+                _answer(small, f"of the {query.id} in a map of {what}", query, frames)
 
 
 def _build(checked: str, localizer: Localizer, frames: Sequence[ReferenceFrame]) -> LocalizationMap:
@@ -111,62 +111,67 @@ def _build(checked: str, localizer: Localizer, frames: Sequence[ReferenceFrame])
 
 
 def _describe(localizer: Localizer, panorama: Panorama) -> Description:
-    """Describe a panorama, with estimated range where it has none and the localizer has a range model."""
+    """Describe a panorama. A localizer with a range model estimates the range if the panorama has none."""
     return localizer.describe(complete_panorama(localizer, panorama)[0])
 
 
-def _answer(known: LocalizationMap, what: str, panorama: Panorama, frames: Sequence[ReferenceFrame]) -> Localization:
-    """Describe and match, with every rule on the description and the answer checked."""
-    description: Description = ask(f"describe {what}", lambda seen: _describe(known.localizer, seen), panorama)
+def _answer(
+    reference_map: LocalizationMap, what: str, panorama: Panorama, frames: Sequence[ReferenceFrame]
+) -> Localization:
+    """Describe and match a panorama, and check the description and the answer."""
+    description: Description = ask(
+        f"describe {what}", lambda query: _describe(reference_map.localizer, query), panorama
+    )
     arrays = all(isinstance(array, np.ndarray) and array.dtype != object for array in description.values())
     expect(
         arrays,
         f"describe {what}",
         {name: type(part).__name__ for name, part in description.items()},
-        "arrays, none of dtype object",
+        "arrays, none of them of dtype object",
     )
-    answer, checked = ask(f"match {what}", known.answer, description), f"match {what}"
+    answer, checked = ask(f"match {what}", reference_map.answer, description), f"match {what}"
     places, scores = [ranked.place for ranked in answer.places], [ranked.score for ranked in answer.places]
-    expect(len(set(places)) == len(places), checked, f"the places {places}", "one entry a place")
-    belongs = {(frame.id, frame.place) for frame in frames}
-    strange = [ranked for ranked in answer.places if (ranked.frame, ranked.place) not in belongs]
-    expect(not strange, checked, strange, "frames of the map with their places")
+    expect(len(set(places)) == len(places), checked, f"the places {places}", "one entry per place")
+    references = {(frame.id, frame.place) for frame in frames}
+    unknown = [ranked for ranked in answer.places if (ranked.frame, ranked.place) not in references]
+    expect(not unknown, checked, unknown, "reference frames with their places")
     expect(
         np.isfinite(scores).all() and scores == sorted(scores, reverse=True),
         checked,
         f"scores {scores}",
-        "finite ones, best first",
+        "finite scores, best first",
     )
-    # That there is one for each place and that they and `out_of_map_probability` are one together was checked when they were made.
-    shares = [ranked.probability for ranked in answer.places if ranked.probability is not None]
-    expect(shares == sorted(shares, reverse=True), checked, f"the probabilities {shares}", "the best place's first")
+    # Localization itself checks that all places have a probability and that the sum with out_of_map_probability is 1.
+    probabilities = [ranked.probability for ranked in answer.places if ranked.probability is not None]
+    ordered = probabilities == sorted(probabilities, reverse=True)
+    expect(ordered, checked, f"the probabilities {probabilities}", "descending probabilities")
     pose = answer.T_world_query
     expect(
         (pose is not None) == (answer.status is LocalizationStatus.OK),
         checked,
         f"the status '{answer.status}' with{'out' * (pose is None)} a pose",
-        "a pose where the status is ok, and only there",
+        "a pose if and only if the status is ok",
     )
     return answer
 
 
-def _check_turn(known: LocalizationMap, panorama: Panorama, before: Localization, columns: int) -> None:
-    """The same place, and a pose that differs by the turn alone."""
-    localizer = known.localizer
+def _check_turn(reference_map: LocalizationMap, panorama: Panorama, before: Localization, columns: int) -> None:
+    """Check that the rotated panorama gives the same place, and a pose that differs by the rotation only."""
+    localizer = reference_map.localizer
     checked, tolerance = f"match of the {panorama.id} rolled by {columns} columns", localizer.turn_tolerance_m
-    after = attempt(checked, lambda: known.answer(_describe(localizer, turned(panorama, columns))))
-    mends = f"or column_step a multiple of its {localizer.column_step}"
+    after = attempt(checked, lambda: reference_map.answer(_describe(localizer, turned(panorama, columns))))
+    hint = f"or a column_step that is a larger multiple of {localizer.column_step}"
     expect(
-        after.status == before.status, checked, f"the status '{after.status}'", f"'{before.status}' as before, {mends}"
+        after.status == before.status, checked, f"the status '{after.status}'", f"'{before.status}' as before, {hint}"
     )
     places = [[ranked.place for ranked in answer.places[:1]] for answer in (before, after)]
-    expect(places[0] == places[1], checked, f"the place {places[1]}", f"{places[0]} as before, {mends}")
+    expect(places[0] == places[1], checked, f"the place {places[1]}", f"{places[0]} as before, {hint}")
     if before.T_world_query is not None:
         expected = before.T_world_query @ pose_2d(0, 0, np.pi * columns / HEIGHT_PX)
         shift_m, turn_rad = pose_errors(after.T_world_query, expected)
         expect(
             max(shift_m, turn_rad) <= tolerance,
             checked,
-            f"a pose that moved {shift_m:.2g} m and is {turn_rad:.2g} rad off the turn",
+            f"a pose that moved {shift_m:.2g} m and is {turn_rad:.2g} rad off the rotation",
             f"at most turn_tolerance_m = {tolerance:g} of each",
         )

@@ -1,4 +1,4 @@
-"""The rules of the role `planner`."""
+"""Rules of the role `planner`."""
 
 from __future__ import annotations
 
@@ -23,11 +23,12 @@ PLACES = {
 }
 WALKS = (("hall", "door"), ("door", "room"), ("hall", "yard"), ("yard", "room"))
 BEND = ((3.0, 0.0), (3.0, 2.0), (3.0, 4.0))
-"""The way from the door to the room; the others are straight."""
+"""Path from the door to the room, which has a bend. The other paths are straight."""
 
 
 class PlannerRules(Rules[Planner]):
-    """The shortest of two routes, its legs as they are walked, none to the start itself, and NoRoute to an island."""
+    """The planner returns the shortest route, with legs in walking direction. A route to its start has no leg, and an
+    unreachable goal raises NoRoute."""
 
     @cached_property
     def _planner(self) -> Planner:
@@ -39,16 +40,16 @@ class PlannerRules(Rules[Planner]):
         ask("prepare", planner.prepare, TopologicalMap(nodes, edges))
         return planner
 
-    def the_shortest_route_is_found(self) -> None:
+    def the_shortest_route_is_returned(self) -> None:
         self._check_route("hall", "room", ("hall", "door", "room"))
 
-    def it_is_found_the_other_way(self) -> None:
+    def the_reverse_route_is_returned(self) -> None:
         self._check_route("room", "hall", ("room", "door", "hall"))
 
-    def the_start_is_reached_without_a_leg(self) -> None:
+    def a_route_to_its_start_has_no_leg(self) -> None:
         self._check_route("hall", "hall", ("hall",))
 
-    def where_none_leads_is_no_route(self) -> None:
+    def an_unreachable_goal_raises_no_route(self) -> None:
         try:
             self._planner.route("hall", "island")
         except NoRoute:
@@ -59,9 +60,9 @@ class PlannerRules(Rules[Planner]):
         checked = f"route from {start} to {goal}"
         route: Route = ask(checked, self._planner.route, start, goal)
         expect(isinstance(route, Route), checked, type(route).__name__, "Route")
-        expect(route.nodes == through, checked, f"{route.nodes}", f"the shortest, {through}")
+        expect(route.nodes == through, checked, f"{route.nodes}", f"the shortest route, {through}")
         legs = [(leg.start, leg.end) for leg in route.legs]
-        expect(legs == list(pairwise(through)), checked, f"the legs {legs}", "one from each node to the next")
+        expect(legs == list(pairwise(through)), checked, f"the legs {legs}", "one leg from each node to the next")
         length_m = sum(_walk(*leg).length_m for leg in legs)
         expect(abs(route.length_m - length_m) < 1e-9, checked, f"a length of {route.length_m} m", f"{length_m} m")
         for leg in route.legs:
@@ -72,7 +73,7 @@ def _check_leg(checked: str, leg: MapEdge) -> None:
     walk = leg.start, leg.end
     off_rad = np.angle(np.exp(1j * (leg.azimuth_rad - _walk(*walk).azimuth_rad)))
     received = f"azimuth {leg.azimuth_rad:.4f} from {leg.start} to {leg.end}"
-    expect(abs(off_rad) < 1e-9, checked, received, "that of the walking direction")
+    expect(abs(off_rad) < 1e-9, checked, received, f"{_walk(*walk).azimuth_rad:.4f}, the walking direction")
     path_m = {("door", "room"): BEND, ("room", "door"): BEND[::-1]}.get(walk, ())
     received = f"the path {leg.path_m} from {leg.start} to {leg.end}"
     expect(leg.path_m == path_m, checked, received, f"{path_m}, in the walking direction")

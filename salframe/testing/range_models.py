@@ -1,4 +1,4 @@
-"""The rules of the role `range-model`."""
+"""Rules of the role `range-model`."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from salframe.testing.rooms import PARTS, ROOMS, blind, halved, look, stand, tur
 from salframe.testing.rules import Rules
 
 TURN_SHARE = 0.95
-"""So much of a range image stays as it is, within the tolerance, when the panorama turns."""
+"""Minimum share of a range image that must not change, within the tolerance, when the panorama rotates."""
 
 
 class RangeModelRules(Rules[RangeModel]):
-    """Well-formed range images, also where there is nothing to see, which the panorama's seam does not change."""
+    """Range images are well formed, also for blank panoramas, and independent of the panorama's seam."""
 
     @cached_property
     def _model(self) -> RangeModel:
@@ -28,7 +28,7 @@ class RangeModelRules(Rules[RangeModel]):
 
     @cached_property
     def _rooms(self) -> list[tuple[Panorama, np.ndarray]]:
-        """The suite's rooms, and their estimated range."""
+        """Panoramas of the suite's rooms, each with its estimated range image."""
         rooms = [look(room, room.name, stand(room), self._model.needs) for room in ROOMS]
         return [(room, ask(f"estimate of the {room.id}", self._model.estimate, room)) for room in rooms]
 
@@ -37,30 +37,30 @@ class RangeModelRules(Rules[RangeModel]):
         for room, range_m in self._rooms:
             _check_range(f"estimate of the {room.id}", room, range_m)
 
-    def they_turn_with_the_panorama(self) -> None:
+    def ranges_rotate_with_the_panorama(self) -> None:
         for room, range_m in self._rooms:
             for columns in turns(1):
                 _check_turn(self._model, room, range_m, columns)
 
-    def another_instance_answers_the_same(self) -> None:
+    def another_instance_gives_the_same_answer(self) -> None:
         room, range_m = self._rooms[-1]
         checked = f"estimate of the {room.id} by another instance"
-        expect(same(range_m, attempt(checked, self.make().estimate, room)), checked, "another answer", "the same")
+        expect(same(range_m, attempt(checked, self.make().estimate, room)), checked, "other ranges", "the same ranges")
 
-    def settings_change_what_they_may(self) -> None:
+    def identity_covers_the_settings(self) -> None:
         room, _ = self._rooms[-1]
         check_identities(
-            self.make, lambda one: identity(one.config, describing=True), lambda one: one.estimate(room), "identity"
+            self.make, lambda made: identity(made.config, describing=True), lambda made: made.estimate(room), "identity"
         )
 
-    def little_to_see_is_no_error(self) -> None:
+    def sparse_input_raises_no_error(self) -> None:
         needs, room = self._model.needs, ROOMS[-1]
-        odd = {
+        inputs = {
             "an empty room": look(room.emptied(), "empty", stand(room), needs),
             "half a panorama": halved(self._rooms[-1][0]),
-            "nothing at all": blind(needs),
+            "a blank panorama": blind(needs),
         }
-        for what, panorama in odd.items():
+        for what, panorama in inputs.items():
             _check_range(f"estimate of {what}", panorama, ask(f"estimate of {what}", self._model.estimate, panorama))
 
 
@@ -72,15 +72,20 @@ def _check_range(checked: str, panorama: Panorama, range_m: np.ndarray) -> None:
         range_m.dtype == np.float32 and range_m.shape == shape,
         checked,
         f"{range_m.dtype} {range_m.shape}",
-        f"float32 {shape}, as the panorama",
+        f"float32 {shape}, the size of the panorama",
     )
-    known = range_m[~np.isnan(range_m)]
-    wrong = known[~((known > 0) & (known < np.inf))]
-    expect(not len(wrong), checked, f"a range of {wrong[:1]} m", "metres over 0, NaN where it is not known")
+    finite_m = range_m[~np.isnan(range_m)]
+    invalid_m = finite_m[~((finite_m > 0) & (finite_m < np.inf))]
+    expect(
+        not len(invalid_m),
+        checked,
+        f"a range of {invalid_m[0] if len(invalid_m) else None} m",
+        "positive metres, or NaN where unknown",
+    )
 
 
 def _check_turn(model: RangeModel, panorama: Panorama, before: np.ndarray, columns: int) -> None:
-    """The same ranges, rolled as the panorama is."""
+    """Check that the rolled panorama gives the same ranges, rolled by the same number of columns."""
     checked = f"estimate of the {panorama.id} rolled by {columns} columns"
     after = np.roll(ask(checked, model.estimate, turned(panorama, columns)), -columns, 1)
     near = np.abs(after - before) <= model.turn_tolerance * before
@@ -89,6 +94,6 @@ def _check_turn(model: RangeModel, panorama: Panorama, before: np.ndarray, colum
         share >= TURN_SHARE,
         checked,
         f"{1 - share:.0%} of the ranges changed",
-        f"at most {1 - TURN_SHARE:.0%} by more than turn_tolerance = {model.turn_tolerance:g} of themselves: "
-        "salframe.panoramas.range_model.from_bright_side sees to it",
+        f"at most {1 - TURN_SHARE:.0%} by more than the relative turn_tolerance = {model.turn_tolerance:g}: "
+        "decorate estimate with salframe.panoramas.range_model.from_bright_side",
     )

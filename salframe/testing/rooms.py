@@ -1,4 +1,4 @@
-"""Furnished rooms of boxes, seen exactly: the panoramas that the conformance suite shows to components."""
+"""Panoramas of furnished rooms made of boxes, rendered exactly: the input of the conformance suite."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from salframe.panoramas.panorama import PARTS, Annotations, Panorama
 EYE_M = 1.5
 """Height of the camera above the floor."""
 HEIGHT_PX = 192
-"""Height of the suite's panoramas, whose width is twice as much."""
+"""Height of the suite's panoramas. The width is twice the height."""
 
 
 @dataclass(frozen=True)
 class Box:
-    """A piece of furniture: label, then centre and size along the room's axes, metres."""
+    """A piece of furniture: its label, and its centre and size along the room's axes, in metres."""
 
     label: str
     centre_m: tuple[float, float, float]
@@ -33,7 +33,7 @@ class Box:
 
 @dataclass(frozen=True)
 class FurnishedRoom:
-    """A box to stand in from (0, 0, 0) to size_m, the furniture in it, and where its corner lies in the world."""
+    """A room from (0, 0, 0) to size_m with its furniture, and the position of its corner in the world."""
 
     name: str
     size_m: tuple[float, float, float]
@@ -41,7 +41,7 @@ class FurnishedRoom:
     corner_m: tuple[float, float] = (0.0, 0.0)
 
     def emptied(self) -> FurnishedRoom:
-        """The same walls without furniture."""
+        """Return the room without furniture."""
         return replace(self, boxes=())
 
 
@@ -89,17 +89,21 @@ ROOMS = (
 
 
 def stand(room: FurnishedRoom, x_share: float = 0.5, y_share: float = 0.5, yaw_rad: float = 0.3) -> np.ndarray:
-    """T_world_pano (4, 4) of a camera at eye height, at these shares of the room's sides."""
+    """Return T_world_pano (4, 4) of a camera at eye height, at a fraction of the room's size along x and y."""
     return pose_2d(
         room.corner_m[0] + x_share * room.size_m[0], room.corner_m[1] + y_share * room.size_m[1], yaw_rad, EYE_M
     )
 
 
 def look(room: FurnishedRoom, id: str, T_world_pano: np.ndarray, parts: Set[str] = PARTS) -> Panorama:
-    """What a camera in the room sees: range to the surfaces along each ray, the box that each ray meets, and a pattern
-    to tell surfaces by.
+    """Render a panorama of a room.
 
-    T_world_pano must be upright and inside the room, outside its boxes.
+    Args:
+        room: The room.
+        id: Id of the panorama.
+        T_world_pano: (4, 4) pose of the camera, upright, inside the room and outside its boxes.
+        parts: Parts of the panorama: "range" is the distance to the surface along each ray, "annotations" the box that
+            each ray hits, and "rgb" a random texture of each surface.
     """
     room_from_pano = pose_2d(-room.corner_m[0], -room.corner_m[1], 0) @ T_world_pano
     eye = room_from_pano[:3, 3]
@@ -122,7 +126,7 @@ def look(room: FurnishedRoom, id: str, T_world_pano: np.ndarray, parts: Set[str]
 
 
 def _paint(room: FurnishedRoom, points_m: np.ndarray, instance_id: np.ndarray) -> np.ndarray:
-    """(H, 2H, 3) uint8: a colour of its own for each surface, in patches of 8 cm of random lightness."""
+    """Return a (H, 2H, 3) uint8 texture: one colour per surface, in patches of 8 cm with random lightness."""
     seeds = [zlib.crc32(name.encode()) for name in (room.name, *(f"{room.name} {box.label}" for box in room.boxes))]
     colour = np.array([np.random.default_rng(seed).uniform(60, 230, 3) for seed in seeds])
     lightness = np.random.default_rng(seeds[0]).uniform(0.4, 1.1, 4096)
@@ -131,7 +135,7 @@ def _paint(room: FurnishedRoom, points_m: np.ndarray, instance_id: np.ndarray) -
 
 
 def blind(parts: Set[str]) -> Panorama:
-    """A panorama in which nothing is: black, no range known, no instance."""
+    """Return a blank panorama: black, without range and without instances."""
     shape = (HEIGHT_PX, 2 * HEIGHT_PX)
     return Panorama(
         "blind",
@@ -142,25 +146,27 @@ def blind(parts: Set[str]) -> Panorama:
 
 
 def halved(panorama: Panorama) -> Panorama:
-    """The panorama with the left half of the sphere unseen."""
+    """Return the panorama with the left half of the image invalid."""
 
     def hide(image: np.ndarray) -> np.ndarray:
-        shown = image.copy()
-        shown[:, :HEIGHT_PX] = np.nan if image.dtype.kind == "f" else 0
-        return shown
+        masked = image.copy()
+        masked[:, :HEIGHT_PX] = np.nan if image.dtype.kind == "f" else 0
+        return masked
 
-    seen = np.broadcast_to(np.arange(2 * HEIGHT_PX) >= HEIGHT_PX, (HEIGHT_PX, 2 * HEIGHT_PX))
-    return replace(_changed(panorama, hide), valid=seen)
+    valid = np.broadcast_to(np.arange(2 * HEIGHT_PX) >= HEIGHT_PX, (HEIGHT_PX, 2 * HEIGHT_PX))
+    return replace(_changed(panorama, hide), valid=valid)
 
 
 def turned(panorama: Panorama, columns: int) -> Panorama:
-    """The panorama rolled to the right: what the same camera sees when turned to the left by columns / W of a full
-    turn."""
+    """Return the panorama rolled to the right by a number of columns.
+
+    This is the panorama of the same camera, rotated to the left by columns / W of a full turn.
+    """
     return _changed(panorama, lambda image: np.roll(image, columns, axis=1))
 
 
 def _changed(panorama: Panorama, change: Callable[[np.ndarray], np.ndarray]) -> Panorama:
-    """The panorama with each of its images changed."""
+    """Return the panorama with a function applied to each of its images."""
     annotations = panorama.annotations
     if annotations is not None and annotations.instance_id is not None:
         annotations = replace(annotations, instance_id=change(annotations.instance_id))
@@ -169,7 +175,7 @@ def _changed(panorama: Panorama, change: Callable[[np.ndarray], np.ndarray]) -> 
 
 
 def map_frames(parts: Set[str] = PARTS) -> list[ReferenceFrame]:
-    """A reference frame in the middle of each room."""
+    """Return a reference frame in the middle of each room."""
     return [
         ReferenceFrame(f"{room.name}-map", room.name, pose, load=partial(look, room, f"{room.name}-map", pose, parts))
         for room, pose in ((room, stand(room)) for room in ROOMS)
@@ -177,12 +183,12 @@ def map_frames(parts: Set[str] = PARTS) -> list[ReferenceFrame]:
 
 
 def query_frames(parts: Set[str] = PARTS) -> list[QueryFrame]:
-    """A query in each room, beside the reference frame and turned."""
+    """Return a query in each room, near the reference frame and with another heading."""
     return [QueryFrame(id, partial(look, room, id, pose, parts)) for id, room, pose in _queries()]
 
 
 def query_truths() -> dict[str, Truth]:
-    """Place and pose of each of `query_frames`, by its id."""
+    """Return place and pose of each of `query_frames`, by id."""
     return {id: Truth(room.name, pose) for id, room, pose in _queries()}
 
 
@@ -191,8 +197,10 @@ def _queries() -> list[tuple[str, FurnishedRoom, np.ndarray]]:
 
 
 def box_detections(room: FurnishedRoom) -> Detections:
-    """The furniture as a perfect detector would give it from the middle of the room, each object by the eight corners
-    of its box."""
+    """Return the furniture as a perfect detector in the middle of the room would detect it.
+
+    The points of an object are the eight corners of its box.
+    """
     T_pano_world = invert_pose(stand(room))
     signs = np.array(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5])).reshape(3, 8).T
     corners = [np.array(box.centre_m) + signs * box.size_m + (*room.corner_m, 0) for box in room.boxes]
@@ -201,7 +209,7 @@ def box_detections(room: FurnishedRoom) -> Detections:
 
 
 def room_graph(room: FurnishedRoom) -> SaliencyGraph:
-    """The room's saliency graph, saliency the share of the boxes' volume."""
+    """Return the saliency graph of a room. The saliency of an object is its share of the volume of all boxes."""
     detections = box_detections(room)
     volume = detections.size_m.prod(1)
     return build_graph(detections, volume / volume.sum() if len(volume) else volume, GraphConfig())  # type: ignore[call-arg]  # pydantic's defaults

@@ -1,4 +1,4 @@
-"""What a conformance check gives: the rules that were checked, and what came of each."""
+"""Rules of a conformance check, and their results."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from salframe.testing.asking import ConformanceError, DoesNotApply, attempt
 
 Made = TypeVar("Made")
 Rule = tuple[str, Callable[[], object]]
-"""The name of a rule and what checks it, which raises ConformanceError where it is broken."""
+"""Name of a rule, and the function that checks it. It raises ConformanceError if the rule is broken."""
 
 
 class RuleStatus(StrEnum):
-    """What came of a rule. `SKIPPED`: it does not apply, or one that it builds on is broken."""
+    """Status of a rule. `SKIPPED`: the rule does not apply, or it depends on a rule that failed."""
 
     PASSED = "passed"
     FAILED = "failed"
@@ -25,8 +25,14 @@ class RuleStatus(StrEnum):
 
 @dataclass(frozen=True)
 class RuleResult:
-    """A rule by its name, what came of it, and in one line why it failed (what was checked, what was received, what was
-    expected) or was skipped; nothing where it passed."""
+    """Result of one rule.
+
+    Attributes:
+        rule: Name of the rule.
+        status: Whether it passed, failed or was skipped.
+        message: One line: what was checked, received and expected if it failed, the reason if it was skipped. Empty if
+            it passed.
+    """
 
     rule: str
     status: RuleStatus
@@ -38,25 +44,31 @@ class RuleResult:
 
 @dataclass(frozen=True)
 class Conformance:
-    """The rules that a component was checked against, in their order. In a test: `assert not
-    check_component(MyDetector).failed`. As text, a line a rule."""
+    """Results of all rules that a component was checked against.
+
+    In a test: `assert not check_component(MyDetector).failed`. The string form has one line per rule.
+
+    Attributes:
+        component: Role and name of the component.
+        rules: Results in the order of the rules.
+    """
 
     component: str
     rules: tuple[RuleResult, ...]
 
     @property
     def passed(self) -> tuple[RuleResult, ...]:
-        """The rules that it keeps."""
+        """Rules that passed."""
         return self._of(RuleStatus.PASSED)
 
     @property
     def failed(self) -> tuple[RuleResult, ...]:
-        """The rules that it breaks."""
+        """Rules that failed."""
         return self._of(RuleStatus.FAILED)
 
     @property
     def skipped(self) -> tuple[RuleResult, ...]:
-        """The rules that do not apply to it, or that build on one which it breaks."""
+        """Rules that do not apply, or that depend on a rule that failed."""
         return self._of(RuleStatus.SKIPPED)
 
     def _of(self, status: RuleStatus) -> tuple[RuleResult, ...]:
@@ -67,24 +79,27 @@ class Conformance:
 
 
 class Rules(Generic[Made]):
-    """The rules of a role: each public method is one, by its name. They are checked in their order; all build on the
-    first."""
+    """Base class for the rules of a role.
+
+    Each public method is a rule, and its name is the name of the rule. Rules are checked in the order of their
+    definition. All rules depend on the first: if it fails, they are skipped.
+    """
 
     def __init__(self, make: Callable[[], Made]) -> None:
         self._make = make
 
     def make(self) -> Made:
-        """A new component, each time the same."""
-        return attempt("making it", self._make)
+        """Return a new component, with the same configuration each time."""
+        return attempt("creation of the component", self._make)
 
     def list(self) -> list[Rule]:
-        """The rules, in their order."""
+        """Return the rules in their order."""
         names = (name for name, member in vars(type(self)).items() if isinstance(member, FunctionType))
         return [(name.replace("_", " "), getattr(self, name)) for name in names if not name.startswith("_")]
 
 
 def check_rule(rule: str, check: Callable[[], object]) -> RuleResult:
-    """What came of one rule."""
+    """Return the result of one rule."""
     try:
         check()
     except ConformanceError as error:
@@ -95,7 +110,7 @@ def check_rule(rule: str, check: Callable[[], object]) -> RuleResult:
 
 
 def check_all(rules: Sequence[Rule]) -> list[RuleResult]:
-    """What came of rules that all build on the first."""
+    """Return the results of rules that all depend on the first."""
     results: list[RuleResult] = []
     for rule, check in rules:
         if results and results[0].status is RuleStatus.FAILED:
@@ -106,5 +121,5 @@ def check_all(rules: Sequence[Rule]) -> list[RuleResult]:
 
 
 def skipped(rule: str, broken: RuleResult) -> RuleResult:
-    """A rule that cannot be checked, as another is broken."""
-    return RuleResult(rule, RuleStatus.SKIPPED, f"builds on '{broken.rule}', which failed")
+    """Return the result of a rule that cannot be checked because another failed."""
+    return RuleResult(rule, RuleStatus.SKIPPED, f"depends on '{broken.rule}', which failed")

@@ -1,4 +1,4 @@
-"""The rules of the role `scorer`."""
+"""Rules of the role `scorer`."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from salframe.testing.rules import Rules
 
 
 class ScorerRules(Rules[Scorer]):
-    """A file that is no answer to the task is told of in one line, whatever is wrong with it."""
+    """A file that holds no answers to the task raises a DataError of one line."""
 
-    def a_file_that_is_not_there_is_told(self) -> None:
-        self._check("a file that is not there", None)
+    def a_missing_file_raises_an_error(self) -> None:
+        self._check("a missing file", None)
 
-    def a_text_is_told(self) -> None:
-        self._check("a text", "no answers")
+    def plain_text_raises_an_error(self) -> None:
+        self._check("a plain text file", "no answers")
 
-    def an_empty_list_is_told(self) -> None:
-        self._check("no answer at all", "[]")
+    def an_empty_list_raises_an_error(self) -> None:
+        self._check("an empty list", "[]")
 
     def _check(self, what: str, content: str | None) -> None:
         checked = f"score of {what}, in a folder without data"
@@ -32,7 +32,7 @@ class ScorerRules(Rules[Scorer]):
             try:
                 rows = self.make().score(answers, Path(folder))
             except DataError as error:
-                expect("\n" not in str(error), checked, "a DataError of several lines", "one line")
+                expect("\n" not in str(error), checked, "a DataError of several lines", "a DataError of one line")
             except Exception as error:
                 expect(False, checked, f"{type(error).__name__}: {error}", "DataError")
             else:

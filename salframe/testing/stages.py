@@ -1,4 +1,4 @@
-"""The rules of the roles between detections and an answer: `saliency`, `matcher`, `positioner`."""
+"""Rules of the roles between detections and an answer: `saliency`, `matcher`, `positioner`."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ from salframe.testing.rules import Rules
 T_REFERENCE_QUERY = pose_2d(1.2, -0.7, 2.1)
 REFERENCE_M = np.random.default_rng(0).uniform((-3, -3, -1), (3, 3, 1), (8, 3))
 QUERY_M = transform_points(invert_pose(T_REFERENCE_QUERY), REFERENCE_M)
-"""What positioners are asked: eight points, as two panoramas see them."""
+"""Input of positioners: eight points in the frames of two panoramas."""
 
 
 class SaliencyRules(Rules[SaliencyModel]):
-    """A share of each object, with its points and with its box alone, whether there are many, one or none."""
+    """Every object has a share, with and without points, for many objects, one or none. Shares sum to 1."""
 
     def objects_of_a_room_have_shares(self) -> None:
         self._check("the objects of a room", box_detections(ROOMS[0]))
@@ -42,29 +42,29 @@ class SaliencyRules(Rules[SaliencyModel]):
         self._check("one object", box_detections(ROOMS[0]).take([0]))
         self._check("no object", Detections.empty())
 
-    def another_instance_answers_the_same(self) -> None:
+    def another_instance_gives_the_same_answer(self) -> None:
         objects = box_detections(ROOMS[0])
-        one, other = (attempt("score", self.make().score, objects) for _ in range(2))
-        expect(same(one, other), "score by another instance", "another answer", "the same")
+        first, second = (attempt("score", self.make().score, objects) for _ in range(2))
+        expect(same(first, second), "score by another instance", "other shares", "the same shares")
 
-    def _check(self, what: str, given: Detections) -> None:
+    def _check(self, what: str, objects: Detections) -> None:
         checked = f"score of {what}"
-        share = ask(checked, self.make().score, given)
-        fits = isinstance(share, np.ndarray) and share.shape == (len(given),)
-        expect(fits, checked, f"shape {np.shape(share)}", f"({len(given)},)")
+        share = ask(checked, self.make().score, objects)
+        fits = isinstance(share, np.ndarray) and share.shape == (len(objects),)
+        expect(fits, checked, f"shape {np.shape(share)}", f"({len(objects)},)")
         expect(share.dtype == np.float64, checked, f"dtype {share.dtype}", "float64")
-        expect((share >= 0).all(), checked, share, "shares of at least 0")
-        sums = not len(given) or abs(share.sum() - 1) < 1e-9
+        expect((share >= 0).all(), checked, share, "shares that are at least 0")
+        sums = not len(objects) or abs(share.sum() - 1) < 1e-9
         expect(sums, checked, f"a sum of {share.sum():.6g}", "shares that sum to 1")
 
 
 class MatcherRules(Rules[GraphMatcher]):
-    """A graph is found among others; pairs are one-to-one; nothing is answered to a query that shares nothing; a query
-    may have bearings only; an index that was written answers as the one in memory."""
+    """The graph of the query ranks first, and pairs are one-to-one. A query that shares no label with the map has no
+    match. A query may have bearings only. A written index gives the same matches as the index in memory."""
 
     @cached_property
     def _graphs(self) -> list[SaliencyGraph]:
-        """Those of the suite's rooms, of a room with less in it, and of one with nothing."""
+        """Graphs of the suite's rooms, of a room with fewer objects, and of an empty room."""
         sparse = replace(ROOMS[0], boxes=ROOMS[0].boxes[:-2])
         return [*map(room_graph, (*ROOMS, sparse)), room_graph(sparse.emptied())]
 
@@ -76,27 +76,27 @@ class MatcherRules(Rules[GraphMatcher]):
     def _index(self) -> Any:
         return attempt(f"index of {len(self._graphs)} graphs", self._matcher.index, self._graphs)
 
-    def a_graph_is_found_among_others(self) -> None:
+    def the_graph_of_the_query_ranks_first(self) -> None:
         graphs = self._graphs
         for scene, room in enumerate(ROOMS):
             checked = f"match of the {room.name} among {len(graphs)} graphs"
             matches = self._match(checked, graphs[scene])
-            received, expected = [match.scene for match in matches], f"the same graph, {scene}, first"
+            received, expected = [match.scene for match in matches], f"scene {scene}, the same graph, first"
             expect(matches and matches[0].scene == scene, checked, received, expected)
 
-    def ranking_is_that_of_the_matches(self) -> None:
+    def rank_and_match_agree(self) -> None:
         for scene, room in enumerate(ROOMS):
             checked = f"rank of the {room.name} among {len(self._graphs)} graphs"
-            asked = self._graphs[scene], self._index, len(self._graphs)
-            ranked = attempt(checked, self._matcher.rank, *asked)
-            matches = attempt(checked, self._matcher.match, *asked)
+            arguments = self._graphs[scene], self._index, len(self._graphs)
+            ranked = attempt(checked, self._matcher.rank, *arguments)
+            matches = attempt(checked, self._matcher.match, *arguments)
             expect(isinstance(ranked, RankedGraphs), checked, type(ranked).__name__, "RankedGraphs")
             expect(
                 ranked.scene.tolist() == [match.scene for match in matches]
                 and np.allclose(ranked.score, [match.score for match in matches]),
                 checked,
                 f"scenes {ranked.scene.tolist()} with scores {ranked.score.tolist()}",
-                "those of `match`",
+                "the scenes and scores of `match`",
             )
             poses = [np.full((4, 4), np.nan) if m.T_scene_query is None else m.T_scene_query for m in matches]
             fits = ranked.T_scene_query.shape == (len(matches), 4, 4)
@@ -104,69 +104,70 @@ class MatcherRules(Rules[GraphMatcher]):
                 fits and np.allclose(ranked.T_scene_query, np.reshape(poses, (-1, 4, 4)), equal_nan=True),
                 checked,
                 "other poses",
-                "those of `match`, (T, 4, 4), NaN where there is none",
+                "the poses of `match`, (T, 4, 4), NaN for a match without a pose",
             )
 
-    def index_and_match_leave_graphs_as_they_are(self) -> None:
+    def index_and_match_do_not_change_their_input(self) -> None:
         matcher, count = self._matcher, len(self._graphs)
         ask("index and match", lambda graphs: matcher.match(graphs[0], matcher.index(graphs), count), self._graphs)
 
-    def no_more_than_top_k_matches_come(self) -> None:
+    def at_most_top_k_matches_are_returned(self) -> None:
         for scene, room in enumerate(ROOMS):
             checked = f"match of the {room.name} among {len(self._graphs)} graphs, top_k = 1"
             matches = attempt(checked, self._matcher.match, self._graphs[scene], self._index, 1)
             _check_matches(checked, matches, self._graphs[scene], self._graphs, 1)
 
-    def another_instance_answers_the_same(self) -> None:
+    def another_instance_gives_the_same_answer(self) -> None:
         graphs, query = self._graphs, self._graphs[len(ROOMS) - 1]
         checked = f"match of the {ROOMS[-1].name} among {len(graphs)} graphs by another instance"
-        one, other = (
+        first, second = (
             attempt(checked, lambda made: made.match(query, made.index(graphs), len(graphs)), self.make())
             for _ in range(2)
         )
-        expect(same(one, other), checked, "another answer", "the same")
+        expect(same(first, second), checked, "other matches", "the same matches")
 
-    def an_index_that_was_written_answers_the_same(self) -> None:
+    def a_written_index_gives_the_same_matches(self) -> None:
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
             write_graphs(self._graphs, folder / "graphs")
             mapped = MappedGraphs(read_columns(folder / "graphs"))
             packed, query = list(mapped), self._graphs[0]
-            before = attempt("index of packed graphs", self._matcher.index, packed)
+            built = attempt("index of packed graphs", self._matcher.index, packed)
             attempt("write_index", self._matcher.write_index, packed, folder / "index")
             other = self.make()
-            after = attempt("open_index", other.open_index, mapped, folder / "index")
-            one, two = (
+            opened = attempt("open_index", other.open_index, mapped, folder / "index")
+            before, after = (
                 attempt("match after open_index", matcher.match, query, index, len(packed))
-                for matcher, index in ((self._matcher, before), (other, after))
+                for matcher, index in ((self._matcher, built), (other, opened))
             )
-            expect(same(one, two), "match after write_index and open_index", "another answer", "that of `index`")
+            checked = "match after write_index and open_index"
+            expect(same(before, after), checked, "other matches", "the matches of `index`")
 
     def a_query_may_lack_range(self) -> None:
         self._match("match of a graph without range", without_range(self._graphs[0]))
 
-    def one_graph_is_a_map(self) -> None:
+    def a_map_of_one_graph_is_matched(self) -> None:
         graph = self._graphs[0]
         alone = attempt("index of one graph", self._matcher.index, [graph])
-        found = attempt("match against one graph", self._matcher.match, graph, alone, 5)
-        _check_matches("match against one graph", found, graph, [graph], 5)
+        matches = attempt("match against one graph", self._matcher.match, graph, alone, 5)
+        _check_matches("match against one graph", matches, graph, [graph], 5)
 
-    def nothing_in_common_is_no_match(self) -> None:
+    def unrelated_queries_have_no_match(self) -> None:
         first = self._graphs[0]
-        strange = replace(first, labels=tuple(f"strange {label}" for label in first.labels))
+        unrelated = replace(first, labels=tuple(f"unrelated {label}" for label in first.labels))
         for what, query in (
             ("a graph without objects", self._graphs[-1]),
-            ("a graph whose labels the map lacks", strange),
+            ("a graph whose labels the map lacks", unrelated),
         ):
-            matches = self._ask(f"match of {what}", query)
+            matches = self._query(f"match of {what}", query)
             expect(matches == [], f"match of {what}", f"{len(matches)} matches", "an empty list")
 
     def _match(self, checked: str, query: SaliencyGraph) -> list[GraphMatch]:
-        matches = self._ask(checked, query)
+        matches = self._query(checked, query)
         _check_matches(checked, matches, query, self._graphs, len(self._graphs))
         return matches
 
-    def _ask(self, checked: str, query: SaliencyGraph) -> list[GraphMatch]:
+    def _query(self, checked: str, query: SaliencyGraph) -> list[GraphMatch]:
         return ask(checked, lambda query: self._matcher.match(query, self._index, len(self._graphs)), query)
 
 
@@ -181,13 +182,13 @@ def _check_matches(
         len(set(scenes)) == len(scenes) and set(scenes) <= set(range(len(graphs))),
         checked,
         f"scenes {scenes}",
-        f"different ones below {len(graphs)}",
+        f"different scenes below {len(graphs)}",
     )
     expect(
         np.isfinite(scores).all() and scores == sorted(scores, reverse=True),
         checked,
         f"scores {scores}",
-        "finite ones, best first",
+        "finite scores, best first",
     )
     for match in matches:
         pairs, limits = match.pairs, (len(query), len(graphs[match.scene]))
@@ -207,13 +208,13 @@ def _check_matches(
             match.T_scene_query is None or is_rigid(match.T_scene_query),
             checked,
             "a T_scene_query that is no rigid motion",
-            "(4, 4) or None",
+            "a rigid motion of shape (4, 4) or None",
         )
 
 
 class PositionerRules(Rules[Positioner]):
-    """Exact on points without noise, and on directions where it takes them; a status where there are too few points or
-    all are one."""
+    """The pose is exact for points without noise, and for directions if the positioner supports them. Too few or
+    coincident points give a status instead of a pose."""
 
     def points_without_noise_give_the_exact_pose(self) -> None:
         for weights in (None, np.linspace(0.5, 1.5, len(REFERENCE_M))):
@@ -221,40 +222,40 @@ class PositionerRules(Rules[Positioner]):
             estimate = ask(checked, self.make().solve, QUERY_M, REFERENCE_M, weights)
             _check_exact(checked, estimate)
 
-    def another_instance_answers_the_same(self) -> None:
-        one, other = (attempt("solve", self.make().solve, QUERY_M, REFERENCE_M) for _ in range(2))
-        expect(same(one, other), "solve by another instance", "another answer", "the same")
+    def another_instance_gives_the_same_answer(self) -> None:
+        first, second = (attempt("solve", self.make().solve, QUERY_M, REFERENCE_M) for _ in range(2))
+        expect(same(first, second), "solve by another instance", "another pose", "the same pose")
 
     def directions_without_noise_give_the_exact_pose(self) -> None:
         bearing = QUERY_M / np.linalg.norm(QUERY_M, axis=1, keepdims=True)
-        checked = "resect 8 directions without noise"
+        checked = "resect of 8 directions without noise"
         estimate = ask(checked, self.make().resect, bearing, REFERENCE_M)
         _check_estimate(checked, estimate, len(REFERENCE_M))
         if estimate.status is PoseStatus.NO_RANGE:
-            raise DoesNotApply("it takes no directions")
+            raise DoesNotApply("the positioner does not support directions")
         _check_exact(checked, estimate)
 
-    def too_few_points_are_a_status(self) -> None:
-        one = np.tile(QUERY_M[:1], (5, 1)), np.tile(REFERENCE_M[:1], (5, 1))
+    def too_few_points_give_a_status(self) -> None:
+        repeated = np.tile(QUERY_M[:1], (5, 1)), np.tile(REFERENCE_M[:1], (5, 1))
         failing = {
             "no point": (QUERY_M[:0], REFERENCE_M[:0]),
             "one point": (QUERY_M[:1], REFERENCE_M[:1]),
-            "five times one point": one,
+            "one point, repeated five times": repeated,
         }
         for what, (query, reference) in failing.items():
             checked = f"solve of {what}"
             estimate = ask(checked, self.make().solve, query, reference)
             _check_estimate(checked, estimate, len(query))
-            refused = estimate.status is not PoseStatus.OK
-            expect(refused, checked, "a pose", "a status that says why there is none")
+            failed = estimate.status is not PoseStatus.OK
+            expect(failed, checked, "a pose", "a status that says why there is no pose")
 
 
 def _check_exact(checked: str, estimate: PoseEstimate) -> None:
     _check_estimate(checked, estimate, len(REFERENCE_M))
-    expect(estimate.T_reference_query is not None, checked, f"the status '{estimate.status}'", "ok")
+    expect(estimate.T_reference_query is not None, checked, f"the status '{estimate.status}'", "the status 'ok'")
     shift_m, turn_rad = pose_errors(cast(np.ndarray, estimate.T_reference_query), T_REFERENCE_QUERY)
-    off = f"a pose {shift_m:.2g} m and {np.degrees(turn_rad):.2g} deg off"
-    expect(max(shift_m, turn_rad) < 1e-6, checked, off, "the exact pose")
+    received = f"a pose that is off by {shift_m:.2g} m and {np.degrees(turn_rad):.2g} deg"
+    expect(max(shift_m, turn_rad) < 1e-6, checked, received, "the exact pose")
 
 
 def _check_estimate(checked: str, estimate: PoseEstimate, count: int) -> None:
@@ -264,11 +265,11 @@ def _check_estimate(checked: str, estimate: PoseEstimate, count: int) -> None:
         (pose is not None) == (estimate.status is PoseStatus.OK),
         checked,
         f"the status '{estimate.status}' with{'out' * (pose is None)} a pose",
-        "a pose where the status is ok, and only there",
+        "a pose if and only if the status is ok",
     )
-    expect(pose is None or is_rigid(pose), checked, f"{pose}", "a rigid motion (4, 4)")
+    expect(pose is None or is_rigid(pose), checked, f"{pose}", "a rigid motion of shape (4, 4)")
     is_mask = isinstance(inliers, np.ndarray) and inliers.dtype == bool and inliers.shape == (count,)
     expect(is_mask, checked, f"inliers of shape {np.shape(inliers)}", f"({count},) bool")
     fits = covariance is None or (covariance.shape in ((3, 3), (6, 6)) and np.allclose(covariance, covariance.T))
-    expect(fits, checked, f"the covariance {covariance}", "a symmetric one, (3, 3) or (6, 6), or None")
-    expect(0 <= estimate.runner_up <= 1, checked, f"runner_up {estimate.runner_up}", "from 0 to 1")
+    expect(fits, checked, f"the covariance {covariance}", "a symmetric matrix of shape (3, 3) or (6, 6), or None")
+    expect(0 <= estimate.runner_up <= 1, checked, f"runner_up {estimate.runner_up}", "a number from 0 to 1")

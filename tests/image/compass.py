@@ -1,4 +1,4 @@
-"""Panoramas whose colour tells the azimuth."""
+"""Panoramas whose colour is a function of the azimuth."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ HEIGHT = 128
 
 
 def compass(colours: np.ndarray, T_world_pano: np.ndarray | None = None, valid: np.ndarray | None = None) -> Panorama:
-    """A panorama of an endless cylinder: grey 127, and 100 cos or sin of the world azimuth as `colours` (3, 2) mixes
-    them."""
+    """Return a panorama of an infinite cylinder, with the colour 127 + 100 `colours` (3, 2) @ (cos, sin) of the world
+    azimuth."""
     azimuth = column_azimuth(2 * HEIGHT) + (0.0 if T_world_pano is None else pose_yaw(T_world_pano))
     row = 127 + 100 * np.stack([np.cos(azimuth), np.sin(azimuth)], 1) @ colours.T
     return Panorama("compass", np.broadcast_to(np.rint(row), (HEIGHT, 2 * HEIGHT, 3)).astype(np.uint8), valid=valid)

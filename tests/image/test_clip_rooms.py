@@ -17,7 +17,7 @@ from salframe.panoramas.panorama import Panorama
 pytest.importorskip("tokenizers")
 WORDS = {"a": 0, "red": 1, "green": 2, "blue": 3}
 EMBEDDINGS = np.array([[0, 0, 0], [2, -1, -1], [-1, 2, -1], [-1, -1, 2]], np.float32)
-"""What the text encoder of the tests sums over a prompt's words."""
+"""Embeddings of words, which the text encoder of the tests sums over a prompt."""
 COLOURS = {
     "red": (230, 40, 40),
     "green": (40, 230, 40),
@@ -29,7 +29,7 @@ COLOURS = {
 
 @pytest.fixture
 def folder(write_network, tmp_path):
-    """A CLIP whose image encoder is the mean of its input, its text encoder the sum of EMBEDDINGS over the words."""
+    """A CLIP whose image encoder returns the mean of its input, and its text encoder the sum of EMBEDDINGS of words."""
     from onnx import TensorProto, helper
 
     write_network("onnx/vision_model.onnx", [helper.make_node("ReduceMean", ["x"], ["y"], axes=[2, 3], keepdims=0)])
@@ -51,7 +51,7 @@ def folder(write_network, tmp_path):
 
 @pytest.fixture
 def build(folder):
-    """A map of rooms, named as given and painted in one colour of COLOURS each."""
+    """Return a map of rooms with these names, each in one colour of COLOURS."""
 
     def make(rooms: dict[str, str], **settings) -> LocalizationMap:
         localizer = ClipRooms(ClipRooms.Config(checkpoint=folder, views=4, hfov_deg=80, **settings))
@@ -67,8 +67,8 @@ def build(folder):
 
 
 def painted(colour: str, other: str | None = None) -> Panorama:
-    """One colour all around, or another one at azimuths from 135 to 315 degrees, which the last two of four views look
-    at."""
+    """Return a panorama of one colour, or with another one at azimuths from 135 to 315 degrees, in the last two of four
+    views."""
     rgb = np.full((HEIGHT, 2 * HEIGHT, 3), COLOURS[colour], np.uint8)
     if other:
         rgb[:, np.arange(2 * HEIGHT) < HEIGHT // 4] = rgb[:, np.arange(2 * HEIGHT) >= HEIGHT + HEIGHT // 4] = COLOURS[
@@ -78,12 +78,12 @@ def painted(colour: str, other: str | None = None) -> Panorama:
 
 
 def share(*colours: str, types: tuple[str, ...] = ("blue", "green", "red")) -> np.ndarray:
-    """Probabilities of the types when views have these colours: softmax(100 cos) a view, then the mean."""
+    """Return the room type probabilities for views of these colours: the mean of softmax(100 cos) over views."""
     prompts = EMBEDDINGS[[WORDS[word] for word in types]].astype(float)
     rows = []
     for colour in colours:
-        seen = (np.array(COLOURS[colour]) - MEAN) / STD
-        weight = np.exp(100 * prompts @ seen / np.linalg.norm(seen) / np.sqrt(6))
+        colour_input = (np.array(COLOURS[colour]) - MEAN) / STD
+        weight = np.exp(100 * prompts @ colour_input / np.linalg.norm(colour_input) / np.sqrt(6))
         rows.append(weight / weight.sum())
     return np.mean(rows, 0)
 
@@ -122,7 +122,7 @@ def test_one_map_frame_is_enough(build):
     answer = ask(build({"red-01": "red"}), painted("blue"))
     assert [(ranked.place, ranked.score) for ranked in answer.places] == [
         ("red-01", pytest.approx(1))
-    ]  # one type: all are of it
+    ]  # all rooms have the same single type
 
 
 def test_room_types_are_those_of_scenes_unless_others_are_named(build, folder):
@@ -138,7 +138,7 @@ def test_room_types_are_those_of_scenes_unless_others_are_named(build, folder):
     assert scores["green-01"] == pytest.approx(
         np.sqrt(np.prod([share(c, types=("blue", "red")) for c in ("green", "blue")], 0)).sum(), abs=1e-2
     )
-    assert scores["green-01"] > 0.9  # nearer to blue than to red; were green a type, it would be 0
+    assert scores["green-01"] > 0.9  # closer to blue than to red; with the type green it would be 0
     answer = ask(build(ROOMS, room_types=("green", "red", "blue"), prompt="a a {}"), painted("red"))
     assert answer.places[0].place == "red-01"
 
@@ -178,7 +178,7 @@ def test_without_clip_the_row_says_how_to_get_it(monkeypatch, tmp_path):
 
 def test_a_file_that_is_no_tokenizer_is_one_line(folder, build):
     (folder / "tokenizer.json").write_text("{}")
-    with pytest.raises(WeightsMissing, match=r"tokenizer\.json is no tokenizer: ."):
+    with pytest.raises(WeightsMissing, match=r"tokenizer\.json is not a tokenizer: ."):
         build(ROOMS)
 
 
@@ -187,7 +187,8 @@ def test_another_text_encoder_is_one_line(folder, build, write_network):
 
     write_network("onnx/text_model.onnx", [helper.make_node("Identity", ["pixel_values"], ["y"])], taken="pixel_values")
     with pytest.raises(
-        WeightsMissing, match=r"text_model\.onnx takes pixel_values, expected input_ids and perhaps attention_mask"
+        WeightsMissing,
+        match=r"text_model\.onnx has the inputs pixel_values; expected input_ids and optionally attention_mask",
     ):
         build(ROOMS)
 
@@ -197,7 +198,7 @@ def test_another_image_encoder_is_one_line(folder, build, write_network):
 
     write_network("onnx/vision_model.onnx", [helper.make_node("Identity", ["x"], ["y"])])
     with pytest.raises(
-        WeightsMissing, match=r"vision_model\.onnx gives \(4, 3, 224, 224\), expected one embedding \(N, D\)"
+        WeightsMissing, match=r"vision_model\.onnx returned an array of shape \(4, 3, 224, 224\); expected \(N, D\)"
     ):
         build(ROOMS)
 

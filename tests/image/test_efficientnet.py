@@ -18,7 +18,7 @@ pytest.importorskip("onnx")
 
 @pytest.fixture(scope="module")
 def authors():
-    """The checkpoint's own PyTorch module with random parameters, statistics included."""
+    """The PyTorch module of the checkpoint with random parameters, including statistics."""
     module = pytest.importorskip("efficientnet_lite_pytorch").EfficientNet.from_name("efficientnet-lite0").eval()
     generator = torch.Generator().manual_seed(0)
     for name, tensor in module.state_dict().items():
@@ -58,6 +58,6 @@ def test_without_torch_the_reason_is_told(monkeypatch, tmp_path):
     monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path))
     monkeypatch.setattr(efficientnet.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(
-        RequirementMissing, match=r"making efficientnet-lite0\.onnx needs torch, onnx, not installed: pip install"
+        RequirementMissing, match=r"conversion to efficientnet-lite0\.onnx requires torch and onnx: pip install"
     ):
         EFFICIENTNET_LITE0.fetch()

@@ -19,13 +19,15 @@ from salframe.panoramas.geometry import pose_2d, pose_yaw, wrap_angle
 from salframe.panoramas.panorama import Panorama
 
 HALL = np.array([[1, 0], [0, 1], [-1, 0]])
-CELLAR = np.array([[0, 1], [1, 0], [0, -1]])  # the same colours the other way round
+CELLAR = np.array([[0, 1], [1, 0], [0, -1]])  # the same colours in reverse
 
 
 @pytest.fixture
 def configure(same_network):
-    """A config of the localizer with the network whose features are the image; power 1 is the mean colour of a view,
-    negative values cut off."""
+    """Returns a config of the localizer with a network whose features are the image.
+
+    Power 1 is the mean colour of a view, with negative values set to 0.
+    """
 
     def make(network=None, **settings) -> ImageFeatures.Config:
         chosen = {"kind": "onnx", "model": same_network, "size_px": 32, **(network or {})}
@@ -69,7 +71,7 @@ def test_features_that_are_pooled_already_are_taken_as_they_are(write_network, c
 
 
 def mean_colours(panorama):
-    """(12, 3) mean of each 120-degree view, (grey - 127) / 128, from rays cast here."""
+    """Return the (12, 3) mean of each 120-degree view, (grey - 127) / 128, from explicit rays."""
     focal = 16 / np.tan(np.deg2rad(60))
     x = (np.arange(32) + 0.5 - 16) / focal
     colours = []
@@ -95,14 +97,14 @@ def test_place_and_heading_are_found_and_the_position_is_the_map_frames(known, y
 
 
 def test_what_was_not_seen_does_not_count(known):
-    seen = np.zeros((HEIGHT, 2 * HEIGHT), bool)
-    seen[:, : HEIGHT + HEIGHT // 2] = True  # azimuth from pi to -pi / 2
-    partial = compass(HALL, pose_2d(0, 0, 1.0), seen)
+    valid = np.zeros((HEIGHT, 2 * HEIGHT), bool)
+    valid[:, : HEIGHT + HEIGHT // 2] = True  # azimuth from pi to -pi / 2
+    partial = compass(HALL, pose_2d(0, 0, 1.0), valid)
     features = known.localizer.describe(partial)["features"]
     azimuth = np.arange(12) * 30
     np.testing.assert_array_equal(features.any(1), (azimuth <= 180) | (azimuth >= 270))
-    hidden = Panorama("other colours there", np.where(seen[..., None], partial.rgb, 255 - partial.rgb), valid=seen)
-    inside = azimuth[azimuth < 120] // 30  # views that end before what was not seen begins
+    hidden = Panorama("other colours there", np.where(valid[..., None], partial.rgb, 255 - partial.rgb), valid=valid)
+    inside = azimuth[azimuth < 120] // 30  # views that end before the invalid part begins
     np.testing.assert_array_equal(known.localizer.describe(hidden)["features"][inside], features[inside])
     answer = known.localize(query(partial))
     assert answer.places[0].place == "hall"
@@ -129,7 +131,7 @@ def test_one_map_frame_is_enough(configure):
     answer = built.localize(query(compass(HALL, pose_2d(0, 0, -0.8))))
     assert abs(wrap_angle(pose_yaw(answer.T_world_query) + 0.8)) < 0.02
     plain = Panorama("plain", np.full((HEIGHT, 2 * HEIGHT, 3), 160, np.uint8))
-    # all views are alike: nothing is left of them but their mean
+    # all views are equal
     built = LocalizationMap.build(localizer, [reference_frame("cell", plain, pose)])
     assert built.localize(query(compass(HALL))).status == "no-pose"
 
@@ -152,7 +154,7 @@ def test_another_networks_layout_is_one_line(write_network, configure):
 
     rows = write_network("rows.onnx", [helper.make_node("ReduceMean", ["x"], ["y"], axes=[3], keepdims=0)])
     with pytest.raises(
-        WeightsMissing, match=r"rows\.onnx gives y \(12, 3, 32\), expected features \(N, C, h, w\) or \(N, C\)"
+        WeightsMissing, match=r"rows\.onnx has the output y \(12, 3, 32\); expected features of shape \(N, C, h, w\)"
     ):
         ImageFeatures(configure({"model": rows})).describe(compass(HALL))
     large = write_network("large.onnx", [helper.make_node("Identity", ["x"], ["y"])], shape=("n", 3, 224, 224))
@@ -178,9 +180,9 @@ def test_missing_and_damaged_weights_say_how_to_get_them(monkeypatch, tmp_path):
 
 
 def test_without_a_file_the_users_own_network_says_what_it_wants(tmp_path):
-    with pytest.raises(WeightsMissing, match="no model, expected the path of an ONNX file as model"):
+    with pytest.raises(WeightsMissing, match="received no model; set model to the path of an ONNX file"):
         ImageFeatures(ImageFeatures.Config(network="onnx"))
-    with pytest.raises(WeightsMissing, match=r"no file \S+none\.onnx, expected the path of an ONNX file as model"):
+    with pytest.raises(WeightsMissing, match=r"received no file \S+none\.onnx; set model to the path of an ONNX file"):
         ImageFeatures(ImageFeatures.Config(network={"kind": "onnx", "model": tmp_path / "none.onnx"}))
 
 
@@ -219,7 +221,7 @@ def test_networks_of_ones_own_keep_the_promises_of_their_role(configure, write_n
     assert conforms(OwnNetwork, configure({"model": pooled}).network)
     # of the whole batch instead of each image
     mixed = write_network("mixed.onnx", [helper.make_node("Softmax", ["x"], ["y"], axis=0)])
-    breaks("embed of one of them alone: received features off by", OwnNetwork, configure({"model": mixed}).network)
+    breaks("embed of a single view: received features off by", OwnNetwork, configure({"model": mixed}).network)
 
 
 def test_colours_are_shifted_and_scaled_as_declared(configure, same_network):

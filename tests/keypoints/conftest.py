@@ -1,4 +1,4 @@
-"""A textured box room, ray-cast in closed form, so that every pose and range is known."""
+"""A textured box room, ray-cast in closed form, with known poses and ranges."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ TEXELS_PER_M = 60
 
 
 class BoxRoom:
-    """An empty box with a random texture on each wall: `seed` is the room."""
+    """An empty box with a random texture on each wall, which depends on a seed."""
 
     def __init__(self, seed: int) -> None:
         rng = np.random.default_rng((seed, 360))
@@ -29,7 +29,7 @@ class BoxRoom:
         self._texture = [sum(np.roll(layer, rng.integers(0, 480, 2), (0, 1)) for layer in coarse) / 3 for _ in range(6)]
 
     def panorama(self, name: str, T_world_pano: np.ndarray, height: int = 512, with_range: bool = True) -> Panorama:
-        """The panorama seen from a pose inside the room."""
+        """Render the panorama at a pose inside the room."""
         rays = equirectangular_rays(height).astype(np.float64) @ T_world_pano[:3, :3].T
         centre = T_world_pano[:3, 3]
         with np.errstate(divide="ignore"):
@@ -63,7 +63,7 @@ def rooms() -> list[BoxRoom]:
 
 
 def runnable(config: ComponentConfig) -> ComponentConfig:
-    """The config; skips where what its component needs is not here."""
+    """Return the config. Skip the test if a package or weights of its component are not installed."""
     try:
         config.component.check(config)
     except (RequirementMissing, WeightsMissing) as error:
@@ -71,13 +71,13 @@ def runnable(config: ComponentConfig) -> ComponentConfig:
     if any("torch" in inner.component.requires for inner in (config, getattr(config, "features", config))):
         import torch
 
-        torch.set_num_threads(1)  # tests run side by side: threads that wait for each other cost more than they bring
+        torch.set_num_threads(1)  # tests run in parallel, so more threads only slow each other down
     return config
 
 
 @pytest.fixture(scope="session")
 def configure():
-    """A config of the localizer with a matcher and its settings; skips where what they need is not here."""
+    """Returns a config of the localizer with a matcher. Skips the test if its packages or weights are not installed."""
 
     def make(kind: str = "sift", features: dict | None = None, **settings) -> Keypoints.Config:
         chosen = {"features": {"kind": kind, **(features or {})}, **settings}
@@ -88,7 +88,7 @@ def configure():
 
 @pytest.fixture(scope="session")
 def make_matcher():
-    """A matcher by its name, told the size of its views; skips where what it needs is not here."""
+    """Returns a prepared matcher by name. Skips the test if its packages or weights are not installed."""
 
     def make(kind: str, size_px: tuple[int, int] = (480, 352), **settings) -> FeatureMatcher:
         config = runnable(registry().get("feature-matcher", kind).Config(**settings))

@@ -1,4 +1,4 @@
-"""A third party's matcher: corners with the patch around them, for the tests of what `keypoints` finds."""
+"""A third-party matcher of corners with the patch around them, for tests of `keypoints`."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ PATCH_PX = 17
 
 
 class Corners(DescriptorMatcher):
-    """Shi and Tomasi's corners with the patch around them, matched where each is the other's most alike."""
+    """Shi-Tomasi corners with the patch around them, matched by mutual nearest neighbours."""
 
     name = "corners"
     version = "1"
 
     class Config(ComponentConfig):
-        count: int = Field(100, ge=1, description="corners a view")
+        count: int = Field(100, ge=1, description="maximum number of corners per view")
 
     def extract(self, images: np.ndarray) -> list[View]:
         return [self._view(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)) for image in images]
@@ -35,8 +35,8 @@ class Corners(DescriptorMatcher):
         return np.column_stack([mutual, nearest[mutual]])
 
     def _view(self, image: np.ndarray) -> View:
-        found = cv2.goodFeaturesToTrack(image, self.config.count, 0.01, 8)
-        corners = np.zeros((0, 2), np.float32) if found is None else found.reshape(-1, 2)
+        points = cv2.goodFeaturesToTrack(image, self.config.count, 0.01, 8)
+        corners = np.zeros((0, 2), np.float32) if points is None else points.reshape(-1, 2)
         size_px = (PATCH_PX, PATCH_PX)
         patches = [cv2.getRectSubPix(image, size_px, corner.tolist()).ravel() for corner in corners]
         features = np.reshape(patches, (-1, PATCH_PX**2)).astype(np.float32)

@@ -1,5 +1,5 @@
-"""Checkpoints, views and maps that a keypoint method cannot do with, as a user meets them: a status or one line, and
-the others go on."""
+"""Checkpoints, views and maps that a keypoint method cannot use. The result is a status or a one-line reason, and other
+methods continue."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def tiny(tmp_path, monkeypatch):
 
 
 def run(folder, methods, *overrides):
-    """Rows by method."""
+    """Return the rows by method."""
     result = compare(Request(methods, str(folder), settings=(*SMALL, *overrides), engine="inline"))
     return {row.method: row for row in result.rows}
 
@@ -85,13 +85,12 @@ def test_a_query_without_texture_fails_and_the_others_do_not(tiny):
 
 
 def test_views_without_texture_leave_the_pose_to_the_others(rooms, configure):
-    """Half of the query shows one even colour, as a near white wall would."""
+    """Half of the query is one uniform colour, like a near white wall."""
     localizer = Keypoints(configure("sift", view_width_px=240, view_height_px=176))
     built = LocalizationMap.build(
         localizer, [room.reference_frame(f"m{i}", np.eye(4), f"room {i}", height=256) for i, room in enumerate(rooms)]
     )
-    seen = rooms[1].panorama("query", QUERY, 256)
-    rgb = seen.rgb.copy()
+    rgb = rooms[1].panorama("query", QUERY, 256).rgb.copy()
     rgb[:, :256] = 235
     answer = built.localize(QueryFrame("query", lambda: Panorama("query", rgb)))
     assert (answer.status, answer.places[0].place) == ("ok", "room 1")

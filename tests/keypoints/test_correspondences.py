@@ -1,4 +1,4 @@
-"""What a matcher takes for the same in two panoramas of a textured box, whose every range is known."""
+"""Correspondences of a matcher in two panoramas of a textured box with known ranges."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ def test_most_matches_are_right_to_a_pixel(kind, configure, rooms):
     np.testing.assert_allclose(np.linalg.norm(np.stack([matches.query, matches.reference]), axis=2), 1, atol=1e-9)
     errors_px = point_errors_px(matches, query, reference, invert_pose(REFERENCE) @ QUERY)
     assert len(errors_px) > 200
-    # these panoramas and their views are half as fine as the pixel that errors are counted in
+    # these panoramas and their views have half the resolution of the pixels in which errors are counted
     assert np.median(errors_px) < 2
     assert (errors_px <= 6).mean() > 0.8
 
 
 def test_a_blank_panorama_has_no_matches(configure, rooms):
     localizer = Keypoints(configure("sift", view_width_px=240, view_height_px=176))
-    seen = localizer.describe(rooms[1].panorama("query", QUERY, 256))
+    textured = localizer.describe(rooms[1].panorama("query", QUERY, 256))
     blank = localizer.describe(Panorama("blank", np.full((256, 512, 3), 90, np.uint8)))
-    for pair in ((seen, blank), (blank, seen), (blank, blank)):
+    for pair in ((textured, blank), (blank, textured), (blank, blank)):
         matches = localizer.correspond(*pair)
         assert matches.query.shape == matches.reference.shape == (0, 3)

@@ -111,7 +111,7 @@ def test_frames_off_the_shortlist_are_ranked_but_not_matched(make, references, q
     built = LocalizationMap.build(localizer, references)
     matched = []
     match = localizer._matcher.match
-    localizer._matcher.match = lambda seen, reference: matched.append(1) or match(seen, reference)
+    localizer._matcher.match = lambda view, reference: matched.append(1) or match(view, reference)
     answer = built.localize(query)
     assert len(matched) == 6
     assert answer.status == "ok"
@@ -271,7 +271,7 @@ def test_an_unknown_matcher_is_named_with_the_known_ones():
 
 def test_views_that_a_matcher_cannot_take_are_refused_at_construction():
     with pytest.raises(
-        ConfigError, match="loftr-compact: views of 640 x 480 pixels, expected multiples of 8 up to 512"
+        ConfigError, match="loftr-compact received views of 640 x 480 pixels, expected multiples of 8 up to 512"
     ):
         Keypoints(Keypoints.Config(features="loftr-compact", view_width_px=640, view_height_px=480))
 
@@ -287,7 +287,7 @@ def test_what_matters_to_matching_only_is_no_part_of_a_description(configure):
 
 
 def test_descriptions_are_known_by_the_content_of_a_checkpoint(configure, tmp_path):
-    """A folder that is written anew is another checkpoint; one that is copied is the same."""
+    """A modified folder is another checkpoint; a copy is the same."""
     shutil.copytree(FOLDER, tmp_path / "mine")
     shutil.copytree(FOLDER, tmp_path / "copy")
     size = {"view_width_px": 320, "view_height_px": 240}
@@ -305,14 +305,14 @@ def test_descriptions_are_known_by_the_content_of_a_checkpoint(configure, tmp_pa
 
 
 def test_fetched_weights_are_part_of_the_identity():
-    """By their own hashes, which stand in place of the checkpoint's."""
+    """The hashes of the weights replace that of a checkpoint."""
     (weights,) = registry().get("feature-matcher", "loftr-compact").weights
     features = identity(Keypoints.Config(features="loftr-compact"))["settings"]["features"]
     assert features["weights"] == [file.sha256 for file in weights.files]
 
 
 def test_a_third_partys_matcher_is_found_and_used(monkeypatch, rooms):
-    """It comes first in the order that plugins load in, and no code of ours names it."""
+    """The plugin loads first, and no code of salframe names it."""
     monkeypatch.setenv("SALFRAME_PLUGINS", "matcher_plugin,salframe_keypoints")
     registry.cache_clear()
     try:

@@ -1,4 +1,4 @@
-"""The LoFTR that comes with salframe: the same as kornia's module, better than chance, and no torch."""
+"""The LoFTR shipped with salframe: equal to kornia's module, better than chance, and without torch."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from salframe.panoramas.perspective import ViewRig
 
 SIZE_PX = 320, 240
 HOMOGRAPHY = np.array([[0.94, -0.17, 38.0], [0.14, 0.98, -22.0], [1e-4, -5e-5, 1.0]])
-"""Points of the first image to points of the second: turned by 9 degrees, shifted by 40 pixels, tilted a little."""
+"""Homography from the first to the second image: rotation of 9 degrees, translation of 40 pixels, slight tilt."""
 
 
 @pytest.fixture(scope="module")
 def images(rooms):
-    """(2, 240, 320, 3): a view of a room, and the same warped by HOMOGRAPHY and darkened."""
+    """Return (2, 240, 320, 3): a view of a room, and the view warped by HOMOGRAPHY and darkened."""
     view = ViewRig(6, *SIZE_PX, np.deg2rad(90)).cut(rooms[0].panorama("a", np.eye(4)).rgb)[0]
-    centred = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1]])  # OpenCV has pixel centres at whole numbers
+    centred = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1]])  # OpenCV has pixel centres at integers
     warped = cv2.warpPerspective(view, centred @ HOMOGRAPHY @ np.linalg.inv(centred), SIZE_PX)
     return np.stack([view, (0.6 * warped).astype(np.uint8)])
 
 
 def precision(matcher, images) -> tuple[float, int]:
-    """Share of the matches within 3 pixels of where HOMOGRAPHY puts them, and how many there are."""
+    """Return the share of matches within 3 pixels of their position by HOMOGRAPHY, and the number of matches."""
     reference, query = matcher.extract(images)
     points, cells = matcher.match(query, reference)
     true = cv2.perspectiveTransform(reference.points_px[None].astype(np.float64), HOMOGRAPHY)[0][cells]
@@ -131,7 +131,7 @@ def test_a_network_of_another_layout_is_one_clear_line(tmp_path):
 @pytest.mark.parametrize("size", [(324, 240), (320, 520)])
 def test_views_of_another_kind_of_size_are_one_clear_line(size, make_matcher):
     with pytest.raises(
-        ConfigError, match=rf"loftr-compact: views of {size[0]} x {size[1]} pixels, expected multiples of 8 up to 512"
+        ConfigError, match=rf"received views of {size[0]} x {size[1]} pixels, expected multiples of 8 up to 512"
     ):
         make_matcher("loftr-compact", size)
 

@@ -9,7 +9,7 @@ from salframe.panoramas.geometry import pose_errors
 
 
 def scene(count, seed=0):
-    """Points around a camera, the bearings they are seen under, and the camera's pose."""
+    """Return points around a camera, their bearings, and the pose of the camera."""
     rng = np.random.default_rng((seed, 3))
     pose = np.eye(4)
     pose[:3, :3] = Rotation.from_rotvec(rng.normal(0, 0.8, 3)).as_matrix()

@@ -1,5 +1,5 @@
-"""Matchers whose networks come from `transformers`: their real architectures with random weights, held against the
-library's plain use."""
+"""Matchers with networks of `transformers`: the real architectures with random weights, compared with direct calls of
+the library."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 from conformance import conforms
-from salframe_keypoints.efficient_loftr import in_one_order
+from salframe_keypoints.efficient_loftr import align_match_columns
 from salframe_keypoints.feature_matcher import View
 from salframe_keypoints.localizer import Keypoints
 from salframe_keypoints.superpoint import SuperPointNearest
@@ -30,7 +30,7 @@ SIZE_PX = 256, 160
 
 @pytest.fixture(scope="module")
 def checkpoints(tmp_path_factory):
-    """A folder a matcher, as the library saves its models."""
+    """A folder per matcher with a model saved by the library."""
     torch, transformers = pytest.importorskip("torch"), pytest.importorskip("transformers")
     torch.set_num_threads(1)
     torch.manual_seed(0)
@@ -46,7 +46,7 @@ def checkpoints(tmp_path_factory):
     }
     root = tmp_path_factory.mktemp("checkpoints")
     for name, model in models.items():
-        for module in model.modules():  # the library's small random weights give all points the same descriptor
+        for module in model.modules():  # the small random weights of the library give all points the same descriptor
             if isinstance(module, (torch.nn.Conv2d, torch.nn.Linear)):
                 torch.nn.init.kaiming_normal_(module.weight, nonlinearity="relu")
         model.save_pretrained(root / name)
@@ -55,7 +55,7 @@ def checkpoints(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def images(rooms):
-    """Two overlapping grey views of one room, taken 0.5 m apart."""
+    """Return two overlapping grey views of one room, 0.5 m apart."""
     rig = ViewRig(6, 256, 160, np.deg2rad(90))
     views = [rig.cut(rooms[0].panorama("p", pose, 256).rgb)[0] for pose in (np.eye(4), pose_2d(0.4, 0.3, 0.2))]
     return np.stack([cv2.cvtColor(cv2.cvtColor(view, cv2.COLOR_RGB2GRAY), cv2.COLOR_GRAY2RGB) for view in views])
@@ -67,7 +67,7 @@ def make(checkpoints, make_matcher):
 
 
 def plain_input(images):
-    """A pair of images as the library's processors hand it to a model, at the images' own size."""
+    """Return a pair of images as the processors of the library pass it to a model, at the size of the images."""
     import torch
 
     return torch.from_numpy(np.stack(images)).permute(0, 3, 1, 2).float() / 255
@@ -79,15 +79,15 @@ def test_superpoint_is_the_librarys(checkpoints, images, make):
 
     model = SuperPointForKeypointDetection.from_pretrained(checkpoints / "superpoint-nn", max_keypoints=200).eval()
     with torch.inference_mode():
-        found = model(plain_input(images[:1]))
+        output = model(plain_input(images[:1]))
     (view,) = make("superpoint-nn", max_keypoints=200).extract(images[:1])
     assert len(view.points_px) == 200
-    expected_px, descriptors = found.keypoints[0].numpy() * SIZE_PX, found.descriptors[0].numpy()
-    # Points of equal scores come in any order, and of those that tie for the last places any may be left out.
+    expected_px, descriptors = output.keypoints[0].numpy() * SIZE_PX, output.descriptors[0].numpy()
+    # The order of points with equal scores is undefined, and so is the selection among those with the lowest score.
     off_px = np.linalg.norm(expected_px[:, None] - (view.points_px - 0.5), axis=2)
     known, partner = off_px.min(1) < 1e-3, off_px.argmin(1)
-    last = found.scores[0].numpy().min()
-    assert (found.scores[0].numpy()[~known] <= last + 1e-6).all()
+    last = output.scores[0].numpy().min()
+    assert (output.scores[0].numpy()[~known] <= last + 1e-6).all()
     assert len(set(partner[known].tolist())) == known.sum() > 150
     np.testing.assert_allclose(view.features[partner[known]], descriptors[known], atol=1e-3)
 
@@ -100,8 +100,8 @@ def test_superglue_matches_are_the_librarys(checkpoints, images, make):
     model = SuperGlueForKeypointMatching.from_pretrained(checkpoints / "superpoint-superglue").eval()
     model.keypoint_detector.keypoint_decoder.max_keypoints = 100
     with torch.inference_mode():
-        found = model(plain_input(images)[None])
-    plain = SuperGlueImageProcessorPil().post_process_keypoint_matching(found, [[(160, 256)] * 2])[0]
+        output = model(plain_input(images)[None])
+    plain = SuperGlueImageProcessorPil().post_process_keypoint_matching(output, [[(160, 256)] * 2])[0]
     expected = np.hstack([plain["keypoints0"].numpy(), plain["keypoints1"].numpy()])
 
     matcher = make("superpoint-superglue", max_keypoints=100)
@@ -109,11 +109,11 @@ def test_superglue_matches_are_the_librarys(checkpoints, images, make):
     pixels, position = matcher.match(query, reference)
     received = np.hstack([pixels, reference.points_px[position]]) - 0.5
     assert len(expected) > 20
-    # the library cuts its pixels down to whole numbers, after they went through shares of the image's size: up to 1 px
-    # less
+    # the library truncates its pixels to integers after a conversion to fractions of the image size, so they are up to
+    # 1 px smaller
     offset = received[:, None] - expected[None]
     same = ((offset > -0.01) & (offset < 1.01)).all(2)
-    # what is kept is float16, which turns some of the random network's undecided matches
+    # features are stored as float16, which changes some ambiguous matches of the random network
     assert same.any(1).mean() > 0.9
     assert same.any(0).mean() > 0.9
 
@@ -136,7 +136,7 @@ def test_efficient_loftr_refines_matches_as_the_library_does(checkpoints, images
     import torch
     from transformers import EfficientLoFTRForKeypointMatching
 
-    # Every cell is matched with the one in the same place here: then the library's order is right.
+    # Every cell matches the cell at the same position, so the order of the library is right.
     scores = 0.9 * torch.eye(20 * 32).view(1, 20, 32, 20, 32)
     find = EfficientLoFTRForKeypointMatching._get_matches_from_scores
     monkeypatch.setattr(
@@ -148,15 +148,15 @@ def test_efficient_loftr_refines_matches_as_the_library_does(checkpoints, images
     decoded = np.stack([cv2.imdecode(view.features, cv2.IMREAD_GRAYSCALE) for view in (query, reference)])
     model = EfficientLoFTRForKeypointMatching.from_pretrained(checkpoints / "efficient-loftr").eval()
     with torch.inference_mode():
-        found = model(torch.from_numpy(decoded)[None, :, None].float() / 255)
-    expected = found.keypoints[0][:, found.matches[0, 0] >= 0].numpy() * (256, 160) + 0.5
+        output = model(torch.from_numpy(decoded)[None, :, None].float() / 255)
+    expected = output.keypoints[0][:, output.matches[0, 0] >= 0].numpy() * (256, 160) + 0.5
     inside = ((expected > 0) & (expected < (256, 160))).all((0, 2))
-    seen, known = expected[:, inside]
+    query_px, reference_px = expected[:, inside]
     pixels, position = matcher.match(query, reference)
-    assert len(pixels) == len(seen) > 300
+    assert len(pixels) == len(query_px) > 300
     on_grid = reference.points_px[position]
-    assert np.abs(on_grid - known).max() <= 1.001
-    np.testing.assert_allclose(pixels - seen, on_grid - known, atol=1e-3)
+    assert np.abs(on_grid - reference_px).max() <= 1.001
+    np.testing.assert_allclose(pixels - query_px, on_grid - reference_px, atol=1e-3)
 
 
 def test_efficient_loftrs_cells_are_matched_one_to_one_whatever_their_order():
@@ -167,7 +167,7 @@ def test_efficient_loftrs_cells_are_matched_one_to_one_whatever_their_order():
     partner = torch.from_numpy(np.random.default_rng(0).permutation(144))
     scores = torch.zeros(144, 144)
     scores[torch.arange(144), partner] = 0.9
-    cells, confidence = in_one_order(model._get_matches_from_scores)(scores.view(1, 12, 12, 12, 12))
+    cells, confidence = align_match_columns(model._get_matches_from_scores)(scores.view(1, 12, 12, 12, 12))
     first, second = cells[0]
     matched = first >= 0
     assert matched.sum() > 20
@@ -229,7 +229,9 @@ def test_another_model_a_damaged_file_and_another_architecture_are_one_clear_lin
 
 def test_views_that_efficient_loftr_cannot_take_are_refused(checkpoints, configure):
     config = configure("efficient-loftr", {"checkpoint": checkpoints / "efficient-loftr"}, view_width_px=240)
-    with pytest.raises(ConfigError, match="efficient-loftr: views of 240 x 352 pixels, expected multiples of 32: "):
+    with pytest.raises(
+        ConfigError, match="efficient-loftr received views of 240 x 352 pixels, expected multiples of 32: "
+    ):
         Keypoints(config)
 
 

@@ -11,7 +11,7 @@ def unit(rng, *shape):
 
 def test_vlad_is_the_normalised_sum_of_residuals():
     words = np.array([[1, 0], [0, 1]], np.float32)
-    vlad = Vlad([words], 2)  # as many features as words: they are the words
+    vlad = Vlad([words], 2)  # with as many features as words, the features are the words
     np.testing.assert_array_equal(vlad.words, words)
     pooled = vlad.pool(np.array([[0.8, 0.6], [0.6, 0.8], [0.8, -0.6]], np.float32))
     first, second = np.array([0.8 + 0.8 - 2, 0.6 - 0.6]), np.array([0.6, 0.8 - 1])
@@ -37,7 +37,7 @@ class MeanColour:
 
 
 def test_descriptors_of_a_network_are_of_unit_length_and_zero_where_nothing_was_seen():
-    """Six views 60 deg apart, the first ahead: where only what is ahead was seen, three are empty."""
+    """Six views are 60 deg apart, the first ahead. If only the front half is valid, three views are empty."""
     rgb = np.zeros((64, 128, 3), np.uint8)
     rgb[:] = 30, 40, 0
     made = NetworkDescriptors(MeanColour(), 6, np.radians(60))
@@ -46,8 +46,8 @@ def test_descriptors_of_a_network_are_of_unit_length_and_zero_where_nothing_was_
     np.testing.assert_allclose(whole, [[0.6, 0.8, 0]] * 6, atol=1e-3)
     ahead = np.zeros((64, 128), bool)
     ahead[:, 32:96] = True  # azimuths of -90 to 90 deg: the views at 0, 60 and 300
-    seen = made.describe(rgb, ahead)["global"]
-    assert (seen.any(1)).tolist() == [True, True, False, False, False, True]
-    pool, of_map = made.learn([{"global": whole}, {"global": seen}])
+    partial = made.describe(rgb, ahead)["global"]
+    assert (partial.any(1)).tolist() == [True, True, False, False, False, True]
+    pool, of_map = made.learn([{"global": whole}, {"global": partial}])
     assert of_map.shape == (2, 6, 3)
-    np.testing.assert_array_equal(pool({"global": seen}), of_map[1])
+    np.testing.assert_array_equal(pool({"global": partial}), of_map[1])

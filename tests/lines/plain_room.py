@@ -1,4 +1,4 @@
-"""A room of plain walls with rectangles on them, ray-cast in closed form: every edge, pose and range is known."""
+"""A room of plain walls with rectangles on them, ray-cast in closed form, with known edges, poses and ranges."""
 
 from __future__ import annotations
 
@@ -9,13 +9,15 @@ from salframe.panoramas.geometry import equirectangular_rays
 from salframe.panoramas.panorama import Panorama
 
 SIZE_M = np.array([5.0, 4.0, 2.6])
-"""The room reaches from the origin to here."""
+"""Corner of the room opposite the origin."""
 EYE_M = 1.5
 
 
 class PlainRoom:
-    """`seed` is the room: where its doors, windows and pictures are. A rectangle is (axis of its wall's normal, low or
-    high wall, low_m, high_m)."""
+    """A room whose doors, windows and pictures depend on a seed.
+
+    A rectangle is (axis of its wall's normal, low or high wall, low_m, high_m, colour).
+    """
 
     def __init__(self, seed: int, rectangles: int = 12) -> None:
         rng = np.random.default_rng((seed, 7))
@@ -30,7 +32,7 @@ class PlainRoom:
         self._walls = rng.permutation(np.linspace(60, 220, 6))
 
     def panorama(self, name: str, T_world_pano: np.ndarray, height: int = 256, with_range: bool = True) -> Panorama:
-        """The panorama seen from a pose in the room; each pixel is the mean of four rays."""
+        """Render the panorama at a pose in the room. Each pixel is the mean of four rays."""
         rgb, range_m = self._cast(T_world_pano, equirectangular_rays(2 * height).astype(np.float64))
         rgb = rgb.reshape(height, 2, 2 * height, 2, 3).mean((1, 3)).round().astype(np.uint8)
         if with_range:

@@ -1,11 +1,11 @@
-"""Positions found among lines in space, from arcs made of those lines."""
+"""Positions relative to 3D lines, estimated from arcs of those lines."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 from salframe_lines.alignment import AGREE_RAD, SEARCH, agreement, refine, search
-from salframe_lines.arcs import Arcs, Lines3d, seen_from
+from salframe_lines.arcs import Arcs, Lines3d, project_lines
 
 POSITION_M = np.array([0.4, -0.3, 0.02])
 
@@ -37,7 +37,7 @@ def lines():
 
 @pytest.fixture(scope="module")
 def arcs(lines):
-    return [seen_from(lines[axis], axis, POSITION_M) for axis in range(3)]
+    return [project_lines(lines[axis], axis, POSITION_M) for axis in range(3)]
 
 
 def test_all_arcs_agree_where_they_were_seen_from_and_few_elsewhere(arcs, lines):
@@ -58,13 +58,13 @@ def test_half_the_arcs_explained_is_half_the_agreement(arcs, lines):
 def test_the_search_ends_within_reach_of_the_refinement(arcs, lines):
     rng = np.random.default_rng(1)
     for _ in range(10):
-        found_m = search(arcs, lines, POSITION_M * (1, 1, 0) + [*rng.uniform(-0.2, 0.2, 2), 0])
-        assert np.abs(found_m[:2] - POSITION_M[:2]).max() <= SEARCH[-1][0]
+        position_m = search(arcs, lines, POSITION_M * (1, 1, 0) + [*rng.uniform(-0.2, 0.2, 2), 0])
+        assert np.abs(position_m[:2] - POSITION_M[:2]).max() <= SEARCH[-1][0]
 
 
 def test_the_refinement_is_exact_on_exact_arcs(arcs, lines):
-    found_m, turn_rad = refine(arcs, lines, shifted(0.03, -0.03, -0.02))
-    np.testing.assert_allclose(found_m, POSITION_M, atol=1e-4)
+    position_m, turn_rad = refine(arcs, lines, shifted(0.03, -0.03, -0.02))
+    np.testing.assert_allclose(position_m, POSITION_M, atol=1e-4)
     assert abs(turn_rad) < 1e-5
 
 
@@ -74,22 +74,22 @@ def test_the_refinement_is_not_misled_by_arcs_of_other_lines(arcs, lines):
     mixed = [
         Arcs(*(np.concatenate(parts) for parts in zip(*pair, strict=True))) for pair in zip(arcs, others, strict=True)
     ]
-    found_m, _ = refine(mixed, lines, shifted(0.03, -0.03, 0))
-    np.testing.assert_allclose(found_m, POSITION_M, atol=0.005)
+    position_m, _ = refine(mixed, lines, shifted(0.03, -0.03, 0))
+    np.testing.assert_allclose(position_m, POSITION_M, atol=0.005)
 
 
 def test_a_small_turn_of_the_query_is_found(arcs, lines):
     turn_rad = np.deg2rad(0.3)
     turned = [
         _turned(along, axis, -turn_rad) for axis, along in enumerate(arcs)
-    ]  # a query turned to the left sees lines further right
-    found_m, found_rad = refine(turned, lines, shifted(0.02, 0.02, 0))
-    assert found_rad == pytest.approx(turn_rad, abs=2e-4)
-    np.testing.assert_allclose(found_m, POSITION_M, atol=0.003)
+    ]  # in a query rotated to the left, lines are further right
+    position_m, estimate_rad = refine(turned, lines, shifted(0.02, 0.02, 0))
+    assert estimate_rad == pytest.approx(turn_rad, abs=2e-4)
+    np.testing.assert_allclose(position_m, POSITION_M, atol=0.003)
 
 
 def _turned(arcs, axis, angle_rad):
-    """Arcs whose middles are turned about the vertical."""
+    """Return arcs whose middles are rotated about the vertical."""
     middle_rad = arcs.along_rad.mean(1)
     local = np.stack(
         [
@@ -107,7 +107,7 @@ def _turned(arcs, axis, angle_rad):
 
 def test_without_lines_the_position_stays():
     nothing, no_arcs = [Lines3d(np.zeros((0, 2)), np.zeros((0, 2)))] * 3, [Arcs(np.zeros(0), np.zeros((0, 2)))] * 3
-    found_m, turn_rad = refine(no_arcs, nothing, POSITION_M)
-    np.testing.assert_array_equal(found_m, POSITION_M)
+    position_m, turn_rad = refine(no_arcs, nothing, POSITION_M)
+    np.testing.assert_array_equal(position_m, POSITION_M)
     assert turn_rad == 0
     assert agreement(no_arcs, nothing, POSITION_M[None], AGREE_RAD) == 0

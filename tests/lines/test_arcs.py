@@ -1,4 +1,4 @@
-"""Segments, directions and lines of a room whose edges are known."""
+"""Segments, directions and lines of a room with known edges."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from salframe_lines.arcs import (
     Arcs,
     Lines3d,
     arcs_along_axes,
-    lifted,
+    lift_arcs,
     line_distances,
     principal_yaw,
-    quarter_turned,
-    seen_from,
+    project_lines,
+    rotate_by_quarter_turn,
 )
 from salframe_lines.segments import find_segments
 
@@ -24,21 +24,21 @@ POSE = pose_2d(2.1, 1.7, YAW_RAD, EYE_M)
 
 
 def described(room, pose, limit=100):
-    """Principal yaw, arcs, and lines in the principal frame."""
-    panorama = room.panorama("seen", pose)
+    """Return principal yaw, arcs, and lines in the principal frame."""
+    panorama = room.panorama("room", pose)
     ends = find_segments(panorama.rgb, None)
     yaw_rad = principal_yaw(ends)
     arcs = arcs_along_axes(ends, yaw_rad, limit)
-    lines = [lifted(arcs[k], line_distances(arcs[k], k, yaw_rad, panorama.range_m)) for k in range(3)]
+    lines = [lift_arcs(arcs[k], line_distances(arcs[k], k, yaw_rad, panorama.range_m)) for k in range(3)]
     return yaw_rad, arcs, lines
 
 
 @pytest.mark.parametrize("yaw_deg", [0.0, 17.3, 44.9, 90.0, -121.0])
 def test_the_walls_directions_are_found(rooms, yaw_deg):
     yaw_rad = np.deg2rad(yaw_deg)
-    found_rad = principal_yaw(find_segments(rooms[0].panorama("seen", pose_2d(2.1, 1.7, yaw_rad, EYE_M)).rgb, None))
+    estimate_rad = principal_yaw(find_segments(rooms[0].panorama("room", pose_2d(2.1, 1.7, yaw_rad, EYE_M)).rgb, None))
     # the walls run along the world's axes, which are at -yaw in the panorama
-    assert abs(wrap_angle(4 * (found_rad + yaw_rad)) / 4) < np.deg2rad(0.1)
+    assert abs(wrap_angle(4 * (estimate_rad + yaw_rad)) / 4) < np.deg2rad(0.1)
 
 
 def test_every_edge_of_the_room_is_found_where_it_is(rooms):
@@ -107,9 +107,9 @@ def test_pieces_of_a_line_are_joined_and_the_longest_kept():
             piece(-1.0, 1.5, 1.52),
         ]
     )
-    found = arcs_along_axes(ends, 0.0, 100)[2]  # the fourth is a line of its own, the last too short
-    np.testing.assert_allclose(found.along_rad, [[1.0, 1.6], [1.2, 1.5], [1.7, 1.9]], atol=1e-9)
-    np.testing.assert_allclose(found.around_rad, [0.5005, 2.0, 0.5], atol=5e-4)
+    arcs = arcs_along_axes(ends, 0.0, 100)[2]  # the fourth is a separate line, the last is too short
+    np.testing.assert_allclose(arcs.along_rad, [[1.0, 1.6], [1.2, 1.5], [1.7, 1.9]], atol=1e-9)
+    np.testing.assert_allclose(arcs.around_rad, [0.5005, 2.0, 0.5], atol=5e-4)
     assert len(arcs_along_axes(ends, 0.0, 1)[2].around_rad) == 1
 
 
@@ -118,7 +118,7 @@ def test_a_position_sees_lines_as_points_on_them_are_seen():
     for axis in range(3):
         lines = Lines3d(rng.uniform(-2, 2, (5, 2)), np.sort(rng.uniform(-2, 2, (5, 2)), axis=1))
         position_m = rng.uniform(-0.5, 0.5, 3)
-        arcs = seen_from(lines, axis, position_m)
+        arcs = project_lines(lines, axis, position_m)
         for line in range(5):
             for end in (0, 1):
                 point = np.empty(3)
@@ -138,9 +138,11 @@ def test_a_quarter_turn_of_the_arcs_is_that_of_the_lines():
     ends = np.stack([middle - 0.4 * axes, middle + 0.4 * axes], axis=1)
     ends /= np.linalg.norm(ends, axis=2, keepdims=True)
     turned = ends @ pose_2d(0, 0, np.pi / 2)[:3, :3].T
-    for expected, found in zip(
-        arcs_along_axes(turned, 0.0, 100), quarter_turned(arcs_along_axes(ends, 0.0, 100)), strict=True
+    for expected, rotated in zip(
+        arcs_along_axes(turned, 0.0, 100), rotate_by_quarter_turn(arcs_along_axes(ends, 0.0, 100)), strict=True
     ):
-        order = [np.lexsort((arcs.along_rad[:, 1], arcs.along_rad[:, 0])) for arcs in (expected, found)]
-        np.testing.assert_allclose(found.along_rad[order[1]], expected.along_rad[order[0]], atol=1e-9)
-        np.testing.assert_allclose(wrap_angle(found.around_rad[order[1]] - expected.around_rad[order[0]]), 0, atol=1e-9)
+        order = [np.lexsort((arcs.along_rad[:, 1], arcs.along_rad[:, 0])) for arcs in (expected, rotated)]
+        np.testing.assert_allclose(rotated.along_rad[order[1]], expected.along_rad[order[0]], atol=1e-9)
+        np.testing.assert_allclose(
+            wrap_angle(rotated.around_rad[order[1]] - expected.around_rad[order[0]]), 0, atol=1e-9
+        )

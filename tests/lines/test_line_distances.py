@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from salframe_lines.arcs import Arcs, Lines3d, seen_from
+from salframe_lines.arcs import Arcs, Lines3d, project_lines
 from salframe_lines.distances import (
     CODES_PER_RAD,
     MAX_CODE,
@@ -64,7 +64,7 @@ def test_lines_in_space_have_the_distances_of_the_arcs_they_are_seen_as():
     lines = [Lines3d(rng.uniform(-2, 2, (4, 2)), np.sort(rng.uniform(-2, 2, (4, 2)), axis=1)) for _ in range(3)]
     positions_m = rng.uniform(-0.5, 0.5, (11, 3))
     expected = [
-        distance_codes([seen_from(lines[k], k, position) for k in range(3)], points) for position in positions_m
+        distance_codes([project_lines(lines[k], k, position) for k in range(3)], points) for position in positions_m
     ]
     np.testing.assert_array_equal(distance_codes_from(lines, positions_m, points), expected)
 

@@ -291,7 +291,7 @@ def test_it_conforms():
 
 @pytest.mark.parametrize(("scorer", "received"), [(Lenient, "0 rows"), (Careless, "FileNotFoundError: .*")])
 def test_a_scorer_that_hides_a_bad_file_is_told_in_one_line(scorer, received):
-    breaks(f"score of a file that is not there, .*: received {received}, expected DataError", scorer)
+    breaks(f"score of a missing file, .*: received {received}, expected DataError", scorer)
 
 
 def test_the_command_prints_a_table_or_json(root):

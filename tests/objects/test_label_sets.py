@@ -1,4 +1,4 @@
-"""The localizers `objects` and `salient-objects`, against Jaccard indices worked out by hand."""
+"""The localizers `objects` and `salient-objects`, against Jaccard indices computed by hand."""
 
 import numpy as np
 import pytest
@@ -12,15 +12,15 @@ from salframe.panoramas.frames import ReferenceFrame
 from salframe.panoramas.panorama import Annotations, ObjectBoxes, Panorama
 
 
-def seen(*objects):
-    """A panorama of objects (label, length of the sides in metres), cubes 2 m away."""
+def panorama_of(*objects):
+    """Return a panorama with cubes (label, side in metres) 2 m away."""
     labels, side_m = [label for label, _ in objects], np.array([side for _, side in objects], float)
     size_m = np.repeat(side_m[:, None], 3, axis=1)
     detections = Detections(
         labels, np.ones(len(objects)), np.full((len(objects), 3), [2.0, 0, 0]), size_m, np.zeros(len(objects))
     )
     return Panorama(
-        "seen",
+        "room",
         annotations=Annotations(
             objects=ObjectBoxes(
                 detections.labels,
@@ -39,19 +39,19 @@ QUERY = (("bed", 2.0), ("lamp", 1.0), ("cat", 1.0))
 
 
 def scores(localizer, query=QUERY):
-    """The score of each room."""
+    """Return the status, and the score of each room."""
     rooms = {"bedroom": BEDROOM, "office": OFFICE}
-    known = LocalizationMap.from_descriptions(
+    reference_map = LocalizationMap.from_descriptions(
         localizer,
-        [localizer.describe(seen(*room)) for room in rooms.values()],
+        [localizer.describe(panorama_of(*room)) for room in rooms.values()],
         [ReferenceFrame(name, name, np.eye(4)) for name in rooms],
     )
-    answer = known.answer(localizer.describe(seen(*query)))
+    answer = reference_map.answer(localizer.describe(panorama_of(*query)))
     return answer.status, {ranked.place: ranked.score for ranked in answer.places}
 
 
-def exactly(kind, **given):
-    return kind(kind.Config(detector={"kind": "annotations", "noise": "none"}, **given))
+def exactly(kind, **options):
+    return kind(kind.Config(detector={"kind": "annotations", "noise": "none"}, **options))
 
 
 def test_sets_count_labels():
@@ -60,8 +60,8 @@ def test_sets_count_labels():
 
 
 def test_multisets_count_objects():
-    given = {"detector": {"kind": "annotations", "noise": "none"}}
-    config = configure("localizer", "objects-multiset", settings("localizer", "objects-multiset"), [given])
+    overrides = {"detector": {"kind": "annotations", "noise": "none"}}
+    config = configure("localizer", "objects-multiset", settings("localizer", "objects-multiset"), [overrides])
     # bedroom: bed and one lamp of bed, two lamps, cat; office as before
     assert scores(ObjectSetLocalizer(config)) == ("no-pose", pytest.approx({"bedroom": 2 / 4, "office": 1 / 4}))
 

@@ -1,4 +1,4 @@
-"""The localizer `sovs`, against sums worked out by hand and matchings tried one by one."""
+"""The localizer `sovs`, against sums computed by hand and exhaustive matching."""
 
 from itertools import permutations
 
@@ -88,7 +88,7 @@ def test_objects_of_unknown_range_are_left_out():
     localizer = SalientVolumesLocalizer(config)
     described = localizer.describe(
         Panorama(
-            "seen",
+            "room",
             annotations=Annotations(
                 objects=ObjectBoxes(objects.labels, ("a", "b"), objects.centroid_m, objects.size_m, objects.yaw_rad)
             ),

@@ -1,4 +1,4 @@
-"""Datasets that are each broken in one way, and the one line that the conformance suite says about each."""
+"""Data sets that each break one rule, and the message of the conformance suite about each."""
 
 from __future__ import annotations
 
@@ -98,9 +98,9 @@ BROKEN_DATASETS = [
     (Questionless, "received 3 reference frames and 0 queries, expected at least one of each"),
     (Ambiguous, "received more than one frame bedroom-query"),
     (Truthless, "truth of bedroom-query: received KeyError"),
-    (Agreeable, "truth of a query that is not there: received an answer, expected DataError"),
-    (Promising, r"load of bedroom-map: received {.*}, expected what the dataset provides"),
-    (Anonymous, "received a panorama of 'frame', expected one of 'bedroom-map'"),
-    (Late, r"provides after prepare: received {.*}, expected {'rgb'} as before"),
+    (Agreeable, "truth of an unknown query: received an answer, expected DataError"),
+    (Promising, r"load of bedroom-map: received {.*}, expected all parts that the dataset provides"),
+    (Anonymous, "received a panorama with id 'frame', expected id 'bedroom-map'"),
+    (Late, r"provides after prepare: received {.*}, expected {'rgb'} as before prepare"),
     (Changing, "fingerprint of another instance: received"),
 ]

@@ -1,4 +1,4 @@
-"""Detectors that are each broken in one way, and the line that the conformance suite reports about each."""
+"""Detectors that each break one rule, and the message of the conformance suite about each."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from salframe.graphs.detections import Detections
 from salframe.testing.rooms import HEIGHT_PX
 
 
-def columns(found: Detections) -> np.ndarray:
-    """(N,) columns of the suite's panoramas that the centroids lie in."""
-    return (np.pi - np.arctan2(found.centroid_m[:, 1], found.centroid_m[:, 0])) * HEIGHT_PX / np.pi
+def columns(detections: Detections) -> np.ndarray:
+    """Return the (N,) columns of the centroids in the suite's panoramas."""
+    return (np.pi - np.arctan2(detections.centroid_m[:, 1], detections.centroid_m[:, 0])) * HEIGHT_PX / np.pi
 
 
 class Described(AnnotationDetector):
-    """A detector that is broken in one way."""
+    """Base class of detectors that break one rule."""
 
     name = "broken"
 
@@ -57,9 +57,9 @@ class Clearing(Described):
     """Broken."""
 
     def detect(self, panorama):
-        found = super().detect(panorama)
+        detections = super().detect(panorama)
         panorama.annotations.labels.clear()
-        return found
+        return detections
 
 
 class Overwriting(Described):
@@ -74,8 +74,8 @@ class Restless(Described):
     """Broken."""
 
     def detect(self, panorama):
-        found = super().detect(panorama)
-        return replace(found, scores=np.random.default_rng().random(len(found)))
+        detections = super().detect(panorama)
+        return replace(detections, scores=np.random.default_rng().random(len(detections)))
 
 
 class Moody(Described):
@@ -86,16 +86,16 @@ class Moody(Described):
         self.score = np.random.default_rng().random()
 
     def detect(self, panorama):
-        found = super().detect(panorama)
-        return replace(found, scores=np.full(len(found), self.score))
+        detections = super().detect(panorama)
+        return replace(detections, scores=np.full(len(detections), self.score))
 
 
 class Flat(Described):
     """Broken."""
 
     def detect(self, panorama):
-        found = super().detect(panorama)
-        return replace(found, centroid_m=found.centroid_m[:, :2])
+        detections = super().detect(panorama)
+        return replace(detections, centroid_m=detections.centroid_m[:, :2])
 
 
 class Listing(Described):
@@ -109,17 +109,21 @@ class Certain(Described):
     """Broken."""
 
     def detect(self, panorama):
-        found = super().detect(panorama)
-        return replace(found, scores=np.full(len(found), 100.0))
+        detections = super().detect(panorama)
+        return replace(detections, scores=np.full(len(detections), 100.0))
 
 
 class Seamed(Described):
     """Broken."""
 
     def detect(self, panorama):
-        found = super().detect(panorama)
-        return found.take(
-            [i for i in range(len(found)) if (found.points_m[i][:, 1] > 0).all() or found.points_m[i][:, 0].max() > 0]
+        detections = super().detect(panorama)
+        return detections.take(
+            [
+                i
+                for i in range(len(detections))
+                if (detections.points_m[i][:, 1] > 0).all() or detections.points_m[i][:, 0].max() > 0
+            ]
         )
 
 
@@ -127,17 +131,17 @@ class Offset(Described):
     """Broken."""
 
     def detect(self, panorama):
-        found = super().detect(panorama)
-        return replace(found, centroid_m=found.centroid_m + np.array([0.05, 0, 0]))
+        detections = super().detect(panorama)
+        return replace(detections, centroid_m=detections.centroid_m + np.array([0.05, 0, 0]))
 
 
 class AxisAligned(Described):
     """Broken."""
 
     def detect(self, panorama):
-        found = super().detect(panorama)
-        sizes = [np.maximum(np.ptp(points, axis=0), 0.05) for points in found.points_m]
-        return replace(found, size_m=np.reshape(sizes, (-1, 3)), yaw_rad=np.zeros(len(found)))
+        detections = super().detect(panorama)
+        sizes = [np.maximum(np.ptp(points, axis=0), 0.05) for points in detections.points_m]
+        return replace(detections, size_m=np.reshape(sizes, (-1, 3)), yaw_rad=np.zeros(len(detections)))
 
 
 class Strided(Described):
@@ -146,16 +150,16 @@ class Strided(Described):
     column_step = 4
 
     def detect(self, panorama):
-        found = super().detect(panorama)
-        return found.take(np.flatnonzero(np.round(columns(found)) % 4))
+        detections = super().detect(panorama)
+        return detections.take(np.flatnonzero(np.round(columns(detections)) % 4))
 
 
 class Unturned(Described):
     """Broken."""
 
     def detect(self, panorama):
-        found = super().detect(panorama)
-        return replace(found, yaw_rad=np.zeros(len(found)))
+        detections = super().detect(panorama)
+        return replace(detections, yaw_rad=np.zeros(len(detections)))
 
 
 class Distracted(Described):
@@ -165,8 +169,8 @@ class Distracted(Described):
         steady: Literal["yes", "no"] = match_only("yes")
 
     def detect(self, panorama):
-        found = super().detect(panorama)
-        return found if self.config.steady == "yes" else found.take([])
+        detections = super().detect(panorama)
+        return detections if self.config.steady == "yes" else detections.take([])
 
 
 class Haunted(Described):
@@ -184,9 +188,11 @@ class Stretched(Described):
     """Broken."""
 
     def detect(self, panorama):
-        found = super().detect(panorama)
+        detections = super().detect(panorama)
         return (
-            found if len(found) and np.isfinite(found.centroid_m).all() else replace(found, bearing=2 * found.bearing)
+            detections
+            if len(detections) and np.isfinite(detections.centroid_m).all()
+            else replace(detections, bearing=2 * detections.bearing)
         )
 
 
@@ -206,7 +212,7 @@ class Refusing(AnnotationDetector):
     def __init__(self, config=None):
         super().__init__(config)
         if self.config.table is not None:
-            raise DataError("the table is no table")
+            raise DataError("the file holds no table")
 
 
 class Tables(Settings):
@@ -235,24 +241,27 @@ class Pathed(Described):
 BROKEN_DETECTORS = [
     (Shouting, "Shouting.name is 'My Detector', expected words of small letters"),
     (Silent, "docstring of Silent: received none"),
-    (Lenient, "Config: received a key that it does not have, and took it"),
+    (Lenient, "Config: received no error for an unknown key"),
     (Undecided, "Undecided.Config has no default for threshold"),
-    (Clearing, "detect in the bedroom: received a change of its input"),
+    (Clearing, "detect in the bedroom: received a changed input"),
     (Overwriting, "detect in the bedroom: received ValueError: .*read-only"),
-    (Restless, "detect in the bedroom: received two answers to the same input"),
-    (Moody, "by another instance: received another answer"),
+    (Restless, "detect in the bedroom: received two different answers to the same input"),
+    (Moody, "by another instance: received different detections"),
     (Flat, r"received InvalidAnswer: Detections.centroid_m has shape \(\d, 2\), expected \(\d, 3\)"),
     (Listing, "received list, expected Detections"),
     (Certain, r"received InvalidAnswer: Detections.scores holds 100.0, expected numbers from 0 to 1"),
     (Seamed, r"detect in the \w+ rolled by \d+ columns: received \["),
     (Offset, r"rolled by 1 columns: received a \w+ that moved 0\.0\d+ m"),
-    (Strided, r"turned by columns between its steps of 4: received \d+ of \d+ objects within 2 deg, expected 95%"),
+    (Strided, r"not multiples of column_step = 4: received \d+ of \d+ objects within 2 deg, expected at least 95%"),
     (AxisAligned, r"rolled by \d+ columns: received a \w+ that changed its size by"),
-    (Unturned, r"received a \w+ that turned \d.* deg within the room"),
-    (Distracted, "identity with another steady: received another description, expected the same: .* match_only"),
-    (Haunted, "detect where nothing is seen: received 1 objects, expected none"),
+    (Unturned, r"received a \w+ that turned \d.* deg relative to the room"),
+    (
+        Distracted,
+        "identity with another steady: received another description, expected the same description: .* match_only",
+    ),
+    (Haunted, "detect in a blank panorama: received 1 objects, expected Detections.empty"),
     (Stretched, r"detect with annotations alone: received bearings of length \[2.0"),
-    (Refusing, "identity with another content of the file table: received the same one, expected another"),
-    (Nested, "identity with another content of the file tables.files: received the same one, expected another"),
+    (Refusing, "identity with another content of the file table: received the same value, expected another"),
+    (Nested, "identity with another content of the file tables.files: received the same value, expected another"),
     (Pathed, "setting table: received a plain Path, expected a UserFile"),
 ]

@@ -1,4 +1,4 @@
-"""Localizers that are each broken in one way, and the line that the conformance suite reports about each."""
+"""Localizers that each break one rule, and the message of the conformance suite about each."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Scolding(SaliencyGraphLocalizer):
 
     def match(self, description):
         if not len(description["labels"]):
-            raise ValueError("there is nothing here")
+            raise ValueError("no objects")
         return super().match(description)
 
 
@@ -62,7 +62,7 @@ class Unordered(SaliencyGraphLocalizer):
 
 
 def weighed(answer, probabilities):
-    """The answer with these probabilities of its first places, 0 of the others, and 0.1 of none of them."""
+    """Return the answer with these probabilities of its first places, 0 for the others, and 0.1 for out-of-map."""
     padded = [*probabilities, *[0.0] * len(answer.places)]
     places = [place._replace(probability=padded[i]) for i, place in enumerate(answer.places)]
     return replace(answer, places=tuple(places), out_of_map_probability=0.1) if len(places) > 1 else answer
@@ -112,14 +112,17 @@ class Inattentive(SaliencyGraphLocalizer):
 
 BROKEN_LOCALIZERS = [
     (Mixed, "after save and open: received"),
-    (North, "received a pose that moved .* rad off the turn"),
-    (Scolding, "received ValueError: there is nothing here"),
+    (North, "received a pose that moved .* rad off the rotation"),
+    (Scolding, "received ValueError: no objects"),
     (Modest, "describe of a panorama with rgb alone: received InputMissing"),
-    (Boastful, "match where nothing is seen: received InvalidAnswer: a localization has the status ok and no place"),
-    (Unordered, "expected one entry a place"),
+    (Boastful, "match of a blank panorama: received InvalidAnswer: a localization has the status ok and no place"),
+    (Unordered, "expected one entry per place"),
     (Lavish, "received InvalidAnswer: a localization has probabilities that sum to 1.2, expected 1"),
-    (Contrary, r"received the probabilities \[0.2, 0.7.*\], expected the best place's first"),
-    (Swayed, "describe_identity with another lossy: received another description, expected the same: .* match_only"),
-    (Scrupulous, "describe_identity with another positioner: received another one, expected the same: .* match_only"),
-    (Inattentive, "describe_identity with another content of the file table: received the same one, expected another"),
+    (Contrary, r"received the probabilities \[0.2, 0.7.*\], expected descending probabilities"),
+    (Swayed, "with another lossy: received another description, expected the same description: .* match_only"),
+    (Scrupulous, "with another positioner: received another value, expected the same value: .* match_only"),
+    (
+        Inattentive,
+        "describe_identity with another content of the file table: received the same value, expected another",
+    ),
 ]

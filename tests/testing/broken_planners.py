@@ -1,4 +1,4 @@
-"""A planner that keeps its role's promises, and three that do not."""
+"""A planner that conforms to the rules of its role, and three that break one rule each."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Dijkstra(Planner):
         try:
             nodes = tuple(nx.shortest_path(self.graph, start, goal, "length"))
         except nx.NetworkXNoPath:
-            raise NoRoute(f"no way from {start} to {goal}") from None
+            raise NoRoute(f"no route from {start} to {goal}") from None
         legs = tuple(self.graph.edges[a, b][a] for a, b in nx.utils.pairwise(nodes))
         return Route(nodes, legs, sum(leg.length_m for leg in legs))
 

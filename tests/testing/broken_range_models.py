@@ -1,4 +1,4 @@
-"""Range models that are each broken in one way, and the one line that the conformance suite says about each."""
+"""Range models that each break one rule, and the message of the conformance suite about each."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from salframe.panoramas.range_model import RangeModel, from_bright_side
 
 
 class Ranging(RangeModel):
-    """A range model that is broken in one way."""
+    """A range model that conforms, and the base class of those that break one rule."""
 
     name, version = "ranging", "1"
 
@@ -69,11 +69,11 @@ class Slanted(Ranging):
 
 
 BROKEN_RANGE_MODELS = [
-    (Sensing, r"needs: received \{.*\}, expected some of annotations, rgb"),
+    (Sensing, r"needs: received \{.*\}, expected one or more of annotations, rgb"),
     (Double, r"estimate of the bedroom: received float64 \(192, 384\), expected float32 \(192, 384\)"),
     (Narrow, r"estimate of the bedroom: received float32 \(192, 192\), expected float32 \(192, 384\)"),
-    (Zeroing, r"estimate of the bedroom: received a range of \[0.\] m, expected metres over 0, NaN where"),
-    (Blinded, "estimate of nothing at all: received ValueError: nothing to see"),
-    (Wavering, "estimate of the bedroom: received two answers to the same input"),
+    (Zeroing, r"estimate of the bedroom: received a range of 0\.0 m, expected positive metres, or NaN where unknown"),
+    (Blinded, "estimate of a blank panorama: received ValueError: nothing to see"),
+    (Wavering, "estimate of the bedroom: received two different answers to the same input"),
     (Slanted, "estimate of the bedroom rolled by 192 columns: received .*% of the ranges changed, expected at most 5%"),
 ]

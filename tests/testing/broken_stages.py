@@ -1,4 +1,4 @@
-"""Stages and engines that are each broken in one way, and the line that the conformance suite reports about each."""
+"""Stages and engines that each break one rule, and the message of the conformance suite about each."""
 
 from __future__ import annotations
 
@@ -181,19 +181,19 @@ BROKEN_STAGES = [
     (Beyond, "received pairs .* expected indices below"),
     (Polygamous, "expected one-to-one pairs"),
     (Generous, "top_k = 1: received 2 matches, expected at most top_k = 1"),
-    (WorstFirst, "received scores .* expected finite ones, best first"),
-    (Misled, r"match of the bedroom among 5 graphs: received \[1.*the same graph, 0, first"),
-    (Contradicting, "rank of .* with scores .* expected those of `match`"),
-    (Displaced, "rank of .* received other poses, expected those of `match`"),
+    (WorstFirst, "received scores .* expected finite scores, best first"),
+    (Misled, r"match of the bedroom among 5 graphs: received \[1.*scene 0, the same graph, first"),
+    (Contradicting, "rank of .* with scores .* expected the scenes and scores of `match`"),
+    (Displaced, "rank of .* received other poses, expected the poses of `match`"),
     (Hopeful, "match of a graph without objects: received 1 matches, expected an empty list"),
-    (Inverse, "solve of 8 points without noise: received a pose .* m and .* deg off"),
+    (Inverse, "solve of 8 points without noise: received a pose that is off by"),
     (Optimistic, "solve of no point: received a pose"),
     (Poseless, "received the status 'ok' without a pose"),
     (Centring, "received .*read-only"),
-    (Backward, "resect 8 directions.*: received"),
+    (Backward, "resect of 8 directions.*: received"),
     (Rangeless, r"match of a graph without range: received scores .*nan"),
-    (Shuffled, "match after write_index and open_index: received another answer, expected that of `index`"),
+    (Shuffled, "match after write_index and open_index: received other matches, expected the matches of `index`"),
     (Fragile, "map: received ValueError: 3 is odd"),
     (Backwards, r"received \[4, 1\], expected \[1, 4\], in order"),
-    (Vague, "map over an item that ends its process: received None, expected WorkerDied as its answer"),
+    (Vague, "map over an item that ends its process: received None, expected WorkerDied as the answer of this item"),
 ]

@@ -64,9 +64,9 @@ OURS = [component for component, package in registry() if package == "salframe"]
 
 
 BROUGHT = ("feature-matcher", "detection-decoder", "image-network")
-"""Roles that plugins of ours bring, checked in tests/keypoints, tests/detectors and tests/image."""
+"""Roles that salframe's plugins define, checked in tests/keypoints, tests/detectors and tests/image."""
 FILED = ("onnx", "union", "onnx-depth", "segments", "ray")
-"""Checked in tests/detectors, tests/depth, tests/segments and tests/engines, where what they need is made."""
+"""Checked in tests/detectors, tests/depth, tests/segments and tests/engines, which write the files that they need."""
 STAGES = [c for c in OURS if c.role not in ("dataset", "localizer", *BROUGHT) and c.name not in FILED]
 
 
@@ -82,13 +82,13 @@ def slow(name: str):
 
 
 MADE_ELSEWHERE = ("matterport3d", "mesh")
-"""Checked in tests/matterport/test_release.py and tests/mesh/test_mesh.py, where their files are made."""
+"""Checked in tests/matterport/test_release.py and tests/mesh/test_mesh.py, where their files are written."""
 
 
 @pytest.mark.parametrize("name", [c.name for c in OURS if c.role == "dataset" and c.name not in MADE_ELSEWHERE])
 def test_every_dataset_of_ours_conforms(name, tiny):
     if name in ("matterport-annotations", "habitat-maps") and not REAL.exists():
-        pytest.skip(f"the real buildings are not at hand: no {REAL}")
+        pytest.skip(f"the real buildings are not installed: no folder {REAL}")
     component = registry().get("dataset", name)
     assert conforms(component, component.Config(**small_datasets(tiny)[name]))
 
@@ -112,7 +112,7 @@ def test_the_papers_angles_do_not_turn_with_the_panorama(structure):
     (docs/explanation/method.md#from-matched-nodes-to-a-pose); without them the paper's localizer conforms."""
     paper = merge(settings("localizer", "paper"), {"matcher": {"structure": structure}})
     config = configure("localizer", "paper", paper)
-    breaks(r"rolled by 1 columns: received a pose that moved .* rad off the turn", config.component, config)
+    breaks(r"rolled by 1 columns: received a pose that moved .* rad off the rotation", config.component, config)
     repaired = configure("localizer", "paper", paper, [{"positioner": {"angle": "atan2", "mean": "circular"}}])
     assert conforms(repaired.component, repaired)
 
@@ -134,17 +134,17 @@ def test_rooms_are_seen_where_they_are():
 
 
 class Coarse(AnnotationDetector):
-    """Bearings to two columns: no object goes, each is up to a column (0.9 deg) off once the panorama turns by one."""
+    """Rounds bearings to two columns. Each is off by up to a column (0.9 deg) when the panorama rolls by one."""
 
     name = "coarse"
     column_step = 2
 
     def detect(self, panorama):
-        found = super().detect(panorama)
-        column = columns(found)
+        detections = super().detect(panorama)
+        column = columns(detections)
         off_rad = (column - 2 * np.round(column / 2)) * np.pi / HEIGHT_PX
-        c, s, (x, y, z) = np.cos(off_rad), np.sin(off_rad), found.centroid_m.T
-        return replace(found, centroid_m=np.stack([c * x - s * y, s * x + c * y, z], 1))
+        c, s, (x, y, z) = np.cos(off_rad), np.sin(off_rad), detections.centroid_m.T
+        return replace(detections, centroid_m=np.stack([c * x - s * y, s * x + c * y, z], 1))
 
 
 def test_between_its_steps_a_detector_may_be_off_a_little():
@@ -169,7 +169,7 @@ def test_a_range_model_that_breaks_no_rule_conforms():
 
 def test_a_planner_is_checked_against_the_shortest_route():
     assert conforms(Dijkstra)
-    breaks(r"route from hall to room: received .* expected the shortest, .*'door'", OneWay)
+    breaks(r"route from hall to room: received .* expected the shortest route, .*'door'", OneWay)
     breaks("received a route, expected NoRoute", Swimming)
     breaks(r"route from room to hall: received the path .* in the walking direction", Retracing)
 
@@ -180,7 +180,7 @@ class Listed(Settings):
 
 
 class Settled(AnnotationDetector):
-    """Settings of each type that the suite varies, none of which matters, and a file that does."""
+    """Settings of each type that the suite varies, none of which affects the output, and a file that does."""
 
     name = "settled"
 
@@ -196,7 +196,7 @@ class Settled(AnnotationDetector):
 
 
 class Filed(Described):
-    """Takes files in a nested model and in the component of a slot, and refuses those of the suite."""
+    """Takes files in a nested model and in the component of a slot, and rejects those of the suite."""
 
     class Config(AnnotationDetector.Config):
         tables: Listed = Listed()
@@ -206,7 +206,7 @@ class Filed(Described):
     def __init__(self, config=None):
         super().__init__(config)
         if self.config != self.Config():
-            raise DataError("what a file")
+            raise DataError("unknown format")
 
 
 def test_files_are_found_wherever_they_are():
@@ -235,7 +235,7 @@ def test_settings_that_do_not_matter_are_varied():
 
 
 class Compass(Role):
-    """A role of a plugin's own."""
+    """A role that a plugin defines."""
 
     role = "compass"
     conformance = f"{__name__}:check_compass"
@@ -282,43 +282,45 @@ def test_a_role_of_a_plugins_own_is_checked_by_the_function_that_it_names(monkey
     try:
         assert registry().failures == []
         assert conforms(registry().get("greeter", "polite"))
-        assert conforms(registry().get("mute", "silent"))  # nobody wrote down what it promises
+        assert conforms(registry().get("mute", "silent"))  # its role defines no rules
         breaks("greet: received 'what', expected a greeting", registry().get("greeter", "rude"))
     finally:
         registry.cache_clear()
 
 
 class Shaken(Coarse):
-    """Says that each column is a step, which is not so."""
+    """Declares a column_step of 1, which is wrong."""
 
     name = "shaken"
     column_step = 1
 
 
 def test_every_rule_is_checked_and_a_broken_one_names_the_setting_that_mends_it():
-    found = breaks(r"moved 0\.\d+ m, expected at most turn_tolerance_m = 0\.0001 m beside the turn", Shaken)
-    assert found.component == "detector shaken"
-    assert [result.rule for result in found.failed] == ["they turn with the panorama"]
-    assert {result.rule: result.message for result in found.skipped} == {
-        "they turn between steps": "every column is a step of it"
+    conformance = breaks(r"moved 0\.\d+ m, expected at most turn_tolerance_m = 0\.0001 m beside the rotation", Shaken)
+    assert conformance.component == "detector shaken"
+    assert [result.rule for result in conformance.failed] == ["detections rotate with the panorama"]
+    assert {result.rule: result.message for result in conformance.skipped} == {
+        "detections rotate between column steps": "its column_step is 1"
     }
-    assert len(found.rules) == len(found.passed) + 2 == 11
-    assert "detector shaken: passed: another instance answers the same\n" in str(found)
+    assert len(conformance.rules) == len(conformance.passed) + 2 == 11
+    assert "detector shaken: passed: another instance gives the same answer\n" in str(conformance)
 
 
 class Deaf(AnnotationDetector):
-    """Sees no panorama."""
+    """Raises on every panorama."""
 
     name = "deaf"
 
     def detect(self, panorama):
-        raise ValueError("what panorama")
+        raise ValueError("no panorama")
 
 
 def test_what_builds_on_a_broken_rule_is_skipped():
-    found = breaks("detect in the bedroom: received ValueError: what panorama, expected an answer", Deaf)
-    assert len(found.failed) == 1
-    assert {result.message for result in found.skipped} == {"builds on 'detections are well formed', which failed"}
+    conformance = breaks("detect in the bedroom: received ValueError: no panorama, expected an answer", Deaf)
+    assert len(conformance.failed) == 1
+    assert {result.message for result in conformance.skipped} == {
+        "depends on 'detections are well formed', which failed"
+    }
     undeclared = breaks("Deafer .*summary|docstring", type("Deafer", (Deaf,), {"__doc__": None}))
     assert [result.rule for result in undeclared.failed] == ["declaration"]
-    assert {result.message for result in undeclared.skipped} == {"builds on 'declaration', which failed"}
+    assert {result.message for result in undeclared.skipped} == {"depends on 'declaration', which failed"}

@@ -1,5 +1,4 @@
-"""Training of `loftr-compact`: render panoramas, cut pairs of views with their exact correspondences, train, export to
-ONNX.
+"""Training of `loftr-compact`: render panoramas, cut pairs of views with exact correspondences, train, export to ONNX.
 
-`python -m training.loftr_compact FOLDER` does all of it.
+`python -m training.loftr_compact FOLDER` runs all steps.
 """

@@ -1,4 +1,4 @@
-"""`python -m training.loftr_compact FOLDER`: render, train, export `loftr-compact`; the same command resumes."""
+"""`python -m training.loftr_compact FOLDER`: render panoramas, train and export `loftr-compact`, or resume."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from training.loftr_compact.train import train
 
 
 def main(
-    folder: Annotated[Path, typer.Argument(help="where checkpoint, log and the ONNX files go")],
+    folder: Annotated[Path, typer.Argument(help="Folder for checkpoint, log and ONNX files.")],
     overrides: Annotated[
-        list[str] | None, typer.Option("--set", help="key.path=value, as in Training; repeatable")
+        list[str] | None, typer.Option("--set", help="Override a setting of Training, as key.path=value (repeatable).")
     ] = None,
 ) -> None:
-    """Render the panoramas, train, and export; what is done already is not done again."""
+    """Render the panoramas, train and export. Steps that are done are skipped."""
     settings: dict = {}
     for text in overrides or []:
         settings = merge(settings, nest(*parse_override(text)))

@@ -1,4 +1,4 @@
-"""The trained network as the ONNX files that `loftr-compact` runs, and as the state that kornia's module takes."""
+"""Export of the trained network to the ONNX files of `loftr-compact`, and to a state for kornia's module."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ OPSET = 18
 
 
 class _Features(nn.Module):
-    """Image (1, 1, h, w) -> position-encoded tokens (1, L, C) of the coarse grid, and the fine map (1, D, h / 2, w /
-    2)."""
+    """Maps an image (1, 1, h, w) to position-encoded tokens (1, L, C) of the coarse grid, and a fine map
+    (1, D, h / 2, w / 2)."""
 
     def __init__(self, network: loftr.LoFTR) -> None:
         super().__init__()
@@ -31,7 +31,7 @@ class _Features(nn.Module):
 
 
 class _Coarse(nn.Module):
-    """Tokens of both images -> dual-softmax confidence (1, L, S), and the tokens (1, L, C), (1, S, C) attended."""
+    """Maps tokens of two images to dual-softmax confidence (1, L, S) and attended tokens (1, L, C), (1, S, C)."""
 
     def __init__(self, network: loftr.LoFTR) -> None:
         super().__init__()
@@ -44,8 +44,8 @@ class _Coarse(nn.Module):
 
 
 class _Fine(nn.Module):
-    """Fine windows (M, 25, D) and attended tokens (M, C) of both sides of matches -> offset (M, 2) in units of the
-    window's radius."""
+    """Maps the fine windows (M, 25, D) and attended tokens (M, C) of both sides of matches to offsets (M, 2), in units
+    of the window's radius."""
 
     def __init__(self, network: loftr.LoFTR) -> None:
         super().__init__()
@@ -64,8 +64,10 @@ class _Fine(nn.Module):
 
 
 def export(network: loftr.LoFTR, folder: Path) -> None:
-    """Write the files to a folder. Image sides are multiples of 8 up to MAX_PX; a file holds position encodings no
-    further than that."""
+    """Write the files to a folder.
+
+    Image sides must be multiples of 8 up to MAX_PX, the size of the exported position encoding.
+    """
     network = copy.deepcopy(network).eval().to(memory_format=torch.contiguous_format)
     cells = MAX_PX // STRIDE_PX
     network.pos_encoding.pe = network.pos_encoding.pe[:, :, :cells, :cells].clone()
@@ -89,9 +91,8 @@ def export(network: loftr.LoFTR, folder: Path) -> None:
     ]
     for file, (module, example, axes, outputs) in zip(FILES, parts, strict=True):
         with atomic_path(folder / file) as temporary, warnings.catch_warnings():
-            warnings.simplefilter(
-                "ignore"
-            )  # of branches on sizes, which go the same way for all views, and of the exporter's age
+            # The warnings are about branches on sizes, which are equal for all views, and about the old exporter.
+            warnings.simplefilter("ignore")
             torch.onnx.export(
                 module.eval(),
                 example,

@@ -1,4 +1,4 @@
-"""kornia's LoFTR as `loftr-compact` is: built, and run part by part for training."""
+"""The network of `loftr-compact`, which is kornia's LoFTR, and its training losses."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ _RESIDUAL_GAIN = 0.2
 
 
 def build() -> loftr.LoFTR:
-    """The network with weights drawn from torch's seed.
+    """Return the network with random weights from torch's seed.
 
-    Transformer layers begin as small corrections of what they get, so that backbone and matching learn from the first
-    step on.
+    Transformer layers are initialised as small corrections of their input, so that backbone and matching learn from the
+    first step on.
     """
     network = loftr.LoFTR(pretrained=None, config=merge(copy.deepcopy(loftr.default_cfg), ARCHITECTURE))
     for layer in (*network.loftr_coarse.layers, *network.loftr_fine.layers):
@@ -34,11 +34,15 @@ def build() -> loftr.LoFTR:
 def losses(
     network: loftr.LoFTR, batch: dict[str, torch.Tensor], fine_matches: int, generator: torch.Generator
 ) -> dict[str, torch.Tensor]:
-    """Coarse and fine loss of a batch of pairs, as in LoFTR section 3.6, and the coarse loss of the backbone's features
-    alone.
+    """Compute the losses of a batch of pairs: coarse and fine loss (LoFTR section 3.6), and the coarse loss of the
+    backbone's features.
 
-    batch: images (B, 2, 1, h, w) float32 in [0, 1]; cells (B, L) int64, the second view's match of each cell of the
-    first or -1; offset_px (B, L, 2) float32 from that cell to the true place.
+    Args:
+        network: The network.
+        batch: `images` (B, 2, 1, h, w) float32 in [0, 1]; `cells` (B, L) int64, the matching cell of the second view
+            for each cell of the first, or -1; `offset_px` (B, L, 2) float32, from that cell to the true position.
+        fine_matches: Maximum number of matches per pair for the fine loss.
+        generator: Random generator.
     """
     count = len(batch["images"])
     with torch.autocast("cpu", torch.bfloat16):
@@ -54,7 +58,7 @@ def losses(
     pair, i = torch.nonzero(batch["cells"] >= 0, as_tuple=True)
     j = batch["cells"][pair, i]
     if not len(pair):
-        raise ValueError("a batch without one true match")
+        raise ValueError("the batch holds no true match, expected at least one")
     chosen = torch.randperm(len(pair), generator=generator)[: fine_matches * count]
     expected = _fine(network, fine.float(), first, second, (pair[chosen], i[chosen], j[chosen]), count)
     true = batch["offset_px"][pair[chosen], i[chosen]] / FINE_RADIUS_PX
@@ -66,8 +70,8 @@ def losses(
 
 
 def _encode(network: loftr.LoFTR, maps: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
-    """The maps (2 B, C, h, w) with position encodings as if each side's images were parts of larger ones, somewhere in
-    these."""
+    """Return the maps (2 B, C, h, w) with position encodings at a random offset, as if the images were crops of larger
+    ones."""
     _, _, height, width = maps.shape
     shifts = torch.rand(2, 2, generator=generator)
     parts = []
@@ -80,7 +84,7 @@ def _encode(network: loftr.LoFTR, maps: torch.Tensor, generator: torch.Generator
 def _coarse_loss(
     first: torch.Tensor, second: torch.Tensor, pair: torch.Tensor, i: torch.Tensor, j: torch.Tensor
 ) -> torch.Tensor:
-    """Focal loss (alpha 0.25, gamma 2) of the dual-softmax confidence of true matches, kornia's temperature 0.1."""
+    """Return the focal loss (alpha 0.25, gamma 2) of the dual-softmax confidence of true matches, temperature 0.1."""
     similarity = torch.einsum("nlc,nsc->nls", first, second) / (first.shape[2] * 0.1)
     log_confidence = (functional.log_softmax(similarity, 1) + functional.log_softmax(similarity, 2))[pair, i, j]
     return (-0.25 * (1 - log_confidence.exp()) ** 2 * log_confidence).mean()
@@ -89,7 +93,7 @@ def _coarse_loss(
 def _fine(
     network: loftr.LoFTR, fine: torch.Tensor, first: torch.Tensor, second: torch.Tensor, matches: tuple, count: int
 ) -> torch.Tensor:
-    """(M, 3) expected offset in units of the window's radius, and its deviation."""
+    """Return (M, 3): the expected offset in units of the window's radius, and its standard deviation."""
     pair, i, j = matches
     data: dict[str, Any] = {"b_ids": pair, "i_ids": i, "j_ids": j, "stride_c": STRIDE_PX, "stride_f": FINE_STRIDE_PX}
     data |= {
@@ -103,7 +107,7 @@ def _fine(
 
 
 def _fine_loss(expected: torch.Tensor, true: torch.Tensor) -> torch.Tensor:
-    """Squared error weighted by the inverse deviation, which is no way to lower the loss: it is detached."""
+    """Return the squared error, weighted by the inverse deviation. The deviation is detached, so it has no gradient."""
     inside = true.abs().amax(1) < 1
     weight = 1 / expected[:, 2].detach().clamp(min=1e-10)
     error = ((expected[:, :2] - true) ** 2).sum(1) * weight / weight.mean()

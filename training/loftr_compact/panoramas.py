@@ -1,5 +1,5 @@
-"""Panoramas for training: rooms of generated buildings, each from a few places, by day and after a while in other
-light."""
+"""Panoramas for training: rooms of generated buildings from several positions, by day, and in different light after
+changes."""
 
 from __future__ import annotations
 
@@ -20,10 +20,11 @@ from training.loftr_compact.settings import Panoramas
 
 STYLES = ("home", "office", "hotel")
 SHOTS = ((0, "day"), (1, "day"), (0, "evening"), (2, "evening"), (3, "dim"))
-"""Of each room: which of its places, and the light. What is not by day sees the changed building."""
+"""Index of the position, and lighting, of the panoramas of each room. Those that are not by day show the changed
+building."""
 
 NEAR_M, FAR_M = 0.3, 2.0
-"""Between the first place of a room and each of the others."""
+"""Minimum and maximum distance between the first position in a room and the others."""
 
 CLEARANCE_M = 0.3
 WORKERS = 2
@@ -31,7 +32,7 @@ WORKERS = 2
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """A panorama: gray (H, 2H) uint8; range_m (H, 2H) float16, NaN where unknown; T_world_pano (4, 4)."""
+    """A panorama: `gray` (H, 2H) uint8, `range_m` (H, 2H) float16, NaN where unknown, and `T_world_pano` (4, 4)."""
 
     gray: np.ndarray
     range_m: np.ndarray
@@ -39,15 +40,14 @@ class Shot:
 
 
 def folder(config: Panoramas) -> Path:
-    """Where the panoramas of these settings and this generator are kept."""
+    """Return the folder in which the panoramas of these settings and this generator are stored."""
     from salframe_house.dataset import House
 
     return cache_home() / "loftr-training" / digest({"house": House.version, **config.model_dump()})[:16]
 
 
 def render(config: Panoramas, seeds: Sequence[int], progress: Callable[[int, int], None]) -> None:
-    """Render the buildings' panoramas that are not there yet, two buildings at a time; progress(done, total) counts
-    buildings."""
+    """Render the panoramas that do not exist yet, two buildings at a time. progress(done, total) counts buildings."""
     progress(0, len(seeds))
     with ProcessPool(WORKERS) as pool:
         for done, future in enumerate(as_completed([pool.submit(_render_building, config, seed) for seed in seeds]), 1):
@@ -56,7 +56,7 @@ def render(config: Panoramas, seeds: Sequence[int], progress: Callable[[int, int
 
 
 def read_rooms(config: Panoramas, seeds: Sequence[int]) -> list[tuple[Shot, ...]]:
-    """The shots of each room of the buildings, in a fixed order."""
+    """Return the shots of each room of the buildings, in a fixed order."""
     rooms: dict[str, list[Shot]] = {}
     for path in sorted(path for seed in seeds for path in folder(config).glob(f"{seed}-*.npz")):
         rooms.setdefault(path.stem.rpartition("-")[0], []).append(Shot(**read_arrays(path)))
@@ -96,7 +96,7 @@ def _render_building(config: Panoramas, seed: int) -> None:
 
 
 def _places(free_m: np.ndarray, rng: np.random.Generator) -> list[np.ndarray]:
-    """(4, 4) poses: the first anywhere in a room's free space (N, 2), the others near it, all looking anywhere."""
+    """Return random (4, 4) poses: the first in the free space (N, 2) of a room, the others near it."""
     first = free_m[rng.integers(len(free_m))]
     away = np.linalg.norm(free_m - first, axis=1)
     near = free_m[(away >= NEAR_M) & (away <= FAR_M)]

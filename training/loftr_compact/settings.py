@@ -1,4 +1,4 @@
-"""What a training run is made from. The defaults are those of the weights that salframe ships."""
+"""Settings of a training run. The defaults are those of the weights that salframe ships."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ from salframe.framework.validation import Settings
 
 
 class Panoramas(Settings):
-    """How the panoramas that pairs are cut from are rendered."""
+    """Rendering of the panoramas that pairs are cut from."""
 
-    rooms: int = Field(10, ge=4, description="rooms of each building")
-    changed_fraction: float = Field(0.15, ge=0, le=1, description="share of the objects changed before the evening")
+    rooms: int = Field(10, ge=4, description="number of rooms per building")
+    changed_fraction: float = Field(0.15, ge=0, le=1, description="share of objects that change before the evening")
     height: int = Field(512, ge=64, multiple_of=4)
 
 
 class Stage(Settings):
-    """Some training at one size of the views."""
+    """Training steps at one view size."""
 
     width_px: int = Field(ge=16, multiple_of=8)
     height_px: int = Field(ge=16, multiple_of=8)
-    batch: int = Field(ge=1, description="pairs a step")
+    batch: int = Field(ge=1, description="number of pairs per step")
     steps: int = Field(ge=1)
-    buildings: int = Field(ge=1, description="how many of the training buildings its pairs come from")
+    buildings: int = Field(ge=1, description="number of training buildings that pairs come from")
 
 
 class Training(Settings):
@@ -31,7 +31,7 @@ class Training(Settings):
     seed: int = Field(0, ge=0)
     panoramas: Panoramas = Panoramas()
     held_out_seed: int = Field(
-        5000, ge=0, description="the building that measures progress; those of the following seeds are trained on"
+        5000, ge=0, description="seed of the held-out building; the training buildings have the following seeds"
     )
     stages: tuple[Stage, ...] = (
         Stage(width_px=160, height_px=120, batch=8, steps=800, buildings=5),
@@ -40,8 +40,10 @@ class Training(Settings):
     )
     peak_learning_rate: float = Field(1e-3, gt=0)
     warmup_steps: int = Field(100, ge=1)
-    decay_steps: int = Field(1100, ge=1, description="the last so many steps, over which the learning rate falls")
+    decay_steps: int = Field(1100, ge=1, description="number of last steps over which the learning rate decreases")
     weight_decay: float = Field(0.01, ge=0)
-    fine_matches: int = Field(24, ge=1, description="true matches a pair that the fine stage learns from")
+    fine_matches: int = Field(24, ge=1, description="maximum number of true matches per pair for the fine stage")
     report_every: int = Field(200, ge=1, description="steps between checkpoints and held-out measurements")
-    processes: int = Field(2, ge=1, description="that share every batch; beside each another one cuts its pairs")
+    processes: int = Field(
+        2, ge=1, description="number of processes that share every batch; each has another process that cuts its pairs"
+    )

@@ -1,4 +1,4 @@
-"""The training loop: seeded, resumed from its last checkpoint, its progress in a JSON lines file."""
+"""Training loop, which is seeded, resumes from its last checkpoint, and logs to a JSON lines file."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ HELD_OUT_SIZE_PX = 320, 240
 PRECISE_PX = 3.0
 GRADIENT_NORM = 1.0
 FINAL_RATE = 0.02
-"""Of the peak learning rate, where the cosine ends."""
+"""Final learning rate, as a fraction of the peak."""
 
 
 class Pairs(Dataset):
-    """Training pairs of a stage; pair number n is the same whenever it is asked for."""
+    """Training pairs of a stage. Pair number n is always the same."""
 
     def __init__(self, rooms: Sequence[Sequence[Shot]], stage: Stage, stage_number: int, seed: int) -> None:
         self._rooms, self._stage, self._key = rooms, stage, (seed, 0, stage_number)
@@ -55,14 +55,22 @@ class Pairs(Dataset):
 
 
 def train(config: Training, folder: Path, report: Callable[[dict[str, Any]], None]) -> loftr.LoFTR:
-    """The trained network. What `folder` holds of the same settings is gone on with. Raises ConfigError where it holds
-    another run.
+    """Train the network, or resume the run in a folder.
 
-    report(row) gets each row of the log: step, losses, learning rate, and the held-out precision.
+    Args:
+        config: Settings of the run.
+        folder: Folder of the run.
+        report: Called with each row of the log: step, losses, learning rate, and held-out precision.
+
+    Returns:
+        The trained network.
+
+    Raises:
+        ConfigError: The folder holds a run with other settings.
     """
     _claim(folder, config)
-    with tempfile.TemporaryDirectory() as meeting:
-        arguments = (config, folder, report, f"file://{meeting}/store")
+    with tempfile.TemporaryDirectory() as rendezvous:
+        arguments = (config, folder, report, f"file://{rendezvous}/store")
         torch.multiprocessing.start_processes(_work, arguments, nprocs=config.processes, start_method="fork")
     network = build()
     network.load_state_dict(torch.load(folder / CHECKPOINT, weights_only=True)["network"])
@@ -121,7 +129,7 @@ def _work(rank: int, config: Training, folder: Path, report: Callable[[dict[str,
 
 
 def _average(network: loftr.LoFTR) -> None:
-    """Give all processes the mean of their gradients and of their running means and variances."""
+    """Replace the gradients, running means and variances of all processes by their means."""
     values = [parameter.grad for parameter in network.parameters() if parameter.grad is not None]
     values += [buffer for buffer in network.buffers() if buffer.is_floating_point()]
     flat = torch.cat([value.flatten() for value in values])
@@ -133,14 +141,14 @@ def _average(network: loftr.LoFTR) -> None:
 
 
 def learning_rate(step: int, steps: int, config: Training) -> float:
-    """Linear warm-up, the peak, and over the last steps a half cosine down to FINAL_RATE of it."""
+    """Return the learning rate of a step: linear warm-up, the peak, and a half cosine down to FINAL_RATE of it."""
     done = max(0.0, 1 - (steps - step) / config.decay_steps)
     fall = FINAL_RATE + (1 - FINAL_RATE) * (1 + math.cos(math.pi * done)) / 2
     return config.peak_learning_rate * min(1.0, (step + 1) / config.warmup_steps) * fall
 
 
 def draw_held_out(config: Training) -> list[tuple[PosedView, PosedView]]:
-    """Pairs of the held-out building at the run-time size."""
+    """Return pairs of the held-out building at the run-time size."""
     rooms = read_rooms(config.panoramas, [config.held_out_seed])
     return [
         draw_pair(rooms, HELD_OUT_SIZE_PX, np.random.default_rng((config.seed, 1, number)))
@@ -149,9 +157,9 @@ def draw_held_out(config: Training) -> list[tuple[PosedView, PosedView]]:
 
 
 def held_out_precision(network: torch.nn.Module, pairs: Sequence[tuple[PosedView, PosedView]]) -> dict[str, float]:
-    """Share of the matches within 3 pixels of their true place, mean over pairs, 0 without a match; and matches a pair.
+    """Return the precision (share of matches within 3 pixels, mean over pairs) and the number of matches per pair.
 
-    Matches of what the other panorama does not see count for neither.
+    A pair without matches has precision 0. Matches of points that are not visible in the other panorama are ignored.
     """
     network.eval()
     precision, count = [], []
@@ -161,9 +169,9 @@ def held_out_precision(network: torch.nn.Module, pairs: Sequence[tuple[PosedView
             for side, view in enumerate((first, second))
         }
         with torch.inference_mode():
-            found = network(images)
+            output = network(images)
         error = np.linalg.norm(
-            warp(found["keypoints0"].numpy().astype(np.float64), first, second) - found["keypoints1"].numpy(), axis=1
+            warp(output["keypoints0"].numpy().astype(np.float64), first, second) - output["keypoints1"].numpy(), axis=1
         )
         error = error[np.isfinite(error)]
         precision.append(float((error <= PRECISE_PX).mean()) if len(error) else 0.0)
@@ -175,14 +183,13 @@ def _claim(folder: Path, config: Training) -> None:
     path = folder / SETTINGS
     if path.exists() and read_json(path) != config.model_dump(mode="json"):
         raise ConfigError(
-            f"{folder} holds a run with other settings ({SETTINGS}): choose another folder, or its settings"
+            f"{folder} holds a run with other settings ({SETTINGS}): use another folder or those settings"
         )
     write_json(path, config.model_dump(mode="json"))
 
 
 def _resume(path: Path, network: torch.nn.Module, optimizer: torch.optim.Optimizer) -> int:
-    """The step that the checkpoint was written after, its state put into the network and optimizer; 0 where there is
-    none."""
+    """Load a checkpoint into the network and the optimizer. Return its step, 0 if there is no checkpoint."""
     if not path.exists():
         return 0
     state = torch.load(path, weights_only=True)

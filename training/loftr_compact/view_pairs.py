@@ -1,7 +1,7 @@
-"""Pairs of perspective views of one room with their exact correspondences on LoFTR's coarse grid.
+"""Pairs of perspective views of one room with exact correspondences on LoFTR's coarse grid.
 
-Cell (x, y) of the grid stands for the point (8 x, 8 y) of the image, pixel centres at +0.5. View pixels are K R^T d for
-a direction d in the panorama frame, where R turns camera axes (x right, y down, z forward) to it.
+Cell (x, y) of the grid is the point (8 x, 8 y) of the image, with pixel centres at +0.5. View pixels are K R^T d for a
+direction d in the panorama frame, where R rotates camera axes (x right, y down, z forward) to the panorama frame.
 """
 
 from __future__ import annotations
@@ -17,21 +17,21 @@ from salframe.panoramas.geometry import invert_pose, pose_yaw, rays_to_pixels, s
 from training.loftr_compact.panoramas import Shot
 
 FOCAL_PX = 160.0
-"""Of the views that `loftr-compact` cuts at run time: 320 pixels for 90 degrees."""
+"""Focal length of the views of `loftr-compact` at run time: 320 pixels for 90 degrees."""
 
 DEPTH_TOLERANCE = 0.05
+"""Maximum relative difference in range of a visible point."""
 MIN_MATCHED = 0.1
-"""Share of the first view's cells with a true match below which another pair of views is drawn."""
+"""Minimum share of the first view's cells that have a true match. Other pairs are rejected, up to ATTEMPTS times."""
 
 ATTEMPTS = 10
 HOMOGRAPHIES = 0.3
-"""Share of the pairs that are two views of one panorama, hence related by a homography, with sheared and stretched
-cameras."""
+"""Share of pairs that are two views of one panorama, related by a homography, with sheared and stretched cameras."""
 
 
 @dataclass(frozen=True, eq=False)
 class PosedView:
-    """A view that a camera matrix (3, 3) and a rotation (3, 3) cut from a shot; size_px is width, height."""
+    """A view of a shot by a camera matrix (3, 3) and a rotation (3, 3). `size_px` is (width, height)."""
 
     shot: Shot
     camera: np.ndarray
@@ -39,12 +39,12 @@ class PosedView:
     size_px: tuple[int, int]
 
     def bearings(self, pixels: np.ndarray) -> np.ndarray:
-        """(K, 3) unit vectors in the panorama frame through pixels (K, 2)."""
+        """Return (K, 3) unit vectors in the panorama frame through pixels (K, 2)."""
         rays = np.column_stack([pixels, np.ones(len(pixels))]) @ (self.rotation @ np.linalg.inv(self.camera)).T
         return rays / np.linalg.norm(rays, axis=1, keepdims=True)
 
     def project(self, directions: np.ndarray) -> np.ndarray:
-        """(K, 2) pixels that directions (K, 3) in the panorama frame fall on, NaN behind the camera and outside the
+        """Return the (K, 2) pixels of directions (K, 3) in the panorama frame, NaN behind the camera and outside the
         image."""
         image = directions @ (self.camera @ self.rotation.T).T
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -53,7 +53,7 @@ class PosedView:
         return np.where(inside[:, None], pixels, np.nan)
 
     def cut(self) -> np.ndarray:
-        """(h, w) uint8 image, bilinear."""
+        """Return the (h, w) uint8 image by bilinear interpolation."""
         width, height = self.size_px
         y, x = np.mgrid[:height, :width] + 0.5
         columns, rows = rays_to_pixels(self.bearings(np.column_stack([x.ravel(), y.ravel()])), len(self.shot.gray))
@@ -61,35 +61,37 @@ class PosedView:
         return cv2.remap(self.shot.gray, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
 
     def grid(self) -> np.ndarray:
-        """(L, 2) float64 points of the coarse grid, row by row."""
+        """Return the (L, 2) float64 points of the coarse grid, row by row."""
         x, y = np.meshgrid(*(np.arange(0, size, STRIDE_PX) for size in self.size_px))
         return np.column_stack([x.ravel(), y.ravel()]).astype(np.float64)
 
 
 def warp(points_px: np.ndarray, source: PosedView, target: PosedView) -> np.ndarray:
-    """(K, 2) where the target view sees the points (K, 2) of the source view.
+    """Return the (K, 2) pixels in the target view of points (K, 2) of the source view.
 
-    NaN outside the image, where the range is unknown, and where the target's panorama has another range: occluded, or
-    changed.
+    NaN marks points outside the image, points with unknown range, and points whose range in the target's panorama
+    differs because they are occluded or changed.
     """
     bearings = source.bearings(points_px)
     points_m = bearings * sample_nearest(source.shot.range_m, bearings)[:, None].astype(np.float64)
-    seen_m = transform_points(invert_pose(target.shot.T_world_pano) @ source.shot.T_world_pano, points_m)
-    known = np.isfinite(seen_m).all(1)
-    range_m = np.where(known, np.linalg.norm(seen_m, axis=1), np.nan)
-    seen_m = np.where(known[:, None], seen_m, (1.0, 0.0, 0.0))
-    there_m = sample_nearest(target.shot.range_m, seen_m).astype(np.float64)
+    target_m = transform_points(invert_pose(target.shot.T_world_pano) @ source.shot.T_world_pano, points_m)
+    finite = np.isfinite(target_m).all(1)
+    range_m = np.where(finite, np.linalg.norm(target_m, axis=1), np.nan)
+    target_m = np.where(finite[:, None], target_m, (1.0, 0.0, 0.0))
+    measured_m = sample_nearest(target.shot.range_m, target_m).astype(np.float64)
     with np.errstate(invalid="ignore"):
-        visible = known & (np.abs(there_m - range_m) < DEPTH_TOLERANCE * range_m)
-    return np.where(visible[:, None], target.project(seen_m), np.nan)
+        visible = finite & (np.abs(measured_m - range_m) < DEPTH_TOLERANCE * range_m)
+    return np.where(visible[:, None], target.project(target_m), np.nan)
 
 
 def correspondences(first: PosedView, second: PosedView) -> tuple[np.ndarray, np.ndarray]:
-    """For each cell of the first view, the cell of the second that it matches, (L,) int64, -1 for none; and where, (L,
-    2) float32.
+    """Return the matching cell of the second view for each cell of the first.
 
-    Cells match where each is the nearest cell to the other's true place (LoFTR section 3.3). The place is in pixels
-    from the second cell.
+    Two cells match if each is the nearest cell to the true position of the other (LoFTR section 3.3).
+
+    Returns:
+        Cells (L,) int64, -1 for no match, and offsets (L, 2) float32 from the matching cell to the true position, in
+        pixels.
     """
     grid_first, grid_second = first.grid(), second.grid()
     forward = warp(grid_first, first, second)
@@ -100,18 +102,17 @@ def correspondences(first: PosedView, second: PosedView) -> tuple[np.ndarray, np
 
 
 def _nearest_cell(points_px: np.ndarray, size_px: tuple[int, int]) -> np.ndarray:
-    """(K,) int64 index of the coarse cell nearest to each point, -1 for NaN and where that cell would lie beyond the
-    grid."""
+    """Return the (K,) int64 index of the coarse cell nearest to each point, -1 for NaN and outside the grid."""
     columns, rows = (size // STRIDE_PX for size in size_px)
-    known = np.isfinite(points_px).all(1)
-    x, y = np.rint(np.where(known[:, None], points_px, -STRIDE_PX) / STRIDE_PX).astype(np.int64).T
+    finite = np.isfinite(points_px).all(1)
+    x, y = np.rint(np.where(finite[:, None], points_px, -STRIDE_PX) / STRIDE_PX).astype(np.int64).T
     return np.where((x >= 0) & (x < columns) & (y >= 0) & (y < rows), y * columns + x, -1)
 
 
 def draw_pair(
     rooms: Sequence[Sequence[Shot]], size_px: tuple[int, int], rng: np.random.Generator
 ) -> tuple[PosedView, PosedView]:
-    """Two overlapping views of a room, from different panoramas or by homography from one."""
+    """Return two random overlapping views of a room, from two panoramas or by a homography from one."""
     for _ in range(ATTEMPTS):
         room = rooms[rng.integers(len(rooms))]
         homography = rng.random() < HOMOGRAPHIES or len(room) < 2
@@ -124,18 +125,18 @@ def draw_pair(
 def _draw_views(
     room: Sequence[Shot], size_px: tuple[int, int], rng: np.random.Generator
 ) -> tuple[PosedView, PosedView]:
-    """Views of two panoramas: of the same point of the room, more or less, or in the same direction of the world, as at
-    run time."""
+    """Return random views of two panoramas, towards about the same point of the room or in the same world direction,
+    as at run time."""
     a, b = (room[i] for i in rng.choice(len(room), 2, replace=False))
     azimuth, focal = rng.uniform(-np.pi, np.pi), FOCAL_PX * rng.uniform(0.8, 1.25)
     first = PosedView(a, _camera(size_px, focal), _rotation(azimuth, rng.normal(0, 0.09), rng.normal(0, 0.04)), size_px)
     ahead = first.bearings(np.array([size_px]) / 2)
-    seen_m = transform_points(
+    target_m = transform_points(
         invert_pose(b.T_world_pano) @ a.T_world_pano, ahead * sample_nearest(a.range_m, ahead)[0]
     )[0]
-    same_point, pitch = rng.random() < 0.6 and np.isfinite(seen_m).all(), rng.normal(0, 0.09)
+    same_point, pitch = rng.random() < 0.6 and np.isfinite(target_m).all(), rng.normal(0, 0.09)
     target = (
-        np.arctan2(seen_m[1], seen_m[0])
+        np.arctan2(target_m[1], target_m[0])
         if same_point
         else azimuth + pose_yaw(a.T_world_pano) - pose_yaw(b.T_world_pano)
     )
@@ -167,8 +168,8 @@ def _camera(size_px: tuple[int, int], focal_px: float, shear: float = 0.0, stret
 
 
 def _rotation(azimuth_rad: float, pitch_rad: float, roll_rad: float) -> np.ndarray:
-    """(3, 3) from camera axes to the panorama frame: level and forward, rolled, pitched up, then turned
-    counter-clockwise."""
+    """Return the (3, 3) rotation from camera axes to the panorama frame: roll, then pitch up, then counter-clockwise
+    yaw of a level camera that faces forward."""
     (ca, cp, cr), (sa, sp, sr) = (f(np.array([azimuth_rad, pitch_rad, roll_rad])) for f in (np.cos, np.sin))
     level = np.array([[0, 0, 1], [-1, 0, 0], [0, -1, 0]])
     roll = np.array([[cr, -sr, 0], [sr, cr, 0], [0, 0, 1]])
@@ -178,7 +179,7 @@ def _rotation(azimuth_rad: float, pitch_rad: float, roll_rad: float) -> np.ndarr
 
 
 def photometric(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """(1, h, w) float32 in [0, 1]: another exposure, gamma, noise, a little blur, and JPEG as at run time."""
+    """Return the image as (1, h, w) float32 in [0, 1], with random exposure, gamma, noise, slight blur, and JPEG."""
     if rng.random() < 0.3:
         image = cv2.GaussianBlur(image, (0, 0), rng.uniform(0.3, 1.2))
     value = (image / 255.0) ** rng.uniform(0.6, 1.6)

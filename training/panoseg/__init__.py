@@ -1,1 +1,1 @@
-"""Training of `panoseg`: render panoramas, train, export to ONNX: `python -m training.panoseg.train OUTPUT`."""
+"""Training of `panoseg`: render panoramas, train, export to ONNX. Run `python -m training.panoseg.train OUTPUT`."""

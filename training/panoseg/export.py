@@ -1,4 +1,4 @@
-"""The trained network as an ONNX file that answers in classes, scores and votes at the panorama's own resolution, and
+"""Export of the trained network to an ONNX file with classes, scores and votes at the resolution of the panorama, and
 its card."""
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from salframe.framework.files.writing import atomic_path, write_json
 from training.panoseg.network import PanoSeg
 
 DOUBT = 4.0
-"""A pixel is structure where that is so many times as probable as any object: what may be an object is told, with its
-low score."""
+"""Minimum ratio of the probability of structure to that of any object for a structure pixel. Uncertain objects are
+reported with a low score."""
 
 
 class Answer(nn.Module):
-    """(B, 6, H, W) -> class_id (B, H, W) uint8, score (B, H, W) float32 (the class's probability), vote_m (B, 3, H, W)
-    float32.
+    """Maps an input (B, 6, H, W) to class_id (B, H, W) uint8, score (B, H, W) float32 (the probability of the class),
+    and vote_m (B, 3, H, W) float32.
 
-    Trained with `weights` (C,), the network overrates what counted more; in `score` that is taken back.
+    Training with class weights (C,) increases the probability of classes with large weights. `score` corrects this.
     """
 
     def __init__(self, network: PanoSeg, weights: Tensor) -> None:
@@ -45,13 +45,13 @@ class Answer(nn.Module):
 
 
 def doubled(image: Tensor) -> Tensor:
-    """Twice the resolution, bilinear, closed at the seam."""
+    """Return the image at twice the resolution by bilinear interpolation, continuous at the seam."""
     image = torch.cat([image[..., -1:], image, image[..., :1]], -1)
     return functional.interpolate(image, scale_factor=2, mode="bilinear", align_corners=False)[..., 2:-2]
 
 
 def export(checkpoint: Path, path: Path, card: dict[str, Any]) -> Path:
-    """Write the checkpoint's network to `path` and its card beside it, with its labels and sha256."""
+    """Write the network of a checkpoint to `path`, and next to it its card with labels and sha256."""
     state = torch.load(checkpoint, map_location="cpu", weights_only=True)
     network = PanoSeg(len(card["labels"]) + 1)
     network.load_state_dict(state["network"])

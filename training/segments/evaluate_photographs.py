@@ -1,9 +1,9 @@
 """Measure detectors on photographs: `python -m training.segments.evaluate_photographs FOLDER --model FILE ...`.
 
-FOLDER holds rgb/, depth/ and labels13/ of NYU Depth v2, each view lifted to a partial panorama with its depth. Prints,
-for `segments` with each network and for `panoseg`: pixels, objects at three scores, the calibration and its curve; and
-the pixels of one network by other views. docs/photographs.json is what `--json` printed, of which
-docs/how-to/segments.md has its figures.
+FOLDER holds rgb/, depth/ and labels13/ of NYU Depth v2. Each view is converted to a partial panorama with its depth.
+The command prints pixel metrics, object metrics at three score thresholds, and the calibration with its curve, for
+`segments` with each network and for `panoseg`; and optionally the pixel metrics of one network with other views.
+docs/photographs.json is the output of `--json`. The metrics in docs/how-to/segments.md are from it.
 """
 
 from __future__ import annotations
@@ -45,17 +45,17 @@ from training.segments.thirteen import CLASSES, class_of
 
 SCORES = (0.3, 0.5, 0.7)
 DIGITS = 5
-"""Figures are printed as JSON to so many decimals."""
+"""Number of decimals in the JSON output."""
 TURNS_DEG = (0.0, 30.0)
-"""How the photograph lies to the views when pixels are counted, both together: in the middle of one of six, and between
-two."""
+"""Rotations of the panorama for pixel metrics, which are summed over both. The photograph is in the middle of one of
+six views, and between two."""
 VIEWS = ((3, 120, 512), (4, 100, 512), (6, 90, 512), (6, 75, 512), (8, 75, 512), (6, 90, 1024))
-"""What `--views` tries: how many views a panorama, how many degrees each, and rows of the panorama."""
+"""Configurations of `--views`: views per panorama, field of view in degrees, and height of the panorama."""
 
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """What a detector made of a view: the confusion of its pixels, its objects, and the parts of the labels."""
+    """Result of a detector on a view: pixel confusion matrix, objects, and labelled parts."""
 
     pixels: np.ndarray
     objects: Objects
@@ -63,12 +63,14 @@ class Seen:
 
 
 def main(
-    folder: Annotated[Path, typer.Argument(help="the views: rgb/, depth/, labels13/")],
-    model: Annotated[list[Path] | None, typer.Option(help="a network for `segments`; repeatable")] = None,
-    height: Annotated[int, typer.Option(help="rows of the partial panoramas")] = 512,
-    by_views: Annotated[Path | None, typer.Option("--views", help="a network to try with other views too")] = None,
-    overrides: Annotated[list[str] | None, typer.Option("--set", help="key=value, a setting of `segments`")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="all figures as JSON")] = False,
+    folder: Annotated[Path, typer.Argument(help="Folder with rgb/, depth/ and labels13/.")],
+    model: Annotated[list[Path] | None, typer.Option(help="Network for `segments` (repeatable).")] = None,
+    height: Annotated[int, typer.Option(help="Height of the partial panoramas in pixels.")] = 512,
+    by_views: Annotated[Path | None, typer.Option("--views", help="Network to evaluate with other views.")] = None,
+    overrides: Annotated[
+        list[str] | None, typer.Option("--set", help="Override a setting of `segments`, as key=value.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print all metrics as JSON.")] = False,
 ) -> None:
     """Measure `segments` with each network, and `panoseg`."""
     settings: dict[str, Any] = {"min_score": 0.0}
@@ -88,36 +90,36 @@ def main(
     if not as_json:
         show(figures)
         return
-    short = json.loads(json.dumps(figures), parse_float=lambda text: round(float(text), DIGITS))
-    print(json.dumps(short, indent=1))
+    rounded = json.loads(json.dumps(figures), parse_float=lambda text: round(float(text), DIGITS))
+    print(json.dumps(rounded, indent=1))
 
 
 def measure_views(model: Path, views: Sequence[View], settings: dict[str, Any]) -> dict[str, Any]:
-    """The pixels of `segments` with a network by VIEWS."""
-    found = {}
+    """Return the pixel metrics of `segments` with a network for each configuration of VIEWS."""
+    metrics = {}
     for number, fov_deg, height in VIEWS:
         config = configure(
             "detector", "segments", {**settings, "model": str(model), "views": number, "fov_deg": fov_deg}
         )
         detector = registry().build("detector", config)
         pixels = np.sum([look(detector, view, view.panorama(height)).pixels for view in views], 0)
-        found[f"{number} of {fov_deg} deg, {height} rows"] = {
+        metrics[f"{number} of {fov_deg} deg, {height} rows"] = {
             "accuracy": accuracy(pixels),
             "mean_iou": mean_iou(pixels),
         }
-    return found
+    return metrics
 
 
 def measure(detector: Detector, views: Sequence[View], height: int) -> dict[str, Any]:
-    """All figures of a detector."""
-    seen = [look(detector, view, view.panorama(height)) for view in views]
-    pixels = np.sum([one.pixels for one in seen], 0)
-    named = [one.objects.named for one in seen]
+    """Return all metrics of a detector."""
+    results = [look(detector, view, view.panorama(height)) for view in views]
+    pixels = np.sum([result.pixels for result in results], 0)
+    named = [result.objects.named for result in results]
     figures: dict[str, Any] = {}
     if isinstance(detector, SegmentsDetector):
         figures["pixels"] = {"accuracy": accuracy(pixels), "mean_iou": mean_iou(pixels)}
         slope, offset = detector.calibration.slope, detector.calibration.offset
-        plain = [1 / (1 + np.exp((offset - logit(one.objects.score)) / slope)) for one in seen]
+        plain = [1 / (1 + np.exp((offset - logit(result.objects.score)) / slope)) for result in results]
         scores = left_out_scores(plain, named)
         figures["calibration"] = {
             "fit": fit(np.concatenate(plain), np.concatenate(named)),
@@ -130,73 +132,73 @@ def measure(detector: Detector, views: Sequence[View], height: int) -> dict[str,
         "accuracy": accuracy(one_structure(pixels)),
         "mean_iou": mean_iou(one_structure(pixels)),
     }
-    figures["curve"] = curve([one.objects.score for one in seen], named)
+    figures["curve"] = curve([result.objects.score for result in results], named)
     figures["objects"] = {
-        str(score): shares([count(one.objects, one.parts, score) for one in seen]) for score in SCORES
+        str(score): shares([count(result.objects, result.parts, score) for result in results]) for score in SCORES
     }
     return figures
 
 
 def look(detector: Detector, view: View, panorama: Panorama) -> Seen:
-    """What a detector makes of a view."""
-    found = detector.detect(panorama)
+    """Run a detector on a view."""
+    detections = detector.detect(panorama)
     if isinstance(detector, SegmentsDetector):
         answers = [class_pixels(detector, panorama, turn_deg) for turn_deg in TURNS_DEG]
     else:
-        answers = [class_image(found)]
+        answers = [class_image(detections)]
     pixels = np.sum([confusion(view.labels, view.camera.see(answer)) for answer in answers], 0)
     laid = view.camera.lay_on_sphere(view.labels, ROWS, smooth=False)
-    return Seen(pixels, lay_objects(found, laid), parts_of(laid))
+    return Seen(pixels, lay_objects(detections, laid), parts_of(laid))
 
 
 def class_pixels(detector: SegmentsDetector, panorama: Panorama, turn_deg: float) -> np.ndarray:
-    """(ROWS, 2 ROWS) int: the class of each pixel, as the detector's views show it with the panorama turned."""
+    """Return the (ROWS, 2 ROWS) int class of each pixel by the detector, which runs on the rotated panorama."""
     columns = 2 * round(turn_deg * ROWS / 360)
-    wide = columns * len(panorama.valid) // ROWS
+    shift = columns * len(panorama.valid) // ROWS
     turned = replace(
-        panorama, **{name: np.roll(getattr(panorama, name), wide, 1) for name in ("rgb", "range_m", "valid")}
+        panorama, **{name: np.roll(getattr(panorama, name), shift, 1) for name in ("rgb", "range_m", "valid")}
     )
     pixels = detector.classify(turned)
     classes = np.array([CLASSES.index(class_of(name)) if name else 0 for name in pixels.names])
     return np.roll(classes[pixels.class_id], -columns, 1)
 
 
-def class_image(found: Detections) -> np.ndarray:
-    """(ROWS, 2 ROWS) int: the class of the object whose points lie there, the best of several; elsewhere wall."""
+def class_image(detections: Detections) -> np.ndarray:
+    """Return the (ROWS, 2 ROWS) int class of the best object at each pixel, wall elsewhere."""
     answer = np.full((ROWS, 2 * ROWS), CLASSES.index("wall"))
-    for i in np.argsort(found.scores, kind="stable"):
-        column, row = rays_to_pixels((found.points_m or ())[i], ROWS)
+    for i in np.argsort(detections.scores, kind="stable"):
+        column, row = rays_to_pixels((detections.points_m or ())[i], ROWS)
         answer[np.minimum(row.astype(int), ROWS - 1), column.astype(int) % (2 * ROWS)] = CLASSES.index(
-            class_of(found.labels[i])
+            class_of(detections.labels[i])
         )
     return answer
 
 
 def shares(counts: Sequence[Counts]) -> dict[str, Any]:
-    """Precision and recall, each with its 95 % interval by a bootstrap over views."""
+    """Return precision and recall, each with its 95 % CI by a bootstrap over views."""
     total = sum(counts[1:], counts[0])
     figures: dict[str, Any] = dict(vars(total))
-    for what, right, number in (
+    for metric, numerator, denominator in (
         ("named_precision", "named", "detected"),
         ("covered_recall", "covered", "parts"),
         ("precision", "found", "detected"),
         ("recall", "found", "parts"),
     ):
-        own, of = (np.array([getattr(one, name) for one in counts]) for name in (right, number))
-        figures[what] = [float(own.sum() / of.sum()), *interval(own, of)] if of.sum() else None
+        part, whole = (np.array([getattr(view, name) for view in counts]) for name in (numerator, denominator))
+        figures[metric] = [float(part.sum() / whole.sum()), *interval(part, whole)] if whole.sum() else None
     return figures
 
 
 def show(figures: dict[str, Any]) -> None:
-    """A few lines a detector."""
-    for name, one in figures.pop("views", {}).items():
-        print(f"{name}: accuracy {one['accuracy']:.3f}, mean IoU {one['mean_iou']:.3f}")
-    for name, one in figures.items():
+    """Print a few lines per detector."""
+    for name, metrics in figures.pop("views", {}).items():
+        print(f"{name}: accuracy {metrics['accuracy']:.3f}, mean IoU {metrics['mean_iou']:.3f}")
+    for name, metrics in figures.items():
         print(f"\n{name}")
         for key in ("pixels", "pixels_one_structure"):
-            if key in one:
-                print(f"  {key}: accuracy {one[key]['accuracy']:.3f}, mean IoU {one[key]['mean_iou']:.3f}")
-        for score, row in one["objects"].items():
+            if key in metrics:
+                print(f"  {key}: accuracy {metrics[key]['accuracy']:.3f}, mean IoU {metrics[key]['mean_iou']:.3f}")
+        for score, row in metrics["objects"].items():
             print(
                 f"  score >= {score}: {row['detected']} objects, {row['parts']} parts;",
                 ", ".join(
@@ -205,20 +207,20 @@ def show(figures: dict[str, Any]) -> None:
                     if row[key]
                 ),
             )
-        if "calibration" in one:
-            own = one["calibration"]
+        if "calibration" in metrics:
+            calibration = metrics["calibration"]
             print(
-                f"  logistic fit: slope {own['fit'][0]:.2f}, offset {own['fit'][1]:.2f};",
-                f"Brier {own['brier_plain']:.3f} plain, {own['brier_left_out']:.3f} left out",
+                f"  logistic fit: slope {calibration['fit'][0]:.2f}, offset {calibration['fit'][1]:.2f};",
+                f"Brier {calibration['brier_plain']:.3f} uncalibrated, {calibration['brier_left_out']:.3f} left-out",
             )
-            _show_curve("plain", own["curve_plain"])
-            _show_curve("left out", own["curve_left_out"])
-        _show_curve("as it scores", one["curve"])
+            _show_curve("uncalibrated", calibration["curve_plain"])
+            _show_curve("left-out", calibration["curve_left_out"])
+        _show_curve("scores of the detector", metrics["curve"])
 
 
-def _show_curve(what: str, rows: list[dict[str, float]]) -> None:
+def _show_curve(name: str, rows: list[dict[str, float]]) -> None:
     print(
-        f"  {what}:",
+        f"  {name}:",
         "; ".join(
             f"{row['score']:.2f} -> {row['named']:.2f} ({row['low']:.2f} to {row['high']:.2f}, {row['objects']})"
             for row in rows

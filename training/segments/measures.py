@@ -1,4 +1,4 @@
-"""What detectors are measured by on labelled photographs: pixels, objects, and what a score is worth."""
+"""Metrics of detectors on labelled photographs: pixels, objects, and scores."""
 
 from __future__ import annotations
 
@@ -12,18 +12,24 @@ from salframe.panoramas.geometry import rays_to_pixels
 from training.segments.thirteen import CLASSES, STRUCTURE, class_of
 
 ROWS = 256
-"""Objects are compared on a panorama of so many rows."""
+"""Height of the panorama on which objects are compared."""
 MIN_PIXELS = 13
-"""A part of the labels that covers fewer pixels of it is no object: 2e-3 sr, as for the detector."""
+"""Minimum number of pixels of a labelled part that is an object: 2e-3 sr, the threshold of the detector."""
 OVERLAP = 0.5
-"""An object is found where it and a part of the labels share so much of their union."""
+"""Minimum intersection over union of an object and the labelled part that it matches."""
 
 
 @dataclass(frozen=True)
 class Counts:
-    """Objects of a detector and of the labels, summed over views. detected: objects it gives in labelled parts; named:
-    those most of whose labelled pixels are of their class; found: those that match a part (OVERLAP); parts: of the
-    labels; covered: parts most of whose pixels some detected object of their class covers."""
+    """Numbers of objects of a detector and of labelled parts, summed over views.
+
+    Attributes:
+        detected: Detected objects in labelled areas.
+        named: Detected objects whose class is that of the majority of their labelled pixels.
+        found: Detected objects that match a part (OVERLAP).
+        parts: Labelled parts.
+        covered: Labelled parts whose pixels are mostly covered by detected objects of the same class.
+    """
 
     detected: int
     named: int
@@ -37,8 +43,14 @@ class Counts:
 
 @dataclass(frozen=True, eq=False)
 class Objects:
-    """Detected objects on a view's labels: score (N,), named (N,) bool, the class of each, and its pixels (N, P) bool
-    among the P labelled pixels."""
+    """Detected objects on the labels of a view.
+
+    Attributes:
+        score: (N,) scores.
+        named: (N,) bool, whether the class is that of the majority of the labelled pixels.
+        label: (N,) class ids.
+        masks: (N, P) bool, the pixels of each object among the P labelled pixels.
+    """
 
     score: np.ndarray
     named: np.ndarray
@@ -47,7 +59,7 @@ class Objects:
 
 
 def confusion(truth: np.ndarray, answer: np.ndarray) -> np.ndarray:
-    """(14, 14) int: pixels by labelled class (rows, those of class 0 left out) and by the detector's."""
+    """Return the (14, 14) int number of pixels by labelled class (rows, without class 0) and by detected class."""
     counts = np.zeros((len(CLASSES), len(CLASSES)), int)
     np.add.at(counts, (truth.ravel(), answer.ravel()), 1)
     counts[0] = 0
@@ -55,20 +67,20 @@ def confusion(truth: np.ndarray, answer: np.ndarray) -> np.ndarray:
 
 
 def accuracy(counts: np.ndarray) -> float:
-    """The share of the labelled pixels whose class is right."""
+    """Return the share of the labelled pixels with the correct class."""
     return float(np.trace(counts) / counts.sum())
 
 
 def mean_iou(counts: np.ndarray) -> float:
-    """The mean over the labelled classes of intersection over union."""
+    """Return the mean intersection over union of the labelled classes."""
     right = np.diag(counts)[1:]
     union = counts.sum(0)[1:] + counts.sum(1)[1:] - right
-    there = counts.sum(1)[1:] > 0
-    return float((right[there] / union[there]).mean())
+    labelled = counts.sum(1)[1:] > 0
+    return float((right[labelled] / union[labelled]).mean())
 
 
 def one_structure(counts: np.ndarray) -> np.ndarray:
-    """The counts with wall, floor and ceiling as one class: for detectors that do not tell them apart."""
+    """Return the counts with wall, floor and ceiling merged, for detectors that do not distinguish them."""
     merged = counts.copy()
     first, *others = (CLASSES.index(name) for name in STRUCTURE)
     for other in others:
@@ -80,43 +92,45 @@ def one_structure(counts: np.ndarray) -> np.ndarray:
     return merged
 
 
-def lay_objects(found: Detections, labels: np.ndarray) -> Objects:
-    """Detections by their points on the labels (ROWS, 2 ROWS) of a panorama, 0 where there are none.
+def lay_objects(detections: Detections, labels: np.ndarray) -> Objects:
+    """Project detections, by their points, to the labels (ROWS, 2 ROWS) of a panorama, 0 where unlabelled.
 
-    Left out are those whose class the labels count to the structure, and those with no more than half of their pixels
-    labelled.
+    Detections with a structure class, or with at most half of their pixels labelled, are ignored.
     """
     labelled = np.flatnonzero(labels)
-    classes, masks, kept = [], [], []
-    for i, points in enumerate(found.points_m or ()):
+    classes, masks, rows = [], [], []
+    for i, points in enumerate(detections.points_m or ()):
         column, row = rays_to_pixels(points, ROWS)
         inside = np.zeros(labels.shape, bool)
         inside[np.minimum(row.astype(int), ROWS - 1), column.astype(int) % (2 * ROWS)] = True
-        name = class_of(found.labels[i])
+        name = class_of(detections.labels[i])
         if name not in STRUCTURE and 2 * inside.flat[labelled].sum() > inside.sum():
             classes.append(CLASSES.index(name))
             masks.append(inside.flat[labelled])
-            kept.append(i)
-    label, mask = np.array(classes, int), np.array(masks, bool).reshape(len(kept), len(labelled))
+            rows.append(i)
+    label, mask = np.array(classes, int), np.array(masks, bool).reshape(len(rows), len(labelled))
     right = mask & (labels.flat[labelled] == label[:, None])
-    return Objects(found.scores[kept], 2 * right.sum(1) > mask.sum(1), label, mask)
+    return Objects(detections.scores[rows], 2 * right.sum(1) > mask.sum(1), label, mask)
 
 
 def parts_of(labels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The objects of the labels (ROWS, 2 ROWS): connected parts of one class, no structure. Their classes (M,) and
-    pixels (M, P) bool among the labelled ones."""
+    """Return the objects in labels (ROWS, 2 ROWS), the connected parts of one class except structure.
+
+    Returns:
+        Class ids (M,), and pixels (M, P) bool among the P labelled pixels.
+    """
     labelled = np.flatnonzero(labels)
     classes = labels.ravel()
     part = connected_parts(labels > 0, lambda first, second: classes[first] == classes[second])
     first = np.unique(part, return_index=True)[1]
     label = classes[labelled][first].astype(int)
     masks = part == np.arange(len(first))[:, None]
-    kept = (masks.sum(1) >= MIN_PIXELS) & ~np.isin(label, [CLASSES.index(name) for name in STRUCTURE])
-    return label[kept], masks[kept]
+    selected = (masks.sum(1) >= MIN_PIXELS) & ~np.isin(label, [CLASSES.index(name) for name in STRUCTURE])
+    return label[selected], masks[selected]
 
 
 def count(objects: Objects, parts: tuple[np.ndarray, np.ndarray], min_score: float) -> Counts:
-    """How many objects of at least this score are right, and how many parts of the labels are found."""
+    """Count the correct objects with at least this score, and the labelled parts that they match or cover."""
     from scipy.optimize import linear_sum_assignment
 
     chosen = objects.score >= min_score
@@ -127,8 +141,8 @@ def count(objects: Objects, parts: tuple[np.ndarray, np.ndarray], min_score: flo
     same = label[:, None] == part_label
     matched = same & (common > OVERLAP * union)
     covered = sum(
-        2 * (masks[label == own] > 0).any(0)[part].sum() > part.sum()
-        for own, part in zip(part_label, part_masks, strict=True)
+        2 * (masks[label == class_id] > 0).any(0)[part].sum() > part.sum()
+        for class_id, part in zip(part_label, part_masks, strict=True)
     )
     return Counts(
         int(chosen.sum()),

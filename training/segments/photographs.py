@@ -15,14 +15,14 @@ from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.photograph import LEVEL, Pinhole
 
 FOCAL_PX, CENTRE_PX = 519.0, (325.0, 254.0)
-"""Of the Kinect's colour camera, with which depth and labels are aligned."""
+"""Focal length and centre of the Kinect's colour camera. Depth and labels are aligned with it."""
 STEPS_DEG = (45.0, 45.0, 45.0, 15.0, 15.0, 15.0, 15.0, 15.0)
-"""Within so much of level or upright a surface speaks for a vertical; first coarsely, then finely."""
+"""Maximum deviation of a surface from horizontal or vertical in each step of the gravity estimate, coarse to fine."""
 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A photograph: camera, and class ids (h, w) uint8 as in thirteen.CLASSES, 0 where nobody labelled."""
+    """A photograph with its camera, and class ids (h, w) uint8 as in thirteen.CLASSES, 0 where unlabelled."""
 
     name: str
     camera: Pinhole
@@ -31,16 +31,19 @@ class View:
     labels: np.ndarray
 
     def panorama(self, height: int) -> Panorama:
-        """What it shows of the sphere."""
+        """Return the photograph as a partial panorama."""
         return self.camera.panorama(self.name, self.rgb, self.depth_m, height)
 
 
 def read_views(folder: Path) -> Iterator[View]:
-    """The labelled views of a folder with rgb/, depth/ (16 bits, millimetres, z-depth) and labels13/. Raises
-    DataError."""
+    """Yield the labelled views of a folder with rgb/, depth/ (16 bits, millimetres, z-depth) and labels13/.
+
+    Raises:
+        DataError: The folder holds no labels, or a file cannot be read.
+    """
     paths = sorted((folder / "labels13").glob("*.png"))
     if not paths:
-        raise DataError(f"{folder} has no labels13/*.png, expected the folder of the NYU views")
+        raise DataError(f"{folder} has no labels13/*.png, expected a folder with views of NYU Depth v2")
     for path in paths:
         labels = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
         depth_m = read_range(folder / "depth" / path.name)
@@ -51,7 +54,7 @@ def read_views(folder: Path) -> Iterator[View]:
 
 
 def normals(depth_m: np.ndarray, focal_px: float, centre_px: tuple[float, float], step: int = 8) -> np.ndarray:
-    """(n, 3) unit normals of the surfaces of a depth image (z-depth), camera axes (x right, y down, z forward)."""
+    """Return (n, 3) unit surface normals of a z-depth image, in camera axes (x right, y down, z forward)."""
     y, x = np.mgrid[: depth_m.shape[0] : step, : depth_m.shape[1] : step]
     z = cv2.blur(np.nan_to_num(depth_m), (step, step))[::step, ::step]
     points = np.stack([(x + 0.5 - centre_px[0]) / focal_px * z, (y + 0.5 - centre_px[1]) / focal_px * z, z], -1)
@@ -62,11 +65,10 @@ def normals(depth_m: np.ndarray, focal_px: float, centre_px: tuple[float, float]
 
 
 def upright(normal: np.ndarray) -> np.ndarray:
-    """(3, 3) from camera axes to an upright frame in which the camera looks along +x, by the normals (n, 3) of what it
-    sees: the vertical that most surfaces are level or upright to.
+    """Estimate the (3, 3) rotation from camera axes to an upright frame in which the camera faces +x.
 
-    Gupta, Arbelaez, Malik, Perceptual Organization and Recognition of Indoor Scenes from RGB-D Images, CVPR 2013. No
-    label is used.
+    The vertical is the direction that most surface normals (n, 3) are parallel or perpendicular to (Gupta, Arbelaez,
+    Malik, Perceptual Organization and Recognition of Indoor Scenes from RGB-D Images, CVPR 2013). Labels are not used.
     """
     up = np.array([0.0, -1.0, 0.0])
     for step_deg in STEPS_DEG:

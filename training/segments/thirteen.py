@@ -1,5 +1,5 @@
 """The 13 classes of NYU Depth v2 (Couprie et al., Indoor Semantic Segmentation using depth information, ICLR 2013), and
-what the names of detectors are among them."""
+the mapping of detector labels to them."""
 
 from __future__ import annotations
 
@@ -39,11 +39,11 @@ _NAMES = {
     "wall": ("wall", "building", "door", "column"),
     "window": ("window", "curtain"),
 }
-"""What the mapping of the 894 labels of NYU Depth v2 to 40 and to 13 classes comes to: a door and a pillar are wall, a
-rug is floor, blinds and curtains are window. What is in none of these rows and is no structure is `objects`."""
+"""Labels of each class, following the mapping of the 894 labels of NYU Depth v2 to 40 and to 13 classes: doors and
+pillars are wall, rugs are floor, blinds and curtains are window. All other labels are `objects`."""
 _CLASS_OF = {name: label for label, names in _NAMES.items() for name in names}
 
 
 def class_of(name: str) -> str:
-    """The one of CLASSES that a detector's name for an object, or a network's for structure, stands for."""
+    """Return the class of a detector's object label, or of a network's structure label."""
     return _CLASS_OF.get(common_label(name), "objects")

@@ -16,8 +16,10 @@ def test_every_component_keeps_the_rules_of_its_role(component):
 
 
 def hall() -> salframe.Panorama:
-    """A round hall of radius 4 m, 2.6 m high, seen from 1.5 m above the floor; in it, 1 m behind the camera, a front 2
-    m high."""
+    """Return a panorama of a round hall of radius 4 m and height 2.6 m, at 1.5 m above the floor.
+
+    A cupboard front of height 2 m is 1 m behind the camera.
+    """
     elevation_rad = row_elevation(128)[:, None] * np.ones((1, 256))
     hall_m = np.minimum(4 / np.cos(elevation_rad), np.where(elevation_rad > 0, 1.1, -1.5) / np.sin(elevation_rad))
     behind = np.abs(np.arange(256) - 127.5) > 120
@@ -26,9 +28,9 @@ def hall() -> salframe.Panorama:
 
 
 def test_a_cupboard_across_the_seam_is_one_tall_object():
-    found = HeightBands().detect(hall())
-    assert found.labels == ("tall object",)
-    np.testing.assert_allclose(found.centroid_m[0, :2], (-1, 0), atol=0.02)
+    detections = HeightBands().detect(hall())
+    assert detections.labels == ("tall object",)
+    np.testing.assert_allclose(detections.centroid_m[0, :2], (-1, 0), atol=0.02)
 
 
 def test_a_file_says_what_objects_are_called(tmp_path):
@@ -36,15 +38,15 @@ def test_a_file_says_what_objects_are_called(tmp_path):
     detector = HeightBands(HeightBands.Config(names=tmp_path / "names.txt"))
     assert detector.detect(hall()).labels == ("cupboard",)
     (tmp_path / "names.txt").write_text("stool\n")
-    with pytest.raises(salframe.ConfigError, match=r"names\.txt holds 1 lines, expected low, middle and tall"):
+    with pytest.raises(salframe.ConfigError, match=r"names\.txt holds 1 lines, expected 3: low, middle, tall"):
         detector.detect(hall())
 
 
 def test_the_range_finder_sees_floor_ceiling_and_walls_where_they_are():
     range_m = BoxRooms(BoxRooms.Config(height=128, boxes=1)).folds()[0].references[0].load().range_m
-    half = np.pi / 256  # rows and columns look half a pixel beside the axes
+    half = np.pi / 256  # rows and columns are half a pixel off the axes
     assert range_m[0, 0] == pytest.approx(1.1 / np.cos(half), rel=1e-5)
     assert range_m[-1, 0] == pytest.approx(1.5 / np.cos(half), rel=1e-5)
     low_m, high_m = draw_room(0, 0, 1)
-    assert low_m[1, 1] > 1 or high_m[1, 1] < -1 or low_m[1, 0] > -1  # no box on the way to the wall behind
+    assert low_m[1, 1] > 1 or high_m[1, 1] < -1 or low_m[1, 0] > -1  # no box in front of the wall behind
     assert range_m[63, 0] == pytest.approx(high_m[0, 0] / np.cos(half) ** 2, rel=1e-5)

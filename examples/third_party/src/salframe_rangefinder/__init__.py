@@ -1,4 +1,4 @@
-"""What a robot with a range finder needs: a component of every kind that a plugin may bring, and presets with them."""
+"""Example plugin for a robot with a range finder: a component for each role, and presets that use them."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Commands of this package; what is heavy is imported when a command runs."""
+"""Commands of this package. Heavy imports are inside the commands, so that they do not slow down `salframe --help`."""
 
 from typing import Annotated
 
@@ -8,8 +8,8 @@ import salframe
 
 
 def bands(
-    frame: Annotated[str, typer.Argument(help="A frame of the dataset.")],
-    data: Annotated[str, typer.Option(help="A dataset preset, a dataset, or a folder.")] = "box-rooms-8",
+    frame: Annotated[str, typer.Argument(help="Id of a frame of the dataset.")],
+    data: Annotated[str, typer.Option(help="Dataset preset, dataset, or folder.")] = "box-rooms-8",
 ) -> None:
     """Print the objects that `height-bands` finds in a frame: label, distance, azimuth."""
     import numpy as np
@@ -17,8 +17,8 @@ def bands(
     from salframe.panoramas.opening import open_frame
     from salframe_rangefinder.detector import HeightBands
 
-    found = HeightBands().detect(open_frame(frame, data).load())
-    for label, (x_m, y_m, _) in zip(found.labels, found.centroid_m, strict=True):
+    detections = HeightBands().detect(open_frame(frame, data).load())
+    for label, (x_m, y_m, _) in zip(detections.labels, detections.centroid_m, strict=True):
         print(f"{label}: {np.hypot(x_m, y_m):.2f} m, {np.degrees(np.arctan2(y_m, x_m)):.0f} deg")
 
 

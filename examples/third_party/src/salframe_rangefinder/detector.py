@@ -1,4 +1,4 @@
-"""A detector without a network: what stands out from the walls, named by how high it reaches."""
+"""A detector without a network: objects in front of the walls, labelled by height."""
 
 import numpy as np
 from pydantic import Field
@@ -9,17 +9,17 @@ from salframe.panoramas.geometry import row_elevation
 
 
 class HeightBands(salframe.Detector):
-    """Regions of the range image that stand out from floor, ceiling and walls: low, middle or tall objects."""
+    """Regions of the range image in front of floor, ceiling and walls, labelled as low, middle or tall objects."""
 
     name = "height-bands"
     version = "1"
     needs = frozenset({"range"})
 
     class Config(salframe.ComponentConfig):
-        margin_m: float = Field(0.3, gt=0, description="distance from floor, ceiling and wall where an object begins")
-        min_pixels: int = Field(100, ge=1, description="smaller regions are left out")
+        margin_m: float = Field(0.3, gt=0, description="minimum distance of an object from floor, ceiling and wall")
+        min_pixels: int = Field(100, ge=1, description="minimum number of pixels of an object")
         names: salframe.UserFile | None = Field(
-            None, description="text file: what low, middle and tall objects are called"
+            None, description="text file with the labels of low, middle and tall objects, one per line"
         )
 
     def detect(self, panorama):
@@ -27,7 +27,7 @@ class HeightBands(salframe.Detector):
         if self.config.names is not None:
             names = self.config.names.read_text().splitlines()
         if len(names) != 3:
-            raise salframe.ConfigError(f"{self.config.names} holds {len(names)} lines, expected low, middle and tall")
+            raise salframe.ConfigError(f"{self.config.names} holds {len(names)} lines, expected 3: low, middle, tall")
         range_m, margin_m = np.nan_to_num(panorama.range_m), self.config.margin_m
         elevation_rad = row_elevation(len(range_m))[:, None]
         height_m, reach_m = range_m * np.sin(elevation_rad), range_m * np.cos(elevation_rad)
@@ -37,7 +37,7 @@ class HeightBands(salframe.Detector):
         )
         regions, _ = ndimage.label(stands_out & (range_m > 0))
         for left, right in zip(regions[:, 0], regions[:, -1], strict=True):
-            if left and right:  # the sides of a panorama are neighbours
+            if left and right:  # the left and right edge of a panorama are adjacent
                 regions[regions == right] = left
         large = np.flatnonzero(np.bincount(regions[regions > 0]) >= self.config.min_pixels)
         masks = [regions == region for region in large]

@@ -17,7 +17,9 @@ class NetworkxPlanner(salframe.Planner):
 
         self._graph = networkx.Graph()
         self._graph.add_nodes_from(node.id for node in map.nodes)
-        for edge in sorted(map.edges, key=lambda edge: -edge.length_m):  # of several between two nodes the last stays
+        for edge in sorted(
+            map.edges, key=lambda edge: -edge.length_m
+        ):  # add the shortest of parallel edges last, because it replaces the others
             self._graph.add_edge(edge.start, edge.end, length_m=edge.length_m, edge=edge)
 
     def route(self, start, goal):

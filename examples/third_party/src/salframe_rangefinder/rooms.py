@@ -1,4 +1,4 @@
-"""A data set without files: rooms with boxes along their walls, drawn from a seed and seen by a range finder."""
+"""A data set without files: random rooms with boxes along their walls, as measured by a range finder."""
 
 from functools import lru_cache, partial
 
@@ -13,32 +13,34 @@ EYE_M, PITCH_M = 1.5, 10.0
 
 
 class BoxRooms(salframe.Dataset):
-    """Rooms in a row with boxes along their walls: a reference frame in the middle of each, a query beside it."""
+    """A row of rooms with boxes along their walls, each with a reference frame in the middle and a query near it."""
 
     name = "box-rooms"
     version = "1"
     provides = frozenset({"range"})
 
     class Config(salframe.ComponentConfig):
-        rooms: int = Field(4, ge=1, description="how many rooms")
-        boxes: int = Field(6, ge=1, description="boxes in each")
-        shift_m: float = Field(0.3, ge=0, le=1, description="how far from the reference frame a query is, at most")
-        height: int = Field(128, ge=32, description="rows of a panorama")
+        rooms: int = Field(4, ge=1, description="number of rooms")
+        boxes: int = Field(6, ge=1, description="number of boxes per room")
+        shift_m: float = Field(
+            0.3, ge=0, le=1, description="maximum offset of a query from the reference frame along x and y"
+        )
+        height: int = Field(128, ge=32, description="height of a panorama in pixels")
         seed: int = Field(0, ge=0, description="seed of rooms and queries")
 
     @property
     def fingerprint(self):
-        return digest(identity(self.config))  # there is nothing but the settings
+        return digest(identity(self.config))  # the data depend on the settings only
 
     def folds(self):
-        mapping = []
+        references = []
         for number in range(self.config.rooms):
             id, pose = f"room-{number}/map", salframe.pose_2d(PITCH_M * number, 0, 0, EYE_M)
-            mapping.append(salframe.ReferenceFrame(id, f"room-{number}", pose, load=partial(self._look, id, pose)))
+            references.append(salframe.ReferenceFrame(id, f"room-{number}", pose, load=partial(self._look, id, pose)))
         queries = [
             salframe.QueryFrame(id, partial(self._look, id, self.truth(id).T_world_pano)) for id in self._queries
         ]
-        return [salframe.Fold("all", tuple(mapping), tuple(queries))]
+        return [salframe.Fold("all", tuple(references), tuple(queries))]
 
     def truth(self, query_id):
         if query_id not in self._queries:
@@ -68,7 +70,7 @@ class BoxRooms(salframe.Dataset):
 
 @lru_cache
 def draw_room(seed, number, boxes):
-    """Opposite corners (1 + boxes, 3) of the room, whose middle is at x = y = 0, and of the boxes in it, metres."""
+    """Return the low and high corners (1 + boxes, 3), in metres, of a room centred at x = y = 0 and of its boxes."""
     rng = np.random.default_rng((seed, number, 0))
     half_m = rng.uniform((2.2, 2.0), (3.5, 3.0))
     size_m = rng.uniform((0.3, 0.3, 0.4), (0.8, 0.8, 2.1), (boxes, 3))

@@ -1,4 +1,4 @@
-"""Parts of salframe's own chain: a saliency model, a matcher and a positioner."""
+"""Components for the localizer saliency-graph: a saliency model, a matcher and a positioner."""
 
 import numpy as np
 from pydantic import Field
@@ -8,7 +8,7 @@ import salframe
 
 
 class ApparentSize(salframe.SaliencyModel):
-    """Share of the solid angle that objects fill: what is large and near stands out."""
+    """Share of the solid angle of all objects, so that large and near objects are salient."""
 
     name = "apparent-size"
     version = "1"
@@ -20,13 +20,15 @@ class ApparentSize(salframe.SaliencyModel):
 
 
 class BoxSizes(salframe.GraphMatcher):
-    """Pairs objects of one label whose boxes are of one size; the score is the mean likeness of all objects."""
+    """Pairs objects with the same label and similar box size. The score is the mean similarity of all objects."""
 
     name = "box-sizes"
     version = "1"
 
     class Config(salframe.ComponentConfig):
-        tolerance_m: float = salframe.match_only(0.2, gt=0, description="difference in size at which likeness is 1/e")
+        tolerance_m: float = salframe.match_only(
+            0.2, gt=0, description="difference in size at which the similarity is 1/e"
+        )
 
     def index(self, graphs):
         return list(graphs)
@@ -36,36 +38,36 @@ class BoxSizes(salframe.GraphMatcher):
         return sorted((match for match in matches if len(match.pairs)), key=lambda match: -match.score)[:top_k]
 
     def _match(self, query, graph, scene):
-        apart_m = np.abs(query.size_m[:, None] - graph.size_m).max(-1, initial=0)
-        alike = np.nan_to_num(np.exp(-apart_m / self.config.tolerance_m))  # without range there is no size
-        alike *= np.array(query.labels, str)[:, None] == np.array(graph.labels, str)
-        rows, columns = linear_sum_assignment(alike, maximize=True)
-        paired = alike[rows, columns] > 0
-        score = alike[rows, columns].sum() / max(len(query), len(graph), 1)
+        difference_m = np.abs(query.size_m[:, None] - graph.size_m).max(-1, initial=0)
+        similarity = np.nan_to_num(np.exp(-difference_m / self.config.tolerance_m))  # the size is unknown without range
+        similarity *= np.array(query.labels, str)[:, None] == np.array(graph.labels, str)
+        rows, columns = linear_sum_assignment(similarity, maximize=True)
+        paired = similarity[rows, columns] > 0
+        score = similarity[rows, columns].sum() / max(len(query), len(graph), 1)
         return salframe.GraphMatch(scene, float(score), np.column_stack([rows[paired], columns[paired]]))
 
 
 class PlanarFit(salframe.Positioner):
-    """The upright rigid motion of least squares, in closed form; pairs that it leaves far apart are no inliers."""
+    """Upright rigid motion by least squares in closed form. Pairs within a maximum distance are inliers."""
 
     name = "planar-fit"
     version = "1"
 
     class Config(salframe.ComponentConfig):
-        inlier_m: float = Field(0.5, gt=0, description="largest distance of an inlier pair")
+        inlier_m: float = Field(0.5, gt=0, description="maximum distance of an inlier pair")
 
     def solve(self, query_m, reference_m, weights=None):
-        nothing = np.zeros(len(query_m), bool)
+        no_inliers = np.zeros(len(query_m), bool)
         if len(query_m) < 2:
-            return salframe.PoseEstimate(None, salframe.PoseStatus.TOO_FEW, None, nothing)
+            return salframe.PoseEstimate(None, salframe.PoseStatus.TOO_FEW, None, no_inliers)
         share = np.ones(len(query_m)) if weights is None or not weights.any() else weights
         share = share / share.sum()
         middle_m, goal_m = share @ query_m, share @ reference_m
         query, reference = (points[:, 0] + 1j * points[:, 1] for points in (query_m - middle_m, reference_m - goal_m))
         turn = share @ (query.conj() * reference)
-        if abs(turn) < 1e-9:  # m^2: all points of a side are one
-            return salframe.PoseEstimate(None, salframe.PoseStatus.DEGENERATE, None, nothing)
+        if abs(turn) < 1e-9:  # m^2: all points of one side coincide
+            return salframe.PoseEstimate(None, salframe.PoseStatus.DEGENERATE, None, no_inliers)
         pose = salframe.pose_2d(0, 0, float(np.angle(turn)))
         pose[:3, 3] = goal_m - salframe.transform_points(pose, middle_m)
-        off_m = np.linalg.norm(salframe.transform_points(pose, query_m) - reference_m, axis=1)
-        return salframe.PoseEstimate(pose, salframe.PoseStatus.OK, None, off_m < self.config.inlier_m)
+        distance_m = np.linalg.norm(salframe.transform_points(pose, query_m) - reference_m, axis=1)
+        return salframe.PoseEstimate(pose, salframe.PoseStatus.OK, None, distance_m < self.config.inlier_m)
