@@ -83,7 +83,7 @@ def test_commands_that_cannot_be_loaded_are_told_once_and_stop_nothing(fakes, mo
     monkeypatch.setenv("SALFRAME_PLUGINS", "fake_plugin,broken_commands,salframe_engines")
     registry.cache_clear()
     done = run("--help")
-    told = "broken_commands of broken_commands: its commands failed to load: SystemExit: no commands today\n"
+    told = "broken_commands of broken_commands: commands failed to load: SystemExit: no commands today\n"
     assert (done.code, done.err) == (0, told)
     assert run("compare", "--methods", "reader", "--data", "rooms", "--engine", "inline").code == 0
 

@@ -194,5 +194,5 @@ def test_an_interrupt_is_one_line_within_two_seconds(fakes, tmp_path, asked, gro
     out, err = process.communicate(timeout=60)
     took_s = time.monotonic() - began
     assert (process.returncode, out) == (130, "")
-    assert err == "interrupted: finished frames and answers are kept, run the same command again to resume\n"
+    assert err == "interrupted: finished work is stored; run the same command again to resume\n"
     assert took_s < 2
