@@ -202,7 +202,7 @@ BROKEN_PLUGINS = {
     ),
     "class": (
         "import salframe\n@salframe.hookimpl\ndef salframe_provides():\n    return [int]",
-        "<class 'int'> is no component",
+        "<class 'int'> is not a component",
     ),
     "weights": (
         "import salframe\nfrom salframe.framework.engines.engine import Engine\n"
