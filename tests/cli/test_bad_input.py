@@ -182,7 +182,7 @@ def test_missing_weights_are_told_and_how_to_get_them(data):
     (row,) = done.json["rows"]
     assert (done.code, row["method"], row["available"]) == (1, "loftr", False)
     assert re.fullmatch(
-        r"weights 'loftr': no file absent\.ckpt; give another path, or: salframe weights fetch loftr", row["reason"]
+        r"weights 'loftr': no file absent\.ckpt; use another path, or: salframe weights fetch loftr", row["reason"]
     )
 
 

@@ -172,5 +172,5 @@ def test_networks_that_do_not_fit_are_one_line(tmp_path):
         PanoSegDetector(own(tmp_path, network=whole[: len(whole) // 2]))
     with pytest.raises(WeightsMissing, match=r"panoseg.json holds no list of labels, expected the card"):
         PanoSegDetector(own(tmp_path, card={"classes": 3}))
-    with pytest.raises(WeightsMissing, match=r"no file .*nowhere; give another path"):
+    with pytest.raises(WeightsMissing, match=r"no file .*nowhere; use another path"):
         PanoSegDetector(PanoSegDetector.Config(model=tmp_path / "nowhere"))

@@ -87,7 +87,7 @@ SEEN: dict[str, tuple[Spoil, tuple[str, ...], str]] = {
     "missing array": (
         archive(lambda arrays: {name: part for name, part in arrays.items() if name != "0/free"}),
         ROUTE,
-        r"floors\.npz, floor 0 lacks arrays or has others \(free\)",
+        r"floors\.npz, floor 0 has missing or unexpected arrays \(free\)",
     ),
     "extra array": (archive(lambda arrays: arrays | {"0/roof": np.ones(3)}), ROUTE, r"has others \(roof\)"),
     "745 GiB": (
@@ -98,7 +98,7 @@ SEEN: dict[str, tuple[Spoil, tuple[str, ...], str]] = {
     "ragged poses": (
         array_file("map/parts-*/frames/pose.npy", lambda poses: poses.ravel()[:-1]),
         LOCALIZE,
-        r"pose\.npy has values \(14,\), expected as many as .*columns\.json says",
+        r"pose\.npy has values \(14,\), expected the number in .*columns\.json",
     ),
     "poses of text": (
         array_file("map/parts-*/frames/pose.npy", lambda poses: poses.astype("U9")),

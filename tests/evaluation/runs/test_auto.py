@@ -142,9 +142,13 @@ def test_it_is_varied_by_an_ablation(detectors):
 def test_without_data_it_stays_undecided_and_is_not_built(detectors):
     config = configure_default("localizer", "objects")
     assert config.detector.kind == "auto"
-    with pytest.raises(ConfigError, match=r"the detector is 'auto', which needs data to choose from.*\(annotations, seg"):
+    with pytest.raises(
+        ConfigError, match=r"the detector is 'auto', which needs data to choose from.*\(annotations, seg"
+    ):
         registry().build("localizer", config)
-    with pytest.raises(ConfigError, match=r"received detector\.noise, but detector 'auto' needs data .* name one of annotations"):
+    with pytest.raises(
+        ConfigError, match=r"received detector\.noise, but detector 'auto' needs data .* name one of annotations"
+    ):
         configure("localizer", "objects", {"detector": {"noise": "none"}})
     choice = Choice("mine", lambda: frozenset({"annotations"}))
     decided = configure("localizer", "objects", {}, [{"detector": {"noise": "none"}}], choice)
@@ -165,7 +169,9 @@ def test_a_listing_says_whether_anything_could_run(detectors, plugins):
 def test_no_component_may_be_called_so():
     from auto_plugin import Named
 
-    with pytest.raises(SalframeError, match="name is 'auto', which is reserved for slots whose component is chosen by the data"):
+    with pytest.raises(
+        SalframeError, match="name is 'auto', which is reserved for slots whose component is chosen by the data"
+    ):
         registry().add(type("Auto", (Named,), {"name": "auto"}), "a-package")
 
 

@@ -58,7 +58,10 @@ class Nameless(SaliencyModel):
 @pytest.mark.parametrize(
     ("component", "message"),
     [
-        (declared(name="My model"), "Changed.name is 'My model', expected words of lower-case letters and digits joined by"),
+        (
+            declared(name="My model"),
+            "Changed.name is 'My model', expected words of lower-case letters and digits joined by",
+        ),
         (declared(name="two--hyphens"), "Changed.name is 'two--hyphens'"),
         (declared(name=7), "Changed.name is 7, expected words"),
         (Nameless, "Nameless has no name and no version"),
@@ -235,7 +238,8 @@ def test_a_preset_whose_name_is_taken_is_refused(found, tmp_path):
         (tmp_path / package / "methods" / "calm.yaml").write_text("kind: even\n")
     found.add(Presets(tmp_path / "one"), "one")
     with pytest.raises(
-        SalframeError, match=r"the preset .*two/methods/calm\.yaml of two is already registered: .*one/methods/calm\.yaml"
+        SalframeError,
+        match=r"the preset .*two/methods/calm\.yaml of two is already registered: .*one/methods/calm\.yaml",
     ):
         found.add(Presets(tmp_path / "two"), "two")
     assert found.list_presets("methods") == {"calm": "one"}
