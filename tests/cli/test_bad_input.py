@@ -59,7 +59,7 @@ def with_image(name: str, image: np.ndarray) -> Callable[[Path], None]:
 SPOILT_FOLDERS = {
     "cut image": (
         lambda data: cut(data / "frames/kitchen-map.rgb.png"),
-        r"kitchen-map\.rgb\.png is no readable image .*expected a JPEG or PNG",
+        r"kitchen-map\.rgb\.png is no readable image .*expected a complete JPEG or PNG",
     ),
     "no image": (
         lambda data: (data / "frames/kitchen-map.rgb.png").write_text("hello"),
@@ -297,7 +297,7 @@ def test_a_detector_that_lacks_something_is_named_and_others_that_could_look(dat
     assert not any("annotations" in one for one in offered)
     (row,) = compare("./data", "--json", *offered[0].split()).json["rows"]
     assert (row["available"], row["status"].get("crashed")) == (True, None)
-    assert set(row["given"]) <= {"rgb", "range"}
+    assert set(row["input"]) <= {"rgb", "range"}
 
 
 def test_where_no_detector_can_look_that_is_said(data, monkeypatch):

@@ -178,7 +178,7 @@ def test_a_faulty_preset_is_told_and_ends_no_listing(shipped, tmp_path):
     assert run("doctor").code == 1
     done = run("compare", "--methods", "odd", "--data", "rooms")
     assert (done.code, done.err.count("\n")) == (2, 1)
-    assert "the preset methods/odd.yaml of shipped_presets is faulty" in done.err
+    assert "the preset methods/odd.yaml of shipped_presets is invalid" in done.err
 
 
 def test_data_that_is_lost_is_listed(shipped, tmp_path):

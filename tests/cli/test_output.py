@@ -82,7 +82,7 @@ def test_json_says_what_was_asked_of_what_and_what_went_wrong(fakes):
     done = run("compare", "--methods", "reader,weightless", *asked, "--seed", 5, "--json")
     content = done.json
     assert done.code == 1
-    assert (content["format"], content["task"]) == (1, "localization")
+    assert (content["format"], content["task"]) == (2, "localization")
     assert content["request"]["seed"] == 5
     assert content["request"]["data"] == {
         "kind": "rooms",
@@ -103,7 +103,7 @@ def test_json_says_what_was_asked_of_what_and_what_went_wrong(fakes):
     reader, weightless = content["rows"]
     assert reader["status"] == {"ok": 7, "crashed": 2, "error": 1}
     assert reader["errors"] == {"crashed": "ValueError: this room is too much", "error": "query-3-1.png is no image"}
-    assert (reader["given"], reader["ended"], weightless["ended"]) == (["rgb"], "done", "unavailable")
+    assert (reader["input"], reader["ended"], weightless["ended"]) == (["rgb"], "done", "unavailable")
 
 
 @pytest.fixture

@@ -91,7 +91,7 @@ def parse_yaml(content: bytes | str) -> Any:
 
 def _check_depth(depth: int) -> None:
     if depth > MAX_DEPTH:
-        raise ValueError(f"{depth} levels of nested lists and mappings, expected at most {MAX_DEPTH}")
+        raise ValueError(f"{depth} levels of lists and mappings, expected at most {MAX_DEPTH}")
 
 
 def _finite(text: str) -> float:

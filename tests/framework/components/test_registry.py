@@ -171,7 +171,7 @@ def test_what_a_plugin_declares_badly_is_its_packages_failure(found, plugin):
     found.load(plugin("a_plugin", "class Loud(Even):\n    name = 'LOUD'\n", "Loud"))
     (failure,) = found.failures
     assert failure.package == "a_plugin"
-    assert failure.reason.startswith("Loud.name is 'LOUD', expected words of small letters")
+    assert failure.reason.startswith("Loud.name is 'LOUD', expected words of lower-case letters")
 
 
 def test_a_hook_that_is_not_marked_is_a_failure(found, plugin, tmp_path):
