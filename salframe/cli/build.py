@@ -38,7 +38,7 @@ def build(
     from salframe.topology.building_map import build_map
 
     with Bars() as bars:
-        built = build_map(
+        result = build_map(
             data,
             output,
             method,
@@ -50,8 +50,8 @@ def build(
             progress=bars.update,
             tell=tell,
         )
-    print(f"{output}: {format_bytes(folder_bytes(output))}, {_describe(built.topology)}")
-    for note in () if built.topology is None else built.topology.notes:
+    print(f"{output}: {format_bytes(folder_bytes(output))}, {_describe(result.topology)}")
+    for note in () if result.topology is None else result.topology.notes:
         print(f"  {note}")
 
 

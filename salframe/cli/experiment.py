@@ -48,16 +48,16 @@ def experiment(
         )
         return
     request = replace(options.request(), data=None)
-    finished: list[ExperimentResult] = []
+    experiment_results: list[ExperimentResult] = []
     for selected in experiment_names() if name == ALL else [name]:
         with Bars() as bars:
             result = run_experiment(selected, request, quick=quick, force=force, results=results, progress=bars.update)
-        finished.append(result)
+        experiment_results.append(result)
         if not options.as_json and options.style == TABLE:
             print_experiment(result)
         elif not options.as_json:
             print(format_experiment(result, options.style))
     if options.as_json:
-        print_json([result.to_json() for result in finished])
-    if any(result.crashed or not any(table.stored for table in result.tables) for result in finished):
+        print_json([result.to_json() for result in experiment_results])
+    if any(result.crashed or not any(table.stored for table in result.tables) for result in experiment_results):
         raise typer.Exit(1)

@@ -42,8 +42,8 @@ def plugins(as_json: Json = False) -> None:
     from salframe.framework.components.registry import load_commands, registry
 
     components = list(list_components())
-    commands, broken = load_commands()
-    failures = [*registry().failures, *broken]
+    commands, command_failures = load_commands()
+    failures = [*registry().failures, *command_failures]
     presets = [(path.parent.name, path.stem, package) for path, package in registry().preset_files()]
     plugin_commands = [(name, package) for name, (_, package) in commands.items()]
     if as_json:

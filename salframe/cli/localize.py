@@ -59,7 +59,7 @@ def localize(
     if loose == (frame is not None):
         received = "both a frame and images" if loose else "neither a frame nor images"
         raise ConfigError(f"received {received}, expected either FRAME or image files such as --rgb FILE")
-    opened = open_map(map)
+    saved_map = open_map(map)
     query: Panorama | ReferenceFrame | QueryFrame
     if frame is None:
         query = read_panorama(rgb, range_image, instances, labels, range_unit_m=range_unit, z_depth=z_depth)
@@ -67,7 +67,7 @@ def localize(
         with Bars() as bars:
             query = open_frame(frame, data, data_dir, overrides or (), bars.update)
     warn_units([query])
-    answer = opened.localize(query)
+    answer = saved_map.localize(query)
     tell_choices(map)
     if as_json:
         print_json(answer_json(answer))

@@ -109,18 +109,18 @@ class CommonOptions:
         )
 
 
-def with_common_options(without: Sequence[str] = (), **changed: tuple[Any, Any]) -> Callable[[Command], Command]:
+def with_common_options(without: Sequence[str] = (), **replacements: tuple[Any, Any]) -> Callable[[Command], Command]:
     """Return a decorator for commands with a parameter `options` of type CommonOptions.
 
     The command line gets an option for each field of CommonOptions.
 
     Args:
         without: Fields without an option. They have their defaults.
-        changed: Type (with its help) and default of fields for which the command has a different option.
+        replacements: Type (with its help) and default of fields for which the command has a different option.
     """
     types = get_type_hints(CommonOptions, include_extras=True)
     option_types = {
-        field.name: changed.get(field.name, (types[field.name], field.default)) for field in fields(CommonOptions)
+        field.name: replacements.get(field.name, (types[field.name], field.default)) for field in fields(CommonOptions)
     }
     option_types = {name: option for name, option in option_types.items() if name not in without}
 

@@ -21,7 +21,7 @@ def report(
     from salframe.evaluation.finished_runs import write_report
 
     with Bars() as bars:
-        written = write_report(runs, output, full=full, progress=bars.update)
-    for note in written.notes:
+        result = write_report(runs, output, full=full, progress=bars.update)
+    for note in result.notes:
         tell(note)
-    print(f"{written.path}: {written.path.stat().st_size / 1e6:.1f} MB")
+    print(f"{result.path}: {result.path.stat().st_size / 1e6:.1f} MB")

@@ -41,10 +41,10 @@ def sensor(
     from salframe.framework.errors import ConfigError
 
     numbers = split_names(seeds)
-    if wrong := [number for number in numbers if not number.isdecimal()]:
-        raise ConfigError(f"received the seed {wrong[0]!r}, expected non-negative integers")
+    if invalid := [number for number in numbers if not number.isdecimal()]:
+        raise ConfigError(f"received the seed {invalid[0]!r}, expected non-negative integers")
     with Bars() as bars:
-        measured = measure_sensor(
+        measurement = measure_sensor(
             detector,
             split_names(options.data),
             options.data_dir,
@@ -56,14 +56,14 @@ def sensor(
             progress=bars.update,
         )
     if output is not None:
-        measured.write(output)
+        measurement.write(output)
     if options.as_json:
-        print_json(measured.to_json())
+        print_json(measurement.to_json())
     else:
-        print_sensor(measured)
-    for note in measured.notes:
+        print_sensor(measurement)
+    for note in measurement.notes:
         tell(note)
     if output is not None:
         tell(f"sensor model: {output}")
-    if measured.crashed:
+    if measurement.crashed:
         raise typer.Exit(1)

@@ -49,7 +49,7 @@ def show_objects(
     from salframe.drawing.show_objects import show_objects
 
     with Bars() as bars:
-        shown = show_objects(
+        result = show_objects(
             images,
             output,
             detector=detector,
@@ -60,13 +60,13 @@ def show_objects(
             progress=bars.update if len(images) > 1 else None,
         )
     if as_json:
-        print_json(shown.to_json())
+        print_json(result.to_json())
     else:
-        for view in shown.views:
+        for view in result.views:
             print(f"{view.picture}: {len(view.detections)} objects in {view.seconds:.2f} s")
-    for note in shown.notes:
+    for note in result.notes:
         tell(note)
-    for error in shown.failures.values():
+    for error in result.failures.values():
         tell(f"error: {error}")
-    if shown.failures:
+    if result.failures:
         raise typer.Exit(1)

@@ -91,21 +91,21 @@ def _rich(table: Table) -> rich_table.Table:
     from salframe.evaluation.tables.columns import INPUT
 
     title = None if table.title is None else escape(table.title)
-    drawn = rich_table.Table(
+    rich = rich_table.Table(
         box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), title=title, title_justify="left"
     )
     for column, heading in enumerate(table.headings):
         if column < table.leading:
-            drawn.add_column(escape(heading), overflow="fold")
+            rich.add_column(escape(heading), overflow="fold")
         elif heading == INPUT.heading:
-            drawn.add_column(escape(heading), max_width=INPUT_WIDTH)
+            rich.add_column(escape(heading), max_width=INPUT_WIDTH)
         else:
-            drawn.add_column(escape(heading), justify="right", no_wrap=True)
+            rich.add_column(escape(heading), justify="right", no_wrap=True)
     for i, row in enumerate(table.rows):
         leading = [text.replace("[", "\n  [").replace(",", ",\n   ") for text in row[: table.leading]]
         cells = enumerate(map(escape, [*leading, *row[table.leading :]]))
-        drawn.add_row(*(f"[bold]{text}[/bold]" if (i, j) in table.best else text for j, text in cells))
-    return drawn
+        rich.add_row(*(f"[bold]{text}[/bold]" if (i, j) in table.best else text for j, text in cells))
+    return rich
 
 
 def format_result(result: Result[Any] | StudyResult, style: str) -> str:
@@ -135,17 +135,17 @@ def format_experiment(result: ExperimentResult, style: str) -> str:
             for name, stored in tables
         )
     draw, heading = {"md": (to_markdown, "**{}**\n\n"), "latex": (to_latex, "% {}\n")}[style]
-    measured = [part for table in result.tables for part in table.tables()]
-    titled = [(str(part.title), part) for part in measured]
-    titled += [(f"reported, not measured: {part.title}", reported_table(part)) for _, part in result.reported]
-    return "\n".join(heading.format(title) + draw(table) for title, table in titled)
+    parts = [part for table in result.tables for part in table.tables()]
+    tables_by_title = [(str(part.title), part) for part in parts]
+    tables_by_title += [(f"reported, not measured: {part.title}", reported_table(part)) for _, part in result.reported]
+    return "\n".join(heading.format(title) + draw(table) for title, table in tables_by_title)
 
 
-def print_sensor(measured: SensorMeasurement) -> None:
+def print_sensor(measurement: SensorMeasurement) -> None:
     """Print the measured and modelled recall of a detector by size, range and occlusion, and a summary."""
-    table = measured.table()
+    table = measurement.table()
     print_table(table.headings, table.rows)
-    for line in measured.summary():
+    for line in measurement.summary():
         _say(line, dim=False)
 
 

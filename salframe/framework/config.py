@@ -51,15 +51,15 @@ def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
     """Return `base` updated recursively with `over`. A different `kind` discards the settings of the old one."""
     if "kind" in over and over["kind"] != base.get("kind", over["kind"]):
         return dict(over)
-    merged = dict(base)
+    result = dict(base)
     for key, value in over.items():
-        old = merged.get(key)
+        old = result.get(key)
         if isinstance(old, str) and isinstance(value, Mapping):
             old = {"kind": old}
         if isinstance(old, Mapping) and isinstance(value, str):
             value = {"kind": value}
-        merged[key] = merge(old, value) if isinstance(old, Mapping) and isinstance(value, Mapping) else value
-    return merged
+        result[key] = merge(old, value) if isinstance(old, Mapping) and isinstance(value, Mapping) else value
+    return result
 
 
 def parse_override(text: str) -> tuple[tuple[str, ...], Any]:

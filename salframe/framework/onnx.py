@@ -84,8 +84,10 @@ def open_model(
             b"".join([content, *map(_as_output, outputs)]), options, providers=["CPUExecutionProvider"]
         )
     except Exception as error:  # the exceptions of onnxruntime have no common base class
-        named = f" with a tensor {', '.join(outputs)}" if outputs else ""
-        raise WeightsMissing(f"{path} is no ONNX network{named}: {' '.join(str(error).split())[:200]}") from None
+        tensor_names = f" with a tensor {', '.join(outputs)}" if outputs else ""
+        raise WeightsMissing(
+            f"{path} is not an ONNX network{tensor_names}: {' '.join(str(error).split())[:200]}"
+        ) from None
     model = OnnxModel(
         session,
         tuple(map(_tensor, session.get_inputs())),
@@ -99,12 +101,12 @@ def open_model(
     return model
 
 
-def _tensor(declared: Any) -> Tensor:
+def _tensor(node: Any) -> Tensor:
     """Return an input that an onnxruntime session declares."""
     dtype = {"float": "float32", "double": "float64"}.get(
-        kind := declared.type.removeprefix("tensor(").removesuffix(")"), kind
+        kind := node.type.removeprefix("tensor(").removesuffix(")"), kind
     )
-    return Tensor(declared.name, dtype, tuple(length if isinstance(length, int) else None for length in declared.shape))
+    return Tensor(node.name, dtype, tuple(length if isinstance(length, int) else None for length in node.shape))
 
 
 def _fits(received: Sequence[Tensor], expected: Sequence[Shape], dtype: str) -> bool:

@@ -16,7 +16,7 @@ class Choice:
     """Chooses the components of slots with the value `auto`. Pass it to `validate`."""
 
     def __init__(self, data: str, provides: Callable[[], frozenset[str]]) -> None:
-        """Create a choice for a data set.
+        """Create a choice for a dataset.
 
         Args:
             data: The name of the data in messages.
@@ -42,8 +42,8 @@ class Choice:
         """
         component, remark = first_fit(role, self._provides() | added)
         if component is None:
-            raise InputMissing(f"no {role} of {AUTO!r} can run on {self._data}: {remark}")
-        self._notes[role] = f"{AUTO} took the {role} {component.name}" + (f", which {remark}" if remark else "")
+            raise InputMissing(f"no {role} for {AUTO!r} can run on {self._data}: {remark}")
+        self._notes[role] = f"{AUTO} selected the {role} {component.name}" + (f", which {remark}" if remark else "")
         return component
 
 
@@ -111,7 +111,7 @@ class Undecided(Component):
         """Raise RequirementMissing if no component of the role can run on this machine on any data."""
         component, reasons = first_fit(cls.role, None)
         if component is None:
-            raise RequirementMissing(f"no {cls.role} of {AUTO!r} can run here: {reasons}")
+            raise RequirementMissing(f"no {cls.role} for {AUTO!r} can run on this machine: {reasons}")
 
 
 @cache

@@ -1,4 +1,4 @@
-"""Default names of methods, data sets and components, read from configs/defaults.yaml."""
+"""Default names of methods, datasets and components, read from configs/defaults.yaml."""
 
 from __future__ import annotations
 

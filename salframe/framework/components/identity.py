@@ -55,10 +55,10 @@ def identity(config: ComponentConfig, *, describing: bool = False) -> dict[str, 
         ConfigError: A file cannot be read.
     """
     component = config.component
-    declared = {"role": component.role, "name": component.name, "version": component.version}
+    component_id = {"role": component.role, "name": component.name, "version": component.version}
     weights = [file.sha256 for network in component.weights_in_use(config) for file in network.files]
     return {
-        **declared,
+        **component_id,
         "settings": settings_identity(config, describing=describing),
         **({"weights": weights} if weights else {}),
     }

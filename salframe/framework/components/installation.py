@@ -38,16 +38,16 @@ def environment() -> dict[str, Any]:
 
 def list_weights(plugins: Registry) -> list[NetworkWeights]:
     """Return all weights that registered components declare, sorted by name."""
-    declared = {weights.name: weights for component, _ in plugins for weights in component.weights}
-    return [declared[name] for name in sorted(declared)]
+    weights_by_name = {weights.name: weights for component, _ in plugins for weights in component.weights}
+    return [weights_by_name[name] for name in sorted(weights_by_name)]
 
 
 def find_weights(name: str, plugins: Registry) -> NetworkWeights:
     """Return the weights of this name. Raises UnknownName."""
-    declared = {weights.name: weights for weights in list_weights(plugins)}
-    if name not in declared:
-        raise UnknownName(unknown("weights", name, sorted(declared)))
-    return declared[name]
+    weights_by_name = {weights.name: weights for weights in list_weights(plugins)}
+    if name not in weights_by_name:
+        raise UnknownName(unknown("weights", name, sorted(weights_by_name)))
+    return weights_by_name[name]
 
 
 def fetch_weights(name: str, progress: ByteProgress = lambda done, total: None) -> tuple[Path, ...]:

@@ -110,13 +110,13 @@ def nest_for(pairs: Pairs, scopes: Sequence[str]) -> dict[str, list[dict[str, An
     Raises:
         ConfigError: The first part of a key is not one of `scopes`, or is the only one.
     """
-    nested: dict[str, list[dict[str, Any]]] = {scope: [] for scope in scopes}
+    by_scope: dict[str, list[dict[str, Any]]] = {scope: [] for scope in scopes}
     for path, value in pairs:
-        if path[0] not in nested or len(path) < 2:
+        if path[0] not in by_scope or len(path) < 2:
             expected = " or ".join(f"{scope}.KEY" for scope in scopes)
             raise ConfigError(f"received the setting {'.'.join(path)}, expected {expected}")
-        nested[path[0]].append(nest(path[1:], value))
-    return nested
+        by_scope[path[0]].append(nest(path[1:], value))
+    return by_scope
 
 
 class Overrides:

@@ -49,7 +49,9 @@ def slot(
         return _fill(role, kind(), value, info)
 
     order = auto_order(role)
-    auto_description = f"{AUTO}: the first of {', '.join(order)} that can run here on the data" if order else None
+    auto_description = (
+        f"{AUTO}: the first of {', '.join(order)} that can run on this machine and on the data" if order else None
+    )
     field = Field(
         default_factory=lambda: None if optional and default is None else {"kind": kind()},
         validate_default=True,
@@ -116,4 +118,4 @@ def _fill(role: str, default: str, value: Any, info: ValidationInfo) -> Componen
     try:
         return validate(component.Config, {**value, "kind": component.name}, role, choice)
     except ConfigError as error:
-        raise ConfigError(f"{error}; auto took the {role} {component.name!r} here") from None
+        raise ConfigError(f"{error}; auto selected the {role} {component.name!r}") from None

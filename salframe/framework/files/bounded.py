@@ -113,29 +113,29 @@ def _check_events(content: bytes | str) -> None:
     Uses only the events of the parser, because the composer is recursive.
     """
     counts: dict[str | None, int | None] = {}
-    open_: list[tuple[str | None, int]] = []
+    stack: list[tuple[str | None, int]] = []
     nodes = 0
     for event in yaml.parse(content, Loader=_SAFE):
         anchor = getattr(event, "anchor", None)
         if tag := getattr(event, "tag", None):
             raise ValueError(f"the tag {shorten(tag, 40)}, expected none")
         if isinstance(event, yaml.AliasEvent):
-            repeated = counts.get(anchor, 0)
-            if repeated is None:
+            count = counts.get(anchor, 0)
+            if count is None:
                 raise ValueError(f"*{anchor} is inside &{anchor}, expected no recursive alias")
-            nodes += repeated
+            nodes += count
         elif isinstance(event, yaml.ScalarEvent):
             nodes += 1
             if anchor:
                 counts[anchor] = 1
         elif isinstance(event, yaml.CollectionStartEvent):
-            open_.append((anchor, nodes))
+            stack.append((anchor, nodes))
             nodes += 1
-            _check_depth(len(open_))
+            _check_depth(len(stack))
             if anchor:
                 counts[anchor] = None
         elif isinstance(event, yaml.CollectionEndEvent):
-            anchor, before = open_.pop()
+            anchor, before = stack.pop()
             if anchor:
                 counts[anchor] = nodes - before
         if nodes > MAX_NODES:

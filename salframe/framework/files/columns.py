@@ -132,13 +132,13 @@ def write_columns(folder: Path, rows: Iterable[Row]) -> None:
     columns, lengths = [], [np.zeros((count, 0), np.int64)]
     for name, spool in spools.items():
         shapes, words = spool.finish()
-        fixed = (shapes == shapes[0]).all(0)
-        lengths.append(shapes[:, ~fixed])
-        shape = [int(n) if same else None for n, same in zip(shapes[0], fixed, strict=True)]
+        is_fixed = (shapes == shapes[0]).all(0)
+        lengths.append(shapes[:, ~is_fixed])
+        shape = [int(n) if same else None for n, same in zip(shapes[0], is_fixed, strict=True)]
         columns.append({"name": name, "shape": shape, "words": words, "absent": spool.absent})
-    ragged = np.concatenate(lengths, 1)
-    if ragged.size:
-        np.save(folder / SHAPES, ragged.astype(np.min_scalar_type(ragged.max())), allow_pickle=False)
+    varying_lengths = np.concatenate(lengths, 1)
+    if varying_lengths.size:
+        np.save(folder / SHAPES, varying_lengths.astype(np.min_scalar_type(varying_lengths.max())), allow_pickle=False)
     write_text(folder / TABLE, json.dumps({"rows": count, "columns": columns}, separators=(",", ":")) + "\n")
 
 
@@ -149,8 +149,8 @@ class _Spool:
         """Create the buffer file. `first` is the first array of this name."""
         self.absent: list[int] = []
         self._path, self._name = path, name
-        self._spooled = path.with_suffix(".spool")
-        self._spooled.touch()
+        self._spool_path = path.with_suffix(".spool")
+        self._spool_path.touch()
         self._empty = first[:0] if first.ndim else np.zeros_like(first)
         self._shapes: list[np.ndarray] = []
         self._parts: list[tuple[np.dtype, int]] = []
@@ -183,7 +183,7 @@ class _Spool:
             numbers = [self._numbers.setdefault(word, len(self._numbers)) for word in words.tolist()]
             values = np.array(numbers, np.uint32)[index]
         self._parts.append((values.dtype, len(values)))
-        with self._spooled.open("ab") as file:
+        with self._spool_path.open("ab") as file:
             values.tofile(file)
 
     def finish(self) -> tuple[np.ndarray, list[str] | None]:
@@ -200,13 +200,13 @@ class _Spool:
             order = np.array([rank[word] for word in self._numbers], np.int64)
             dtype = np.min_scalar_type(max(len(words) - 1, 0))
         shape = (sum(length for _, length in self._parts),)
-        with self._path.open("xb") as file, self._spooled.open("rb") as spooled:
+        with self._path.open("xb") as file, self._spool_path.open("rb") as spool_file:
             header = {"descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": False, "shape": shape}
             np.lib.format.write_array_header_1_0(file, header)
             for part, length in self._parts:
-                values = np.fromfile(spooled, part, length)
+                values = np.fromfile(spool_file, part, length)
                 (values if words is None else order[values]).astype(dtype).tofile(file)
-        self._spooled.unlink()
+        self._spool_path.unlink()
         return np.concatenate(self._shapes), words
 
 

@@ -179,7 +179,7 @@ def read_image(path: Path, mode: int) -> np.ndarray:
         raise DataError(f"{path} is {width} x {height}, expected at most {_MAX_PIXELS} pixels")
     image = cv2.imdecode(np.frombuffer(content, np.uint8), mode) if is_complete else None
     if image is None:
-        raise DataError(f"{path} is no readable image ({len(content)} bytes), expected a complete JPEG or PNG")
+        raise DataError(f"{path} is not a readable image ({len(content)} bytes), expected a complete JPEG or PNG")
     return image
 
 

@@ -210,9 +210,7 @@ def weights_at(*urls: str) -> NetworkWeights:
     return NetworkWeights("net", "MIT", (WeightsFile("net.pt", DIGEST, len(CONTENT)),), Download(urls))
 
 
-@pytest.mark.parametrize(
-    ("path", "message"), [("short", "ended after 3500 of 7000 bytes"), ("endless", "more than")]
-)
+@pytest.mark.parametrize(("path", "message"), [("short", "ended after 3500 of 7000 bytes"), ("endless", "more than")])
 def test_a_download_that_is_cut_or_never_ends_leaves_nothing(server, cache, path, message):
     with pytest.raises(WeightsMissing, match=message):
         weights_at(f"{server}/{path}").fetch()
