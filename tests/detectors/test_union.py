@@ -261,7 +261,7 @@ def test_it_is_set_from_the_command_line_and_misses_in_its_own_name(members, tmp
         "--set",
     )
     (row,) = salframe(*asked, "detector.of=[annotations, {kind: annotations, noise: none}]").json["rows"]
-    assert (row["given"], row["accuracy"]) == (["annotations"], 1.0)
+    assert (row["input"], row["accuracy"]) == (["annotations"], 1.0)
     (row,) = salframe(*asked, "detector.of=[annotations, weightless]").json["rows"]
     assert "salframe weights fetch nothing" in row["reason"]
 

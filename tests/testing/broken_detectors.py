@@ -233,7 +233,7 @@ class Pathed(Described):
 
 
 BROKEN_DETECTORS = [
-    (Shouting, "Shouting.name is 'My Detector', expected words of small letters"),
+    (Shouting, "Shouting.name is 'My Detector', expected words of lower-case letters"),
     (Silent, "docstring of Silent: received none"),
     (Lenient, "Config: received a key that it does not have, and took it"),
     (Undecided, "Undecided.Config has no default for threshold"),
